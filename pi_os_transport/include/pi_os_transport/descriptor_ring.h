@@ -1,0 +1,139 @@
+#pragma once
+
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+
+namespace pi_os_transport
+{
+
+/// Where one serialised message lies, and when it may be delivered.
+struct Descriptor
+{
+  uint32_t segment = 0;    ///< id of the pool segment, unique in the publishing process
+  uint32_t length = 0;     ///< payload bytes [B]
+  uint64_t offset = 0;     ///< of the payload from the start of the segment [B]; a multiple of 4, below 16 GiB
+  uint32_t after_tcp = 0;  ///< number of messages (modulo 2^32) that the link carried over TCPROS before this one
+};
+
+/// Memory shared by one publishing and one subscribing process for one link (docs/design/shared_memory_link.md).
+/// Both map it writable. Nothing in it is ever locked: a process may die between any two stores and the other side
+/// goes on. All indices count messages modulo 2^32; the place in the ring is index % CAPACITY.
+struct RingLayout
+{
+  static constexpr uint32_t CAPACITY = 256;
+  static constexpr uint64_t MAGIC = 0x31676e69724f5350;  // "PSOring1"
+
+  uint64_t magic;                 ///< MAGIC, written by the publisher before the memory is handed over
+  uint64_t nonce;                 ///< random; the subscriber proves that it mapped this memory by sending it back
+  alignas(64) std::atomic<uint32_t> tail;           ///< next index to be written; publisher
+  alignas(64) std::atomic<uint32_t> head;           ///< oldest index not taken; taken or dropped by compare-exchange
+  std::atomic<uint32_t> armed;                      ///< 1: the subscriber sleeps and wants its doorbell rung
+  alignas(64) std::atomic<uint32_t> release_count;  ///< releases so far; subscriber
+  alignas(64) std::atomic<uint8_t> released[CAPACITY];  ///< 1: the message of this place is no longer read; subscriber
+  struct Entry
+  {
+    std::atomic<uint64_t> segment_length;
+    std::atomic<uint64_t> offset_after;
+  };
+  alignas(64) Entry entries[CAPACITY];
+};
+static_assert(std::atomic<uint64_t>::is_always_lock_free && std::atomic<uint8_t>::is_always_lock_free);
+
+/// The publishing end. The caller serialises all calls.
+class RingProducer
+{
+public:
+  /// @param layout zeroed shared memory; initialised here. Must outlive this object.
+  RingProducer(RingLayout* layout, uint64_t nonce);
+
+  enum class Push
+  {
+    QUIET,  ///< written; the subscriber is awake and will see it
+    WAKE,   ///< written; ring the doorbell
+    FULL,   ///< not written: the place is still waiting to be taken or is still being read
+  };
+  Push push(const Descriptor& descriptor);
+
+  /// Messages written and neither taken nor dropped, or CAPACITY + 1 if the peer wrote nonsense into the ring.
+  uint32_t inFlight() const;
+
+  /// Takes back the oldest message that the subscriber has not taken.
+  /// @return its place, or -1 if there is none left.
+  int dropOldest();
+
+  /// Calls `done(place)` once for every message that the subscriber took and has since released.
+  template <typename Done>
+  void collect(Done done)
+  {
+    const uint32_t releases = layout_->release_count.load(std::memory_order_acquire);
+    if (releases == seen_releases_)
+    {
+      return;
+    }
+    seen_releases_ = releases;
+    for (uint32_t index = oldest_; index != tail_; ++index)
+    {
+      const uint32_t place = index % RingLayout::CAPACITY;
+      if (occupied_[place] && layout_->released[place].load(std::memory_order_acquire) != 0)
+      {
+        layout_->released[place].store(0, std::memory_order_relaxed);
+        vacate(place);
+        done(place);
+      }
+    }
+  }
+
+  /// Calls `done(place)` for every message not yet collected: the peer is gone and reads none of them any more.
+  template <typename Done>
+  void abandon(Done done)
+  {
+    for (uint32_t index = oldest_; index != tail_; ++index)
+    {
+      const uint32_t place = index % RingLayout::CAPACITY;
+      if (occupied_[place])
+      {
+        occupied_[place] = false;
+        done(place);
+      }
+    }
+    oldest_ = tail_;
+  }
+
+  /// The place that the last successful push() used.
+  uint32_t lastPlace() const { return (tail_ - 1) % RingLayout::CAPACITY; }
+
+private:
+  void vacate(uint32_t place);
+
+  RingLayout* layout_;
+  uint32_t tail_ = 0;
+  uint32_t oldest_ = 0;         ///< every index before it is vacated
+  uint32_t seen_releases_ = 0;  ///< release_count at the last collect()
+  bool occupied_[RingLayout::CAPACITY] = {};
+};
+
+/// The subscribing end. The caller serialises all calls but release().
+class RingConsumer
+{
+public:
+  explicit RingConsumer(RingLayout* layout) : layout_(layout) {}
+
+  enum class Take
+  {
+    TAKEN,    ///< `descriptor` and `place` are set; the memory stays valid until release(place)
+    WAITING,  ///< the oldest message has to wait for one that comes over TCPROS; the doorbell is not armed
+    EMPTY,    ///< nothing there; the doorbell is armed
+  };
+  /// @param tcp_delivered messages (modulo 2^32) that this link has delivered from TCPROS.
+  /// @param in_any_order  take the oldest even if it should wait: no more will come over TCPROS.
+  Take take(uint32_t tcp_delivered, bool in_any_order, Descriptor* descriptor, uint32_t* place);
+
+  /// Any thread.
+  void release(uint32_t place);
+
+private:
+  RingLayout* layout_;
+};
+
+}  // namespace pi_os_transport

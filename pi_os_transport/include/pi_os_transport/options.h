@@ -1,0 +1,35 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace pi_os_transport
+{
+
+/// Switches and sizes of π-OS in one node.
+struct Options
+{
+  bool enable = true;                      ///< false: every link stays on TCPROS
+  std::vector<std::string> include{"*"};   ///< shell patterns; a topic is carried if one of them matches its full name
+  std::vector<std::string> exclude;        ///< shell patterns; a topic that matches one stays on TCPROS
+  uint64_t pool_limit_mb = 512;            ///< most shared memory for this node's outgoing messages [MiB], 1 .. 65536
+  uint64_t min_bytes = 0;                  ///< messages with a smaller serialised body go by TCPROS [B]
+
+  bool carries(const std::string& topic) const;
+
+  /// Looks one option up by its lower-case name.
+  using Source = std::function<std::optional<std::string>(const std::string& name)>;
+
+  /// Overwrites the fields that `source` knows. A value that cannot be used leaves the field as it is and adds one line
+  /// to `errors`, which starts with `describe(name)` and names the value and what is allowed.
+  void load(const Source& source, const std::function<std::string(const std::string&)>& describe,
+            std::vector<std::string>* errors);
+
+  /// load() from PI_OS_ENABLE, PI_OS_INCLUDE, PI_OS_EXCLUDE, PI_OS_POOL_LIMIT_MB, PI_OS_MIN_BYTES.
+  void loadEnvironment(std::vector<std::string>* errors);
+};
+
+}  // namespace pi_os_transport

@@ -1,0 +1,83 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "pi_os_transport/file_descriptor.h"
+
+namespace pi_os_transport
+{
+
+/// Version of everything two processes share: packets, ring and descriptor layout. Peers with another version use
+/// TCPROS.
+constexpr uint32_t PROTOCOL_VERSION = 1;
+
+/// 128 random bits: names sockets, links and pools so that they can neither clash nor be guessed.
+struct Token
+{
+  uint64_t high = 0;
+  uint64_t low = 0;
+
+  static Token random();
+  /// 32 hexadecimal digits.
+  std::string toString() const;
+  static std::optional<Token> fromString(const std::string& text);
+  bool operator==(const Token& other) const { return high == other.high && low == other.low; }
+  bool operator<(const Token& other) const { return high != other.high ? high < other.high : low < other.low; }
+};
+
+/// One packet on the local socket that hands over shared memory. Descriptors travel beside it.
+struct Packet
+{
+  enum Type : uint32_t
+  {
+    HELLO = 1,    ///< subscriber: values = link token
+    OFFER = 2,    ///< publisher: values = pool token, lease budget [B]; descriptors = ring memory, doorbell
+    PROOF = 3,    ///< subscriber: values = nonce read from the mapped ring
+    SEGMENT = 4,  ///< publisher: values = segment id, length [B]; descriptors = segment memory
+    RETIRED = 5,  ///< publisher: values = segment id that is not used any more
+  };
+
+  uint32_t version = PROTOCOL_VERSION;
+  uint32_t type = 0;
+  std::array<uint64_t, 3> values{};
+};
+
+/// A non-blocking sequenced-packet socket in the abstract namespace: it reaches processes in the same network namespace
+/// only, leaves nothing behind, and reports the death of the peer at once. Thread safety: one sender and one receiver.
+class SideChannel
+{
+public:
+  SideChannel() = default;
+  explicit SideChannel(FileDescriptor socket) : socket_(std::move(socket)) {}
+
+  /// Listens under `name`. Empty on failure, with errno set.
+  static SideChannel listen(const std::string& name);
+  /// Empty if nobody listens there, or only a process of another user does.
+  static SideChannel connect(const std::string& name);
+  /// Accepts one waiting connection of the same user; those of other users are closed. Empty if none is left.
+  SideChannel accept();
+
+  enum class Receive
+  {
+    PACKET,
+    NOTHING,  ///< none waits
+    CLOSED,   ///< the peer is gone, or sent something that is not a packet of this version
+  };
+  static constexpr size_t MAX_DESCRIPTORS = 2;
+  Receive receive(Packet* packet, std::array<FileDescriptor, MAX_DESCRIPTORS>* descriptors);
+  /// False if the peer is gone or its queue is full.
+  bool send(const Packet& packet, std::initializer_list<int> descriptors = {});
+
+  int fd() const { return socket_.get(); }
+  explicit operator bool() const { return static_cast<bool>(socket_); }
+  void close() { socket_.reset(); }
+
+private:
+  FileDescriptor socket_;
+};
+
+}  // namespace pi_os_transport

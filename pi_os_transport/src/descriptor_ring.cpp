@@ -1,0 +1,119 @@
+#include "pi_os_transport/descriptor_ring.h"
+
+namespace pi_os_transport
+{
+namespace
+{
+
+constexpr uint32_t CAPACITY = RingLayout::CAPACITY;
+constexpr uint64_t OFFSET_UNIT = 4;  // SerializedMessage buffers start four bytes before an aligned payload
+
+}  // namespace
+
+RingProducer::RingProducer(RingLayout* layout, uint64_t nonce) : layout_(layout)
+{
+  layout_->nonce = nonce;
+  layout_->magic = RingLayout::MAGIC;
+}
+
+RingProducer::Push RingProducer::push(const Descriptor& descriptor)
+{
+  const uint32_t place = tail_ % CAPACITY;
+  if (occupied_[place])
+  {
+    return Push::FULL;
+  }
+  RingLayout::Entry& entry = layout_->entries[place];
+  entry.segment_length.store(uint64_t{descriptor.segment} << 32 | descriptor.length, std::memory_order_relaxed);
+  entry.offset_after.store((descriptor.offset / OFFSET_UNIT) << 32 | descriptor.after_tcp, std::memory_order_relaxed);
+  occupied_[place] = true;
+  ++tail_;
+  // Sequentially consistent together with the load below: either the subscriber, about to sleep, sees the new tail,
+  // or this side sees that it is armed.
+  layout_->tail.store(tail_, std::memory_order_seq_cst);
+  if (layout_->armed.load(std::memory_order_seq_cst) != 0 && layout_->armed.exchange(0) != 0)
+  {
+    return Push::WAKE;
+  }
+  return Push::QUIET;
+}
+
+uint32_t RingProducer::inFlight() const
+{
+  const uint32_t untaken = tail_ - layout_->head.load(std::memory_order_acquire);
+  return untaken <= CAPACITY ? untaken : CAPACITY + 1;
+}
+
+int RingProducer::dropOldest()
+{
+  uint32_t head = layout_->head.load(std::memory_order_acquire);
+  while (tail_ - head - 1 < CAPACITY)  // 1 .. CAPACITY in flight
+  {
+    if (layout_->head.compare_exchange_weak(head, head + 1, std::memory_order_acq_rel))
+    {
+      vacate(head % CAPACITY);
+      return static_cast<int>(head % CAPACITY);
+    }
+  }
+  return -1;
+}
+
+void RingProducer::vacate(uint32_t place)
+{
+  occupied_[place] = false;
+  while (oldest_ != tail_ && !occupied_[oldest_ % CAPACITY])
+  {
+    ++oldest_;
+  }
+}
+
+RingConsumer::Take RingConsumer::take(uint32_t tcp_delivered, bool in_any_order, Descriptor* descriptor,
+                                      uint32_t* place)
+{
+  uint32_t head = layout_->head.load(std::memory_order_acquire);
+  for (;;)
+  {
+    if (head == layout_->tail.load(std::memory_order_acquire))
+    {
+      layout_->armed.store(1, std::memory_order_seq_cst);
+      if (head == layout_->tail.load(std::memory_order_seq_cst))
+      {
+        return Take::EMPTY;
+      }
+      layout_->armed.store(0, std::memory_order_relaxed);
+    }
+    // The publisher may drop this message and write the place anew while it is read here; then the exchange below
+    // fails and what was read is thrown away.
+    const RingLayout::Entry& entry = layout_->entries[head % CAPACITY];
+    const uint64_t segment_length = entry.segment_length.load(std::memory_order_relaxed);
+    const uint64_t offset_after = entry.offset_after.load(std::memory_order_relaxed);
+    descriptor->segment = static_cast<uint32_t>(segment_length >> 32);
+    descriptor->length = static_cast<uint32_t>(segment_length);
+    descriptor->offset = (offset_after >> 32) * OFFSET_UNIT;
+    descriptor->after_tcp = static_cast<uint32_t>(offset_after);
+    *place = head % CAPACITY;
+    if (!in_any_order && static_cast<int32_t>(descriptor->after_tcp - tcp_delivered) > 0)
+    {
+      std::atomic_thread_fence(std::memory_order_acquire);
+      const uint32_t now = layout_->head.load(std::memory_order_relaxed);
+      if (now == head)
+      {
+        return Take::WAITING;
+      }
+      head = now;
+      continue;
+    }
+    if (layout_->head.compare_exchange_strong(head, head + 1, std::memory_order_acq_rel))
+    {
+      return Take::TAKEN;
+    }
+  }
+}
+
+void RingConsumer::release(uint32_t place)
+{
+  layout_->released[place].store(1, std::memory_order_release);
+  layout_->release_count.fetch_add(1, std::memory_order_release);
+}
+
+}  // namespace pi_os_transport

@@ -1,0 +1,76 @@
+#pragma once
+
+// What the preloaded library and its roscpp companion know of each other. The preloaded library depends on nothing but
+// the C library, so it can sit in any process; the companion is loaded next to roscpp only.
+
+#include <stddef.h>
+#include <stdint.h>
+
+// The functions of libroscpp that are replaced: id, result, linker name, parameters, arguments. All are called through
+// the dynamic linker, also inside libroscpp. References appear as the pointers that they are.
+// clang-format off
+#define PI_OS_HOOKS(HOOK) \
+  HOOK(TOPIC_MANAGER_START, void, \
+      _ZN3ros12TopicManager5startEv, \
+      (void* self), (self)) \
+  HOOK(TOPIC_MANAGER_PUBLISH, void, \
+      _ZN3ros12TopicManager7publishERKNSt7__cxx1112basic_stringIcSt11char_traitsIcESaIcEEERKN5boost8functionIFNS_17SerializedMessageEvEEERSB_, \
+      (void* self, const void* topic, const void* serialize, void* message), (self, topic, serialize, message)) \
+  HOOK(CONNECTION_WRITE_HEADER, void, \
+      _ZN3ros10Connection11writeHeaderERKSt3mapINSt7__cxx1112basic_stringIcSt11char_traitsIcESaIcEEES7_St4lessIS7_ESaISt4pairIKS7_S7_EEERKN5boost8functionIFvRKNSH_10shared_ptrIS0_EEEEE, \
+      (void* self, const void* fields, const void* written), (self, fields, written)) \
+  HOOK(SUBSCRIBER_HANDLE_HEADER, bool, \
+      _ZN3ros23TransportSubscriberLink12handleHeaderERKNS_6HeaderE, \
+      (void* self, const void* header), (self, header)) \
+  HOOK(SUBSCRIBER_ENQUEUE_MESSAGE, void, \
+      _ZN3ros23TransportSubscriberLink14enqueueMessageERKNS_17SerializedMessageEbb, \
+      (void* self, const void* message, bool serialized, bool no_copy), (self, message, serialized, no_copy)) \
+  HOOK(PUBLISHER_INITIALIZE, bool, \
+      _ZN3ros22TransportPublisherLink10initializeERKN5boost10shared_ptrINS_10ConnectionEEE, \
+      (void* self, const void* connection), (self, connection)) \
+  HOOK(PUBLISHER_HEADER_RECEIVED, bool, \
+      _ZN3ros22TransportPublisherLink16onHeaderReceivedERKN5boost10shared_ptrINS_10ConnectionEEERKNS_6HeaderE, \
+      (void* self, const void* connection, const void* header), (self, connection, header)) \
+  HOOK(PUBLISHER_HANDLE_MESSAGE, void, \
+      _ZN3ros22TransportPublisherLink13handleMessageERKNS_17SerializedMessageEbb, \
+      (void* self, const void* message, bool serialized, bool no_copy), (self, message, serialized, no_copy)) \
+  HOOK(SUBSCRIBER_TRANSPORT_TYPE, ReturnedString, \
+      _ZN3ros23TransportSubscriberLink16getTransportTypeB5cxx11Ev, \
+      (void* self), (self)) \
+  HOOK(SUBSCRIBER_TRANSPORT_INFO, ReturnedString, \
+      _ZN3ros23TransportSubscriberLink16getTransportInfoB5cxx11Ev, \
+      (void* self), (self)) \
+  HOOK(PUBLISHER_TRANSPORT_TYPE, ReturnedString, \
+      _ZN3ros22TransportPublisherLink16getTransportTypeB5cxx11Ev, \
+      (void* self), (self)) \
+  HOOK(PUBLISHER_TRANSPORT_INFO, ReturnedString, \
+      _ZN3ros22TransportPublisherLink16getTransportInfoB5cxx11Ev, \
+      (void* self), (self))
+// clang-format on
+
+enum PiOsHook
+{
+#define PI_OS_HOOK_ID(id, type, symbol, parameters, arguments) PI_OS_##id,
+  PI_OS_HOOKS(PI_OS_HOOK_ID)
+#undef PI_OS_HOOK_ID
+      PI_OS_HOOK_COUNT
+};
+
+#define PI_OS_SHIM_VERSION 1
+
+/// Handed to the companion once, before any replaced function runs.
+struct PiOsShim
+{
+  uint32_t version;                      ///< PI_OS_SHIM_VERSION of the preloaded library
+  const char* roscpp_path;               ///< file of the libroscpp in this process
+  void* original[PI_OS_HOOK_COUNT];      ///< the functions of libroscpp
+  void* replacement[PI_OS_HOOK_COUNT];   ///< set by the companion; a null one stays with the original
+
+  /// From now on delete[] hands addresses in [base, base + length) to `release`.
+  void (*set_pool)(const void* base, size_t length, void (*release)(void*));
+  /// The next new[] of this thread asks `allocate` first (null: ask no more); a null result falls back to the heap.
+  void (*set_capture)(void* (*allocate)(size_t));
+};
+
+/// The companion's only symbol. Returns 0 to take part, anything else to leave the process as it is.
+extern "C" int pi_os_transport_attach(PiOsShim* shim);

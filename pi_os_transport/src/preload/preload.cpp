@@ -1,0 +1,244 @@
+// libpi_os_transport.so: the library that users preload or link.
+//
+// It stands in front of twelve functions of libroscpp and of operator new[] and delete[]. In a process without roscpp
+// nothing of it ever runs but two branches per array allocation. The first call of a roscpp function loads the
+// companion libpi_os_transport_roscpp.so from the same folder; if the companion declines, or cannot be loaded, the
+// calls go straight to libroscpp. No C++ runtime is needed here: processes without one must not get one from us.
+
+#include "hooks.h"
+
+#include <dlfcn.h>
+#include <limits.h>
+#include <link.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+namespace
+{
+
+constexpr const char* COMPANION = "libpi_os_transport_roscpp.so";
+constexpr const char* ROSCPP = "libroscpp.so";
+
+constexpr const char* SYMBOLS[] = {
+#define PI_OS_HOOK_SYMBOL(id, type, symbol, parameters, arguments) #symbol,
+    PI_OS_HOOKS(PI_OS_HOOK_SYMBOL)
+#undef PI_OS_HOOK_SYMBOL
+};
+
+__thread void* (*capture)(size_t) __attribute__((tls_model("initial-exec"))) = nullptr;
+
+const char* pool_base = nullptr;
+size_t pool_length = 0;
+void (*pool_release)(void*) = nullptr;
+
+PiOsShim shim;
+void* targets[PI_OS_HOOK_COUNT];
+pthread_once_t resolved = PTHREAD_ONCE_INIT;
+
+void setPool(const void* base, size_t length, void (*release)(void*))
+{
+  pool_release = release;
+  pool_base = static_cast<const char*>(base);
+  pool_length = length;
+}
+
+void setCapture(void* (*allocate)(size_t))
+{
+  capture = allocate;
+}
+
+void complain(const char* what, const char* detail)
+{
+  char line[1024];
+  const int length = snprintf(line, sizeof(line), "pi_os_transport: %s%s; topics of this process stay on TCPROS\n", what, detail);
+  if (length > 0 && write(STDERR_FILENO, line, strnlen(line, sizeof(line))) < 0)
+  {
+    // nowhere left to complain
+  }
+}
+
+int findRoscpp(dl_phdr_info* info, size_t, void* result)
+{
+  const char* slash = strrchr(info->dlpi_name, '/');
+  const char* name = slash != nullptr ? slash + 1 : info->dlpi_name;
+  if (strncmp(name, ROSCPP, strlen(ROSCPP)) != 0)
+  {
+    return 0;
+  }
+  *static_cast<const char**>(result) = info->dlpi_name;
+  return 1;
+}
+
+/// Path of the companion: beside this library.
+bool companionPath(char (&path)[PATH_MAX])
+{
+  Dl_info self;
+  if (dladdr(reinterpret_cast<void*>(&companionPath), &self) == 0 || realpath(self.dli_fname, path) == nullptr)
+  {
+    return false;
+  }
+  char* slash = strrchr(path, '/');
+  const size_t folder = slash != nullptr ? static_cast<size_t>(slash + 1 - path) : 0;
+  return snprintf(path + folder, sizeof(path) - folder, "%s", COMPANION) < static_cast<int>(sizeof(path) - folder);
+}
+
+void resolveAll()
+{
+  const char* roscpp_path = nullptr;
+  dl_iterate_phdr(findRoscpp, &roscpp_path);
+  void* roscpp = roscpp_path != nullptr ? dlopen(roscpp_path, RTLD_LAZY | RTLD_NOLOAD) : nullptr;
+  if (roscpp == nullptr)
+  {
+    complain("found no libroscpp behind a call of roscpp", "");
+    abort();  // the caller expects a function that does not exist
+  }
+  shim.version = PI_OS_SHIM_VERSION;
+  shim.roscpp_path = roscpp_path;
+  shim.set_pool = setPool;
+  shim.set_capture = setCapture;
+  bool complete = true;
+  for (int hook = 0; hook < PI_OS_HOOK_COUNT; ++hook)
+  {
+    shim.original[hook] = dlsym(roscpp, SYMBOLS[hook]);
+    if (shim.original[hook] == nullptr)
+    {
+      complain("this libroscpp lacks ", SYMBOLS[hook]);
+      complete = false;
+    }
+  }
+  char path[PATH_MAX];
+  if (complete && companionPath(path))
+  {
+    void* companion = dlopen(path, RTLD_NOW | RTLD_LOCAL);
+    const auto attach = companion != nullptr ?
+                            reinterpret_cast<decltype(&pi_os_transport_attach)>(dlsym(companion, "pi_os_transport_attach")) :
+                            nullptr;
+    if (attach == nullptr)
+    {
+      complain("cannot load its part for roscpp: ", dlerror());
+    }
+    else if (attach(&shim) != 0)
+    {
+      memset(shim.replacement, 0, sizeof(shim.replacement));
+    }
+  }
+  for (int hook = 0; hook < PI_OS_HOOK_COUNT; ++hook)
+  {
+    void* target = shim.replacement[hook] != nullptr ? shim.replacement[hook] : shim.original[hook];
+    __atomic_store_n(&targets[hook], target, __ATOMIC_RELEASE);
+  }
+}
+
+template <typename Function>
+Function* target(PiOsHook hook)
+{
+  void* address = __atomic_load_n(&targets[hook], __ATOMIC_ACQUIRE);
+  if (address == nullptr)
+  {
+    pthread_once(&resolved, resolveAll);
+    address = targets[hook];
+  }
+  return reinterpret_cast<Function*>(address);
+}
+
+/// A std::string as the calling convention sees it when it is returned: a class with a destructor, built in place.
+/// Only ever created and destroyed by the functions behind the hooks.
+struct ReturnedString
+{
+  ReturnedString(const ReturnedString&);
+  ~ReturnedString();
+  void* words[4];
+};
+
+/// The next implementation of an allocation function: that of the C++ runtime or of an allocator loaded after us.
+void* nextImplementation(const char* symbol)
+{
+  void* next = dlsym(RTLD_NEXT, symbol);
+  if (next == nullptr)
+  {
+    // The C++ runtime may have come with a plug-in, outside the global scope.
+    void* runtime = dlopen("libstdc++.so.6", RTLD_LAZY | RTLD_NOLOAD);
+    next = runtime != nullptr ? dlsym(runtime, symbol) : nullptr;
+  }
+  if (next == nullptr)
+  {
+    complain("found no next ", symbol);
+    abort();
+  }
+  return next;
+}
+
+bool inPool(void* pointer)
+{
+  return static_cast<size_t>(static_cast<const char*>(pointer) - pool_base) < pool_length;
+}
+
+}  // namespace
+
+#pragma GCC visibility push(default)
+extern "C"
+{
+#define PI_OS_FORWARD(id, type, symbol, parameters, arguments)                                                          \
+  type symbol parameters                                                                                                \
+  {                                                                                                                     \
+    return target<type parameters>(PI_OS_##id) arguments;                                                               \
+  }
+  PI_OS_HOOKS(PI_OS_FORWARD)
+
+  /// operator new[](size_t)
+  void* _Znam(size_t bytes)
+  {
+    if (__builtin_expect(capture != nullptr, 0))
+    {
+      void* (*allocate)(size_t) = capture;
+      capture = nullptr;
+      void* memory = allocate(bytes);
+      if (memory != nullptr)
+      {
+        return memory;
+      }
+    }
+    static void* (*next)(size_t) = nullptr;
+    if (__builtin_expect(next == nullptr, 0))
+    {
+      next = reinterpret_cast<void* (*)(size_t)>(nextImplementation("_Znam"));
+    }
+    return next(bytes);
+  }
+
+  /// operator delete[](void*)
+  void _ZdaPv(void* memory)
+  {
+    if (__builtin_expect(inPool(memory), 0))
+    {
+      pool_release(memory);
+      return;
+    }
+    static void (*next)(void*) = nullptr;
+    if (__builtin_expect(next == nullptr, 0))
+    {
+      next = reinterpret_cast<void (*)(void*)>(nextImplementation("_ZdaPv"));
+    }
+    next(memory);
+  }
+
+  /// operator delete[](void*, size_t)
+  void _ZdaPvm(void* memory, size_t bytes)
+  {
+    if (__builtin_expect(inPool(memory), 0))
+    {
+      pool_release(memory);
+      return;
+    }
+    static void (*next)(void*, size_t) = nullptr;
+    if (__builtin_expect(next == nullptr, 0))
+    {
+      next = reinterpret_cast<void (*)(void*, size_t)>(nextImplementation("_ZdaPvm"));
+    }
+    next(memory, bytes);
+  }
+}
+#pragma GCC visibility pop

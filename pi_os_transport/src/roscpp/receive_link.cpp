@@ -1,0 +1,348 @@
+#include "receive_link.h"
+
+#include <fcntl.h>
+#include <ros/console.h>
+#include <ros/subscription.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <sstream>
+#include <utility>
+
+namespace pi_os_transport
+{
+namespace
+{
+
+/// With more messages leased than this, further ones are copied: a place in the ring is free again only when its
+/// message is released.
+constexpr uint32_t MAX_LEASES = RingLayout::CAPACITY / 2;
+/// Messages handed on before the network thread looks at its other sockets again.
+constexpr int BATCH = 64;
+
+/// The mapped segments of this process by pool and id, so that several links to one publisher map its memory once.
+class SegmentTable
+{
+public:
+  static SegmentTable& instance()
+  {
+    static SegmentTable* table = new SegmentTable;  // leases may outlive static destruction
+    return *table;
+  }
+
+  std::shared_ptr<MappedSegment> map(const Token& pool, uint32_t id, FileDescriptor memory, uint64_t length)
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    for (auto entry = segments_.begin(); entry != segments_.end();)
+    {
+      entry = entry->second.expired() ? segments_.erase(entry) : std::next(entry);
+    }
+    std::weak_ptr<MappedSegment>& known = segments_[std::make_pair(pool, id)];
+    std::shared_ptr<MappedSegment> segment = known.lock();
+    if (!segment)
+    {
+      segment = std::make_shared<MappedSegment>(std::move(memory), length);
+      known = segment;
+    }
+    return segment;
+  }
+
+private:
+  std::mutex mutex_;
+  std::map<std::pair<Token, uint32_t>, std::weak_ptr<MappedSegment>> segments_;
+};
+
+/// True if `fd` is memory of at least `length` bytes that nobody can shrink.
+bool isSealed(int fd, uint64_t length)
+{
+  struct stat status;
+  const int seals = fcntl(fd, F_GET_SEALS);
+  return seals >= 0 && (seals & F_SEAL_SHRINK) != 0 && fstat(fd, &status) == 0 &&
+         static_cast<uint64_t>(status.st_size) >= length;
+}
+
+}  // namespace
+
+MappedSegment::MappedSegment(FileDescriptor memory, uint64_t length) : length_(length)
+{
+  void* address = mmap(nullptr, length, PROT_READ, MAP_SHARED | MAP_POPULATE, memory.get(), 0);
+  if (address == MAP_FAILED)
+  {
+    ROS_WARN_ONCE("pi_os_transport: cannot map %llu bytes of shared memory (%s); its messages are copied out instead. "
+                  "Raise the address space limit of this process (ulimit -v)",
+                  static_cast<unsigned long long>(length), std::strerror(errno));
+    memory_ = std::move(memory);
+    return;
+  }
+  data_ = static_cast<const uint8_t*>(address);
+}
+
+MappedSegment::~MappedSegment()
+{
+  if (data_ != nullptr)
+  {
+    munmap(const_cast<uint8_t*>(data_), length_);
+  }
+}
+
+bool MappedSegment::copy(uint64_t offset, uint8_t* out, uint32_t bytes) const
+{
+  if (data_ != nullptr)
+  {
+    std::memcpy(out, data_ + offset, bytes);
+    return true;
+  }
+  for (uint32_t done = 0; done < bytes;)
+  {
+    const ssize_t count = pread(memory_.get(), out + done, bytes - done, static_cast<off_t>(offset + done));
+    if (count <= 0 && errno != EINTR)
+    {
+      return false;
+    }
+    done += count > 0 ? static_cast<uint32_t>(count) : 0;
+  }
+  return true;
+}
+
+/// Deleter of a leased buffer: gives the place back to the publisher.
+struct ReceiveLink::Lease
+{
+  std::shared_ptr<ReceiveLink> link;
+  uint32_t place;
+  uint32_t length;
+
+  void operator()(uint8_t*) const
+  {
+    if (Runtime::instance().active())
+    {
+      link->leased_bytes_ -= length;
+      --link->leases_;
+      link->ring_->release(place);
+    }
+  }
+};
+
+ReceiveLink::~ReceiveLink()
+{
+  if (layout_ != nullptr)
+  {
+    munmap(layout_, sizeof(RingLayout));
+  }
+}
+
+void ReceiveLink::meet(const std::string& header_field)
+{
+  std::istringstream fields(header_field);
+  uint32_t version = 0;
+  std::string socket_token;
+  std::string link_token;
+  fields >> version >> socket_token >> link_token;
+  const std::optional<Token> token = Token::fromString(link_token);
+  if (version != PROTOCOL_VERSION || !Token::fromString(socket_token) || !token)
+  {
+    return;
+  }
+  SideChannel channel = SideChannel::connect("pi_os/" + socket_token);
+  Packet hello;
+  hello.type = Packet::HELLO;
+  hello.values = {token->high, token->low, 0};
+  if (!channel || !channel.send(hello))
+  {
+    return;  // another device, container or user
+  }
+  std::lock_guard<std::recursive_mutex> lock(mutex_);
+  channel_ = std::move(channel);
+  socket_watched_ = true;
+  Runtime::instance().watch(channel_.fd(), [self = shared_from_this()](int) { self->onSocket(); });
+}
+
+void ReceiveLink::onSocket()
+{
+  std::lock_guard<std::recursive_mutex> lock(mutex_);
+  if (socket_watched_ && !readPackets())
+  {
+    unwatchSocket();
+    drain(false);
+  }
+}
+
+bool ReceiveLink::readPackets()
+{
+  for (;;)
+  {
+    Packet packet;
+    std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors;
+    switch (channel_.receive(&packet, &descriptors))
+    {
+      case SideChannel::Receive::NOTHING:
+        return true;
+      case SideChannel::Receive::CLOSED:
+        return false;
+      case SideChannel::Receive::PACKET:
+        break;
+    }
+    if (packet.type == Packet::OFFER && ring_ == nullptr)
+    {
+      onOffer(packet, std::move(descriptors[0]), std::move(descriptors[1]));
+    }
+    else if (packet.type == Packet::SEGMENT && isSealed(descriptors[0].get(), packet.values[1]))
+    {
+      const uint32_t id = static_cast<uint32_t>(packet.values[0]);
+      segments_[id] = SegmentTable::instance().map(pool_, id, std::move(descriptors[0]), packet.values[1]);
+    }
+    else if (packet.type == Packet::RETIRED)
+    {
+      segments_.erase(static_cast<uint32_t>(packet.values[0]));
+    }
+  }
+}
+
+void ReceiveLink::onOffer(const Packet& packet, FileDescriptor memory, FileDescriptor doorbell)
+{
+  if (!isSealed(memory.get(), sizeof(RingLayout)) || !doorbell)
+  {
+    return;
+  }
+  void* address = mmap(nullptr, sizeof(RingLayout), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE, memory.get(), 0);
+  if (address == MAP_FAILED)
+  {
+    return;  // no proof is sent, so the publisher goes on with TCPROS
+  }
+  layout_ = static_cast<RingLayout*>(address);
+  if (layout_->magic != RingLayout::MAGIC)
+  {
+    return;
+  }
+  ring_ = std::make_unique<RingConsumer>(layout_);
+  pool_ = Token{packet.values[0], packet.values[1]};
+  lease_budget_ = packet.values[2];
+  doorbell_ = std::move(doorbell);
+  Runtime::instance().watch(doorbell_.get(), [self = shared_from_this()](int) { self->onDoorbell(); });
+  drain(false);  // arms the doorbell before the first message can be written
+  Packet proof;
+  proof.type = Packet::PROOF;
+  proof.values[0] = layout_->nonce;
+  active_.store(channel_.send(proof), std::memory_order_release);
+}
+
+void ReceiveLink::onDoorbell()
+{
+  std::lock_guard<std::recursive_mutex> lock(mutex_);
+  uint64_t rings;
+  if (doorbell_ && read(doorbell_.get(), &rings, sizeof(rings)) == static_cast<ssize_t>(sizeof(rings)))
+  {
+    drain(false);
+  }
+}
+
+void ReceiveLink::unwatchSocket()
+{
+  if (std::exchange(socket_watched_, false))
+  {
+    Runtime::instance().unwatch(channel_.fd());
+  }
+}
+
+void ReceiveLink::disconnect(bool deliver_rest)
+{
+  const std::shared_ptr<ReceiveLink> self = shared_from_this();  // the watchers may hold the last references
+  std::lock_guard<std::recursive_mutex> lock(mutex_);
+  if (deliver_rest)
+  {
+    drain(true);
+  }
+  unwatchSocket();
+  if (doorbell_)
+  {
+    Runtime::instance().unwatch(doorbell_.get());
+    doorbell_.reset();
+  }
+  active_.store(false, std::memory_order_release);
+}
+
+void ReceiveLink::drain(bool in_any_order)
+{
+  if (!ring_ || !doorbell_)
+  {
+    return;
+  }
+  const ros::TransportPublisherLinkPtr link = link_.lock();
+  if (!link)
+  {
+    return;
+  }
+  for (int left = BATCH; ring_;)
+  {
+    Descriptor descriptor;
+    uint32_t place = 0;
+    if (ring_->take(tcp_delivered_, in_any_order, &descriptor, &place) != RingConsumer::Take::TAKEN)
+    {
+      return;
+    }
+    deliver(link, descriptor, place);
+    if (--left == 0 && !in_any_order)
+    {
+      const uint64_t one = 1;  // come back after a look at the other sockets
+      if (write(doorbell_.get(), &one, sizeof(one)) == static_cast<ssize_t>(sizeof(one)))
+      {
+        return;
+      }
+      left = BATCH;
+    }
+  }
+}
+
+void ReceiveLink::deliver(const ros::TransportPublisherLinkPtr& link, const Descriptor& descriptor, uint32_t place)
+{
+  boost::shared_array<uint8_t> buffer = fetch(descriptor, place);
+  if (!buffer)
+  {
+    ROS_ERROR_ONCE("pi_os_transport: lost a message of %u bytes from [%s]: its shared memory cannot be read",
+                   descriptor.length, link->getCallerID().c_str());
+    return;
+  }
+  ++received_;
+  Runtime::instance().original.handle_message(link.get(), ros::SerializedMessage(buffer, descriptor.length), true, false);
+}
+
+boost::shared_array<uint8_t> ReceiveLink::fetch(const Descriptor& descriptor, uint32_t place)
+{
+  auto found = segments_.find(descriptor.segment);
+  if (found == segments_.end())
+  {
+    readPackets();  // a segment's memory is always sent before the first message in it
+    found = segments_.find(descriptor.segment);
+  }
+  if (found == segments_.end() || descriptor.offset + descriptor.length > found->second->length())
+  {
+    ring_->release(place);
+    return boost::shared_array<uint8_t>();
+  }
+  const MappedSegment& segment = *found->second;
+  const uint32_t leases = leases_.load(std::memory_order_relaxed);
+  const uint64_t leased = leased_bytes_.load(std::memory_order_relaxed);
+  if (segment.data() != nullptr && leases < MAX_LEASES && (leases < 2 || leased + descriptor.length <= lease_budget_))
+  {
+    leased_bytes_ += descriptor.length;
+    ++leases_;
+    return boost::shared_array<uint8_t>(const_cast<uint8_t*>(segment.data() + descriptor.offset),
+                                        Lease{shared_from_this(), place, descriptor.length});
+  }
+  ++copied_;
+  boost::shared_array<uint8_t> copy(new uint8_t[descriptor.length]);
+  const bool read = segment.copy(descriptor.offset, copy.get(), descriptor.length);
+  ring_->release(place);
+  return read ? copy : boost::shared_array<uint8_t>();
+}
+
+std::string ReceiveLink::info()
+{
+  std::lock_guard<std::recursive_mutex> lock(mutex_);
+  return "SHMROS ring (" + std::to_string(received_) + " messages through shared memory, " + std::to_string(copied_) +
+         " of them copied for want of leases, " + std::to_string(tcp_delivered_) + " through TCPROS)";
+}
+
+}  // namespace pi_os_transport

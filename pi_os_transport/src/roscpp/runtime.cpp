@@ -1,0 +1,172 @@
+#include "runtime.h"
+
+#include <poll.h>
+#include <ros/console.h>
+#include <ros/poll_manager.h>
+
+#include <cstring>
+#include <vector>
+
+#include "transmit_link.h"
+
+namespace pi_os_transport
+{
+namespace
+{
+
+std::string socketName(const Token& token)
+{
+  return "pi_os/" + token.toString();
+}
+
+void releaseToPool(void* payload)
+{
+  Runtime::instance().pool().release(static_cast<const uint8_t*>(payload));
+}
+
+}  // namespace
+
+Runtime& Runtime::instance()
+{
+  static Runtime* runtime = new Runtime;
+  return *runtime;
+}
+
+SlotPool& Runtime::pool()
+{
+  std::call_once(pool_made_, [this]() {
+    pool_ = std::make_unique<SlotPool>(options.pool_limit_mb << 20);
+    pool_->setReclaim([this]() { collectReleased(); });
+    shim->set_pool(pool_->base(), pool_->reserved(), releaseToPool);
+  });
+  return *pool_;
+}
+
+void Runtime::watch(int fd, const boost::function<void(int)>& ready)
+{
+  ros::PollSet& poll_set = ros::PollManager::instance()->getPollSet();
+  poll_set.addSocket(fd, ready);
+  poll_set.addEvents(fd, POLLIN);
+}
+
+void Runtime::unwatch(int fd)
+{
+  ros::PollManager::instance()->getPollSet().delSocket(fd);
+}
+
+bool Runtime::listen()
+{
+  if (listener_)
+  {
+    return true;
+  }
+  socket_token_ = Token::random();
+  listener_ = SideChannel::listen(socketName(socket_token_));
+  if (!listener_)
+  {
+    ROS_WARN_ONCE("pi_os_transport: cannot open a local socket for shared memory (%s); topics of this node stay on "
+                  "TCPROS", std::strerror(errno));
+    return false;
+  }
+  watch(listener_.fd(), [this](int) { acceptAll(); });
+  return true;
+}
+
+std::string Runtime::expect(const std::shared_ptr<TransmitLink>& link)
+{
+  std::lock_guard<std::mutex> lock(listen_mutex_);
+  if (!listen())
+  {
+    return "";
+  }
+  expected_[link->token()] = link;
+  return std::to_string(PROTOCOL_VERSION) + " " + socket_token_.toString() + " " + link->token().toString();
+}
+
+void Runtime::forget(const TransmitLink& link)
+{
+  std::lock_guard<std::mutex> lock(listen_mutex_);
+  expected_.erase(link.token());
+}
+
+void Runtime::acceptAll()
+{
+  while (SideChannel accepted = listener_.accept())
+  {
+    auto channel = std::make_shared<SideChannel>(std::move(accepted));
+    const int fd = channel->fd();
+    watch(fd, [this, channel, fd](int) {
+      Packet packet;
+      std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors;
+      const SideChannel::Receive result = channel->receive(&packet, &descriptors);
+      if (result == SideChannel::Receive::NOTHING)
+      {
+        return;
+      }
+      unwatch(fd);
+      std::shared_ptr<TransmitLink> link;
+      if (result == SideChannel::Receive::PACKET && packet.type == Packet::HELLO)
+      {
+        std::lock_guard<std::mutex> lock(listen_mutex_);
+        const auto found = expected_.find(Token{packet.values[0], packet.values[1]});
+        if (found != expected_.end())
+        {
+          link = found->second.lock();
+          expected_.erase(found);
+        }
+      }
+      if (link)
+      {
+        link->meet(std::move(*channel));
+      }
+      channel->close();
+    });
+  }
+}
+
+void Runtime::addChannel(const std::shared_ptr<TransmitLink>& link)
+{
+  std::lock_guard<std::mutex> lock(channels_mutex_);
+  channels_.insert(link);
+}
+
+void Runtime::removeChannel(const std::shared_ptr<TransmitLink>& link)
+{
+  {
+    std::lock_guard<std::mutex> lock(channels_mutex_);
+    channels_.erase(link);
+    if (!channels_.empty())
+    {
+      return;
+    }
+  }
+  pool().trim();  // nobody is left to send to
+}
+
+std::vector<std::shared_ptr<TransmitLink>> Runtime::channels() const
+{
+  std::lock_guard<std::mutex> lock(channels_mutex_);
+  return std::vector<std::shared_ptr<TransmitLink>>(channels_.begin(), channels_.end());
+}
+
+void Runtime::collectReleased()
+{
+  for (const std::shared_ptr<TransmitLink>& link : channels())
+  {
+    link->collectReleased();
+  }
+}
+
+void Runtime::announceRetired()
+{
+  const std::vector<uint32_t> retired = pool().takeRetired();
+  if (!retired.empty())
+  {
+    for (const std::shared_ptr<TransmitLink>& link : channels())
+    {
+      link->retire(retired);
+    }
+  }
+}
+
+}  // namespace pi_os_transport

@@ -1,0 +1,143 @@
+#pragma once
+
+#include <ros/connection.h>
+#include <ros/poll_set.h>
+#include <ros/topic_manager.h>
+#include <ros/transport_publisher_link.h>
+#include <ros/transport_subscriber_link.h>
+
+#include <map>
+#include <memory>
+#include <mutex>
+#include <set>
+#include <shared_mutex>
+#include <string>
+#include <unordered_map>
+
+#include "pi_os_transport/options.h"
+#include "pi_os_transport/side_channel.h"
+#include "pi_os_transport/slot_pool.h"
+
+#include "../preload/hooks.h"
+
+namespace pi_os_transport
+{
+
+class TransmitLink;
+class ReceiveLink;
+
+/// Field of the TCPROS connection header. A subscriber asks with the protocol version; a publisher that can answers
+/// with "<version> <socket token> <link token>". Peers without the library ignore it.
+constexpr const char* HEADER_FIELD = "pi_os";
+/// What getBusInfo and `rosnode info` call a link that has moved to shared memory.
+constexpr const char* TRANSPORT_NAME = "SHMROS";
+
+/// The functions of libroscpp behind the hooks.
+struct Originals
+{
+  void (*start)(ros::TopicManager*);
+  void (*publish)(ros::TopicManager*, const std::string&, const boost::function<ros::SerializedMessage()>&,
+                  ros::SerializedMessage&);
+  void (*write_header)(ros::Connection*, const ros::M_string&, const ros::WriteFinishedFunc&);
+  bool (*handle_header)(ros::TransportSubscriberLink*, const ros::Header&);
+  void (*enqueue_message)(ros::TransportSubscriberLink*, const ros::SerializedMessage&, bool, bool);
+  std::string (*subscriber_transport_type)(ros::TransportSubscriberLink*);
+  std::string (*subscriber_transport_info)(ros::TransportSubscriberLink*);
+  bool (*initialize)(ros::TransportPublisherLink*, const ros::ConnectionPtr&);
+  bool (*header_received)(ros::TransportPublisherLink*, const ros::ConnectionPtr&, const ros::Header&);
+  void (*handle_message)(ros::TransportPublisherLink*, const ros::SerializedMessage&, bool, bool);
+  std::string (*publisher_transport_type)(ros::TransportPublisherLink*);
+  std::string (*publisher_transport_info)(ros::TransportPublisherLink*);
+};
+
+/// State that roscpp's link objects have no room for, found by their connection: a connection lives as long as the
+/// link may carry messages, and a link that reconnects gets a new one. Thread safe.
+template <typename Link>
+class LinkTable
+{
+public:
+  std::shared_ptr<Link> find(const ros::Connection* connection) const
+  {
+    std::shared_lock<std::shared_mutex> lock(mutex_);
+    const auto found = links_.find(connection);
+    return found != links_.end() ? found->second : nullptr;
+  }
+  void insert(const ros::Connection* connection, std::shared_ptr<Link> link)
+  {
+    std::unique_lock<std::shared_mutex> lock(mutex_);
+    links_[connection] = std::move(link);
+  }
+  void erase(const ros::Connection* connection)
+  {
+    std::unique_lock<std::shared_mutex> lock(mutex_);
+    links_.erase(connection);
+  }
+
+private:
+  mutable std::shared_mutex mutex_;
+  std::unordered_map<const ros::Connection*, std::shared_ptr<Link>> links_;
+};
+
+/// What the library keeps for one process. Made when roscpp is first used, never destroyed: messages in the pool may
+/// be released by static destructors.
+class Runtime
+{
+public:
+  static Runtime& instance();
+
+  /// False in a forked child, where all hooks only forward.
+  bool active() const { return !isForkedChild(); }
+
+  Originals original{};
+  PiOsShim* shim = nullptr;
+  Options options;  ///< complete once the node has started, constant afterwards
+
+  LinkTable<TransmitLink> transmit_links;
+  LinkTable<ReceiveLink> receive_links;
+
+  /// The pool of outgoing messages; reserved at the first call.
+  SlotPool& pool();
+  const Token& poolToken() const { return pool_token_; }
+  /// Shared memory that one subscriber may pin before it has to copy [B].
+  uint64_t leaseBudget() const { return (options.pool_limit_mb << 20) / 8; }
+
+  /// The number of links that publish through shared memory now.
+  std::atomic<int> active_transmit_links{0};
+
+  /// Announces a link whose subscriber may come to fetch its shared memory.
+  /// @return the header field to answer with; empty if this process cannot listen.
+  std::string expect(const std::shared_ptr<TransmitLink>& link);
+  void forget(const TransmitLink& link);
+
+  /// Links with an open side channel: those in use, and those whose subscriber still reads what it got before.
+  void addChannel(const std::shared_ptr<TransmitLink>& link);
+  void removeChannel(const std::shared_ptr<TransmitLink>& link);
+
+  /// Tells peers about segments that the pool gave back.
+  void announceRetired();
+
+  /// Calls `ready(events)` on roscpp's network thread whenever `fd` is readable, until unwatch().
+  void watch(int fd, const boost::function<void(int)>& ready);
+  void unwatch(int fd);
+
+private:
+  Runtime() = default;
+  bool listen();
+  void acceptAll();
+  void collectReleased();
+  std::vector<std::shared_ptr<TransmitLink>> channels() const;
+
+  std::once_flag pool_made_;
+  std::unique_ptr<SlotPool> pool_;
+  Token pool_token_ = Token::random();
+
+  std::mutex listen_mutex_;
+  Token socket_token_;
+  SideChannel listener_;
+  std::map<Token, std::weak_ptr<TransmitLink>> expected_;
+
+  mutable std::mutex channels_mutex_;
+  std::set<std::shared_ptr<TransmitLink>> channels_;
+};
+
+}  // namespace pi_os_transport
