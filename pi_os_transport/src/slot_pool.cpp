@@ -228,7 +228,12 @@ bool SlotPool::grow(uint64_t capacity)
   }
   // Small slots share segments; large ones get segments of their own, each half as many as there are already, so that
   // memory stays close to need and the number of segments (one descriptor and one mapping per peer) stays small.
-  const uint64_t shared = std::clamp(committed_ / 2, SMALLEST_SEGMENT, LARGEST_SHARED_SEGMENT);
+  uint64_t shared = 0;
+  for (const SegmentRecord& record : segments_)
+  {
+    shared += record.length <= LARGEST_SHARED_SEGMENT ? record.length : 0;
+  }
+  shared = std::clamp(shared / 2, SMALLEST_SEGMENT, LARGEST_SHARED_SEGMENT);
   uint32_t size_class = 0;
   roundToClass(capacity, &size_class);
   const uint64_t wanted =
