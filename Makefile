@@ -1,0 +1,84 @@
+# Sets up, builds and runs the suite on Debian 12. "make help" lists the targets.
+# Everything goes to build/ and install/; the system gets only the packages of dependencies.txt.
+
+ifneq ($(words $(CURDIR)),1)
+  $(error The path "$(CURDIR)" contains a space, which catkin's generated scripts do not stand. Move the suite)
+endif
+
+.DEFAULT_GOAL := help
+.NOTPARALLEL:
+MAKEFLAGS += --no-print-directory
+
+JOBS ?= $(shell nproc)
+BUILD := $(CURDIR)/build
+INSTALL := $(CURDIR)/install
+
+# Debian's python3 and tools first: others on PATH know nothing of Debian's ROS packages.
+export PATH := /usr/bin:$(PATH):/usr/sbin:/sbin
+export LC_ALL := C.UTF-8
+export ROS_HOSTNAME := localhost
+# What a set-up file sourced earlier left behind would be taken for a workspace below this one.
+unexport _CATKIN_SETUP_DIR CMAKE_PREFIX_PATH LD_LIBRARY_PATH LD_PRELOAD PKG_CONFIG_PATH PYTHONPATH ROS_PACKAGE_PATH
+
+ifndef PI_EDGE_DATA
+  ifneq ($(wildcard ../shared/data/.),)
+    export PI_EDGE_DATA := $(abspath ../shared/data)
+  endif
+endif
+
+.PHONY: help
+help:
+	@echo 'make demo         the first drive: a recording through π-OS and through TCPROS, with a report'
+	@echo 'make check        all tests; the last line counts them'
+	@echo 'make bench        π-OS beside stock TCPROS: latency, throughput, CPU, memory'
+	@echo "make conformance  ros_comm's own tests of roscpp, plain and with π-OS preloaded"
+	@echo 'make build        missing Debian packages, Release build in build/, install space in install/'
+	@echo 'make clean        removes build/ and install/'
+	@echo 'ARGS="..." is passed on to the program that demo, bench or conformance runs; JOBS=N limits the compilers.'
+
+.PHONY: dependencies
+dependencies:
+	@scripts/install_dependencies
+
+# Configured again when the list of packages changes: a library that was missing may be there now.
+$(BUILD)/.configured: Makefile dependencies.txt | dependencies
+	@mkdir -p $(BUILD)
+	@launcher=$$(command -v ccache || true); \
+	cmake -S . -B $(BUILD) -DCMAKE_BUILD_TYPE=Release -DCMAKE_INSTALL_PREFIX=$(INSTALL) \
+	  -DPYTHON_EXECUTABLE=/usr/bin/python3 -DCMAKE_CXX_COMPILER_LAUNCHER=$$launcher
+	@touch $@
+
+# MAKEFLAGS: cmake starts a make of its own with its own number of jobs.
+.PHONY: compile
+compile: $(BUILD)/.configured
+	@MAKEFLAGS=--no-print-directory cmake --build $(BUILD) --parallel $(JOBS)
+
+.PHONY: build
+build: compile
+	@scripts/install_if_changed $(CURDIR) $(BUILD) $(INSTALL)
+
+.PHONY: check
+check: compile
+	@MAKEFLAGS=--no-print-directory cmake --build $(BUILD) --parallel $(JOBS) --target tests
+	@scripts/install_if_changed $(CURDIR) $(BUILD) $(INSTALL)
+	@rm -rf $(BUILD)/test_results && mkdir -p $(BUILD)/test_results
+	@. $(BUILD)/devel/setup.sh && \
+	  { ctest --test-dir $(BUILD) --output-on-failure </dev/null; ctest_status=$$?; \
+	    scripts/summarise_tests $(BUILD)/test_results && exit $$ctest_status; }
+
+.PHONY: demo
+demo: build
+	@. $(INSTALL)/setup.sh && exec rosrun pi_bringup drive_demo $(ARGS)
+
+.PHONY: bench
+bench: build
+	@. $(INSTALL)/setup.sh && exec rosrun pi_os_transport bench_transport $(ARGS)
+
+.PHONY: conformance
+conformance: build
+	@exec pi_os_transport/test/conformance/run --work $(BUILD)/conformance --jobs $(JOBS) \
+	  --library $(INSTALL)/lib/libpi_os_transport.so $(ARGS)
+
+.PHONY: clean
+clean:
+	rm -rf $(BUILD) $(INSTALL)
