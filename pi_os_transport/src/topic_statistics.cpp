@@ -48,9 +48,15 @@ void DurationHistogram::record(int64_t duration_ns)
   sum_ns_ += static_cast<double>(value);
 }
 
-void DurationHistogram::clear() { *this = DurationHistogram(); }
+void DurationHistogram::clear()
+{
+  *this = DurationHistogram();
+}
 
-double DurationHistogram::meanNs() const { return count_ == 0 ? 0.0 : sum_ns_ / static_cast<double>(count_); }
+double DurationHistogram::meanNs() const
+{
+  return count_ == 0 ? 0.0 : sum_ns_ / static_cast<double>(count_);
+}
 
 int64_t DurationHistogram::quantileNs(double q) const
 {
@@ -58,8 +64,8 @@ int64_t DurationHistogram::quantileNs(double q) const
   {
     return 0;
   }
-  const auto rank = std::max<uint64_t>(
-      1, static_cast<uint64_t>(std::ceil(std::clamp(q, 0.0, 1.0) * static_cast<double>(count_))));
+  const auto rank =
+      std::max<uint64_t>(1, static_cast<uint64_t>(std::ceil(std::clamp(q, 0.0, 1.0) * static_cast<double>(count_))));
   uint64_t below = 0;
   for (size_t bucket = 0; bucket < buckets_.size(); ++bucket)
   {
@@ -212,8 +218,7 @@ TopicFigures TopicStatistics::total() const
   {
     // The intervals between n messages are n - 1.
     figures.rate_hz = static_cast<double>(messages_ - 1) / figures.span_s;
-    figures.bytes_per_second =
-        figures.rate_hz * static_cast<double>(bytes_) / static_cast<double>(messages_);
+    figures.bytes_per_second = figures.rate_hz * static_cast<double>(bytes_) / static_cast<double>(messages_);
   }
   setLatency(ages_, &figures);
   addSequence(&figures);

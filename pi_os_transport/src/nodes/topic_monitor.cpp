@@ -264,9 +264,8 @@ private:
     request[0] = ros::this_node::getName();
     XmlRpc::XmlRpcValue response;
     // Elements: [id, peer, direction, transport, topic, connected, text]
-    if (!client.execute("getBusInfo", request, response) ||
-        response.getType() != XmlRpc::XmlRpcValue::TypeArray || response.size() != 3 ||
-        response[2].getType() != XmlRpc::XmlRpcValue::TypeArray)
+    if (!client.execute("getBusInfo", request, response) || response.getType() != XmlRpc::XmlRpcValue::TypeArray ||
+        response.size() != 3 || response[2].getType() != XmlRpc::XmlRpcValue::TypeArray)
     {
       return;
     }

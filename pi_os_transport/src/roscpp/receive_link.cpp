@@ -165,7 +165,7 @@ void ReceiveLink::onSocket()
   if (socket_watched_ && !readPackets())
   {
     unwatchSocket();
-    drain(false);
+    drain(Drain::BATCH);
   }
 }
 
@@ -221,7 +221,7 @@ void ReceiveLink::onOffer(const Packet& packet, FileDescriptor memory, FileDescr
   lease_budget_ = packet.values[2];
   doorbell_ = std::move(doorbell);
   Runtime::instance().watch(doorbell_.get(), [self = shared_from_this()](int) { self->onDoorbell(); });
-  drain(false);  // arms the doorbell before the first message can be written
+  drain(Drain::BATCH);  // arms the doorbell before the first message can be written
   Packet proof;
   proof.type = Packet::PROOF;
   proof.values[0] = layout_->nonce;
@@ -234,7 +234,7 @@ void ReceiveLink::onDoorbell()
   uint64_t rings;
   if (doorbell_ && read(doorbell_.get(), &rings, sizeof(rings)) == static_cast<ssize_t>(sizeof(rings)))
   {
-    drain(false);
+    drain(Drain::BATCH);
   }
 }
 
@@ -252,7 +252,7 @@ void ReceiveLink::disconnect(bool deliver_rest)
   std::lock_guard<std::recursive_mutex> lock(mutex_);
   if (deliver_rest)
   {
-    drain(true);
+    drain(Drain::REST);
   }
   unwatchSocket();
   if (doorbell_)
@@ -263,7 +263,7 @@ void ReceiveLink::disconnect(bool deliver_rest)
   active_.store(false, std::memory_order_release);
 }
 
-void ReceiveLink::drain(bool in_any_order)
+void ReceiveLink::drain(Drain extent)
 {
   if (!ring_ || !doorbell_)
   {
@@ -274,24 +274,24 @@ void ReceiveLink::drain(bool in_any_order)
   {
     return;
   }
-  for (int left = BATCH; ring_;)
+  // doorbell_ is empty once a callback run in place has ended the link.
+  for (int taken = 0; doorbell_; ++taken)
   {
-    Descriptor descriptor;
-    uint32_t place = 0;
-    if (ring_->take(tcp_delivered_, in_any_order, &descriptor, &place) != RingConsumer::Take::TAKEN)
-    {
-      return;
-    }
-    deliver(link, descriptor, place);
-    if (--left == 0 && !in_any_order)
+    if (taken == BATCH && extent == Drain::BATCH)
     {
       const uint64_t one = 1;  // come back after a look at the other sockets
       if (write(doorbell_.get(), &one, sizeof(one)) == static_cast<ssize_t>(sizeof(one)))
       {
         return;
       }
-      left = BATCH;
     }
+    Descriptor descriptor;
+    uint32_t place = 0;
+    if (ring_->take(tcp_delivered_, extent == Drain::REST, &descriptor, &place) != RingConsumer::Take::TAKEN)
+    {
+      return;
+    }
+    deliver(link, descriptor, place);
   }
 }
 

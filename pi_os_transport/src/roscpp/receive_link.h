@@ -54,10 +54,10 @@ public:
   void deliverTcp(Deliver deliver)
   {
     std::lock_guard<std::recursive_mutex> lock(mutex_);
-    drain(false);
+    drain(Drain::ALL_DUE);  // everything the publisher wrote before this message
     deliver();
     ++tcp_delivered_;
-    drain(false);
+    drain(Drain::BATCH);
   }
   /// The TCPROS connection has ended. @param deliver_rest  hand over what the publisher left in the ring.
   void disconnect(bool deliver_rest);
@@ -75,7 +75,13 @@ private:
   void onOffer(const Packet& packet, FileDescriptor memory, FileDescriptor doorbell);
   bool readPackets();  // false once the publisher's end is closed
   void unwatchSocket();
-  void drain(bool in_any_order);
+  enum class Drain
+  {
+    BATCH,    ///< what is due, but no more than one batch before the network thread serves its other sockets
+    ALL_DUE,  ///< all that does not wait for a message from TCPROS
+    REST,     ///< everything: nothing will come over TCPROS any more
+  };
+  void drain(Drain extent);
   void deliver(const ros::TransportPublisherLinkPtr& link, const Descriptor& descriptor, uint32_t place);
   boost::shared_array<uint8_t> fetch(const Descriptor& descriptor, uint32_t place);
 
