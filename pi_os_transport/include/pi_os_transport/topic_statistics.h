@@ -82,15 +82,15 @@ struct TopicFigures
 {
   uint64_t messages = 0;
   uint64_t bytes = 0;
-  double span_s = 0.0;          ///< first to last message, or the length of the window
+  double span_s = 0.0;  ///< first to last message, or the length of the window
   double rate_hz = 0.0;
   double bytes_per_second = 0.0;
-  bool has_stamps = false;      ///< latency is known
+  bool has_stamps = false;  ///< latency is known
   double latency_mean_ms = 0.0;
   double latency_p50_ms = 0.0;
   double latency_p99_ms = 0.0;
   double latency_max_ms = 0.0;
-  bool has_sequence = false;    ///< lost and out_of_order are known
+  bool has_sequence = false;  ///< lost and out_of_order are known
   uint64_t lost = 0;
   uint64_t out_of_order = 0;
 };
@@ -130,8 +130,8 @@ private:
 struct TopicReport
 {
   std::string topic;
-  std::string type;                         ///< empty before the first message
-  std::map<std::string, size_t> transports; ///< links by transport, e.g. {"SHMROS", 1}
+  std::string type;                          ///< empty before the first message
+  std::map<std::string, size_t> transports;  ///< links by transport, e.g. {"SHMROS", 1}
   TopicFigures figures;
 };
 

@@ -18,8 +18,10 @@ namespace
 
 constexpr uint32_t LENGTH_PREFIX = 4;  // TCPROS puts the body's length in front of it, and so do publishers' buffers
 
-/// Untaken messages up to this many bytes are kept whatever the queue size: a TCP socket's buffers would hold as much.
-constexpr uint64_t BURST_BYTES = 128 << 10;
+/// What TCPROS holds beside its queue, and nodes that publish with a queue of one rely on: one message half written, and
+/// what the sockets' buffers take on both sides.
+constexpr uint32_t WRITING_MESSAGES = 1;
+constexpr uint64_t SOCKET_BYTES = 1 << 20;
 
 /// Buffers of the pool that may wait in an outbox of TCPROS before further ones are copied to the heap: a stuck TCPROS
 /// peer must not exhaust the pool.
@@ -213,7 +215,7 @@ bool TransmitLink::pushToRing(const uint8_t* buffer, uint32_t length, size_t max
   {
     in_flight_bytes += lengths_[index % RingLayout::CAPACITY];
   }
-  while (max_queue > 0 && in_flight >= max_queue && in_flight_bytes + length > BURST_BYTES)
+  while (max_queue > 0 && in_flight >= max_queue + WRITING_MESSAGES && in_flight_bytes + length > SOCKET_BYTES)
   {
     const int place = ring_->dropOldest();
     if (place < 0)

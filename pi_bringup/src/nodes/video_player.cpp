@@ -1,0 +1,19 @@
+#include <pi_bringup/ros/video_player_ros.h>
+#include <ros/ros.h>
+
+#include <exception>
+
+int main(int argc, char** argv)
+{
+  ros::init(argc, argv, "video_player");
+  try
+  {
+    pi_bringup::VideoPlayerRos player(ros::NodeHandle(), ros::NodeHandle("~"));
+    return pi_bringup::runPlayer(&player);
+  }
+  catch (const std::exception& exception)
+  {
+    ROS_FATAL_STREAM_NAMED("playback", exception.what());
+    return 1;
+  }
+}
