@@ -16,8 +16,9 @@ RingProducer::RingProducer(RingLayout* layout, uint64_t nonce) : layout_(layout)
   layout_->magic = RingLayout::MAGIC;
 }
 
-RingProducer::Push RingProducer::push(const Descriptor& descriptor)
+RingProducer::Push RingProducer::push(const Descriptor& descriptor, uint32_t* doorbell)
 {
+  *doorbell = 0;
   const uint32_t place = tail_ % CAPACITY;
   if (occupied_[place])
   {
@@ -31,11 +32,11 @@ RingProducer::Push RingProducer::push(const Descriptor& descriptor)
   // Sequentially consistent together with the load below: either the subscriber, about to sleep, sees the new tail,
   // or this side sees that it is armed.
   layout_->tail.store(tail_, std::memory_order_seq_cst);
-  if (layout_->armed.load(std::memory_order_seq_cst) != 0 && layout_->armed.exchange(0) != 0)
+  if (layout_->armed.load(std::memory_order_seq_cst) != 0)
   {
-    return Push::WAKE;
+    *doorbell = layout_->armed.exchange(0);
   }
-  return Push::QUIET;
+  return Push::WRITTEN;
 }
 
 uint32_t RingProducer::inFlight() const
@@ -75,7 +76,7 @@ RingConsumer::Take RingConsumer::take(uint32_t tcp_delivered, bool in_any_order,
   {
     if (head == layout_->tail.load(std::memory_order_acquire))
     {
-      layout_->armed.store(1, std::memory_order_seq_cst);
+      layout_->armed.store(doorbell_, std::memory_order_seq_cst);
       if (head == layout_->tail.load(std::memory_order_seq_cst))
       {
         return Take::EMPTY;

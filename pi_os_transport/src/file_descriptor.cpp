@@ -40,7 +40,7 @@ bool isForkedChild()
   return DescriptorList::forked_child;
 }
 
-FileDescriptor::FileDescriptor(int fd) : fd_(fd)
+FileDescriptor::FileDescriptor(int fd) : fd_(fd < 0 ? -1 : fd)
 {
   enlist();
 }

@@ -37,8 +37,7 @@ bool sameUser(int socket)
 
 FileDescriptor makeSocket()
 {
-  const int fd = socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-  return fd >= 0 ? FileDescriptor(fd) : FileDescriptor();
+  return FileDescriptor(socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
 }
 
 }  // namespace

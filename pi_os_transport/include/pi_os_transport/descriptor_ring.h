@@ -28,7 +28,7 @@ struct RingLayout
   uint64_t nonce;                 ///< random; the subscriber proves that it mapped this memory by sending it back
   alignas(64) std::atomic<uint32_t> tail;           ///< next index to be written; publisher
   alignas(64) std::atomic<uint32_t> head;           ///< oldest index not taken; taken or dropped by compare-exchange
-  std::atomic<uint32_t> armed;                      ///< 1: the subscriber sleeps and wants its doorbell rung
+  std::atomic<uint32_t> armed;                      ///< the doorbell that the sleeping subscriber wants rung; 0: it is awake
   alignas(64) std::atomic<uint32_t> release_count;  ///< releases so far; subscriber
   alignas(64) std::atomic<uint8_t> released[CAPACITY];  ///< 1: the message of this place is no longer read; subscriber
   struct Entry
@@ -49,11 +49,11 @@ public:
 
   enum class Push
   {
-    QUIET,  ///< written; the subscriber is awake and will see it
-    WAKE,   ///< written; ring the doorbell
-    FULL,   ///< not written: the place is still waiting to be taken or is still being read
+    WRITTEN,
+    FULL,  ///< not written: the place is still waiting to be taken or is still being read
   };
-  Push push(const Descriptor& descriptor);
+  /// @param doorbell  set to the number of the doorbell that must be rung now, or 0 if the subscriber is awake.
+  Push push(const Descriptor& descriptor, uint32_t* doorbell);
 
   /// Messages written and neither taken nor dropped, or CAPACITY + 1 if the peer wrote nonsense into the ring.
   uint32_t inFlight() const;
@@ -125,6 +125,9 @@ public:
     WAITING,  ///< the oldest message has to wait for one that comes over TCPROS; the doorbell is not armed
     EMPTY,    ///< nothing there; the doorbell is armed
   };
+  /// Which doorbell is to be rung from now on when the ring was empty, 1 or 2. Takes effect with the next take().
+  void useDoorbell(uint32_t doorbell) { doorbell_ = doorbell; }
+
   /// @param tcp_delivered messages (modulo 2^32) that this link has delivered from TCPROS.
   /// @param in_any_order  take the oldest even if it should wait: no more will come over TCPROS.
   Take take(uint32_t tcp_delivered, bool in_any_order, Descriptor* descriptor, uint32_t* place);
@@ -134,6 +137,7 @@ public:
 
 private:
   RingLayout* layout_;
+  uint32_t doorbell_ = 1;
 };
 
 }  // namespace pi_os_transport

@@ -12,6 +12,7 @@ class FileDescriptor
 {
 public:
   FileDescriptor() = default;
+  /// A negative `fd`, as failed system calls return it, means none.
   explicit FileDescriptor(int fd);
   ~FileDescriptor();
   FileDescriptor(FileDescriptor&& other) noexcept;

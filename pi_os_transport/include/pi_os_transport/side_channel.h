@@ -35,7 +35,7 @@ struct Packet
   enum Type : uint32_t
   {
     HELLO = 1,    ///< subscriber: values = link token
-    OFFER = 2,    ///< publisher: values = pool token, lease budget [B]; descriptors = ring memory, doorbell
+    OFFER = 2,    ///< publisher: values = pool token, lease budget [B]; descriptors = ring memory, both doorbells
     PROOF = 3,    ///< subscriber: values = nonce read from the mapped ring
     SEGMENT = 4,  ///< publisher: values = segment id, length [B]; descriptors = segment memory
     RETIRED = 5,  ///< publisher: values = segment id that is not used any more
@@ -67,7 +67,7 @@ public:
     NOTHING,  ///< none waits
     CLOSED,   ///< the peer is gone, or sent something that is not a packet of this version
   };
-  static constexpr size_t MAX_DESCRIPTORS = 2;
+  static constexpr size_t MAX_DESCRIPTORS = 3;
   Receive receive(Packet* packet, std::array<FileDescriptor, MAX_DESCRIPTORS>* descriptors);
   /// False if the peer is gone or its queue is full.
   bool send(const Packet& packet, std::initializer_list<int> descriptors = {});

@@ -7,7 +7,8 @@
 #include <stdint.h>
 
 // The functions of libroscpp that are replaced: id, result, linker name, parameters, arguments. All are called through
-// the dynamic linker, also inside libroscpp. References appear as the pointers that they are.
+// the dynamic linker, also inside libroscpp. References appear as the pointers that they are, and a ros::WallDuration as
+// the register that carries it.
 // clang-format off
 #define PI_OS_HOOKS(HOOK) \
   HOOK(TOPIC_MANAGER_START, void, \
@@ -45,6 +46,18 @@
       (void* self), (self)) \
   HOOK(PUBLISHER_TRANSPORT_INFO, ReturnedString, \
       _ZN3ros22TransportPublisherLink16getTransportInfoB5cxx11Ev, \
+      (void* self), (self)) \
+  HOOK(QUEUE_ADD_CALLBACK, void, \
+      _ZN3ros13CallbackQueue11addCallbackERKN5boost10shared_ptrINS_17CallbackInterfaceEEEm, \
+      (void* self, const void* callback, uint64_t removal_id), (self, callback, removal_id)) \
+  HOOK(QUEUE_CALL_AVAILABLE, void, \
+      _ZN3ros13CallbackQueue13callAvailableENS_12WallDurationE, \
+      (void* self, uint64_t timeout), (self, timeout)) \
+  HOOK(QUEUE_CALL_ONE, int, \
+      _ZN3ros13CallbackQueue7callOneENS_12WallDurationE, \
+      (void* self, uint64_t timeout), (self, timeout)) \
+  HOOK(QUEUE_DISABLE, void, \
+      _ZN3ros13CallbackQueue7disableEv, \
       (void* self), (self))
 // clang-format on
 

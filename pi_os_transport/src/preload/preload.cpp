@@ -1,6 +1,6 @@
 // libpi_os_transport.so: the library that users preload or link.
 //
-// It stands in front of twelve functions of libroscpp and of operator new[] and delete[]. In a process without roscpp
+// It stands in front of some functions of libroscpp (hooks.h) and of operator new[] and delete[]. In a process without roscpp
 // nothing of it ever runs but two branches per array allocation. The first call of a roscpp function loads the
 // companion libpi_os_transport_roscpp.so from the same folder; if the companion declines, or cannot be loaded, the
 // calls go straight to libroscpp. No C++ runtime is needed here: processes without one must not get one from us.

@@ -12,6 +12,8 @@
 #include <sstream>
 #include <utility>
 
+#include "queue_waiter.h"
+
 namespace pi_os_transport
 {
 namespace
@@ -186,7 +188,7 @@ bool ReceiveLink::readPackets()
     }
     if (packet.type == Packet::OFFER && ring_ == nullptr)
     {
-      onOffer(packet, std::move(descriptors[0]), std::move(descriptors[1]));
+      onOffer(packet, std::move(descriptors));
     }
     else if (packet.type == Packet::SEGMENT && isSealed(descriptors[0].get(), packet.values[1]))
     {
@@ -200,9 +202,10 @@ bool ReceiveLink::readPackets()
   }
 }
 
-void ReceiveLink::onOffer(const Packet& packet, FileDescriptor memory, FileDescriptor doorbell)
+void ReceiveLink::onOffer(const Packet& packet, std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors)
 {
-  if (!isSealed(memory.get(), sizeof(RingLayout)) || !doorbell)
+  const FileDescriptor& memory = descriptors[0];
+  if (!isSealed(memory.get(), sizeof(RingLayout)) || !descriptors[1] || !descriptors[2])
   {
     return;
   }
@@ -219,20 +222,52 @@ void ReceiveLink::onOffer(const Packet& packet, FileDescriptor memory, FileDescr
   ring_ = std::make_unique<RingConsumer>(layout_);
   pool_ = Token{packet.values[0], packet.values[1]};
   lease_budget_ = packet.values[2];
-  doorbell_ = std::move(doorbell);
-  Runtime::instance().watch(doorbell_.get(), [self = shared_from_this()](int) { self->onDoorbell(); });
+  doorbells_ = {std::move(descriptors[1]), std::move(descriptors[2])};
+  Runtime::instance().watch(doorbells_[0].get(), [self = shared_from_this()](int) { self->onDoorbell(); });
   drain(Drain::BATCH);  // arms the doorbell before the first message can be written
+  joinWaiter();
   Packet proof;
   proof.type = Packet::PROOF;
   proof.values[0] = layout_->nonce;
   active_.store(channel_.send(proof), std::memory_order_release);
 }
 
+void ReceiveLink::joinWaiter()
+{
+  const ros::TransportPublisherLinkPtr link = link_.lock();
+  const ros::SubscriptionPtr subscription = link ? link->parent_.lock() : nullptr;
+  if (!subscription)
+  {
+    return;
+  }
+  boost::mutex::scoped_lock lock(subscription->callbacks_mutex_);
+  if (subscription->callbacks_.empty())
+  {
+    return;
+  }
+  // With several queues the others are served as well, but only while a thread waits on the first.
+  if (auto* queue = dynamic_cast<ros::CallbackQueue*>(subscription->callbacks_.front()->callback_queue_))
+  {
+    waiter_ = QueueWaiter::of(queue);
+    waiter_->add(shared_from_this(), doorbells_[SPINNER - 1].get());
+  }
+}
+
+void ReceiveLink::serve(Doorbell doorbell)
+{
+  std::lock_guard<std::recursive_mutex> lock(mutex_);
+  if (ring_)
+  {
+    ring_->useDoorbell(doorbell);
+    drain(Drain::BATCH);
+  }
+}
+
 void ReceiveLink::onDoorbell()
 {
   std::lock_guard<std::recursive_mutex> lock(mutex_);
   uint64_t rings;
-  if (doorbell_ && read(doorbell_.get(), &rings, sizeof(rings)) == static_cast<ssize_t>(sizeof(rings)))
+  if (doorbells_[0] && read(doorbells_[0].get(), &rings, sizeof(rings)) == static_cast<ssize_t>(sizeof(rings)))
   {
     drain(Drain::BATCH);
   }
@@ -255,17 +290,21 @@ void ReceiveLink::disconnect(bool deliver_rest)
     drain(Drain::REST);
   }
   unwatchSocket();
-  if (doorbell_)
+  if (doorbells_[0])
   {
-    Runtime::instance().unwatch(doorbell_.get());
-    doorbell_.reset();
+    Runtime::instance().unwatch(doorbells_[0].get());
   }
+  if (const std::shared_ptr<QueueWaiter> waiter = std::exchange(waiter_, nullptr))
+  {
+    waiter->remove(self, doorbells_[SPINNER - 1].get());
+  }
+  doorbells_ = {};
   active_.store(false, std::memory_order_release);
 }
 
 void ReceiveLink::drain(Drain extent)
 {
-  if (!ring_ || !doorbell_)
+  if (!ring_ || !doorbells_[0])
   {
     return;
   }
@@ -274,13 +313,13 @@ void ReceiveLink::drain(Drain extent)
   {
     return;
   }
-  // doorbell_ is empty once a callback run in place has ended the link.
-  for (int taken = 0; doorbell_; ++taken)
+  // doorbells_ are empty once a callback run in place has ended the link.
+  for (int taken = 0; doorbells_[0]; ++taken)
   {
     if (taken == BATCH && extent == Drain::BATCH)
     {
       const uint64_t one = 1;  // come back after a look at the other sockets
-      if (write(doorbell_.get(), &one, sizeof(one)) == static_cast<ssize_t>(sizeof(one)))
+      if (write(doorbells_[0].get(), &one, sizeof(one)) == static_cast<ssize_t>(sizeof(one)))
       {
         return;
       }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <map>
 #include <memory>
@@ -12,6 +13,8 @@
 
 namespace pi_os_transport
 {
+
+class QueueWaiter;
 
 /// One segment of a publisher's pool, mapped read-only. Shared by all links of this process to that publisher.
 class MappedSegment
@@ -62,6 +65,9 @@ public:
   /// The TCPROS connection has ended. @param deliver_rest  hand over what the publisher left in the ring.
   void disconnect(bool deliver_rest);
 
+  /// Hands over what is due, and has `doorbell` rung for what comes next. Any thread.
+  void serve(Doorbell doorbell);
+
   /// True once the shared memory is mapped. Any thread.
   bool active() const { return active_.load(std::memory_order_acquire); }
   /// One line for getBusInfo.
@@ -72,7 +78,8 @@ private:
 
   void onSocket();
   void onDoorbell();
-  void onOffer(const Packet& packet, FileDescriptor memory, FileDescriptor doorbell);
+  void onOffer(const Packet& packet, std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors);
+  void joinWaiter();
   bool readPackets();  // false once the publisher's end is closed
   void unwatchSocket();
   enum class Drain
@@ -91,7 +98,8 @@ private:
   std::atomic<bool> active_{false};
   SideChannel channel_;
   bool socket_watched_ = false;
-  FileDescriptor doorbell_;
+  std::array<FileDescriptor, DOORBELLS> doorbells_;  ///< by number, less one; empty once the link has ended
+  std::shared_ptr<QueueWaiter> waiter_;
   RingLayout* layout_ = nullptr;
   std::unique_ptr<RingConsumer> ring_;
   Token pool_;

@@ -13,6 +13,7 @@
 #include <cstdlib>
 #include <cstring>
 
+#include "queue_waiter.h"
 #include "receive_link.h"
 #include "roscpp_version.h"
 #include "runtime.h"
@@ -355,6 +356,42 @@ std::string publisherTransportInfo(ros::TransportPublisherLink* self)
   return link && link->active() ? link->info() + " beside " + tcp : tcp;
 }
 
+void addCallback(ros::CallbackQueue* self, const ros::CallbackInterfacePtr& callback, uint64_t removal_id)
+{
+  Runtime::instance().original.add_callback(self, callback, removal_id);
+  if (const std::shared_ptr<QueueWaiter> waiter = QueueWaiter::find(self))
+  {
+    waiter->notify();
+  }
+}
+
+/// @return what is left to wait for roscpp's own part of the call.
+ros::WallDuration waitForCallbacks(ros::CallbackQueue* queue, ros::WallDuration timeout)
+{
+  const std::shared_ptr<QueueWaiter> waiter =
+      Runtime::instance().active() && !timeout.isZero() ? QueueWaiter::find(queue) : nullptr;
+  return waiter && waiter->wait(queue, timeout) ? ros::WallDuration() : timeout;
+}
+
+void callAvailable(ros::CallbackQueue* self, ros::WallDuration timeout)
+{
+  Runtime::instance().original.call_available(self, waitForCallbacks(self, timeout));
+}
+
+ros::CallbackQueue::CallOneResult callOne(ros::CallbackQueue* self, ros::WallDuration timeout)
+{
+  return Runtime::instance().original.call_one(self, waitForCallbacks(self, timeout));
+}
+
+void disable(ros::CallbackQueue* self)
+{
+  Runtime::instance().original.disable(self);
+  if (const std::shared_ptr<QueueWaiter> waiter = QueueWaiter::find(self))
+  {
+    waiter->notify();
+  }
+}
+
 /// True if `path` is the libroscpp that this file was compiled for: private members are reached through its headers.
 bool isKnownRoscpp(const char* path)
 {
@@ -366,6 +403,9 @@ bool isKnownRoscpp(const char* path)
   const char* slash = std::strrchr(resolved, '/');
   return std::strcmp(slash != nullptr ? slash + 1 : resolved, ROSCPP_FILE_NAME) == 0;
 }
+
+static_assert(sizeof(ros::WallDuration) == sizeof(uint64_t) && std::is_trivially_copyable<ros::WallDuration>::value,
+              "the hooks pass a WallDuration as one register");
 
 template <typename Function>
 void takeOver(PiOsShim* shim, PiOsHook hook, Function** original, Function* replacement)
@@ -403,6 +443,10 @@ int attach(PiOsShim* shim)
   takeOver(shim, PI_OS_PUBLISHER_HANDLE_MESSAGE, &original.handle_message, handleMessage);
   takeOver(shim, PI_OS_PUBLISHER_TRANSPORT_TYPE, &original.publisher_transport_type, publisherTransportType);
   takeOver(shim, PI_OS_PUBLISHER_TRANSPORT_INFO, &original.publisher_transport_info, publisherTransportInfo);
+  takeOver(shim, PI_OS_QUEUE_ADD_CALLBACK, &original.add_callback, addCallback);
+  takeOver(shim, PI_OS_QUEUE_CALL_AVAILABLE, &original.call_available, callAvailable);
+  takeOver(shim, PI_OS_QUEUE_CALL_ONE, &original.call_one, callOne);
+  takeOver(shim, PI_OS_QUEUE_DISABLE, &original.disable, disable);
   return 0;
 }
 

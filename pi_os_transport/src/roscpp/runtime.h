@@ -1,5 +1,6 @@
 #pragma once
 
+#include <ros/callback_queue.h>
 #include <ros/connection.h>
 #include <ros/poll_set.h>
 #include <ros/topic_manager.h>
@@ -32,6 +33,14 @@ constexpr const char* HEADER_FIELD = "pi_os";
 /// What getBusInfo and `rosnode info` call a link that has moved to shared memory.
 constexpr const char* TRANSPORT_NAME = "SHMROS";
 
+/// The doorbells of a link, as numbered in the ring: what sleeps in the subscriber.
+enum Doorbell : uint32_t
+{
+  NETWORK_THREAD = 1,  ///< roscpp's own thread, which serves all connections
+  SPINNER = 2,         ///< a thread inside CallbackQueue::callAvailable or callOne, which will run the callback
+};
+constexpr size_t DOORBELLS = 2;
+
 /// The functions of libroscpp behind the hooks.
 struct Originals
 {
@@ -48,6 +57,10 @@ struct Originals
   void (*handle_message)(ros::TransportPublisherLink*, const ros::SerializedMessage&, bool, bool);
   std::string (*publisher_transport_type)(ros::TransportPublisherLink*);
   std::string (*publisher_transport_info)(ros::TransportPublisherLink*);
+  void (*add_callback)(ros::CallbackQueue*, const ros::CallbackInterfacePtr&, uint64_t);
+  void (*call_available)(ros::CallbackQueue*, ros::WallDuration);
+  ros::CallbackQueue::CallOneResult (*call_one)(ros::CallbackQueue*, ros::WallDuration);
+  void (*disable)(ros::CallbackQueue*);
 };
 
 /// State that roscpp's link objects have no room for, found by their connection: a connection lives as long as the

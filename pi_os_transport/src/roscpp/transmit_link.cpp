@@ -38,12 +38,15 @@ void TransmitLink::meet(SideChannel channel)
 {
   std::string error;
   FileDescriptor memory = makeSharedMemory("pi_os_ring", sizeof(RingLayout), &error);
-  const int bell = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
-  FileDescriptor doorbell = bell >= 0 ? FileDescriptor(bell) : FileDescriptor();
+  std::array<FileDescriptor, DOORBELLS> doorbells;
+  for (FileDescriptor& doorbell : doorbells)
+  {
+    doorbell = FileDescriptor(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK));
+  }
   void* address = memory ? mmap(nullptr, sizeof(RingLayout), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE,
                                 memory.get(), 0) :
                            MAP_FAILED;
-  if (address == MAP_FAILED || !doorbell)
+  if (address == MAP_FAILED || !doorbells.front() || !doorbells.back())
   {
     ROS_WARN("pi_os_transport: no shared memory for a subscriber of %s (%s); this link stays on TCPROS", topic_.c_str(),
              error.empty() ? std::strerror(errno) : error.c_str());
@@ -57,7 +60,7 @@ void TransmitLink::meet(SideChannel channel)
   Packet offer;
   offer.type = Packet::OFFER;
   offer.values = {runtime.poolToken().high, runtime.poolToken().low, runtime.leaseBudget()};
-  if (!channel.send(offer, {memory.get(), doorbell.get()}))
+  if (!channel.send(offer, {memory.get(), doorbells[0].get(), doorbells[1].get()}))
   {
     munmap(address, sizeof(RingLayout));
     return;  // the subscriber has left again
@@ -68,7 +71,7 @@ void TransmitLink::meet(SideChannel channel)
   ring_ = std::move(ring);
   buffers_.resize(RingLayout::CAPACITY);
   lengths_.resize(RingLayout::CAPACITY);
-  doorbell_ = std::move(doorbell);
+  doorbells_ = std::move(doorbells);
   channel_ = std::move(channel);
   runtime.addChannel(shared_from_this());
   runtime.watch(channel_.fd(), [self = shared_from_this()](int) { self->onSocket(); });
@@ -126,7 +129,7 @@ void TransmitLink::closeChannel()
     }
     runtime.unwatch(channel_.fd());
     channel_.close();
-    doorbell_.reset();
+    doorbells_ = {};
     ring_->abandon([this, &runtime](uint32_t place) { runtime.pool().release(buffers_[place]); });
     ring_.reset();
     munmap(layout_, sizeof(RingLayout));
@@ -199,7 +202,8 @@ bool TransmitLink::announce(uint32_t segment)
   return true;
 }
 
-bool TransmitLink::pushToRing(const uint8_t* buffer, uint32_t length, size_t max_queue, uint32_t after_tcp, bool* wake)
+bool TransmitLink::pushToRing(const uint8_t* buffer, uint32_t length, size_t max_queue, uint32_t after_tcp,
+                              uint32_t* doorbell)
 {
   SlotPool& pool = Runtime::instance().pool();
   collect();
@@ -236,9 +240,8 @@ bool TransmitLink::pushToRing(const uint8_t* buffer, uint32_t length, size_t max
   {
     return false;
   }
-  const RingProducer::Push result =
-      ring_->push(Descriptor{location.segment, length, location.offset + LENGTH_PREFIX, after_tcp});
-  if (result == RingProducer::Push::FULL)
+  const Descriptor descriptor{location.segment, length, location.offset + LENGTH_PREFIX, after_tcp};
+  if (ring_->push(descriptor, doorbell) == RingProducer::Push::FULL)
   {
     return false;
   }
@@ -246,7 +249,6 @@ bool TransmitLink::pushToRing(const uint8_t* buffer, uint32_t length, size_t max
   lengths_[ring_->lastPlace()] = length;
   ++tail_;
   ++sent_;
-  *wake = result == RingProducer::Push::WAKE;
   return true;
 }
 
@@ -293,7 +295,7 @@ void TransmitLink::enqueue(ros::TransportSubscriberLink* link, const ros::Serial
     max_queue = parent->getMaxQueue();
   }
   bool by_ring = false;
-  bool wake = false;
+  uint32_t doorbell = 0;
   bool warn = false;
   {
     std::lock_guard<std::mutex> lock(mutex_);
@@ -302,7 +304,7 @@ void TransmitLink::enqueue(ros::TransportSubscriberLink* link, const ros::Serial
     if (buffer != nullptr && active() && outbox_empty)
     {
       by_ring = pushToRing(buffer, static_cast<uint32_t>(message.num_bytes - LENGTH_PREFIX), max_queue,
-                           tcp_pushed_ - tcp_dropped_, &wake);
+                           tcp_pushed_ - tcp_dropped_, &doorbell);
     }
     if (!by_ring)
     {
@@ -322,10 +324,10 @@ void TransmitLink::enqueue(ros::TransportSubscriberLink* link, const ros::Serial
         pushToTcp(link, message, max_queue);
       }
     }
-    if (wake)
+    if (doorbell > 0 && doorbell <= DOORBELLS)
     {
       const uint64_t one = 1;
-      while (write(doorbell_.get(), &one, sizeof(one)) < 0 && errno == EINTR)
+      while (write(doorbells_[doorbell - 1].get(), &one, sizeof(one)) < 0 && errno == EINTR)
       {
       }
     }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <memory>
 #include <mutex>
@@ -51,7 +52,8 @@ private:
   void collect();               // with mutex_ held
   bool announce(uint32_t segment);
   /// With mutex_ held. True if the ring took over one reference of `buffer`.
-  bool pushToRing(const uint8_t* buffer, uint32_t length, size_t max_queue, uint32_t after_tcp, bool* wake);
+  bool pushToRing(const uint8_t* buffer, uint32_t length, size_t max_queue, uint32_t after_tcp,
+                  uint32_t* doorbell);
   void pushToTcp(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message, size_t max_queue);
 
   const std::string topic_;
@@ -60,7 +62,7 @@ private:
   std::mutex mutex_;
   std::atomic<bool> active_{false};
   SideChannel channel_;
-  FileDescriptor doorbell_;
+  std::array<FileDescriptor, DOORBELLS> doorbells_;
   RingLayout* layout_ = nullptr;
   std::unique_ptr<RingProducer> ring_;
   uint64_t nonce_ = 0;

@@ -22,6 +22,8 @@ protected:
 
   Descriptor numbered(uint32_t number, uint32_t after_tcp = 0) { return Descriptor{number, number + 1, 4 * number, after_tcp}; }
 
+  RingProducer::Push push(const Descriptor& descriptor) { return producer_.push(descriptor, &doorbell_); }
+
   RingConsumer::Take take(uint32_t tcp_delivered = 0) { return consumer_.take(tcp_delivered, false, &taken_, &place_); }
 
   std::unique_ptr<RingLayout> layout_;
@@ -29,6 +31,7 @@ protected:
   RingConsumer consumer_;
   Descriptor taken_;
   uint32_t place_ = 0;
+  uint32_t doorbell_ = 0;
 };
 
 TEST_F(DescriptorRing, LayoutIsPinned)
@@ -48,8 +51,8 @@ TEST_F(DescriptorRing, LayoutIsPinned)
 TEST_F(DescriptorRing, HandsDescriptorsOverUnchangedAndInOrder)
 {
   const Descriptor large{0xfffffffe, 0xfffffffd, (uint64_t{1} << 33) + 4, 7};
-  producer_.push(numbered(1));
-  producer_.push(large);
+  push(numbered(1));
+  push(large);
   ASSERT_EQ(RingConsumer::Take::TAKEN, take());
   EXPECT_EQ(1U, taken_.segment);
   EXPECT_EQ(2U, taken_.length);
@@ -62,27 +65,39 @@ TEST_F(DescriptorRing, HandsDescriptorsOverUnchangedAndInOrder)
   EXPECT_EQ(RingConsumer::Take::EMPTY, take(7));
 }
 
-TEST_F(DescriptorRing, AsksForTheDoorbellOnlyWhenTheConsumerSleeps)
+TEST_F(DescriptorRing, AsksForADoorbellOnlyWhenTheConsumerSleeps)
 {
-  EXPECT_EQ(RingProducer::Push::QUIET, producer_.push(numbered(0)));
+  push(numbered(0));
+  EXPECT_EQ(0U, doorbell_);
   ASSERT_EQ(RingConsumer::Take::TAKEN, take());
   ASSERT_EQ(RingConsumer::Take::EMPTY, take());
-  EXPECT_EQ(RingProducer::Push::WAKE, producer_.push(numbered(1)));
-  EXPECT_EQ(RingProducer::Push::QUIET, producer_.push(numbered(2)));
+  push(numbered(1));
+  EXPECT_EQ(1U, doorbell_);
+  push(numbered(2));
+  EXPECT_EQ(0U, doorbell_);
+}
+
+TEST_F(DescriptorRing, AsksForTheDoorbellThatTheConsumerChose)
+{
+  ASSERT_EQ(RingConsumer::Take::EMPTY, take());
+  consumer_.useDoorbell(2);
+  ASSERT_EQ(RingConsumer::Take::EMPTY, take());
+  push(numbered(0));
+  EXPECT_EQ(2U, doorbell_);
 }
 
 TEST_F(DescriptorRing, RefusesToOverwriteWhatIsNotReleased)
 {
   for (uint32_t i = 0; i < CAPACITY; ++i)
   {
-    ASSERT_NE(RingProducer::Push::FULL, producer_.push(numbered(i)));
+    ASSERT_NE(RingProducer::Push::FULL, push(numbered(i)));
   }
-  EXPECT_EQ(RingProducer::Push::FULL, producer_.push(numbered(CAPACITY)));
+  EXPECT_EQ(RingProducer::Push::FULL, push(numbered(CAPACITY)));
   ASSERT_EQ(RingConsumer::Take::TAKEN, take());
-  EXPECT_EQ(RingProducer::Push::FULL, producer_.push(numbered(CAPACITY))) << "taken, but still being read";
+  EXPECT_EQ(RingProducer::Push::FULL, push(numbered(CAPACITY))) << "taken, but still being read";
   consumer_.release(place_);
   producer_.collect([](uint32_t) {});
-  EXPECT_NE(RingProducer::Push::FULL, producer_.push(numbered(CAPACITY)));
+  EXPECT_NE(RingProducer::Push::FULL, push(numbered(CAPACITY)));
 }
 
 TEST_F(DescriptorRing, CollectsEachReleaseOnceAndInAnyOrder)
@@ -90,7 +105,7 @@ TEST_F(DescriptorRing, CollectsEachReleaseOnceAndInAnyOrder)
   std::vector<uint32_t> places;
   for (uint32_t i = 0; i < 3; ++i)
   {
-    producer_.push(numbered(i));
+    push(numbered(i));
     take();
     places.push_back(place_);
   }
@@ -111,7 +126,7 @@ TEST_F(DescriptorRing, DropsTheOldestThatIsNotTaken)
 {
   for (uint32_t i = 0; i < 4; ++i)
   {
-    producer_.push(numbered(i));
+    push(numbered(i));
   }
   take();  // 0 belongs to the consumer now
   EXPECT_EQ(1, producer_.dropOldest());
@@ -124,7 +139,7 @@ TEST_F(DescriptorRing, DropsTheOldestThatIsNotTaken)
 
 TEST_F(DescriptorRing, WaitsForMessagesThatCameOverTcpBefore)
 {
-  producer_.push(numbered(0, 2));
+  push(numbered(0, 2));
   EXPECT_EQ(RingConsumer::Take::WAITING, take(0));
   EXPECT_EQ(RingConsumer::Take::WAITING, take(1));
   EXPECT_EQ(RingConsumer::Take::TAKEN, take(2));
@@ -132,14 +147,14 @@ TEST_F(DescriptorRing, WaitsForMessagesThatCameOverTcpBefore)
 
 TEST_F(DescriptorRing, TcpCountMayWrapAround)
 {
-  producer_.push(numbered(0, 1));  // 2^32 + 1 messages have gone over TCPROS
+  push(numbered(0, 1));  // 2^32 + 1 messages have gone over TCPROS
   EXPECT_EQ(RingConsumer::Take::WAITING, take(0xffffffff));
   EXPECT_EQ(RingConsumer::Take::TAKEN, take(1));
 }
 
 TEST_F(DescriptorRing, GivesUpWaitingWhenTold)
 {
-  producer_.push(numbered(0, 5));
+  push(numbered(0, 5));
   EXPECT_EQ(RingConsumer::Take::TAKEN, consumer_.take(0, true, &taken_, &place_));
 }
 
@@ -147,7 +162,7 @@ TEST_F(DescriptorRing, AbandonReturnsAllThatIsHeld)
 {
   for (uint32_t i = 0; i < 5; ++i)
   {
-    producer_.push(numbered(i));
+    push(numbered(i));
   }
   take();
   take();
@@ -159,7 +174,7 @@ TEST_F(DescriptorRing, AbandonReturnsAllThatIsHeld)
 
 TEST_F(DescriptorRing, NoticesAPeerThatWritesNonsense)
 {
-  producer_.push(numbered(0));
+  push(numbered(0));
   layout_->head.store(77);
   EXPECT_GT(producer_.inFlight(), CAPACITY);
   EXPECT_EQ(-1, producer_.dropOldest());
@@ -169,7 +184,7 @@ TEST_F(DescriptorRing, IndicesMayWrapAround)
 {
   for (uint32_t i = 0; i < 10 * CAPACITY + 3; ++i)
   {
-    ASSERT_NE(RingProducer::Push::FULL, producer_.push(numbered(i)));
+    ASSERT_NE(RingProducer::Push::FULL, push(numbered(i)));
     ASSERT_EQ(RingConsumer::Take::TAKEN, take());
     ASSERT_EQ(i, taken_.segment);
     consumer_.release(place_);
@@ -214,7 +229,7 @@ TEST_F(DescriptorRing, KeepsEveryMessageUnderConcurrentDrops)
     {
       ++dropped;
     }
-    if (producer_.push(numbered(i)) != RingProducer::Push::FULL)
+    if (push(numbered(i)) != RingProducer::Push::FULL)
     {
       ++i;
     }
