@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <linux/memfd.h>
+#include <pthread.h>
 #include <sys/mman.h>
 #include <sys/resource.h>
 #include <sys/syscall.h>
@@ -90,6 +91,62 @@ void sealSharedMemory(int fd, bool future_writes)
   }
 }
 
+namespace
+{
+
+struct AddressRange
+{
+  std::atomic<uint8_t*> base{nullptr};
+  std::atomic<uint64_t> length{0};
+};
+
+/// The address ranges of all pools. A forked child replaces them by empty ones of the same place: it must not hold the
+/// memory, but has to go on recognising the addresses.
+struct PoolRanges
+{
+  static constexpr size_t MAX_POOLS = 8;  // one per process; tests make a few
+
+  static void add(uint8_t* base, uint64_t length)
+  {
+    static const int registered = pthread_atfork(nullptr, nullptr, emptyAll);
+    static_cast<void>(registered);
+    for (AddressRange& range : ranges)
+    {
+      uint8_t* none = nullptr;
+      if (range.base.compare_exchange_strong(none, base))
+      {
+        range.length = length;
+        return;
+      }
+    }
+  }
+  static void remove(uint8_t* base)
+  {
+    for (AddressRange& range : ranges)
+    {
+      uint8_t* expected = base;
+      if (range.base.compare_exchange_strong(expected, nullptr))
+      {
+        return;
+      }
+    }
+  }
+  static void emptyAll()
+  {
+    for (AddressRange& range : ranges)
+    {
+      if (uint8_t* base = range.base.load())
+      {
+        mmap(base, range.length, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE | MAP_FIXED, -1, 0);
+      }
+    }
+  }
+
+  static inline AddressRange ranges[MAX_POOLS];
+};
+
+}  // namespace
+
 struct alignas(SLOT_HEADER) SlotPool::Slot
 {
   std::atomic<uint32_t> references;
@@ -115,6 +172,7 @@ SlotPool::SlotPool(uint64_t limit_bytes) : limit_(roundUp(limit_bytes, PAGE))
   }
   base_ = static_cast<uint8_t*>(address);
   reserved_ = limit_;
+  PoolRanges::add(base_, reserved_);
 }
 
 SlotPool::~SlotPool()
@@ -122,6 +180,7 @@ SlotPool::~SlotPool()
   segments_.clear();
   if (base_ != nullptr)
   {
+    PoolRanges::remove(base_);
     munmap(base_, reserved_);
   }
 }

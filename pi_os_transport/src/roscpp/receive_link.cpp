@@ -3,7 +3,6 @@
 #include <fcntl.h>
 #include <ros/console.h>
 #include <ros/subscription.h>
-#include <sys/mman.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -68,33 +67,23 @@ bool isSealed(int fd, uint64_t length)
 
 }  // namespace
 
-MappedSegment::MappedSegment(FileDescriptor memory, uint64_t length) : length_(length)
+MappedSegment::MappedSegment(FileDescriptor memory, uint64_t length)
+  : mapping_(memory.get(), length, false), length_(length)
 {
-  void* address = mmap(nullptr, length, PROT_READ, MAP_SHARED | MAP_POPULATE, memory.get(), 0);
-  if (address == MAP_FAILED)
+  if (!mapping_)
   {
     ROS_WARN_ONCE("pi_os_transport: cannot map %llu bytes of shared memory (%s); its messages are copied out instead. "
                   "Raise the address space limit of this process (ulimit -v)",
                   static_cast<unsigned long long>(length), std::strerror(errno));
     memory_ = std::move(memory);
-    return;
-  }
-  data_ = static_cast<const uint8_t*>(address);
-}
-
-MappedSegment::~MappedSegment()
-{
-  if (data_ != nullptr)
-  {
-    munmap(const_cast<uint8_t*>(data_), length_);
   }
 }
 
 bool MappedSegment::copy(uint64_t offset, uint8_t* out, uint32_t bytes) const
 {
-  if (data_ != nullptr)
+  if (mapping_)
   {
-    std::memcpy(out, data_ + offset, bytes);
+    std::memcpy(out, mapping_.data() + offset, bytes);
     return true;
   }
   for (uint32_t done = 0; done < bytes;)
@@ -127,14 +116,6 @@ struct ReceiveLink::Lease
   }
 };
 
-ReceiveLink::~ReceiveLink()
-{
-  if (layout_ != nullptr)
-  {
-    munmap(layout_, sizeof(RingLayout));
-  }
-}
-
 void ReceiveLink::meet(const std::string& header_field)
 {
   std::istringstream fields(header_field);
@@ -163,12 +144,16 @@ void ReceiveLink::meet(const std::string& header_field)
 
 void ReceiveLink::onSocket()
 {
-  std::lock_guard<std::recursive_mutex> lock(mutex_);
-  if (socket_watched_ && !readPackets())
   {
+    std::lock_guard<std::recursive_mutex> lock(mutex_);
+    if (!socket_watched_ || readPackets())
+    {
+      return;
+    }
     unwatchSocket();
-    drain(Drain::BATCH);
+    drain(Drain::ALL_DUE);
   }
+  dropIfSilent(connection_.lock());
 }
 
 bool ReceiveLink::readPackets()
@@ -209,17 +194,13 @@ void ReceiveLink::onOffer(const Packet& packet, std::array<FileDescriptor, SideC
   {
     return;
   }
-  void* address = mmap(nullptr, sizeof(RingLayout), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE, memory.get(), 0);
-  if (address == MAP_FAILED)
+  memory_ = SharedMapping(memory.get(), sizeof(RingLayout), true);
+  auto* const layout = reinterpret_cast<RingLayout*>(memory_.data());
+  if (layout == nullptr || layout->magic != RingLayout::MAGIC)
   {
     return;  // no proof is sent, so the publisher goes on with TCPROS
   }
-  layout_ = static_cast<RingLayout*>(address);
-  if (layout_->magic != RingLayout::MAGIC)
-  {
-    return;
-  }
-  ring_ = std::make_unique<RingConsumer>(layout_);
+  ring_ = std::make_unique<RingConsumer>(layout);
   pool_ = Token{packet.values[0], packet.values[1]};
   lease_budget_ = packet.values[2];
   doorbells_ = {std::move(descriptors[1]), std::move(descriptors[2])};
@@ -228,7 +209,7 @@ void ReceiveLink::onOffer(const Packet& packet, std::array<FileDescriptor, SideC
   joinWaiter();
   Packet proof;
   proof.type = Packet::PROOF;
-  proof.values[0] = layout_->nonce;
+  proof.values[0] = layout->nonce;
   active_.store(channel_.send(proof), std::memory_order_release);
 }
 

@@ -22,20 +22,17 @@ class MappedSegment
 public:
   /// Maps `memory`; if the address space does not allow it, keeps the descriptor and reads through that.
   MappedSegment(FileDescriptor memory, uint64_t length);
-  ~MappedSegment();
-  MappedSegment(const MappedSegment&) = delete;
-  MappedSegment& operator=(const MappedSegment&) = delete;
 
   uint64_t length() const { return length_; }
   /// Null if it could not be mapped.
-  const uint8_t* data() const { return data_; }
+  const uint8_t* data() const { return mapping_.data(); }
   /// Copies [offset, offset + bytes) out. False on a read error.
   bool copy(uint64_t offset, uint8_t* out, uint32_t bytes) const;
 
 private:
-  FileDescriptor memory_;
+  SharedMapping mapping_;
+  FileDescriptor memory_;  ///< only if it could not be mapped
   uint64_t length_;
-  const uint8_t* data_ = nullptr;
 };
 
 /// The subscribing end of one link: merges what comes through the ring and over TCPROS into the publisher's order and
@@ -47,8 +44,10 @@ private:
 class ReceiveLink : public std::enable_shared_from_this<ReceiveLink>
 {
 public:
-  explicit ReceiveLink(const ros::TransportPublisherLinkPtr& link) : link_(link) {}
-  ~ReceiveLink();
+  ReceiveLink(const ros::TransportPublisherLinkPtr& link, const ros::ConnectionPtr& connection)
+    : link_(link), connection_(connection)
+  {
+  }
 
   /// Goes to fetch the shared memory that the publisher's header names. Network thread.
   void meet(const std::string& header_field);
@@ -93,6 +92,7 @@ private:
   boost::shared_array<uint8_t> fetch(const Descriptor& descriptor, uint32_t place);
 
   const boost::weak_ptr<ros::TransportPublisherLink> link_;
+  const boost::weak_ptr<ros::Connection> connection_;
 
   std::recursive_mutex mutex_;  // recursive: a callback queue may run callbacks in place, which may end the link
   std::atomic<bool> active_{false};
@@ -100,7 +100,7 @@ private:
   bool socket_watched_ = false;
   std::array<FileDescriptor, DOORBELLS> doorbells_;  ///< by number, less one; empty once the link has ended
   std::shared_ptr<QueueWaiter> waiter_;
-  RingLayout* layout_ = nullptr;
+  SharedMapping memory_;  ///< of the ring
   std::unique_ptr<RingConsumer> ring_;
   Token pool_;
   std::map<uint32_t, std::shared_ptr<MappedSegment>> segments_;

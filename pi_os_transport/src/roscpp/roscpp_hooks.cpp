@@ -236,7 +236,7 @@ bool handleHeader(ros::TransportSubscriberLink* self, const ros::Header& header)
   {
     return runtime.original.handle_header(self, header);
   }
-  const auto link = std::make_shared<TransmitLink>(topic);
+  const auto link = std::make_shared<TransmitLink>(topic, self->connection_);
   const std::string offer = runtime.expect(link);
   if (offer.empty())
   {
@@ -293,7 +293,7 @@ bool initialize(ros::TransportPublisherLink* self, const ros::ConnectionPtr& con
     return runtime.original.initialize(self, connection);
   }
   const auto link = std::make_shared<ReceiveLink>(
-      boost::static_pointer_cast<ros::TransportPublisherLink>(self->shared_from_this()));
+      boost::static_pointer_cast<ros::TransportPublisherLink>(self->shared_from_this()), connection);
   ros::Connection* const key = connection.get();
   runtime.receive_links.insert(key, link);
   // Before roscpp's own listener: what the publisher left in the ring is delivered while the link still stands.

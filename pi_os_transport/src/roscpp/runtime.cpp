@@ -3,6 +3,8 @@
 #include <poll.h>
 #include <ros/console.h>
 #include <ros/poll_manager.h>
+#include <ros/transport/transport_tcp.h>
+#include <sys/socket.h>
 
 #include <cstring>
 #include <vector>
@@ -25,6 +27,20 @@ void releaseToPool(void* payload)
 }
 
 }  // namespace
+
+void dropIfSilent(const ros::ConnectionPtr& connection)
+{
+  if (!connection || connection->isDropped())
+  {
+    return;
+  }
+  const auto transport = boost::dynamic_pointer_cast<ros::TransportTCP>(connection->getTransport());
+  char byte;
+  if (transport && recv(transport->sock_, &byte, 1, MSG_PEEK | MSG_DONTWAIT) < 0 && errno == EAGAIN)
+  {
+    connection->drop(ros::Connection::TransportDisconnect);
+  }
+}
 
 Runtime& Runtime::instance()
 {

@@ -63,6 +63,11 @@ struct Originals
   void (*disable)(ros::CallbackQueue*);
 };
 
+/// The peer's process has ended, or has at least closed its side channel. Normally the TCPROS connection reports that
+/// too, behind its last bytes; but a forked child of the peer may hold a copy of that socket. Drops the connection if
+/// there is nothing to read on it. Network thread, without locks.
+void dropIfSilent(const ros::ConnectionPtr& connection);
+
 /// State that roscpp's link objects have no room for, found by their connection: a connection lives as long as the
 /// link may carry messages, and a link that reconnects gets a new one. Thread safe.
 template <typename Link>

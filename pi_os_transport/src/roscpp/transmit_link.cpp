@@ -3,7 +3,6 @@
 #include <ros/console.h>
 #include <ros/publication.h>
 #include <sys/eventfd.h>
-#include <sys/mman.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -43,10 +42,8 @@ void TransmitLink::meet(SideChannel channel)
   {
     doorbell = FileDescriptor(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK));
   }
-  void* address = memory ? mmap(nullptr, sizeof(RingLayout), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE,
-                                memory.get(), 0) :
-                           MAP_FAILED;
-  if (address == MAP_FAILED || !doorbells.front() || !doorbells.back())
+  SharedMapping mapping = memory ? SharedMapping(memory.get(), sizeof(RingLayout), true) : SharedMapping();
+  if (!mapping || !doorbells.front() || !doorbells.back())
   {
     ROS_WARN("pi_os_transport: no shared memory for a subscriber of %s (%s); this link stays on TCPROS", topic_.c_str(),
              error.empty() ? std::strerror(errno) : error.c_str());
@@ -56,18 +53,17 @@ void TransmitLink::meet(SideChannel channel)
 
   Runtime& runtime = Runtime::instance();
   const uint64_t nonce = Token::random().high;
-  auto ring = std::make_unique<RingProducer>(static_cast<RingLayout*>(address), nonce);
+  auto ring = std::make_unique<RingProducer>(reinterpret_cast<RingLayout*>(mapping.data()), nonce);
   Packet offer;
   offer.type = Packet::OFFER;
   offer.values = {runtime.poolToken().high, runtime.poolToken().low, runtime.leaseBudget()};
   if (!channel.send(offer, {memory.get(), doorbells[0].get(), doorbells[1].get()}))
   {
-    munmap(address, sizeof(RingLayout));
     return;  // the subscriber has left again
   }
   std::lock_guard<std::mutex> lock(mutex_);
   nonce_ = nonce;
-  layout_ = static_cast<RingLayout*>(address);
+  memory_ = std::move(mapping);
   ring_ = std::move(ring);
   buffers_.resize(RingLayout::CAPACITY);
   lengths_.resize(RingLayout::CAPACITY);
@@ -88,7 +84,7 @@ void TransmitLink::onSocket()
       case SideChannel::Receive::NOTHING:
         return;
       case SideChannel::Receive::CLOSED:
-        closeChannel();
+        onPeerGone();
         return;
       case SideChannel::Receive::PACKET:
         if (packet.type != Packet::PROOF || packet.values[0] != nonce_)
@@ -101,6 +97,12 @@ void TransmitLink::onSocket()
         break;
     }
   }
+}
+
+void TransmitLink::onPeerGone()
+{
+  closeChannel();
+  dropIfSilent(connection_.lock());
 }
 
 void TransmitLink::disconnect()
@@ -132,8 +134,7 @@ void TransmitLink::closeChannel()
     doorbells_ = {};
     ring_->abandon([this, &runtime](uint32_t place) { runtime.pool().release(buffers_[place]); });
     ring_.reset();
-    munmap(layout_, sizeof(RingLayout));
-    layout_ = nullptr;
+    memory_.reset();
     buffers_ = {};
     lengths_ = {};
     announced_ = {};

@@ -22,7 +22,10 @@ namespace pi_os_transport
 class TransmitLink : public std::enable_shared_from_this<TransmitLink>
 {
 public:
-  explicit TransmitLink(std::string topic) : topic_(std::move(topic)) {}
+  TransmitLink(std::string topic, const ros::ConnectionPtr& connection)
+    : topic_(std::move(topic)), connection_(connection)
+  {
+  }
   ~TransmitLink();
 
   const Token& token() const { return token_; }
@@ -47,6 +50,7 @@ public:
 
 private:
   void onSocket();
+  void onPeerGone();
   void closeChannel();
   void setActive(bool active);  // with mutex_ held
   void collect();               // with mutex_ held
@@ -57,13 +61,14 @@ private:
   void pushToTcp(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message, size_t max_queue);
 
   const std::string topic_;
+  const boost::weak_ptr<ros::Connection> connection_;
   const Token token_ = Token::random();
 
   std::mutex mutex_;
   std::atomic<bool> active_{false};
   SideChannel channel_;
   std::array<FileDescriptor, DOORBELLS> doorbells_;
-  RingLayout* layout_ = nullptr;
+  SharedMapping memory_;  ///< of the ring
   std::unique_ptr<RingProducer> ring_;
   uint64_t nonce_ = 0;
   std::vector<const uint8_t*> buffers_;  ///< by place in the ring: what the reference is held for
