@@ -49,17 +49,7 @@ int64_t Pacer::dueTime(int64_t recorded_ns) const
 
 bool Pacer::waitUntil(int64_t recorded_ns)
 {
-  return waitUntilMonotonic(dueTime(recorded_ns));
-}
-
-bool Pacer::waitFor(int64_t span_ns)
-{
-  return waitUntilMonotonic(monotonicNow() + span_ns);
-}
-
-bool Pacer::waitUntilMonotonic(int64_t monotonic_ns)
-{
-  const std::chrono::steady_clock::time_point deadline{std::chrono::nanoseconds(monotonic_ns)};
+  const std::chrono::steady_clock::time_point deadline{std::chrono::nanoseconds(dueTime(recorded_ns))};
   std::unique_lock<std::mutex> lock(mutex_);
   stopped_changed_.wait_until(lock, deadline, [this] { return stopped_; });
   return !stopped_;

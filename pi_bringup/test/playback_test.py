@@ -1,8 +1,10 @@
 #!/usr/bin/python3
 """Judge of playback.test. The values come from tiny_recording.h."""
 
+import json
 import queue
 import sys
+import time
 import unittest
 
 import rospy
@@ -10,6 +12,7 @@ import rostest
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import CameraInfo, Image, Imu
+from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 PICTURES = 10
@@ -35,7 +38,9 @@ class Playback(unittest.TestCase):
         cls.received = {topic: [] for topic in TOPICS}
         cls.arrivals = queue.Queue()
         cls.states = queue.Queue()
-        cls.subscribers = [rospy.Subscriber("player/status", DiagnosticStatus, cls.states.put)]
+        cls.reports = queue.Queue()
+        cls.subscribers = [rospy.Subscriber("player/status", DiagnosticStatus, cls.states.put),
+                           rospy.Subscriber("topic_monitor/report", String, cls.reports.put)]
         for topic, kind in TOPICS.items():
             cls.subscribers.append(rospy.Subscriber(topic, kind, cls.on_message, topic, queue_size=1000))
         status = cls.states.get(timeout=TIMEOUT_S)
@@ -62,6 +67,20 @@ class Playback(unittest.TestCase):
             self.assertEqual(count, len(self.received[topic]), topic)
             if topic != "/tf":
                 self.assertEqual(str(count), self.status["published /" + topic], topic)
+
+    def test_every_message_arrives_at_a_roscpp_node(self):
+        if not rospy.get_param("~monitor"):
+            self.skipTest("needs topic_monitor of pi_os_transport; build the suite from its root")
+        transport = rospy.get_param("~transport")
+        expected = {"/" + topic: (count, 0, 0, {transport: 1}) for topic, count in self.expected.items()
+                    if topic != "/tf"}
+        seen = None
+        deadline = time.monotonic() + TIMEOUT_S
+        while seen != expected and time.monotonic() < deadline:
+            report = json.loads(self.reports.get(timeout=TIMEOUT_S).data)
+            seen = {name: (topic["messages"], topic["lost"], topic["out_of_order"], topic["transports"])
+                    for name, topic in report["topics"].items()}
+        self.assertEqual(expected, seen)
 
     def test_damaged_picture_is_counted(self):
         self.assertEqual("1", self.status["skipped pictures"])

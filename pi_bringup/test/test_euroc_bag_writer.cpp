@@ -2,7 +2,9 @@
 #include <pi_bringup/ros/euroc_bag_writer.h>
 #include <rosbag/bag.h>
 #include <rosbag/view.h>
+#include <sys/resource.h>
 
+#include <csignal>
 #include <filesystem>
 #include <map>
 #include <stdexcept>
@@ -158,6 +160,32 @@ TEST_F(EurocToBag, LeavesNothingBehindWhenItFails)
   EXPECT_TRUE(outputIsEmpty());
   EXPECT_THROW(writeBag(dataset, (folder_.path() / "none" / "x.bag").string(), {}, [](size_t, size_t) { return true; }),
                std::runtime_error);
+}
+
+TEST_F(EurocToBag, LeavesNothingBehindWhenTheDiskIsFull)
+{
+  rlimit unlimited = {};
+  ASSERT_EQ(0, getrlimit(RLIMIT_FSIZE, &unlimited));
+  const auto old_handler = std::signal(SIGXFSZ, SIG_IGN);   // what does not fit then fails as on a full disk
+  for (const rlim_t bytes : {rlim_t{4096}, rlim_t{60000}})  // at the first write of the bag, and later
+  {
+    rlimit full = unlimited;
+    full.rlim_cur = bytes;
+    ASSERT_EQ(0, setrlimit(RLIMIT_FSIZE, &full));
+    std::string error;
+    try
+    {
+      write(BagWriterOptions());
+    }
+    catch (const std::runtime_error& exception)
+    {
+      error = exception.what();
+    }
+    ASSERT_EQ(0, setrlimit(RLIMIT_FSIZE, &unlimited));
+    EXPECT_NE(std::string::npos, error.find("tiny.bag.part: cannot be written: ")) << error;
+    EXPECT_TRUE(outputIsEmpty());
+  }
+  std::signal(SIGXFSZ, old_handler);
 }
 
 TEST_F(EurocToBag, DoesNotTouchThePartialFileOfAnotherRun)

@@ -60,7 +60,7 @@ TEST(Pacer, StopReleasesAWaitAndAllLaterOnes)
   pacer.stop();
   waiter.join();
   EXPECT_FALSE(finished);
-  EXPECT_FALSE(pacer.waitFor(3600LL * 1000000000LL));
+  EXPECT_FALSE(pacer.waitUntil(3600LL * 1000000000LL));
 }
 
 TEST(LatenessStatistics, CountsDelaysAndTakesEarlyAsPunctual)

@@ -50,15 +50,10 @@ public:
   /// Blocks until `recorded_ns` is due; returns at once when it is past. @return false after stop().
   bool waitUntil(int64_t recorded_ns);
 
-  /// Blocks for a span of real time. @return false after stop().
-  bool waitFor(int64_t span_ns);
-
   /// Ends the current and every later wait.
   void stop();
 
 private:
-  bool waitUntilMonotonic(int64_t monotonic_ns);
-
   const double rate_;
   int64_t recorded_start_ns_ = 0;
   int64_t monotonic_start_ns_ = 0;

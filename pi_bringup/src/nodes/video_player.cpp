@@ -6,9 +6,10 @@
 int main(int argc, char** argv)
 {
   ros::init(argc, argv, "video_player");
+  const ros::NodeHandle node;  // outlives the player: roscpp ends with the last handle, and its log with it
   try
   {
-    pi_bringup::VideoPlayerRos player(ros::NodeHandle(), ros::NodeHandle("~"));
+    pi_bringup::VideoPlayerRos player(node, ros::NodeHandle("~"));
     return pi_bringup::runPlayer(&player);
   }
   catch (const std::exception& exception)

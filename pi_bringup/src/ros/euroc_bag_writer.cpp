@@ -10,6 +10,7 @@
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
+#include <memory>
 #include <stdexcept>
 #include <system_error>
 #include <utility>
@@ -26,7 +27,8 @@ namespace fs = std::filesystem;
 class PartialFile
 {
 public:
-  explicit PartialFile(fs::path final_path) : final_path_(std::move(final_path)), path_(final_path_.string() + ".part")
+  explicit PartialFile(const fs::path& final_path)
+    : final_path_(fs::absolute(final_path)), path_(final_path_.string() + ".part")
   {
     // rosbag reports a failed fopen without its reason, so the reason is found here.
     const int descriptor = open(path_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
@@ -64,6 +66,72 @@ private:
   bool kept_ = false;
 };
 
+/// A bag for writing that survives a full disk: the destructor of rosbag::Bag closes the file and, when that fails,
+/// takes the process along.
+class WritableBag
+{
+public:
+  WritableBag(const fs::path& path, rosbag::CompressionType compression)
+    : path_(path), bag_(std::make_unique<rosbag::Bag>())
+  {
+    guarded(
+        [&]
+        {
+          bag_->open(path.string(), rosbag::bagmode::Write);
+          bag_->setCompression(compression);
+        });
+  }
+
+  ~WritableBag()
+  {
+    try
+    {
+      close();
+    }
+    catch (const std::runtime_error&)
+    {
+      // Another error is on its way, or the caller had it: close() belongs to the normal course.
+    }
+  }
+  WritableBag(const WritableBag&) = delete;
+  WritableBag& operator=(const WritableBag&) = delete;
+
+  template <typename... Arguments>
+  void write(const Arguments&... arguments)
+  {
+    guarded([&] { bag_->write(arguments...); });
+  }
+
+  void close()
+  {
+    if (bag_)
+    {
+      guarded([&] { bag_->close(); });
+    }
+  }
+
+private:
+  template <typename Action>
+  void guarded(const Action& action)
+  {
+    try
+    {
+      action();
+    }
+    catch (const rosbag::BagException& exception)
+    {
+      bag_.release();  // abandoned with its file descriptor, see above
+      std::error_code ignored;
+      throw std::runtime_error(path_.string() + ": cannot be written: " + exception.what() + "; " +
+                               std::to_string(fs::space(path_.parent_path(), ignored).available) +
+                               " bytes are free there");
+    }
+  }
+
+  const fs::path path_;
+  std::unique_ptr<rosbag::Bag> bag_;
+};
+
 rosbag::CompressionType compressionType(const std::string& name)
 {
   return name == "lz4"   ? rosbag::compression::LZ4
@@ -99,9 +167,7 @@ BagWriterResult writeBag(const EurocDataset& dataset, const std::string& bag_pat
 
   BagWriterResult result;
   PartialFile partial(bag_path);
-  rosbag::Bag bag;
-  bag.open(partial.path().string(), rosbag::bagmode::Write);
-  bag.setCompression(compressionType(options.compression));
+  WritableBag bag(partial.path(), compressionType(options.compression));
 
   std::map<std::string, uint32_t> next_seq;  // the publisher numbers messages on the wire; a bag has none
   const auto write = [&](const std::string& topic, const ros::Time& stamp, auto& message)

@@ -1,5 +1,5 @@
 #include <pi_bringup/ros/euroc_player_ros.h>
-#include <pi_bringup/ros/load_parameter.h>
+#include <pi_bringup/ros/parameters.h>
 #include <rosgraph_msgs/Clock.h>
 
 #include <cmath>
@@ -12,8 +12,6 @@ namespace pi_bringup
 namespace
 {
 
-/// roscpp does not tell when queued messages have left; one that exits at once would take them along.
-constexpr int64_t LINGER_NS = 500000000;
 /// The path is one message with all its poses: more often would only cost.
 constexpr int64_t PATH_PERIOD_NS = 200000000;
 
@@ -21,25 +19,18 @@ constexpr int64_t PATH_PERIOD_NS = 200000000;
 
 void EurocPlayerOptions::validate() const
 {
-  const auto check = [](bool valid, const std::string& field, const std::string& value, const std::string& bound)
-  {
-    if (!valid)
-    {
-      throw std::invalid_argument(field + " = " + value + ", must be " + bound);
-    }
-  };
-  check(!folder.empty(), "folder", "\"\"", "the folder of an EuRoC recording (the one that contains mav0)");
-  check(rate > 0.0 && rate <= 1000.0, "rate", std::to_string(rate), "in (0, 1000]");
-  check(timeline.start_s >= 0.0, "start_s", std::to_string(timeline.start_s), "0 or more");
-  check(timeline.duration_s >= 0.0, "duration_s", std::to_string(timeline.duration_s), "0 (all) or more");
-  check(clock_rate_hz > 0.0 && clock_rate_hz <= 10000.0, "clock_rate_hz", std::to_string(clock_rate_hz),
-        "in (0, 10000]");
-  check(path_spacing_m > 0.0, "path_spacing_m", std::to_string(path_spacing_m), "above 0");
-  check(queue_size >= 1, "queue_size", std::to_string(queue_size), "1 or more (0 would be unbounded in roscpp)");
-  check(prefetch_depth >= 1 && prefetch_depth <= 1000, "prefetch_depth", std::to_string(prefetch_depth),
-        "in [1, 1000]");
-  check(!stamp_at_handover || !keep_stamps, "stamp_at_handover", "true", "combined with keep_stamps: false");
-  check(!publish_clock || keep_stamps, "publish_clock", "true", "combined with keep_stamps: true");
+  checkOption(!folder.empty(), "folder", "\"\"", "the folder of an EuRoC recording (the one that contains mav0)");
+  checkOption(rate > 0.0 && rate <= 1000.0, "rate", std::to_string(rate), "in (0, 1000]");
+  checkOption(timeline.start_s >= 0.0, "start_s", std::to_string(timeline.start_s), "0 or more");
+  checkOption(timeline.duration_s >= 0.0, "duration_s", std::to_string(timeline.duration_s), "0 (all) or more");
+  checkOption(clock_rate_hz > 0.0 && clock_rate_hz <= 10000.0, "clock_rate_hz", std::to_string(clock_rate_hz),
+              "in (0, 10000]");
+  checkOption(path_spacing_m > 0.0, "path_spacing_m", std::to_string(path_spacing_m), "above 0");
+  checkOption(queue_size >= 1, "queue_size", std::to_string(queue_size), "1 or more (0 would be unbounded in roscpp)");
+  checkOption(prefetch_depth >= 1 && prefetch_depth <= 1000, "prefetch_depth", std::to_string(prefetch_depth),
+              "in [1, 1000]");
+  checkOption(!stamp_at_handover || !keep_stamps, "stamp_at_handover", "true", "combined with keep_stamps: false");
+  checkOption(!publish_clock || keep_stamps, "publish_clock", "true", "combined with keep_stamps: true");
   frames.validate();
 }
 
@@ -188,10 +179,6 @@ void EurocPlayerRos::play()
     right_frames_->stop();
   }
   status_.finished();
-  if (options_.exit_when_done)
-  {
-    pacer_.waitFor(LINGER_NS);
-  }
 }
 
 bool EurocPlayerRos::playLap(int64_t lap_shift_ns)

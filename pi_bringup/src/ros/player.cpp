@@ -3,18 +3,29 @@
 #include <ros/ros.h>
 #include <sys/prctl.h>
 
-#include <atomic>
+#include <chrono>
 #include <exception>
+#include <future>
 #include <thread>
 
 namespace pi_bringup
 {
 
+namespace
+{
+
+/// Between the last message and the shutdown of a player that is done. No event of roscpp tells that the queues of a
+/// publisher have drained, and a node that shuts down drops what is still in them.
+constexpr std::chrono::milliseconds LINGER{500};
+
+}  // namespace
+
 int runPlayer(Player* player)
 {
-  std::atomic<bool> failed{false};
+  bool failed = false;  // read after the thread has ended
+  std::promise<void> shutting_down;
   std::thread thread(
-      [player, &failed]
+      [player, &failed, shutdown = shutting_down.get_future()]
       {
         pthread_setname_np(pthread_self(), "playback");
         // The default slack lets the kernel delay each wake-up by 50 us, which would show up as latency.
@@ -30,10 +41,12 @@ int runPlayer(Player* player)
         }
         if (failed || player->exitWhenDone())
         {
+          shutdown.wait_for(failed ? std::chrono::milliseconds(0) : LINGER);
           ros::requestShutdown();
         }
       });
   ros::spin();
+  shutting_down.set_value();
   player->stop();
   thread.join();
   return failed ? 1 : 0;

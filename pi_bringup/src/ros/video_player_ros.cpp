@@ -1,5 +1,5 @@
 #include <pi_bringup/ros/conversions.h>
-#include <pi_bringup/ros/load_parameter.h>
+#include <pi_bringup/ros/parameters.h>
 #include <pi_bringup/ros/video_player_ros.h>
 
 #include <cmath>
@@ -9,34 +9,19 @@
 namespace pi_bringup
 {
 
-namespace
-{
-
-/// roscpp does not tell when queued messages have left; one that exits at once would take them along.
-constexpr int64_t LINGER_NS = 500000000;
-
-}  // namespace
-
 void VideoPlayerOptions::validate() const
 {
-  const auto check = [](bool valid, const std::string& field, const std::string& value, const std::string& bound)
-  {
-    if (!valid)
-    {
-      throw std::invalid_argument(field + " = " + value + ", must be " + bound);
-    }
-  };
-  check(!file.empty(), "file", "\"\"", "a video file");
-  check(rate > 0.0 && rate <= 1000.0, "rate", std::to_string(rate), "in (0, 1000]");
-  check(duration_s >= 0.0, "duration_s", std::to_string(duration_s), "0 (all) or more");
-  check(frame_rate_hz >= 0.0 && frame_rate_hz <= 1000.0, "frame_rate_hz", std::to_string(frame_rate_hz),
-        "in [0, 1000], 0 for the rate in the file");
-  check(horizontal_fov_deg > 0.0 && horizontal_fov_deg < 180.0, "horizontal_fov_deg",
-        std::to_string(horizontal_fov_deg), "in (0, 180)");
-  check(!left_frame.empty(), "left_frame", "\"\"", "a frame name");
-  check(queue_size >= 1, "queue_size", std::to_string(queue_size), "1 or more (0 would be unbounded in roscpp)");
-  check(prefetch_depth >= 1 && prefetch_depth <= 1000, "prefetch_depth", std::to_string(prefetch_depth),
-        "in [1, 1000]");
+  checkOption(!file.empty(), "file", "\"\"", "a video file");
+  checkOption(rate > 0.0 && rate <= 1000.0, "rate", std::to_string(rate), "in (0, 1000]");
+  checkOption(duration_s >= 0.0, "duration_s", std::to_string(duration_s), "0 (all) or more");
+  checkOption(frame_rate_hz >= 0.0 && frame_rate_hz <= 1000.0, "frame_rate_hz", std::to_string(frame_rate_hz),
+              "in [0, 1000], 0 for the rate in the file");
+  checkOption(horizontal_fov_deg > 0.0 && horizontal_fov_deg < 180.0, "horizontal_fov_deg",
+              std::to_string(horizontal_fov_deg), "in (0, 180)");
+  checkOption(!left_frame.empty(), "left_frame", "\"\"", "a frame name");
+  checkOption(queue_size >= 1, "queue_size", std::to_string(queue_size), "1 or more (0 would be unbounded in roscpp)");
+  checkOption(prefetch_depth >= 1 && prefetch_depth <= 1000, "prefetch_depth", std::to_string(prefetch_depth),
+              "in [1, 1000]");
 }
 
 VideoPlayerOptions VideoPlayerOptions::load(const ros::NodeHandle& node)
@@ -135,10 +120,6 @@ void VideoPlayerRos::play()
   }
   frames.stop();
   status_.finished();
-  if (options_.exit_when_done)
-  {
-    pacer_.waitFor(LINGER_NS);
-  }
 }
 
 }  // namespace pi_bringup

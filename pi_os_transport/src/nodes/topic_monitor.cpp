@@ -337,9 +337,10 @@ private:
 int main(int argc, char** argv)
 {
   ros::init(argc, argv, "topic_monitor");
+  const ros::NodeHandle node;  // to the end: logging stops when the last handle goes
   try
   {
-    pi_os_transport::TopicMonitor monitor(ros::NodeHandle(), ros::NodeHandle("~"));
+    pi_os_transport::TopicMonitor monitor(node, ros::NodeHandle("~"));
     ros::spin();
     monitor.finish();
     return 0;

@@ -19,7 +19,8 @@ public:
   virtual bool exitWhenDone() const = 0;
 };
 
-/// Serves callbacks in the calling thread and plays in a second one, until ROS shuts down or the player is done.
+/// Serves callbacks in the calling thread and plays in a second one, until ROS shuts down or the player is done. In the
+/// latter case it gives the last messages half a second to leave.
 /// @return exit status of the process: 0, or 1 if play() threw (the reason is logged).
 int runPlayer(Player* player);
 

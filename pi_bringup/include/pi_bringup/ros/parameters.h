@@ -20,4 +20,13 @@ void loadParameter(const ros::NodeHandle& node, const std::string& name, Value* 
   }
 }
 
+/// For the validate() of options. @throws std::invalid_argument "<field> = <value>, must be <bound>" unless valid.
+inline void checkOption(bool valid, const std::string& field, const std::string& value, const std::string& bound)
+{
+  if (!valid)
+  {
+    throw std::invalid_argument(field + " = " + value + ", must be " + bound);
+  }
+}
+
 }  // namespace pi_bringup
