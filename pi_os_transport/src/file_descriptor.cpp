@@ -38,7 +38,8 @@ struct DescriptorList
 
 SharedMapping::SharedMapping(int fd, size_t length, bool writable)
 {
-  void* address = mmap(nullptr, length, writable ? PROT_READ | PROT_WRITE : PROT_READ, MAP_SHARED | MAP_POPULATE, fd, 0);
+  void* address =
+      mmap(nullptr, length, writable ? PROT_READ | PROT_WRITE : PROT_READ, MAP_SHARED | MAP_POPULATE, fd, 0);
   if (address != MAP_FAILED)
   {
     madvise(address, length, MADV_DONTFORK);

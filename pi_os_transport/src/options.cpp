@@ -17,9 +17,8 @@ constexpr uint64_t MAX_MIN_BYTES = 1000000000;  // roscpp's own limit of a messa
 
 bool matchesAny(const std::vector<std::string>& patterns, const std::string& topic)
 {
-  return std::any_of(patterns.begin(), patterns.end(), [&topic](const std::string& pattern) {
-    return fnmatch(pattern.c_str(), topic.c_str(), 0) == 0;
-  });
+  return std::any_of(patterns.begin(), patterns.end(),
+                     [&topic](const std::string& pattern) { return fnmatch(pattern.c_str(), topic.c_str(), 0) == 0; });
 }
 
 std::vector<std::string> splitPatterns(const std::string& text)
@@ -50,11 +49,14 @@ bool Options::carries(const std::string& topic) const
 void Options::load(const Source& source, const std::function<std::string(const std::string&)>& describe,
                    std::vector<std::string>* errors)
 {
-  const auto refuse = [&](const char* name, const std::string& value, const std::string& allowed, const std::string& kept) {
+  const auto refuse =
+      [&](const char* name, const std::string& value, const std::string& allowed, const std::string& kept)
+  {
     errors->push_back(describe(name) + " = \"" + value + "\" is ignored: it must be " + allowed + "; " + kept +
                       " stays in force");
   };
-  const auto number = [&](const char* name, uint64_t lowest, uint64_t highest, uint64_t* field) {
+  const auto number = [&](const char* name, uint64_t lowest, uint64_t highest, uint64_t* field)
+  {
     const std::optional<std::string> text = source(name);
     if (!text)
     {
@@ -103,13 +105,15 @@ void Options::load(const Source& source, const std::function<std::string(const s
 
 void Options::loadEnvironment(std::vector<std::string>* errors)
 {
-  const auto variable = [](const std::string& name) {
+  const auto variable = [](const std::string& name)
+  {
     std::string result = "PI_OS_" + name;
     std::transform(result.begin(), result.end(), result.begin(), [](unsigned char c) { return std::toupper(c); });
     return result;
   };
   load(
-      [&variable](const std::string& name) -> std::optional<std::string> {
+      [&variable](const std::string& name) -> std::optional<std::string>
+      {
         const char* value = std::getenv(variable(name).c_str());
         return value != nullptr ? std::optional<std::string>(value) : std::nullopt;
       },

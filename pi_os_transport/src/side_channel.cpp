@@ -71,8 +71,8 @@ std::optional<Token> Token::fromString(const std::string& text)
 {
   Token token;
   int read = 0;
-  if (text.size() != 32 || std::sscanf(text.c_str(), "%16" SCNx64 "%16" SCNx64 "%n", &token.high, &token.low, &read) != 2 ||
-      read != 32)
+  if (text.size() != 32 ||
+      std::sscanf(text.c_str(), "%16" SCNx64 "%16" SCNx64 "%n", &token.high, &token.low, &read) != 2 || read != 32)
   {
     return std::nullopt;
   }
@@ -97,8 +97,7 @@ SideChannel SideChannel::connect(const std::string& name)
   FileDescriptor socket = makeSocket();
   sockaddr_un address;
   const socklen_t length = abstractAddress(name, &address);
-  if (!socket || ::connect(socket.get(), reinterpret_cast<sockaddr*>(&address), length) != 0 ||
-      !sameUser(socket.get()))
+  if (!socket || ::connect(socket.get(), reinterpret_cast<sockaddr*>(&address), length) != 0 || !sameUser(socket.get()))
   {
     return SideChannel();
   }

@@ -19,12 +19,12 @@ namespace
 
 constexpr uint64_t PAGE = 4096;
 constexpr uint64_t SLOT_HEADER = 64;
-constexpr uint64_t PAYLOAD_SHIFT = 4;           // see allocate()
-constexpr uint64_t SMALLEST_SEGMENT = 64 << 10;  // [B]
+constexpr uint64_t PAYLOAD_SHIFT = 4;                 // see allocate()
+constexpr uint64_t SMALLEST_SEGMENT = 64 << 10;       // [B]
 constexpr uint64_t LARGEST_SHARED_SEGMENT = 1 << 20;  // segments of slots smaller than this grow up to it [B]
-constexpr uint64_t LARGEST_MESSAGE = 1 << 30;    // roscpp refuses messages of more than 10^9 bytes [B]
-constexpr uint32_t CLASS_BASE = 7;               // smallest slot: 2^7 B
-constexpr uint32_t LOOK_UP_CLASSES = 4;          // a free slot up to four classes (1.5 times) larger is good enough
+constexpr uint64_t LARGEST_MESSAGE = 1 << 30;         // roscpp refuses messages of more than 10^9 bytes [B]
+constexpr uint32_t CLASS_BASE = 7;                    // smallest slot: 2^7 B
+constexpr uint32_t LOOK_UP_CLASSES = 4;  // a free slot up to four classes (1.5 times) larger is good enough
 
 uint64_t roundUp(uint64_t value, uint64_t unit)
 {
@@ -295,8 +295,9 @@ bool SlotPool::grow(uint64_t capacity)
   shared = std::clamp(shared / 2, SMALLEST_SEGMENT, LARGEST_SHARED_SEGMENT);
   uint32_t size_class = 0;
   roundToClass(capacity, &size_class);
-  const uint64_t wanted =
-      capacity * 4 <= LARGEST_SHARED_SEGMENT ? std::max(shared, capacity) : capacity * std::max(1U, class_slots_[size_class] / 2);
+  const uint64_t wanted = capacity * 4 <= LARGEST_SHARED_SEGMENT
+                              ? std::max(shared, capacity)
+                              : capacity * std::max(1U, class_slots_[size_class] / 2);
   const uint64_t lengths[] = {roundUp(wanted, PAGE), roundUp(capacity, PAGE)};
   for (uint64_t length : lengths)
   {
@@ -311,8 +312,8 @@ bool SlotPool::grow(uint64_t capacity)
   }
   if (committed_ + lengths[1] > limit_)
   {
-    last_error_ = "the pool limit of " + std::to_string(limit_) + " bytes is reached (" + std::to_string(committed_) +
-                  " in use)";
+    last_error_ =
+        "the pool limit of " + std::to_string(limit_) + " bytes is reached (" + std::to_string(committed_) + " in use)";
   }
   return false;
 }

@@ -24,12 +24,12 @@ struct RingLayout
   static constexpr uint32_t CAPACITY = 256;
   static constexpr uint64_t MAGIC = 0x31676e69724f5350;  // "PSOring1"
 
-  uint64_t magic;                 ///< MAGIC, written by the publisher before the memory is handed over
-  uint64_t nonce;                 ///< random; the subscriber proves that it mapped this memory by sending it back
-  alignas(64) std::atomic<uint32_t> tail;           ///< next index to be written; publisher
-  alignas(64) std::atomic<uint32_t> head;           ///< oldest index not taken; taken or dropped by compare-exchange
-  std::atomic<uint32_t> armed;                      ///< the doorbell that the sleeping subscriber wants rung; 0: it is awake
-  alignas(64) std::atomic<uint32_t> release_count;  ///< releases so far; subscriber
+  uint64_t magic;  ///< MAGIC, written by the publisher before the memory is handed over
+  uint64_t nonce;  ///< random; the subscriber proves that it mapped this memory by sending it back
+  alignas(64) std::atomic<uint32_t> tail;  ///< next index to be written; publisher
+  alignas(64) std::atomic<uint32_t> head;  ///< oldest index not taken; taken or dropped by compare-exchange
+  std::atomic<uint32_t> armed;             ///< the doorbell that the sleeping subscriber wants rung; 0: it is awake
+  alignas(64) std::atomic<uint32_t> release_count;      ///< releases so far; subscriber
   alignas(64) std::atomic<uint8_t> released[CAPACITY];  ///< 1: the message of this place is no longer read; subscriber
   struct Entry
   {

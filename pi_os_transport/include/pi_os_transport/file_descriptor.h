@@ -37,8 +37,8 @@ private:
   FileDescriptor* next_ = nullptr;
 };
 
-/// Shared memory mapped at [address, address + length): unmapped when this ends, and absent in forked children, where it
-/// would otherwise outlive its last user. Movable, not copyable.
+/// Shared memory mapped at [address, address + length): unmapped when this ends, and absent in forked children, where
+/// it would otherwise outlive its last user. Movable, not copyable.
 class SharedMapping
 {
 public:

@@ -12,11 +12,11 @@ namespace pi_os_transport
 /// Switches and sizes of π-OS in one node.
 struct Options
 {
-  bool enable = true;                      ///< false: every link stays on TCPROS
-  std::vector<std::string> include{"*"};   ///< shell patterns; a topic is carried if one of them matches its full name
-  std::vector<std::string> exclude;        ///< shell patterns; a topic that matches one stays on TCPROS
-  uint64_t pool_limit_mb = 512;            ///< most shared memory for this node's outgoing messages [MiB], 1 .. 65536
-  uint64_t min_bytes = 0;                  ///< messages with a smaller serialised body go by TCPROS [B]
+  bool enable = true;                     ///< false: every link stays on TCPROS
+  std::vector<std::string> include{"*"};  ///< shell patterns; a topic is carried if one of them matches its full name
+  std::vector<std::string> exclude;       ///< shell patterns; a topic that matches one stays on TCPROS
+  uint64_t pool_limit_mb = 512;           ///< most shared memory for this node's outgoing messages [MiB], 1 .. 65536
+  uint64_t min_bytes = 0;                 ///< messages with a smaller serialised body go by TCPROS [B]
 
   bool carries(const std::string& topic) const;
 

@@ -7,8 +7,8 @@
 #include <stdint.h>
 
 // The functions of libroscpp that are replaced: id, result, linker name, parameters, arguments. All are called through
-// the dynamic linker, also inside libroscpp. References appear as the pointers that they are, and a ros::WallDuration as
-// the register that carries it.
+// the dynamic linker, also inside libroscpp. References appear as the pointers that they are, and a ros::WallDuration
+// as the register that carries it.
 // clang-format off
 #define PI_OS_HOOKS(HOOK) \
   HOOK(TOPIC_MANAGER_START, void, \
@@ -74,10 +74,10 @@ enum PiOsHook
 /// Handed to the companion once, before any replaced function runs.
 struct PiOsShim
 {
-  uint32_t version;                      ///< PI_OS_SHIM_VERSION of the preloaded library
-  const char* roscpp_path;               ///< file of the libroscpp in this process
-  void* original[PI_OS_HOOK_COUNT];      ///< the functions of libroscpp
-  void* replacement[PI_OS_HOOK_COUNT];   ///< set by the companion; a null one stays with the original
+  uint32_t version;                     ///< PI_OS_SHIM_VERSION of the preloaded library
+  const char* roscpp_path;              ///< file of the libroscpp in this process
+  void* original[PI_OS_HOOK_COUNT];     ///< the functions of libroscpp
+  void* replacement[PI_OS_HOOK_COUNT];  ///< set by the companion; a null one stays with the original
 
   /// From now on delete[] hands addresses in [base, base + length) to `release`.
   void (*set_pool)(const void* base, size_t length, void (*release)(void*));

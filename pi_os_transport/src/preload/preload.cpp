@@ -1,7 +1,7 @@
 // libpi_os_transport.so: the library that users preload or link.
 //
-// It stands in front of some functions of libroscpp (hooks.h) and of operator new[] and delete[]. In a process without roscpp
-// nothing of it ever runs but two branches per array allocation. The first call of a roscpp function loads the
+// It stands in front of some functions of libroscpp (hooks.h) and of operator new[] and delete[]. In a process without
+// roscpp nothing of it ever runs but two branches per array allocation. The first call of a roscpp function loads the
 // companion libpi_os_transport_roscpp.so from the same folder; if the companion declines, or cannot be loaded, the
 // calls go straight to libroscpp. No C++ runtime is needed here: processes without one must not get one from us.
 
@@ -53,7 +53,8 @@ void setCapture(void* (*allocate)(size_t))
 void complain(const char* what, const char* detail)
 {
   char line[1024];
-  const int length = snprintf(line, sizeof(line), "pi_os_transport: %s%s; topics of this process stay on TCPROS\n", what, detail);
+  const int length =
+      snprintf(line, sizeof(line), "pi_os_transport: %s%s; topics of this process stay on TCPROS\n", what, detail);
   if (length > 0 && write(STDERR_FILENO, line, strnlen(line, sizeof(line))) < 0)
   {
     // nowhere left to complain
@@ -113,9 +114,10 @@ void resolveAll()
   if (complete && companionPath(path))
   {
     void* companion = dlopen(path, RTLD_NOW | RTLD_LOCAL);
-    const auto attach = companion != nullptr ?
-                            reinterpret_cast<decltype(&pi_os_transport_attach)>(dlsym(companion, "pi_os_transport_attach")) :
-                            nullptr;
+    const auto attach =
+        companion != nullptr
+            ? reinterpret_cast<decltype(&pi_os_transport_attach)>(dlsym(companion, "pi_os_transport_attach"))
+            : nullptr;
     if (attach == nullptr)
     {
       complain("cannot load its part for roscpp: ", dlerror());
@@ -181,10 +183,10 @@ bool inPool(void* pointer)
 #pragma GCC visibility push(default)
 extern "C"
 {
-#define PI_OS_FORWARD(id, type, symbol, parameters, arguments)                                                          \
-  type symbol parameters                                                                                                \
-  {                                                                                                                     \
-    return target<type parameters>(PI_OS_##id) arguments;                                                               \
+#define PI_OS_FORWARD(id, type, symbol, parameters, arguments) \
+  type symbol parameters                                       \
+  {                                                            \
+    return target<type parameters>(PI_OS_##id) arguments;      \
   }
   PI_OS_HOOKS(PI_OS_FORWARD)
 

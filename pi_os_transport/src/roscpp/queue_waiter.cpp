@@ -72,8 +72,7 @@ std::shared_ptr<QueueWaiter> QueueWaiter::of(ros::CallbackQueue* queue)
   return waiter;
 }
 
-QueueWaiter::QueueWaiter()
-  : epoll_(epoll_create1(EPOLL_CLOEXEC)), changed_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK))
+QueueWaiter::QueueWaiter() : epoll_(epoll_create1(EPOLL_CLOEXEC)), changed_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK))
 {
   epoll_event event{};
   event.events = EPOLLIN | EPOLLET;  // edge-triggered: nobody has to read the counters

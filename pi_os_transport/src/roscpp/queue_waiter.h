@@ -15,9 +15,9 @@ namespace pi_os_transport
 ///
 /// roscpp's network thread takes messages and wakes a thread in CallbackQueue::callAvailable or callOne through a
 /// condition variable. While such a thread waits with nothing to do, it may as well be woken by the publisher itself,
-/// take the message and run its callback: one change of threads less. One thread per queue does so, the leader; it waits
-/// for the doorbells of the queue's links and for callbacks that others add. As soon as it has something to run, the
-/// network thread is responsible again, so a long callback holds nothing up.
+/// take the message and run its callback: one change of threads less. One thread per queue does so, the leader; it
+/// waits for the doorbells of the queue's links and for callbacks that others add. As soon as it has something to run,
+/// the network thread is responsible again, so a long callback holds nothing up.
 ///
 /// All methods may be called from any thread.
 class QueueWaiter

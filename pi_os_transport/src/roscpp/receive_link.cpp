@@ -72,9 +72,10 @@ MappedSegment::MappedSegment(FileDescriptor memory, uint64_t length)
 {
   if (!mapping_)
   {
-    ROS_WARN_ONCE("pi_os_transport: cannot map %llu bytes of shared memory (%s); its messages are copied out instead. "
-                  "Raise the address space limit of this process (ulimit -v)",
-                  static_cast<unsigned long long>(length), std::strerror(errno));
+    ROS_WARN_ONCE(
+        "pi_os_transport: cannot map %llu bytes of shared memory (%s); its messages are copied out instead. "
+        "Raise the address space limit of this process (ulimit -v)",
+        static_cast<unsigned long long>(length), std::strerror(errno));
     memory_ = std::move(memory);
   }
 }
@@ -325,7 +326,8 @@ void ReceiveLink::deliver(const ros::TransportPublisherLinkPtr& link, const Desc
     return;
   }
   ++received_;
-  Runtime::instance().original.handle_message(link.get(), ros::SerializedMessage(buffer, descriptor.length), true, false);
+  Runtime::instance().original.handle_message(link.get(), ros::SerializedMessage(buffer, descriptor.length), true,
+                                              false);
 }
 
 boost::shared_array<uint8_t> ReceiveLink::fetch(const Descriptor& descriptor, uint32_t place)

@@ -104,7 +104,7 @@ private:
   std::unique_ptr<RingConsumer> ring_;
   Token pool_;
   std::map<uint32_t, std::shared_ptr<MappedSegment>> segments_;
-  uint64_t lease_budget_ = 0;            ///< [B]
+  uint64_t lease_budget_ = 0;  ///< [B]
   std::atomic<uint64_t> leased_bytes_{0};
   std::atomic<uint32_t> leases_{0};
   uint32_t tcp_delivered_ = 0;  ///< messages delivered from TCPROS on this connection, modulo 2^32

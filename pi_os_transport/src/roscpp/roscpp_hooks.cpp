@@ -78,7 +78,8 @@ void loadParameters(Options* options)
       continue;
     }
     options->load(
-        [&values](const std::string& name) -> std::optional<std::string> {
+        [&values](const std::string& name) -> std::optional<std::string>
+        {
           if (!values.hasMember(name))
           {
             return std::nullopt;
@@ -244,10 +245,12 @@ bool handleHeader(ros::TransportSubscriberLink* self, const ros::Header& header)
   }
   ros::Connection* const connection = self->connection_.get();
   runtime.transmit_links.insert(connection, link);
-  connection->addDropListener([link, connection](const ros::ConnectionPtr&, ros::Connection::DropReason) {
-    Runtime::instance().transmit_links.erase(connection);
-    link->disconnect();
-  });
+  connection->addDropListener(
+      [link, connection](const ros::ConnectionPtr&, ros::Connection::DropReason)
+      {
+        Runtime::instance().transmit_links.erase(connection);
+        link->disconnect();
+      });
   HeaderOffer scope(offer);
   return runtime.original.handle_header(self, header);
 }
@@ -297,10 +300,12 @@ bool initialize(ros::TransportPublisherLink* self, const ros::ConnectionPtr& con
   ros::Connection* const key = connection.get();
   runtime.receive_links.insert(key, link);
   // Before roscpp's own listener: what the publisher left in the ring is delivered while the link still stands.
-  connection->addDropListener([link, key](const ros::ConnectionPtr&, ros::Connection::DropReason reason) {
-    Runtime::instance().receive_links.erase(key);
-    link->disconnect(reason == ros::Connection::TransportDisconnect);
-  });
+  connection->addDropListener(
+      [link, key](const ros::ConnectionPtr&, ros::Connection::DropReason reason)
+      {
+        Runtime::instance().receive_links.erase(key);
+        link->disconnect(reason == ros::Connection::TransportDisconnect);
+      });
   HeaderOffer scope(std::to_string(PROTOCOL_VERSION));
   return runtime.original.initialize(self, connection);
 }
@@ -418,14 +423,17 @@ int attach(PiOsShim* shim)
 {
   if (shim->version != PI_OS_SHIM_VERSION)
   {
-    ROS_WARN("pi_os_transport: libpi_os_transport.so and libpi_os_transport_roscpp.so are of different builds; topics of "
-             "this node stay on TCPROS. Install both from one build");
+    ROS_WARN(
+        "pi_os_transport: libpi_os_transport.so and libpi_os_transport_roscpp.so are of different builds; topics of "
+        "this node stay on TCPROS. Install both from one build");
     return 1;
   }
   if (!isKnownRoscpp(shim->roscpp_path))
   {
-    ROS_WARN("pi_os_transport: this node runs with %s, but the library was built for %s; topics of this node stay on "
-             "TCPROS. Build pi_os_transport against the installed roscpp", shim->roscpp_path, ROSCPP_FILE_NAME);
+    ROS_WARN(
+        "pi_os_transport: this node runs with %s, but the library was built for %s; topics of this node stay on "
+        "TCPROS. Build pi_os_transport against the installed roscpp",
+        shim->roscpp_path, ROSCPP_FILE_NAME);
     return 1;
   }
   Runtime& runtime = Runtime::instance();

@@ -50,11 +50,13 @@ Runtime& Runtime::instance()
 
 SlotPool& Runtime::pool()
 {
-  std::call_once(pool_made_, [this]() {
-    pool_ = std::make_unique<SlotPool>(options.pool_limit_mb << 20);
-    pool_->setReclaim([this]() { collectReleased(); });
-    shim->set_pool(pool_->base(), pool_->reserved(), releaseToPool);
-  });
+  std::call_once(pool_made_,
+                 [this]()
+                 {
+                   pool_ = std::make_unique<SlotPool>(options.pool_limit_mb << 20);
+                   pool_->setReclaim([this]() { collectReleased(); });
+                   shim->set_pool(pool_->base(), pool_->reserved(), releaseToPool);
+                 });
   return *pool_;
 }
 
@@ -80,8 +82,10 @@ bool Runtime::listen()
   listener_ = SideChannel::listen(socketName(socket_token_));
   if (!listener_)
   {
-    ROS_WARN_ONCE("pi_os_transport: cannot open a local socket for shared memory (%s); topics of this node stay on "
-                  "TCPROS", std::strerror(errno));
+    ROS_WARN_ONCE(
+        "pi_os_transport: cannot open a local socket for shared memory (%s); topics of this node stay on "
+        "TCPROS",
+        std::strerror(errno));
     return false;
   }
   watch(listener_.fd(), [this](int) { acceptAll(); });
@@ -111,32 +115,34 @@ void Runtime::acceptAll()
   {
     auto channel = std::make_shared<SideChannel>(std::move(accepted));
     const int fd = channel->fd();
-    watch(fd, [this, channel, fd](int) {
-      Packet packet;
-      std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors;
-      const SideChannel::Receive result = channel->receive(&packet, &descriptors);
-      if (result == SideChannel::Receive::NOTHING)
-      {
-        return;
-      }
-      unwatch(fd);
-      std::shared_ptr<TransmitLink> link;
-      if (result == SideChannel::Receive::PACKET && packet.type == Packet::HELLO)
-      {
-        std::lock_guard<std::mutex> lock(listen_mutex_);
-        const auto found = expected_.find(Token{packet.values[0], packet.values[1]});
-        if (found != expected_.end())
-        {
-          link = found->second.lock();
-          expected_.erase(found);
-        }
-      }
-      if (link)
-      {
-        link->meet(std::move(*channel));
-      }
-      channel->close();
-    });
+    watch(fd,
+          [this, channel, fd](int)
+          {
+            Packet packet;
+            std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors;
+            const SideChannel::Receive result = channel->receive(&packet, &descriptors);
+            if (result == SideChannel::Receive::NOTHING)
+            {
+              return;
+            }
+            unwatch(fd);
+            std::shared_ptr<TransmitLink> link;
+            if (result == SideChannel::Receive::PACKET && packet.type == Packet::HELLO)
+            {
+              std::lock_guard<std::mutex> lock(listen_mutex_);
+              const auto found = expected_.find(Token{packet.values[0], packet.values[1]});
+              if (found != expected_.end())
+              {
+                link = found->second.lock();
+                expected_.erase(found);
+              }
+            }
+            if (link)
+            {
+              link->meet(std::move(*channel));
+            }
+            channel->close();
+          });
   }
 }
 

@@ -17,8 +17,8 @@ namespace
 
 constexpr uint32_t LENGTH_PREFIX = 4;  // TCPROS puts the body's length in front of it, and so do publishers' buffers
 
-/// What TCPROS holds beside its queue, and nodes that publish with a queue of one rely on: one message half written, and
-/// what the sockets' buffers take on both sides.
+/// What TCPROS holds beside its queue, and nodes that publish with a queue of one rely on: one message half written,
+/// and what the sockets' buffers take on both sides.
 constexpr uint32_t WRITING_MESSAGES = 1;
 constexpr uint64_t SOCKET_BYTES = 1 << 20;
 
@@ -211,7 +211,8 @@ bool TransmitLink::pushToRing(const uint8_t* buffer, uint32_t length, size_t max
   uint32_t in_flight = ring_->inFlight();
   if (in_flight > RingLayout::CAPACITY)
   {
-    ROS_ERROR("pi_os_transport: a subscriber of %s broke the shared ring; the link goes back to TCPROS", topic_.c_str());
+    ROS_ERROR("pi_os_transport: a subscriber of %s broke the shared ring; the link goes back to TCPROS",
+              topic_.c_str());
     setActive(false);
     return false;
   }
@@ -253,7 +254,8 @@ bool TransmitLink::pushToRing(const uint8_t* buffer, uint32_t length, size_t max
   return true;
 }
 
-void TransmitLink::pushToTcp(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message, size_t max_queue)
+void TransmitLink::pushToTcp(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message,
+                             size_t max_queue)
 {
   // As TransportSubscriberLink::enqueueMessage does it, with outbox_mutex_ held.
   if (max_queue > 0 && link->outbox_.size() >= max_queue)
@@ -343,10 +345,11 @@ void TransmitLink::enqueue(ros::TransportSubscriberLink* link, const ros::Serial
   }
   if (warn)
   {
-    ROS_WARN("pi_os_transport: no shared memory for a message of %zu bytes on %s: %s. Such messages to %s go over TCPROS; "
-             "raise PI_OS_POOL_LIMIT_MB (now %llu) or the limits of this process",
-             message.num_bytes, topic_.c_str(), pool.lastError().c_str(), link->getDestinationCallerID().c_str(),
-             static_cast<unsigned long long>(runtime.options.pool_limit_mb));
+    ROS_WARN(
+        "pi_os_transport: no shared memory for a message of %zu bytes on %s: %s. Such messages to %s go over TCPROS; "
+        "raise PI_OS_POOL_LIMIT_MB (now %llu) or the limits of this process",
+        message.num_bytes, topic_.c_str(), pool.lastError().c_str(), link->getDestinationCallerID().c_str(),
+        static_cast<unsigned long long>(runtime.options.pool_limit_mb));
   }
   link->stats_.messages_sent_++;
   link->stats_.bytes_sent_ += message.num_bytes;

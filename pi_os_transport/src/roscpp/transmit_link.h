@@ -56,8 +56,7 @@ private:
   void collect();               // with mutex_ held
   bool announce(uint32_t segment);
   /// With mutex_ held. True if the ring took over one reference of `buffer`.
-  bool pushToRing(const uint8_t* buffer, uint32_t length, size_t max_queue, uint32_t after_tcp,
-                  uint32_t* doorbell);
+  bool pushToRing(const uint8_t* buffer, uint32_t length, size_t max_queue, uint32_t after_tcp, uint32_t* doorbell);
   void pushToTcp(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message, size_t max_queue);
 
   const std::string topic_;

@@ -20,7 +20,10 @@ class DescriptorRing : public ::testing::Test
 protected:
   DescriptorRing() : layout_(new RingLayout{}), producer_(layout_.get(), 42), consumer_(layout_.get()) {}
 
-  Descriptor numbered(uint32_t number, uint32_t after_tcp = 0) { return Descriptor{number, number + 1, 4 * number, after_tcp}; }
+  Descriptor numbered(uint32_t number, uint32_t after_tcp = 0)
+  {
+    return Descriptor{number, number + 1, 4 * number, after_tcp};
+  }
 
   RingProducer::Push push(const Descriptor& descriptor) { return producer_.push(descriptor, &doorbell_); }
 
@@ -200,25 +203,27 @@ TEST_F(DescriptorRing, KeepsEveryMessageUnderConcurrentDrops)
   std::atomic<bool> done{false};
   std::vector<uint32_t> received;
   received.reserve(MESSAGES);
-  std::thread consumer([&]() {
-    Descriptor descriptor;
-    uint32_t place = 0;
-    for (;;)
-    {
-      const bool last_round = done.load();
-      if (consumer_.take(0, false, &descriptor, &place) == RingConsumer::Take::TAKEN)
+  std::thread consumer(
+      [&]()
       {
-        ASSERT_EQ(descriptor.segment + 1, descriptor.length);
-        ASSERT_EQ(4 * uint64_t{descriptor.segment}, descriptor.offset);
-        received.push_back(descriptor.segment);
-        consumer_.release(place);
-      }
-      else if (last_round)
-      {
-        return;
-      }
-    }
-  });
+        Descriptor descriptor;
+        uint32_t place = 0;
+        for (;;)
+        {
+          const bool last_round = done.load();
+          if (consumer_.take(0, false, &descriptor, &place) == RingConsumer::Take::TAKEN)
+          {
+            ASSERT_EQ(descriptor.segment + 1, descriptor.length);
+            ASSERT_EQ(4 * uint64_t{descriptor.segment}, descriptor.offset);
+            received.push_back(descriptor.segment);
+            consumer_.release(place);
+          }
+          else if (last_round)
+          {
+            return;
+          }
+        }
+      });
   std::mt19937 random(1);
   uint64_t dropped = 0;
   uint64_t collected = 0;

@@ -20,7 +20,8 @@ Loaded load(const std::map<std::string, std::string>& values)
 {
   Loaded loaded;
   loaded.options.load(
-      [&values](const std::string& name) -> std::optional<std::string> {
+      [&values](const std::string& name) -> std::optional<std::string>
+      {
         const auto found = values.find(name);
         return found != values.end() ? std::optional<std::string>(found->second) : std::nullopt;
       },

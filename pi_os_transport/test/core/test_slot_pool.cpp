@@ -85,10 +85,12 @@ TEST(SlotPool, AsksForReleasedSlotsBeforeItGrows)
   const uint8_t* held = pool.allocate(3 * MIB);
   const uint64_t before = pool.usage().committed;
   int asked = 0;
-  pool.setReclaim([&]() {
-    ++asked;
-    pool.release(held);
-  });
+  pool.setReclaim(
+      [&]()
+      {
+        ++asked;
+        pool.release(held);
+      });
   EXPECT_EQ(held, pool.allocate(3 * MIB));
   EXPECT_EQ(1, asked);
   EXPECT_EQ(before, pool.usage().committed);
@@ -157,7 +159,8 @@ TEST(SlotPool, SteadyLargeMessagesNeedFewSegments)
 TEST(SlotPool, StaysWholeUnderRandomUseByManyThreads)
 {
   SlotPool pool(64 * MIB);
-  const auto work = [&pool](unsigned seed) {
+  const auto work = [&pool](unsigned seed)
+  {
     std::mt19937 random(seed);
     std::map<uint8_t*, std::pair<size_t, uint8_t>> live;
     for (int i = 0; i < 20000; ++i)
@@ -211,35 +214,43 @@ TEST(SlotPool, ForkedChildLeavesThePoolAlone)
 {
   SlotPool pool(16 * MIB);
   uint8_t* payload = pool.allocate(1000);
-  EXPECT_EQ(0, inChild([&]() {
-              pool.release(payload);
-              return pool.allocate(1000) == nullptr ? 0 : 1;
-            }));
+  EXPECT_EQ(0, inChild(
+                   [&]()
+                   {
+                     pool.release(payload);
+                     return pool.allocate(1000) == nullptr ? 0 : 1;
+                   }));
   EXPECT_EQ(1U, pool.usage().live_slots);
   EXPECT_NE(payload, pool.allocate(1000)) << "the child freed memory that the parent uses";
 }
 
 TEST(SlotPool, FileSizeLimitIsAnErrorAndNotASignal)
 {
-  EXPECT_EQ(0, inChild([]() {
-              const rlimit limit{1000, 1000};
-              setrlimit(RLIMIT_FSIZE, &limit);
-              std::string error;
-              return !makeSharedMemory("pi_os_test", 4096, &error) && error.find("ulimit -f") != std::string::npos ? 0 : 1;
-            }));
+  EXPECT_EQ(
+      0, inChild(
+             []()
+             {
+               const rlimit limit{1000, 1000};
+               setrlimit(RLIMIT_FSIZE, &limit);
+               std::string error;
+               return !makeSharedMemory("pi_os_test", 4096, &error) && error.find("ulimit -f") != std::string::npos ? 0
+                                                                                                                    : 1;
+             }));
 }
 
 TEST(SlotPool, WithoutAddressSpaceEveryAllocationFails)
 {
-  EXPECT_EQ(0, inChild([]() {
-              const rlimit limit{uint64_t{1} << 30, uint64_t{1} << 30};
-              setrlimit(RLIMIT_AS, &limit);
-              SlotPool pool(uint64_t{64} << 30);
-              return !pool.contains(&pool) && !pool.contains(nullptr) && pool.allocate(1) == nullptr &&
-                             pool.lastError().find("address space") != std::string::npos ?
-                         0 :
-                         1;
-            }));
+  EXPECT_EQ(0, inChild(
+                   []()
+                   {
+                     const rlimit limit{uint64_t{1} << 30, uint64_t{1} << 30};
+                     setrlimit(RLIMIT_AS, &limit);
+                     SlotPool pool(uint64_t{64} << 30);
+                     return !pool.contains(&pool) && !pool.contains(nullptr) && pool.allocate(1) == nullptr &&
+                                    pool.lastError().find("address space") != std::string::npos
+                                ? 0
+                                : 1;
+                   }));
 }
 
 }  // namespace
