@@ -9,6 +9,7 @@
 ///   quit                                   (or end of input)
 /// Option --fault byte|drop|order at sequence number 5, for the test of the checks.
 
+#include "bench_commands.h"
 #include "payload_pattern.h"
 
 #include <ros/ros.h>
@@ -22,7 +23,6 @@
 #include <iostream>
 #include <map>
 #include <mutex>
-#include <sstream>
 #include <string>
 #include <utility>
 #include <vector>
@@ -43,49 +43,44 @@ public:
     acks_ = node_.subscribe("ack", QUEUE_SIZE, &BenchPublisher::acknowledge, this, ros::TransportHints().tcpNoDelay());
   }
 
-  void serve()
+  /// Carries out one command. @return false for "quit" and anything unknown.
+  bool obey(const std::string& command, std::istream& words)
   {
-    std::string line;
-    while (ros::ok() && std::getline(std::cin, line))
+    if (command == "run")
     {
-      std::istringstream words(line);
-      std::string command;
-      words >> command;
-      if (command == "run")
-      {
-        std::uint64_t count = 0, window = 0, period = 1;
-        std::size_t size = 0;
-        double rate_hz = 0.0;
-        words >> count >> size >> rate_hz >> window >> period;
-        run(count, size, rate_hz, window, std::max<std::uint64_t>(period, 1));
-      }
-      else if (command == "advertise")
-      {
-        std::size_t count = 0;
-        words >> count;
-        for (std::size_t i = 0; i < count; ++i)
-        {
-          extra_.push_back(node_.advertise<sensor_msgs::Image>("extra_" + std::to_string(i), 10));
-        }
-        std::cout << "@ {\"event\": \"advertised\"}" << std::endl;
-      }
-      else if (command == "touch")
-      {
-        std::size_t size = 0;
-        words >> size;
-        sensor_msgs::Image image;
-        shapeImage(&image, size);
-        for (ros::Publisher& publisher : extra_)
-        {
-          publisher.publish(image);
-        }
-        std::cout << "@ {\"event\": \"touched\"}" << std::endl;
-      }
-      else
-      {
-        break;
-      }
+      std::uint64_t count = 0, window = 0, period = 1;
+      std::size_t size = 0;
+      double rate_hz = 0.0;
+      words >> count >> size >> rate_hz >> window >> period;
+      run(count, size, rate_hz, window, std::max<std::uint64_t>(period, 1));
     }
+    else if (command == "advertise")
+    {
+      std::size_t count = 0;
+      words >> count;
+      for (std::size_t i = 0; i < count; ++i)
+      {
+        extra_.push_back(node_.advertise<sensor_msgs::Image>("extra_" + std::to_string(i), 10));
+      }
+      std::cout << "@ {\"event\": \"advertised\"}" << std::endl;
+    }
+    else if (command == "touch")
+    {
+      std::size_t size = 0;
+      words >> size;
+      sensor_msgs::Image image;
+      shapeImage(&image, size);
+      for (ros::Publisher& publisher : extra_)
+      {
+        publisher.publish(image);
+      }
+      std::cout << "@ {\"event\": \"touched\"}" << std::endl;
+    }
+    else
+    {
+      return false;
+    }
+    return true;
   }
 
 private:
@@ -215,10 +210,6 @@ int main(int argc, char** argv)
     return 2;
   }
   pi_os_transport_bench::BenchPublisher publisher(fault);
-  ros::AsyncSpinner spinner(1);
-  spinner.start();
-  std::cout << "@ {\"event\": \"up\"}" << std::endl;
-  publisher.serve();
-  spinner.stop();
+  pi_os_transport_bench::serveCommands(&publisher);
   return 0;
 }

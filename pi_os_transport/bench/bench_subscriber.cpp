@@ -10,6 +10,7 @@
 ///   quit                                   (or end of input)
 /// Option --tcp-no-delay: ask for tcpNoDelay in the TransportHints.
 
+#include "bench_commands.h"
 #include "payload_pattern.h"
 
 #include <pthread.h>
@@ -69,39 +70,34 @@ public:
     sem_destroy(&work_);
   }
 
-  void serve()
+  /// Carries out one command. @return false for "quit" and anything unknown.
+  bool obey(const std::string& command, std::istream& words)
   {
-    std::string line;
-    while (ros::ok() && std::getline(std::cin, line))
+    if (command == "expect")
     {
-      std::istringstream words(line);
-      std::string command;
-      words >> command;
-      if (command == "expect")
-      {
-        Expectation expectation;
-        std::string check;
-        words >> expectation.count >> expectation.size >> check >> expectation.window >> expectation.period;
-        expectation.full = check != "sample";
-        expectation.period = std::max<std::uint64_t>(expectation.period, 1);
-        expect(expectation);
-      }
-      else if (command == "listen")
-      {
-        std::size_t count = 0;
-        words >> count;
-        listen(count);
-      }
-      else if (command == "report")
-      {
-        std::lock_guard<std::mutex> lock(mutex_);
-        say("{\"event\": \"report\", \"received\": " + std::to_string(latencies_ns_.size()) + "}");
-      }
-      else
-      {
-        break;
-      }
+      Expectation expectation;
+      std::string check;
+      words >> expectation.count >> expectation.size >> check >> expectation.window >> expectation.period;
+      expectation.full = check != "sample";
+      expectation.period = std::max<std::uint64_t>(expectation.period, 1);
+      expect(expectation);
     }
+    else if (command == "listen")
+    {
+      std::size_t count = 0;
+      words >> count;
+      listen(count);
+    }
+    else if (command == "report")
+    {
+      std::lock_guard<std::mutex> lock(mutex_);
+      say("{\"event\": \"report\", \"received\": " + std::to_string(latencies_ns_.size()) + "}");
+    }
+    else
+    {
+      return false;
+    }
+    return true;
   }
 
 private:
@@ -326,18 +322,11 @@ int main(int argc, char** argv)
 {
   ros::init(argc, argv, "bench_subscriber");
   ros::TransportHints hints;
-  for (int i = 1; i < argc; ++i)
+  if (std::find(argv + 1, argv + argc, std::string("--tcp-no-delay")) != argv + argc)
   {
-    if (std::string(argv[i]) == "--tcp-no-delay")
-    {
-      hints.tcpNoDelay();
-    }
+    hints.tcpNoDelay();
   }
   pi_os_transport_bench::BenchSubscriber subscriber(hints);
-  ros::AsyncSpinner spinner(1);
-  spinner.start();
-  std::cout << "@ {\"event\": \"up\"}" << std::endl;
-  subscriber.serve();
-  spinner.stop();
+  pi_os_transport_bench::serveCommands(&subscriber);
   return 0;
 }
