@@ -67,6 +67,7 @@ second_run_within_seconds() {
 # The part inside the namespaces.
 inside() {
   local root=$1 targets=$2 target
+  mount --bind "$root" "$root"    # "/" inside is then a mount, as on a real system, and namespaces can be made
   mount -t proc proc "$root/proc"
   mount -t sysfs -o ro sysfs "$root/sys"
   mount -t devpts -o newinstance,ptmxmode=0666 devpts "$root/dev/pts"

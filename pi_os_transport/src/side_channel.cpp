@@ -143,9 +143,12 @@ SideChannel::Receive SideChannel::receive(Packet* packet, std::array<FileDescrip
   {
     return Receive::NOTHING;
   }
+  if (received <= 0)
+  {
+    return Receive::CLOSED;
+  }
   size_t count = 0;
-  for (cmsghdr* part = received > 0 ? CMSG_FIRSTHDR(&message) : nullptr; part != nullptr;
-       part = CMSG_NXTHDR(&message, part))
+  for (cmsghdr* part = CMSG_FIRSTHDR(&message); part != nullptr; part = CMSG_NXTHDR(&message, part))
   {
     if (part->cmsg_level == SOL_SOCKET && part->cmsg_type == SCM_RIGHTS)
     {
@@ -164,7 +167,7 @@ SideChannel::Receive SideChannel::receive(Packet* packet, std::array<FileDescrip
   if (received != static_cast<ssize_t>(sizeof(*packet)) || (message.msg_flags & (MSG_TRUNC | MSG_CTRUNC)) != 0 ||
       packet->version != PROTOCOL_VERSION)
   {
-    return Receive::CLOSED;
+    return Receive::MALFORMED;
   }
   return Receive::PACKET;
 }

@@ -64,8 +64,9 @@ public:
   enum class Receive
   {
     PACKET,
-    NOTHING,  ///< none waits
-    CLOSED,   ///< the peer is gone, or sent something that is not a packet of this version
+    NOTHING,    ///< none waits
+    CLOSED,     ///< the peer is gone, or has closed its end
+    MALFORMED,  ///< no packet of this version, or one whose descriptors did not fit into this process's table
   };
   static constexpr size_t MAX_DESCRIPTORS = 3;
   Receive receive(Packet* packet, std::array<FileDescriptor, MAX_DESCRIPTORS>* descriptors);

@@ -147,30 +147,35 @@ void ReceiveLink::onSocket()
 {
   {
     std::lock_guard<std::recursive_mutex> lock(mutex_);
-    if (!socket_watched_ || readPackets())
+    if (!socket_watched_)
+    {
+      return;
+    }
+    const SideChannel::Receive end = readPackets();
+    if (end == SideChannel::Receive::NOTHING)
     {
       return;
     }
     unwatchSocket();
+    if (end == SideChannel::Receive::MALFORMED && !active())
+    {
+      return;  // without a proof from here the link stays on TCPROS
+    }
     drain(Drain::ALL_DUE);
   }
   dropIfSilent(connection_.lock());
 }
 
-bool ReceiveLink::readPackets()
+SideChannel::Receive ReceiveLink::readPackets()
 {
   for (;;)
   {
     Packet packet;
     std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors;
-    switch (channel_.receive(&packet, &descriptors))
+    const SideChannel::Receive result = channel_.receive(&packet, &descriptors);
+    if (result != SideChannel::Receive::PACKET)
     {
-      case SideChannel::Receive::NOTHING:
-        return true;
-      case SideChannel::Receive::CLOSED:
-        return false;
-      case SideChannel::Receive::PACKET:
-        break;
+      return result;
     }
     if (packet.type == Packet::OFFER && ring_ == nullptr)
     {

@@ -79,7 +79,7 @@ private:
   void onDoorbell();
   void onOffer(const Packet& packet, std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors);
   void joinWaiter();
-  bool readPackets();  // false once the publisher's end is closed
+  SideChannel::Receive readPackets();  // NOTHING when all are read, else why no more will come
   void unwatchSocket();
   enum class Drain
   {

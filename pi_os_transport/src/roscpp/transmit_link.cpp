@@ -86,6 +86,9 @@ void TransmitLink::onSocket()
       case SideChannel::Receive::CLOSED:
         onPeerGone();
         return;
+      case SideChannel::Receive::MALFORMED:
+        closeChannel();
+        return;
       case SideChannel::Receive::PACKET:
         if (packet.type != Packet::PROOF || packet.values[0] != nonce_)
         {
@@ -93,7 +96,7 @@ void TransmitLink::onSocket()
           return;
         }
         std::lock_guard<std::mutex> lock(mutex_);
-        setActive(true);
+        setActive(!ended_);
         break;
     }
   }
@@ -109,6 +112,7 @@ void TransmitLink::disconnect()
 {
   Runtime::instance().forget(*this);
   std::lock_guard<std::mutex> lock(mutex_);
+  ended_ = true;
   setActive(false);
 }
 

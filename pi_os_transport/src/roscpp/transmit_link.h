@@ -65,6 +65,7 @@ private:
 
   std::mutex mutex_;
   std::atomic<bool> active_{false};
+  bool ended_ = false;  ///< the TCPROS connection is gone; what the subscriber still reads is kept
   SideChannel channel_;
   std::array<FileDescriptor, DOORBELLS> doorbells_;
   SharedMapping memory_;  ///< of the ring

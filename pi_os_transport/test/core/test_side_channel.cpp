@@ -94,16 +94,16 @@ TEST_F(SideChannelPair, RefusesAnotherProtocolVersion)
   Packet sent;
   sent.version = PROTOCOL_VERSION + 1;
   ASSERT_TRUE(client_.send(sent));
-  EXPECT_EQ(SideChannel::Receive::CLOSED, server_.receive(&packet_, &descriptors_));
+  EXPECT_EQ(SideChannel::Receive::MALFORMED, server_.receive(&packet_, &descriptors_));
 }
 
 TEST_F(SideChannelPair, RefusesPacketsOfAnotherSize)
 {
   const char oversized[200] = {};
   ASSERT_EQ(200, write(client_.fd(), oversized, sizeof(oversized)));
-  EXPECT_EQ(SideChannel::Receive::CLOSED, server_.receive(&packet_, &descriptors_));
+  EXPECT_EQ(SideChannel::Receive::MALFORMED, server_.receive(&packet_, &descriptors_));
   ASSERT_EQ(3, write(client_.fd(), oversized, 3));
-  EXPECT_EQ(SideChannel::Receive::CLOSED, server_.receive(&packet_, &descriptors_));
+  EXPECT_EQ(SideChannel::Receive::MALFORMED, server_.receive(&packet_, &descriptors_));
 }
 
 TEST_F(SideChannelPair, RefusesOtherUsers)
