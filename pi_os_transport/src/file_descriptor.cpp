@@ -1,7 +1,6 @@
 #include "pi_os_transport/file_descriptor.h"
 
 #include <pthread.h>
-#include <sys/mman.h>
 #include <unistd.h>
 
 #include <utility>
@@ -35,38 +34,6 @@ struct DescriptorList
   static inline FileDescriptor* first = nullptr;
   static inline bool forked_child = false;
 };
-
-SharedMapping::SharedMapping(int fd, size_t length, bool writable)
-{
-  void* address =
-      mmap(nullptr, length, writable ? PROT_READ | PROT_WRITE : PROT_READ, MAP_SHARED | MAP_POPULATE, fd, 0);
-  if (address != MAP_FAILED)
-  {
-    madvise(address, length, MADV_DONTFORK);
-    data_ = static_cast<uint8_t*>(address);
-    length_ = length;
-  }
-}
-
-SharedMapping& SharedMapping::operator=(SharedMapping&& other) noexcept
-{
-  if (this != &other)
-  {
-    reset();
-    data_ = std::exchange(other.data_, nullptr);
-    length_ = std::exchange(other.length_, 0);
-  }
-  return *this;
-}
-
-void SharedMapping::reset()
-{
-  if (data_ != nullptr && !isForkedChild())  // there, something else may be mapped at this address by now
-  {
-    munmap(data_, length_);
-  }
-  data_ = nullptr;
-}
 
 bool isForkedChild()
 {

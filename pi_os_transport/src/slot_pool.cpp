@@ -1,16 +1,13 @@
 #include "pi_os_transport/slot_pool.h"
 
-#include <fcntl.h>
-#include <linux/memfd.h>
 #include <pthread.h>
 #include <sys/mman.h>
-#include <sys/resource.h>
-#include <sys/syscall.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+
+#include "pi_os_transport/shared_memory.h"
 
 namespace pi_os_transport
 {
@@ -30,69 +27,6 @@ uint64_t roundUp(uint64_t value, uint64_t unit)
 {
   return (value + unit - 1) / unit * unit;
 }
-
-std::string describe(const char* what, uint64_t bytes)
-{
-  return std::string(what) + " of " + std::to_string(bytes) + " bytes failed: " + std::strerror(errno);
-}
-
-}  // namespace
-
-FileDescriptor makeSharedMemory(const char* name, uint64_t length, std::string* error)
-{
-#ifdef MFD_NOEXEC_SEAL
-  constexpr unsigned NO_EXEC = MFD_NOEXEC_SEAL;
-#else
-  constexpr unsigned NO_EXEC = 8U;
-#endif
-  rlimit file_size{};
-  if (getrlimit(RLIMIT_FSIZE, &file_size) == 0 && length > file_size.rlim_cur)
-  {
-    // Checked here because exceeding it does not only fail, but also raises SIGXFSZ.
-    *error = "shared memory of " + std::to_string(length) + " bytes exceeds the file size limit of this process (" +
-             std::to_string(file_size.rlim_cur) + ", see ulimit -f)";
-    return FileDescriptor();
-  }
-  constexpr unsigned FLAGS = MFD_CLOEXEC | MFD_ALLOW_SEALING;
-  int fd = static_cast<int>(syscall(SYS_memfd_create, name, FLAGS | NO_EXEC));
-  if (fd < 0 && errno == EINVAL)  // kernels before 6.3 do not know the flag
-  {
-    fd = static_cast<int>(syscall(SYS_memfd_create, name, FLAGS));
-  }
-  if (fd < 0)
-  {
-    *error = describe("memfd_create for shared memory", length);
-    return FileDescriptor();
-  }
-  FileDescriptor memory(fd);
-  int result;
-  do
-  {
-    // Unlike ftruncate(), takes the pages now: a lack of memory shows here instead of as SIGBUS in a reader.
-    result = fallocate(fd, 0, 0, static_cast<off_t>(length));
-  } while (result != 0 && errno == EINTR);
-  if (result != 0)
-  {
-    *error = describe("allocation of shared memory", length);
-    return FileDescriptor();
-  }
-  return memory;
-}
-
-void sealSharedMemory(int fd, bool future_writes)
-{
-#ifndef F_SEAL_FUTURE_WRITE
-  constexpr int F_SEAL_FUTURE_WRITE = 0x0010;
-#endif
-  constexpr int SIZE_SEALS = F_SEAL_SHRINK | F_SEAL_GROW;
-  if (!future_writes || fcntl(fd, F_ADD_SEALS, SIZE_SEALS | F_SEAL_FUTURE_WRITE) != 0)
-  {
-    fcntl(fd, F_ADD_SEALS, SIZE_SEALS);  // before Linux 5.1 read-only mappings are the readers' promise
-  }
-}
-
-namespace
-{
 
 struct AddressRange
 {
@@ -167,7 +101,7 @@ SlotPool::SlotPool(uint64_t limit_bytes) : limit_(roundUp(limit_bytes, PAGE))
   void* address = mmap(nullptr, limit_, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
   if (address == MAP_FAILED)
   {
-    last_error_ = describe("reservation of address space for the message pool", limit_);
+    last_error_ = describeFailure("reservation of address space for the message pool", limit_);
     return;
   }
   base_ = static_cast<uint8_t*>(address);
@@ -348,7 +282,7 @@ bool SlotPool::makeSegment(uint64_t length)
   if (mmap(address, length, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_FIXED | MAP_POPULATE, memory.get(), 0) ==
       MAP_FAILED)
   {
-    last_error_ = describe("mapping of shared memory", length);
+    last_error_ = describeFailure("mapping of shared memory", length);
     return false;
   }
   sealSharedMemory(memory.get(), true);

@@ -1,8 +1,5 @@
 #pragma once
 
-#include <cstddef>
-#include <cstdint>
-
 namespace pi_os_transport
 {
 
@@ -35,29 +32,6 @@ private:
   int fd_ = -1;
   FileDescriptor* previous_ = nullptr;
   FileDescriptor* next_ = nullptr;
-};
-
-/// Shared memory mapped at [address, address + length): unmapped when this ends, and absent in forked children, where
-/// it would otherwise outlive its last user. Movable, not copyable.
-class SharedMapping
-{
-public:
-  SharedMapping() = default;
-  /// Maps all of `fd` at an address of the kernel's choice. Empty on failure, with errno set.
-  SharedMapping(int fd, size_t length, bool writable);
-  ~SharedMapping() { reset(); }
-  SharedMapping(SharedMapping&& other) noexcept { *this = static_cast<SharedMapping&&>(other); }
-  SharedMapping& operator=(SharedMapping&& other) noexcept;
-  SharedMapping(const SharedMapping&) = delete;
-  SharedMapping& operator=(const SharedMapping&) = delete;
-
-  uint8_t* data() const { return data_; }
-  explicit operator bool() const { return data_ != nullptr; }
-  void reset();
-
-private:
-  uint8_t* data_ = nullptr;
-  size_t length_ = 0;
 };
 
 /// True in a process that was forked from one that had the library at work. Such a child must leave shared memory

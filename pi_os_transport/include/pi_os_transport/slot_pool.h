@@ -122,11 +122,4 @@ private:
   std::atomic<bool> any_retired_{false};
 };
 
-/// Makes anonymous shared memory of `length` bytes with all its pages allocated.
-/// @return an empty descriptor on failure, with `*error` set.
-FileDescriptor makeSharedMemory(const char* name, uint64_t length, std::string* error);
-
-/// Forbids changes of the length and, if `future_writes` and the kernel can, writable mappings made from now on.
-void sealSharedMemory(int fd, bool future_writes);
-
 }  // namespace pi_os_transport

@@ -1,9 +1,7 @@
 #include "receive_link.h"
 
-#include <fcntl.h>
 #include <ros/console.h>
 #include <ros/subscription.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -55,15 +53,6 @@ private:
   std::mutex mutex_;
   std::map<std::pair<Token, uint32_t>, std::weak_ptr<MappedSegment>> segments_;
 };
-
-/// True if `fd` is memory of at least `length` bytes that nobody can shrink.
-bool isSealed(int fd, uint64_t length)
-{
-  struct stat status;
-  const int seals = fcntl(fd, F_GET_SEALS);
-  return seals >= 0 && (seals & F_SEAL_SHRINK) != 0 && fstat(fd, &status) == 0 &&
-         static_cast<uint64_t>(status.st_size) >= length;
-}
 
 }  // namespace
 

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "pi_os_transport/descriptor_ring.h"
+#include "pi_os_transport/shared_memory.h"
 #include "pi_os_transport/side_channel.h"
 #include "runtime.h"
 

@@ -12,6 +12,8 @@
 #include <thread>
 #include <vector>
 
+#include "pi_os_transport/shared_memory.h"
+
 namespace pi_os_transport
 {
 namespace
