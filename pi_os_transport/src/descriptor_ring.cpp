@@ -27,6 +27,7 @@ RingProducer::Push RingProducer::push(const Descriptor& descriptor, uint32_t* do
   RingLayout::Entry& entry = layout_->entries[place];
   entry.segment_length.store(uint64_t{descriptor.segment} << 32 | descriptor.length, std::memory_order_relaxed);
   entry.offset_after.store((descriptor.offset / OFFSET_UNIT) << 32 | descriptor.after_tcp, std::memory_order_relaxed);
+  entry.serial.store(descriptor.serial, std::memory_order_relaxed);
   occupied_[place] = true;
   ++tail_;
   // Sequentially consistent together with the load below: either the subscriber, about to sleep, sees the new tail,
@@ -68,8 +69,7 @@ void RingProducer::vacate(uint32_t place)
   }
 }
 
-RingConsumer::Take RingConsumer::take(uint32_t tcp_delivered, bool in_any_order, Descriptor* descriptor,
-                                      uint32_t* place)
+bool RingConsumer::peek(Descriptor* descriptor, uint32_t* index)
 {
   uint32_t head = layout_->head.load(std::memory_order_acquire);
   for (;;)
@@ -79,36 +79,56 @@ RingConsumer::Take RingConsumer::take(uint32_t tcp_delivered, bool in_any_order,
       layout_->armed.store(doorbell_, std::memory_order_seq_cst);
       if (head == layout_->tail.load(std::memory_order_seq_cst))
       {
-        return Take::EMPTY;
+        return false;
       }
       layout_->armed.store(0, std::memory_order_relaxed);
     }
-    // The publisher may drop this message and write the place anew while it is read here; then the exchange below
-    // fails and what was read is thrown away.
+    // The publisher may drop this message and write the place anew while it is read here; then the head has moved and
+    // what was read is thrown away.
     const RingLayout::Entry& entry = layout_->entries[head % CAPACITY];
     const uint64_t segment_length = entry.segment_length.load(std::memory_order_relaxed);
     const uint64_t offset_after = entry.offset_after.load(std::memory_order_relaxed);
-    descriptor->segment = static_cast<uint32_t>(segment_length >> 32);
-    descriptor->length = static_cast<uint32_t>(segment_length);
-    descriptor->offset = (offset_after >> 32) * OFFSET_UNIT;
-    descriptor->after_tcp = static_cast<uint32_t>(offset_after);
-    *place = head % CAPACITY;
+    descriptor->serial = entry.serial.load(std::memory_order_relaxed);
+    std::atomic_thread_fence(std::memory_order_acquire);
+    const uint32_t now = layout_->head.load(std::memory_order_relaxed);
+    if (now == head)
+    {
+      descriptor->segment = static_cast<uint32_t>(segment_length >> 32);
+      descriptor->length = static_cast<uint32_t>(segment_length);
+      descriptor->offset = (offset_after >> 32) * OFFSET_UNIT;
+      descriptor->after_tcp = static_cast<uint32_t>(offset_after);
+      *index = head;
+      return true;
+    }
+    head = now;
+  }
+}
+
+int RingConsumer::takePeeked(uint32_t index)
+{
+  return layout_->head.compare_exchange_strong(index, index + 1, std::memory_order_acq_rel)
+             ? static_cast<int>(index % CAPACITY)
+             : -1;
+}
+
+RingConsumer::Take RingConsumer::take(uint32_t tcp_delivered, bool in_any_order, Descriptor* descriptor,
+                                      uint32_t* place)
+{
+  uint32_t index;
+  while (peek(descriptor, &index))
+  {
     if (!in_any_order && static_cast<int32_t>(descriptor->after_tcp - tcp_delivered) > 0)
     {
-      std::atomic_thread_fence(std::memory_order_acquire);
-      const uint32_t now = layout_->head.load(std::memory_order_relaxed);
-      if (now == head)
-      {
-        return Take::WAITING;
-      }
-      head = now;
-      continue;
+      return Take::WAITING;
     }
-    if (layout_->head.compare_exchange_strong(head, head + 1, std::memory_order_acq_rel))
+    const int taken = takePeeked(index);
+    if (taken >= 0)
     {
+      *place = static_cast<uint32_t>(taken);
       return Take::TAKEN;
     }
   }
+  return Take::EMPTY;
 }
 
 void RingConsumer::release(uint32_t place)

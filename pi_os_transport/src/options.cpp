@@ -14,6 +14,7 @@ namespace
 
 constexpr uint64_t MAX_POOL_MB = 65536;
 constexpr uint64_t MAX_MIN_BYTES = 1000000000;  // roscpp's own limit of a message
+constexpr size_t MAX_BRIDGE_NAME = 64;
 
 bool matchesAny(const std::vector<std::string>& patterns, const std::string& topic)
 {
@@ -101,6 +102,18 @@ void Options::load(const Source& source, const std::function<std::string(const s
   }
   number("pool_limit_mb", 1, MAX_POOL_MB, &pool_limit_mb);
   number("min_bytes", 0, MAX_MIN_BYTES, &min_bytes);
+  if (const std::optional<std::string> text = source("bridge"))
+  {
+    if (text->size() > MAX_BRIDGE_NAME || text->find('/') != std::string::npos)
+    {
+      refuse("bridge", *text, "0, or a name of at most " + std::to_string(MAX_BRIDGE_NAME) + " characters without /",
+             bridge.empty() ? "0" : bridge);
+    }
+    else
+    {
+      bridge = *text == "0" ? "" : *text;
+    }
+  }
 }
 
 void Options::loadEnvironment(std::vector<std::string>* errors)

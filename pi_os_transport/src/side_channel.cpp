@@ -125,9 +125,10 @@ SideChannel SideChannel::accept()
   }
 }
 
-SideChannel::Receive SideChannel::receive(Packet* packet, std::array<FileDescriptor, MAX_DESCRIPTORS>* descriptors)
+SideChannel::Receive SideChannel::receiveInto(void* bytes, size_t* length,
+                                              std::array<FileDescriptor, MAX_DESCRIPTORS>* descriptors)
 {
-  iovec data{packet, sizeof(*packet)};
+  iovec data{bytes, *length};
   alignas(cmsghdr) char control[CMSG_SPACE(MAX_DESCRIPTORS * sizeof(int))];
   msghdr message{};
   message.msg_iov = &data;
@@ -164,17 +165,39 @@ SideChannel::Receive SideChannel::receive(Packet* packet, std::array<FileDescrip
       }
     }
   }
-  if (received != static_cast<ssize_t>(sizeof(*packet)) || (message.msg_flags & (MSG_TRUNC | MSG_CTRUNC)) != 0 ||
-      packet->version != PROTOCOL_VERSION)
+  *length = static_cast<size_t>(received);
+  return (message.msg_flags & (MSG_TRUNC | MSG_CTRUNC)) != 0 ? Receive::MALFORMED : Receive::PACKET;
+}
+
+SideChannel::Receive SideChannel::receive(Packet* packet, std::array<FileDescriptor, MAX_DESCRIPTORS>* descriptors)
+{
+  size_t length = sizeof(*packet);
+  const Receive result = receiveInto(packet, &length, descriptors);
+  if (result == Receive::PACKET && (length != sizeof(*packet) || packet->version != PROTOCOL_VERSION))
   {
     return Receive::MALFORMED;
   }
-  return Receive::PACKET;
+  return result;
+}
+
+SideChannel::Receive SideChannel::receiveBytes(std::vector<uint8_t>* bytes, size_t longest,
+                                               std::array<FileDescriptor, MAX_DESCRIPTORS>* descriptors)
+{
+  bytes->resize(longest);
+  size_t length = longest;
+  const Receive result = receiveInto(bytes->data(), &length, descriptors);
+  bytes->resize(result == Receive::PACKET ? length : 0);
+  return result;
 }
 
 bool SideChannel::send(const Packet& packet, std::initializer_list<int> descriptors)
 {
-  iovec data{const_cast<Packet*>(&packet), sizeof(packet)};
+  return sendBytes(&packet, sizeof(packet), descriptors);
+}
+
+bool SideChannel::sendBytes(const void* bytes, size_t length, std::initializer_list<int> descriptors)
+{
+  iovec data{const_cast<void*>(bytes), length};
   alignas(cmsghdr) char control[CMSG_SPACE(MAX_DESCRIPTORS * sizeof(int))] = {};
   msghdr message{};
   message.msg_iov = &data;
@@ -194,7 +217,7 @@ bool SideChannel::send(const Packet& packet, std::initializer_list<int> descript
   {
     sent = sendmsg(socket_.get(), &message, MSG_NOSIGNAL | MSG_DONTWAIT);
   } while (sent < 0 && errno == EINTR);
-  return sent == static_cast<ssize_t>(sizeof(packet));
+  return sent == static_cast<ssize_t>(length);
 }
 
 }  // namespace pi_os_transport

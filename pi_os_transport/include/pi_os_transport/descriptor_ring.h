@@ -10,10 +10,15 @@ namespace pi_os_transport
 /// Where one serialised message lies, and when it may be delivered.
 struct Descriptor
 {
-  uint32_t segment = 0;    ///< id of the pool segment, unique in the publishing process
+  uint32_t segment = 0;    ///< id of the pool segment, unique in the publishing process; LINK_START: no message
   uint32_t length = 0;     ///< payload bytes [B]
   uint64_t offset = 0;     ///< of the payload from the start of the segment [B]; a multiple of 4, below 16 GiB
   uint32_t after_tcp = 0;  ///< number of messages (modulo 2^32) that the link carried over TCPROS before this one
+  uint64_t serial = 0;     ///< the same for all links that one publish() serves, else different; 0: unknown
+
+  /// Segment of the first descriptor on a link through bridges: from here on nothing goes over TCPROS. `length` is the
+  /// publisher's queue size then, and `serial` is 1 if the topic is latched.
+  static constexpr uint32_t LINK_START = 0;
 };
 
 /// Memory shared by one publishing and one subscribing process for one link (docs/design/shared_memory_link.md).
@@ -22,7 +27,7 @@ struct Descriptor
 struct RingLayout
 {
   static constexpr uint32_t CAPACITY = 256;
-  static constexpr uint64_t MAGIC = 0x31676e69724f5350;  // "PSOring1"
+  static constexpr uint64_t MAGIC = 0x32676e69724f5350;  // "PSOring2"
 
   uint64_t magic;  ///< MAGIC, written by the publisher before the memory is handed over
   uint64_t nonce;  ///< random; the subscriber proves that it mapped this memory by sending it back
@@ -35,6 +40,7 @@ struct RingLayout
   {
     std::atomic<uint64_t> segment_length;
     std::atomic<uint64_t> offset_after;
+    std::atomic<uint64_t> serial;
   };
   alignas(64) Entry entries[CAPACITY];
 };
@@ -100,6 +106,11 @@ public:
     oldest_ = tail_;
   }
 
+  /// True if every message written has been dropped or collected.
+  bool idle() const { return oldest_ == tail_; }
+  /// True if the message of this place is neither dropped nor collected.
+  bool isHeld(uint32_t place) const { return occupied_[place]; }
+
   /// The place that the last successful push() used.
   uint32_t lastPlace() const { return (tail_ - 1) % RingLayout::CAPACITY; }
 
@@ -131,6 +142,12 @@ public:
   /// @param tcp_delivered messages (modulo 2^32) that this link has delivered from TCPROS.
   /// @param in_any_order  take the oldest even if it should wait: no more will come over TCPROS.
   Take take(uint32_t tcp_delivered, bool in_any_order, Descriptor* descriptor, uint32_t* place);
+
+  /// Looks at the oldest message without taking it; the publisher may still drop it.
+  /// @return false if there is none; the doorbell is then armed.
+  bool peek(Descriptor* descriptor, uint32_t* index);
+  /// Takes the message that peek() showed. @return its place, or -1 if the publisher has dropped it meanwhile.
+  int takePeeked(uint32_t index);
 
   /// Any thread.
   void release(uint32_t place);

@@ -2,6 +2,8 @@
 
 #include <ros/console.h>
 #include <ros/subscription.h>
+#include <ros/this_node.h>
+#include <ros/transport/transport_tcp.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -9,6 +11,7 @@
 #include <sstream>
 #include <utility>
 
+#include "bridge_client.h"
 #include "queue_waiter.h"
 
 namespace pi_os_transport
@@ -22,76 +25,13 @@ constexpr uint32_t MAX_LEASES = RingLayout::CAPACITY / 2;
 /// Messages handed on before the network thread looks at its other sockets again.
 constexpr int BATCH = 64;
 
-/// The mapped segments of this process by pool and id, so that several links to one publisher map its memory once.
-class SegmentTable
-{
-public:
-  static SegmentTable& instance()
-  {
-    static SegmentTable* table = new SegmentTable;  // leases may outlive static destruction
-    return *table;
-  }
-
-  std::shared_ptr<MappedSegment> map(const Token& pool, uint32_t id, FileDescriptor memory, uint64_t length)
-  {
-    std::lock_guard<std::mutex> lock(mutex_);
-    for (auto entry = segments_.begin(); entry != segments_.end();)
-    {
-      entry = entry->second.expired() ? segments_.erase(entry) : std::next(entry);
-    }
-    std::weak_ptr<MappedSegment>& known = segments_[std::make_pair(pool, id)];
-    std::shared_ptr<MappedSegment> segment = known.lock();
-    if (!segment)
-    {
-      segment = std::make_shared<MappedSegment>(std::move(memory), length);
-      known = segment;
-    }
-    return segment;
-  }
-
-private:
-  std::mutex mutex_;
-  std::map<std::pair<Token, uint32_t>, std::weak_ptr<MappedSegment>> segments_;
-};
-
 }  // namespace
-
-MappedSegment::MappedSegment(FileDescriptor memory, uint64_t length)
-  : mapping_(memory.get(), length, false), length_(length)
-{
-  if (!mapping_)
-  {
-    ROS_WARN_ONCE(
-        "pi_os_transport: cannot map %llu bytes of shared memory (%s); its messages are copied out instead. "
-        "Raise the address space limit of this process (ulimit -v)",
-        static_cast<unsigned long long>(length), std::strerror(errno));
-    memory_ = std::move(memory);
-  }
-}
-
-bool MappedSegment::copy(uint64_t offset, uint8_t* out, uint32_t bytes) const
-{
-  if (mapping_)
-  {
-    std::memcpy(out, mapping_.data() + offset, bytes);
-    return true;
-  }
-  for (uint32_t done = 0; done < bytes;)
-  {
-    const ssize_t count = pread(memory_.get(), out + done, bytes - done, static_cast<off_t>(offset + done));
-    if (count <= 0 && errno != EINTR)
-    {
-      return false;
-    }
-    done += count > 0 ? static_cast<uint32_t>(count) : 0;
-  }
-  return true;
-}
 
 /// Deleter of a leased buffer: gives the place back to the publisher.
 struct ReceiveLink::Lease
 {
-  std::shared_ptr<ReceiveLink> link;
+  std::shared_ptr<RingReceiver> ring;
+  std::shared_ptr<MappedSegment> segment;
   uint32_t place;
   uint32_t length;
 
@@ -99,9 +39,7 @@ struct ReceiveLink::Lease
   {
     if (Runtime::instance().active())
     {
-      link->leased_bytes_ -= length;
-      --link->leases_;
-      link->ring_->release(place);
+      ring->endLease(place, length);
     }
   }
 };
@@ -113,99 +51,126 @@ void ReceiveLink::meet(const std::string& header_field)
   std::string socket_token;
   std::string link_token;
   fields >> version >> socket_token >> link_token;
+  const std::optional<Token> socket = Token::fromString(socket_token);
   const std::optional<Token> token = Token::fromString(link_token);
-  if (version != PROTOCOL_VERSION || !Token::fromString(socket_token) || !token)
+  if (version != PROTOCOL_VERSION || !socket || !token)
   {
     return;
   }
+  std::lock_guard<std::recursive_mutex> lock(mutex_);
+  socket_token_ = *socket;
+  link_token_ = *token;
   SideChannel channel = SideChannel::connect("pi_os/" + socket_token);
   Packet hello;
   hello.type = Packet::HELLO;
   hello.values = {token->high, token->low, 0};
-  if (!channel || !channel.send(hello))
+  if (channel && channel.send(hello))
   {
-    return;  // another device, container or user
+    use(std::move(channel));
   }
+  else if (!askBridge())  // another device, container or user
+  {
+    BridgeClient::instance().want(shared_from_this());
+  }
+}
+
+bool ReceiveLink::askBridge()
+{
   std::lock_guard<std::recursive_mutex> lock(mutex_);
-  channel_ = std::move(channel);
+  const ros::TransportPublisherLinkPtr link = link_.lock();
+  const ros::SubscriptionPtr subscription = link ? link->parent_.lock() : nullptr;
+  const ros::ConnectionPtr connection = connection_.lock();
+  const auto transport =
+      connection ? boost::dynamic_pointer_cast<ros::TransportTCP>(connection->getTransport()) : nullptr;
+  if (ended_ || ring_ || !subscription || !transport)
+  {
+    return true;  // nothing to ask for
+  }
+  BridgeRequest request;
+  request.kind = BridgeRequest::LINK;
+  request.address = BridgeClient::peerAddress(transport->sock_);
+  request.socket_token = socket_token_.toString();
+  request.link_token = link_token_.toString();
+  request.topic = subscription->getName();
+  request.type = subscription->datatype();
+  request.publisher = link->getCallerID();
+  request.subscriber = ros::this_node::getName();
+  if (request.address.empty())
+  {
+    return true;
+  }
+  SideChannel channel = BridgeClient::instance().connect(request);
+  if (!channel)
+  {
+    return false;
+  }
+  bridged_ = true;
+  use(std::move(channel));
+  return true;
+}
+
+void ReceiveLink::use(SideChannel channel)
+{
+  ring_ = std::make_shared<RingReceiver>(std::move(channel));
   socket_watched_ = true;
-  Runtime::instance().watch(channel_.fd(), [self = shared_from_this()](int) { self->onSocket(); });
+  Runtime::instance().watch(ring_->fd(), [self = shared_from_this()](int) { self->onSocket(); });
 }
 
 void ReceiveLink::onSocket()
 {
+  bool silence_is_death = true;
+  bool unaware = false;
   {
     std::lock_guard<std::recursive_mutex> lock(mutex_);
     if (!socket_watched_)
     {
       return;
     }
-    const SideChannel::Receive end = readPackets();
+    const SideChannel::Receive end = ring_->readPackets();
+    if (ring_->hasRing() && !in_use_)
+    {
+      onOffer();
+    }
     if (end == SideChannel::Receive::NOTHING)
     {
       return;
     }
     unwatchSocket();
-    if (end == SideChannel::Receive::MALFORMED && !active())
+    if (bridged_)
+    {
+      // A bridge that ends says nothing about the publisher, unless it says so.
+      const std::optional<LinkEnd> reason = ring_->ended();
+      silence_is_death = reason == LinkEnd::CLOSED;
+      unaware = reason == LinkEnd::PUBLISHER_UNAWARE;
+      leaveBridge();
+    }
+    else if (end == SideChannel::Receive::MALFORMED && !active())
     {
       return;  // without a proof from here the link stays on TCPROS
     }
-    drain(Drain::ALL_DUE);
+    else
+    {
+      drain(Drain::ALL_DUE);
+    }
   }
-  dropIfSilent(connection_.lock());
-}
-
-SideChannel::Receive ReceiveLink::readPackets()
-{
-  for (;;)
+  const ros::ConnectionPtr connection = connection_.lock();
+  if (unaware && connection)
   {
-    Packet packet;
-    std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors;
-    const SideChannel::Receive result = channel_.receive(&packet, &descriptors);
-    if (result != SideChannel::Receive::PACKET)
-    {
-      return result;
-    }
-    if (packet.type == Packet::OFFER && ring_ == nullptr)
-    {
-      onOffer(packet, std::move(descriptors));
-    }
-    else if (packet.type == Packet::SEGMENT && isSealed(descriptors[0].get(), packet.values[1]))
-    {
-      const uint32_t id = static_cast<uint32_t>(packet.values[0]);
-      segments_[id] = SegmentTable::instance().map(pool_, id, std::move(descriptors[0]), packet.values[1]);
-    }
-    else if (packet.type == Packet::RETIRED)
-    {
-      segments_.erase(static_cast<uint32_t>(packet.values[0]));
-    }
+    connection->drop(ros::Connection::TransportDisconnect);  // roscpp connects anew, and the publisher starts over
+  }
+  else if (silence_is_death)
+  {
+    dropIfSilent(connection);
   }
 }
 
-void ReceiveLink::onOffer(const Packet& packet, std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors)
+void ReceiveLink::onOffer()
 {
-  const FileDescriptor& memory = descriptors[0];
-  if (!isSealed(memory.get(), sizeof(RingLayout)) || !descriptors[1] || !descriptors[2])
-  {
-    return;
-  }
-  memory_ = SharedMapping(memory.get(), sizeof(RingLayout), true);
-  auto* const layout = reinterpret_cast<RingLayout*>(memory_.data());
-  if (layout == nullptr || layout->magic != RingLayout::MAGIC)
-  {
-    return;  // no proof is sent, so the publisher goes on with TCPROS
-  }
-  ring_ = std::make_unique<RingConsumer>(layout);
-  pool_ = Token{packet.values[0], packet.values[1]};
-  lease_budget_ = packet.values[2];
-  doorbells_ = {std::move(descriptors[1]), std::move(descriptors[2])};
-  Runtime::instance().watch(doorbells_[0].get(), [self = shared_from_this()](int) { self->onDoorbell(); });
+  in_use_ = true;
+  Runtime::instance().watch(ring_->doorbell(NETWORK_THREAD), [self = shared_from_this()](int) { self->onDoorbell(); });
   drain(Drain::BATCH);  // arms the doorbell before the first message can be written
   joinWaiter();
-  Packet proof;
-  proof.type = Packet::PROOF;
-  proof.values[0] = layout->nonce;
-  active_.store(channel_.send(proof), std::memory_order_release);
+  active_.store(ring_->sendProof(), std::memory_order_release);
 }
 
 void ReceiveLink::joinWaiter()
@@ -225,16 +190,16 @@ void ReceiveLink::joinWaiter()
   if (auto* queue = dynamic_cast<ros::CallbackQueue*>(subscription->callbacks_.front()->callback_queue_))
   {
     waiter_ = QueueWaiter::of(queue);
-    waiter_->add(shared_from_this(), doorbells_[SPINNER - 1].get());
+    waiter_->add(shared_from_this(), ring_->doorbell(SPINNER));
   }
 }
 
 void ReceiveLink::serve(Doorbell doorbell)
 {
   std::lock_guard<std::recursive_mutex> lock(mutex_);
-  if (ring_)
+  if (in_use_)
   {
-    ring_->useDoorbell(doorbell);
+    ring_->ring().useDoorbell(doorbell);
     drain(Drain::BATCH);
   }
 }
@@ -243,7 +208,7 @@ void ReceiveLink::onDoorbell()
 {
   std::lock_guard<std::recursive_mutex> lock(mutex_);
   uint64_t rings;
-  if (doorbells_[0] && read(doorbells_[0].get(), &rings, sizeof(rings)) == static_cast<ssize_t>(sizeof(rings)))
+  if (in_use_ && read(ring_->doorbell(NETWORK_THREAD), &rings, sizeof(rings)) == static_cast<ssize_t>(sizeof(rings)))
   {
     drain(Drain::BATCH);
   }
@@ -253,7 +218,43 @@ void ReceiveLink::unwatchSocket()
 {
   if (std::exchange(socket_watched_, false))
   {
-    Runtime::instance().unwatch(channel_.fd());
+    Runtime::instance().unwatch(ring_->fd());
+  }
+}
+
+void ReceiveLink::closeRing()
+{
+  if (!ring_)
+  {
+    return;
+  }
+  unwatchSocket();
+  if (std::exchange(in_use_, false))
+  {
+    Runtime::instance().unwatch(ring_->doorbell(NETWORK_THREAD));
+    if (const std::shared_ptr<QueueWaiter> waiter = std::exchange(waiter_, nullptr))
+    {
+      waiter->remove(shared_from_this(), ring_->doorbell(SPINNER));
+    }
+    ring_->closeDoorbells();
+  }
+  active_.store(false, std::memory_order_release);
+}
+
+void ReceiveLink::leaveBridge()
+{
+  if (!bridged_)
+  {
+    return;
+  }
+  drain(Drain::ALL_DUE);
+  closeRing();
+  ring_.reset();
+  bridged_ = false;
+  started_ = false;
+  if (!ended_)
+  {
+    BridgeClient::instance().want(shared_from_this());
   }
 }
 
@@ -265,46 +266,47 @@ void ReceiveLink::disconnect(bool deliver_rest)
   {
     drain(Drain::REST);
   }
-  unwatchSocket();
-  if (doorbells_[0])
-  {
-    Runtime::instance().unwatch(doorbells_[0].get());
-  }
-  if (const std::shared_ptr<QueueWaiter> waiter = std::exchange(waiter_, nullptr))
-  {
-    waiter->remove(self, doorbells_[SPINNER - 1].get());
-  }
-  doorbells_ = {};
-  active_.store(false, std::memory_order_release);
+  ended_ = true;
+  closeRing();
 }
 
 void ReceiveLink::drain(Drain extent)
 {
-  if (!ring_ || !doorbells_[0])
-  {
-    return;
-  }
-  const ros::TransportPublisherLinkPtr link = link_.lock();
+  const ros::TransportPublisherLinkPtr link = in_use_ ? link_.lock() : nullptr;
   if (!link)
   {
     return;
   }
-  // doorbells_ are empty once a callback run in place has ended the link.
-  for (int taken = 0; doorbells_[0]; ++taken)
+  // Kept to the end, and not in use any more once a callback run in place has ended the link.
+  const std::shared_ptr<RingReceiver> ring = ring_;
+  for (int taken = 0; in_use_ && ring == ring_; ++taken)
   {
     if (taken == BATCH && extent == Drain::BATCH)
     {
       const uint64_t one = 1;  // come back after a look at the other sockets
-      if (write(doorbells_[0].get(), &one, sizeof(one)) == static_cast<ssize_t>(sizeof(one)))
+      if (write(ring->doorbell(NETWORK_THREAD), &one, sizeof(one)) == static_cast<ssize_t>(sizeof(one)))
       {
         return;
       }
     }
     Descriptor descriptor;
     uint32_t place = 0;
-    if (ring_->take(tcp_delivered_, extent == Drain::REST, &descriptor, &place) != RingConsumer::Take::TAKEN)
+    if (ring->ring().take(tcp_delivered_, extent == Drain::REST, &descriptor, &place) != RingConsumer::Take::TAKEN)
     {
       return;
+    }
+    if (descriptor.segment == Descriptor::LINK_START)
+    {
+      started_ = true;
+      tcp_before_start_ = descriptor.after_tcp;
+      ring->release(place);
+      continue;
+    }
+    if (bridged_ && static_cast<int32_t>(tcp_delivered_ - descriptor.after_tcp) > 0)
+    {
+      ++late_;
+      ring->release(place);
+      continue;
     }
     deliver(link, descriptor, place);
   }
@@ -326,39 +328,39 @@ void ReceiveLink::deliver(const ros::TransportPublisherLinkPtr& link, const Desc
 
 boost::shared_array<uint8_t> ReceiveLink::fetch(const Descriptor& descriptor, uint32_t place)
 {
-  auto found = segments_.find(descriptor.segment);
-  if (found == segments_.end())
-  {
-    readPackets();  // a segment's memory is always sent before the first message in it
-    found = segments_.find(descriptor.segment);
-  }
-  if (found == segments_.end() || descriptor.offset + descriptor.length > found->second->length())
+  const std::shared_ptr<MappedSegment> segment = ring_->find(descriptor);
+  if (!segment)
   {
     ring_->release(place);
     return boost::shared_array<uint8_t>();
   }
-  const MappedSegment& segment = *found->second;
-  const uint32_t leases = leases_.load(std::memory_order_relaxed);
-  const uint64_t leased = leased_bytes_.load(std::memory_order_relaxed);
-  if (segment.data() != nullptr && leases < MAX_LEASES && (leases < 2 || leased + descriptor.length <= lease_budget_))
+  if (segment->data() == nullptr)
   {
-    leased_bytes_ += descriptor.length;
-    ++leases_;
-    return boost::shared_array<uint8_t>(const_cast<uint8_t*>(segment.data() + descriptor.offset),
-                                        Lease{shared_from_this(), place, descriptor.length});
+    ROS_WARN_ONCE(
+        "pi_os_transport: cannot map %llu bytes of shared memory (%s); its messages are copied out instead. "
+        "Raise the address space limit of this process (ulimit -v)",
+        static_cast<unsigned long long>(segment->length()), std::strerror(ENOMEM));
   }
-  ++copied_;
+  else if (ring_->leases() < MAX_LEASES &&
+           (ring_->leases() < 2 || ring_->leasedBytes() + descriptor.length <= ring_->leaseBudget()))
+  {
+    ring_->lease(descriptor.length);
+    return boost::shared_array<uint8_t>(const_cast<uint8_t*>(segment->data() + descriptor.offset),
+                                        Lease{ring_, segment, place, descriptor.length});
+  }
   boost::shared_array<uint8_t> copy(new uint8_t[descriptor.length]);
-  const bool read = segment.copy(descriptor.offset, copy.get(), descriptor.length);
+  const bool copied = segment->copy(descriptor.offset, copy.get(), descriptor.length);
   ring_->release(place);
-  return read ? copy : boost::shared_array<uint8_t>();
+  ++copied_;
+  return copied ? copy : boost::shared_array<uint8_t>();
 }
 
 std::string ReceiveLink::info()
 {
   std::lock_guard<std::recursive_mutex> lock(mutex_);
-  return "SHMROS ring (" + std::to_string(received_) + " messages through shared memory, " + std::to_string(copied_) +
-         " of them copied for want of leases, " + std::to_string(tcp_delivered_) + " through TCPROS)";
+  return std::string(transportName()) + " ring (" + std::to_string(received_) + " messages through shared memory, " +
+         std::to_string(copied_) + " copied, " + (late_ > 0 ? std::to_string(late_) + " too late, " : std::string()) +
+         std::to_string(tcp_delivered_) + " through TCPROS)";
 }
 
 }  // namespace pi_os_transport

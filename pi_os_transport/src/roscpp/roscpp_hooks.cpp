@@ -27,6 +27,9 @@ namespace
 /// The field that the next connection header written by this thread carries; empty for none.
 thread_local std::string header_offer;
 
+/// Descriptor::serial of what this thread is publishing; 0 if a message goes to single links.
+thread_local uint64_t publish_serial = 0;
+
 /// Adds the field to the one header that roscpp writes during its life.
 class HeaderOffer
 {
@@ -205,7 +208,10 @@ void publish(ros::TopicManager* self, const std::string& topic,
   }
   if (message.buf)
   {
+    static std::atomic<uint64_t> last_serial{0};
+    publish_serial = ++last_serial;
     publication->enqueueMessage(message);
+    publish_serial = 0;
   }
   if (runtime.active_transmit_links != 0)
   {
@@ -237,7 +243,8 @@ bool handleHeader(ros::TransportSubscriberLink* self, const ros::Header& header)
   {
     return runtime.original.handle_header(self, header);
   }
-  const auto link = std::make_shared<TransmitLink>(topic, self->connection_);
+  const auto link = std::make_shared<TransmitLink>(
+      topic, boost::static_pointer_cast<ros::TransportSubscriberLink>(self->shared_from_this()), self->connection_);
   const std::string offer = runtime.expect(link);
   if (offer.empty())
   {
@@ -263,7 +270,7 @@ void enqueueMessage(ros::TransportSubscriberLink* self, const ros::SerializedMes
       runtime.active() && serialized ? runtime.transmit_links.find(self->connection_.get()) : nullptr;
   if (link)
   {
-    link->enqueue(self, message);
+    link->enqueue(self, message, publish_serial);
   }
   else
   {
@@ -275,7 +282,7 @@ std::string subscriberTransportType(ros::TransportSubscriberLink* self)
 {
   Runtime& runtime = Runtime::instance();
   const std::shared_ptr<TransmitLink> link = runtime.transmit_links.find(self->connection_.get());
-  return link && link->active() ? TRANSPORT_NAME : runtime.original.subscriber_transport_type(self);
+  return link && link->active() ? link->transportName() : runtime.original.subscriber_transport_type(self);
 }
 
 std::string subscriberTransportInfo(ros::TransportSubscriberLink* self)
@@ -350,7 +357,7 @@ std::string publisherTransportType(ros::TransportPublisherLink* self)
 {
   Runtime& runtime = Runtime::instance();
   const std::shared_ptr<ReceiveLink> link = runtime.receive_links.find(self->getConnection().get());
-  return link && link->active() ? TRANSPORT_NAME : runtime.original.publisher_transport_type(self);
+  return link && link->active() ? link->transportName() : runtime.original.publisher_transport_type(self);
 }
 
 std::string publisherTransportInfo(ros::TransportPublisherLink* self)

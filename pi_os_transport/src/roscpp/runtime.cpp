@@ -133,13 +133,12 @@ void Runtime::acceptAll()
               const auto found = expected_.find(Token{packet.values[0], packet.values[1]});
               if (found != expected_.end())
               {
-                link = found->second.lock();
-                expected_.erase(found);
+                link = found->second.lock();  // stays known: a bridge may come again
               }
             }
             if (link)
             {
-              link->meet(std::move(*channel));
+              link->meet(std::move(*channel), packet.values[2] != 0);
             }
             channel->close();
           });

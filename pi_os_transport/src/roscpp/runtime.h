@@ -16,6 +16,7 @@
 #include <unordered_map>
 
 #include "pi_os_transport/options.h"
+#include "pi_os_transport/ring_sender.h"
 #include "pi_os_transport/side_channel.h"
 #include "pi_os_transport/slot_pool.h"
 
@@ -32,14 +33,8 @@ class ReceiveLink;
 constexpr const char* HEADER_FIELD = "pi_os";
 /// What getBusInfo and `rosnode info` call a link that has moved to shared memory.
 constexpr const char* TRANSPORT_NAME = "SHMROS";
-
-/// The doorbells of a link, as numbered in the ring: what sleeps in the subscriber.
-enum Doorbell : uint32_t
-{
-  NETWORK_THREAD = 1,  ///< roscpp's own thread, which serves all connections
-  SPINNER = 2,         ///< a thread inside CallbackQueue::callAvailable or callOne, which will run the callback
-};
-constexpr size_t DOORBELLS = 2;
+/// And one that the bridges of two devices carry, in nanomsg's protocol.
+constexpr const char* BRIDGED_TRANSPORT_NAME = "NNROS";
 
 /// The functions of libroscpp behind the hooks.
 struct Originals

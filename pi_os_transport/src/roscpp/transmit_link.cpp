@@ -2,11 +2,8 @@
 
 #include <ros/console.h>
 #include <ros/publication.h>
-#include <sys/eventfd.h>
-#include <unistd.h>
 
 #include <algorithm>
-#include <cerrno>
 #include <cstring>
 #include <utility>
 
@@ -15,16 +12,41 @@ namespace pi_os_transport
 namespace
 {
 
-constexpr uint32_t LENGTH_PREFIX = 4;  // TCPROS puts the body's length in front of it, and so do publishers' buffers
-
-/// What TCPROS holds beside its queue, and nodes that publish with a queue of one rely on: one message half written,
-/// and what the sockets' buffers take on both sides.
-constexpr uint32_t WRITING_MESSAGES = 1;
-constexpr uint64_t SOCKET_BYTES = 1 << 20;
-
-/// Buffers of the pool that may wait in an outbox of TCPROS before further ones are copied to the heap: a stuck TCPROS
-/// peer must not exhaust the pool.
+/// Buffers of the pool that may wait in an outbox before further ones are copied to the heap: a stuck peer must not
+/// exhaust the pool.
 constexpr size_t MAX_POOLED_OUTBOX = 2;
+
+size_t maxQueue(const ros::TransportSubscriberLink* link)
+{
+  const ros::PublicationPtr parent = link->parent_.lock();
+  return parent ? parent->getMaxQueue() : 0;
+}
+
+bool isLatching(const ros::TransportSubscriberLink* link)
+{
+  const ros::PublicationPtr parent = link->parent_.lock();
+  return parent && parent->isLatching();
+}
+
+ros::SerializedMessage heapCopy(const ros::SerializedMessage& message)
+{
+  ros::SerializedMessage copy;
+  copy.num_bytes = message.num_bytes;
+  copy.buf.reset(new uint8_t[message.num_bytes]);
+  copy.message_start = copy.buf.get() + (message.message_start - message.buf.get());
+  std::memcpy(copy.buf.get(), message.buf.get(), message.num_bytes);
+  return copy;
+}
+
+/// A message whose buffer is given back to the pool with its last user.
+ros::SerializedMessage pooledMessage(const RingSender::Message& message)
+{
+  const boost::shared_array<uint8_t> buffer(const_cast<uint8_t*>(message.buffer),
+                                            [](uint8_t* memory) { Runtime::instance().pool().release(memory); });
+  ros::SerializedMessage pooled(buffer, message.length + LENGTH_PREFIX);
+  pooled.message_start = buffer.get() + LENGTH_PREFIX;
+  return pooled;
+}
 
 }  // namespace
 
@@ -33,44 +55,34 @@ TransmitLink::~TransmitLink()
   closeChannel();
 }
 
-void TransmitLink::meet(SideChannel channel)
+void TransmitLink::meet(SideChannel channel, bool bridge)
 {
-  std::string error;
-  FileDescriptor memory = makeSharedMemory("pi_os_ring", sizeof(RingLayout), &error);
-  std::array<FileDescriptor, DOORBELLS> doorbells;
-  for (FileDescriptor& doorbell : doorbells)
   {
-    doorbell = FileDescriptor(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK));
+    std::lock_guard<std::recursive_mutex> lock(mutex_);
+    if (ring_ && !(bridge && bridged_))
+    {
+      return;  // has its subscriber already
+    }
   }
-  SharedMapping mapping = memory ? SharedMapping(memory.get(), sizeof(RingLayout), true) : SharedMapping();
-  if (!mapping || !doorbells.front() || !doorbells.back())
+  closeChannel();  // of a bridge that was replaced
+  Runtime& runtime = Runtime::instance();
+  auto ring = std::make_unique<RingSender>(&runtime.pool(), runtime.poolToken(), runtime.leaseBudget());
+  std::string error;
+  if (!ring->open(std::move(channel), &error))
   {
-    ROS_WARN("pi_os_transport: no shared memory for a subscriber of %s (%s); this link stays on TCPROS", topic_.c_str(),
-             error.empty() ? std::strerror(errno) : error.c_str());
+    if (!error.empty())
+    {
+      ROS_WARN("pi_os_transport: no shared memory for a subscriber of %s (%s); this link stays on TCPROS",
+               topic_.c_str(), error.c_str());
+    }
     return;
   }
-  sealSharedMemory(memory.get(), false);
-
-  Runtime& runtime = Runtime::instance();
-  const uint64_t nonce = Token::random().high;
-  auto ring = std::make_unique<RingProducer>(reinterpret_cast<RingLayout*>(mapping.data()), nonce);
-  Packet offer;
-  offer.type = Packet::OFFER;
-  offer.values = {runtime.poolToken().high, runtime.poolToken().low, runtime.leaseBudget()};
-  if (!channel.send(offer, {memory.get(), doorbells[0].get(), doorbells[1].get()}))
-  {
-    return;  // the subscriber has left again
-  }
-  std::lock_guard<std::mutex> lock(mutex_);
-  nonce_ = nonce;
-  memory_ = std::move(mapping);
+  std::lock_guard<std::recursive_mutex> lock(mutex_);
   ring_ = std::move(ring);
-  buffers_.resize(RingLayout::CAPACITY);
-  lengths_.resize(RingLayout::CAPACITY);
-  doorbells_ = std::move(doorbells);
-  channel_ = std::move(channel);
+  bridged_ = bridge;
+  waiting_announced_ = false;
   runtime.addChannel(shared_from_this());
-  runtime.watch(channel_.fd(), [self = shared_from_this()](int) { self->onSocket(); });
+  runtime.watch(ring_->channel().fd(), [self = shared_from_this()](int) { self->onSocket(); });
 }
 
 void TransmitLink::onSocket()
@@ -79,41 +91,67 @@ void TransmitLink::onSocket()
   {
     Packet packet;
     std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors;
-    switch (channel_.receive(&packet, &descriptors))
+    std::unique_lock<std::recursive_mutex> lock(mutex_);
+    if (!ring_)
     {
-      case SideChannel::Receive::NOTHING:
-        return;
-      case SideChannel::Receive::CLOSED:
-        onPeerGone();
-        return;
-      case SideChannel::Receive::MALFORMED:
-        closeChannel();
-        return;
-      case SideChannel::Receive::PACKET:
-        if (packet.type != Packet::PROOF || packet.values[0] != nonce_)
-        {
-          closeChannel();
-          return;
-        }
-        std::lock_guard<std::mutex> lock(mutex_);
-        setActive(!ended_);
-        break;
+      return;
     }
+    const SideChannel::Receive received = ring_->channel().receive(&packet, &descriptors);
+    if (received == SideChannel::Receive::NOTHING)
+    {
+      return;
+    }
+    if (received == SideChannel::Receive::PACKET && packet.type == Packet::SPACE && active())
+    {
+      waiting_announced_ = false;
+      if (const ros::TransportSubscriberLinkPtr link = link_.lock())
+      {
+        flushOverflow(maxQueue(link.get()));
+      }
+      continue;
+    }
+    if (received == SideChannel::Receive::PACKET && ring_->isProof(packet))
+    {
+      if (bridged_)
+      {
+        startBridged();
+      }
+      else
+      {
+        setActive(!ended_);
+      }
+      continue;
+    }
+    lock.unlock();
+    if (received == SideChannel::Receive::CLOSED)
+    {
+      onPeerGone();
+    }
+    else
+    {
+      closeChannel();
+    }
+    return;
   }
 }
 
 void TransmitLink::onPeerGone()
 {
+  const bool bridged = bridged_;
   closeChannel();
-  dropIfSilent(connection_.lock());
+  if (!bridged)
+  {
+    dropIfSilent(connection_.lock());
+  }
 }
 
 void TransmitLink::disconnect()
 {
   Runtime::instance().forget(*this);
-  std::lock_guard<std::mutex> lock(mutex_);
+  std::lock_guard<std::recursive_mutex> lock(mutex_);
   ended_ = true;
   setActive(false);
+  overflow_.clear();
 }
 
 void TransmitLink::closeChannel()
@@ -126,22 +164,37 @@ void TransmitLink::closeChannel()
   // Kept alive to the end: the watcher and the set of channels may hold the last references. None exists when this is
   // called by the destructor, which then finds nothing left to do.
   const std::shared_ptr<TransmitLink> self = weak_from_this().lock();
+  ros::TransportSubscriberLinkPtr to_write;
   {
-    std::lock_guard<std::mutex> lock(mutex_);
-    setActive(false);
-    if (!channel_)
+    std::lock_guard<std::recursive_mutex> lock(mutex_);
+    if (!ring_)
     {
+      setActive(false);
       return;
     }
-    runtime.unwatch(channel_.fd());
-    channel_.close();
-    doorbells_ = {};
-    ring_->abandon([this, &runtime](uint32_t place) { runtime.pool().release(buffers_[place]); });
+    runtime.unwatch(ring_->channel().fd());
+    if (bridged_ && !ended_)
+    {
+      Packet packet;
+      packet.type = Packet::ENDED;
+      packet.values[0] = static_cast<uint64_t>(LinkEnd::BACK_TO_TCP);
+      ring_->channel().send(packet);
+      if (active())
+      {
+        to_write = link_.lock();
+        returnToTcp();
+      }
+    }
+    setActive(false);
+    ring_->collect();
+    sent_before_ += ring_->sent();
+    dropped_before_ += ring_->dropped();
     ring_.reset();
-    memory_.reset();
-    buffers_ = {};
-    lengths_ = {};
-    announced_ = {};
+    bridged_ = false;
+  }
+  if (to_write)
+  {
+    to_write->startMessageWrite(false);
   }
   if (self)
   {
@@ -158,104 +211,43 @@ void TransmitLink::setActive(bool active)
   }
 }
 
-void TransmitLink::collect()
-{
-  ring_->collect([this](uint32_t place) { Runtime::instance().pool().release(buffers_[place]); });
-}
-
 void TransmitLink::collectReleased()
 {
-  std::unique_lock<std::mutex> lock(mutex_, std::try_to_lock);
+  std::unique_lock<std::recursive_mutex> lock(mutex_, std::try_to_lock);
   if (lock.owns_lock() && ring_)
   {
-    collect();
+    ring_->collect();
   }
 }
 
 void TransmitLink::retire(const std::vector<uint32_t>& segments)
 {
-  std::lock_guard<std::mutex> lock(mutex_);
-  for (uint32_t segment : segments)
+  std::lock_guard<std::recursive_mutex> lock(mutex_);
+  if (ring_)
   {
-    const auto found = std::find(announced_.begin(), announced_.end(), segment);
-    if (found != announced_.end())
-    {
-      announced_.erase(found);
-      Packet packet;
-      packet.type = Packet::RETIRED;
-      packet.values[0] = segment;
-      channel_.send(packet);  // one that does not come through costs the subscriber address space, nothing else
-    }
+    ring_->retire(segments);
   }
 }
 
-bool TransmitLink::announce(uint32_t segment)
-{
-  if (std::find(announced_.begin(), announced_.end(), segment) != announced_.end())
-  {
-    return true;
-  }
-  const SlotPool::Segment memory = Runtime::instance().pool().segment(segment);
-  Packet packet;
-  packet.type = Packet::SEGMENT;
-  packet.values = {segment, memory.length, 0};
-  if (!channel_.send(packet, {memory.fd}))
-  {
-    return false;
-  }
-  announced_.push_back(segment);
-  return true;
-}
-
-bool TransmitLink::pushToRing(const uint8_t* buffer, uint32_t length, size_t max_queue, uint32_t after_tcp,
-                              uint32_t* doorbell)
+const uint8_t* TransmitLink::poolBuffer(const ros::SerializedMessage& message) const
 {
   SlotPool& pool = Runtime::instance().pool();
-  collect();
-  uint32_t in_flight = ring_->inFlight();
-  if (in_flight > RingLayout::CAPACITY)
+  if (message.num_bytes < LENGTH_PREFIX)
   {
-    ROS_ERROR("pi_os_transport: a subscriber of %s broke the shared ring; the link goes back to TCPROS",
-              topic_.c_str());
-    setActive(false);
-    return false;
+    return nullptr;
   }
-  uint64_t in_flight_bytes = 0;
-  for (uint32_t index = tail_ - in_flight; index != tail_; ++index)
+  if (pool.contains(message.buf.get()))
   {
-    in_flight_bytes += lengths_[index % RingLayout::CAPACITY];
+    pool.addReference(message.buf.get());
+    return message.buf.get();
   }
-  while (max_queue > 0 && in_flight >= max_queue + WRITING_MESSAGES && in_flight_bytes + length > SOCKET_BYTES)
+  // Latched messages, those for a single subscriber, and those serialised when the pool was full.
+  uint8_t* const copy = pool.allocate(message.num_bytes);
+  if (copy != nullptr)
   {
-    const int place = ring_->dropOldest();
-    if (place < 0)
-    {
-      break;  // the subscriber has just taken all of them
-    }
-    pool.release(buffers_[place]);
-    in_flight_bytes -= std::min<uint64_t>(in_flight_bytes, lengths_[place]);
-    in_flight = ring_->inFlight();
-    ++dropped_;
+    std::memcpy(copy, message.buf.get(), message.num_bytes);
   }
-  if (in_flight > 1 && in_flight_bytes + length > Runtime::instance().leaseBudget())
-  {
-    return false;  // a stopped subscriber must not pin the pool; what follows waits in the outbox, on the heap
-  }
-  const SlotPool::Location location = pool.locate(buffer);
-  if (!announce(location.segment))
-  {
-    return false;
-  }
-  const Descriptor descriptor{location.segment, length, location.offset + LENGTH_PREFIX, after_tcp};
-  if (ring_->push(descriptor, doorbell) == RingProducer::Push::FULL)
-  {
-    return false;
-  }
-  buffers_[ring_->lastPlace()] = buffer;
-  lengths_[ring_->lastPlace()] = length;
-  ++tail_;
-  ++sent_;
-  return true;
+  return copy;
 }
 
 void TransmitLink::pushToTcp(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message,
@@ -276,84 +268,162 @@ void TransmitLink::pushToTcp(ros::TransportSubscriberLink* link, const ros::Seri
   ++tcp_pushed_;
 }
 
-void TransmitLink::enqueue(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message)
+void TransmitLink::startBridged()
+{
+  const ros::TransportSubscriberLinkPtr link = link_.lock();
+  if (!link || ended_ || active())
+  {
+    return;
+  }
+  const size_t max_queue = maxQueue(link.get());
+  {
+    // What waits for TCPROS goes through the ring; what is being written is the last message over TCPROS.
+    boost::mutex::scoped_lock outbox_lock(link->outbox_mutex_);
+    for (; !link->outbox_.empty(); link->outbox_.pop())
+    {
+      overflow_.push_back(Waiting{link->outbox_.front(), 0});
+      --tcp_pushed_;
+    }
+  }
+  if (ring_->pushStart(max_queue, isLatching(link.get()), tcp_pushed_ - tcp_dropped_))
+  {
+    setActive(true);
+    flushOverflow(max_queue);
+  }
+}
+
+bool TransmitLink::flushOverflow(size_t max_queue)
+{
+  while (!overflow_.empty())
+  {
+    const Waiting& waiting = overflow_.front();
+    const uint8_t* const buffer = poolBuffer(waiting.message);
+    const RingSender::Push pushed =
+        buffer == nullptr ? RingSender::Push::FULL
+                          : ring_->push(buffer, static_cast<uint32_t>(waiting.message.num_bytes - LENGTH_PREFIX),
+                                        max_queue, tcp_pushed_ - tcp_dropped_, waiting.serial);
+    if (pushed != RingSender::Push::WRITTEN)
+    {
+      if (buffer != nullptr)
+      {
+        Runtime::instance().pool().release(buffer);
+      }
+      if (!std::exchange(waiting_announced_, true))
+      {
+        Packet packet;
+        packet.type = Packet::WAITING;
+        ring_->channel().send(packet);
+      }
+      return pushed == RingSender::Push::FULL && !(buffer == nullptr && ring_->idle());
+    }
+    overflow_.pop_front();
+  }
+  return true;
+}
+
+bool TransmitLink::enqueueBridged(const ros::SerializedMessage& message, uint64_t serial, size_t max_queue)
+{
+  if (max_queue > 0 && overflow_.size() >= max_queue)
+  {
+    overflow_.pop_front();
+    ++dropped_before_;
+  }
+  const bool copy = overflow_.size() >= MAX_POOLED_OUTBOX && Runtime::instance().pool().contains(message.buf.get());
+  overflow_.push_back(Waiting{copy ? heapCopy(message) : message, serial});
+  return flushOverflow(max_queue);
+}
+
+void TransmitLink::returnToTcp()
+{
+  const ros::TransportSubscriberLinkPtr link = link_.lock();
+  if (!link)
+  {
+    return;
+  }
+  const size_t max_queue = maxQueue(link.get());
+  boost::mutex::scoped_lock outbox_lock(link->outbox_mutex_);
+  // The newest message of a latched topic has to arrive, if need be twice.
+  const RingSender::Message newest = isLatching(link.get()) ? ring_->takeBackNewest() : RingSender::Message{};
+  if (newest.buffer != nullptr)
+  {
+    pushToTcp(link.get(), pooledMessage(newest), max_queue);
+  }
+  for (const RingSender::Message& message : ring_->takeBack())
+  {
+    pushToTcp(link.get(), pooledMessage(message), max_queue);
+  }
+  for (const Waiting& waiting : std::exchange(overflow_, {}))
+  {
+    pushToTcp(link.get(), waiting.message, max_queue);
+  }
+}
+
+void TransmitLink::warnOfPool(ros::TransportSubscriberLink* link, size_t bytes)
+{
+  Runtime& runtime = Runtime::instance();
+  ROS_WARN(
+      "pi_os_transport: no shared memory for a message of %zu bytes on %s: %s. Such messages to %s go over TCPROS; "
+      "raise PI_OS_POOL_LIMIT_MB (now %llu) or the limits of this process",
+      bytes, topic_.c_str(), runtime.pool().lastError().c_str(), link->getDestinationCallerID().c_str(),
+      static_cast<unsigned long long>(runtime.options.pool_limit_mb));
+}
+
+void TransmitLink::enqueue(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message, uint64_t serial)
 {
   Runtime& runtime = Runtime::instance();
   SlotPool& pool = runtime.pool();
-  const uint8_t* buffer = nullptr;
-  if (active() && message.num_bytes >= LENGTH_PREFIX && message.num_bytes - LENGTH_PREFIX >= runtime.options.min_bytes)
-  {
-    if (pool.contains(message.buf.get()))
-    {
-      buffer = message.buf.get();
-      pool.addReference(buffer);
-    }
-    else if (uint8_t* copy = pool.allocate(message.num_bytes))
-    {
-      // Latched messages, those for a single subscriber, and those serialised when the pool was full.
-      std::memcpy(copy, message.buf.get(), message.num_bytes);
-      buffer = copy;
-    }
-  }
-
-  size_t max_queue = 0;
-  if (ros::PublicationPtr parent = link->parent_.lock())
-  {
-    max_queue = parent->getMaxQueue();
-  }
+  const size_t max_queue = maxQueue(link);
   bool by_ring = false;
-  uint32_t doorbell = 0;
   bool warn = false;
   {
-    std::lock_guard<std::mutex> lock(mutex_);
-    boost::mutex::scoped_lock outbox_lock(link->outbox_mutex_);
-    const bool outbox_empty = link->outbox_.empty();
-    if (buffer != nullptr && active() && outbox_empty)
+    std::unique_lock<std::recursive_mutex> lock(mutex_);
+    if (active() && bridged_)
     {
-      by_ring = pushToRing(buffer, static_cast<uint32_t>(message.num_bytes - LENGTH_PREFIX), max_queue,
-                           tcp_pushed_ - tcp_dropped_, &doorbell);
-    }
-    if (!by_ring)
-    {
-      warn = buffer == nullptr && active() && message.num_bytes - LENGTH_PREFIX >= runtime.options.min_bytes &&
-             !std::exchange(pool_warned_, true);
-      if (link->outbox_.size() >= MAX_POOLED_OUTBOX && pool.contains(message.buf.get()))
+      by_ring = true;
+      if (!enqueueBridged(message, serial, max_queue))
       {
-        ros::SerializedMessage copy;
-        copy.num_bytes = message.num_bytes;
-        copy.buf.reset(new uint8_t[message.num_bytes]);
-        copy.message_start = copy.buf.get() + (message.message_start - message.buf.get());
-        std::memcpy(copy.buf.get(), message.buf.get(), message.num_bytes);
-        pushToTcp(link, copy, max_queue);
-      }
-      else
-      {
-        pushToTcp(link, message, max_queue);
+        lock.unlock();
+        warnOfPool(link, message.num_bytes);
+        closeChannel();
       }
     }
-    if (doorbell > 0 && doorbell <= DOORBELLS)
+    else
     {
-      const uint64_t one = 1;
-      while (write(doorbells_[doorbell - 1].get(), &one, sizeof(one)) < 0 && errno == EINTR)
+      boost::mutex::scoped_lock outbox_lock(link->outbox_mutex_);
+      const bool wanted = active() && message.num_bytes >= LENGTH_PREFIX &&
+                          message.num_bytes - LENGTH_PREFIX >= runtime.options.min_bytes;
+      const uint8_t* const buffer = wanted && link->outbox_.empty() ? poolBuffer(message) : nullptr;
+      if (buffer != nullptr)
       {
+        const RingSender::Push pushed = ring_->push(buffer, static_cast<uint32_t>(message.num_bytes - LENGTH_PREFIX),
+                                                    max_queue, tcp_pushed_ - tcp_dropped_, serial);
+        by_ring = pushed == RingSender::Push::WRITTEN;
+        if (pushed == RingSender::Push::BROKEN)
+        {
+          ROS_ERROR("pi_os_transport: a subscriber of %s broke the shared ring; the link goes back to TCPROS",
+                    topic_.c_str());
+          setActive(false);
+        }
+        if (!by_ring)
+        {
+          pool.release(buffer);
+        }
+      }
+      if (!by_ring)
+      {
+        warn = wanted && link->outbox_.empty() && buffer == nullptr && !std::exchange(pool_warned_, true);
+        const bool copy = link->outbox_.size() >= MAX_POOLED_OUTBOX && pool.contains(message.buf.get());
+        pushToTcp(link, copy ? heapCopy(message) : message, max_queue);
       }
     }
   }
   if (!by_ring)
   {
-    if (buffer != nullptr)
-    {
-      pool.release(buffer);
-    }
     link->startMessageWrite(false);
   }
   if (warn)
   {
-    ROS_WARN(
-        "pi_os_transport: no shared memory for a message of %zu bytes on %s: %s. Such messages to %s go over TCPROS; "
-        "raise PI_OS_POOL_LIMIT_MB (now %llu) or the limits of this process",
-        message.num_bytes, topic_.c_str(), pool.lastError().c_str(), link->getDestinationCallerID().c_str(),
-        static_cast<unsigned long long>(runtime.options.pool_limit_mb));
+    warnOfPool(link, message.num_bytes);
   }
   link->stats_.messages_sent_++;
   link->stats_.bytes_sent_ += message.num_bytes;
@@ -363,9 +433,11 @@ void TransmitLink::enqueue(ros::TransportSubscriberLink* link, const ros::Serial
 std::string TransmitLink::info()
 {
   const SlotPool::Usage usage = Runtime::instance().pool().usage();
-  std::lock_guard<std::mutex> lock(mutex_);
-  return "SHMROS ring (" + std::to_string(sent_) + " messages through shared memory, " + std::to_string(dropped_) +
-         " dropped, " + std::to_string(tcp_pushed_) + " through TCPROS; pool of the node " +
+  std::lock_guard<std::recursive_mutex> lock(mutex_);
+  const uint64_t sent = sent_before_ + (ring_ ? ring_->sent() : 0);
+  const uint64_t dropped = dropped_before_ + (ring_ ? ring_->dropped() : 0);
+  return std::string(transportName()) + " ring (" + std::to_string(sent) + " messages through shared memory, " +
+         std::to_string(dropped) + " dropped, " + std::to_string(tcp_pushed_) + " through TCPROS; pool of the node " +
          std::to_string(usage.committed >> 10) + " of " + std::to_string(usage.limit >> 10) + " kiB)";
 }
 

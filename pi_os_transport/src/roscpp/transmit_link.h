@@ -1,14 +1,13 @@
 #pragma once
 
-#include <array>
 #include <atomic>
+#include <deque>
 #include <memory>
 #include <mutex>
 #include <string>
 #include <vector>
 
-#include "pi_os_transport/descriptor_ring.h"
-#include "pi_os_transport/shared_memory.h"
+#include "pi_os_transport/ring_sender.h"
 #include "pi_os_transport/side_channel.h"
 #include "runtime.h"
 
@@ -18,13 +17,17 @@ namespace pi_os_transport
 /// The publishing end of one link: decides message by message between the ring in shared memory and TCPROS, such that
 /// the subscriber can restore the exact order, and keeps roscpp's outgoing queue semantics.
 ///
+/// The other end of the ring is the subscriber, or the bridge of this device on behalf of a subscriber on another one.
+/// In the second case nothing goes over TCPROS while the ring is in use: the two would overtake each other. What finds
+/// no place waits here; when the bridge ends, it and what the bridge has not taken go over TCPROS, in order.
+///
 /// Lifetime: the connection's drop listener, the side channel's watcher and the tables share it. What the subscriber
 /// still reads when the connection ends stays allocated until it closes the side channel, which its death does too.
 class TransmitLink : public std::enable_shared_from_this<TransmitLink>
 {
 public:
-  TransmitLink(std::string topic, const ros::ConnectionPtr& connection)
-    : topic_(std::move(topic)), connection_(connection)
+  TransmitLink(std::string topic, const ros::TransportSubscriberLinkPtr& link, const ros::ConnectionPtr& connection)
+    : topic_(std::move(topic)), link_(link), connection_(connection)
   {
   }
   ~TransmitLink();
@@ -32,13 +35,16 @@ public:
   const Token& token() const { return token_; }
 
   /// Replaces TransportSubscriberLink::enqueueMessage for serialised messages. Any thread.
-  void enqueue(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message);
+  /// @param serial  as in Descriptor.
+  void enqueue(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message, uint64_t serial);
 
   /// True while messages go through shared memory. Any thread.
   bool active() const { return active_.load(std::memory_order_acquire); }
+  /// What getBusInfo calls the link while it is active. Any thread.
+  const char* transportName() const { return bridged_ ? BRIDGED_TRANSPORT_NAME : TRANSPORT_NAME; }
 
-  /// The subscriber has come: hands it the shared memory. Network thread.
-  void meet(SideChannel channel);
+  /// The subscriber, or a bridge for it, has come: hands it the shared memory. Network thread.
+  void meet(SideChannel channel, bool bridge);
   /// The TCPROS connection has ended. Any thread.
   void disconnect();
 
@@ -54,32 +60,37 @@ private:
   void onPeerGone();
   void closeChannel();
   void setActive(bool active);  // with mutex_ held
-  void collect();               // with mutex_ held
-  bool announce(uint32_t segment);
-  /// With mutex_ held. True if the ring took over one reference of `buffer`.
-  bool pushToRing(const uint8_t* buffer, uint32_t length, size_t max_queue, uint32_t after_tcp, uint32_t* doorbell);
+  const uint8_t* poolBuffer(const ros::SerializedMessage& message) const;
   void pushToTcp(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message, size_t max_queue);
+  void warnOfPool(ros::TransportSubscriberLink* link, size_t bytes);
+
+  // On a link through a bridge, with mutex_ held.
+  void startBridged();
+  bool enqueueBridged(const ros::SerializedMessage& message, uint64_t serial, size_t max_queue);
+  bool flushOverflow(size_t max_queue);  ///< false if waiting for a place is in vain
+  void returnToTcp();
 
   const std::string topic_;
+  const boost::weak_ptr<ros::TransportSubscriberLink> link_;
   const boost::weak_ptr<ros::Connection> connection_;
   const Token token_ = Token::random();
 
-  std::mutex mutex_;
+  std::recursive_mutex mutex_;  // recursive: an allocation may collect what this link's subscriber has released
   std::atomic<bool> active_{false};
+  std::atomic<bool> bridged_{false};
   bool ended_ = false;  ///< the TCPROS connection is gone; what the subscriber still reads is kept
-  SideChannel channel_;
-  std::array<FileDescriptor, DOORBELLS> doorbells_;
-  SharedMapping memory_;  ///< of the ring
-  std::unique_ptr<RingProducer> ring_;
-  uint64_t nonce_ = 0;
-  std::vector<const uint8_t*> buffers_;  ///< by place in the ring: what the reference is held for
-  std::vector<uint32_t> lengths_;        ///< by place [B]
-  std::vector<uint32_t> announced_;      ///< segments whose memory the subscriber was given
-  uint32_t tail_ = 0;                    ///< index of the next message in the ring
-  uint32_t tcp_pushed_ = 0;              ///< messages put into roscpp's outbox, modulo 2^32
-  uint32_t tcp_dropped_ = 0;             ///< of those, dropped there
-  uint64_t sent_ = 0;                    ///< messages through the ring
-  uint64_t dropped_ = 0;                 ///< of those, dropped because the subscriber did not take them in time
+  std::unique_ptr<RingSender> ring_;
+  struct Waiting
+  {
+    ros::SerializedMessage message;
+    uint64_t serial;
+  };
+  std::deque<Waiting> overflow_;  ///< of a bridged link: what finds no place in the ring
+  bool waiting_announced_ = false;
+  uint32_t tcp_pushed_ = 0;      ///< messages put into roscpp's outbox, modulo 2^32
+  uint32_t tcp_dropped_ = 0;     ///< of those, dropped there
+  uint64_t sent_before_ = 0;     ///< messages through earlier rings of this link
+  uint64_t dropped_before_ = 0;  ///< of those, dropped because the subscriber did not take them in time
   bool pool_warned_ = false;
 };
 
