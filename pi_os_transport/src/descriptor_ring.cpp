@@ -1,5 +1,7 @@
 #include "pi_os_transport/descriptor_ring.h"
 
+#include <algorithm>
+
 namespace pi_os_transport
 {
 namespace
@@ -129,6 +131,12 @@ RingConsumer::Take RingConsumer::take(uint32_t tcp_delivered, bool in_any_order,
     }
   }
   return Take::EMPTY;
+}
+
+uint32_t RingConsumer::available() const
+{
+  const uint32_t head = layout_->head.load(std::memory_order_acquire);
+  return std::min(layout_->tail.load(std::memory_order_acquire) - head, CAPACITY);
 }
 
 void RingConsumer::release(uint32_t place)

@@ -67,6 +67,15 @@ FileDescriptor& FileDescriptor::operator=(FileDescriptor&& other) noexcept
   return *this;
 }
 
+int FileDescriptor::release()
+{
+  if (fd_ >= 0)
+  {
+    delist();
+  }
+  return std::exchange(fd_, -1);
+}
+
 void FileDescriptor::reset()
 {
   if (fd_ >= 0)

@@ -7,6 +7,9 @@ import shutil
 import transport_harness as harness
 
 
+COMPANION = 'libpi_os_transport_roscpp.so'
+
+
 class UnknownRoscpp(harness.TransportTest):
 
     def library_path(self):
@@ -38,6 +41,52 @@ class UnknownRoscpp(harness.TransportTest):
         if self.preload:
             self.assertIn(folder, said[0])
         self.assertEqual(listener.warnings(), [])
+
+    def copied_library(self, companion_bytes):
+        """The library in a folder of its own, beside the first companion_bytes of its part for roscpp."""
+        folder = self.scratch()
+        library = shutil.copy(os.path.realpath(self.preload), folder)
+        with open(os.path.join(os.path.dirname(os.path.realpath(self.preload)), COMPANION), 'rb') as original:
+            content = original.read(companion_bytes)
+        with open(os.path.join(folder, COMPANION), 'wb') as copy:
+            copy.write(content)
+        return library
+
+    def companion_size(self):
+        return os.path.getsize(os.path.join(os.path.dirname(os.path.realpath(self.preload)), COMPANION))
+
+    def talk(self, library, name):
+        """Fifty messages between two nodes with this library; @return the transports and the talker's warnings."""
+        topic = self.topic(name)
+        listener, talker = (self.peer(role + '_' + name, library) for role in ('listener', 'talker'))
+        talker.call('advertise', topic=topic, queue=100)
+        listener.call('subscribe', topic=topic, queue=100)
+        talker.call('await_subscribers', n=1)
+        talker.call('publish', count=50, sizes='100,200000')
+        self.assert_complete(listener.call('await_received', seq=50), 50)
+        return talker, topic
+
+    def test_half_installed_library_falls_back_to_tcp_with_one_warning(self):
+        if not self.preload:
+            self.skipTest('without the library there is nothing to install by halves')
+        size = self.companion_size()
+        # Nothing, a torn and a whole ELF header, a page, most of it, all but the last byte.
+        for length in (0, 1, 63, 64, 4096, size // 2, size - 4096, size - 1):
+            with self.subTest(length=length):
+                library = self.copied_library(length)
+                talker, topic = self.talk(library, 'cut_%d' % length)
+                self.assertEqual(talker.transports(topic, 'o'), ['TCPROS'])
+                said = talker.warnings() + talker.output('its part for roscpp')
+                self.assertEqual(len(said), 1, talker.lines)
+                self.assertIn('its part for roscpp is incomplete: %s;'
+                              % os.path.join(os.path.dirname(library), COMPANION), said[0])
+
+    def test_copy_in_full_length_is_used(self):
+        if not self.preload:
+            self.skipTest('without the library there is nothing to copy')
+        talker, topic = self.talk(self.copied_library(self.companion_size()), 'whole')
+        talker.await_transports(topic, 'o', [self.SHM])
+        self.assert_no_warning(talker)
 
 
 if __name__ == '__main__':

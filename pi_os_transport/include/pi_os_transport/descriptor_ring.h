@@ -149,6 +149,9 @@ public:
   /// Takes the message that peek() showed. @return its place, or -1 if the publisher has dropped it meanwhile.
   int takePeeked(uint32_t index);
 
+  /// Messages that wait to be taken.
+  uint32_t available() const;
+
   /// Any thread.
   void release(uint32_t place);
 

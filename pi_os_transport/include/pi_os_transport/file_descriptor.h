@@ -22,6 +22,8 @@ public:
 
   int get() const { return fd_; }
   explicit operator bool() const { return fd_ >= 0; }
+  /// Gives up ownership. @return the descriptor, or -1.
+  int release();
   void reset();
 
 private:

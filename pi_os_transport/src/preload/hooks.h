@@ -58,7 +58,13 @@
       (void* self, uint64_t timeout), (self, timeout)) \
   HOOK(QUEUE_DISABLE, void, \
       _ZN3ros13CallbackQueue7disableEv, \
-      (void* self), (self))
+      (void* self), (self)) \
+  HOOK(SERVICE_LOOKUP, bool, \
+      _ZN3ros14ServiceManager13lookupServiceERKNSt7__cxx1112basic_stringIcSt11char_traitsIcESaIcEEERS6_Rj, \
+      (void* self, const void* service, void* host, void* port), (self, service, host, port)) \
+  HOOK(TCP_CONNECT, bool, \
+      _ZN3ros12TransportTCP7connectERKNSt7__cxx1112basic_stringIcSt11char_traitsIcESaIcEEEi, \
+      (void* self, const void* host, int port), (self, host, port))
 // clang-format on
 
 enum PiOsHook
@@ -69,7 +75,7 @@ enum PiOsHook
       PI_OS_HOOK_COUNT
 };
 
-#define PI_OS_SHIM_VERSION 1
+#define PI_OS_SHIM_VERSION 2
 
 /// Handed to the companion once, before any replaced function runs.
 struct PiOsShim

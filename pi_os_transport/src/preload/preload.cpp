@@ -8,12 +8,14 @@
 #include "hooks.h"
 
 #include <dlfcn.h>
+#include <fcntl.h>
 #include <limits.h>
 #include <link.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 namespace
@@ -86,6 +88,85 @@ bool companionPath(char (&path)[PATH_MAX])
   return snprintf(path + folder, sizeof(path) - folder, "%s", COMPANION) < static_cast<int>(sizeof(path) - folder);
 }
 
+/// True if [offset, offset + length) lies within a file of `size` bytes.
+bool within(uint64_t offset, uint64_t length, uint64_t size)
+{
+  return offset <= size && length <= size - offset;
+}
+
+/// True if `file` is a shared object of this machine's word size that has all the bytes its headers announce.
+bool isWholeObject(int file)
+{
+  struct stat status;
+  ElfW(Ehdr) header;
+  if (fstat(file, &status) != 0 || pread(file, &header, sizeof(header), 0) != static_cast<ssize_t>(sizeof(header)) ||
+      memcmp(header.e_ident, ELFMAG, SELFMAG) != 0 ||
+      header.e_ident[EI_CLASS] != (sizeof(void*) == 8 ? ELFCLASS64 : ELFCLASS32))
+  {
+    return false;
+  }
+  const auto size = static_cast<uint64_t>(status.st_size);
+  if (header.e_phnum == 0 || header.e_phentsize != sizeof(ElfW(Phdr)) ||
+      !within(header.e_phoff, uint64_t{header.e_phnum} * header.e_phentsize, size) ||
+      !within(header.e_shoff, uint64_t{header.e_shnum} * header.e_shentsize, size))
+  {
+    return false;
+  }
+  for (int index = 0; index < header.e_phnum; ++index)
+  {
+    ElfW(Phdr) part;
+    const auto offset = static_cast<off_t>(header.e_phoff + index * sizeof(part));
+    if (pread(file, &part, sizeof(part), offset) != static_cast<ssize_t>(sizeof(part)) ||
+        (part.p_type == PT_LOAD && !within(part.p_offset, part.p_filesz, size)))
+    {
+      return false;
+    }
+  }
+  return true;
+}
+
+/// False if the companion is there, but only a part of it: dlopen() maps such a file and dies of SIGBUS where its pages
+/// end. Whatever else is wrong with it, dlopen() reports.
+bool isWholeCompanion(const char* path)
+{
+  const int file = open(path, O_RDONLY | O_CLOEXEC);
+  if (file < 0)
+  {
+    return true;
+  }
+  const bool whole = isWholeObject(file);
+  close(file);
+  return whole;
+}
+
+/// Loads the companion and lets it fill in shim.replacement.
+void attachCompanion()
+{
+  char path[PATH_MAX];
+  if (!companionPath(path))
+  {
+    return;
+  }
+  if (!isWholeCompanion(path))
+  {
+    complain("its part for roscpp is incomplete: ", path);
+    return;
+  }
+  void* companion = dlopen(path, RTLD_NOW | RTLD_LOCAL);
+  const auto attach =
+      companion != nullptr
+          ? reinterpret_cast<decltype(&pi_os_transport_attach)>(dlsym(companion, "pi_os_transport_attach"))
+          : nullptr;
+  if (attach == nullptr)
+  {
+    complain("cannot load its part for roscpp: ", dlerror());
+  }
+  else if (attach(&shim) != 0)
+  {
+    memset(shim.replacement, 0, sizeof(shim.replacement));
+  }
+}
+
 void resolveAll()
 {
   const char* roscpp_path = nullptr;
@@ -110,22 +191,9 @@ void resolveAll()
       complete = false;
     }
   }
-  char path[PATH_MAX];
-  if (complete && companionPath(path))
+  if (complete)
   {
-    void* companion = dlopen(path, RTLD_NOW | RTLD_LOCAL);
-    const auto attach =
-        companion != nullptr
-            ? reinterpret_cast<decltype(&pi_os_transport_attach)>(dlsym(companion, "pi_os_transport_attach"))
-            : nullptr;
-    if (attach == nullptr)
-    {
-      complain("cannot load its part for roscpp: ", dlerror());
-    }
-    else if (attach(&shim) != 0)
-    {
-      memset(shim.replacement, 0, sizeof(shim.replacement));
-    }
+    attachCompanion();
   }
   for (int hook = 0; hook < PI_OS_HOOK_COUNT; ++hook)
   {

@@ -1,11 +1,15 @@
 #include "bridge_client.h"
 
 #include <arpa/inet.h>
+#include <netdb.h>
 #include <netinet/in.h>
 #include <poll.h>
+#include <ros/network.h>
 #include <ros/poll_manager.h>
 #include <sys/socket.h>
 
+#include <algorithm>
+#include <cstring>
 #include <utility>
 
 #include "receive_link.h"
@@ -19,6 +23,29 @@ namespace
 constexpr std::chrono::milliseconds RETRY{300};
 constexpr int TUNNEL_TIMEOUT_MS = 100;
 
+/// Numeric form of an IPv4 address that may be another device than this: not a loopback address. Else empty.
+std::string foreignAddress(const in_addr& address)
+{
+  char text[INET_ADDRSTRLEN];
+  const bool loopback = ntohl(address.s_addr) >> 24 == IN_LOOPBACKNET;
+  return address.s_addr != 0 && !loopback && inet_ntop(AF_INET, &address, text, sizeof(text)) != nullptr ? text : "";
+}
+
+std::string resolve(const std::string& host)
+{
+  addrinfo hints{};
+  hints.ai_family = AF_INET;
+  hints.ai_socktype = SOCK_STREAM;
+  addrinfo* found = nullptr;
+  if (getaddrinfo(host.c_str(), nullptr, &hints, &found) != 0 || found == nullptr)
+  {
+    return "";
+  }
+  const std::string address = foreignAddress(reinterpret_cast<const sockaddr_in*>(found->ai_addr)->sin_addr);
+  freeaddrinfo(found);
+  return address;
+}
+
 }  // namespace
 
 BridgeClient& BridgeClient::instance()
@@ -27,14 +54,14 @@ BridgeClient& BridgeClient::instance()
   return *client;
 }
 
-void BridgeClient::want(const std::shared_ptr<ReceiveLink>& link)
+void BridgeClient::want(const std::shared_ptr<ReceiveLink>& link, std::chrono::milliseconds delay)
 {
   if (Runtime::instance().options.bridge.empty())
   {
     return;
   }
   std::lock_guard<std::mutex> lock(mutex_);
-  wanting_.push_back(link);
+  wishes_.push_back(Wish{link, std::chrono::steady_clock::now() + delay});
   if (!std::exchange(polling_, true))
   {
     // roscpp's network thread comes round at least every 100 ms.
@@ -44,28 +71,27 @@ void BridgeClient::want(const std::shared_ptr<ReceiveLink>& link)
 
 void BridgeClient::poll()
 {
-  std::vector<std::weak_ptr<ReceiveLink>> links;
+  std::vector<Wish> due;
   {
     std::lock_guard<std::mutex> lock(mutex_);
-    if (wanting_.empty() || !Runtime::instance().active())
-    {
-      return;
-    }
     const auto now = std::chrono::steady_clock::now();
-    if (now < next_try_)
+    if (wishes_.empty() || now < next_try_ || !Runtime::instance().active())
     {
       return;
     }
     next_try_ = now + RETRY;
-    links.swap(wanting_);
+    const auto first_due =
+        std::partition(wishes_.begin(), wishes_.end(), [now](const Wish& wish) { return wish.not_before > now; });
+    due.assign(first_due, wishes_.end());
+    wishes_.erase(first_due, wishes_.end());
   }
-  for (size_t index = 0; index < links.size(); ++index)
+  for (size_t index = 0; index < due.size(); ++index)
   {
-    const std::shared_ptr<ReceiveLink> link = links[index].lock();
+    const std::shared_ptr<ReceiveLink> link = due[index].link.lock();
     if (link && !link->askBridge())
     {
       std::lock_guard<std::mutex> lock(mutex_);
-      wanting_.insert(wanting_.end(), links.begin() + static_cast<std::ptrdiff_t>(index), links.end());
+      wishes_.insert(wishes_.end(), due.begin() + static_cast<std::ptrdiff_t>(index), due.end());
       return;  // nobody is there; the others need not ask
     }
   }
@@ -81,11 +107,15 @@ SideChannel BridgeClient::connect(const BridgeRequest& request) const
              : SideChannel();
 }
 
-FileDescriptor BridgeClient::openTunnel(const std::string& address, uint16_t port, const std::string& service) const
+FileDescriptor BridgeClient::openTunnel(const std::string& host, uint16_t port, const std::string& service) const
 {
   BridgeRequest request;
   request.kind = BridgeRequest::TUNNEL;
-  request.address = address;
+  request.address = Runtime::instance().options.bridge.empty() || host == ros::network::getHost() ? "" : resolve(host);
+  if (request.address.empty())
+  {
+    return FileDescriptor();
+  }
   request.port = port;
   request.service = service;
   SideChannel channel = connect(request);
@@ -126,9 +156,7 @@ std::string BridgeClient::peerAddress(int socket)
     }
     std::memcpy(&address, wide.s6_addr + 12, sizeof(address));
   }
-  char text[INET_ADDRSTRLEN];
-  const bool loopback = ntohl(address.s_addr) >> 24 == IN_LOOPBACKNET;
-  return address.s_addr != 0 && !loopback && inet_ntop(AF_INET, &address, text, sizeof(text)) != nullptr ? text : "";
+  return foreignAddress(address);
 }
 
 }  // namespace pi_os_transport

@@ -20,15 +20,16 @@ class BridgeClient
 public:
   static BridgeClient& instance();
 
-  /// Lets `link` ask for a bridge until one answers: soon, then about three times a second.
-  void want(const std::shared_ptr<ReceiveLink>& link);
+  /// Lets `link` ask for a bridge until one answers: after `delay`, then about three times a second.
+  void want(const std::shared_ptr<ReceiveLink>& link, std::chrono::milliseconds delay);
 
   /// A new connection to the bridge with `request` sent on it. Empty if no bridge answers, or none is wanted.
   SideChannel connect(const BridgeRequest& request) const;
 
-  /// Asks the bridge for a TCP connection to `address` (numeric) and `port` on another device. Waits at most 100 ms.
+  /// Asks the bridge for a TCP connection to `host` (name or numeric) and `port` on another device. Waits at most 100
+  /// ms for the bridge.
   /// @return a connected TCP socket; empty if the bridge cannot help.
-  FileDescriptor openTunnel(const std::string& address, uint16_t port, const std::string& service) const;
+  FileDescriptor openTunnel(const std::string& host, uint16_t port, const std::string& service) const;
 
   /// Numeric address of the machine at the other end of a TCP socket, if it may be another device than this: not a
   /// loopback address. Else empty.
@@ -40,7 +41,12 @@ private:
 
   std::mutex mutex_;
   bool polling_ = false;
-  std::vector<std::weak_ptr<ReceiveLink>> wanting_;
+  struct Wish
+  {
+    std::weak_ptr<ReceiveLink> link;
+    std::chrono::steady_clock::time_point not_before;
+  };
+  std::vector<Wish> wishes_;
   std::chrono::steady_clock::time_point next_try_;
 };
 

@@ -24,6 +24,9 @@ namespace
 constexpr uint32_t MAX_LEASES = RingLayout::CAPACITY / 2;
 /// Messages handed on before the network thread looks at its other sockets again.
 constexpr int BATCH = 64;
+/// When a link asks for a bridge again: one that was not there or has ended, and one that does not carry this topic.
+constexpr std::chrono::milliseconds ASK_AGAIN{300};
+constexpr std::chrono::milliseconds ASK_AGAIN_REFUSED{5000};
 
 }  // namespace
 
@@ -70,7 +73,7 @@ void ReceiveLink::meet(const std::string& header_field)
   }
   else if (!askBridge())  // another device, container or user
   {
-    BridgeClient::instance().want(shared_from_this());
+    BridgeClient::instance().want(shared_from_this(), ASK_AGAIN);
   }
 }
 
@@ -247,14 +250,15 @@ void ReceiveLink::leaveBridge()
   {
     return;
   }
-  drain(Drain::ALL_DUE);
+  drain(ended_ ? Drain::REST : Drain::ALL_DUE);
+  const bool refused = ring_->ended() == LinkEnd::REFUSED;
   closeRing();
   ring_.reset();
   bridged_ = false;
   started_ = false;
   if (!ended_)
   {
-    BridgeClient::instance().want(shared_from_this());
+    BridgeClient::instance().want(shared_from_this(), refused ? ASK_AGAIN_REFUSED : ASK_AGAIN);
   }
 }
 
@@ -262,11 +266,16 @@ void ReceiveLink::disconnect(bool deliver_rest)
 {
   const std::shared_ptr<ReceiveLink> self = shared_from_this();  // the watchers may hold the last references
   std::lock_guard<std::recursive_mutex> lock(mutex_);
+  ended_ = true;
   if (deliver_rest)
   {
     drain(Drain::REST);
+    if (bridged_ && in_use_)
+    {
+      active_.store(false, std::memory_order_release);
+      return;  // what is under way between the devices follows; the bridge says when that is all
+    }
   }
-  ended_ = true;
   closeRing();
 }
 
@@ -291,7 +300,8 @@ void ReceiveLink::drain(Drain extent)
     }
     Descriptor descriptor;
     uint32_t place = 0;
-    if (ring->ring().take(tcp_delivered_, extent == Drain::REST, &descriptor, &place) != RingConsumer::Take::TAKEN)
+    const bool in_any_order = extent == Drain::REST || ended_;
+    if (ring->ring().take(tcp_delivered_, in_any_order, &descriptor, &place) != RingConsumer::Take::TAKEN)
     {
       return;
     }

@@ -13,6 +13,7 @@
 #include <cstdlib>
 #include <cstring>
 
+#include "bridge_client.h"
 #include "queue_waiter.h"
 #include "receive_link.h"
 #include "roscpp_version.h"
@@ -404,6 +405,43 @@ void disable(ros::CallbackQueue* self)
   }
 }
 
+/// The service that this thread has looked up last: the connection to it comes next.
+struct LookedUpService
+{
+  std::string name;
+  std::string host;
+  uint32_t port = 0;
+};
+thread_local LookedUpService looked_up;
+
+bool lookupService(ros::ServiceManager* self, const std::string& name, std::string& host, uint32_t& port)
+{
+  const bool found = Runtime::instance().original.lookup_service(self, name, host, port);
+  looked_up = found ? LookedUpService{name, host, port} : LookedUpService{};
+  return found;
+}
+
+/// A client's connection to a service on another device goes through the bridges, if they are there. A synchronous one
+/// only asks whether the server lives, which the bridge of this device cannot tell.
+bool connectTcp(ros::TransportTCP* self, const std::string& host, int port)
+{
+  Runtime& runtime = Runtime::instance();
+  const LookedUpService service = std::exchange(looked_up, LookedUpService{});
+  if (runtime.active() && service.port != 0 && service.host == host && static_cast<int>(service.port) == port &&
+      (self->flags_ & ros::TransportTCP::SYNCHRONOUS) == 0 && runtime.options.carries(service.name))
+  {
+    FileDescriptor socket = BridgeClient::instance().openTunnel(host, static_cast<uint16_t>(port), service.name);
+    if (socket)
+    {
+      self->connected_host_ = host;
+      self->connected_port_ = port;
+      self->cached_remote_host_ = host + ":" + std::to_string(port) + " through the bridge";
+      return self->setSocket(socket.release());
+    }
+  }
+  return runtime.original.tcp_connect(self, host, port);
+}
+
 /// True if `path` is the libroscpp that this file was compiled for: private members are reached through its headers.
 bool isKnownRoscpp(const char* path)
 {
@@ -462,6 +500,8 @@ int attach(PiOsShim* shim)
   takeOver(shim, PI_OS_QUEUE_CALL_AVAILABLE, &original.call_available, callAvailable);
   takeOver(shim, PI_OS_QUEUE_CALL_ONE, &original.call_one, callOne);
   takeOver(shim, PI_OS_QUEUE_DISABLE, &original.disable, disable);
+  takeOver(shim, PI_OS_SERVICE_LOOKUP, &original.lookup_service, lookupService);
+  takeOver(shim, PI_OS_TCP_CONNECT, &original.tcp_connect, connectTcp);
   return 0;
 }
 

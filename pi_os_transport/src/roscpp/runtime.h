@@ -3,7 +3,9 @@
 #include <ros/callback_queue.h>
 #include <ros/connection.h>
 #include <ros/poll_set.h>
+#include <ros/service_manager.h>
 #include <ros/topic_manager.h>
+#include <ros/transport/transport_tcp.h>
 #include <ros/transport_publisher_link.h>
 #include <ros/transport_subscriber_link.h>
 
@@ -56,6 +58,8 @@ struct Originals
   void (*call_available)(ros::CallbackQueue*, ros::WallDuration);
   ros::CallbackQueue::CallOneResult (*call_one)(ros::CallbackQueue*, ros::WallDuration);
   void (*disable)(ros::CallbackQueue*);
+  bool (*lookup_service)(ros::ServiceManager*, const std::string&, std::string&, uint32_t&);
+  bool (*tcp_connect)(ros::TransportTCP*, const std::string&, int);
 };
 
 /// The peer's process has ended, or has at least closed its side channel. Normally the TCPROS connection reports that

@@ -152,6 +152,13 @@ void TransmitLink::disconnect()
   ended_ = true;
   setActive(false);
   overflow_.clear();
+  if (bridged_ && ring_)
+  {
+    Packet packet;
+    packet.type = Packet::ENDED;
+    packet.values[0] = static_cast<uint64_t>(LinkEnd::CLOSED);
+    ring_->channel().send(packet);
+  }
 }
 
 void TransmitLink::closeChannel()

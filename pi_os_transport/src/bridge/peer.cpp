@@ -1,0 +1,424 @@
+#include "peer.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "pi_os_transport/side_channel.h"
+
+namespace pi_os_transport
+{
+namespace
+{
+
+using std::chrono::milliseconds;
+
+constexpr milliseconds TICK{100};
+/// Without a word for so long, the connections are made anew.
+constexpr milliseconds SILENCE{600};
+/// A peer whose machine accepts connections has so long to speak.
+constexpr milliseconds HANDSHAKE{500};
+constexpr milliseconds RECONNECT{100};
+constexpr milliseconds RECONNECT_DOWN{300};
+/// Small frames are acknowledged together, after so long at the latest, or as soon as so much has come.
+constexpr milliseconds ACK_DELAY{20};
+constexpr uint64_t ACK_BYTES = 64 << 10;
+
+}  // namespace
+
+Peer::Peer(EventLoop* loop, FrameTransport* transport, Listener* listener, Endpoint endpoint)
+  : loop_(loop)
+  , transport_(transport)
+  , listener_(listener)
+  , endpoint_(std::move(endpoint))
+  , lanes_{Lane(Traffic::EXPRESS, transport), Lane(Traffic::BULK, transport)}
+  , secret_(Token::random().high | 1)
+{
+}
+
+Peer::~Peer()
+{
+  loop_->cancel(tick_timer_);
+  loop_->cancel(connect_timer_);
+  closeConnections();
+  for (Receiving& receiving : receiving_)
+  {
+    loop_->cancel(receiving.timer);
+  }
+}
+
+void Peer::start()
+{
+  connect();
+  tick_timer_ = loop_->after(TICK, [this]() { tick(); });
+}
+
+void Peer::connect()
+{
+  connect_timer_ = 0;
+  for (Lane& lane : lanes_)
+  {
+    lane.open(transport_->connect(endpoint_));
+  }
+}
+
+void Peer::reconnect(milliseconds delay)
+{
+  if (connect_timer_ == 0)
+  {
+    connect_timer_ = loop_->after(delay, [this]() { connect(); });
+  }
+}
+
+void Peer::closeConnections()
+{
+  for (Lane& lane : lanes_)
+  {
+    if (lane.connection() != 0)
+    {
+      transport_->close(lane.connection());
+    }
+    lane.reset();
+  }
+  for (Receiving& receiving : receiving_)
+  {
+    loop_->cancel(receiving.timer);
+    receiving = Receiving{};
+  }
+  controls_.insert(controls_.begin(), unacked_controls_.begin(), unacked_controls_.end());
+  unacked_controls_.clear();
+  verified_ = false;
+  their_secret_ = 0;
+}
+
+bool Peer::owns(FrameTransport::ConnectionId connection) const
+{
+  return std::any_of(lanes_.begin(), lanes_.end(),
+                     [connection](const Lane& lane) { return lane.connection() == connection; });
+}
+
+void Peer::sayHello(Lane* lane)
+{
+  Hello hello = listener_->describe(endpoint_);
+  hello.secret = secret_;
+  hello.echo = their_secret_;
+  auto payload = std::make_shared<std::vector<uint8_t>>(hello.encode());
+  FrameHeader header;
+  header.type = FrameType::HELLO;
+  header.id = lane == &lanes_[0] ? 0 : 1;
+  header.session = their_secret_;
+  const iovec piece{payload->data(), payload->size()};
+  lane->send(header, &piece, 1, payload, nullptr);
+}
+
+void Peer::onConnected(FrameTransport::ConnectionId connection)
+{
+  for (Lane& lane : lanes_)
+  {
+    if (lane.connection() == connection)
+    {
+      lane.setConnected(true);
+      sayHello(&lane);
+    }
+  }
+  connected_since_ = SteadyClock::now();
+  beUp();
+}
+
+void Peer::onClosed(FrameTransport::ConnectionId connection, CloseReason reason)
+{
+  for (Lane& lane : lanes_)
+  {
+    if (lane.connection() == connection)
+    {
+      lane.reset();
+    }
+  }
+  switch (reason)
+  {
+    case CloseReason::REFUSED:
+    case CloseReason::MALFORMED:
+      lose(State::DOWN);
+      break;
+    case CloseReason::PEER_CLOSED:
+      // Its process has ended, or has only lost patience with this connection: the next attempt will tell.
+      interrupt(state_ == State::UP ? State::SILENT : state_);
+      reconnect(milliseconds(1));
+      break;
+    case CloseReason::UNREACHABLE:
+      interrupt(State::SILENT);
+      reconnect(RECONNECT);
+      break;
+  }
+}
+
+void Peer::interrupt(State next)
+{
+  const bool was_up = state_ == State::UP;
+  closeConnections();
+  if (!carries_)
+  {
+    controls_.clear();
+  }
+  state_ = ever_up_ ? next : (next == State::SILENT ? State::CONNECTING : next);
+  // What still lies in buffers on the way belongs to a session that is over.
+  secret_ = Token::random().high | 1;
+  if (was_up)
+  {
+    listener_->onInterrupted(this);
+  }
+}
+
+void Peer::lose(State next)
+{
+  interrupt(next);
+  state_ = next;
+  end(false);
+  reconnect(RECONNECT_DOWN);
+}
+
+void Peer::end(bool hung)
+{
+  instance_ = 0;
+  controls_.clear();
+  if (std::exchange(carries_, false))
+  {
+    listener_->onLost(this, hung);
+  }
+}
+
+bool Peer::onHello(const Hello& hello)
+{
+  if (state_ == State::UP && hello.echo != secret_)
+  {
+    return false;  // who is up knows the secret
+  }
+  heard();
+  name_ = hello.name;
+  if (hello.echo == secret_)
+  {
+    verified_ = true;
+    if (instance_ != 0 && instance_ != hello.instance)
+    {
+      end(false);  // another process: what the last one carried is over
+    }
+    instance_ = hello.instance;
+  }
+  if (their_secret_ != hello.secret)
+  {
+    their_secret_ = hello.secret;
+    for (Lane& lane : lanes_)
+    {
+      if (lane.connected())
+      {
+        sayHello(&lane);
+      }
+    }
+  }
+  if (state_ == State::DOWN && connect_timer_ != 0)
+  {
+    loop_->cancel(std::exchange(connect_timer_, 0));
+    connect();
+  }
+  beUp();
+  return true;
+}
+
+void Peer::beUp()
+{
+  if (state_ == State::UP || !verified_ || their_secret_ == 0 || !lanes_[0].connected() || !lanes_[1].connected())
+  {
+    return;
+  }
+  state_ = State::UP;
+  heard();
+  const bool resumed = carries_;
+  ever_up_ = true;
+  carries_ = true;
+  listener_->onUp(this, resumed);
+  pump();
+}
+
+void Peer::tick()
+{
+  tick_timer_ = loop_->after(TICK, [this]() { tick(); });
+  const SteadyTime now = SteadyClock::now();
+  if (state_ == State::UP)
+  {
+    if (now - last_heard_ > SILENCE)
+    {
+      interrupt(State::SILENT);
+      reconnect(milliseconds(1));
+      return;
+    }
+    if (now - last_sent_ >= TICK)
+    {
+      FrameHeader header;
+      header.type = FrameType::PING;
+      control(header);
+    }
+    return;
+  }
+  const bool connected = lanes_[0].connected() && lanes_[1].connected();
+  if (connected && now - connected_since_ > HANDSHAKE)
+  {
+    // The machine answers for it, but it does not speak. Keep the connection: it will see the greeting when it wakes.
+    state_ = State::HUNG;
+    end(true);
+    if (now - connected_since_ > 20 * HANDSHAKE)
+    {
+      interrupt(State::HUNG);
+      reconnect(milliseconds(1));
+    }
+  }
+}
+
+void Peer::control(FrameHeader header, std::vector<uint8_t> payload)
+{
+  if (state_ == State::UP || ((carries_ || verified_) && Lane::isCounted(header.type)))
+  {
+    controls_.push_back(Control{header, std::make_shared<std::vector<uint8_t>>(std::move(payload))});
+    pumpControl();
+  }
+}
+
+bool Peer::pumpControl()
+{
+  Lane& lane = lanes_[static_cast<size_t>(Traffic::EXPRESS)];
+  while (!controls_.empty() && state_ == State::UP)
+  {
+    Control& next = controls_.front();
+    next.header.session = their_secret_;
+    const iovec piece{next.payload->data(), next.payload->size()};
+    Lane::Acknowledged acknowledged;
+    const bool counted = Lane::isCounted(next.header.type);
+    if (counted)
+    {
+      acknowledged = [this]() { unacked_controls_.pop_front(); };
+    }
+    if (!lane.send(next.header, &piece, next.payload->empty() ? 0 : 1, next.payload, std::move(acknowledged)))
+    {
+      return false;
+    }
+    last_sent_ = SteadyClock::now();
+    if (counted)
+    {
+      unacked_controls_.push_back(std::move(next));
+    }
+    controls_.pop_front();
+  }
+  return controls_.empty();
+}
+
+void Peer::offer(const std::shared_ptr<FrameSource>& source)
+{
+  std::deque<std::weak_ptr<FrameSource>>& queue = sources_[static_cast<size_t>(source->traffic())];
+  const bool known = std::any_of(queue.begin(), queue.end(),
+                                 [&source](const std::weak_ptr<FrameSource>& other)
+                                 { return !other.owner_before(source) && !source.owner_before(other); });
+  if (!known)
+  {
+    queue.push_back(source);
+  }
+}
+
+void Peer::pump()
+{
+  if (state_ != State::UP || !pumpControl())
+  {
+    return;
+  }
+  // Again if something has changed from BULK to EXPRESS meanwhile.
+  const auto expressWaits = [this]() { return !sources_[0].empty() && lanes_[0].ready(); };
+  do
+  {
+    pumpLane(Traffic::EXPRESS);
+    pumpLane(Traffic::BULK);
+  } while (state_ == State::UP && expressWaits());
+}
+
+void Peer::pumpLane(Traffic traffic)
+{
+  Lane& lane = lanes_[static_cast<size_t>(traffic)];
+  std::deque<std::weak_ptr<FrameSource>>& queue = sources_[static_cast<size_t>(traffic)];
+  while (!queue.empty() && lane.ready() && state_ == State::UP)
+  {
+    const std::shared_ptr<FrameSource> source = queue.front().lock();
+    queue.pop_front();
+    if (!source)
+    {
+      continue;
+    }
+    if (source->traffic() != traffic)
+    {
+      offer(source);
+      continue;
+    }
+    if (source->sendNext(this, &lane))
+    {
+      offer(source);
+      last_sent_ = traffic == Traffic::EXPRESS ? SteadyClock::now() : last_sent_;
+    }
+  }
+}
+
+bool Peer::onAck(const FrameHeader& header)
+{
+  heard();
+  if (header.id >= TRAFFIC_CLASSES || !lanes_[header.id].onAck(header.offset))
+  {
+    return false;
+  }
+  return true;
+}
+
+void Peer::acknowledge(Traffic traffic, uint32_t bytes)
+{
+  heard();
+  received_bytes_ += bytes;
+  Receiving& receiving = receiving_[static_cast<size_t>(traffic)];
+  ++receiving.frames;
+  receiving.unacked_bytes += bytes;
+  if (receiving.scheduled)
+  {
+    return;
+  }
+  if (traffic == Traffic::BULK || receiving.unacked_bytes >= ACK_BYTES)
+  {
+    receiving.scheduled = true;
+    loop_->defer(
+        [weak = weak_from_this(), traffic]()
+        {
+          if (const std::shared_ptr<Peer> self = weak.lock())
+          {
+            self->sendAck(traffic);
+          }
+        });
+  }
+  else if (receiving.timer == 0)
+  {
+    receiving.timer = loop_->after(ACK_DELAY, [this, traffic]() { sendAck(traffic); });
+  }
+}
+
+void Peer::sendAck(Traffic traffic)
+{
+  Receiving& receiving = receiving_[static_cast<size_t>(traffic)];
+  receiving.scheduled = false;
+  if (receiving.timer != 0)
+  {
+    loop_->cancel(std::exchange(receiving.timer, 0));
+  }
+  if (receiving.frames == receiving.acked_frames)
+  {
+    return;
+  }
+  receiving.acked_frames = receiving.frames;
+  receiving.unacked_bytes = 0;
+  FrameHeader header;
+  header.type = FrameType::ACK;
+  header.id = static_cast<uint32_t>(traffic);
+  header.offset = receiving.frames;
+  control(header);
+}
+
+}  // namespace pi_os_transport

@@ -1,0 +1,367 @@
+#include "tunnel.h"
+
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <utility>
+
+namespace pi_os_transport
+{
+namespace
+{
+
+/// Bytes that may be under way in one direction [B].
+constexpr uint64_t WINDOW = 4 << 20;
+/// Bytes after which the peer is told that more may come [B].
+constexpr uint64_t CREDIT_STEP = 256 << 10;
+/// What is read at a time while the tunnel is EXPRESS; a full read shows that there is more, which goes as BULK [B].
+constexpr uint32_t EXPRESS_CHUNK = 16 << 10;
+
+}  // namespace
+
+Tunnel::Tunnel(EventLoop* loop, Peer* peer, uint32_t id, Side side, FileDescriptor socket, std::string target,
+               std::function<void()> on_closed)
+  : loop_(loop)
+  , peer_(peer)
+  , id_(id)
+  , side_(side)
+  , socket_(std::move(socket))
+  , target_(std::move(target))
+  , on_closed_(std::move(on_closed))
+  , connected_(side == Side::CLIENT)
+{
+}
+
+Tunnel::~Tunnel()
+{
+  if (events_ != 0)
+  {
+    loop_->remove(socket_.get());
+  }
+}
+
+void Tunnel::start()
+{
+  const int on = 1;
+  setsockopt(socket_.get(), IPPROTO_TCP, TCP_NODELAY, &on, sizeof(on));
+  events_ = connected_ ? EPOLLIN : EPOLLOUT;
+  loop_->add(socket_.get(), events_, [self = this](uint32_t events) { self->onSocket(events); });
+}
+
+FrameHeader Tunnel::headerOf(FrameType type) const
+{
+  FrameHeader header;
+  header.type = type;
+  header.id = side_ == Side::SERVER ? id_ | SERVER_BIT : id_;
+  return header;
+}
+
+void Tunnel::onSocket(uint32_t events)
+{
+  const std::shared_ptr<Tunnel> self = shared_from_this();
+  if (!connected_)
+  {
+    int error = 0;
+    socklen_t length = sizeof(error);
+    getsockopt(socket_.get(), SOL_SOCKET, SO_ERROR, &error, &length);
+    if (error != 0)
+    {
+      sendClose(true, target_ + ": " + std::strerror(error));
+      finish();
+      return;
+    }
+    connected_ = true;
+    peer_->control(headerOf(FrameType::TUNNEL_READY));
+  }
+  if ((events & EPOLLOUT) != 0)
+  {
+    onWritable();
+  }
+  if (socket_ && (events & (EPOLLIN | EPOLLHUP | EPOLLERR)) != 0)
+  {
+    onReadable();
+  }
+  if (socket_)
+  {
+    updateEvents();
+  }
+}
+
+void Tunnel::onReadable()
+{
+  if (local_end_ || next_ || !resend_.empty() || read_ - credit_ >= WINDOW)
+  {
+    return;
+  }
+  auto chunk = std::make_shared<Chunk>();
+  chunk->offset = read_;
+  const uint32_t most = traffic_ == Traffic::BULK ? peer_->lane(Traffic::BULK).fragmentBytes() : EXPRESS_CHUNK;
+  chunk->bytes.resize(most);
+  ssize_t count;
+  do
+  {
+    count = recv(socket_.get(), chunk->bytes.data(), most, MSG_DONTWAIT);
+  } while (count < 0 && errno == EINTR);
+  if (count < 0 && (errno == EAGAIN || errno == EWOULDBLOCK))
+  {
+    return;
+  }
+  if (count <= 0)
+  {
+    local_end_ = true;
+    sendClose(false, "");
+    if (end_known_ && written_ == end_)
+    {
+      finish();
+    }
+    return;
+  }
+  chunk->bytes.resize(static_cast<size_t>(count));
+  read_ += static_cast<uint64_t>(count);
+  next_ = std::move(chunk);
+  peer_->offer(shared_from_this());
+  peer_->pump();
+}
+
+bool Tunnel::sendNext(Peer*, Lane* lane)
+{
+  if (!next_ && !resend_.empty())
+  {
+    next_ = resend_.front();
+    resend_.pop_front();
+  }
+  if (!next_)
+  {
+    return false;
+  }
+  const Traffic wanted = next_->bytes.size() >= EXPRESS_CHUNK ? Traffic::BULK
+                         : unacked_.empty()                   ? Traffic::EXPRESS
+                                                              : traffic_;
+  if (wanted != traffic_)
+  {
+    if (unacked_.empty())
+    {
+      traffic_ = wanted;
+      peer_->offer(shared_from_this());
+    }
+    return false;  // what is under way has to arrive first
+  }
+  FrameHeader header = headerOf(FrameType::TUNNEL_DATA);
+  header.offset = next_->offset;
+  header.session = peer_->theirSecret();
+  const iovec piece{next_->bytes.data(), next_->bytes.size()};
+  const auto acknowledged = [weak = weak_from_this()]()
+  {
+    if (const std::shared_ptr<Tunnel> self = weak.lock())
+    {
+      self->onAcknowledged();
+    }
+  };
+  if (!lane->send(header, &piece, 1, next_, acknowledged))
+  {
+    peer_->offer(shared_from_this());
+    return false;
+  }
+  unacked_.push_back(std::exchange(next_, nullptr));
+  if (resend_.empty() && socket_)
+  {
+    onReadable();
+    if (socket_)
+    {
+      updateEvents();
+    }
+  }
+  return next_ != nullptr || !resend_.empty();
+}
+
+void Tunnel::onAcknowledged()
+{
+  if (!unacked_.empty())
+  {
+    unacked_.pop_front();
+  }
+  if (unacked_.empty() && next_)
+  {
+    peer_->offer(shared_from_this());
+  }
+}
+
+bool Tunnel::onData(const FrameHeader& header, const uint8_t* payload, uint32_t length)
+{
+  if (header.offset > received_ || received_ - written_ + length > WINDOW + MAX_PAYLOAD ||
+      (end_known_ && header.offset + length > end_))
+  {
+    return false;
+  }
+  const uint64_t known = received_ - header.offset;  // came before the last interruption
+  if (known < length)
+  {
+    to_write_.emplace_back(payload + known, payload + length);
+    received_ = header.offset + length;
+    if (connected_)
+    {
+      onWritable();
+      if (socket_)
+      {
+        updateEvents();
+      }
+    }
+  }
+  return true;
+}
+
+void Tunnel::onWritable()
+{
+  while (!to_write_.empty())
+  {
+    const std::vector<uint8_t>& front = to_write_.front();
+    const ssize_t count =
+        ::send(socket_.get(), front.data() + first_offset_, front.size() - first_offset_, MSG_DONTWAIT | MSG_NOSIGNAL);
+    if (count < 0)
+    {
+      if (errno == EINTR)
+      {
+        continue;
+      }
+      if (errno != EAGAIN && errno != EWOULDBLOCK)
+      {
+        sendClose(true, std::strerror(errno));
+        finish();
+        return;
+      }
+      break;
+    }
+    written_ += static_cast<uint64_t>(count);
+    first_offset_ += static_cast<size_t>(count);
+    if (first_offset_ == front.size())
+    {
+      to_write_.pop_front();
+      first_offset_ = 0;
+    }
+  }
+  sendCredit(false);
+  if (end_known_ && written_ == end_)
+  {
+    if (!local_end_)
+    {
+      sendClose(true, "");
+    }
+    finish();
+  }
+}
+
+void Tunnel::sendCredit(bool now)
+{
+  if (now || written_ - credited_ >= CREDIT_STEP)
+  {
+    credited_ = written_;
+    FrameHeader header = headerOf(FrameType::TUNNEL_CREDIT);
+    header.offset = written_;
+    peer_->control(header);
+  }
+}
+
+bool Tunnel::onCredit(const FrameHeader& header)
+{
+  if (header.offset > read_)
+  {
+    return false;
+  }
+  credit_ = std::max(credit_, header.offset);
+  if (connected_)
+  {
+    onReadable();
+    if (socket_)
+    {
+      updateEvents();
+    }
+  }
+  return true;
+}
+
+void Tunnel::onClose(const FrameHeader& header)
+{
+  const std::shared_ptr<Tunnel> self = shared_from_this();
+  end_known_ = true;
+  end_ = header.count != 0 ? written_ : header.offset;
+  if (written_ >= end_)
+  {
+    finish();
+  }
+}
+
+void Tunnel::sendClose(bool at_once, const std::string& reason)
+{
+  FrameHeader header = headerOf(FrameType::TUNNEL_CLOSE);
+  header.offset = read_;
+  header.count = at_once ? 1 : 0;
+  PayloadWriter payload;
+  payload.putString(reason);
+  peer_->control(header, payload.take());
+}
+
+void Tunnel::updateEvents()
+{
+  const bool wants_more = connected_ && !local_end_ && !next_ && resend_.empty() && read_ - credit_ < WINDOW;
+  const uint32_t events =
+      (wants_more ? uint32_t{EPOLLIN} : 0u) | (!connected_ || !to_write_.empty() ? uint32_t{EPOLLOUT} : 0u);
+  if (events == events_)
+  {
+    return;
+  }
+  // A socket with nothing to wait for is not watched at all: a hang-up would be reported over and over.
+  if (events == 0)
+  {
+    loop_->remove(socket_.get());
+  }
+  else if (events_ == 0)
+  {
+    loop_->add(socket_.get(), events, [self = this](uint32_t ready) { self->onSocket(ready); });
+  }
+  else
+  {
+    loop_->change(socket_.get(), events);
+  }
+  events_ = events;
+}
+
+void Tunnel::rewind()
+{
+  resend_.insert(resend_.begin(), unacked_.begin(), unacked_.end());
+  unacked_.clear();
+  if (next_)
+  {
+    resend_.push_back(std::exchange(next_, nullptr));
+  }
+}
+
+void Tunnel::abort()
+{
+  finish();
+}
+
+void Tunnel::finish()
+{
+  if (!socket_)
+  {
+    return;
+  }
+  if (events_ != 0)
+  {
+    loop_->remove(socket_.get());
+    events_ = 0;
+  }
+  socket_.reset();
+  next_.reset();
+  if (const std::function<void()> closed = std::exchange(on_closed_, nullptr))
+  {
+    loop_->defer(closed);  // whoever called may still use this
+  }
+}
+
+}  // namespace pi_os_transport
