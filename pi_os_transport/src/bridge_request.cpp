@@ -27,6 +27,7 @@ std::vector<uint8_t> BridgeRequest::encode() const
       out.putString(service);
       break;
     case STATUS:
+    case PING:
       break;
   }
   return out.take();
@@ -59,6 +60,7 @@ bool BridgeRequest::decode(const std::vector<uint8_t>& packet, BridgeRequest* re
       request->service = in.getString();
       break;
     case STATUS:
+    case PING:
       break;
     default:
       *error = "request of unknown kind " + std::to_string(kind);

@@ -373,6 +373,9 @@ class Testbed:
         self.devices = {}
         self.router = None
         self.folder = tempfile.mkdtemp(prefix='pi_os_devices_')
+        # Removes the logs of the nodes when this process ends, however it does.
+        self._remover = subprocess.Popen(['sh', '-c', 'read line; rm -rf -- "$0"', self.folder], stdin=subprocess.PIPE,
+                                         start_new_session=True)
         self.master_uri = f'http://{network}.1.1:{MASTER_PORT}'
         try:
             for program in ('ip', 'tc', 'setpriv'):
@@ -428,7 +431,8 @@ class Testbed:
             device.close()
         if self.router:
             self.router.close()
-        shutil.rmtree(self.folder, ignore_errors=True)
+        self._remover.stdin.close()
+        self._remover.wait()
 
     def __enter__(self):
         return self

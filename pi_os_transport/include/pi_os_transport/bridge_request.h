@@ -15,6 +15,7 @@ struct BridgeRequest
     LINK = 1,    ///< carry a topic from another device; the socket then works as a publisher's side channel
     TUNNEL = 2,  ///< carry a TCP connection; answered by a Packet of type OFFER with a connected socket, or ENDED
     STATUS = 3,  ///< answered by this header and a descriptor of memory that holds the state as JSON
+    PING = 4,    ///< answered by this header
   };
   static constexpr uint32_t MAGIC = 0x514f6970;
   static constexpr uint16_t VERSION = 1;

@@ -53,6 +53,11 @@ bool isLocal(const std::string& address)
          bind(probe.get(), reinterpret_cast<const sockaddr*>(&local), sizeof(local)) == 0;
 }
 
+bool isLoopback(const std::string& address)
+{
+  return ntohl(socketAddress(address, 0).sin_addr.s_addr) >> 24 == IN_LOOPBACKNET;
+}
+
 /// The address under which this device speaks to another one.
 std::string addressTowards(const Endpoint& peer)
 {
@@ -247,6 +252,9 @@ void Bridge::onClient(const std::shared_ptr<Client>& client)
       break;
     case BridgeRequest::STATUS:
       answerStatus(&channel);
+      break;
+    case BridgeRequest::PING:
+      channel.sendBytes(packet.data(), packet.size());
       break;
   }
 }
@@ -1175,8 +1183,10 @@ bool Bridge::acceptTunnel(Session* session, const FrameHeader& header, const uin
   }
   const uint16_t port = static_cast<uint16_t>(header.count);
   const std::string target = address + ":" + std::to_string(port);
-  // Only this device's own services: a bridge is no way into the network behind it.
-  FileDescriptor socket(isLocal(address) && session->tunnels.size() < MAX_TUNNELS && !on_drained_
+  // Only what this device offers to others: a bridge is a way neither into the network behind it nor to what listens on
+  // the loopback interface alone.
+  FileDescriptor socket(isLocal(address) && !isLoopback(address) && session->tunnels.size() < MAX_TUNNELS &&
+                                !on_drained_
                             ? ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0)
                             : -1);
   const sockaddr_in destination = socketAddress(address, port);

@@ -34,6 +34,7 @@ enum class CloseReason
   REFUSED,      ///< nobody listens there, but the machine answers
   PEER_CLOSED,  ///< the process at the other end has ended or closed it
   UNREACHABLE,  ///< no answer, or no route
+  SILENT,       ///< the machine accepts the connection, but the process does not speak
   MALFORMED,    ///< what came is no frame of ours
 };
 

@@ -141,8 +141,11 @@ void Peer::onClosed(FrameTransport::ConnectionId connection, CloseReason reason)
       break;
     case CloseReason::PEER_CLOSED:
       // Its process has ended, or has only lost patience with this connection: the next attempt will tell.
+      reconnect(state_ == State::UP ? milliseconds(1) : RECONNECT);
       interrupt(state_ == State::UP ? State::SILENT : state_);
-      reconnect(milliseconds(1));
+      break;
+    case CloseReason::SILENT:
+      lose(State::HUNG);
       break;
     case CloseReason::UNREACHABLE:
       interrupt(State::SILENT);
@@ -172,7 +175,7 @@ void Peer::lose(State next)
 {
   interrupt(next);
   state_ = next;
-  end(false);
+  end(next == State::HUNG);
   reconnect(RECONNECT_DOWN);
 }
 
@@ -190,7 +193,8 @@ bool Peer::onHello(const Hello& hello)
 {
   if (state_ == State::UP && hello.echo != secret_)
   {
-    return false;  // who is up knows the secret
+    // Who is up knows the secret; but its first greeting on one connection may come after a later one on the other.
+    return hello.instance == instance_ && hello.secret == their_secret_;
   }
   heard();
   name_ = hello.name;

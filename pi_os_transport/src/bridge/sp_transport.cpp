@@ -415,7 +415,7 @@ void SpTransport::onTcpConnected(const ConnectionPointer& connection)
     return;
   }
   connection->state = Connection::State::GREETING;
-  setTimer(connection, SP_GREETING_TIME);
+  setTimer(connection, SP_ANSWER_TIME);
   loop_->change(fd, EPOLLIN);
 }
 
@@ -463,12 +463,14 @@ void SpTransport::readEnd(const ConnectionPointer& connection)
 void SpTransport::setTimer(const ConnectionPointer& connection, std::chrono::milliseconds time)
 {
   loop_->cancel(connection->timer);
-  connection->timer = loop_->after(time,
-                                   [this, connection]
-                                   {
-                                     connection->timer = 0;
-                                     fail(connection, CloseReason::UNREACHABLE);
-                                   });
+  connection->timer =
+      loop_->after(time,
+                   [this, connection]
+                   {
+                     connection->timer = 0;
+                     fail(connection, connection->state == Connection::State::GREETING ? CloseReason::SILENT
+                                                                                       : CloseReason::UNREACHABLE);
+                   });
 }
 
 void SpTransport::failLater(const ConnectionPointer& connection, CloseReason reason)

@@ -13,7 +13,9 @@ namespace pi_os_transport
 /// A connection attempt that nobody answered for so long is given up: TCP would wait a second before it asks again, and
 /// the caller's next attempt asks at once.
 constexpr std::chrono::milliseconds SP_CONNECT_TIME{300};
-/// How long either end may take for its SP header once TCP has connected.
+/// How long the other bridge may take for its SP header once TCP has connected: it answers at once, unless it hangs.
+constexpr std::chrono::milliseconds SP_ANSWER_TIME{500};
+/// How long who connects to this bridge may take for it.
 constexpr std::chrono::milliseconds SP_GREETING_TIME{2000};
 /// What was sent must be acknowledged in this time, else the peer counts as unreachable. That includes a peer that
 /// lives but reads nothing for so long.

@@ -71,6 +71,7 @@ void Tunnel::onSocket(uint32_t events)
     getsockopt(socket_.get(), SOL_SOCKET, SO_ERROR, &error, &length);
     if (error != 0)
     {
+      local_end_ = true;
       sendClose(true, target_ + ": " + std::strerror(error));
       finish();
       return;
@@ -230,7 +231,6 @@ void Tunnel::onWritable()
       }
       if (errno != EAGAIN && errno != EWOULDBLOCK)
       {
-        sendClose(true, std::strerror(errno));
         finish();
         return;
       }
@@ -245,12 +245,8 @@ void Tunnel::onWritable()
     }
   }
   sendCredit(false);
-  if (end_known_ && written_ == end_)
+  if (end_known_ && written_ >= end_)
   {
-    if (!local_end_)
-    {
-      sendClose(true, "");
-    }
     finish();
   }
 }
@@ -350,6 +346,10 @@ void Tunnel::finish()
   if (!socket_)
   {
     return;
+  }
+  if (!std::exchange(local_end_, true))
+  {
+    sendClose(true, "");  // the other side waits for it
   }
   if (events_ != 0)
   {

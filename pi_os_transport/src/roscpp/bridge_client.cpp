@@ -22,6 +22,8 @@ namespace
 
 constexpr std::chrono::milliseconds RETRY{300};
 constexpr int TUNNEL_TIMEOUT_MS = 100;
+constexpr std::chrono::milliseconds PING_INTERVAL{500};
+constexpr std::chrono::milliseconds PING_TIMEOUT{1000};
 
 /// Numeric form of an IPv4 address that may be another device than this: not a loopback address. Else empty.
 std::string foreignAddress(const in_addr& address)
@@ -62,6 +64,18 @@ void BridgeClient::want(const std::shared_ptr<ReceiveLink>& link, std::chrono::m
   }
   std::lock_guard<std::mutex> lock(mutex_);
   wishes_.push_back(Wish{link, std::chrono::steady_clock::now() + delay});
+  startPolling();
+}
+
+void BridgeClient::guard(const boost::shared_ptr<ros::TransportTCP>& transport)
+{
+  std::lock_guard<std::mutex> lock(mutex_);
+  tunnels_.push_back(transport);
+  startPolling();
+}
+
+void BridgeClient::startPolling()
+{
   if (!std::exchange(polling_, true))
   {
     // roscpp's network thread comes round at least every 100 ms.
@@ -71,11 +85,71 @@ void BridgeClient::want(const std::shared_ptr<ReceiveLink>& link, std::chrono::m
 
 void BridgeClient::poll()
 {
+  if (Runtime::instance().active())
+  {
+    pollWishes();
+    pollTunnels();
+  }
+}
+
+void BridgeClient::pollTunnels()
+{
+  std::vector<boost::weak_ptr<ros::TransportTCP>> tunnels;
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    tunnels_.erase(std::remove_if(tunnels_.begin(), tunnels_.end(),
+                                  [](const boost::weak_ptr<ros::TransportTCP>& tunnel)
+                                  {
+                                    const boost::shared_ptr<ros::TransportTCP> transport = tunnel.lock();
+                                    return !transport || transport->closed_;
+                                  }),
+                   tunnels_.end());
+    tunnels = tunnels_;
+  }
+  const auto now = std::chrono::steady_clock::now();
+  if (tunnels.empty())
+  {
+    ping_.close();
+    return;
+  }
+  if (!ping_)
+  {
+    if (now - ping_time_ >= PING_INTERVAL)
+    {
+      BridgeRequest request;
+      request.kind = BridgeRequest::PING;
+      ping_ = connect(request);  // without a bridge the tunnels end by themselves
+      ping_time_ = now;
+    }
+    return;
+  }
+  std::vector<uint8_t> answer;
+  std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors;
+  if (ping_.receiveBytes(&answer, BridgeRequest::LONGEST, &descriptors) != SideChannel::Receive::NOTHING)
+  {
+    ping_.close();
+    return;
+  }
+  if (now - ping_time_ > PING_TIMEOUT)
+  {
+    ping_.close();
+    for (const boost::weak_ptr<ros::TransportTCP>& tunnel : tunnels)
+    {
+      if (const boost::shared_ptr<ros::TransportTCP> transport = tunnel.lock())
+      {
+        transport->close();
+      }
+    }
+  }
+}
+
+void BridgeClient::pollWishes()
+{
   std::vector<Wish> due;
   {
     std::lock_guard<std::mutex> lock(mutex_);
     const auto now = std::chrono::steady_clock::now();
-    if (wishes_.empty() || now < next_try_ || !Runtime::instance().active())
+    if (wishes_.empty() || now < next_try_)
     {
       return;
     }

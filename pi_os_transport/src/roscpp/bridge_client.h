@@ -1,5 +1,7 @@
 #pragma once
 
+#include <ros/transport/transport_tcp.h>
+
 #include <chrono>
 #include <memory>
 #include <mutex>
@@ -31,13 +33,20 @@ public:
   /// @return a connected TCP socket; empty if the bridge cannot help.
   FileDescriptor openTunnel(const std::string& host, uint16_t port, const std::string& service) const;
 
+  /// Watches over a connection through a tunnel: should the bridge of this device hang, it is closed, which its user
+  /// sees as the death of the server.
+  void guard(const boost::shared_ptr<ros::TransportTCP>& transport);
+
   /// Numeric address of the machine at the other end of a TCP socket, if it may be another device than this: not a
   /// loopback address. Else empty.
   static std::string peerAddress(int socket);
 
 private:
   BridgeClient() = default;
+  void startPolling();  // with mutex_ held
   void poll();
+  void pollWishes();
+  void pollTunnels();
 
   std::mutex mutex_;
   bool polling_ = false;
@@ -48,6 +57,10 @@ private:
   };
   std::vector<Wish> wishes_;
   std::chrono::steady_clock::time_point next_try_;
+
+  std::vector<boost::weak_ptr<ros::TransportTCP>> tunnels_;
+  SideChannel ping_;  ///< while an answer is awaited; network thread
+  std::chrono::steady_clock::time_point ping_time_;
 };
 
 }  // namespace pi_os_transport

@@ -436,6 +436,7 @@ bool connectTcp(ros::TransportTCP* self, const std::string& host, int port)
       self->connected_host_ = host;
       self->connected_port_ = port;
       self->cached_remote_host_ = host + ":" + std::to_string(port) + " through the bridge";
+      BridgeClient::instance().guard(boost::static_pointer_cast<ros::TransportTCP>(self->shared_from_this()));
       return self->setSocket(socket.release());
     }
   }

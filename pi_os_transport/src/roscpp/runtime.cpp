@@ -127,7 +127,9 @@ void Runtime::acceptAll()
             }
             unwatch(fd);
             std::shared_ptr<TransmitLink> link;
-            if (result == SideChannel::Receive::PACKET && packet.type == Packet::HELLO)
+            const bool bridge = packet.values[2] != 0;
+            if (result == SideChannel::Receive::PACKET && packet.type == Packet::HELLO &&
+                !(bridge && options.bridge.empty()))
             {
               std::lock_guard<std::mutex> lock(listen_mutex_);
               const auto found = expected_.find(Token{packet.values[0], packet.values[1]});
@@ -138,7 +140,7 @@ void Runtime::acceptAll()
             }
             if (link)
             {
-              link->meet(std::move(*channel), packet.values[2] != 0);
+              link->meet(std::move(*channel), bridge);
             }
             channel->close();
           });
