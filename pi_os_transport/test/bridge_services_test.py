@@ -7,7 +7,7 @@ from device_testbed import LOAD_FACTOR
 MB = 1000000
 PROMPT_S = 1.0 * LOAD_FACTOR
 HUNG_S = 2.0 * LOAD_FACTOR
-ROSCPP_FAILURES = 2  # of 100 calls on connections of their own while others call: stock roscpp loses 1 of some 1000
+ROSCPP_FAILURES = 2  # of calls on connections of their own: stock roscpp itself loses 1 of some 1000, see the plain run
 GOAL = 20  # feedback messages of one goal
 
 
@@ -36,12 +36,14 @@ class BridgeServices(device_testbed.DeviceTest):
         harness.await_state(lambda: not tunnels(), lambda: '%d tunnels are left: %s' % (len(tunnels()), tunnels()[:3]),
                             HUNG_S)
 
-    def assert_calls(self, report, count, failed=0):
-        self.assertEqual((report['calls'], report['failed'], report['wrong']), (count, failed, 0), report)
+    def assert_calls(self, report, count, failed=0, persistent=False):
+        self.assertEqual((report['calls'], report['wrong']), (count, 0), report)
+        self.assertLessEqual(report['failed'], failed + (0 if persistent else ROSCPP_FAILURES), report)
 
     def assert_served(self, server, count):
         report = server.call('served', service=self.service)
-        self.assertEqual((report['calls'], report['wrong']), (count, 0), report)
+        self.assertEqual(report['wrong'], 0, report)
+        self.assertLessEqual(abs(report['calls'] - count), ROSCPP_FAILURES, report)
 
     def test_calls_cross_the_bridge(self):
         self.start_bridges()
@@ -50,7 +52,7 @@ class BridgeServices(device_testbed.DeviceTest):
         for persistent in (False, True):
             with self.subTest(persistent=persistent):
                 self.assert_calls(client.call('call', service=self.service, count=50, size=800, answer=5000,
-                                              persistent=persistent), 50)
+                                              persistent=persistent), 50, persistent=persistent)
         self.assert_served(server, 100)
         if self.preload:
             self.assertGreater(self.tunnelled() - before, 100 * 5800)
@@ -83,8 +85,7 @@ class BridgeServices(device_testbed.DeviceTest):
             for client in clients:
                 client.send('call', service=self.service, count=100, size=8000, answer=8000, persistent=persistent)
             for client in clients:
-                report = client.result()
-                self.assert_calls(report, 100, failed=0 if persistent else min(report['failed'], ROSCPP_FAILURES))
+                self.assert_calls(client.result(), 100, persistent=persistent)
         self.assertEqual(server.call('served', service=self.service)['wrong'], 0)
 
     def test_a_client_without_the_library(self):
@@ -98,7 +99,7 @@ class BridgeServices(device_testbed.DeviceTest):
         server, client = self.pair()
         for persistent in (False, True):
             self.assert_calls(client.call('call', service=self.service, count=20, size=800, answer=5000,
-                                          persistent=persistent), 20)
+                                          persistent=persistent), 20, persistent=persistent)
         self.assert_served(server, 40)
 
     def test_calls_with_one_bridge_only(self):
@@ -120,44 +121,58 @@ class BridgeServices(device_testbed.DeviceTest):
         server, client = self.pair()
         self.assert_calls(client.call('call', service=self.service, count=5), 5)
         server.kill()
-        self.assert_calls(client.call('call', service=self.service, count=1), 1, failed=1)
+        report = client.call('call', service=self.service, count=1)
+        self.assertEqual((report['calls'], report['failed']), (1, 1), report)
         again = self.node(self.vehicle, 'server', kind='service_peer')
         again.call('serve', service=self.service)
         self.assert_calls(client.call('call', service=self.service, count=5), 5)
         self.assert_served(again, 5)
 
-    def disturbed(self, disturb, mend, slowest_s):
-        """Each disturbance costs each client the call on its way at most; further ones work, with the right answers."""
+    def callers(self):
+        """Two clients that call all the time, one on a connection per call and one on a lasting one."""
         self.start_bridges()
-        _, once, lasting = self.pair(clients=2)
-        for client, persistent in ((once, False), (lasting, True)):
+        _, *clients = self.pair(clients=3)
+        for client, persistent in zip(clients, (False, True)):
             client.call('call', service=self.service, count=0, size=800, answer=20000, persistent=persistent, rate=100,
                         background=True)
             client.call('await_calls', n=10)
-        times = 0
-        for device in (self.edge_a, self.vehicle):
-            times += 1
-            disturb(device)
-            for client in (once, lasting):
-                client.call('await_calls', n=10, timeout=slowest_s)
-            mend(device)
-            for client in (once, lasting):
-                client.call('await_calls', n=10, timeout=slowest_s)
-        for client in (once, lasting):
-            report = client.call('stop_calls')
-            self.assertEqual(report['wrong'], 0, report)
-            self.assertLessEqual(report['failed'], times + (ROSCPP_FAILURES if client is once else 0), report)
-            self.assertLess(report['slowest_us'], 1e6 * slowest_s, report)
-        self.assert_calls(once.call('call', service=self.service, count=20), 20)
+        return clients
 
     @device_testbed.with_bridges
     def test_a_bridge_is_killed_during_calls(self):
-        self.disturbed(lambda device: self.bridges[device.name].kill(), self.start_bridge, PROMPT_S)
+        once, lasting, _ = self.callers()
+        devices = (self.edge_a, self.vehicle)
+        for device in devices:
+            self.bridges[device.name].kill()
+            for client in (once, lasting):
+                client.call('await_calls', n=10, timeout=PROMPT_S)
+            self.start_bridge(device)
+            for client in (once, lasting):
+                client.call('await_calls', n=10, timeout=PROMPT_S)
+        # Each death costs each client the call on its way at most; further ones work, with the right answers.
+        for client in (once, lasting):
+            report = client.call('stop_calls')
+            self.assertEqual(report['wrong'], 0, report)
+            self.assertLessEqual(report['failed'], len(devices) + (ROSCPP_FAILURES if client is once else 0), report)
+            self.assertLess(report['slowest_us'], 1e6 * PROMPT_S, report)
+        self.assert_calls(once.call('call', service=self.service, count=20), 20)
 
     @device_testbed.with_bridges
     def test_a_bridge_stands_still_during_calls(self):
-        self.disturbed(lambda device: self.bridges[device.name].pause(),
-                       lambda device: self.bridges[device.name].resume(), HUNG_S)
+        once, lasting, other = self.callers()
+        for device in (self.edge_a, self.vehicle):
+            # New calls find a way round it. One on its way through it waits, as no connection has ended: not judged.
+            self.bridges[device.name].pause()
+            report = other.call('call', service=self.service, count=10, size=800, answer=20000)
+            self.assert_calls(report, 10, failed=1)
+            self.assertLess(report['slowest_us'], 1e6 * HUNG_S, report)
+            self.bridges[device.name].resume()
+            for client in (once, lasting):
+                client.call('await_calls', n=10, timeout=HUNG_S)
+        for client in (once, lasting):
+            report = client.call('stop_calls')
+            self.assertEqual(report['wrong'], 0, report)
+            self.assertLessEqual(report['failed'], 2 + (ROSCPP_FAILURES if client is once else 0), report)
 
     def test_an_action(self):
         self.start_bridges()

@@ -32,6 +32,7 @@ constexpr size_t MAX_TUNNELS = 1024;             ///< per session
 constexpr milliseconds FLUSH_INTERVAL{10};       ///< of messages for subscribers that take no more
 constexpr std::chrono::seconds STALE_AFTER{10};  ///< a bridge that only ever introduced itself
 constexpr milliseconds DRAIN_TIME{500};
+constexpr std::chrono::microseconds FRAGMENT_GAP{100};  ///< usual between two parts of a message on a fast network
 constexpr std::chrono::seconds LOG_INTERVAL{60};
 constexpr uint64_t SUBSCRIBER_SHARE = 8;  ///< part of the pool that one subscriber may pin
 
@@ -1127,6 +1128,7 @@ bool Bridge::onStreamFrame(Session* session, const FrameHeader& header, const ui
       accepted = stream->onAttach(header, payload, length);
       break;
   }
+  loop_->expectSoon(stream->arriving() ? FRAGMENT_GAP : std::chrono::microseconds(0));
   const std::vector<uint32_t> retired = pool_->takeRetired();
   for (const auto& entry : sessions_)
   {

@@ -128,7 +128,19 @@ void EventLoop::callDeferred()
 void EventLoop::runOnce(std::chrono::milliseconds timeout)
 {
   std::array<epoll_event, EVENTS_PER_ROUND> events;
-  const int count = epoll_wait(epoll_.get(), events.data(), EVENTS_PER_ROUND, waitMilliseconds(timeout));
+  int count = 0;
+  while (awake_until_ != SteadyTime() && count == 0)
+  {
+    count = epoll_wait(epoll_.get(), events.data(), EVENTS_PER_ROUND, 0);
+    if (SteadyClock::now() >= awake_until_)
+    {
+      awake_until_ = SteadyTime();
+    }
+  }
+  if (count == 0)
+  {
+    count = epoll_wait(epoll_.get(), events.data(), EVENTS_PER_ROUND, waitMilliseconds(timeout));
+  }
   if (count < 0 && errno != EINTR)
   {
     fail("epoll_wait");

@@ -45,6 +45,13 @@ public:
   /// Calls `action` after the callbacks of this round, before waiting again.
   void defer(std::function<void()> action);
 
+  /// The next event is about to come: for so long the loop looks for it without going to sleep, since waking up costs
+  /// more than that. Each call replaces the last one; zero ends it.
+  void expectSoon(std::chrono::microseconds time)
+  {
+    awake_until_ = time.count() > 0 ? SteadyClock::now() + time : SteadyTime();
+  }
+
   /// Until stop() is called.
   void run();
   /// One round: waits at most `timeout`, calls what is due. For tests.
@@ -66,6 +73,7 @@ private:
   FileDescriptor stop_event_;
   bool stopped_ = false;
   uint64_t next_serial_ = 1;
+  SteadyTime awake_until_;
   std::unordered_map<int, std::shared_ptr<Watch>> watches_;
   std::map<std::pair<SteadyTime, TimerId>, std::function<void()>> timers_;
   std::unordered_map<TimerId, SteadyTime> timer_times_;

@@ -92,9 +92,10 @@ public:
   /// Sends one frame. The header is copied; the pieces of payload (at most 2, together at most MAX_PAYLOAD) must stay
   /// valid until writable() is true again or the connection ends.
   /// A frame that leaves at once keeps the connection writable, and no event follows. Never blocks, calls nothing back.
+  /// @param more  another frame follows at once: this one may travel with it.
   /// @return false if the connection is not writable or is gone.
   virtual bool send(ConnectionId connection, const FrameHeader& header, const iovec* payload = nullptr,
-                    size_t pieces = 0) = 0;
+                    size_t pieces = 0, bool more = false) = 0;
 };
 
 /// SP over TCP with sockets of our own: TCP_NODELAY, payloads read straight to where they belong and sent from where

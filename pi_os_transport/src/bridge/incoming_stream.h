@@ -133,6 +133,9 @@ public:
   bool onFragment(const FrameHeader& header, uint32_t length);
   bool onAttach(const FrameHeader& header, const uint8_t* payload, uint32_t length);
 
+  /// True while the rest of a message is on its way.
+  bool arriving() const { return arriving_ != nullptr; }
+
   /// The rest of a message begun will not come, or come again from the start.
   void interrupt();
 

@@ -16,8 +16,8 @@ constexpr microseconds TARGET_DELAY{2000};
 constexpr std::chrono::seconds BASE_AGE{10};
 
 constexpr uint32_t MIN_FRAGMENT = 16 << 10;
-constexpr uint32_t MAX_FRAGMENT = 64 << 10;
-constexpr uint64_t FRAGMENTS_PER_WINDOW = 4;
+constexpr uint32_t MAX_FRAGMENT = 128 << 10;
+constexpr uint64_t FRAGMENTS_PER_WINDOW = 3;
 
 }  // namespace
 
@@ -50,7 +50,7 @@ uint32_t Lane::fragmentBytes() const
 }
 
 bool Lane::send(const FrameHeader& header, const iovec* payload, size_t pieces, std::shared_ptr<const void> keep,
-                Acknowledged acknowledged)
+                Acknowledged acknowledged, bool more)
 {
   uint64_t bytes = FrameHeader::BYTES;
   for (size_t piece = 0; piece < pieces; ++piece)
@@ -59,7 +59,7 @@ bool Lane::send(const FrameHeader& header, const iovec* payload, size_t pieces, 
   }
   FrameHeader labelled = header;
   labelled.lane = static_cast<uint32_t>(traffic_);
-  if (!connected_ || !transport_->send(connection_, labelled, payload, pieces))
+  if (!connected_ || !transport_->send(connection_, labelled, payload, pieces, more))
   {
     return false;
   }

@@ -47,9 +47,10 @@ public:
   /// Sends one frame. Only while ready(), or for frames without acknowledgement while connected.
   /// @param keep  owner of the payload's memory: held until the frame is acknowledged.
   /// @param acknowledged  called when the peer has processed the frame; null if nobody wants to know.
+  /// @param more  another frame follows at once.
   /// @return false if the connection takes nothing now.
   bool send(const FrameHeader& header, const iovec* payload, size_t pieces, std::shared_ptr<const void> keep,
-            Acknowledged acknowledged);
+            Acknowledged acknowledged, bool more = false);
 
   /// The peer has processed `frames` frames of this lane so far.
   /// @return false if it cannot have: more than were sent.
@@ -96,7 +97,7 @@ private:
   std::chrono::microseconds rtt_{0};
 
   static constexpr uint64_t MIN_WINDOW = 96 << 10;
-  static constexpr uint64_t INITIAL_WINDOW = 256 << 10;
+  static constexpr uint64_t INITIAL_WINDOW = 512 << 10;
   static constexpr uint64_t MAX_WINDOW = 16 << 20;
   static constexpr uint64_t EXPRESS_WINDOW = 1 << 20;
 };

@@ -110,7 +110,8 @@ public:
   void closeSource(SourceId) override {}
   std::string addressOf(SourceId) const override { return {}; }
   bool writable(ConnectionId connection) const override;
-  bool send(ConnectionId connection, const FrameHeader& header, const iovec* payload, size_t pieces) override;
+  bool send(ConnectionId connection, const FrameHeader& header, const iovec* payload, size_t pieces,
+            bool /*more*/) override;
 
 private:
   struct Connection
@@ -281,7 +282,8 @@ bool NanomsgTransport::writable(ConnectionId connection) const
   return found != connections_.end() && found->second->connected && found->second->waiting == nullptr;
 }
 
-bool NanomsgTransport::send(ConnectionId id, const FrameHeader& header, const iovec* payload, size_t pieces)
+bool NanomsgTransport::send(ConnectionId id, const FrameHeader& header, const iovec* payload, size_t pieces,
+                            bool /*more*/)
 {
   if (!writable(id))
   {

@@ -390,7 +390,7 @@ bool OutgoingStream::transmit(Lane* lane, const FrameHeader& header, const iovec
       }
     };
   }
-  return lane->send(stamped, payload, pieces, message, std::move(acknowledged));
+  return lane->send(stamped, payload, pieces, message, std::move(acknowledged), header.type == FrameType::BEGIN);
 }
 
 bool OutgoingStream::begin(Lane* lane, const OutgoingPtr& message)
@@ -440,7 +440,7 @@ bool OutgoingStream::begin(Lane* lane, const OutgoingPtr& message)
     ++counters_.messages;
     counters_.bytes += message->length;
   }
-  return true;
+  return whole || fragment(lane, message);
 }
 
 bool OutgoingStream::fragment(Lane* lane, const OutgoingPtr& message)

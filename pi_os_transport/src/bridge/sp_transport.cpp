@@ -105,7 +105,8 @@ public:
   void closeSource(SourceId source) override;
   std::string addressOf(SourceId source) const override;
   bool writable(ConnectionId connection) const override;
-  bool send(ConnectionId connection, const FrameHeader& header, const iovec* payload, size_t pieces) override;
+  bool send(ConnectionId connection, const FrameHeader& header, const iovec* payload, size_t pieces,
+            bool more) override;
 
 private:
   struct Acceptor
@@ -136,6 +137,7 @@ private:
     std::array<iovec, 3> pieces;           ///< what is left of it: pieces [next_piece, pieces_end)
     size_t next_piece = 0;
     size_t pieces_end = 0;
+    bool more = false;  ///< another frame follows the one that is being sent
   };
 
   struct Source
@@ -292,7 +294,7 @@ bool SpTransport::writable(ConnectionId connection) const
          found->second->next_piece == found->second->pieces_end;
 }
 
-bool SpTransport::send(ConnectionId id, const FrameHeader& header, const iovec* payload, size_t pieces)
+bool SpTransport::send(ConnectionId id, const FrameHeader& header, const iovec* payload, size_t pieces, bool more)
 {
   if (!writable(id))
   {
@@ -323,6 +325,7 @@ bool SpTransport::send(ConnectionId id, const FrameHeader& header, const iovec* 
   std::copy(encoded.begin(), encoded.end(), connection->head.begin() + LENGTH_BYTES);
   connection->next_piece = 0;
   connection->pieces_end = pieces + 1;
+  connection->more = more;
 
   const int error = sendPieces(connection.get());
   if (error != 0)
@@ -343,7 +346,8 @@ int SpTransport::sendPieces(Connection* connection)
   msghdr message{};
   message.msg_iov = &connection->pieces[connection->next_piece];
   message.msg_iovlen = connection->pieces_end - connection->next_piece;
-  const ssize_t result = sendmsg(connection->socket.get(), &message, MSG_NOSIGNAL | MSG_DONTWAIT);
+  const ssize_t result =
+      sendmsg(connection->socket.get(), &message, MSG_NOSIGNAL | MSG_DONTWAIT | (connection->more ? MSG_MORE : 0));
   if (result < 0)
   {
     return isTemporary(errno) ? 0 : errno;
