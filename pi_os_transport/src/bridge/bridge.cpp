@@ -803,7 +803,7 @@ uint8_t* Bridge::onHeader(FrameTransport::SourceId source, const FrameHeader& he
   else
   {
     Session* const session = sessionBySecret(header.session);
-    if (session == nullptr || header.lane >= TRAFFIC_CLASSES)
+    if (session == nullptr || (header.lane & ~ACK_NOW) >= TRAFFIC_CLASSES)
     {
       ++refused_.bad_session;
       return nullptr;
@@ -863,7 +863,8 @@ void Bridge::onFrame(FrameTransport::SourceId source, const FrameHeader& header,
   }
   if (Lane::isCounted(header.type))
   {
-    peer->acknowledge(static_cast<Traffic>(header.lane), length + static_cast<uint32_t>(FrameHeader::BYTES));
+    peer->acknowledge(static_cast<Traffic>(header.lane & ~ACK_NOW), length + static_cast<uint32_t>(FrameHeader::BYTES),
+                      (header.lane & ACK_NOW) != 0);
   }
 }
 

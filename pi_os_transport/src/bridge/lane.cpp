@@ -11,13 +11,15 @@ namespace
 using std::chrono::microseconds;
 
 /// Delay that BULK may add to the round trip before its window shrinks.
-constexpr microseconds TARGET_DELAY{2000};
-/// How long the shortest round trip is remembered.
-constexpr std::chrono::seconds BASE_AGE{10};
+constexpr microseconds TARGET_DELAY{1500};
+/// After so long the shortest round trip is measured anew: the way may have changed.
+constexpr std::chrono::seconds BASE_AGE{5};
 
 constexpr uint32_t MIN_FRAGMENT = 16 << 10;
 constexpr uint32_t MAX_FRAGMENT = 128 << 10;
 constexpr uint64_t FRAGMENTS_PER_WINDOW = 3;
+/// Acknowledgements asked for while one window is sent: enough that the sender never waits for lack of one.
+constexpr uint64_t REQUESTS_PER_WINDOW = 3;
 
 }  // namespace
 
@@ -28,6 +30,7 @@ void Lane::reset()
   unacked_.clear();
   unacked_bytes_ = 0;
   acked_frames_ = 0;
+  since_request_ = 0;
   uncounted_payload_.reset();
   window_ = INITIAL_WINDOW;
   limited_ = false;
@@ -36,7 +39,7 @@ void Lane::reset()
 
 bool Lane::ready() const
 {
-  const uint64_t window = traffic_ == Traffic::BULK ? window_ : EXPRESS_WINDOW;
+  const uint64_t window = traffic_ == Traffic::EXPRESS ? EXPRESS_WINDOW : (probing_ ? 1 : window_);
   return connected_ && unacked_bytes_ < window && transport_->writable(connection_);
 }
 
@@ -59,6 +62,9 @@ bool Lane::send(const FrameHeader& header, const iovec* payload, size_t pieces, 
   }
   FrameHeader labelled = header;
   labelled.lane = static_cast<uint32_t>(traffic_);
+  const bool request =
+      traffic_ == Traffic::BULK && (probing_ || since_request_ + bytes >= window_ / REQUESTS_PER_WINDOW);
+  labelled.lane |= request ? ACK_NOW : 0;
   if (!connected_ || !transport_->send(connection_, labelled, payload, pieces, more))
   {
     return false;
@@ -67,7 +73,9 @@ bool Lane::send(const FrameHeader& header, const iovec* payload, size_t pieces, 
   if (isCounted(header.type))
   {
     unacked_.push_back(Unacked{SteadyClock::now(), bytes, std::move(keep), std::move(acknowledged)});
+    single_ = unacked_bytes_ == 0;
     unacked_bytes_ += bytes;
+    since_request_ = request ? 0 : since_request_ + bytes;
     limited_ = limited_ || unacked_bytes_ >= window_;
   }
   else
@@ -112,13 +120,18 @@ void Lane::adapt(SteadyTime now, microseconds sample)
   {
     return;
   }
-  if (now >= base_until_)
+  if (probing_ && unacked_bytes_ == 0 && single_)
   {
-    base_until_ = now + BASE_AGE / 2;
-    base_rtt_ = next_base_rtt_ == microseconds::max() ? sample : next_base_rtt_;
-    next_base_rtt_ = sample;
+    probing_ = false;
+    base_rtt_ = sample;
+    base_until_ = now + BASE_AGE;
   }
-  next_base_rtt_ = std::min(next_base_rtt_, sample);
+  else if (!probing_ && now >= base_until_)
+  {
+    // Frames of our own may have filled the link ever since.
+    probing_ = true;
+    single_ = false;
+  }
   base_rtt_ = std::min(base_rtt_, sample);
   round_min_ = std::min(round_min_, sample);
   if (now < round_end_)
@@ -129,10 +142,11 @@ void Lane::adapt(SteadyTime now, microseconds sample)
   const microseconds delay = round_min_ - base_rtt_;
   if (delay > TARGET_DELAY)
   {
-    const double factor = std::max(0.5, static_cast<double>(TARGET_DELAY.count()) / static_cast<double>(delay.count()));
+    const double factor =
+        std::max(0.25, static_cast<double>(TARGET_DELAY.count()) / static_cast<double>(delay.count()));
     window_ = std::max(MIN_WINDOW, static_cast<uint64_t>(static_cast<double>(window_) * factor));
   }
-  else if (limited_)
+  else if (limited_ && delay < TARGET_DELAY / 2)
   {
     window_ = std::min(MAX_WINDOW, window_ + window_ / 2);
   }

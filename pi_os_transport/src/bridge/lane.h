@@ -84,6 +84,7 @@ private:
   std::deque<Unacked> unacked_;
   uint64_t unacked_bytes_ = 0;
   uint64_t acked_frames_ = 0;
+  uint64_t since_request_ = 0;  ///< bytes sent since an acknowledgement was last asked for
   uint64_t sent_bytes_ = 0;
   std::shared_ptr<const void> uncounted_payload_;  ///< of the last frame that is not counted
 
@@ -92,11 +93,12 @@ private:
   SteadyTime round_end_;
   std::chrono::microseconds round_min_{std::chrono::microseconds::max()};
   std::chrono::microseconds base_rtt_{std::chrono::microseconds::max()};
-  std::chrono::microseconds next_base_rtt_{std::chrono::microseconds::max()};
   SteadyTime base_until_;
+  bool single_ = false;   ///< the frame sent last found the link empty
+  bool probing_ = false;  ///< base_rtt_ is to be measured anew: the link empties, then a single frame tells
   std::chrono::microseconds rtt_{0};
 
-  static constexpr uint64_t MIN_WINDOW = 96 << 10;
+  static constexpr uint64_t MIN_WINDOW = 64 << 10;
   static constexpr uint64_t INITIAL_WINDOW = 512 << 10;
   static constexpr uint64_t MAX_WINDOW = 16 << 20;
   static constexpr uint64_t EXPRESS_WINDOW = 1 << 20;

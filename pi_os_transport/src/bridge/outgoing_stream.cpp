@@ -10,6 +10,7 @@ namespace
 
 /// Up to so much goes in one frame, is copied and leaves the publisher's memory at once [B].
 constexpr uint32_t SMALL_MESSAGE = 16 << 10;
+constexpr uint32_t FIRST_FRAGMENT = 32 << 10;
 
 }  // namespace
 
@@ -449,7 +450,9 @@ bool OutgoingStream::fragment(Lane* lane, const OutgoingPtr& message)
   header.type = FrameType::FRAGMENT;
   header.id = id_;
   header.offset = message->sent;
-  const uint32_t bytes = std::min(lane->fragmentBytes(), message->length - message->sent);
+  // A small first one: the peer works on it while the next one is sent.
+  const uint32_t most = message->sent == 0 ? std::min(FIRST_FRAGMENT, lane->fragmentBytes()) : lane->fragmentBytes();
+  const uint32_t bytes = std::min(most, message->length - message->sent);
   const bool last = message->sent + bytes == message->length;
   const iovec piece{const_cast<uint8_t*>(message->data) + message->sent, bytes};
   if (!transmit(lane, header, &piece, 1, message, last))

@@ -21,6 +21,7 @@ constexpr milliseconds RECONNECT{100};
 constexpr milliseconds RECONNECT_DOWN{300};
 /// Small frames are acknowledged together, after so long at the latest, or as soon as so much has come.
 constexpr milliseconds ACK_DELAY{20};
+constexpr milliseconds ACK_DELAY_BULK{2};
 constexpr uint64_t ACK_BYTES = 64 << 10;
 
 }  // namespace
@@ -375,7 +376,7 @@ bool Peer::onAck(const FrameHeader& header)
   return true;
 }
 
-void Peer::acknowledge(Traffic traffic, uint32_t bytes)
+void Peer::acknowledge(Traffic traffic, uint32_t bytes, bool now)
 {
   heard();
   received_bytes_ += bytes;
@@ -386,7 +387,7 @@ void Peer::acknowledge(Traffic traffic, uint32_t bytes)
   {
     return;
   }
-  if (traffic == Traffic::BULK || receiving.unacked_bytes >= ACK_BYTES)
+  if (now || (traffic == Traffic::EXPRESS && receiving.unacked_bytes >= ACK_BYTES))
   {
     receiving.scheduled = true;
     loop_->defer(
@@ -400,7 +401,12 @@ void Peer::acknowledge(Traffic traffic, uint32_t bytes)
   }
   else if (receiving.timer == 0)
   {
-    receiving.timer = loop_->after(ACK_DELAY, [this, traffic]() { sendAck(traffic); });
+    receiving.timer = loop_->after(traffic == Traffic::EXPRESS ? ACK_DELAY : ACK_DELAY_BULK,
+                                   [this, traffic]()
+                                   {
+                                     receiving_[static_cast<size_t>(traffic)].timer = 0;
+                                     sendAck(traffic);
+                                   });
   }
 }
 

@@ -96,7 +96,8 @@ public:
   void onPing() { heard(); }
   bool onAck(const FrameHeader& header);
   /// A counted frame was received and processed.
-  void acknowledge(Traffic traffic, uint32_t bytes);
+  /// @param now  the peer waits for the acknowledgement.
+  void acknowledge(Traffic traffic, uint32_t bytes, bool now);
 
   uint64_t receivedBytes() const { return received_bytes_; }
 

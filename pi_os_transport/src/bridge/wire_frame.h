@@ -56,13 +56,16 @@ struct FrameHeader
   uint32_t id = 0;
   uint64_t session = 0;  ///< what the receiver told this sender in its HELLO; 0 in a first HELLO
   uint32_t count = 0;
-  uint32_t lane = 0;  ///< traffic class of the connection; HELLO, PING and ACK are not counted there
+  uint32_t lane = 0;  ///< traffic class of the connection, and ACK_NOW; HELLO, PING and ACK are not counted there
   uint64_t offset = 0;
 
   std::array<uint8_t, BYTES> encode() const;
   /// False if the bytes are no header of ours; a header of another version is decoded as far as `version`.
   static bool decode(const uint8_t* bytes, FrameHeader* header);
 };
+
+/// Flag in `lane`: the sender waits for the acknowledgement of this frame.
+constexpr uint32_t ACK_NOW = 1u << 31;
 
 /// `count` of a LINK_CLOSE from the subscriber's side; both sides number their links.
 constexpr uint32_t FROM_SUBSCRIBER = 1u << 31;
