@@ -31,6 +31,7 @@ help:
 	@echo 'make demo         the first drive: a recording through π-OS and through TCPROS, with a report'
 	@echo 'make check        all tests; the last line counts them'
 	@echo 'make bench        π-OS beside stock TCPROS: latency, throughput, CPU, memory'
+	@echo 'make bench-devices  the same between devices, which are network namespaces: needs root'
 	@echo "make conformance  ros_comm's own tests of roscpp, plain and with π-OS preloaded"
 	@echo 'make build        missing Debian packages, Release build in build/, install space in install/'
 	@echo 'make clean        removes build/ and install/'
@@ -73,6 +74,10 @@ demo: build
 .PHONY: bench
 bench: build
 	@. $(INSTALL)/setup.sh && exec rosrun pi_os_transport bench_transport $(ARGS)
+
+.PHONY: bench-devices
+bench-devices: build
+	@. $(INSTALL)/setup.sh && exec rosrun pi_os_transport bench_devices $(ARGS)
 
 .PHONY: conformance
 conformance: build

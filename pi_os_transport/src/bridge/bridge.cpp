@@ -28,7 +28,8 @@ constexpr uint32_t MAX_HELLO = 1024;             ///< [B]
 constexpr size_t MAX_SESSIONS = 64;              ///< with other bridges
 constexpr size_t MAX_LINKS = 4096;               ///< per session and direction
 constexpr size_t MAX_STREAMS = 4096;             ///< per session and direction
-constexpr size_t MAX_TUNNELS = 1024;             ///< per session
+constexpr size_t MAX_TUNNELS = 256;              ///< per session
+constexpr uint64_t MAX_TUNNEL_BYTES = 64 << 20;  ///< of all peers that wait for processes which do not read [B]
 constexpr milliseconds FLUSH_INTERVAL{10};       ///< of messages for subscribers that take no more
 constexpr std::chrono::seconds STALE_AFTER{10};  ///< a bridge that only ever introduced itself
 constexpr milliseconds DRAIN_TIME{500};
@@ -1161,6 +1162,11 @@ bool Bridge::onTunnelFrame(Session* session, const FrameHeader& header, const ui
     case FrameType::TUNNEL_READY:
       return true;
     case FrameType::TUNNEL_DATA:
+      if (tunnelBytes() + length > MAX_TUNNEL_BYTES)
+      {
+        tunnel->abort();
+        return true;
+      }
       return tunnel->onData(header, payload, length);
     case FrameType::TUNNEL_CREDIT:
       return tunnel->onCredit(header);
@@ -1170,6 +1176,19 @@ bool Bridge::onTunnelFrame(Session* session, const FrameHeader& header, const ui
     default:
       return false;
   }
+}
+
+uint64_t Bridge::tunnelBytes() const
+{
+  uint64_t bytes = 0;
+  for (const auto& session : sessions_)
+  {
+    for (const auto& tunnel : session.second->tunnels)
+    {
+      bytes += tunnel.second->waitingBytes();
+    }
+  }
+  return bytes;
 }
 
 bool Bridge::acceptTunnel(Session* session, const FrameHeader& header, const uint8_t* payload, uint32_t length)

@@ -108,6 +108,7 @@ private:
   bool onLinkFrame(Session* session, const FrameHeader& header, const uint8_t* payload, uint32_t length);
   bool onStreamFrame(Session* session, const FrameHeader& header, const uint8_t* payload, uint32_t length);
   bool onTunnelFrame(Session* session, const FrameHeader& header, const uint8_t* payload, uint32_t length);
+  uint64_t tunnelBytes() const;
   bool acceptTunnel(Session* session, const FrameHeader& header, const uint8_t* payload, uint32_t length);
   void addTunnel(Session* session, Tunnel::Side side, uint32_t id, FileDescriptor socket, const std::string& target);
   void refuse(uint64_t* counter, const std::string& what);

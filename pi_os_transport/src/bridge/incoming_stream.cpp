@@ -116,15 +116,8 @@ IncomingStream::ArrivalPtr IncomingStream::makeArrival(const FrameHeader& header
 {
   auto arrival = std::make_shared<Arrival>();
   arrival->length = length;
-  arrival->is_compressed = (header.count & COMPRESSED) != 0;
-  if (arrival->is_compressed)
-  {
-    arrival->compressed.resize(length);
-  }
-  else
-  {
-    arrival->message = PooledMessage::make(pool_, length);
-  }
+  arrival->compressed = (header.count & COMPRESSED) != 0;
+  arrival->message = PooledMessage::make(pool_, length);
   return arrival;
 }
 
@@ -138,11 +131,9 @@ bool IncomingStream::onMessage(const FrameHeader& header, const uint8_t* payload
   }
   const ArrivalPtr arrival = makeArrival(header, static_cast<uint32_t>(in.restLength()));
   arrival->entries = std::move(entries);
-  uint8_t* const target =
-      arrival->is_compressed ? arrival->compressed.data() : (arrival->message ? arrival->message->bytes() : nullptr);
-  if (target != nullptr && arrival->length > 0)
+  if (arrival->message && arrival->length > 0)
   {
-    std::memcpy(target, in.rest(), arrival->length);
+    std::memcpy(arrival->message->bytes(), in.rest(), arrival->length);
   }
   complete(arrival);
   return true;
@@ -176,13 +167,13 @@ std::shared_ptr<uint8_t> IncomingStream::fragmentMemory(const FrameHeader& heade
   {
     return nullptr;
   }
-  if (!arriving_->is_compressed && !arriving_->message)
+  if (!arriving_->message)
   {
     return std::shared_ptr<uint8_t>(new uint8_t[length],
                                     std::default_delete<uint8_t[]>());  // there is no memory for it
   }
-  uint8_t* const start = arriving_->is_compressed ? arriving_->compressed.data() : arriving_->message->bytes();
-  return std::shared_ptr<uint8_t>(arriving_, start + arriving_->received);
+  // Kept by the message itself: the arrival may be given another one when it is decompressed.
+  return std::shared_ptr<uint8_t>(arriving_->message, arriving_->message->bytes() + arriving_->received);
 }
 
 bool IncomingStream::onFragment(const FrameHeader& header, uint32_t length)
@@ -229,7 +220,7 @@ void IncomingStream::complete(const ArrivalPtr& arrival)
   arrival->complete = true;
   last_ = arrival;
   undelivered_.push_back(arrival);
-  if (!arrival->is_compressed)
+  if (!arrival->compressed || !arrival->message)
   {
     arrival->ready = true;
   }
@@ -249,9 +240,10 @@ void IncomingStream::complete(const ArrivalPtr& arrival)
         self->deliverReady();
       }
     };
-    if (!decompress_ || !decompress_(arrival->compressed.data(), arrival->compressed.size(), done))
+    if (!decompress_ || !decompress_(arrival->message->bytes(), arrival->length, done))
     {
-      arrival->ready = true;  // as lost
+      arrival->message.reset();  // as lost
+      arrival->ready = true;
     }
   }
   deliverReady();

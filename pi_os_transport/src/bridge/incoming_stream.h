@@ -143,9 +143,8 @@ private:
   struct Arrival
   {
     std::vector<LinkEntry> entries;
-    std::shared_ptr<PooledMessage> message;  ///< null: no memory for it
-    std::vector<uint8_t> compressed;
-    bool is_compressed = false;
+    std::shared_ptr<PooledMessage> message;  ///< as it comes, then as it is delivered; null: no memory for it
+    bool compressed = false;
     uint32_t length = 0;
     uint32_t received = 0;
     bool complete = false;

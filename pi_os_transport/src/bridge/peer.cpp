@@ -23,6 +23,8 @@ constexpr milliseconds RECONNECT_DOWN{300};
 constexpr milliseconds ACK_DELAY{20};
 constexpr milliseconds ACK_DELAY_BULK{2};
 constexpr uint64_t ACK_BYTES = 64 << 10;
+/// Control frames that may wait for one peer.
+constexpr size_t MAX_CONTROLS = 65536;
 
 }  // namespace
 
@@ -184,6 +186,7 @@ void Peer::end(bool hung)
 {
   instance_ = 0;
   controls_.clear();
+  unacked_controls_.clear();
   if (std::exchange(carries_, false))
   {
     listener_->onLost(this, hung);
@@ -279,6 +282,20 @@ void Peer::tick()
 
 void Peer::control(FrameHeader header, std::vector<uint8_t> payload)
 {
+  if (controls_.size() + unacked_controls_.size() >= MAX_CONTROLS)
+  {
+    // It asks and asks, and does not take the answers.
+    loop_->defer(
+        [weak = weak_from_this()]()
+        {
+          const std::shared_ptr<Peer> self = weak.lock();
+          if (self && self->controls_.size() + self->unacked_controls_.size() >= MAX_CONTROLS)
+          {
+            self->lose(State::DOWN);
+          }
+        });
+    return;
+  }
   if (state_ == State::UP || ((carries_ || verified_) && Lane::isCounted(header.type)))
   {
     controls_.push_back(Control{header, std::make_shared<std::vector<uint8_t>>(std::move(payload))});
@@ -298,7 +315,13 @@ bool Peer::pumpControl()
     const bool counted = Lane::isCounted(next.header.type);
     if (counted)
     {
-      acknowledged = [this]() { unacked_controls_.pop_front(); };
+      acknowledged = [this]()
+      {
+        if (!unacked_controls_.empty())
+        {
+          unacked_controls_.pop_front();
+        }
+      };
     }
     if (!lane.send(next.header, &piece, next.payload->empty() ? 0 : 1, next.payload, std::move(acknowledged)))
     {

@@ -16,7 +16,7 @@ namespace
 {
 
 /// Bytes that may be under way in one direction [B].
-constexpr uint64_t WINDOW = 4 << 20;
+constexpr uint64_t WINDOW = 2 << 20;
 /// Bytes after which the peer is told that more may come [B].
 constexpr uint64_t CREDIT_STEP = 256 << 10;
 /// What is read at a time while the tunnel is EXPRESS; a full read shows that there is more, which goes as BULK [B].

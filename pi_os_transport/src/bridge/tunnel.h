@@ -57,6 +57,8 @@ public:
   const char* state() const { return connected_ ? (end_known_ ? "closing" : "open") : "connecting"; }
   uint64_t sentBytes() const { return read_; }
   uint64_t receivedBytes() const { return received_; }
+  /// Bytes of the peer that the process here has not taken yet.
+  uint64_t waitingBytes() const { return received_ - written_; }
 
 private:
   struct Chunk

@@ -48,12 +48,12 @@ TEST_F(DescriptorRing, LayoutIsPinned)
   EXPECT_EQ(192U, offsetof(RingLayout, release_count));
   EXPECT_EQ(256U, offsetof(RingLayout, released));
   EXPECT_EQ(512U, offsetof(RingLayout, entries));
-  EXPECT_EQ(512U + 16U * CAPACITY, sizeof(RingLayout));
+  EXPECT_EQ(512U + 24U * CAPACITY, sizeof(RingLayout));
 }
 
 TEST_F(DescriptorRing, HandsDescriptorsOverUnchangedAndInOrder)
 {
-  const Descriptor large{0xfffffffe, 0xfffffffd, (uint64_t{1} << 33) + 4, 7};
+  const Descriptor large{0xfffffffe, 0xfffffffd, (uint64_t{1} << 33) + 4, 7, uint64_t{1} << 63};
   push(numbered(1));
   push(large);
   ASSERT_EQ(RingConsumer::Take::TAKEN, take());
