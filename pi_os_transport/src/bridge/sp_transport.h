@@ -13,6 +13,8 @@ namespace pi_os_transport
 /// A connection attempt that nobody answered for so long is given up: TCP would wait a second before it asks again, and
 /// the caller's next attempt asks at once.
 constexpr std::chrono::milliseconds SP_CONNECT_TIME{300};
+/// Every third attempt waits longer, for peers behind a long way.
+constexpr std::chrono::milliseconds SP_CONNECT_TIME_FAR{700};
 /// How long the other bridge may take for its SP header once TCP has connected: it answers at once, unless it hangs.
 constexpr std::chrono::milliseconds SP_ANSWER_TIME{500};
 /// How long who connects to this bridge may take for it.
