@@ -58,6 +58,10 @@ MappedSegment::MappedSegment(FileDescriptor memory, uint64_t length)
 
 bool MappedSegment::copy(uint64_t offset, uint8_t* out, uint32_t bytes) const
 {
+  if (bytes == 0)
+  {
+    return true;
+  }
   if (mapping_)
   {
     std::memcpy(out, mapping_.data() + offset, bytes);

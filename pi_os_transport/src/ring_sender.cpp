@@ -158,6 +158,10 @@ RingSender::Push RingSender::push(const uint8_t* buffer, uint32_t length, size_t
   }
   while (max_queue > 0 && in_flight >= max_queue + WRITING_MESSAGES && in_flight_bytes + length > SOCKET_BYTES)
   {
+    if (buffers_[(tail_ - in_flight) % RingLayout::CAPACITY] == nullptr)
+    {
+      return Push::FULL;  // what opens the link must not be dropped
+    }
     const int place = ring_->dropOldest();
     if (place < 0)
     {

@@ -24,14 +24,15 @@ FRESH = 3          # messages sent after an event that show that traffic goes on
 
 
 class DevicePeer(harness.Peer):
-    """A steered node on a device. kind as in harness.Peer, or service_peer."""
+    """A steered node on a device. kind as in harness.Peer, or service_peer, image_peer."""
 
     def __init__(self, device, name, preload='', env=None, kind='test_peer', threads=1, args=()):
         self.name = '/' + name
         self.device = device
         self._uri = None
         programs = {'test_peer': harness.PACKAGE + '_test_peer', 'rospy': 'rospy_peer.py',
-                    'service_peer': harness.PACKAGE + '_test_service_peer'}
+                    'service_peer': harness.PACKAGE + '_test_service_peer',
+                    'image_peer': harness.PACKAGE + '_test_image_peer'}
         command = [harness.program(programs[kind]), str(threads), '__name:=' + name] + list(args)
         variables = {key: value for key, value in device.environment(env).items()
                      if key.startswith('ROS_') or key.startswith('PI_OS_')}

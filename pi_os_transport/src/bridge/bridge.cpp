@@ -30,6 +30,7 @@ constexpr size_t MAX_LINKS = 4096;               ///< per session and direction
 constexpr size_t MAX_STREAMS = 4096;             ///< per session and direction
 constexpr size_t MAX_TUNNELS = 256;              ///< per session
 constexpr uint64_t MAX_TUNNEL_BYTES = 64 << 20;  ///< of all peers that wait for processes which do not read [B]
+constexpr size_t MAX_CODEC_QUEUE = 256;          ///< images being converted: one per stream and direction
 constexpr milliseconds FLUSH_INTERVAL{10};       ///< of messages for subscribers that take no more
 constexpr std::chrono::seconds STALE_AFTER{10};  ///< a bridge that only ever introduced itself
 constexpr milliseconds DRAIN_TIME{500};
@@ -157,6 +158,7 @@ Bridge::Bridge(EventLoop* loop, BridgeConfig config, std::function<void(const st
   ImageCodec::Options codec;
   codec.program = codecProgram();
   codec.max_bytes = uint64_t{config_.max_message_mb} << 20;
+  codec.queue_limit = MAX_CODEC_QUEUE;
   codec_ = std::make_unique<ImageCodec>(loop_, codec);
 }
 
@@ -411,10 +413,7 @@ void Bridge::pauseBlocked()
   {
     for (const auto& link : entry.second->incoming)
     {
-      if (link.second->blocked() && !link.second->flush())
-      {
-        any = true;
-      }
+      any = !link.second->flush() || any;
       if (link.second->blocked() != link.second->paused)
       {
         link.second->paused = link.second->blocked();
@@ -464,7 +463,8 @@ std::shared_ptr<OutgoingStream> Bridge::streamFor(Session* session, const LinkOp
     };
   }
   stream = std::make_shared<OutgoingStream>(next_id_++, session->peer.get(), loop_, options, compress, open.topic,
-                                            open.publisher, config_.max_message_mb << 20);
+                                            open.publisher,
+                                            std::min(config_.max_message_mb << 20, session->peer->maxMessageBytes()));
   stream->on_link_done = [this, session](const std::shared_ptr<OutgoingLink>& link) { closeOutgoing(session, link); };
   stream->on_too_large = [this, session](const std::shared_ptr<OutgoingLink>& link)
   { endOutgoing(session, link, LinkEnd::REFUSED, "a message is larger than max_message_mb"); };
@@ -710,11 +710,10 @@ Hello Bridge::describe(const Endpoint& towards)
   Hello hello;
   hello.instance = instance_;
   hello.port = config_.advertise.port != 0 ? config_.advertise.port : transport_->port();
-  hello.address = config_.advertise.address;
-  if (hello.address.empty() && config_.wire == "nanomsg")
-  {
-    hello.address = addressTowards(towards);  // libnanomsg does not tell where frames come from
-  }
+  hello.fixed = !config_.advertise.address.empty();
+  // A peer with libnanomsg cannot see where frames come from.
+  hello.address = hello.fixed ? config_.advertise.address : addressTowards(towards);
+  hello.max_message_bytes = config_.max_message_mb << 20;
   hello.name = config_.name;
   return hello;
 }
@@ -730,7 +729,8 @@ Bridge::Session* Bridge::introduce(FrameTransport::SourceId source, const Hello&
     return known;
   }
   // A bridge behind a tunnel says where it can be reached; otherwise it is where it speaks from.
-  const std::string address = hello.address.empty() ? transport_->addressOf(source) : hello.address;
+  const std::string seen = transport_->addressOf(source);
+  const std::string address = hello.fixed || seen.empty() ? hello.address : seen;
   in_addr parsed;
   if (hello.port == 0 || inet_pton(AF_INET, address.c_str(), &parsed) != 1)
   {
@@ -860,6 +860,7 @@ void Bridge::onFrame(FrameTransport::SourceId source, const FrameHeader& header,
     refuse(&refused_.malformed, "a frame from " + peer->endpoint().toString() + " that cannot be (type " +
                                     std::to_string(static_cast<int>(header.type)) + ")");
     transport_->closeSource(source);
+    peer->restart();
     return;
   }
   if (Lane::isCounted(header.type))

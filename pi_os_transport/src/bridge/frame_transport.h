@@ -82,6 +82,8 @@ public:
   /// Begins to connect; onConnected() or onClosed() follows, never from within this call.
   virtual ConnectionId connect(const Endpoint& endpoint) = 0;
   virtual void close(ConnectionId connection) = 0;
+  /// True if onConnected() shows that the other machine has accepted the connection.
+  virtual bool tellsConnected() const = 0;
   /// Ends an incoming connection. Does nothing for source 0.
   virtual void closeSource(SourceId source) = 0;
   /// Numeric address of the machine behind a source; empty if unknown.

@@ -14,6 +14,8 @@ namespace
 /// Kept for a subscriber that takes nothing, before the oldest is dropped: what may be under way when the peer is told
 /// to pause.
 constexpr size_t MAX_BACKLOG = 1024;
+/// Compressed images of one stream that may wait before the peer is told to pause.
+constexpr size_t MAX_UNDECODED = 4;
 
 }  // namespace
 
@@ -218,35 +220,79 @@ void IncomingStream::interrupt()
 void IncomingStream::complete(const ArrivalPtr& arrival)
 {
   arrival->complete = true;
+  arrival->ready = !arrival->compressed || !arrival->message;
   last_ = arrival;
   undelivered_.push_back(arrival);
-  if (!arrival->compressed || !arrival->message)
+  deliverReady();
+  decodeNext();
+  if (undelivered_.size() > MAX_UNDECODED)
   {
-    arrival->ready = true;
+    holdBack(true);
   }
-  else
+}
+
+/// One image at a time and stream: what comes next waits in shared memory, and soon at the peer.
+void IncomingStream::decodeNext()
+{
+  while (!undelivered_.empty() && !decoding_)
   {
+    const ArrivalPtr arrival = undelivered_.front();
     const auto done = [weak = weak_from_this(), arrival](std::vector<uint8_t> bytes)
     {
-      if (const std::shared_ptr<IncomingStream> self = weak.lock())
+      const std::shared_ptr<IncomingStream> self = weak.lock();
+      if (!self)
       {
-        arrival->message =
-            bytes.empty() ? nullptr : PooledMessage::make(self->pool_, static_cast<uint32_t>(bytes.size()));
-        if (arrival->message)
-        {
-          std::memcpy(arrival->message->bytes(), bytes.data(), bytes.size());
-        }
-        arrival->ready = true;
-        self->deliverReady();
+        return;
+      }
+      self->decoding_ = false;
+      arrival->message =
+          bytes.empty() ? nullptr : PooledMessage::make(self->pool_, static_cast<uint32_t>(bytes.size()));
+      if (arrival->message)
+      {
+        std::memcpy(arrival->message->bytes(), bytes.data(), bytes.size());
+      }
+      arrival->ready = true;
+      self->deliverReady();
+      self->decodeNext();
+      if (self->undelivered_.empty())
+      {
+        self->holdBack(false);
       }
     };
+    decoding_ = true;
     if (!decompress_ || !decompress_(arrival->message->bytes(), arrival->length, done))
     {
+      decoding_ = false;
       arrival->message.reset();  // as lost
       arrival->ready = true;
+      deliverReady();
     }
   }
-  deliverReady();
+}
+
+void IncomingStream::holdBack(bool busy)
+{
+  if (busy)
+  {
+    for (const LinkEntry& entry : undelivered_.back()->entries)
+    {
+      const std::shared_ptr<IncomingLink> link = find_link_(entry.link);
+      if (link && !std::exchange(link->decoder_busy, true))
+      {
+        held_back_.push_back(link);
+        link->on_blocked();
+      }
+    }
+    return;
+  }
+  for (const std::weak_ptr<IncomingLink>& held : std::exchange(held_back_, {}))
+  {
+    if (const std::shared_ptr<IncomingLink> link = held.lock())
+    {
+      link->decoder_busy = false;
+      link->on_blocked();
+    }
+  }
 }
 
 void IncomingStream::deliverReady()

@@ -78,15 +78,16 @@ public:
   void lose(const LinkEntry& entry);
   /// Hands on what was kept. @return true if nothing is kept any more.
   bool flush();
-  bool blocked() const { return !backlog_.empty(); }
+  bool blocked() const { return !backlog_.empty() || decoder_busy; }
 
   uint64_t messages() const { return messages_; }
   uint64_t bytes() const { return bytes_; }
   uint64_t dropped() const { return dropped_ + (ring ? ring->dropped() : 0); }
   uint64_t lost() const { return lost_; }
 
-  bool paused = false;  ///< the peer was told to send nothing
-  /// Called when the subscriber does not take more.
+  bool paused = false;        ///< the peer was told to send nothing
+  bool decoder_busy = false;  ///< images wait to be restored
+  /// Called when blocked() has changed.
   std::function<void()> on_blocked;
 
 private:
@@ -152,6 +153,8 @@ private:
   };
   using ArrivalPtr = std::shared_ptr<Arrival>;
 
+  void decodeNext();
+  void holdBack(bool busy);
   bool isNext(const FrameHeader& header, uint32_t length) const;
   bool readEntries(const FrameHeader& header, PayloadReader* in, std::vector<LinkEntry>* entries) const;
   ArrivalPtr makeArrival(const FrameHeader& header, uint32_t length) const;
@@ -163,7 +166,9 @@ private:
   const uint32_t max_message_bytes_;
   const FindLink find_link_;
   const Decompress decompress_;
-  ArrivalPtr arriving_;                 ///< begun, not complete
+  ArrivalPtr arriving_;  ///< begun, not complete
+  bool decoding_ = false;
+  std::vector<std::weak_ptr<IncomingLink>> held_back_;
   std::deque<ArrivalPtr> undelivered_;  ///< complete; the front one is being decompressed
   ArrivalPtr last_;                     ///< begun last; further links may be attached to it
 };

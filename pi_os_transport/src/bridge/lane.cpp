@@ -73,7 +73,8 @@ bool Lane::send(const FrameHeader& header, const iovec* payload, size_t pieces, 
   if (isCounted(header.type))
   {
     unacked_.push_back(Unacked{SteadyClock::now(), bytes, std::move(keep), std::move(acknowledged)});
-    single_ = unacked_bytes_ == 0;
+    single_ = unacked_bytes_ == 0 || (single_ && more_);
+    more_ = more;
     unacked_bytes_ += bytes;
     since_request_ = request ? 0 : since_request_ + bytes;
     limited_ = limited_ || unacked_bytes_ >= window_;

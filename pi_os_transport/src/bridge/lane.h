@@ -94,7 +94,8 @@ private:
   std::chrono::microseconds round_min_{std::chrono::microseconds::max()};
   std::chrono::microseconds base_rtt_{std::chrono::microseconds::max()};
   SteadyTime base_until_;
-  bool single_ = false;   ///< the frame sent last found the link empty
+  bool single_ = false;   ///< the frame sent last found the link empty, but for one that travels with it
+  bool more_ = false;     ///< the frame sent last travels with the next one
   bool probing_ = false;  ///< base_rtt_ is to be measured anew: the link empties, then a single frame tells
   std::chrono::microseconds rtt_{0};
 

@@ -109,6 +109,7 @@ public:
   void close(ConnectionId connection) override;
   void closeSource(SourceId) override {}
   std::string addressOf(SourceId) const override { return {}; }
+  bool tellsConnected() const override { return false; }
   bool writable(ConnectionId connection) const override;
   bool send(ConnectionId connection, const FrameHeader& header, const iovec* payload, size_t pieces,
             bool /*more*/) override;

@@ -119,6 +119,11 @@ OutgoingStream::OutgoingPtr OutgoingStream::next()
       return nullptr;
     }
     const uint64_t serial = attach ? last_serial_ : first->descriptor.serial;
+    if (serial != 0 && serial == skipped_serial_)
+    {
+      skip(candidates, serial);  // the same message, in the ring of one more link
+      continue;
+    }
     if (!attach && first->descriptor.length > max_message_bytes_)
     {
       const std::shared_ptr<OutgoingLink> link = first->link;
@@ -133,6 +138,7 @@ OutgoingStream::OutgoingPtr OutgoingStream::next()
         return nullptr;  // the timer comes back to it
       }
       counters_.rate_limited += skip(candidates, serial) ? 1 : 0;
+      skipped_serial_ = serial;
       continue;
     }
     if (OutgoingPtr message = take(candidates, serial))
@@ -265,7 +271,7 @@ bool OutgoingStream::mayLeaveNow(bool latched)
     }
     return false;
   }
-  next_allowed_ = std::max(next_allowed_ + period, now);
+  next_allowed_ = now - next_allowed_ < period ? next_allowed_ + period : now + period;
   return true;
 }
 
@@ -332,7 +338,14 @@ bool OutgoingStream::prepare(const OutgoingPtr& message)
       message->length = static_cast<uint32_t>(message->copy.size());
       message->compressed = true;
     }
-    self->waiting_ = message;
+    if (self->waiting_ || !self->resend_.empty())
+    {
+      self->resend_.push_back(message);  // after all that was taken before it
+    }
+    else
+    {
+      self->waiting_ = message;
+    }
     self->offerAgain();
     self->peer_->pump();
   };

@@ -180,6 +180,7 @@ private:
   bool preparing_ = false;    ///< a message is being compressed
   uint64_t last_serial_ = 0;  ///< of the message that the peer keeps for further links; 0: none
   uint32_t max_message_bytes_;
+  uint64_t skipped_serial_ = 0;  ///< of the message that the rate limit withheld last; 0: none
   SteadyTime next_allowed_;
   EventLoop::TimerId rate_timer_ = 0;
   Counters counters_;

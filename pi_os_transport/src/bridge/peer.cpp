@@ -17,6 +17,8 @@ constexpr milliseconds TICK{100};
 constexpr milliseconds SILENCE{600};
 /// A peer whose machine accepts connections has so long to speak.
 constexpr milliseconds HANDSHAKE{500};
+/// The same where nobody knows whether the machine has accepted anything: an interruption ends sooner most times.
+constexpr milliseconds HANDSHAKE_UNSURE{1500};
 constexpr milliseconds RECONNECT{100};
 constexpr milliseconds RECONNECT_DOWN{300};
 /// Small frames are acknowledged together, after so long at the latest, or as soon as so much has come.
@@ -87,6 +89,10 @@ void Peer::closeConnections()
     loop_->cancel(receiving.timer);
     receiving = Receiving{};
   }
+  // What is not counted belongs to this session alone.
+  controls_.erase(std::remove_if(controls_.begin(), controls_.end(),
+                                 [](const Control& control) { return !Lane::isCounted(control.header.type); }),
+                  controls_.end());
   controls_.insert(controls_.begin(), unacked_controls_.begin(), unacked_controls_.end());
   unacked_controls_.clear();
   verified_ = false;
@@ -110,7 +116,7 @@ void Peer::sayHello(Lane* lane)
   header.id = lane == &lanes_[0] ? 0 : 1;
   header.session = their_secret_;
   const iovec piece{payload->data(), payload->size()};
-  lane->send(header, &piece, 1, payload, nullptr);
+  hello_due_[header.id] = !lane->send(header, &piece, 1, payload, nullptr);
 }
 
 void Peer::onConnected(FrameTransport::ConnectionId connection)
@@ -174,6 +180,20 @@ void Peer::interrupt(State next)
   }
 }
 
+void Peer::restart()
+{
+  loop_->defer(
+      [weak = weak_from_this()]()
+      {
+        const std::shared_ptr<Peer> self = weak.lock();
+        if (self && self->state_ == State::UP)
+        {
+          self->interrupt(State::SILENT);
+          self->reconnect(RECONNECT);
+        }
+      });
+}
+
 void Peer::lose(State next)
 {
   interrupt(next);
@@ -202,6 +222,7 @@ bool Peer::onHello(const Hello& hello)
   }
   heard();
   name_ = hello.name;
+  max_message_bytes_ = hello.max_message_bytes;
   if (hello.echo == secret_)
   {
     verified_ = true;
@@ -214,6 +235,11 @@ bool Peer::onHello(const Hello& hello)
   if (their_secret_ != hello.secret)
   {
     their_secret_ = hello.secret;
+    for (Receiving& receiving : receiving_)
+    {
+      loop_->cancel(receiving.timer);
+      receiving = Receiving{};  // the peer counts from the start as well
+    }
     for (Lane& lane : lanes_)
     {
       if (lane.connected())
@@ -267,7 +293,7 @@ void Peer::tick()
     return;
   }
   const bool connected = lanes_[0].connected() && lanes_[1].connected();
-  if (connected && now - connected_since_ > HANDSHAKE)
+  if (connected && now - connected_since_ > (transport_->tellsConnected() ? HANDSHAKE : HANDSHAKE_UNSURE))
   {
     // The machine answers for it, but it does not speak. Keep the connection: it will see the greeting when it wakes.
     state_ = State::HUNG;
@@ -351,6 +377,13 @@ void Peer::offer(const std::shared_ptr<FrameSource>& source)
 
 void Peer::pump()
 {
+  for (size_t index = 0; index < TRAFFIC_CLASSES; ++index)
+  {
+    if (hello_due_[index] && lanes_[index].connected())
+    {
+      sayHello(&lanes_[index]);
+    }
+  }
   if (state_ != State::UP || !pumpControl())
   {
     return;

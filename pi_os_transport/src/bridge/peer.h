@@ -69,6 +69,8 @@ public:
   State state() const { return state_; }
   bool up() const { return state_ == State::UP; }
   const std::string& name() const { return name_; }
+  /// What it takes at most; known once it is up [B].
+  uint32_t maxMessageBytes() const { return max_message_bytes_; }
   uint64_t instance() const { return instance_; }
   uint64_t secret() const { return secret_; }
   /// What belongs into `session` of frames to it.
@@ -86,6 +88,9 @@ public:
   void offer(const std::shared_ptr<FrameSource>& source);
   /// Sends what the lanes take now.
   void pump();
+
+  /// Something is wrong between the two ends: both begin anew, as after an interruption.
+  void restart();
 
   // From the transport.
   void onConnected(FrameTransport::ConnectionId connection);
@@ -133,10 +138,12 @@ private:
   State state_ = State::CONNECTING;
   std::array<Lane, TRAFFIC_CLASSES> lanes_;
   std::array<Receiving, TRAFFIC_CLASSES> receiving_;
+  std::array<bool, TRAFFIC_CLASSES> hello_due_{};  ///< a greeting that the connection did not take
   uint64_t secret_;
   uint64_t their_secret_ = 0;
   uint64_t instance_ = 0;
   std::string name_;
+  uint32_t max_message_bytes_ = 0;
   bool verified_ = false;  ///< it has shown that it gets what is sent to its address
   bool ever_up_ = false;
   bool carries_ = false;  ///< there may be links that outlive an interruption

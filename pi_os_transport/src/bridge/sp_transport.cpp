@@ -104,6 +104,7 @@ public:
   void close(ConnectionId connection) override;
   void closeSource(SourceId source) override;
   std::string addressOf(SourceId source) const override;
+  bool tellsConnected() const override { return true; }
   bool writable(ConnectionId connection) const override;
   bool send(ConnectionId connection, const FrameHeader& header, const iovec* payload, size_t pieces,
             bool more) override;

@@ -65,6 +65,8 @@ std::vector<uint8_t> Hello::encode() const
   out.putU64(secret);
   out.putU64(echo);
   out.putU16(port);
+  out.putU16(fixed ? 1 : 0);
+  out.putU32(max_message_bytes);
   out.putString(address);
   out.putString(name);
   return out.take();
@@ -77,9 +79,12 @@ bool Hello::decode(const uint8_t* payload, size_t length, Hello* hello)
   hello->secret = in.getU64();
   hello->echo = in.getU64();
   hello->port = in.getU16();
+  const uint16_t fixed = in.getU16();
+  hello->fixed = fixed == 1;
+  hello->max_message_bytes = in.getU32();
   hello->address = in.getString();
   hello->name = in.getString();
-  return in.ok() && in.restLength() == 0 && hello->instance != 0 && hello->secret != 0;
+  return in.ok() && in.restLength() == 0 && fixed <= 1 && hello->instance != 0 && hello->secret != 0;
 }
 
 std::vector<uint8_t> LinkOpen::encode() const

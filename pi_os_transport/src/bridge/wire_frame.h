@@ -94,7 +94,9 @@ struct Hello
   uint64_t echo = 0;      ///< `secret` of the receiver as far as known, else 0: shows that the sender is where it says
   uint16_t port = 0;      ///< where the sender listens
   std::string address;    ///< and under which address
-  std::string name;       ///< of the device, for people
+  bool fixed = false;     ///< the address was configured: it holds, whatever the connection seems to come from
+  uint32_t max_message_bytes = 0;  ///< larger ones are refused; they have to stay on TCPROS [B]
+  std::string name;                ///< of the device, for people
 
   std::vector<uint8_t> encode() const;
   static bool decode(const uint8_t* payload, size_t length, Hello* hello);

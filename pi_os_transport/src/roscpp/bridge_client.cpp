@@ -22,6 +22,7 @@ namespace
 
 constexpr std::chrono::milliseconds RETRY{300};
 constexpr int TUNNEL_TIMEOUT_MS = 100;
+constexpr std::chrono::milliseconds PROBE_TIME{500};
 constexpr std::chrono::milliseconds PING_INTERVAL{500};
 constexpr std::chrono::milliseconds PING_TIMEOUT{1000};
 
@@ -89,6 +90,62 @@ void BridgeClient::poll()
   {
     pollWishes();
     pollTunnels();
+    pollReconnects();
+  }
+}
+
+void BridgeClient::reconnect(const ros::ConnectionPtr& connection)
+{
+  const auto transport = boost::dynamic_pointer_cast<ros::TransportTCP>(connection->getTransport());
+  Reconnect wish{connection, {}, sizeof(sockaddr_storage), FileDescriptor(), {}};
+  if (!transport || getpeername(transport->sock_, reinterpret_cast<sockaddr*>(&wish.address), &wish.length) != 0)
+  {
+    return;  // it has ended already
+  }
+  std::lock_guard<std::mutex> lock(mutex_);
+  reconnects_.push_back(std::move(wish));
+  startPolling();
+}
+
+void BridgeClient::pollReconnects()
+{
+  std::vector<Reconnect> wishes;
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    wishes.swap(reconnects_);
+  }
+  const auto now = std::chrono::steady_clock::now();
+  for (Reconnect& wish : wishes)
+  {
+    const ros::ConnectionPtr connection = wish.connection.lock();
+    if (!connection || connection->isDropped())
+    {
+      continue;
+    }
+    pollfd ready{wish.probe.get(), POLLOUT, 0};
+    if (wish.probe && ::poll(&ready, 1, 0) == 1)
+    {
+      int error = 0;
+      socklen_t length = sizeof(error);
+      if (getsockopt(wish.probe.get(), SOL_SOCKET, SO_ERROR, &error, &length) == 0 && error == 0)
+      {
+        connection->drop(ros::Connection::TransportDisconnect);
+        continue;
+      }
+      wish.probe.reset();
+    }
+    if (!wish.probe || now > wish.until)
+    {
+      wish.until = now + PROBE_TIME;
+      wish.probe = FileDescriptor(socket(wish.address.ss_family, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
+      if (::connect(wish.probe.get(), reinterpret_cast<const sockaddr*>(&wish.address), wish.length) != 0 &&
+          errno != EINPROGRESS)
+      {
+        wish.probe.reset();  // the network is down; in a moment again
+      }
+    }
+    std::lock_guard<std::mutex> lock(mutex_);
+    reconnects_.push_back(std::move(wish));
   }
 }
 

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <ros/connection.h>
 #include <ros/transport/transport_tcp.h>
+#include <sys/socket.h>
 
 #include <chrono>
 #include <memory>
@@ -33,6 +35,10 @@ public:
   /// @return a connected TCP socket; empty if the bridge cannot help.
   FileDescriptor openTunnel(const std::string& host, uint16_t port, const std::string& service) const;
 
+  /// Drops a TCPROS connection, which makes roscpp connect anew, as soon as the publisher's machine accepts
+  /// connections: roscpp gives up for good if its own attempt fails at once.
+  void reconnect(const ros::ConnectionPtr& connection);
+
   /// Watches over a connection through a tunnel: should the bridge of this device hang, it is closed, which its user
   /// sees as the death of the server.
   void guard(const boost::shared_ptr<ros::TransportTCP>& transport);
@@ -47,6 +53,7 @@ private:
   void poll();
   void pollWishes();
   void pollTunnels();
+  void pollReconnects();
 
   std::mutex mutex_;
   bool polling_ = false;
@@ -57,6 +64,16 @@ private:
   };
   std::vector<Wish> wishes_;
   std::chrono::steady_clock::time_point next_try_;
+
+  struct Reconnect
+  {
+    boost::weak_ptr<ros::Connection> connection;
+    sockaddr_storage address;
+    socklen_t length;
+    FileDescriptor probe;  ///< a connection attempt; network thread
+    std::chrono::steady_clock::time_point until;
+  };
+  std::vector<Reconnect> reconnects_;
 
   std::vector<boost::weak_ptr<ros::TransportTCP>> tunnels_;
   SideChannel ping_;  ///< while an answer is awaited; network thread

@@ -159,7 +159,7 @@ void ReceiveLink::onSocket()
   const ros::ConnectionPtr connection = connection_.lock();
   if (unaware && connection)
   {
-    connection->drop(ros::Connection::TransportDisconnect);  // roscpp connects anew, and the publisher starts over
+    BridgeClient::instance().reconnect(connection);  // the publisher starts over
   }
   else if (silence_is_death)
   {
