@@ -316,7 +316,7 @@ void Bridge::openIncoming(SideChannel channel, const BridgeRequest& request)
     return;
   }
   const uint32_t id = next_id_++;
-  auto link = std::make_shared<IncomingLink>(id, request, std::move(channel), session->peer.get());
+  auto link = std::make_shared<IncomingLink>(id, request, std::move(channel));
   link->on_blocked = [this]() { pauseBlocked(); };
   session->incoming[id] = link;
   loop_->add(link->fd(), EPOLLIN, [this, session, link](uint32_t) { onSubscriber(session, link); });

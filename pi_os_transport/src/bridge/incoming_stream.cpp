@@ -219,7 +219,6 @@ void IncomingStream::interrupt()
 
 void IncomingStream::complete(const ArrivalPtr& arrival)
 {
-  arrival->complete = true;
   arrival->ready = !arrival->compressed || !arrival->message;
   last_ = arrival;
   undelivered_.push_back(arrival);

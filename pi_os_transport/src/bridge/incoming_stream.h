@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "frame_transport.h"
-#include "peer.h"
 #include "pi_os_transport/bridge_request.h"
 #include "pi_os_transport/ring_sender.h"
 #include "pi_os_transport/slot_pool.h"
@@ -55,14 +54,13 @@ public:
     CARRYING,
   };
 
-  IncomingLink(uint32_t id, BridgeRequest request, SideChannel client, Peer* peer)
-    : id(id), request(std::move(request)), peer(peer), client(std::move(client))
+  IncomingLink(uint32_t id, BridgeRequest request, SideChannel client)
+    : id(id), request(std::move(request)), client(std::move(client))
   {
   }
 
   const uint32_t id;  ///< unique in this process
   const BridgeRequest request;
-  Peer* const peer;
   State state = State::WANTED;
   SideChannel client;                ///< until the ring takes it over
   std::unique_ptr<RingSender> ring;  ///< once offered
@@ -148,8 +146,7 @@ private:
     bool compressed = false;
     uint32_t length = 0;
     uint32_t received = 0;
-    bool complete = false;
-    bool ready = false;  ///< complete and decompressed
+    bool ready = false;  ///< whole and, if it came compressed, restored
   };
   using ArrivalPtr = std::shared_ptr<Arrival>;
 

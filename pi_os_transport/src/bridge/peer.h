@@ -76,7 +76,6 @@ public:
   /// What belongs into `session` of frames to it.
   uint64_t theirSecret() const { return their_secret_; }
   SteadyTime createdAt() const { return created_at_; }
-  bool everUp() const { return ever_up_; }
 
   Lane& lane(Traffic traffic) { return lanes_[static_cast<size_t>(traffic)]; }
   const Lane& lane(Traffic traffic) const { return lanes_[static_cast<size_t>(traffic)]; }

@@ -127,7 +127,7 @@ protected:
   void add(uint32_t id, size_t max_queue = 0)
   {
     auto subscriber = std::make_unique<Subscriber>(
-        Subscriber{std::make_shared<IncomingLink>(id, BridgeRequest(), SideChannel(), nullptr), RingPair(&pool_)});
+        Subscriber{std::make_shared<IncomingLink>(id, BridgeRequest(), SideChannel()), RingPair(&pool_)});
     Subscriber* const raw = subscriber.get();
     raw->link->ring = std::move(raw->pair.sender);
     raw->link->state = IncomingLink::State::CARRYING;
@@ -252,7 +252,7 @@ TEST_F(IncomingStreamTest, PassesOverLinksThatHaveEnded)
 
 TEST_F(IncomingStreamTest, NothingComesBeforeTheStart)
 {
-  auto fresh = std::make_shared<IncomingLink>(1, BridgeRequest(), SideChannel(), nullptr);
+  auto fresh = std::make_shared<IncomingLink>(1, BridgeRequest(), SideChannel());
   RingPair pair(&pool_);
   fresh->ring = std::move(pair.sender);
   fresh->state = IncomingLink::State::CARRYING;

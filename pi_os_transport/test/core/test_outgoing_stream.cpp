@@ -886,7 +886,7 @@ TEST_F(OutgoingStreamTest, ArrivesOnceAndInOrderWhateverIsInterrupted)
     links.push_back(std::make_shared<OutgoingLink>(id, publishers[id]->receiver));
     links[id]->state = OutgoingLink::State::CARRYING;
     outgoing->add(links[id]);
-    incoming[id] = std::make_shared<IncomingLink>(id, BridgeRequest(), SideChannel(), nullptr);
+    incoming[id] = std::make_shared<IncomingLink>(id, BridgeRequest(), SideChannel());
     incoming[id]->ring = std::move(subscribers[id]->sender);
     incoming[id]->state = IncomingLink::State::CARRYING;
     incoming[id]->on_blocked = []() { ADD_FAILURE(); };
