@@ -34,6 +34,9 @@ void Lane::reset()
   uncounted_payload_.reset();
   window_ = INITIAL_WINDOW;
   limited_ = false;
+  probing_ = false;
+  single_ = false;
+  more_ = false;
   round_min_ = microseconds::max();
 }
 

@@ -425,11 +425,7 @@ void Peer::pumpLane(Traffic traffic)
 bool Peer::onAck(const FrameHeader& header)
 {
   heard();
-  if (header.id >= TRAFFIC_CLASSES || !lanes_[header.id].onAck(header.offset))
-  {
-    return false;
-  }
-  return true;
+  return header.id < TRAFFIC_CLASSES && lanes_[header.id].onAck(header.offset);
 }
 
 void Peer::acknowledge(Traffic traffic, uint32_t bytes, bool now)
