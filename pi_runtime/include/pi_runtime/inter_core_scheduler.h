@@ -1,0 +1,113 @@
+#pragma once
+
+#include "pi_runtime/etc_matrix.h"
+
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace pi_runtime
+{
+
+/// How independent tasks are mapped to computing units. All heuristics map task by task; "completion" of task i on unit
+/// j is ct(t_i, c_j) = M(c_j) + ETC(t_i, c_j) (π-Edge, section IV.A), plus gamma / alpha * energy if energy counts.
+enum class InterCorePolicy
+{
+  DIFF_MIN,   ///< π-Edge, steps (1)-(9): tasks by Div (eq. 1), then Sub (eq. 2); each to its smallest completion
+  MIN_MIN,    ///< again and again the pair of smallest completion (Ibarra and Kim 1977)
+  MAX_MIN,    ///< again and again the task whose smallest completion is largest
+  SUFFERAGE,  ///< again and again the task that loses most if it misses its best unit (Maheswaran et al. 1999)
+  MCT,        ///< tasks in the order given, each to its smallest completion
+  MET,        ///< each to the unit with the smallest ETC, whatever its load
+  OLB,        ///< tasks in the order given, each to the unit that is available first, whatever its ETC
+  HEFT_RANK,  ///< tasks by falling mean ETC (the upward rank of independent tasks), each to its smallest completion
+  SEARCH,     ///< DIFF_MIN improved by local search; never worse than DIFF_MIN in the objective
+};
+
+/// Lower-case name, e.g. "diff_min".
+const char* toString(InterCorePolicy policy);
+/// @throws std::invalid_argument listing the valid names.
+InterCorePolicy parseInterCorePolicy(const std::string& name);
+/// All of them, in the order of the enumeration.
+const std::vector<InterCorePolicy>& allInterCorePolicies();
+
+/// Which task Diff-Min maps first. The paper's formal steps (5)-(6) say the largest Div, its prose the smallest.
+enum class DiffMinOrder
+{
+  MAX_DIV,
+  MIN_DIV,
+};
+
+/// "max" or "min".
+const char* toString(DiffMinOrder order);
+/// @throws std::invalid_argument listing the valid names.
+DiffMinOrder parseDiffMinOrder(const std::string& name);
+
+struct InterCoreOptions
+{
+  InterCorePolicy policy = InterCorePolicy::SEARCH;
+  DiffMinOrder diff_min_order = DiffMinOrder::MAX_DIV;
+  uint64_t seed = 1;  ///< of Diff-Min's random choice among equal tasks and of the search
+  /// SEARCH only: time after which it returns the best it has; 0: no limit. Diff-Min itself is not cut short.
+  std::chrono::microseconds budget{1000};
+  int kicks = 100;     ///< SEARCH only: attempts to leave a local optimum, >= 0; each costs about as much as Diff-Min
+  double alpha = 1.0;  ///< weight of the makespan in the objective alpha * makespan + gamma * energy, > 0
+  double gamma = 0.0;  ///< weight of the energy [1/J], >= 0; without an energy matrix it has no effect
+
+  /// @throws std::invalid_argument naming field, value and bound.
+  void validate() const;
+};
+
+/// A mapping of tasks to units.
+struct Assignment
+{
+  static constexpr int32_t REFUSED = -1;
+
+  std::vector<int32_t> unit;    ///< per task; REFUSED if no unit can run it
+  std::vector<uint32_t> order;  ///< tasks that are not refused; every unit runs its own in this order
+  std::vector<double> load;     ///< per unit: availability time plus the ETC of its tasks
+  double makespan = 0.0;        ///< largest load
+  double energy = 0.0;          ///< sum over the tasks, 0 without an energy matrix [J]
+  double objective = 0.0;       ///< alpha * makespan + gamma * energy
+  /// SEARCH only: no mapping of these tasks has an objective below this (dual bound, see src/dual_bound.h); else 0.
+  double lower_bound = 0.0;
+  bool proven = false;  ///< SEARCH only: the mapping is known to be optimal
+};
+
+/// Maps metatasks to units and keeps its memory between calls: once grown to the largest problem it allocates nothing.
+/// A single task takes a short cut. Not thread safe.
+///
+/// Deterministic for equal input, options and seed, except for SEARCH when the budget ends it. Among equal choices the
+/// task with the lowest number is taken, then the unit with the lowest number; Diff-Min draws the task by seed.
+/// MAX_MIN and SUFFERAGE choose among the 1024 tasks that rank first on idle units if there are more, since their exact
+/// form takes quadratic time.
+class InterCoreScheduler
+{
+public:
+  InterCoreScheduler();
+  ~InterCoreScheduler();
+  InterCoreScheduler(const InterCoreScheduler&) = delete;
+  InterCoreScheduler& operator=(const InterCoreScheduler&) = delete;
+
+  /// @param etc       tasks x units; tasks without a finite entry are refused.
+  /// @param available per unit the paper's mat(c_j), when it is done with earlier tasks, in the time unit of `etc`;
+  ///                  finite, >= 0. Empty: all zero.
+  /// @param energy    energy of each task on each unit, same size as `etc` [J]; finite and >= 0 where `etc` is finite.
+  ///                  nullptr: energy is not considered.
+  /// @param result    overwritten; keeping the object between calls saves its memory too.
+  /// @throws std::invalid_argument naming object, value and bound; `result` is then untouched.
+  void schedule(const EtcMatrix& etc, const std::vector<double>& available, const InterCoreOptions& options,
+                const EtcMatrix* energy, Assignment* result);
+
+private:
+  struct Workspace;
+  std::unique_ptr<Workspace> workspace_;
+};
+
+/// As InterCoreScheduler::schedule() with a new workspace.
+Assignment schedule(const EtcMatrix& etc, const std::vector<double>& available, const InterCoreOptions& options,
+                    const EtcMatrix* energy = nullptr);
+
+}  // namespace pi_runtime
