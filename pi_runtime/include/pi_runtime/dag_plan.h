@@ -1,0 +1,56 @@
+#pragma once
+
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "pi_runtime/etc_matrix.h"
+#include "pi_runtime/task_graph.h"
+#include "pi_runtime/transfer_model.h"
+
+namespace pi_runtime
+{
+
+/// Before when nothing can start. All times of a plan count from the same instant as these. An empty vector: all 0.
+struct StartTimes
+{
+  std::vector<double> available;  ///< per unit: until then it works on something else [s], finite and >= 0
+  std::vector<double> release;    ///< per node: until then its data from outside are missing [s], finite and >= 0
+};
+
+/// Which unit runs each node of a graph, and when.
+struct DagPlan
+{
+  static constexpr uint32_t NO_UNIT = std::numeric_limits<uint32_t>::max();
+
+  std::vector<uint32_t> unit;                ///< per node
+  std::vector<double> start;                 ///< per node [s]
+  std::vector<double> finish;                ///< per node [s]
+  std::vector<uint32_t> level;               ///< per node, as TaskGraph::level()
+  std::vector<double> rank;                  ///< per node: upward rank, the mean time from its start to the end [s]
+  std::vector<std::vector<uint32_t>> order;  ///< per unit: its nodes, first to start first
+  double makespan = 0.0;                     ///< latest finish [s]
+  double critical_path = 0.0;                ///< longest chain, each node on its fastest unit, without transfers [s]
+
+  /// Nodes that no unit can run. If there are any, nothing is planned: every unit is NO_UNIT, every time 0.
+  std::vector<uint32_t> infeasible;
+
+  bool feasible() const { return infeasible.empty(); }
+
+  /// Schedule length ratio (Topcuoglu, Hariri, Wu 2002, eq. 9): makespan over critical path, >= 1; it tells how far at
+  /// most the plan is from the best one. 1 for a graph without any work; without meaning if not feasible().
+  double slr() const;
+};
+
+/// Checks a plan against its problem, with a tolerance of 1e-9 of the makespan for rounding: every node runs for its
+/// time on a unit that can run it, not before its release, the unit's available time and the arrival of its
+/// predecessors' data; no unit runs two nodes at a time; order, level, infeasible and makespan say what the rest says.
+/// @param barrier  also demand that no node starts before all nodes of the levels above it have finished.
+/// @return the first thing wrong, nothing if the plan holds.
+std::optional<std::string> validatePlan(const TaskGraph& graph, const EtcMatrix& etc, const TransferModel& transfers,
+                                        const DagPlan& plan, const StartTimes& start_times = StartTimes(),
+                                        bool barrier = false);
+
+}  // namespace pi_runtime

@@ -1,0 +1,100 @@
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "pi_runtime/dag_plan.h"
+#include "pi_runtime/etc_matrix.h"
+#include "pi_runtime/task_graph.h"
+#include "pi_runtime/transfer_model.h"
+
+namespace pi_runtime
+{
+
+/// How the inner-core scheduler plans the sub-tasks of an application that depend on each other.
+enum class InnerCorePolicy
+{
+  /// π-Edge, section IV.C, as printed: the graph is cut into levels of independent nodes, each level is mapped with
+  /// Min-Min or Diff-Min, and begins when all nodes above it are done. Kept for comparison: the barrier costs 1-30 %.
+  LEVELS,
+  /// Topcuoglu, Hariri, Wu 2002, "Performance-effective and low-complexity task scheduling for heterogeneous
+  /// computing": nodes by falling upward rank, each on the unit where it finishes first.
+  HEFT,
+  /// Bittencourt, Sakellariou, Madeira 2010, "DAG scheduling using a lookahead variant of the heterogeneous earliest
+  /// finish time algorithm": as HEFT, but each node goes where the last of its successors would finish first. Takes 2
+  /// to 7 times as long to plan; pays where transfers take as long as the work or longer.
+  LOOKAHEAD,
+};
+
+/// How InnerCorePolicy::LEVELS maps the nodes of one level.
+enum class LevelMapping
+{
+  RANK,      ///< by falling upward rank, each where it finishes first
+  MIN_MIN,   ///< always the pair of node and unit with the earliest finish of all
+  DIFF_MIN,  ///< by falling Div = largest over smallest time, then Sub = their difference, each where it finishes first
+};
+
+/// "levels", "heft", "lookahead".
+const char* toString(InnerCorePolicy policy);
+/// "rank", "min_min", "diff_min".
+const char* toString(LevelMapping mapping);
+/// The inverse of toString. @throws std::invalid_argument  names the text and what is known.
+InnerCorePolicy parseInnerCorePolicy(const std::string& text);
+LevelMapping parseLevelMapping(const std::string& text);
+
+struct InnerCoreOptions
+{
+  InnerCorePolicy policy = InnerCorePolicy::HEFT;
+  bool insertion = true;  ///< a node may go between two nodes planned before it, as in the HEFT paper
+
+  // For LEVELS only.
+  LevelMapping level_mapping = LevelMapping::MIN_MIN;  ///< the one the paper names first
+  bool level_barrier = true;                           ///< as the paper; false: a node waits for its predecessors only
+};
+
+/// Plans one task graph after the other; keeps its working memory, so that a plan of a size seen before costs hardly
+/// any allocation.
+///
+/// Deterministic. Ties go to the node that comes first in TaskGraph::topologicalOrder() and to the unit with the
+/// smallest number. Diff-Min breaks ties by the larger upward rank first, as its own key is the same for all nodes
+/// where the units are alike (π-Edge: at random).
+///
+/// Not thread safe; one object per thread.
+class InnerCoreScheduler
+{
+public:
+  explicit InnerCoreScheduler(const InnerCoreOptions& options = InnerCoreOptions());
+  ~InnerCoreScheduler();
+  InnerCoreScheduler(InnerCoreScheduler&&) noexcept;
+  InnerCoreScheduler& operator=(InnerCoreScheduler&&) noexcept;
+
+  const InnerCoreOptions& options() const { return options_; }
+
+  /// @param etc        time of each node on each unit [s]; +infinity: the unit cannot run it. A node that no unit can
+  ///                   run makes the plan infeasible, which is a result and not an error.
+  /// @param transfers  between the units of `etc`.
+  /// @param plan       overwritten; its memory is used again.
+  /// @throws std::invalid_argument  sizes do not agree, no units, a time in `etc` that is not > 0, or a start time that
+  ///                                is negative or not finite; `plan` is then untouched. Also if times or transfers are
+  ///                                so long that they add up to infinity; `plan` is then not usable.
+  void schedule(const TaskGraph& graph, const EtcMatrix& etc, const TransferModel& transfers,
+                const StartTimes& start_times, DagPlan* plan);
+
+  DagPlan schedule(const TaskGraph& graph, const EtcMatrix& etc, const TransferModel& transfers,
+                   const StartTimes& start_times = StartTimes());
+
+private:
+  struct Workspace;
+
+  InnerCoreOptions options_;
+  std::unique_ptr<Workspace> workspace_;
+};
+
+/// Communication to computation ratio: mean transfer time of an edge, over all pairs of different units, by the mean
+/// time of a node, over the units that can run it. 0 without edges or with one unit.
+double communicationToComputation(const TaskGraph& graph, const EtcMatrix& etc, const TransferModel& transfers);
+
+/// LOOKAHEAD where communicationToComputation() >= 1, else HEFT.
+InnerCorePolicy recommendedPolicy(const TaskGraph& graph, const EtcMatrix& etc, const TransferModel& transfers);
+
+}  // namespace pi_runtime
