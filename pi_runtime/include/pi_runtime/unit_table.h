@@ -1,0 +1,89 @@
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <string>
+
+namespace pi_runtime
+{
+
+/// The memory that the processes sharing one computing unit map. A process may die between any two stores and the
+/// others go on.
+///
+/// Nothing in it is ever locked: every change of hands is one compare-exchange of `holder`, and every change of it
+/// counts up its serial number, so that a decision made on an older value never takes effect.
+struct UnitTable
+{
+  static constexpr uint64_t MAGIC = 0x656c62617452502e;  // ".PRtable"
+  static constexpr uint32_t VERSION = 1;
+  static constexpr uint32_t PLACES = 64;
+
+  /// One process, or more exactly one UnitArbiter.
+  struct alignas(64) Place
+  {
+    std::atomic<uint32_t> waiting;  ///< odd while its acquire() waits; counts up at each change
+    std::atomic<uint32_t> wake;     ///< futex that its waiting thread sleeps on
+    std::atomic<int32_t> pid;       ///< for messages only: processes in other containers count differently
+    std::atomic<int32_t> priority;
+    std::atomic<int64_t> deadline_ns;
+    std::atomic<uint64_t> arrival;  ///< serial number of `holder` when it began to wait
+    std::atomic<int64_t> blocking_budget_ns;
+  };
+
+  std::atomic<uint64_t> magic;  ///< written last when the table is made; 0: not complete
+  uint32_t version;
+  uint32_t places;
+  /// Bits 0..7: place of the holder + 1, 0 if free; bit 8: somebody waits (never set when free); bit 9: handed to a
+  /// waiter that has not taken note yet; bits 16..63: serial number.
+  alignas(64) std::atomic<uint64_t> holder;
+  Place place[PLACES];
+};
+static_assert(std::atomic<uint64_t>::is_always_lock_free && std::atomic<int64_t>::is_always_lock_free &&
+              std::atomic<uint32_t>::is_always_lock_free);
+
+/// One user's access to a UnitTable in a file, and its place there.
+///
+/// Each user locks one byte of the file (an open file description lock); the kernel drops the lock with the process
+/// however it ends. So a killed process is recognised at once, also out of another container and while it is an
+/// unreaped zombie, which process ids and start times do not give. The last user removes the file; a file whose users
+/// were all killed is made anew by the next user.
+///
+/// After construction all methods may be called from any thread. A forked child loses the file and the memory when it
+/// is made, as an open file there would hide its parent's death; table() throws there.
+class UnitTableFile
+{
+public:
+  /// Opens the file of the unit `key` (mode 0600), or makes it, and takes a place. Waits for others that come or go.
+  /// @throws std::invalid_argument if `key` is empty; std::runtime_error, naming the file and the way out, if the file
+  /// belongs to somebody else, is no table of this version, does not fit into the memory, or all places are taken.
+  UnitTableFile(const std::string& key, const std::string& folder);
+  ~UnitTableFile();
+  UnitTableFile(const UnitTableFile&) = delete;
+  UnitTableFile& operator=(const UnitTableFile&) = delete;
+
+  /// @throws std::logic_error in a forked child.
+  UnitTable& table() const;
+  bool isForked() const { return table_ == nullptr; }
+  uint32_t ownPlace() const { return place_; }
+  /// True if the user of the place lives. One system call, except for the own place.
+  bool isAlive(uint32_t place) const;
+  const std::string& path() const { return path_; }
+
+private:
+  friend struct OpenTables;
+
+  bool openFile();
+  void mapTable();
+  void checkOrMakeTable();
+  void claimPlace();
+  bool othersAlive() const;
+  void close();
+  [[noreturn]] void fail(const std::string& problem, const std::string& way_out) const;
+
+  std::string path_;
+  int file_ = -1;
+  UnitTable* table_ = nullptr;  ///< null in a forked child
+  uint32_t place_ = 0;
+};
+
+}  // namespace pi_runtime
