@@ -1,0 +1,116 @@
+#pragma once
+
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <iosfwd>
+#include <mutex>
+#include <set>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace pi_runtime
+{
+
+enum class TaskOutcome : uint8_t
+{
+  OK,
+  FAILED,
+  CANCELLED,
+};
+
+/// What became of one task, or of one slice of a task that ran in slices. All times are of the steady clock.
+struct TaskTrace
+{
+  uint64_t task = 0;                ///< number of the task, the same in all its slices
+  std::string_view codelet;         ///< what was to be done, such as "detect"
+  std::string_view implementation;  ///< which program did it, such as "detect.cl"
+  uint32_t unit = 0;                ///< computing unit that ran it
+  uint32_t slice = 0;               ///< in [0, slices)
+  uint32_t slices = 1;
+  int64_t submitted_ns = 0;  ///< when the runtime got it
+  int64_t queued_ns = 0;     ///< when it had nothing left to wait for but the unit
+  int64_t started_ns = 0;    ///< when it began to run, its data in place; 0 if it never ran
+  int64_t transfer_ns = 0;   ///< duration of the transfer of its data that ended at started_ns
+  int64_t finished_ns = 0;
+  int64_t deadline_ns = 0;  ///< 0: none
+  TaskOutcome outcome = TaskOutcome::OK;
+  bool stolen = false;     ///< ran on another unit than the one planned
+  double predicted_s = 0;  ///< duration of the run that the scheduler expected [s]; 0: unknown
+
+  bool ran() const { return started_ns != 0; }
+  /// A task that did not end well after its deadline counts as late as well.
+  bool missedDeadline() const { return deadline_ns != 0 && finished_ns > deadline_ns; }
+};
+
+/// Keeps the newest records in bounded memory. All methods may be called from any thread.
+///
+/// A recorder that is off costs one load per record. One that is on copies the record, and the names only when it
+/// meets them for the first time: in the steady state it allocates nothing.
+class TraceRecorder
+{
+public:
+  static constexpr size_t MAX_NAMES = 4096;  ///< different names kept; all further ones become "(other)"
+
+  /// @param capacity  records kept, about 130 B each; at least 1. Starts enabled.
+  /// @throws std::invalid_argument if `capacity` is 0.
+  explicit TraceRecorder(size_t capacity);
+
+  void setEnabled(bool enabled) { enabled_.store(enabled, std::memory_order_relaxed); }
+  bool enabled() const { return enabled_.load(std::memory_order_relaxed); }
+
+  /// @param record  its names need to live during the call only.
+  void record(const TaskTrace& record)
+  {
+    if (enabled())
+    {
+      keep(record);
+    }
+  }
+
+  /// The records kept, oldest first. Their names live as long as the recorder.
+  std::vector<TaskTrace> snapshot() const;
+  /// Records that newer ones have pushed out.
+  uint64_t dropped() const;
+  /// Forgets the records and the count of dropped ones. Names stay.
+  void clear();
+
+private:
+  void keep(const TaskTrace& record);
+  std::string_view intern(std::string_view name);
+
+  const size_t capacity_;
+  std::atomic<bool> enabled_{true};
+  mutable std::mutex mutex_;  ///< guards what follows
+  std::vector<TaskTrace> ring_;
+  uint64_t written_ = 0;
+  std::set<std::string, std::less<>> names_;
+};
+
+/// Writes records as Chrome trace events (Trace Event Format, JSON object form), for ui.perfetto.dev, chrome://tracing
+/// and readChromeTrace(). Each unit is a thread; "X" events are the transfer and the run of a task, with all fields of
+/// the record as arguments of the latter; "b" and "e" events are its wait for the unit; tasks that never ran are "i".
+/// @param units  names by unit number; units without a name are called "unit <number>".
+void writeChromeTrace(std::ostream& stream, const std::vector<TaskTrace>& records,
+                      const std::vector<std::string>& units);
+
+/// A trace that was read back.
+struct ChromeTrace
+{
+  std::vector<TaskTrace> records;  ///< in the order of the file; their names live in `names`
+  std::vector<std::string> units;
+  std::set<std::string, std::less<>> names;
+
+  ChromeTrace() = default;
+  ChromeTrace(ChromeTrace&&) = default;
+  ChromeTrace& operator=(ChromeTrace&&) = default;
+  ChromeTrace(const ChromeTrace&) = delete;  // the names of the copy would be those of the original
+  ChromeTrace& operator=(const ChromeTrace&) = delete;
+};
+
+/// Reads what writeChromeTrace() has written; events of others are skipped.
+/// @throws std::runtime_error, naming the place, if it is no JSON or a record lacks a field.
+ChromeTrace readChromeTrace(std::istream& stream);
+
+}  // namespace pi_runtime
