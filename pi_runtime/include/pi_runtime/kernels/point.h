@@ -1,0 +1,16 @@
+#pragma once
+
+namespace pi_runtime
+{
+namespace kernels
+{
+
+/// A position in an image [px]; (0, 0) is the middle of the first pixel.
+struct Point2f
+{
+  float x;
+  float y;
+};
+
+}  // namespace kernels
+}  // namespace pi_runtime
