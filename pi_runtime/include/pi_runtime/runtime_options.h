@@ -1,0 +1,97 @@
+#pragma once
+
+#include <chrono>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "pi_runtime/executor.h"
+#include "pi_runtime/inner_core_scheduler.h"
+#include "pi_runtime/inter_core_scheduler.h"
+#include "pi_runtime/opencl.h"
+
+namespace pi_runtime
+{
+
+enum class LogLevel : uint8_t
+{
+  INFO,
+  WARNING,
+};
+
+/// In which order a unit takes the tasks in its queue.
+enum class QueueOrder : uint8_t
+{
+  EDF,   ///< deadlines first, the earliest at the head; then priorities, then as planned
+  FIFO,  ///< as submitted, whatever the deadline: for comparison with a static map (π-Edge, section VII.B)
+};
+const char* toString(QueueOrder order);
+/// @throws std::invalid_argument listing the valid names.
+QueueOrder parseQueueOrder(const std::string& name);
+
+/// What differs from the defaults for one unit, by its name.
+struct UnitTuning
+{
+  std::string unit;
+  double active_power_w = 0.0;  ///< while it works, above idle; for the energy term
+  double idle_power_w = 0.0;    ///< for reports
+  /// Emulates a slower unit: it stays busy (slowdown - 1) times as long again after each task. For tests and studies of
+  /// heterogeneity; >= 1.
+  double slowdown = 1.0;
+};
+
+struct RuntimeOptions
+{
+  /// Cores of each CPU unit. Empty: one core each up to four units, then even shares. A unit of several cores runs
+  /// OpenCL kernels on all of them, and native functions on one thread that may use all of them.
+  std::vector<unsigned> cpu_units;
+  bool native = true;      ///< CPU units run native functions
+  bool opencl_cpu = true;  ///< CPU units run OpenCL (PoCL)
+  bool opencl_gpu = true;  ///< GPUs and accelerators become units
+  /// Treats the memory of CPU units as if it were this. DIRECT is what it is; the others are for tests.
+  MemoryModel cpu_memory = MemoryModel::DIRECT;
+  /// Threads of CPU units, PoCL's among them, keep to their cores. Isolates better where other programs run; a wake-up
+  /// across cores takes longer than one that the kernel may place (measured: 16 instead of 8 us for submit and wait).
+  bool pin_threads = false;
+  /// Real-time priority (SCHED_FIFO) of the units' own threads; 0: none. Needs the right to it (CAP_SYS_NICE).
+  int thread_priority = 0;
+  std::vector<UnitTuning> tuning;
+
+  InterCoreOptions inter_core;
+  InnerCoreOptions inner_core;
+  QueueOrder queue_order = QueueOrder::EDF;
+  bool stealing = true;
+  /// A sliceable task that is expected to take longer is run in slices of about this.
+  std::chrono::microseconds slice{5000};
+  /// Small OpenCL tasks are enqueued behind a running one while their expected times sum up to no more than this.
+  std::chrono::microseconds pipeline{200};
+  /// A unit whose task runs longer than this, and than 20 times its prediction, has failed.
+  std::chrono::milliseconds hang_timeout{10000};
+  /// Share units with other processes of the user. @see UnitArbiter
+  bool arbitration = true;
+  std::string arbitration_folder = "/dev/shm";
+
+  std::string
+      etc_file;  ///< ETC table, read at the start if it is there, written at the end and now and then; empty: none
+  std::string cache_folder = defaultCacheFolder();  ///< OpenCL programs built earlier; empty: none
+  size_t trace_capacity = 0;                        ///< tasks that the trace keeps; 0: no trace
+
+  /// Called without locks from any thread. Null: silent.
+  std::function<void(LogLevel, const std::string&)> log;
+
+  /// $XDG_CACHE_HOME/pi_runtime, else ~/.cache/pi_runtime, else none.
+  static std::string defaultCacheFolder();
+  /// @throws std::invalid_argument naming field, value and bound.
+  void validate() const;
+};
+
+/// A unit with executors of the caller's: accelerators that OpenCL does not know, fakes in tests.
+struct CustomUnit
+{
+  std::string name;
+  UnitType type = UnitType::ACCELERATOR;
+  std::vector<std::unique_ptr<Executor>> executors;
+};
+
+}  // namespace pi_runtime
