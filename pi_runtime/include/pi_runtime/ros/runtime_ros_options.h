@@ -1,0 +1,41 @@
+#pragma once
+
+#include <pi_runtime/runtime_options.h>
+#include <ros/node_handle.h>
+
+#include <string>
+#include <vector>
+
+namespace pi_runtime
+{
+
+/// The parameters of the runtime node; config/runtime.yaml shows each with its unit.
+struct RuntimeRosOptions
+{
+  RuntimeOptions runtime;
+
+  int max_tasks = 256;             ///< that came as messages or by service and have not ended
+  int max_task_memory_mb = 512;    ///< arguments of open tasks and outputs in kept reports [MiB]
+  int max_kept_buffer_mb = 512;    ///< buffers kept under names [MiB]
+  int max_kept_reports = 256;      ///< of tasks submitted by service without waiting; the oldest go first
+  double report_keep_s = 60.0;     ///< how long these can be asked for [s]
+  int max_waiting_calls = 8;       ///< of SubmitTask and SubmitGraph at once; each has a thread
+  double diagnostic_period = 1.0;  ///< [s]; the name is that of diagnostic_updater
+
+  /// @throws std::invalid_argument naming field, value and bound.
+  void validate() const;
+
+  /// Reads the private parameters of a node, and validates.
+  /// @param[out] unknown  names of parameters that mean nothing here.
+  /// @throws std::invalid_argument naming the parameter that is wrong, its value and its bound.
+  static RuntimeRosOptions load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown);
+  /// The same with a tree as the parameter server has it. @param path  in front of names in messages.
+  static RuntimeRosOptions fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path,
+                                          std::vector<std::string>* unknown);
+  /// All parameters as the parameter server would have them.
+  XmlRpc::XmlRpcValue toParameters() const;
+  /// The same in one line, for the log.
+  std::string toText() const;
+};
+
+}  // namespace pi_runtime
