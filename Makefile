@@ -32,10 +32,11 @@ help:
 	@echo 'make check        all tests; the last line counts them'
 	@echo 'make bench        π-OS beside stock TCPROS: latency, throughput, CPU, memory'
 	@echo 'make bench-devices  the same between devices, which are network namespaces: needs root'
+	@echo 'make bench-runtime  the runtime beside StarPU, plain OpenCL and a static map: latency, idle cost, deadlines'
 	@echo "make conformance  ros_comm's own tests of roscpp, plain and with π-OS preloaded"
 	@echo 'make build        missing Debian packages, Release build in build/, install space in install/'
 	@echo 'make clean        removes build/ and install/'
-	@echo 'ARGS="..." is passed on to the program that demo, bench or conformance runs; JOBS=N limits the compilers.'
+	@echo 'ARGS="..." is passed on to the program that demo, a benchmark or conformance runs; JOBS=N limits the compilers.'
 
 .PHONY: dependencies
 dependencies:
@@ -78,6 +79,10 @@ bench: build
 .PHONY: bench-devices
 bench-devices: build
 	@. $(INSTALL)/setup.sh && exec rosrun pi_os_transport bench_devices $(ARGS)
+
+.PHONY: bench-runtime
+bench-runtime: build
+	@. $(INSTALL)/setup.sh && exec rosrun pi_runtime bench_runtime $(ARGS)
 
 .PHONY: conformance
 conformance: build

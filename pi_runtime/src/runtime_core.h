@@ -117,7 +117,7 @@ private:
   std::string unitNames() const;
   bool steal(Unit& thief, int64_t now);
 
-  // dispatch.cpp: what a unit does next.
+  // dispatch.cpp, runtime_threads.cpp: what a unit does next.
   void pump(Lock& lock, Unit& unit, Caller caller);
   bool mayStart(const Unit& unit, const TaskState& task) const;
   bool takeArbiter(Lock& lock, Unit& unit, const TaskState& task, Caller caller);
@@ -138,7 +138,7 @@ private:
   void pumpAll(Lock& lock, Caller caller);
   void wakeIdleWorkers(const Unit& busy);
 
-  // runtime_core.cpp: life of a task.
+  // runtime_core.cpp, runtime_status.cpp: life of a task, what users ask.
   TaskPtr makeTask(TaskRequest request);
   /// Numbers and checks a new task. @return false if it has ended at once.
   bool enroll(TaskState& task, std::vector<TaskPtr>* ended);
@@ -179,6 +179,7 @@ private:
   void warnOfShortWcet(const Unit& unit, const Stream& stream);
   void beginStreamJob(const TaskState& task);
   void chargeStream(TaskState& task, int64_t run_ns);
+  void postponeQueued(StreamId id, int64_t urgency_ns);
   /// As tryHome(), with shorter slices if the usual ones are too long.
   std::string tryHomeInSlices(const Unit& unit, bool sliceable, PeriodicLoad* load) const;
   /// Why the load does not fit on the unit; empty if it does.

@@ -204,8 +204,34 @@ void RuntimeCore::chargeStream(TaskState& task, int64_t run_ns)
     const int64_t periods = (stream.used_ns - 1) / budget_ns;
     stream.used_ns -= periods * budget_ns;
     stream.server_deadline_ns += periods * period_ns;
+    postponeQueued(found->first, stream.server_deadline_ns);
   }
   task.urgency_ns = std::max(task.urgency_ns, stream.server_deadline_ns);
+}
+
+void RuntimeCore::postponeQueued(StreamId id, int64_t urgency_ns)
+{
+  for (const std::unique_ptr<Unit>& unit : units_)
+  {
+    std::vector<TaskState*> jobs;
+    for (TaskState* const queued : unit->queue)
+    {
+      if (queued->request.stream == id && queued->urgency_ns < urgency_ns)
+      {
+        jobs.push_back(queued);
+      }
+      else if (options_.queue_order == QueueOrder::EDF && queued->urgency_ns >= urgency_ns)
+      {
+        break;
+      }
+    }
+    for (TaskState* const job : jobs)
+    {
+      unit->remove(*job);
+      job->urgency_ns = urgency_ns;
+      unit->push(*job);
+    }
+  }
 }
 
 Admission RuntimeCore::admit(const StreamRequest& request)

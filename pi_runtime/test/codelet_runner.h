@@ -18,6 +18,13 @@ namespace pi_runtime
 class CodeletRunner
 {
 public:
+  /// One for all tests of a program: finding PoCL takes a while.
+  static CodeletRunner& shared()
+  {
+    static CodeletRunner instance;
+    return instance;
+  }
+
   CodeletRunner()
   {
     for (const OpenClDeviceInfo& info : findOpenClDevices(nullptr))

@@ -10,16 +10,10 @@
 namespace pi_runtime
 {
 
-/// The one runner of a test program.
-inline CodeletRunner& runner()
-{
-  static CodeletRunner instance;
-  return instance;
-}
-
 inline void runOn(bool native, const CodeletPtr& codelet, const std::vector<Argument>& arguments, uint64_t range)
 {
-  native ? runner().native(codelet, arguments, range) : runner().opencl(codelet, arguments, range);
+  native ? CodeletRunner::shared().native(codelet, arguments, range)
+         : CodeletRunner::shared().opencl(codelet, arguments, range);
 }
 
 /// Expects that both implementations fail with a message that contains the reason.

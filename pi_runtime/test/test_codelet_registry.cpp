@@ -122,7 +122,8 @@ TEST(CodeletRegistry, HoldsTheBuiltInKernelsFromTheBeginning)
     EXPECT_EQ(std::string::npos, entry.description.find('\n')) << entry.codelet->name;
   }
   EXPECT_NE(nullptr, CodeletRegistry::instance().find("gaussian_blur7"));
-  EXPECT_THROW(kernels::registerBuiltinCodelets(CodeletRegistry::instance()), std::invalid_argument);
+  kernels::registerBuiltinCodelets(CodeletRegistry::instance());
+  EXPECT_EQ(entries.size(), CodeletRegistry::instance().list().size()) << "once more changes nothing";
 }
 
 TEST(CodeletRegistry, CanBeUsedByManyThreads)

@@ -18,12 +18,6 @@ const BlobColours COLOURS{{123.7F, 116.3F, 103.5F}, 1.0F / 57.0F, 1, 114};
 class Blob : public testing::Test
 {
 protected:
-  static CodeletRunner& runner()
-  {
-    static CodeletRunner instance;
-    return instance;
-  }
-
   struct Job
   {
     std::vector<Argument> arguments;
@@ -52,8 +46,8 @@ protected:
   {
     const Job native = job(source, geometry, colours);
     const Job opencl = job(source, geometry, colours);
-    runner().native(blobCodelet(), native.arguments, native.rows);
-    runner().opencl(blobCodelet(), opencl.arguments, opencl.rows);
+    CodeletRunner::shared().native(blobCodelet(), native.arguments, native.rows);
+    CodeletRunner::shared().opencl(blobCodelet(), opencl.arguments, opencl.rows);
     EXPECT_EQ(std::memcmp(native.output->host(Access::READ), opencl.output->host(Access::READ), native.output->bytes()),
               0);
     return native.output;
@@ -204,9 +198,9 @@ TEST_F(Blob, InSlicesEqualsTheWhole)
   const Job whole = job(picture, geometry, COLOURS);
   const Job native = job(picture, geometry, COLOURS);
   const Job opencl = job(picture, geometry, COLOURS);
-  runner().native(blobCodelet(), whole.arguments, 300);
-  runner().nativeSliced(blobCodelet(), native.arguments, 300, 7);
-  runner().openclSliced(blobCodelet(), opencl.arguments, 300, 64);
+  CodeletRunner::shared().native(blobCodelet(), whole.arguments, 300);
+  CodeletRunner::shared().nativeSliced(blobCodelet(), native.arguments, 300, 7);
+  CodeletRunner::shared().openclSliced(blobCodelet(), opencl.arguments, 300, 64);
   const void* expected = whole.output->host(Access::READ);
   EXPECT_EQ(std::memcmp(expected, native.output->host(Access::READ), whole.output->bytes()), 0);
   EXPECT_EQ(std::memcmp(expected, opencl.output->host(Access::READ), whole.output->bytes()), 0);
@@ -220,8 +214,10 @@ TEST_F(Blob, RefusesWhatDoesNotFit)
   {
     std::vector<Argument> arguments = job(picture, good, COLOURS).arguments;
     arguments[index] = bad;
-    EXPECT_THROW(runner().native(blobCodelet(), arguments, rows), std::runtime_error) << "argument " << index;
-    EXPECT_THROW(runner().opencl(blobCodelet(), arguments, rows), std::runtime_error) << "argument " << index;
+    EXPECT_THROW(CodeletRunner::shared().native(blobCodelet(), arguments, rows), std::runtime_error)
+        << "argument " << index;
+    EXPECT_THROW(CodeletRunner::shared().opencl(blobCodelet(), arguments, rows), std::runtime_error)
+        << "argument " << index;
   };
   BlobGeometry bad = good;
   bad.channels = 4;

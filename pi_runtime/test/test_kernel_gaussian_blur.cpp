@@ -14,12 +14,6 @@ namespace
 class GaussianBlur7 : public testing::Test
 {
 protected:
-  static CodeletRunner& runner()
-  {
-    static CodeletRunner instance;
-    return instance;
-  }
-
   struct Job
   {
     std::vector<Argument> arguments;
@@ -41,8 +35,8 @@ protected:
     cv::GaussianBlur(source.clone(), expected, cv::Size(7, 7), 2, 2);
     const Job native = job(source);
     const Job opencl = job(source);
-    runner().native(gaussianBlur7Codelet(), native.arguments, source.rows);
-    runner().opencl(gaussianBlur7Codelet(), opencl.arguments, source.rows);
+    CodeletRunner::shared().native(gaussianBlur7Codelet(), native.arguments, source.rows);
+    CodeletRunner::shared().opencl(gaussianBlur7Codelet(), opencl.arguments, source.rows);
     EXPECT_EQ(cv::norm(native.output, expected, cv::NORM_INF), 0) << "native, " << source.size();
     EXPECT_EQ(cv::norm(opencl.output, expected, cv::NORM_INF), 0) << "OpenCL, " << source.size();
     if (source.rows > 1)
@@ -82,9 +76,9 @@ TEST_F(GaussianBlur7, InSlicesEqualsTheWhole)
   const Job whole = job(picture);
   const Job native = job(picture);
   const Job opencl = job(picture);
-  runner().native(gaussianBlur7Codelet(), whole.arguments, 243);
-  runner().nativeSliced(gaussianBlur7Codelet(), native.arguments, 243, 10);
-  runner().openclSliced(gaussianBlur7Codelet(), opencl.arguments, 243, 50);
+  CodeletRunner::shared().native(gaussianBlur7Codelet(), whole.arguments, 243);
+  CodeletRunner::shared().nativeSliced(gaussianBlur7Codelet(), native.arguments, 243, 10);
+  CodeletRunner::shared().openclSliced(gaussianBlur7Codelet(), opencl.arguments, 243, 50);
   EXPECT_EQ(cv::norm(whole.output, native.output, cv::NORM_INF), 0);
   EXPECT_EQ(cv::norm(whole.output, opencl.output, cv::NORM_INF), 0);
 }
@@ -97,8 +91,8 @@ TEST_F(GaussianBlur7, RefusesWhatDoesNotFit)
   {
     std::vector<Argument> arguments = job(picture).arguments;
     arguments[2] = Argument::value(bad);
-    EXPECT_THROW(runner().native(gaussianBlur7Codelet(), arguments, 48), std::runtime_error);
-    EXPECT_THROW(runner().opencl(gaussianBlur7Codelet(), arguments, 48), std::runtime_error);
+    EXPECT_THROW(CodeletRunner::shared().native(gaussianBlur7Codelet(), arguments, 48), std::runtime_error);
+    EXPECT_THROW(CodeletRunner::shared().opencl(gaussianBlur7Codelet(), arguments, 48), std::runtime_error);
   }
 }
 

@@ -42,12 +42,6 @@ cv::Mat somePositions(int count, uint64_t seed)
 class Hamming : public testing::Test
 {
 protected:
-  static CodeletRunner& runner()
-  {
-    static CodeletRunner instance;
-    return instance;
-  }
-
   using Matches = std::vector<HammingMatch>;
 
   static std::vector<Argument> argumentsFor(const cv::Mat& queries, const cv::Mat& trains, const cv::Mat& at_query,
@@ -71,8 +65,8 @@ protected:
   {
     const std::vector<Argument> native = argumentsFor(queries, trains, at_query, at_train, shape);
     const std::vector<Argument> opencl = argumentsFor(queries, trains, at_query, at_train, shape);
-    runner().native(hammingCodelet(), native, shape.queries);
-    runner().opencl(hammingCodelet(), opencl, shape.queries);
+    CodeletRunner::shared().native(hammingCodelet(), native, shape.queries);
+    CodeletRunner::shared().opencl(hammingCodelet(), opencl, shape.queries);
     expectEqual(result(native, shape.queries), result(opencl, shape.queries));
     return result(native, shape.queries);
   }
@@ -190,9 +184,9 @@ TEST_F(Hamming, InSlicesEqualsTheWhole)
   const std::vector<Argument> whole = fresh();
   const std::vector<Argument> native = fresh();
   const std::vector<Argument> opencl = fresh();
-  runner().native(hammingCodelet(), whole, 101);
-  runner().nativeSliced(hammingCodelet(), native, 101, 9);
-  runner().openclSliced(hammingCodelet(), opencl, 101, 30);
+  CodeletRunner::shared().native(hammingCodelet(), whole, 101);
+  CodeletRunner::shared().nativeSliced(hammingCodelet(), native, 101, 9);
+  CodeletRunner::shared().openclSliced(hammingCodelet(), opencl, 101, 30);
   expectEqual(result(whole, 101), result(native, 101));
   expectEqual(result(whole, 101), result(opencl, 101));
 }
@@ -206,8 +200,10 @@ TEST_F(Hamming, RefusesBuffersThatAreTooSmall)
   {
     std::vector<Argument> arguments = argumentsFor(descriptors, descriptors, positions, positions, shape);
     arguments[index] = Argument::out(Buffer::allocate(arguments[index].buffer()->bytes() - 1));
-    EXPECT_THROW(runner().native(hammingCodelet(), arguments, 20), std::runtime_error) << "argument " << index;
-    EXPECT_THROW(runner().opencl(hammingCodelet(), arguments, 20), std::runtime_error) << "argument " << index;
+    EXPECT_THROW(CodeletRunner::shared().native(hammingCodelet(), arguments, 20), std::runtime_error)
+        << "argument " << index;
+    EXPECT_THROW(CodeletRunner::shared().opencl(hammingCodelet(), arguments, 20), std::runtime_error)
+        << "argument " << index;
   }
 }
 
@@ -226,8 +222,8 @@ protected:
     const auto arguments = [&](const BufferPtr& out) {
       return std::vector<Argument>{wrap(forward), wrap(backward), Argument::out(out), Argument::value(options)};
     };
-    runner().native(hammingFilterCodelet(), arguments(native), forward.size());
-    runner().opencl(hammingFilterCodelet(), arguments(opencl), forward.size());
+    CodeletRunner::shared().native(hammingFilterCodelet(), arguments(native), forward.size());
+    CodeletRunner::shared().opencl(hammingFilterCodelet(), arguments(opencl), forward.size());
     const auto* ours = native->hostAs<const int32_t>(Access::READ);
     EXPECT_EQ(std::memcmp(ours, opencl->host(Access::READ), native->bytes()), 0);
     return std::vector<int32_t>(ours, ours + forward.size());

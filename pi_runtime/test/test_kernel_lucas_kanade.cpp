@@ -278,11 +278,11 @@ TEST(TrackPoints, SlicesEqualTheWhole)
   const Tracks opencl = task.run(false);
 
   task.begin(corners);
-  runner().nativeSliced(TRACK_POINTS, task.arguments, corners.size(), 7);
+  CodeletRunner::shared().nativeSliced(TRACK_POINTS, task.arguments, corners.size(), 7);
   EXPECT_EQ(task.result().points, native.points);
   EXPECT_EQ(task.result().status, native.status);
   task.begin(corners);
-  runner().openclSliced(TRACK_POINTS, task.arguments, corners.size(), 7);
+  CodeletRunner::shared().openclSliced(TRACK_POINTS, task.arguments, corners.size(), 7);
   EXPECT_EQ(task.result().points, opencl.points);
   EXPECT_EQ(task.result().residual, opencl.residual);
 }

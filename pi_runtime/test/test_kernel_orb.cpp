@@ -209,12 +209,6 @@ TEST(Orb, OrientationHasAllDirections)
 class OrbCodelet : public testing::Test
 {
 protected:
-  static CodeletRunner& runner()
-  {
-    static CodeletRunner instance;
-    return instance;
-  }
-
   struct Job
   {
     std::vector<Argument> arguments;
@@ -267,8 +261,8 @@ TEST_F(OrbCodelet, NativeAndOpenClGiveTheSameBits)
     const std::vector<cv::Point2f> points = scatter(image, 501);
     const Job native = job(image, smoothed, points);
     const Job opencl = job(image, smoothed, points);
-    runner().native(orbCodelet(), native.arguments, native.points);
-    runner().opencl(orbCodelet(), opencl.arguments, opencl.points);
+    CodeletRunner::shared().native(orbCodelet(), native.arguments, native.points);
+    CodeletRunner::shared().opencl(orbCodelet(), opencl.arguments, opencl.points);
     expectEqual(native, opencl);
   }
 }
@@ -283,8 +277,8 @@ TEST_F(OrbCodelet, MarksPointsNearTheBorderAndNonsense)
   const std::vector<bool> inside{true, false, false, true, false, false, false, false, false, false};
   const Job native = job(image, image, points);
   const Job opencl = job(image, image, points);
-  runner().native(orbCodelet(), native.arguments, native.points);
-  runner().opencl(orbCodelet(), opencl.arguments, opencl.points);
+  CodeletRunner::shared().native(orbCodelet(), native.arguments, native.points);
+  CodeletRunner::shared().opencl(orbCodelet(), opencl.arguments, opencl.points);
   expectEqual(native, opencl);
   for (size_t i = 0; i < points.size(); ++i)
   {
@@ -302,9 +296,9 @@ TEST_F(OrbCodelet, InSlicesEqualsTheWhole)
   const Job whole = job(image, smoothed, points);
   const Job native = job(image, smoothed, points);
   const Job opencl = job(image, smoothed, points);
-  runner().native(orbCodelet(), whole.arguments, 100);
-  runner().nativeSliced(orbCodelet(), native.arguments, 100, 7);
-  runner().openclSliced(orbCodelet(), opencl.arguments, 100, 33);
+  CodeletRunner::shared().native(orbCodelet(), whole.arguments, 100);
+  CodeletRunner::shared().nativeSliced(orbCodelet(), native.arguments, 100, 7);
+  CodeletRunner::shared().openclSliced(orbCodelet(), opencl.arguments, 100, 33);
   expectEqual(whole, native);
   expectEqual(whole, opencl);
 }
@@ -317,10 +311,13 @@ TEST_F(OrbCodelet, RefusesBuffersThatAreTooSmall)
   {
     std::vector<Argument> arguments = job(image, image, points).arguments;
     arguments[index] = Argument::out(Buffer::allocate(arguments[index].buffer()->bytes() - 1));
-    EXPECT_THROW(runner().native(orbCodelet(), arguments, 10), std::runtime_error) << "argument " << index;
-    EXPECT_THROW(runner().opencl(orbCodelet(), arguments, 10), std::runtime_error) << "argument " << index;
+    EXPECT_THROW(CodeletRunner::shared().native(orbCodelet(), arguments, 10), std::runtime_error)
+        << "argument " << index;
+    EXPECT_THROW(CodeletRunner::shared().opencl(orbCodelet(), arguments, 10), std::runtime_error)
+        << "argument " << index;
   }
-  EXPECT_THROW(runner().native(orbCodelet(), job(image, image, points).arguments, 11), std::runtime_error);
+  EXPECT_THROW(CodeletRunner::shared().native(orbCodelet(), job(image, image, points).arguments, 11),
+               std::runtime_error);
 }
 
 }  // namespace

@@ -96,8 +96,8 @@ TEST(PyramidDown, WritesNothingBetweenTheRows)
 {
   const DownTask task(makeImage(Content::RANDOM, 101, 41));
   task.clear();
-  runner().opencl(PYRAMID_DOWN, task.arguments, task.height);
-  runner().native(PYRAMID_DOWN, task.arguments, task.height);
+  CodeletRunner::shared().opencl(PYRAMID_DOWN, task.arguments, task.height);
+  CodeletRunner::shared().native(PYRAMID_DOWN, task.arguments, task.height);
   const cv::Mat with_gaps = toImage(task.destination, task.stride, task.height, task.stride);
   EXPECT_EQ(cv::countNonZero(with_gaps.colRange(task.width, task.stride) != 0xa5), 0);
 }
@@ -109,10 +109,10 @@ TEST(PyramidDown, SlicesEqualTheWhole)
   const cv::Mat expected = openCvDown(image);
   const uint64_t slice = 3 * PYRAMID_DOWN->slice_granularity;
   task.clear();
-  runner().nativeSliced(PYRAMID_DOWN, task.arguments, task.height, slice);
+  CodeletRunner::shared().nativeSliced(PYRAMID_DOWN, task.arguments, task.height, slice);
   EXPECT_EQ(differences(task.result(), expected), 0);
   task.clear();
-  runner().openclSliced(PYRAMID_DOWN, task.arguments, task.height, slice);
+  CodeletRunner::shared().openclSliced(PYRAMID_DOWN, task.arguments, task.height, slice);
   EXPECT_EQ(differences(task.result(), expected), 0);
 }
 

@@ -121,12 +121,6 @@ TEST(RemapTable, RefusesSizesAndFocalLengthsThatMakeNoSense)
 class Remap : public testing::Test
 {
 protected:
-  static CodeletRunner& runner()
-  {
-    static CodeletRunner instance;
-    return instance;
-  }
-
   struct Job
   {
     std::vector<Argument> arguments;
@@ -167,11 +161,11 @@ protected:
     cv::Mat expected;
     cv::remap(source, expected, table.xy, table.fraction, cv::INTER_LINEAR, cv::BORDER_CONSTANT);
     const Job native = job(source, table);
-    runner().native(remapCodelet(), native.arguments, native.rows);
+    CodeletRunner::shared().native(remapCodelet(), native.arguments, native.rows);
     EXPECT_EQ(cv::norm(native.output, expected, cv::NORM_INF), 0) << "native";
     expectUntouchedPadding(native.output);
     const Job opencl = job(source, table);
-    runner().opencl(remapCodelet(), opencl.arguments, opencl.rows);
+    CodeletRunner::shared().opencl(remapCodelet(), opencl.arguments, opencl.rows);
     EXPECT_EQ(cv::norm(opencl.output, expected, cv::NORM_INF), 0) << "OpenCL";
     expectUntouchedPadding(opencl.output);
   }
@@ -228,9 +222,9 @@ TEST_F(Remap, InSlicesEqualsTheWhole)
   const Job whole = job(picture, table);
   const Job native = job(picture, table);
   const Job opencl = job(picture, table);
-  runner().native(remapCodelet(), whole.arguments, 240);
-  runner().nativeSliced(remapCodelet(), native.arguments, 240, 17);
-  runner().openclSliced(remapCodelet(), opencl.arguments, 240, 64);
+  CodeletRunner::shared().native(remapCodelet(), whole.arguments, 240);
+  CodeletRunner::shared().nativeSliced(remapCodelet(), native.arguments, 240, 17);
+  CodeletRunner::shared().openclSliced(remapCodelet(), opencl.arguments, 240, 64);
   EXPECT_EQ(cv::norm(whole.output, native.output, cv::NORM_INF), 0);
   EXPECT_EQ(cv::norm(whole.output, opencl.output, cv::NORM_INF), 0);
 }
@@ -247,10 +241,10 @@ TEST_F(Remap, RefusesBuffersAndGeometriesThatDoNotFit)
   {
     std::vector<Argument> arguments = good.arguments;
     arguments[4] = bad;
-    EXPECT_THROW(runner().native(remapCodelet(), arguments, 24), std::runtime_error);
-    EXPECT_THROW(runner().opencl(remapCodelet(), arguments, 24), std::runtime_error);
+    EXPECT_THROW(CodeletRunner::shared().native(remapCodelet(), arguments, 24), std::runtime_error);
+    EXPECT_THROW(CodeletRunner::shared().opencl(remapCodelet(), arguments, 24), std::runtime_error);
   }
-  EXPECT_THROW(runner().native(remapCodelet(), good.arguments, 25), std::runtime_error);
+  EXPECT_THROW(CodeletRunner::shared().native(remapCodelet(), good.arguments, 25), std::runtime_error);
 }
 
 }  // namespace

@@ -83,12 +83,6 @@ Detections reference(const SsdOutputs& outputs, const SsdShape& shape)
 class SsdPostprocess : public testing::Test
 {
 protected:
-  static CodeletRunner& runner()
-  {
-    static CodeletRunner instance;
-    return instance;
-  }
-
   template <typename T>
   static Argument in(const std::vector<T>& values)
   {
@@ -113,8 +107,8 @@ protected:
   {
     const std::vector<Argument> native = argumentsFor(outputs, shape);
     const std::vector<Argument> opencl = argumentsFor(outputs, shape);
-    runner().native(ssdPostprocessCodelet(), native, 1);
-    runner().opencl(ssdPostprocessCodelet(), opencl, 1);
+    CodeletRunner::shared().native(ssdPostprocessCodelet(), native, 1);
+    CodeletRunner::shared().opencl(ssdPostprocessCodelet(), opencl, 1);
     const int count = *native[5].buffer()->hostAs<const int32_t>(Access::READ);
     EXPECT_EQ(*opencl[5].buffer()->hostAs<const int32_t>(Access::READ), count);
     const auto* rows = native[4].buffer()->hostAs<const SsdDetection>(Access::READ);
@@ -302,8 +296,8 @@ TEST_F(SsdPostprocess, RefusesWhatDoesNotFit)
   const SsdShape good = shapeOf(outputs, SSD_SOFTMAX, 0.1F);
   const auto refuses = [&](const std::vector<Argument>& arguments)
   {
-    EXPECT_THROW(runner().native(ssdPostprocessCodelet(), arguments, 1), std::runtime_error);
-    EXPECT_THROW(runner().opencl(ssdPostprocessCodelet(), arguments, 1), std::runtime_error);
+    EXPECT_THROW(CodeletRunner::shared().native(ssdPostprocessCodelet(), arguments, 1), std::runtime_error);
+    EXPECT_THROW(CodeletRunner::shared().opencl(ssdPostprocessCodelet(), arguments, 1), std::runtime_error);
   };
   for (size_t index = 0; index < 6; ++index)
   {

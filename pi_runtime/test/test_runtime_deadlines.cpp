@@ -275,6 +275,67 @@ TEST(RuntimeStreams, JobsTakeTheirDeadlineFromThem)
   EXPECT_EQ(Outcome::REFUSED, runtime->submit(task).wait().outcome) << "it is not admitted any more";
 }
 
+TEST(RuntimeStreams, WhoTakesLongerThanAdmittedWaitsAndNotTheOthers)
+{
+  FakeRuntime runtime(1);
+  const CodeletPtr greedy = fakeCodelet("greedy");
+  const CodeletPtr modest = fakeCodelet("modest");
+  const Admission first = runtime->admit(streamOf(greedy, 10s, 1us));
+  const Admission second = runtime->admit(streamOf(modest, 20s, 1ms));
+  ASSERT_TRUE(first.admitted() && second.admitted());
+  TaskRequest job = requestOf(greedy);
+  job.stream = first.id;
+  TaskRequest other = requestOf(modest);
+  other.stream = second.id;
+  const auto begin = std::chrono::steady_clock::now();
+  runtime->submit(job);
+  EXPECT_EQ("greedy", runtime.device(0).awaitStart().codelet);
+  runtime->submit(job);    // due in 10 s, were it not for the first one
+  runtime->submit(other);  // due in 20 s
+  while (std::chrono::steady_clock::now() - begin < 10us)
+  {
+  }
+  runtime.device(0).finish();  // ten times what it was admitted with
+  EXPECT_EQ("modest", runtime.device(0).serve().codelet);
+  EXPECT_EQ("greedy", runtime.device(0).serve().codelet) << "later, but not never";
+}
+
+TEST(RuntimeStreams, ATimeBelowThatOfTheTableIsWarnedOf)
+{
+  FakeRuntime runtime(1);
+  const CodeletPtr job = fakeCodelet("job");
+  runtime.setTimes(job, {8e-3});
+  EXPECT_TRUE(runtime->admit(streamOf(job, 100ms, 10ms)).admitted());
+  EXPECT_EQ(0u, runtime.log().size());
+  EXPECT_TRUE(runtime->admit(streamOf(job, 100ms, 5ms)).admitted());
+  EXPECT_EQ(1u, runtime.logged("wcet = 5 ms, but takes 8 ms on unit fake0"));
+}
+
+TEST(RuntimeStreams, SlicesAreMadeShorterToGetOneAdmitted)
+{
+  FakeRuntime runtime(1, [](RuntimeOptions& options) { options.slice = 5ms; });
+  const CodeletPtr quick = fakeCodelet("quick");
+  const CodeletPtr sliced = fakeCodelet("sliced", true);
+  ASSERT_TRUE(runtime->admit(streamOf(quick, 4ms, 1ms)).admitted());
+  const Admission admission = runtime->admit(streamOf(sliced, 100ms, 20ms));
+  EXPECT_TRUE(admission.admitted()) << "in slices of 2.5 ms: " << admission.reason;
+  EXPECT_FALSE(runtime->admit(streamOf(fakeCodelet("whole"), 100ms, 20ms)).admitted());
+}
+
+TEST(RuntimeStreams, WhatNothingIsKnownOfRunsWhereNothingCanBeLate)
+{
+  FakeRuntime runtime(2);
+  const Admission stream = runtime->admit(streamOf(fakeCodelet("job"), 10ms, 2ms));
+  ASSERT_TRUE(stream.admitted());
+  ASSERT_EQ("fake0", runtime->streams()[0].unit);
+  for (int i = 0; i < 4; ++i)
+  {
+    runtime->submit(requestOf(fakeCodelet("unknown" + std::to_string(i))));
+    runtime.device(1).serve();
+  }
+  EXPECT_EQ(0u, runtime.device(0).started());
+}
+
 TEST(RuntimeStreams, MoveToAUnitThatCanRunThemWhenTheirsFails)
 {
   const auto no_jobs = [](const Codelet& codelet) { return codelet.name != "job"; };

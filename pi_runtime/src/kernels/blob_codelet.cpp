@@ -68,15 +68,19 @@ void runOpenCl(OpenClCommand& command)
 
 CodeletPtr blobCodelet()
 {
-  Codelet codelet;
-  codelet.name = NAME;
-  codelet.native = {NativeImplementation{runNative}};
-  codelet.opencl = {OpenClImplementation{std::string(prelude_cl) + blob_cl,
-                                         "",
-                                         {"blob_float_1", "blob_float_3", "blob_half_1", "blob_half_3"},
-                                         runOpenCl}};
-  codelet.sliceable = true;
-  return makeCodelet(std::move(codelet));
+  static const CodeletPtr instance = []
+  {
+    Codelet codelet;
+    codelet.name = NAME;
+    codelet.native = {NativeImplementation{runNative}};
+    codelet.opencl = {OpenClImplementation{std::string(prelude_cl) + blob_cl,
+                                           "",
+                                           {"blob_float_1", "blob_float_3", "blob_half_1", "blob_half_3"},
+                                           runOpenCl}};
+    codelet.sliceable = true;
+    return makeCodelet(std::move(codelet));
+  }();
+  return instance;
 }
 
 }  // namespace kernels

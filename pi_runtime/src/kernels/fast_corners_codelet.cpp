@@ -106,16 +106,20 @@ size_t fastCornersWorkBytes(int width, int height)
 
 CodeletPtr fastCornersCodelet()
 {
-  OpenClImplementation opencl;
-  opencl.source = std::string(prelude_cl) + fast_corners_cl;
-  opencl.options = "-DROW_ITEMS=" + std::to_string(ROW_ITEMS);
-  opencl.kernels = {"fast_score", "fast_score_narrow", "fast_maxima", "fast_offsets", "fast_list", "fast_none"};
-  opencl.function = runOpenCl;
-  Codelet codelet;
-  codelet.name = NAME;
-  codelet.native = {NativeImplementation{runNative}};
-  codelet.opencl = {std::move(opencl)};
-  return makeCodelet(std::move(codelet));
+  static const CodeletPtr instance = []
+  {
+    OpenClImplementation opencl;
+    opencl.source = std::string(prelude_cl) + fast_corners_cl;
+    opencl.options = "-DROW_ITEMS=" + std::to_string(ROW_ITEMS);
+    opencl.kernels = {"fast_score", "fast_score_narrow", "fast_maxima", "fast_offsets", "fast_list", "fast_none"};
+    opencl.function = runOpenCl;
+    Codelet codelet;
+    codelet.name = NAME;
+    codelet.native = {NativeImplementation{runNative}};
+    codelet.opencl = {std::move(opencl)};
+    return makeCodelet(std::move(codelet));
+  }();
+  return instance;
 }
 
 }  // namespace kernels

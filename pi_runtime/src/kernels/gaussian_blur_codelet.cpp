@@ -53,13 +53,17 @@ void runOpenCl(OpenClCommand& command)
 
 CodeletPtr gaussianBlur7Codelet()
 {
-  Codelet codelet;
-  codelet.name = NAME;
-  codelet.native = {NativeImplementation{runNative}};
-  codelet.opencl = {
-      OpenClImplementation{std::string(prelude_cl) + gaussian_blur_cl, "", {"gaussian_blur7"}, runOpenCl}};
-  codelet.sliceable = true;
-  return makeCodelet(std::move(codelet));
+  static const CodeletPtr instance = []
+  {
+    Codelet codelet;
+    codelet.name = NAME;
+    codelet.native = {NativeImplementation{runNative}};
+    codelet.opencl = {
+        OpenClImplementation{std::string(prelude_cl) + gaussian_blur_cl, "", {"gaussian_blur7"}, runOpenCl}};
+    codelet.sliceable = true;
+    return makeCodelet(std::move(codelet));
+  }();
+  return instance;
 }
 
 }  // namespace kernels

@@ -93,23 +93,31 @@ void filterOpenCl(OpenClCommand& command)
 
 CodeletPtr hammingCodelet()
 {
-  Codelet codelet;
-  codelet.name = MATCH;
-  codelet.native = {NativeImplementation{matchNative}};
-  codelet.opencl = {
-      OpenClImplementation{std::string(prelude_cl) + hamming_cl, "", {"match_all", "match_in_window"}, matchOpenCl}};
-  codelet.sliceable = true;
-  return makeCodelet(std::move(codelet));
+  static const CodeletPtr instance = []
+  {
+    Codelet codelet;
+    codelet.name = MATCH;
+    codelet.native = {NativeImplementation{matchNative}};
+    codelet.opencl = {
+        OpenClImplementation{std::string(prelude_cl) + hamming_cl, "", {"match_all", "match_in_window"}, matchOpenCl}};
+    codelet.sliceable = true;
+    return makeCodelet(std::move(codelet));
+  }();
+  return instance;
 }
 
 CodeletPtr hammingFilterCodelet()
 {
-  Codelet codelet;
-  codelet.name = FILTER;
-  codelet.native = {NativeImplementation{filterNative}};
-  codelet.opencl = {OpenClImplementation{std::string(prelude_cl) + hamming_cl, "", {"filter_matches"}, filterOpenCl}};
-  codelet.sliceable = true;
-  return makeCodelet(std::move(codelet));
+  static const CodeletPtr instance = []
+  {
+    Codelet codelet;
+    codelet.name = FILTER;
+    codelet.native = {NativeImplementation{filterNative}};
+    codelet.opencl = {OpenClImplementation{std::string(prelude_cl) + hamming_cl, "", {"filter_matches"}, filterOpenCl}};
+    codelet.sliceable = true;
+    return makeCodelet(std::move(codelet));
+  }();
+  return instance;
 }
 
 }  // namespace kernels

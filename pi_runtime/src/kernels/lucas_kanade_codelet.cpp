@@ -46,16 +46,20 @@ void runOpenCl(OpenClCommand& command)
 
 CodeletPtr trackPointsCodelet()
 {
-  OpenClImplementation opencl;
-  opencl.source = std::string(prelude_cl) + lucas_kanade_cl;
-  opencl.kernels = {"track_points"};
-  opencl.function = runOpenCl;
-  Codelet codelet;
-  codelet.name = NAME;
-  codelet.native = {NativeImplementation{runNative}};
-  codelet.opencl = {std::move(opencl)};
-  codelet.sliceable = true;
-  return makeCodelet(std::move(codelet));
+  static const CodeletPtr instance = []
+  {
+    OpenClImplementation opencl;
+    opencl.source = std::string(prelude_cl) + lucas_kanade_cl;
+    opencl.kernels = {"track_points"};
+    opencl.function = runOpenCl;
+    Codelet codelet;
+    codelet.name = NAME;
+    codelet.native = {NativeImplementation{runNative}};
+    codelet.opencl = {std::move(opencl)};
+    codelet.sliceable = true;
+    return makeCodelet(std::move(codelet));
+  }();
+  return instance;
 }
 
 }  // namespace kernels

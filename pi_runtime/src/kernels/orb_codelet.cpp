@@ -61,13 +61,17 @@ void runOpenCl(OpenClCommand& command)
 
 CodeletPtr orbCodelet()
 {
-  Codelet codelet;
-  codelet.name = NAME;
-  codelet.native = {NativeImplementation{runNative}};
-  codelet.opencl = {
-      OpenClImplementation{std::string(prelude_cl) + orb_cl, "", {"orb_angles", "orb_descriptors"}, runOpenCl}};
-  codelet.sliceable = true;
-  return makeCodelet(std::move(codelet));
+  static const CodeletPtr instance = []
+  {
+    Codelet codelet;
+    codelet.name = NAME;
+    codelet.native = {NativeImplementation{runNative}};
+    codelet.opencl = {
+        OpenClImplementation{std::string(prelude_cl) + orb_cl, "", {"orb_angles", "orb_descriptors"}, runOpenCl}};
+    codelet.sliceable = true;
+    return makeCodelet(std::move(codelet));
+  }();
+  return instance;
 }
 
 }  // namespace kernels

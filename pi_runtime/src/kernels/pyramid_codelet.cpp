@@ -132,22 +132,30 @@ OpenClImplementation openClImplementation(std::vector<std::string> kernels, Open
 
 CodeletPtr pyramidDownCodelet()
 {
-  Codelet codelet;
-  codelet.name = "pyramid_down";
-  codelet.native = {NativeImplementation{downNative}};
-  codelet.opencl = {openClImplementation({"pyramid_down", "pyramid_down_narrow"}, downOpenCl)};
-  codelet.sliceable = true;
-  codelet.slice_granularity = ROWS_PER_ITEM;
-  return makeCodelet(std::move(codelet));
+  static const CodeletPtr instance = []
+  {
+    Codelet codelet;
+    codelet.name = "pyramid_down";
+    codelet.native = {NativeImplementation{downNative}};
+    codelet.opencl = {openClImplementation({"pyramid_down", "pyramid_down_narrow"}, downOpenCl)};
+    codelet.sliceable = true;
+    codelet.slice_granularity = ROWS_PER_ITEM;
+    return makeCodelet(std::move(codelet));
+  }();
+  return instance;
 }
 
 CodeletPtr imagePyramidCodelet()
 {
-  Codelet codelet;
-  codelet.name = "image_pyramid";
-  codelet.native = {NativeImplementation{pyramidNative}};
-  codelet.opencl = {openClImplementation({"pyramid_copy", "pyramid_down", "pyramid_down_narrow"}, pyramidOpenCl)};
-  return makeCodelet(std::move(codelet));
+  static const CodeletPtr instance = []
+  {
+    Codelet codelet;
+    codelet.name = "image_pyramid";
+    codelet.native = {NativeImplementation{pyramidNative}};
+    codelet.opencl = {openClImplementation({"pyramid_copy", "pyramid_down", "pyramid_down_narrow"}, pyramidOpenCl)};
+    return makeCodelet(std::move(codelet));
+  }();
+  return instance;
 }
 
 }  // namespace kernels

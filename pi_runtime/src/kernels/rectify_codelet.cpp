@@ -68,12 +68,17 @@ void runOpenCl(OpenClCommand& command)
 
 CodeletPtr remapCodelet()
 {
-  Codelet codelet;
-  codelet.name = NAME;
-  codelet.native = {NativeImplementation{runNative}};
-  codelet.opencl = {OpenClImplementation{std::string(prelude_cl) + rectify_cl, "", {"remap_1", "remap_3"}, runOpenCl}};
-  codelet.sliceable = true;
-  return makeCodelet(std::move(codelet));
+  static const CodeletPtr instance = []
+  {
+    Codelet codelet;
+    codelet.name = NAME;
+    codelet.native = {NativeImplementation{runNative}};
+    codelet.opencl = {
+        OpenClImplementation{std::string(prelude_cl) + rectify_cl, "", {"remap_1", "remap_3"}, runOpenCl}};
+    codelet.sliceable = true;
+    return makeCodelet(std::move(codelet));
+  }();
+  return instance;
 }
 
 }  // namespace kernels

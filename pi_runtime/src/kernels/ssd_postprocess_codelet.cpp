@@ -87,14 +87,18 @@ size_t ssdWorkBytes(const SsdShape& shape)
 
 CodeletPtr ssdPostprocessCodelet()
 {
-  Codelet codelet;
-  codelet.name = NAME;
-  codelet.native = {NativeImplementation{runNative}};
-  codelet.opencl = {OpenClImplementation{std::string(prelude_cl) + ssd_postprocess_cl,
-                                         "",
-                                         {"ssd_clear", "ssd_collect", "ssd_make_heaps", "ssd_suppress"},
-                                         runOpenCl}};
-  return makeCodelet(std::move(codelet));
+  static const CodeletPtr instance = []
+  {
+    Codelet codelet;
+    codelet.name = NAME;
+    codelet.native = {NativeImplementation{runNative}};
+    codelet.opencl = {OpenClImplementation{std::string(prelude_cl) + ssd_postprocess_cl,
+                                           "",
+                                           {"ssd_clear", "ssd_collect", "ssd_make_heaps", "ssd_suppress"},
+                                           runOpenCl}};
+    return makeCodelet(std::move(codelet));
+  }();
+  return instance;
 }
 
 }  // namespace kernels
