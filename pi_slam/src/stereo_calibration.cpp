@@ -1,0 +1,241 @@
+#include <pi_slam/stereo_calibration.h>
+#include <yaml-cpp/yaml.h>
+
+#include <Eigen/LU>
+#include <cmath>
+#include <fstream>
+#include <sstream>
+#include <vector>
+
+namespace pi_slam
+{
+
+namespace
+{
+
+/// One map of a YAML file, with what it takes to name it in an error.
+class YamlMap
+{
+public:
+  YamlMap(std::string name, YAML::Node node) : name_(std::move(name)), node_(std::move(node)) {}
+
+  static YamlMap load(const std::string& file)
+  {
+    std::ifstream stream(file);
+    if (!stream)
+    {
+      throw CalibrationError(file + ": missing or not readable");
+    }
+    // OpenCV's "%YAML:1.0" is no directive that other parsers know.
+    std::string text;
+    for (std::string line; std::getline(stream, line);)
+    {
+      text += (line.rfind("%YAML", 0) == 0 ? "" : line) + "\n";
+    }
+    try
+    {
+      return YamlMap(file, YAML::Load(text));
+    }
+    catch (const YAML::Exception& exception)
+    {
+      throw CalibrationError(file + ": is not YAML: " + exception.what());
+    }
+  }
+
+  bool has(const std::string& key) const { return node_.IsMap() && node_[key].IsDefined(); }
+
+  YamlMap child(const std::string& key) const { return YamlMap(name_ + ": " + key, find(key)); }
+
+  std::string text(const std::string& key) const
+  {
+    return parse<std::string>(key, "a word", [](const YAML::Node& node) { return node.as<std::string>(); });
+  }
+
+  std::vector<double> numbers(const std::string& key, size_t count) const
+  {
+    const auto values = parse<std::vector<double>>(
+        key, "a list of numbers", [](const YAML::Node& node) { return node.as<std::vector<double>>(); });
+    if (values.size() != count)
+    {
+      throw CalibrationError(name_ + ": " + key + " has " + std::to_string(values.size()) + " values, expected " +
+                             std::to_string(count));
+    }
+    return values;
+  }
+
+  /// A rigid transform, either EuRoC's {rows, cols, data} or Kalibr's list of four rows.
+  Eigen::Isometry3d transform(const std::string& key) const
+  {
+    std::vector<double> values;
+    if (find(key).IsMap())
+    {
+      values = child(key).numbers("data", 16);
+    }
+    else
+    {
+      const auto rows = parse<std::vector<std::vector<double>>>(
+          key, "a 4x4 matrix", [](const YAML::Node& node) { return node.as<std::vector<std::vector<double>>>(); });
+      for (const std::vector<double>& row : rows)
+      {
+        values.insert(values.end(), row.begin(), row.end());
+      }
+    }
+    if (values.size() != 16)
+    {
+      throw CalibrationError(name_ + ": " + key + " is no 4x4 matrix");
+    }
+    return rigid(key, Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(values.data()));
+  }
+
+private:
+  YAML::Node find(const std::string& key) const
+  {
+    if (!has(key))
+    {
+      throw CalibrationError(name_ + ": has no " + key);
+    }
+    return node_[key];
+  }
+
+  template <typename Value, typename Convert>
+  Value parse(const std::string& key, const std::string& kind, const Convert& convert) const
+  {
+    const YAML::Node node = find(key);
+    try
+    {
+      return convert(node);
+    }
+    catch (const YAML::Exception&)
+    {
+      throw CalibrationError(name_ + ": " + key + " is not " + kind);
+    }
+  }
+
+  Eigen::Isometry3d rigid(const std::string& key, const Eigen::Matrix4d& matrix) const
+  {
+    const Eigen::Matrix3d rotation = matrix.topLeftCorner<3, 3>();
+    // Files carry a handful of digits.
+    if (!((rotation * rotation.transpose() - Eigen::Matrix3d::Identity()).norm() < 1e-3) ||
+        rotation.determinant() < 0.0 || !matrix.allFinite())
+    {
+      throw CalibrationError(name_ + ": " + key + " is not a rigid transform");
+    }
+    Eigen::Isometry3d transform = Eigen::Isometry3d::Identity();
+    transform.linear() = Eigen::Quaterniond(rotation).normalized().toRotationMatrix();
+    transform.translation() = matrix.topRightCorner<3, 1>();
+    return transform;
+  }
+
+  std::string name_;
+  YAML::Node node_;
+};
+
+CameraModel readModel(const YamlMap& yaml, const std::string& file)
+{
+  if (yaml.text("camera_model") != "pinhole")
+  {
+    throw CalibrationError(file + ": camera_model is \"" + yaml.text("camera_model") + "\", only pinhole is known");
+  }
+  CameraModel model;
+  const std::vector<double> resolution = yaml.numbers("resolution", 2);
+  model.width = static_cast<int>(resolution[0]);
+  model.height = static_cast<int>(resolution[1]);
+  const std::vector<double> intrinsics = yaml.numbers("intrinsics", 4);
+  model.fx = intrinsics[0];
+  model.fy = intrinsics[1];
+  model.cx = intrinsics[2];
+  model.cy = intrinsics[3];
+  const std::string distortion = yaml.text("distortion_model");
+  if (distortion == "radial-tangential" || distortion == "radtan" || distortion == "plumb_bob")
+  {
+    model.distortion = Distortion::RADTAN;
+  }
+  else if (distortion == "equidistant")
+  {
+    model.distortion = Distortion::EQUIDISTANT;
+  }
+  else if (distortion != "none")
+  {
+    throw CalibrationError(file + ": distortion_model is \"" + distortion +
+                           "\", known are radial-tangential, radtan, equidistant and none");
+  }
+  if (model.distortion != Distortion::NONE)
+  {
+    const char* key = yaml.has("distortion_coeffs") ? "distortion_coeffs" : "distortion_coefficients";
+    const std::vector<double> coefficients = yaml.numbers(key, 4);
+    std::copy(coefficients.begin(), coefficients.end(), model.coefficients.begin());
+  }
+  try
+  {
+    model.validate();
+  }
+  catch (const std::invalid_argument& exception)
+  {
+    throw CalibrationError(file + ": " + exception.what());
+  }
+  return model;
+}
+
+}  // namespace
+
+StereoCalibration StereoCalibration::makeForwardPair(int width, int height, double baseline_m)
+{
+  if (width < 16 || height < 16)
+  {
+    throw std::invalid_argument("camera: size " + std::to_string(width) + "x" + std::to_string(height) +
+                                ", must be at least 16x16 px");
+  }
+  if (!(baseline_m > 0.0))
+  {
+    throw std::invalid_argument("camera: baseline = " + std::to_string(baseline_m) + ", must be above 0 m");
+  }
+  StereoCalibration calibration;
+  CameraModel& model = calibration.left.model;
+  model.width = width;
+  model.height = height;
+  model.fx = model.fy = 0.5 * width;
+  model.cx = 0.5 * (width - 1);
+  model.cy = 0.5 * (height - 1);
+  model.validate();
+  calibration.right.model = model;
+  Eigen::Matrix3d R_body_camera;
+  R_body_camera << 0, 0, 1, -1, 0, 0, 0, -1, 0;
+  for (MountedCamera* camera : {&calibration.left, &calibration.right})
+  {
+    camera->T_body_camera.linear() = R_body_camera;
+    camera->T_body_camera.translation().y() = (camera == &calibration.left ? 0.5 : -0.5) * baseline_m;
+  }
+  return calibration;
+}
+
+StereoCalibration StereoCalibration::loadEuroc(const std::string& left_yaml, const std::string& right_yaml)
+{
+  StereoCalibration calibration;
+  const auto read = [](const std::string& file, MountedCamera* camera)
+  {
+    const YamlMap yaml = YamlMap::load(file);
+    camera->model = readModel(yaml, file);
+    camera->T_body_camera = yaml.transform("T_BS");
+  };
+  read(left_yaml, &calibration.left);
+  read(right_yaml, &calibration.right);
+  return calibration;
+}
+
+StereoCalibration StereoCalibration::loadKalibr(const std::string& camchain_yaml)
+{
+  const YamlMap chain = YamlMap::load(camchain_yaml);
+  const YamlMap cam0 = chain.child("cam0");
+  const YamlMap cam1 = chain.child("cam1");
+  StereoCalibration calibration;
+  calibration.left.model = readModel(cam0, camchain_yaml + ": cam0");
+  calibration.right.model = readModel(cam1, camchain_yaml + ": cam1");
+  const Eigen::Isometry3d T_cam0_imu = cam0.transform("T_cam_imu");
+  const Eigen::Isometry3d T_cam1_imu =
+      cam1.has("T_cam_imu") ? cam1.transform("T_cam_imu") : cam1.transform("T_cn_cnm1") * T_cam0_imu;
+  calibration.left.T_body_camera = T_cam0_imu.inverse();
+  calibration.right.T_body_camera = T_cam1_imu.inverse();
+  return calibration;
+}
+
+}  // namespace pi_slam

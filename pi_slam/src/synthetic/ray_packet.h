@@ -1,0 +1,44 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+
+#include "scene.h"
+#include "texture.h"
+
+namespace pi_slam::synthetic
+{
+
+/// Rays of neighbouring pixels from one point, traced together: what is beside all of them is skipped once (Boulos,
+/// Wald and Shirley 2006; frustum of a tile as in Reshetov, Soupikov and Hurley 2005).
+struct alignas(64) RayPacket
+{
+  static constexpr int32_t SKY = -1;
+  static constexpr float FAR_M = 1e4f;
+
+  // In.
+  Eigen::Vector3f origin = Eigen::Vector3f::Zero();  ///< world [m]
+  float dx[LANES];                                   ///< unit directions in the world; all LANES must be set
+  float dy[LANES];
+  float dz[LANES];
+  float spread[LANES];  ///< angle between neighbouring rays [rad]
+
+  // Out.
+  float t[LANES];       ///< distance along the ray [m]; FAR_M: sky
+  int32_t hit[LANES];   ///< index of the primitive, those of MovingScene after those of Scene; SKY
+  int32_t face[LANES];  ///< as in Surface
+  float r[LANES];       ///< radiance; 1: white in full light
+  float g[LANES];
+  float b[LANES];
+};
+
+/// Finds what each ray meets first. Sets t and hit.
+void trace(const Scene& scene, const MovingScene& moving, RayPacket* packet);
+
+/// Colours the rays after trace(). Sets face, r, g, b.
+void shade(const Scene& scene, const MovingScene& moving, RayPacket* packet);
+
+/// Reflectance of a primitive's texture at the points of a surface; may also change its light. In materials.cpp.
+void applyMaterial(const Scene& scene, const Primitive& primitive, Surface* surface);
+
+}  // namespace pi_slam::synthetic

@@ -1,0 +1,47 @@
+#pragma once
+
+#include <opencv2/core/mat.hpp>
+
+#include "tiled_picture.h"
+#include "worker_pool.h"
+
+namespace pi_slam::synthetic
+{
+
+/// Casts the rays of one camera. Keeps its buffers from picture to picture; not thread safe.
+class View
+{
+public:
+  View(const CameraModel& camera, bool color, WorkerPool* pool);
+
+  /// Where a picture is taken.
+  struct Shot
+  {
+    const Scene& scene;
+    const MovingScene& moving;
+    Eigen::Isometry3d T_world_camera;
+  };
+
+  const RayTable& rays() const { return rays_; }
+
+  /// Adds `weight` times what the camera sees to `sum`.
+  /// @param everywhere  supersample every pixel; else, with `edges`, only those beside another surface.
+  void cast(const Shot& shot, bool edges, bool everywhere, float weight, Radiance* sum);
+
+  /// Depth along the optical axis [m] (0: nothing) and object ids, through the centres of the pixels.
+  void castTruth(const Shot& shot, cv::Mat* depth, cv::Mat* objects);
+
+private:
+  void castTile(const Shot& shot, const Eigen::Matrix3f& R, int tile);
+  void refineTile(const Shot& shot, const Eigen::Matrix3f& R, int tile, bool everywhere);
+  bool isEdge(int x, int y) const;
+  void store(const RayPacket& packet, size_t index, int lane, int count);
+
+  RayTable rays_;
+  bool color_;
+  WorkerPool* pool_;
+  Radiance radiance_;
+  std::vector<int32_t> surface_;  ///< primitive and face that each pixel sees, row by row
+};
+
+}  // namespace pi_slam::synthetic

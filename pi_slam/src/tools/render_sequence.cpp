@@ -1,0 +1,403 @@
+// render_sequence FOLDER: renders a drive through a synthetic world as an EuRoC recording. Needs no ROS master.
+
+#include <pi_slam/sequence_writer.h>
+#include <pi_slam/vehicle_path.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <boost/program_options.hpp>
+#include <chrono>
+#include <csignal>
+#include <cstdlib>
+#include <filesystem>
+#include <iomanip>
+#include <iostream>
+#include <sstream>
+#include <thread>
+
+namespace
+{
+
+namespace po = boost::program_options;
+using namespace pi_slam;
+
+volatile std::sig_atomic_t received_signal = 0;
+
+void onSignal(int signal)
+{
+  received_signal = signal;
+}
+
+/// Pairs done and time left, on one line of a terminal, or a line every tenth elsewhere.
+class Progress
+{
+public:
+  void show(size_t done, size_t total)
+  {
+    const int percent = static_cast<int>(100 * done / std::max<size_t>(total, 1));
+    if (!on_terminal_ && percent / 10 == shown_ / 10)
+    {
+      return;
+    }
+    shown_ = percent;
+    const double rate = static_cast<double>(done) / std::max(seconds(), 1e-3);
+    std::cerr << (on_terminal_ ? "\r" : "") << std::setw(3) << percent << " %  " << done << " of " << total
+              << " pairs, " << std::fixed << std::setprecision(1) << rate << " per second, "
+              << static_cast<int>(static_cast<double>(total - done) / std::max(rate, 1e-3)) << " s left   "
+              << (on_terminal_ ? "" : "\n") << std::flush;
+  }
+  void end()
+  {
+    if (on_terminal_ && shown_ >= 0)
+    {
+      std::cerr << "\n";
+    }
+  }
+  double seconds() const { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count(); }
+
+private:
+  const bool on_terminal_ = isatty(STDERR_FILENO) == 1;
+  const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  int shown_ = -10;
+};
+
+/// What the command line says that is not part of a library's options as it is.
+struct CommandLine
+{
+  std::string path;
+  std::string trajectory;
+  std::string world;
+  std::string obstacles;
+  std::string calibration;
+  std::string size;
+  double baseline_m = 0.0;
+  std::string supersampling;
+  double exposure_ms = 0.0;
+  double noise = 0.0;
+  bool ideal_imu = false;
+  double knot_interval_s = 0.0;
+  uint64_t seed = 0;
+  std::vector<std::string> black;
+  std::vector<std::string> drop;
+  std::vector<std::string> late;
+  std::vector<std::string> imu_gap;
+  VehiclePathOptions vehicle;
+  SequenceOptions sequence;
+};
+
+[[noreturn]] void refuse(const std::string& option, const std::string& value, const std::string& expected)
+{
+  throw po::error("--" + option + " \"" + value + "\", expected " + expected);
+}
+
+struct SpanArgument
+{
+  TimeSpan span;
+  std::string extra;  ///< third field
+};
+
+/// "FROM,TO" or "FROM,TO,EXTRA".
+SpanArgument parseSpan(const std::string& option, const std::string& value)
+{
+  SpanArgument argument;
+  char* end = nullptr;
+  argument.span.from_s = std::strtod(value.c_str(), &end);
+  if (end == value.c_str() || *end != ',')
+  {
+    refuse(option, value, "two times in seconds, as in 5,7.5");
+  }
+  const char* second = end + 1;
+  argument.span.to_s = std::strtod(second, &end);
+  if (end == second || (*end != '\0' && *end != ','))
+  {
+    refuse(option, value, "two times in seconds, as in 5,7.5");
+  }
+  argument.extra = *end == ',' ? end + 1 : "";
+  return argument;
+}
+
+TimeSpan parsePlainSpan(const std::string& option, const std::string& value)
+{
+  const SpanArgument argument = parseSpan(option, value);
+  if (!argument.extra.empty())
+  {
+    refuse(option, value, "two times in seconds, as in 5,7.5");
+  }
+  return argument.span;
+}
+
+void readFaults(const CommandLine& line, SequenceFaults* faults)
+{
+  using Cameras = SequenceFaults::Cameras;
+  for (const std::string& value : line.black)
+  {
+    const SpanArgument argument = parseSpan("black", value);
+    if (argument.extra != "" && argument.extra != "left" && argument.extra != "right")
+    {
+      refuse("black", value, "left or right as third field, or none");
+    }
+    faults->black.push_back({argument.span, argument.extra == ""       ? Cameras::BOTH
+                                            : argument.extra == "left" ? Cameras::LEFT
+                                                                       : Cameras::RIGHT});
+  }
+  for (const std::string& value : line.late)
+  {
+    faults->late.push_back(parsePlainSpan("late", value));
+  }
+  for (const std::string& value : line.drop)
+  {
+    faults->dropped.push_back(parsePlainSpan("drop", value));
+  }
+  for (const std::string& value : line.imu_gap)
+  {
+    faults->imu_gaps.push_back(parsePlainSpan("imu-gap", value));
+  }
+}
+
+StereoCalibration readCalibration(const CommandLine& line)
+{
+  namespace fs = std::filesystem;
+  if (line.calibration.empty())
+  {
+    int width = 0;
+    int height = 0;
+    char by = 0;
+    std::istringstream stream(line.size);
+    if (!(stream >> width >> by >> height) || by != 'x')
+    {
+      refuse("size", line.size, "WIDTHxHEIGHT, as in 640x480");
+    }
+    return StereoCalibration::makeForwardPair(width, height, line.baseline_m);
+  }
+  if (!fs::is_directory(line.calibration))
+  {
+    return StereoCalibration::loadKalibr(line.calibration);
+  }
+  const fs::path folder(line.calibration);
+  const fs::path mav = fs::exists(folder / "mav0") ? folder / "mav0" : folder;
+  return StereoCalibration::loadEuroc((mav / "cam0" / "sensor.yaml").string(), (mav / "cam1" / "sensor.yaml").string());
+}
+
+Supersampling parseSupersampling(const std::string& name)
+{
+  if (name != "none" && name != "edges" && name != "full")
+  {
+    refuse("supersampling", name, "none, edges or full");
+  }
+  return name == "none" ? Supersampling::NONE : name == "edges" ? Supersampling::EDGES : Supersampling::FULL;
+}
+
+void readObstacles(const std::string& list, SyntheticWorldOptions* world)
+{
+  world->parked = world->crossing = list == "all";
+  if (list == "all" || list == "none")
+  {
+    return;
+  }
+  std::istringstream stream(list);
+  for (std::string word; std::getline(stream, word, ',');)
+  {
+    if (word != "parked" && word != "crossing")
+    {
+      refuse("obstacles", list, "all, none, parked or crossing");
+    }
+    (word == "parked" ? world->parked : world->crossing) = true;
+  }
+}
+
+WorldKind parseWorld(const std::string& name, WorldKind automatic)
+{
+  if (name != "auto" && name != "campus" && name != "hall")
+  {
+    refuse("world", name, "auto, campus or hall");
+  }
+  return name == "auto" ? automatic : name == "campus" ? WorldKind::CAMPUS : WorldKind::HALL;
+}
+
+/// Poses of the drive, and the world that suits them.
+std::vector<StampedPose> readDrive(const CommandLine& line, bool ground_given, SyntheticWorldOptions* world)
+{
+  if (line.trajectory.empty())
+  {
+    const PathShape shape = parsePathShape(line.path);
+    VehiclePathOptions vehicle = line.vehicle;
+    vehicle.shape = shape;
+    vehicle.seed = line.seed;
+    vehicle.duration_s = line.sequence.start_s + line.sequence.duration_s;
+    if (line.sequence.duration_s == 0.0)
+    {
+      throw po::error("--duration 0 (all) needs a --trajectory; a built-in path has no end");
+    }
+    world->kind = parseWorld(line.world, shape == PathShape::HALL_LOOP ? WorldKind::HALL : WorldKind::CAMPUS);
+    world->road = pathLine(shape, vehicle.speed * vehicle.duration_s);
+    return makeVehiclePath(vehicle);
+  }
+  std::vector<StampedPose> drive = readTrajectory(line.trajectory);
+  world->kind = parseWorld(line.world, suitableWorld(drive));
+  if (!ground_given)
+  {
+    constexpr double SENSOR_HEIGHT_M = 0.6;  // at the lowest point of a path whose ground is unknown
+    const auto lowest = std::min_element(drive.begin(), drive.end(),
+                                         [](const StampedPose& a, const StampedPose& b) {
+                                           return a.T_world_body.translation().z() < b.T_world_body.translation().z();
+                                         });
+    world->ground_z = lowest->T_world_body.translation().z() - SENSOR_HEIGHT_M;
+  }
+  return drive;
+}
+
+void stopOnSignals()
+{
+  struct sigaction action = {};
+  action.sa_handler = onSignal;
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP})
+  {
+    sigaction(signal, &action, nullptr);
+  }
+}
+
+int render(CommandLine* line, bool ground_given, SyntheticWorldOptions* world_options)
+{
+  readFaults(*line, &line->sequence.faults);
+  readObstacles(line->obstacles, world_options);
+  StereoRendererOptions& renderer = line->sequence.renderer;
+  renderer.supersampling = parseSupersampling(line->supersampling);
+  renderer.exposure_s = 1e-3 * line->exposure_ms;
+  renderer.shot_noise *= line->noise * line->noise;
+  renderer.read_noise *= line->noise;
+  world_options->seed = line->seed;
+  renderer.seed = line->seed;
+  ImuSimulatorOptions& imu = line->sequence.imu;
+  if (line->ideal_imu)
+  {
+    const double rate_hz = imu.rate_hz;
+    imu = ImuSimulatorOptions::makeIdeal();
+    imu.rate_hz = rate_hz;
+  }
+  imu.seed = line->seed;
+  line->sequence.validate();
+
+  const StereoCalibration calibration = readCalibration(*line);
+  const std::vector<StampedPose> drive = readDrive(*line, ground_given, world_options);
+  const SplineTrajectory trajectory = SplineTrajectory::fit(drive, line->knot_interval_s);
+  const auto world = SyntheticWorld::build(*world_options, drive);
+  Progress progress;
+  const SequenceReport report = writeSequence(world, trajectory, calibration, line->sequence,
+                                              [&](size_t done, size_t total)
+                                              {
+                                                progress.show(done, total);
+                                                return received_signal == 0;
+                                              });
+  progress.end();
+  if (!report.complete)
+  {
+    std::cerr << "stopped; the partial recording was removed\n";
+    return 128 + received_signal;
+  }
+  std::cout << line->sequence.folder << ": " << report.pairs << " pairs, " << report.imu_samples << " IMU samples, "
+            << (world_options->kind == WorldKind::CAMPUS ? "campus" : "hall") << " with "
+            << world->obstaclesAt(drive.front().stamp_ns).size() << " objects, " << std::fixed << std::setprecision(1)
+            << progress.seconds() << " s\n";
+  return 0;
+}
+
+po::options_description describe(CommandLine* line, SyntheticWorldOptions* world)
+{
+  SequenceOptions& sequence = line->sequence;
+  StereoRendererOptions& renderer = sequence.renderer;
+  const int cores = static_cast<int>(std::clamp(std::thread::hardware_concurrency(), 1u, 64u));
+  po::options_description drive("Drive");
+  drive.add_options()("path", po::value(&line->path)->default_value("campus_loop"),
+                      "built-in path: campus_loop, hall_loop, straight, figure_eight")(
+      "trajectory,t", po::value(&line->trajectory),
+      "file of poses in place of a built-in path: TUM (t x y z qx qy qz qw) or EuRoC ground truth csv")(
+      "start", po::value(&sequence.start_s)->default_value(0.0), "seconds of the path to leave out")(
+      "duration,d", po::value(&sequence.duration_s)->default_value(20.0), "seconds; 0: all of a trajectory file")(
+      "speed", po::value(&line->vehicle.speed)->default_value(3.0), "of the built-in paths [m/s]")(
+      "start-standstill", po::value(&line->vehicle.start_standstill_s)->default_value(2.0), "seconds")(
+      "end-standstill", po::value(&line->vehicle.end_standstill_s)->default_value(0.0), "seconds")(
+      "stops", po::value(&line->vehicle.stops)->default_value(0), "on the way, of 3 s each")(
+      "bumps", po::value(&line->vehicle.bumps)->default_value(1.0), "scale of the road's unevenness")(
+      "knot-interval", po::value(&line->knot_interval_s)->default_value(0.0), "of the spline [s]; 0: by the data");
+  po::options_description scene("World");
+  scene.add_options()("world", po::value(&line->world)->default_value("auto"), "campus, hall, or auto: by the path")(
+      "obstacles", po::value(&line->obstacles)->default_value("all"), "all, none, parked, crossing")(
+      "ground-z", po::value(&world->ground_z), "height of the ground [m]; default 0, for files 0.6 below the path")(
+      "seed", po::value(&line->seed)->default_value(1), "of everything random");
+  po::options_description cameras("Cameras and IMU");
+  cameras.add_options()("calibration,c", po::value(&line->calibration),
+                        "EuRoC folder (cam0/sensor.yaml, cam1/sensor.yaml) or Kalibr's camchain-imucam.yaml")(
+      "size", po::value(&line->size)->default_value("640x480"), "of the built-in camera, 90 degrees wide")(
+      "baseline", po::value(&line->baseline_m)->default_value(0.12), "of the built-in camera [m]")(
+      "rate,r", po::value(&sequence.frame_rate_hz)->default_value(20.0), "pairs per second")(
+      "blur", po::value(&renderer.blur_samples)->default_value(1), "samples of motion blur, 1: off")(
+      "exposure", po::value(&line->exposure_ms)->default_value(8.0), "[ms]; matters with blur")(
+      "brightness", po::value(&renderer.brightness)->default_value(renderer.brightness), "of the pictures")(
+      "gain-variation", po::value(&renderer.gain_variation)->default_value(0.0), "amplitude, in [0, 0.9]")(
+      "vignetting", po::value(&renderer.vignetting)->default_value(renderer.vignetting), "in [0, 1]")(
+      "noise", po::value(&line->noise)->default_value(1.0), "scale of the pictures' noise, 0: none")(
+      "supersampling", po::value(&line->supersampling)->default_value("edges"), "none, edges, full")(
+      "color", po::bool_switch(&renderer.color), "BGR pictures")(
+      "imu-rate", po::value(&sequence.imu.rate_hz)->default_value(200.0), "[Hz]")(
+      "ideal-imu", po::bool_switch(&line->ideal_imu), "without noise and bias")(
+      "imu-log", po::value(&sequence.imu_log), "EuRoC csv of a real IMU, passed on unchanged");
+  po::options_description faults("Faults; times in seconds of the recording, may be repeated");
+  faults.add_options()("black", po::value(&line->black), "FROM,TO[,left|right]: black pictures")(
+      "drop", po::value(&line->drop), "FROM,TO: missing pairs")(
+      "drop-probability", po::value(&sequence.faults.drop_probability)->default_value(0.0), "of every pair")(
+      "late", po::value(&line->late), "FROM,TO: pairs stamped too late")(
+      "late-by", po::value(&sequence.faults.late_s)->default_value(0.2), "seconds")(
+      "imu-gap", po::value(&line->imu_gap), "FROM,TO: missing IMU samples")(
+      "swap-cameras", po::bool_switch(&sequence.faults.swapped_cameras), "left pictures in cam1");
+  po::options_description output("Output");
+  output.add_options()("help,h", "show this text")("depth", po::bool_switch(&sequence.depth),
+                                                   "truth/depth: 16-bit PNG, [mm], of the left camera")(
+      "obstacle-truth", po::bool_switch(&sequence.obstacles), "truth/obstacles.json")(
+      "threads,j", po::value(&renderer.threads)->default_value(cores), "")(
+      "force,f", po::bool_switch(&sequence.overwrite), "replace a recording in FOLDER");
+  po::options_description all(
+      "Usage: render_sequence [options] FOLDER\n"
+      "Renders a drive through a synthetic world to FOLDER, in the layout of an EuRoC recording.\n");
+  all.add(drive).add(scene).add(cameras).add(faults).add(output);
+  return all;
+}
+
+}  // namespace
+
+int main(int argc, char** argv)
+{
+  CommandLine line;
+  SyntheticWorldOptions world;
+  const po::options_description visible = describe(&line, &world);
+  try
+  {
+    po::options_description all;
+    all.add(visible).add_options()("folder", po::value(&line.sequence.folder));
+    po::positional_options_description positional;
+    positional.add("folder", 1);
+    po::variables_map values;
+    po::store(po::command_line_parser(argc, argv).options(all).positional(positional).run(), values);
+    po::notify(values);
+    if (values.count("help") > 0)
+    {
+      std::cout << visible;
+      return 0;
+    }
+    if (line.sequence.folder.empty())
+    {
+      throw po::error("FOLDER is missing; render_sequence --help shows all options");
+    }
+    stopOnSignals();
+    return render(&line, values.count("ground-z") > 0, &world);
+  }
+  catch (const po::error& error)
+  {
+    std::cerr << "render_sequence: " << error.what() << "\n";
+    return 2;
+  }
+  catch (const std::exception& exception)
+  {
+    std::cerr << "render_sequence: " << exception.what() << "\n";
+    return 1;
+  }
+}
