@@ -39,7 +39,7 @@ RuntimeCore::Cost RuntimeCore::executorCost(const TaskState& task, Unit& unit, s
 {
   Cost cost;
   const UnitExecutor& entry = unit.executors[index];
-  if (!entry.executor->supports(*task.request.codelet) || task.record->at(entry.column).blocked)
+  if (!canRun(entry, *task.record))
   {
     return cost;
   }
@@ -102,9 +102,7 @@ bool RuntimeCore::supports(const Unit& unit, const TaskState& task) const
 {
   return (task.request.unit.empty() || task.request.unit == unit.name) &&
          std::any_of(unit.executors.begin(), unit.executors.end(),
-                     [&](const UnitExecutor& entry) {
-                       return entry.executor->supports(*task.request.codelet) && !task.record->at(entry.column).blocked;
-                     });
+                     [&](const UnitExecutor& entry) { return canRun(entry, *task.record); });
 }
 
 bool RuntimeCore::withinBudget(const TaskState& task, const Unit& unit, const Cost& cost) const
@@ -119,13 +117,13 @@ bool RuntimeCore::withinBudget(const TaskState& task, const Unit& unit, const Co
   {
     return true;
   }
-  if (cost.run_s == 0.0 && !task.request.codelet->sliceable)
+  // Nobody knows how long it takes: rather where nothing can be late. Where there is no such unit, UNKNOWN_S stands.
+  const bool unknown = cost.run_s == 0.0 && !task.request.codelet->sliceable;
+  if (unknown && std::any_of(units_.begin(), units_.end(),
+                             [&](const std::unique_ptr<Unit>& other)
+                             { return other->usable() && blockingBudget(*other) == INF && supports(*other, task); }))
   {
-    // Nobody knows how long it takes: rather where nothing can be late. Where there is no such unit, UNKNOWN_S stands.
-    return std::none_of(units_.begin(), units_.end(),
-                        [&](const std::unique_ptr<Unit>& other)
-                        { return other->usable() && blockingBudget(*other) == INF && supports(*other, task); }) &&
-           leastPiece(task, cost) <= budget;
+    return false;
   }
   return leastPiece(task, cost) <= budget;
 }

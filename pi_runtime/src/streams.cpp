@@ -90,7 +90,7 @@ std::string RuntimeCore::loadOn(const Unit& unit, const StreamRequest& request, 
   bool supported = false;
   for (const UnitExecutor& entry : unit.executors)
   {
-    if (!entry.executor->supports(*request.codelet) || record.at(entry.column).blocked)
+    if (!canRun(entry, record))
     {
       continue;
     }

@@ -27,6 +27,12 @@ struct UnitExecutor
   double bandwidth_bps = std::numeric_limits<double>::infinity();
 };
 
+/// True if the executor has an implementation of the codelet to run, as far as is known.
+inline bool canRun(const UnitExecutor& entry, CodeletRecord& record)
+{
+  return entry.executor->supports(*record.codelet) && !record.at(entry.column).blocked;
+}
+
 /// A computing unit: its executors, its queue, and the thread that feeds it. Guarded by the lock of RuntimeCore, but
 /// for what is constant after start-up.
 struct Unit
