@@ -104,24 +104,6 @@ double defaultInterval(const std::vector<StampedPose>& poses, double shortest)
 
 }  // namespace
 
-Eigen::Quaterniond expSo3(const Eigen::Vector3d& phi)
-{
-  const double angle = phi.norm();
-  const double scale = angle < 1e-6 ? 0.5 - angle * angle / 48.0 : std::sin(0.5 * angle) / angle;
-  Eigen::Quaterniond q;
-  q.w() = std::cos(0.5 * angle);
-  q.vec() = scale * phi;
-  return q;
-}
-
-Eigen::Vector3d logSo3(const Eigen::Quaterniond& q)
-{
-  const double sign = q.w() < 0.0 ? -1.0 : 1.0;
-  const double sine = q.vec().norm();
-  const double scale = sine < 1e-9 ? 2.0 : 2.0 * std::atan2(sine, sign * q.w()) / sine;
-  return sign * scale * q.vec();
-}
-
 SplineTrajectory SplineTrajectory::fit(const std::vector<StampedPose>& poses, double knot_interval_s)
 {
   if (poses.size() < 2)

@@ -128,12 +128,3 @@ TEST(SplineTrajectory, RefusesBadInputByName)
   EXPECT_THROW(spline.at(spline.endNs() + 1), std::out_of_range);
   EXPECT_NO_THROW(spline.at(spline.endNs()));
 }
-
-TEST(So3, ExpAndLogUndoEachOther)
-{
-  for (const double angle : {0.0, 1e-12, 1e-7, 1e-3, 1.0, 3.1})
-  {
-    const Eigen::Vector3d phi = angle * Eigen::Vector3d(1.0, -2.0, 0.5).normalized();
-    EXPECT_LT((logSo3(expSo3(phi)) - phi).norm(), 1e-9) << angle;
-  }
-}

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <pi_slam/imu_sample.h>
 #include <pi_slam/spline_trajectory.h>
 
 #include <Eigen/Core>
@@ -9,13 +10,6 @@
 
 namespace pi_slam
 {
-
-struct ImuSample
-{
-  int64_t stamp_ns = 0;
-  Eigen::Vector3d w = Eigen::Vector3d::Zero();  ///< angular rate, IMU frame [rad/s]
-  Eigen::Vector3d f = Eigen::Vector3d::Zero();  ///< specific force, IMU frame [m/s^2]; at rest it points up
-};
 
 /// Continuous-time noise model as in Kalibr's imu.yaml; defaults are those of an ADIS16448.
 struct ImuSimulatorOptions
@@ -36,12 +30,6 @@ struct ImuSimulatorOptions
   static ImuSimulatorOptions makeIdeal();
   /// @throws std::invalid_argument that names field, value and bound.
   void validate() const;
-};
-
-struct ImuBias
-{
-  Eigen::Vector3d gyro = Eigen::Vector3d::Zero();   ///< [rad/s]
-  Eigen::Vector3d accel = Eigen::Vector3d::Zero();  ///< [m/s^2]
 };
 
 /// What an IMU at the body's origin measures along a trajectory. The same seed gives the same samples.

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <pi_slam/so3.h>
 #include <pi_slam/trajectory_file.h>
 
 #include <Eigen/Geometry>
@@ -59,9 +60,5 @@ private:
   std::vector<Eigen::Quaterniond> rotations_;
   std::vector<Eigen::Vector3d> turns_;  ///< d_i = log(R_i^T R_i+1) of the rotations_ [rad]
 };
-
-/// exp and log of SO(3), rotation vector [rad].
-Eigen::Quaterniond expSo3(const Eigen::Vector3d& phi);
-Eigen::Vector3d logSo3(const Eigen::Quaterniond& q);
 
 }  // namespace pi_slam
