@@ -1,0 +1,67 @@
+#pragma once
+
+#include <pi_slam/camera_geometry.h>
+#include <pi_slam/imu_preintegration.h>
+#include <pi_slam/nav_state.h>
+
+#include <Eigen/Core>
+
+namespace pi_slam
+{
+namespace estimator
+{
+
+/// Two rows that take a vector to the plane tangent to the unit sphere at `bearing`.
+Eigen::Matrix<double, 2, 3> tangentBasis(const Eigen::Vector3d& bearing);
+
+/// The same rows times pixels per radian as the lens has them in that direction: errors are those of the raw picture
+/// [px].
+Eigen::Matrix<double, 2, 3> viewTangent(const CameraGeometry& camera, const Eigen::Vector3d& bearing);
+
+/// Error of a landmark in the body frame: the direction to it, taken to the tangent plane of the bearing observed.
+/// @param tangent      viewTangent() over the noise [1]
+/// @param[out] J_body  by p_body; may be null
+/// @return the error [standard deviations]. Landmarks behind the camera give an error of 1000 and no derivative.
+Eigen::Vector2d viewError(const CameraGeometry& camera, const Eigen::Vector3d& bearing,
+                          const Eigen::Matrix<double, 2, 3>& tangent, const Eigen::Vector3d& p_body,
+                          Eigen::Matrix<double, 2, 3>* J_body);
+
+/// Reprojection error of a landmark: the direction to it, taken to the tangent plane of the bearing observed.
+/// @param R_odom_body, p_odom_body  pose of the body
+/// @param tangent      viewTangent() over the noise [1]
+/// @param[out] J_pose     by [d_p, d_theta] of the pose; may be null
+/// @param[out] J_landmark by p_landmark; may be null
+/// @return the error [standard deviations]. Landmarks behind the camera give an error of 1000 and no derivative.
+Eigen::Vector2d reprojectionError(const Eigen::Matrix3d& R_odom_body, const Eigen::Vector3d& p_odom_body,
+                                  const CameraGeometry& camera, const Eigen::Vector3d& bearing,
+                                  const Eigen::Matrix<double, 2, 3>& tangent, const Eigen::Vector3d& p_landmark,
+                                  Eigen::Matrix<double, 2, 6>* J_pose, Eigen::Matrix<double, 2, 3>* J_landmark);
+
+/// What ties two neighbouring states together: preintegrated IMU, or the knowledge that nothing moved.
+class StateLink
+{
+public:
+  /// @param gravity  [m/s^2]
+  StateLink(const ImuPreintegration& imu, const ImuModel& model, bool still);
+
+  /// Error of the two states, whitened: 15 rows in the order of NavState (Forster et al. 2017, eq. 45).
+  /// @param[out] J  by the errors of `begin` (columns 0..14) and of `end` (15..29); may be null
+  Vector15d error(const NavState& begin, const NavState& end, Eigen::Matrix<double, 15, 30>* J) const;
+
+  /// Integrates again if the bias has gone far from the one the integral was made with.
+  void relinearize(const ImuBias& bias);
+
+  bool still() const { return still_; }
+  const ImuPreintegration& imu() const { return imu_; }
+
+private:
+  void updateWeight();
+
+  ImuPreintegration imu_;
+  ImuModel model_;
+  bool still_;
+  Matrix15d sqrt_information_;  ///< lower triangular
+};
+
+}  // namespace estimator
+}  // namespace pi_slam

@@ -1,0 +1,114 @@
+#pragma once
+
+#include "estimator/factors.h"
+
+#include <pi_slam/frame_features.h>
+#include <pi_slam/nav_state.h>
+#include <pi_slam/so3.h>
+#include <pi_slam/window_estimator.h>
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <map>
+#include <vector>
+
+namespace pi_slam
+{
+namespace estimator
+{
+
+/// One camera's view of a landmark from a keyframe.
+struct View
+{
+  uint64_t keyframe = 0;  ///< serial number
+  int camera = 0;
+  Eigen::Vector3d bearing;
+  Eigen::Matrix<double, 2, 3> tangent;  ///< scaled to standard deviations
+};
+
+struct Landmark
+{
+  LandmarkEstimate estimate;
+  bool known = false;       ///< estimate.p_odom holds
+  bool used = false;        ///< by the last optimisation
+  std::vector<View> views;  ///< by increasing keyframe, left before right
+};
+
+struct Keyframe
+{
+  NavState state;
+  Eigen::Vector3d w_imu = Eigen::Vector3d::Zero();  ///< angular rate at its stamp as measured [rad/s]
+};
+
+/// Where the body was when the pictures of a keyframe were taken.
+struct PictureBody
+{
+  Eigen::Matrix3d R_odom_body;
+  Eigen::Vector3d p_odom_body;
+};
+
+/// What is known of the states from what has left the window: 0.5 d^T H d + b^T d with d = states - linearised.
+///
+/// It knows nothing about velocity and biases but those of the first state: what left was tied to no others.
+struct Prior
+{
+  Eigen::MatrixXd H;  ///< 15 per state
+  Eigen::VectorXd b;
+  std::vector<NavState> linearized;  ///< of the first states of the window
+  bool marginal = false;             ///< holds what was linearised at these states, so that others must not be used
+};
+
+/// States, landmarks and all that ties them together.
+struct WindowProblem
+{
+  std::array<CameraGeometry, 2> cameras;     ///< as refined
+  std::array<CameraGeometry, 2> calibrated;  ///< as given
+  double time_offset_s = 0.0;                ///< pictures were taken so much after the stamps of their keyframes
+  double huber = 2.0;                        ///< [standard deviations]
+
+  uint64_t first_keyframe = 0;  ///< serial number of keyframes[0]
+  std::vector<Keyframe> keyframes;
+  std::vector<StateLink> links;  ///< links[i] from keyframes[i] to keyframes[i + 1]
+  std::map<int64_t, Landmark> landmarks;
+  Prior prior;
+
+  size_t slot(const View& view) const { return static_cast<size_t>(view.keyframe - first_keyframe); }
+
+  /// @param state  of the keyframe, or near it
+  PictureBody pictureBody(const NavState& state, size_t slot) const
+  {
+    if (time_offset_s == 0.0)
+    {
+      return PictureBody{state.q.toRotationMatrix(), state.p};
+    }
+    return PictureBody{(state.q * pictureTurn(slot)).toRotationMatrix(), state.p + time_offset_s * state.v};
+  }
+
+  PictureBody pictureBody(const View& view) const { return pictureBody(keyframes[slot(view)].state, slot(view)); }
+
+  /// Rotation of the body between the stamp of a keyframe and its pictures.
+  Eigen::Quaterniond pictureTurn(size_t slot) const
+  {
+    return expSo3(time_offset_s * (keyframes[slot].w_imu - keyframes[slot].state.bias.gyro));
+  }
+};
+
+/// Robust cost of an error of squared norm `squared` and the weight of its square in the normal equations (Huber).
+inline double huberCost(double squared, double huber, double* weight)
+{
+  if (squared <= huber * huber)
+  {
+    *weight = 1.0;
+    return 0.5 * squared;
+  }
+  const double norm = std::sqrt(squared);
+  *weight = huber / norm;
+  return huber * (norm - 0.5 * huber);
+}
+
+/// Gradient of the prior at the states of now, and its cost.
+double priorCost(const Prior& prior, const std::vector<Keyframe>& keyframes, Eigen::VectorXd* gradient);
+
+}  // namespace estimator
+}  // namespace pi_slam
