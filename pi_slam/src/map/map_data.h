@@ -1,0 +1,66 @@
+#pragma once
+
+#include <Eigen/Geometry>
+#include <cstdint>
+#include <vector>
+
+#include "map/feature_set.h"
+
+namespace pi_slam
+{
+namespace map
+{
+
+/// A place where the body was. With features it is a keyframe.
+///
+/// In map it stands as odometry has it, turned about z: R_map_body = Rz(heading) * R_odom_body, so that no axis of the
+/// body has to be the one from which a heading could be read.
+struct MapNode
+{
+  uint64_t serial = 0;  ///< unique in the map
+  int64_t stamp_ns = 0;
+  uint32_t segment = 0;      ///< stretch of odometry without a reset
+  bool loaded = false;       ///< from a file, not of this run
+  double travelled_m = 0.0;  ///< way of its segment up to here
+  Eigen::Isometry3d T_odom_body = Eigen::Isometry3d::Identity();
+  double heading = 0.0;  ///< of the odom frame in map, as at this node [rad]
+  Eigen::Vector3d p_map_body = Eigen::Vector3d::Zero();
+  FeatureSetPtr features;  ///< null: none are kept
+
+  Eigen::Isometry3d T_map_body() const
+  {
+    Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+    T.linear() = Eigen::AngleAxisd(heading, Eigen::Vector3d::UnitZ()) * T_odom_body.linear();
+    T.translation() = p_map_body;
+    return T;
+  }
+  Eigen::Isometry3d T_map_odom() const { return T_map_body() * T_odom_body.inverse(); }
+};
+
+/// What is known of two nodes: p_to - p_from = Rz(heading_from) shift, heading_to - heading_from = turn.
+struct MapEdge
+{
+  uint32_t from = 0;  ///< index of the node
+  uint32_t to = 0;
+  bool loop = false;  ///< a recognised place; else odometry
+  Eigen::Vector3d shift = Eigen::Vector3d::Zero();
+  double turn = 0.0;
+  double position_deviation = 1.0;  ///< per axis [m]
+  double heading_deviation = 1.0;   ///< [rad]
+};
+
+struct MapData
+{
+  std::vector<MapNode> nodes;  ///< in the order in which they were made
+  std::vector<MapEdge> edges;
+};
+
+/// How odometry drifts: a random walk over the way, so that errors of position and heading grow with its root.
+constexpr double DRIFT_POSITION = 0.008;          ///< [m / sqrt(m)]
+constexpr double DRIFT_HEADING = 0.0008;          ///< [rad / sqrt(m)]
+constexpr double DRIFT_HEADING_PER_TURN = 0.001;  ///< [rad / sqrt(rad)]
+constexpr double DRIFT_POSITION_LEAST = 0.002;    ///< of any step [m]
+constexpr double DRIFT_HEADING_LEAST = 0.0003;    ///< [rad]
+
+}  // namespace map
+}  // namespace pi_slam

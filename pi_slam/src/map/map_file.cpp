@@ -1,0 +1,518 @@
+#include "map/map_file.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+
+namespace pi_slam
+{
+namespace map
+{
+
+namespace
+{
+
+constexpr char MAGIC[8] = "PISLMAP";
+constexpr uint32_t VERSION = 1;
+constexpr size_t HEADER_BYTES = 24;
+constexpr size_t CHECKSUM_BYTES = 8;
+constexpr uint64_t MOST_BYTES = 8ULL << 30;
+constexpr double FARTHEST = 1e7;  ///< no position is beyond [m]
+
+static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "maps are written as they lie in memory");
+
+class Writer
+{
+public:
+  template <typename T>
+  void put(const T& value)
+  {
+    static_assert(std::is_arithmetic<T>::value, "numbers only");
+    const auto* const begin = reinterpret_cast<const uint8_t*>(&value);
+    bytes.insert(bytes.end(), begin, begin + sizeof(T));
+  }
+  template <typename Derived>
+  void putMatrix(const Eigen::MatrixBase<Derived>& matrix)
+  {
+    for (Eigen::Index i = 0; i < matrix.size(); ++i)
+    {
+      put(matrix(i));
+    }
+  }
+  void putPose(const Eigen::Isometry3d& T)
+  {
+    putMatrix(T.translation());
+    putMatrix(Eigen::Quaterniond(T.linear()).coeffs());
+  }
+
+  std::vector<uint8_t> bytes;
+};
+
+/// Takes numbers off the bytes, and refuses what is out of range.
+class Reader
+{
+public:
+  Reader(const uint8_t* bytes, size_t count, std::string name) : at_(bytes), left_(count), name_(std::move(name)) {}
+
+  [[noreturn]] void refuse(const std::string& defect) const
+  {
+    throw MapError("map " + name_ + ": " + defect + "; make the map anew");
+  }
+
+  template <typename T>
+  T get()
+  {
+    if (left_ < sizeof(T))
+    {
+      refuse("its records go beyond its end");
+    }
+    T value;
+    std::memcpy(&value, at_, sizeof(T));
+    at_ += sizeof(T);
+    left_ -= sizeof(T);
+    return value;
+  }
+  template <typename T>
+  T getBetween(const char* what, T least, T most)
+  {
+    const T value = get<T>();
+    if (!(value >= least && value <= most))
+    {
+      refuse(std::string(what) + " = " + std::to_string(value) + " is out of range");
+    }
+    return value;
+  }
+  uint64_t getCount(const char* what, uint64_t bytes_each) { return getBetween<uint64_t>(what, 0, left_ / bytes_each); }
+  Eigen::Vector3d getPosition(const char* what)
+  {
+    Eigen::Vector3d p;
+    for (int i = 0; i < 3; ++i)
+    {
+      p(i) = getBetween(what, -FARTHEST, FARTHEST);
+    }
+    return p;
+  }
+  Eigen::Isometry3d getPose(const char* what)
+  {
+    Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+    T.translation() = getPosition(what);
+    Eigen::Quaterniond q;
+    for (int i = 0; i < 4; ++i)
+    {
+      q.coeffs()(i) = getBetween(what, -1.001, 1.001);
+    }
+    if (std::abs(q.norm() - 1.0) > 1e-3)
+    {
+      refuse(std::string(what) + " has no unit quaternion");
+    }
+    T.linear() = q.normalized().toRotationMatrix();
+    return T;
+  }
+  void copy(void* target, size_t bytes)
+  {
+    if (left_ < bytes)
+    {
+      refuse("its records go beyond its end");
+    }
+    std::memcpy(target, at_, bytes);
+    at_ += bytes;
+    left_ -= bytes;
+  }
+  size_t left() const { return left_; }
+
+private:
+  const uint8_t* at_;
+  size_t left_;
+  const std::string name_;
+};
+
+constexpr size_t FEATURE_BYTES = 5 * 4 + 2 + DESCRIPTOR_BYTES;
+constexpr size_t NODE_BYTES = 8 + 4 + 8 + 7 * 8 + 4 * 8 + 4 + 3 * 4;
+constexpr size_t EDGE_BYTES = 4 + 4 + 1 + 6 * 8;
+
+void putCamera(const MountedCamera& camera, Writer* writer)
+{
+  writer->put<int32_t>(camera.model.width);
+  writer->put<int32_t>(camera.model.height);
+  for (const double value : {camera.model.fx, camera.model.fy, camera.model.cx, camera.model.cy})
+  {
+    writer->put(value);
+  }
+  writer->put(static_cast<int32_t>(camera.model.distortion));
+  for (const double value : camera.model.coefficients)
+  {
+    writer->put(value);
+  }
+  writer->putPose(camera.T_body_camera);
+}
+
+void checkCamera(const MountedCamera& camera, const char* side, Reader* reader)
+{
+  const auto width = reader->get<int32_t>();
+  const auto height = reader->get<int32_t>();
+  if (width != camera.model.width || height != camera.model.height)
+  {
+    reader->refuse(std::string("it was made with a ") + side + " camera of " + std::to_string(width) + " x " +
+                   std::to_string(height) + " px, this one has " + std::to_string(camera.model.width) + " x " +
+                   std::to_string(camera.model.height));
+  }
+  // The rest is kept for people: features are rays, which do not depend on the lens.
+  for (int i = 0; i < 4; ++i)
+  {
+    reader->get<double>();
+  }
+  reader->get<int32_t>();
+  for (int i = 0; i < 4; ++i)
+  {
+    reader->get<double>();
+  }
+  reader->getPose("T_body_camera");
+}
+
+void putNode(const MapNode& node, Writer* writer)
+{
+  writer->put(node.stamp_ns);
+  writer->put(node.segment);
+  writer->put(node.travelled_m);
+  writer->putPose(node.T_odom_body);
+  writer->put(node.heading);
+  writer->putMatrix(node.p_map_body);
+  const FeatureSet none;
+  const FeatureSet& set = node.features ? *node.features : none;
+  writer->put(static_cast<uint32_t>(set.size()));
+  writer->putMatrix(set.p_body_camera);
+  for (const MapFeature& feature : set.features)
+  {
+    writer->putMatrix(feature.bearing);
+    writer->put(feature.inverse_distance);
+    writer->put(feature.inverse_deviation);
+    writer->put(feature.grey);
+    writer->put(feature.level);
+  }
+  writer->bytes.insert(writer->bytes.end(), set.descriptors.begin(), set.descriptors.end());
+}
+
+FeatureSetPtr getFeatures(uint32_t count, Reader* reader)
+{
+  auto set = std::make_shared<FeatureSet>();
+  for (int i = 0; i < 3; ++i)
+  {
+    set->p_body_camera(i) = reader->getBetween("position of a camera", -1e4F, 1e4F);
+  }
+  if (count == 0)
+  {
+    return nullptr;
+  }
+  set->features.resize(count);
+  for (MapFeature& feature : set->features)
+  {
+    for (int i = 0; i < 3; ++i)
+    {
+      feature.bearing(i) = reader->getBetween("bearing", -1.001F, 1.001F);
+    }
+    if (std::abs(feature.bearing.norm() - 1.0F) > 1e-3F)
+    {
+      reader->refuse("a bearing is not of unit length");
+    }
+    feature.inverse_distance = reader->getBetween("inverse distance", 0.0F, 1e3F);
+    feature.inverse_deviation = reader->getBetween("deviation", 1e-9F, 1e3F);
+    feature.grey = reader->get<uint8_t>();
+    feature.level = reader->getBetween<uint8_t>("level", 0, 15);
+  }
+  set->descriptors.resize(count * DESCRIPTOR_BYTES);
+  reader->copy(set->descriptors.data(), set->descriptors.size());
+  return set;
+}
+
+MapNode getNode(Reader* reader)
+{
+  MapNode node;
+  node.loaded = true;
+  node.stamp_ns = reader->get<int64_t>();
+  node.segment = reader->getBetween<uint32_t>("segment", 0, 1U << 30);
+  node.travelled_m = reader->getBetween("way", 0.0, 1e9);
+  node.T_odom_body = reader->getPose("pose of odometry");
+  node.heading = reader->getBetween("heading", -1e6, 1e6);
+  node.p_map_body = reader->getPosition("position");
+  const auto count = reader->get<uint32_t>();
+  if (count > (reader->left() - std::min<size_t>(reader->left(), 3 * sizeof(float))) / FEATURE_BYTES)
+  {
+    reader->refuse("number of features = " + std::to_string(count) + " is out of range");
+  }
+  node.features = getFeatures(count, reader);
+  return node;
+}
+
+void putEdge(const MapEdge& edge, Writer* writer)
+{
+  writer->put(edge.from);
+  writer->put(edge.to);
+  writer->put(static_cast<uint8_t>(edge.loop));
+  writer->putMatrix(edge.shift);
+  writer->put(edge.turn);
+  writer->put(edge.position_deviation);
+  writer->put(edge.heading_deviation);
+}
+
+MapEdge getEdge(uint32_t nodes, Reader* reader)
+{
+  MapEdge edge;
+  if (nodes == 0)
+  {
+    reader->refuse("it has edges without nodes");
+  }
+  edge.from = reader->getBetween<uint32_t>("start of an edge", 0, nodes - 1);
+  edge.to = reader->getBetween<uint32_t>("end of an edge", 0, nodes - 1);
+  if (edge.from == edge.to)
+  {
+    reader->refuse("an edge ends where it starts");
+  }
+  edge.loop = reader->getBetween<uint8_t>("kind of an edge", 0, 1) == 1;
+  edge.shift = reader->getPosition("edge");
+  edge.turn = reader->getBetween("turn of an edge", -1e6, 1e6);
+  edge.position_deviation = reader->getBetween("deviation of an edge", 1e-6, 1e6);
+  edge.heading_deviation = reader->getBetween("deviation of an edge", 1e-6, 1e6);
+  return edge;
+}
+
+class Descriptor
+{
+public:
+  explicit Descriptor(int number) : number_(number) {}
+  ~Descriptor() { close(); }
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+  bool close()
+  {
+    const int number = number_;
+    number_ = -1;
+    return number < 0 || ::close(number) == 0;
+  }
+  int number() const { return number_; }
+
+private:
+  int number_;
+};
+
+[[noreturn]] void failed(const std::string& file, const char* action)
+{
+  throw MapError("map " + file + ": cannot " + action + ": " + std::strerror(errno));
+}
+
+}  // namespace
+
+uint64_t crc64(const uint8_t* bytes, size_t count)
+{
+  static const auto tables = []
+  {
+    std::array<std::array<uint64_t, 256>, 8> made{};
+    for (uint64_t i = 0; i < 256; ++i)
+    {
+      uint64_t value = i;
+      for (int bit = 0; bit < 8; ++bit)
+      {
+        value = (value >> 1) ^ ((value & 1) != 0 ? 0xC96C5795D7870F42ULL : 0);
+      }
+      made[0][i] = value;
+    }
+    for (size_t table = 1; table < 8; ++table)
+    {
+      for (size_t i = 0; i < 256; ++i)
+      {
+        made[table][i] = made[0][made[table - 1][i] & 0xFF] ^ (made[table - 1][i] >> 8);
+      }
+    }
+    return made;
+  }();
+  uint64_t crc = ~0ULL;
+  for (; count >= 8; count -= 8, bytes += 8)
+  {
+    uint64_t word;
+    std::memcpy(&word, bytes, sizeof(word));
+    crc ^= word;
+    uint64_t next = 0;
+    for (size_t k = 0; k < 8; ++k)
+    {
+      next ^= tables[7 - k][(crc >> (8 * k)) & 0xFF];
+    }
+    crc = next;
+  }
+  for (; count > 0; --count, ++bytes)
+  {
+    crc = tables[0][(crc ^ *bytes) & 0xFF] ^ (crc >> 8);
+  }
+  return ~crc;
+}
+
+std::vector<uint8_t> encodeMap(const MapData& map, const StereoCalibration& calibration)
+{
+  Writer writer;
+  size_t features = 0;
+  for (const MapNode& node : map.nodes)
+  {
+    features += node.features ? node.features->size() : 0;
+  }
+  writer.bytes.reserve(1024 + map.nodes.size() * NODE_BYTES + features * FEATURE_BYTES + map.edges.size() * EDGE_BYTES);
+  writer.bytes.insert(writer.bytes.end(), MAGIC, MAGIC + sizeof(MAGIC));
+  writer.put(VERSION);
+  writer.put<uint32_t>(0);
+  writer.put<uint64_t>(0);
+  putCamera(calibration.left, &writer);
+  putCamera(calibration.right, &writer);
+  writer.put<uint64_t>(map.nodes.size());
+  writer.put<uint64_t>(map.edges.size());
+  for (const MapNode& node : map.nodes)
+  {
+    putNode(node, &writer);
+  }
+  for (const MapEdge& edge : map.edges)
+  {
+    putEdge(edge, &writer);
+  }
+  const uint64_t length = writer.bytes.size() + CHECKSUM_BYTES;
+  std::memcpy(writer.bytes.data() + HEADER_BYTES - sizeof(length), &length, sizeof(length));
+  writer.put(crc64(writer.bytes.data(), writer.bytes.size()));
+  return std::move(writer.bytes);
+}
+
+MapData decodeMap(const std::vector<uint8_t>& bytes, const StereoCalibration& calibration, const std::string& name)
+{
+  const size_t size = bytes.size();
+  Reader header(bytes.data(), std::min(size, HEADER_BYTES), name);
+  if (size < HEADER_BYTES + CHECKSUM_BYTES)
+  {
+    header.refuse("it has " + std::to_string(size) + " bytes, too few for a map");
+  }
+  if (std::memcmp(bytes.data(), MAGIC, sizeof(MAGIC)) != 0)
+  {
+    header.refuse("it is no map of this program");
+  }
+  header.get<uint64_t>();
+  const auto version = header.get<uint32_t>();
+  header.get<uint32_t>();
+  const auto length = header.get<uint64_t>();
+  if (version != VERSION)
+  {
+    header.refuse("it is of version " + std::to_string(version) + ", only " + std::to_string(VERSION) + " can be read");
+  }
+  if (length != size)
+  {
+    header.refuse("it has " + std::to_string(size) + " bytes, should have " + std::to_string(length));
+  }
+  uint64_t checksum;
+  std::memcpy(&checksum, bytes.data() + size - CHECKSUM_BYTES, sizeof(checksum));
+  if (checksum != crc64(bytes.data(), size - CHECKSUM_BYTES))
+  {
+    header.refuse("its checksum is wrong, the file is damaged");
+  }
+  Reader reader(bytes.data() + HEADER_BYTES, size - HEADER_BYTES - CHECKSUM_BYTES, name);
+  checkCamera(calibration.left, "left", &reader);
+  checkCamera(calibration.right, "right", &reader);
+  const auto nodes = reader.getCount("number of keyframes", NODE_BYTES);
+  const auto edges = reader.getCount("number of edges", EDGE_BYTES);
+  if (nodes >= 1U << 30)
+  {
+    reader.refuse("number of keyframes = " + std::to_string(nodes) + " is out of range");
+  }
+  MapData map;
+  map.nodes.reserve(nodes);
+  for (uint64_t i = 0; i < nodes; ++i)
+  {
+    map.nodes.push_back(getNode(&reader));
+    map.nodes.back().serial = i;
+  }
+  map.edges.reserve(edges);
+  for (uint64_t i = 0; i < edges; ++i)
+  {
+    map.edges.push_back(getEdge(static_cast<uint32_t>(nodes), &reader));
+  }
+  if (reader.left() != 0)
+  {
+    reader.refuse(std::to_string(reader.left()) + " bytes are left over");
+  }
+  return map;
+}
+
+void writeFileAtomically(const std::string& file, const std::vector<uint8_t>& bytes)
+{
+  std::string beside = file + ".XXXXXX";
+  Descriptor descriptor(::mkostemp(beside.data(), O_CLOEXEC));
+  if (descriptor.number() < 0)
+  {
+    failed(file, "write beside it");
+  }
+  try
+  {
+    ::fchmod(descriptor.number(), 0644);
+    size_t written = 0;
+    while (written < bytes.size())
+    {
+      const ssize_t count = ::write(descriptor.number(), bytes.data() + written, bytes.size() - written);
+      if (count < 0 && errno != EINTR)
+      {
+        failed(file, "write");
+      }
+      written += count > 0 ? static_cast<size_t>(count) : 0;
+    }
+    if (::fsync(descriptor.number()) != 0 || !descriptor.close())
+    {
+      failed(file, "bring it to the disk");
+    }
+    if (std::rename(beside.c_str(), file.c_str()) != 0)
+    {
+      failed(file, "put it in its place");
+    }
+  }
+  catch (const MapError&)
+  {
+    ::unlink(beside.c_str());
+    throw;
+  }
+  // The new name must outlive a loss of power, too; not all file systems can do that.
+  const std::string folder = std::filesystem::path(file).parent_path().string();
+  const Descriptor parent(::open(folder.empty() ? "." : folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  if (parent.number() >= 0)
+  {
+    ::fsync(parent.number());
+  }
+}
+
+std::vector<uint8_t> readFile(const std::string& file)
+{
+  const Descriptor descriptor(::open(file.c_str(), O_RDONLY | O_CLOEXEC));
+  struct stat status = {};
+  if (descriptor.number() < 0 || ::fstat(descriptor.number(), &status) != 0)
+  {
+    failed(file, "open it");
+  }
+  if (!S_ISREG(status.st_mode) || static_cast<uint64_t>(status.st_size) > MOST_BYTES)
+  {
+    throw MapError("map " + file + ": it is no plain file of at most 8 GiB; give the file of a saved map");
+  }
+  std::vector<uint8_t> bytes(static_cast<size_t>(status.st_size));
+  size_t read = 0;
+  while (read < bytes.size())
+  {
+    const ssize_t count = ::read(descriptor.number(), bytes.data() + read, bytes.size() - read);
+    if (count < 0 && errno != EINTR)
+    {
+      failed(file, "read it");
+    }
+    if (count == 0)
+    {
+      break;
+    }
+    read += count > 0 ? static_cast<size_t>(count) : 0;
+  }
+  bytes.resize(read);
+  return bytes;
+}
+
+}  // namespace map
+}  // namespace pi_slam
