@@ -213,7 +213,8 @@ ImuPreintegration ImuBuffer::integrate(int64_t from_ns, int64_t to_ns, const Imu
       found.gap_s = gap ? std::max(found.gap_s, distance_s) : found.gap_s;
       found.saturated = found.saturated || before.saturated || next->saturated;
       integral.append(before.stamp_ns < from_ns ? interpolate(before, *next, from_ns) : before,
-                      next->stamp_ns > to_ns ? interpolate(before, *next, to_ns) : *next, noiseFactor(before, *next, gap));
+                      next->stamp_ns > to_ns ? interpolate(before, *next, to_ns) : *next,
+                      noiseFactor(before, *next, gap));
       if (next == last)
       {
         break;

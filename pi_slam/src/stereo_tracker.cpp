@@ -9,6 +9,7 @@
 
 #include "front_end/picture_statistics.h"
 #include "front_end/stereo_tracker_impl.h"
+#include "option_check.h"
 
 namespace pi_slam
 {
@@ -25,14 +26,6 @@ constexpr int64_t LONGEST_WAIT_NS = 1000000000;  ///< over which features are lo
 constexpr double MOTION_PART = 2.0 / 3.0;   ///< of epipolar_px: the motion is estimated, the calibration is as it is
 constexpr double MOST_GAIN = 4.0;           ///< between two exposures that can be made up for
 constexpr double LEAST_GAIN_CHANGE = 0.01;  ///< smaller ones are left
-
-void require(bool good, const char* field, double value, const char* bound)
-{
-  if (!good)
-  {
-    throw std::invalid_argument("tracker/" + std::string(field) + " = " + std::to_string(value) + ", must be " + bound);
-  }
-}
 
 class Clock
 {
@@ -54,18 +47,22 @@ private:
 
 void StereoTrackerOptions::validate() const
 {
-  require(max_features >= 20 && max_features <= 2000, "max_features", max_features, "in [20, 2000]");
-  require(cell_px >= 8 && cell_px <= 200, "cell_px", cell_px, "in [8, 200]");
-  require(min_distance_px >= 2.0 && min_distance_px <= 100.0, "min_distance_px", min_distance_px, "in [2, 100]");
-  require(fast_threshold >= 1 && fast_threshold <= 100, "fast_threshold", fast_threshold, "in [1, 100]");
-  require(levels >= 1 && levels <= kernels::MAX_PYRAMID_LEVELS, "levels", levels, "in [1, 8]");
-  require(window_px >= 5 && window_px <= kernels::MAX_TRACK_WINDOW && window_px % 2 == 1, "window_px", window_px,
-          "odd and in [5, 31]");
-  require(max_iterations >= 1 && max_iterations <= 100, "max_iterations", max_iterations, "in [1, 100]");
-  require(epsilon_px >= 0.001 && epsilon_px <= 1.0, "epsilon_px", epsilon_px, "in [0.001, 1]");
-  require(max_residual >= 1.0 && max_residual <= 255.0, "max_residual", max_residual, "in [1, 255]");
-  require(epipolar_px >= 0.1 && epipolar_px <= 20.0, "epipolar_px", epipolar_px, "in [0.1, 20]");
-  require(min_depth_m >= 0.01 && min_depth_m <= 10.0, "min_depth_m", min_depth_m, "in [0.01, 10]");
+  const OptionCheck check("tracker");
+  check.range("max_features", max_features, 20, 2000);
+  check.range("cell_px", cell_px, 8, 200);
+  check.range("min_distance_px", min_distance_px, 2.0, 100.0);
+  check.range("fast_threshold", fast_threshold, 1, 100);
+  check.range("levels", levels, 1, kernels::MAX_PYRAMID_LEVELS);
+  check.range("window_px", window_px, 5, kernels::MAX_TRACK_WINDOW);
+  check.range("max_iterations", max_iterations, 1, 100);
+  check.range("epsilon_px", epsilon_px, 0.001, 1.0);
+  check.range("max_residual", max_residual, 1.0, 255.0);
+  check.range("epipolar_px", epipolar_px, 0.1, 20.0);
+  check.range("min_depth_m", min_depth_m, 0.01, 10.0);
+  if (window_px % 2 == 0)
+  {
+    throw std::invalid_argument("tracker/window_px = " + std::to_string(window_px) + ", must be odd");
+  }
 }
 
 StereoTracker::Impl::Impl(const StereoCalibration& calibration, const StereoTrackerOptions& tracker_options,

@@ -23,18 +23,18 @@ namespace pi_slam
 namespace
 {
 
-constexpr int MIN_VIEWS = 10;             ///< that a correction needs
-constexpr double MIN_AGREEING = 0.35;     ///< part of the views; fewer, and pictures and IMU are at odds
-constexpr int FEW_VIEWS = 30;             ///< fewer of known landmarks ask for a keyframe
-constexpr int MIN_NEW_LANDMARKS = 15;     ///< seen by both cameras, to begin with again after darkness
-constexpr double MAX_ODDS_S = 1.0;        ///< at odds for longer: what is tracked is not believed any more
-constexpr double BLIND_AFTER_S = 0.25;    ///< without a correction
-constexpr int MAX_STRIKES = 3;            ///< pairs in a row in which a landmark may disagree
-constexpr double MAX_GYRO_BIAS = 1.0;     ///< beyond it the estimate has failed [rad/s]
-constexpr double MAX_ACCEL_BIAS = 5.0;    ///< [m/s^2]
-constexpr double MAX_ERROR_PX = 8.0;      ///< mean error after optimisation beyond which it has failed
+constexpr int MIN_VIEWS = 10;           ///< that a correction needs
+constexpr double MIN_AGREEING = 0.35;   ///< part of the views; fewer, and pictures and IMU are at odds
+constexpr int FEW_VIEWS = 30;           ///< fewer of known landmarks ask for a keyframe
+constexpr int MIN_NEW_LANDMARKS = 15;   ///< seen by both cameras, to begin with again after darkness
+constexpr double MAX_ODDS_S = 1.0;      ///< at odds for longer: what is tracked is not believed any more
+constexpr double BLIND_AFTER_S = 0.25;  ///< without a correction
+constexpr int MAX_STRIKES = 3;          ///< pairs in a row in which a landmark may disagree
+constexpr double MAX_GYRO_BIAS = 1.0;   ///< beyond it the estimate has failed [rad/s]
+constexpr double MAX_ACCEL_BIAS = 5.0;  ///< [m/s^2]
+constexpr double MAX_ERROR_PX = 8.0;    ///< mean error after optimisation beyond which it has failed
 constexpr int START_ITERATIONS = 20;
-constexpr double IMU_KEPT_S = 12.0;       ///< of samples, for the initialiser and long gaps
+constexpr double IMU_KEPT_S = 12.0;  ///< of samples, for the initialiser and long gaps
 
 using Clock = std::chrono::steady_clock;
 
@@ -261,15 +261,15 @@ FrameReport Vio::Impl::addPair(int64_t stamp_ns, const cv::Mat& left, const cv::
   const bool running = status != VioStatus::INITIALIZING && status != VioStatus::LOST;
   if (imu.empty() || imu.lastNs() < stamp_ns)
   {
-    report.message = imu.empty() ? "imu/data: no sample yet, pair ignored" :
-                                   text("imu/data: newest sample is %.3f s older than the pair, pair ignored",
+    report.message = imu.empty() ? "imu/data: no sample yet, pair ignored"
+                                 : text("imu/data: newest sample is %.3f s older than the pair, pair ignored",
                                         seconds(stamp_ns - imu.lastNs()));
     return report;
   }
   if (imu.firstNs() > (running ? last_pair_ns : stamp_ns))
   {
-    report.message = text("imu/data: first sample is %.3f s younger than the pair, pair ignored",
-                          seconds(imu.firstNs() - stamp_ns));
+    report.message =
+        text("imu/data: first sample is %.3f s younger than the pair, pair ignored", seconds(imu.firstNs() - stamp_ns));
     return report;
   }
 
@@ -311,9 +311,9 @@ FrameReport Vio::Impl::addPair(int64_t stamp_ns, const cv::Mat& left, const cv::
   {
     const bool both = report.tracker.blank[LEFT] && report.tracker.blank[RIGHT];
     report.message = text("%s without content (mean grey %.0f, contrast %.1f); check lens cap, light and exposure",
-                          both                         ? "both pictures are" :
-                          report.tracker.blank[LEFT] ? "left picture is" :
-                                                         "right picture is",
+                          both                         ? "both pictures are"
+                          : report.tracker.blank[LEFT] ? "left picture is"
+                                                       : "right picture is",
                           report.tracker.mean_grey[report.tracker.blank[LEFT] ? LEFT : RIGHT],
                           report.tracker.contrast[report.tracker.blank[LEFT] ? LEFT : RIGHT]);
   }
@@ -457,10 +457,11 @@ void Vio::Impl::track(const ImuPreintegration& since_pair, const ImuBuffer::Qual
       status = VioStatus::BLIND;
       if (report->message.empty())
       {
-        report->message = at_odds ? text("pictures and IMU are at odds for %.2f s (%d of %zu views agree): check that "
-                                         "their stamps are of one clock, and the calibration",
-                                         seconds(stamp_ns - odds_since_ns), filtered.used, views.size()) :
-                                    text("%zu known landmarks in view, need %d: by IMU only for %.2f s", views.size(),
+        report->message = at_odds ? text(
+                                        "pictures and IMU are at odds for %.2f s (%d of %zu views agree): check that "
+                                        "their stamps are of one clock, and the calibration",
+                                        seconds(stamp_ns - odds_since_ns), filtered.used, views.size())
+                                  : text("%zu known landmarks in view, need %d: by IMU only for %.2f s", views.size(),
                                          MIN_VIEWS, seconds(stamp_ns - last_corrected_ns));
       }
     }
@@ -582,12 +583,11 @@ void Vio::Impl::noteOutliers(const FilterReport& filtered)
   if (!filtered.outliers.empty())
   {
     auto& list = features.features;
-    list.erase(std::remove_if(list.begin(), list.end(),
-                              [&](const FeatureObservation& feature) {
-                                return std::binary_search(filtered.outliers.begin(), filtered.outliers.end(),
-                                                          feature.id);
-                              }),
-               list.end());
+    list.erase(
+        std::remove_if(list.begin(), list.end(),
+                       [&](const FeatureObservation& feature)
+                       { return std::binary_search(filtered.outliers.begin(), filtered.outliers.end(), feature.id); }),
+        list.end());
   }
 }
 
@@ -614,9 +614,9 @@ double Vio::Impl::parallaxSinceKeyframe(double* tracked_ratio) const
       }
     }
   }
-  *tracked_ratio = keyframe_features.empty() ?
-                       0.0 :
-                       static_cast<double>(angles.size()) / static_cast<double>(keyframe_features.size());
+  *tracked_ratio = keyframe_features.empty()
+                       ? 0.0
+                       : static_cast<double>(angles.size()) / static_cast<double>(keyframe_features.size());
   if (angles.size() < 5)
   {
     return 0.0;
@@ -661,8 +661,8 @@ void Vio::Impl::optimize(int iterations, FrameReport* report)
   report->time_offset_s = options.imu.time_offset_s + optimized.time_offset_s;
   if (optimized.failed || optimized.mean_error_px > MAX_ERROR_PX)
   {
-    giveUp(optimized.failed ? "the optimisation found no finite solution" :
-                              text("mean reprojection error of %.1f px", optimized.mean_error_px),
+    giveUp(optimized.failed ? "the optimisation found no finite solution"
+                            : text("mean reprojection error of %.1f px", optimized.mean_error_px),
            report);
     return;
   }

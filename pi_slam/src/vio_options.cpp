@@ -23,9 +23,9 @@ void VioOptions::validate() const
   check.range("max_blind_s", max_blind_s, 0.5, 60.0);
   if (keyframe_min_interval_s >= keyframe_max_interval_s)
   {
-    throw std::invalid_argument("vio/keyframe_min_interval_s = " + std::to_string(keyframe_min_interval_s) +
-                                ", must be below vio/keyframe_max_interval_s = " +
-                                std::to_string(keyframe_max_interval_s));
+    throw std::invalid_argument(
+        "vio/keyframe_min_interval_s = " + std::to_string(keyframe_min_interval_s) +
+        ", must be below vio/keyframe_max_interval_s = " + std::to_string(keyframe_max_interval_s));
   }
 }
 

@@ -17,9 +17,9 @@ struct SimulatedFeaturesOptions
   double pixel_noise = 0.5;    ///< standard deviation of each coordinate in each camera [px]
   double outlier_ratio = 0.0;  ///< part of the landmarks that move by 0.5 to 1.5 m/s, or whose match in the right
                                ///< camera is 5 to 40 px off (half of them each)
-  double min_range = 2.0;   ///< of landmarks from the place of the path about which they lie [m]
-  double max_range = 12.0;  ///< likewise [m]
-  int max_features = 120;   ///< per pair
+  double min_range = 2.0;      ///< of landmarks from the place of the path about which they lie [m]
+  double max_range = 12.0;     ///< likewise [m]
+  int max_features = 120;      ///< per pair
   uint64_t seed = 1;
 };
 

@@ -37,11 +37,11 @@ struct VioOptions
   double frame_budget_s = 0.020;       ///< longest time for one pair; above it features and iterations are reduced.
                                        ///< 0: no bound, and so the same result on every machine; in [0, 1]
   double keyframe_parallax_px = 12.0;  ///< median parallax since the last keyframe that asks for a new one; in [1, 200]
-  double keyframe_tracked_ratio = 0.6; ///< part of its landmarks still seen below which a new one is due; in [0.05, 1]
+  double keyframe_tracked_ratio = 0.6;  ///< part of its landmarks still seen below which a new one is due; in [0.05, 1]
   double keyframe_max_interval_s = 0.5;  ///< in motion; in [0.1, 5]
   double keyframe_min_interval_s = 0.1;  ///< in [0, 1]
-  double max_speed = 30.0;             ///< faster is a failure of the estimate [m/s]; > 0
-  double max_blind_s = 10.0;           ///< without pictures that help, before the state is given up [s]; in [0.5, 60]
+  double max_speed = 30.0;               ///< faster is a failure of the estimate [m/s]; > 0
+  double max_blind_s = 10.0;             ///< without pictures that help, before the state is given up [s]; in [0.5, 60]
 
   /// @throws std::invalid_argument that names field, value and bound.
   void validate() const;
@@ -51,9 +51,9 @@ enum class VioStatus
 {
   INITIALIZING,  ///< no pose yet
   TRACKING,
-  STANDSTILL,   ///< known not to move: the pose is held
-  BLIND,        ///< pictures give nothing (dark, covered, missing, at odds with the IMU): IMU only
-  LOST,         ///< given up; begins anew from the last pose as soon as pictures and IMU allow
+  STANDSTILL,  ///< known not to move: the pose is held
+  BLIND,       ///< pictures give nothing (dark, covered, missing, at odds with the IMU): IMU only
+  LOST,        ///< given up; begins anew from the last pose as soon as pictures and IMU allow
 };
 const char* toString(VioStatus status);
 
@@ -64,14 +64,14 @@ struct FrameReport
   VioStatus status = VioStatus::INITIALIZING;
   bool processed = false;  ///< false: not used, message says why
   bool keyframe = false;
-  bool reset = false;      ///< the estimate was given up or began anew with this pair
-  std::string message;     ///< a warning: object, value, way out; empty if there is none
+  bool reset = false;   ///< the estimate was given up or began anew with this pair
+  std::string message;  ///< a warning: object, value, way out; empty if there is none
   TrackerReport tracker;
-  int features = 0;        ///< seen
-  int inliers = 0;         ///< that agreed with the state
-  int landmarks = 0;       ///< in the window
-  int iterations = 0;      ///< of the window's optimisation, 0 without one
-  bool reduced = false;    ///< fewer features or iterations than asked for, to stay within the budget
+  int features = 0;      ///< seen
+  int inliers = 0;       ///< that agreed with the state
+  int landmarks = 0;     ///< in the window
+  int iterations = 0;    ///< of the window's optimisation, 0 without one
+  bool reduced = false;  ///< fewer features or iterations than asked for, to stay within the budget
   double front_end_ms = 0.0;
   double filter_ms = 0.0;
   double window_ms = 0.0;
@@ -94,8 +94,8 @@ struct WindowLandmark
 /// result. Between them addImu() gives a pose per sample. odom begins where the body was at first, z up, and stays
 /// continuous but for corrections; after a reset it goes on from the last pose.
 ///
-/// addImu() may be called from one thread, addPair() from another; what they return belongs to the caller. With no frame
-/// budget the result depends on the input only.
+/// addImu() may be called from one thread, addPair() from another; what they return belongs to the caller. With no
+/// frame budget the result depends on the input only.
 class Vio
 {
 public:

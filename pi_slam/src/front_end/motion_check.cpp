@@ -1,5 +1,7 @@
 #include "front_end/motion_check.h"
 
+#include <pi_slam/so3.h>
+
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
@@ -31,20 +33,6 @@ Eigen::Matrix<double, 2, 3> tangents(const Eigen::Vector3d& bearing)
   axes.row(1) = bearing.cross(aside).normalized();
   axes.row(0) = axes.row(1).cross(bearing);
   return axes;
-}
-
-Eigen::Matrix3d skew(const Eigen::Vector3d& a)
-{
-  Eigen::Matrix3d m;
-  m << 0.0, -a.z(), a.y(), a.z(), 0.0, -a.x(), -a.y(), a.x(), 0.0;
-  return m;
-}
-
-Eigen::Matrix3d rotation(const Eigen::Vector3d& phi)
-{
-  const double angle = phi.norm();
-  return angle > 1e-12 ? Eigen::AngleAxisd(angle, phi / angle).toRotationMatrix()
-                       : Eigen::Matrix3d(Eigen::Matrix3d::Identity() + skew(phi));
 }
 
 }  // namespace
@@ -82,7 +70,7 @@ Eigen::Vector2d MotionCheck::residual(const MovedFeature& feature, const Point& 
   if (jacobian != nullptr)
   {
     const Eigen::Matrix<double, 2, 3> by_body = whiten * point.axes * T_body_camera.linear().transpose() / length;
-    jacobian->leftCols<3>() = -by_body * skew(turned);
+    jacobian->leftCols<3>() = -by_body * hat(turned);
     jacobian->rightCols<3>() = by_body * rho;
   }
   return y.dot(feature.bearing_now) > 0.0 ? Eigen::Vector2d(whiten * e) : Eigen::Vector2d::Constant(1e3);
@@ -138,7 +126,7 @@ bool MotionCheck::estimate(const std::vector<MovedFeature>& features, double rot
     {
       return false;
     }
-    motion->R_now_last = rotation(delta.head<3>()) * motion->R_now_last;
+    motion->R_now_last = expSo3(delta.head<3>()).toRotationMatrix() * motion->R_now_last;
     motion->p_now_last += delta.tail<3>();
     const bool strict = scale <= 0.5;
     if (strict && delta.head<3>().norm() < 1e-5 && delta.tail<3>().norm() < 1e-4)

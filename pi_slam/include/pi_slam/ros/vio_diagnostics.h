@@ -1,0 +1,97 @@
+#pragma once
+
+#include <diagnostic_updater/diagnostic_updater.h>
+#include <pi_slam/mapper.h>
+#include <pi_slam/ros/warning_board.h>
+#include <pi_slam/vio.h>
+#include <ros/node_handle.h>
+
+#include <chrono>
+#include <cstdint>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace pi_slam
+{
+
+/// The last so many values, for their mean and quantiles. Not thread safe.
+class RecentValues
+{
+public:
+  explicit RecentValues(size_t capacity);
+  void add(float value);
+  bool empty() const { return values_.empty(); }
+  double mean() const;
+  /// @param part  in [0, 1]: 0.99 is the value that 99 % do not exceed. 0 if there are no values.
+  double quantile(double part) const;
+
+private:
+  const size_t capacity_;
+  size_t next_ = 0;
+  std::vector<float> values_;
+};
+
+/// What the adapter knows of itself, for the diagnostics.
+struct VioFigures
+{
+  struct Input
+  {
+    std::string topic;
+    uint64_t messages = 0;
+    double silent_s = 0.0;  ///< since the last one
+  };
+  std::vector<Input> inputs;
+  std::string problem;               ///< why there can be no odometry; empty: there can
+  bool failed = false;               ///< the problem is an error, not something to wait for
+  uint64_t dropped_pairs = 0;        ///< as the worker fell behind
+  uint64_t late_pictures = 0;        ///< that came after newer pairs
+  uint64_t single_pictures = 0;      ///< that went on without a partner
+  uint64_t odometries = 0;           ///< poses so far
+  double delay_s = 0.0;              ///< of the newest pair behind the IMU's samples of the same time
+  std::optional<MapStatistics> map;  ///< nullopt: no mapping
+};
+
+/// What /diagnostics says: status and frame times of the odometry, what comes in and what was wrong with it, the map.
+class VioDiagnostics
+{
+public:
+  /// @param private_node  with the parameter diagnostic_period.
+  /// @param warnings  outlives it.
+  VioDiagnostics(const ros::NodeHandle& node, const ros::NodeHandle& private_node, const WarningBoard* warnings,
+                 double input_timeout_s);
+
+  /// After each pair. Any thread.
+  void addFrame(const FrameReport& report);
+  /// After each IMU sample: from its callback to the odometry handed over [ms]. Any thread.
+  void addImu(double work_ms);
+  /// Odometry begins anew.
+  void reset();
+
+  /// Looks at everything and publishes. One thread at a time.
+  void update(const VioFigures& figures);
+
+private:
+  using Status = diagnostic_updater::DiagnosticStatusWrapper;
+  void reportOdometry(Status& status);
+  void reportInputs(Status& status) const;
+  void reportMap(Status& status) const;
+
+  const WarningBoard* const warnings_;
+  const double input_timeout_s_;
+  diagnostic_updater::Updater updater_;
+  VioFigures now_;
+  VioFigures before_;  ///< at the previous update
+  std::chrono::steady_clock::time_point updated_at_;
+  double interval_s_ = 0.0;  ///< between the last two updates
+
+  std::mutex mutex_;  ///< of all below
+  std::optional<FrameReport> frame_;
+  RecentValues frame_ms_;
+  RecentValues imu_ms_;
+  uint64_t frames_ = 0;
+  uint64_t resets_ = 0;
+};
+
+}  // namespace pi_slam

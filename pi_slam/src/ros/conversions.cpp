@@ -1,0 +1,358 @@
+#include "formatting.h"
+
+#include <cv_bridge/cv_bridge.h>
+#include <pi_slam/ros/conversions.h>
+#include <pi_slam/so3.h>
+#include <sensor_msgs/image_encodings.h>
+
+#include <algorithm>
+#include <boost/make_shared.hpp>
+#include <cmath>
+#include <cstring>
+#include <stdexcept>
+
+namespace pi_slam
+{
+namespace
+{
+
+namespace encodings = sensor_msgs::image_encodings;
+
+constexpr int64_t SECOND_NS = 1000000000;
+constexpr uint32_t MAX_SIDE_PX = 16384;
+
+/// Ties a message to the pictures that share its buffer.
+class MessageKeeper : public cv::MatAllocator
+{
+public:
+  static cv::Mat wrap(const sensor_msgs::ImageConstPtr& image)
+  {
+    static const MessageKeeper keeper;
+    // OpenCV knows no constant pictures; whoever gets this one must not write to it.
+    auto* data = const_cast<uint8_t*>(image->data.data());
+    cv::Mat picture(static_cast<int>(image->height), static_cast<int>(image->width), CV_8UC1, data, image->step);
+    auto* owner = new cv::UMatData(&keeper);
+    owner->data = owner->origdata = data;
+    owner->size = image->data.size();
+    owner->userdata = new sensor_msgs::ImageConstPtr(image);
+    owner->refcount = 1;
+    picture.u = owner;
+    return picture;
+  }
+
+  // New memory is never asked of this allocator: pictures made from a wrapped one use OpenCV's own.
+  cv::UMatData* allocate(int dims, const int* sizes, int type, void* data, size_t* step, cv::AccessFlag flags,
+                         cv::UMatUsageFlags usage) const override
+  {
+    return cv::Mat::getStdAllocator()->allocate(dims, sizes, type, data, step, flags, usage);
+  }
+  bool allocate(cv::UMatData* data, cv::AccessFlag flags, cv::UMatUsageFlags usage) const override
+  {
+    return cv::Mat::getStdAllocator()->allocate(data, flags, usage);
+  }
+  void deallocate(cv::UMatData* owner) const override
+  {
+    delete static_cast<sensor_msgs::ImageConstPtr*>(owner->userdata);
+    delete owner;
+  }
+};
+
+/// @return the coefficient of the vector, 0 if it is shorter.
+double coefficient(const std::vector<double>& values, size_t index)
+{
+  return index < values.size() ? values[index] : 0.0;
+}
+
+void readDistortion(const sensor_msgs::CameraInfo& info, CameraModel* model)
+{
+  const std::string& name = info.distortion_model;
+  const bool zero = std::all_of(info.D.begin(), info.D.end(), [](double value) { return value == 0.0; });
+  if (name == "equidistant" || name == "fisheye")
+  {
+    model->distortion = Distortion::EQUIDISTANT;
+    if (info.D.size() != 4)
+    {
+      throw std::invalid_argument("D has " + std::to_string(info.D.size()) + " values, must have 4 for " + name);
+    }
+  }
+  else if (zero)
+  {
+    model->distortion = Distortion::NONE;
+    return;
+  }
+  else if (name == "plumb_bob" || name == "rational_polynomial")
+  {
+    model->distortion = Distortion::RADTAN;
+    for (size_t i = 4; i < info.D.size(); ++i)
+    {
+      if (info.D[i] != 0.0)
+      {
+        throw std::invalid_argument("D[" + std::to_string(i) + "] = " + std::to_string(info.D[i]) +
+                                    ", must be 0: only k1, k2, p1, p2 are known; calibrate with two radial "
+                                    "coefficients, or rectify the pictures and set calibration/rectified");
+      }
+    }
+  }
+  else
+  {
+    throw std::invalid_argument("distortion_model = \"" + name + "\", must be plumb_bob or equidistant");
+  }
+  for (size_t i = 0; i < 4; ++i)
+  {
+    model->coefficients[i] = coefficient(info.D, i);
+  }
+}
+
+}  // namespace
+
+int64_t fromMsg(const ros::Time& stamp)
+{
+  return static_cast<int64_t>(stamp.sec) * SECOND_NS + stamp.nsec;
+}
+
+ros::Time toTime(int64_t stamp_ns)
+{
+  if (stamp_ns < 0 || stamp_ns / SECOND_NS > UINT32_MAX)
+  {
+    throw std::invalid_argument("stamp " + std::to_string(stamp_ns) + " ns does not fit into ros::Time");
+  }
+  return ros::Time(static_cast<uint32_t>(stamp_ns / SECOND_NS), static_cast<uint32_t>(stamp_ns % SECOND_NS));
+}
+
+ImuSample fromMsg(const sensor_msgs::Imu& imu)
+{
+  if (imu.angular_velocity_covariance[0] == -1.0)
+  {
+    throw std::invalid_argument("angular_velocity_covariance[0] = -1: there is no angular velocity");
+  }
+  if (imu.linear_acceleration_covariance[0] == -1.0)
+  {
+    throw std::invalid_argument("linear_acceleration_covariance[0] = -1: there is no acceleration");
+  }
+  ImuSample sample;
+  sample.stamp_ns = fromMsg(imu.header.stamp);
+  sample.w << imu.angular_velocity.x, imu.angular_velocity.y, imu.angular_velocity.z;
+  sample.f << imu.linear_acceleration.x, imu.linear_acceleration.y, imu.linear_acceleration.z;
+  return sample;
+}
+
+cv::Mat fromMsg(const sensor_msgs::ImageConstPtr& image)
+{
+  if (image->width == 0 || image->height == 0 || image->width > MAX_SIDE_PX || image->height > MAX_SIDE_PX)
+  {
+    throw std::invalid_argument("size " + sizeText(image->width, image->height) + ", must be 1x1 to " +
+                                sizeText(MAX_SIDE_PX, MAX_SIDE_PX));
+  }
+  if (static_cast<size_t>(image->step) * image->height > image->data.size())
+  {
+    throw std::invalid_argument("step " + std::to_string(image->step) + " and height " + std::to_string(image->height) +
+                                " need more than its " + std::to_string(image->data.size()) + " bytes");
+  }
+  if (image->encoding == encodings::MONO8 || image->encoding == encodings::TYPE_8UC1)
+  {
+    if (image->step < image->width)
+    {
+      throw std::invalid_argument("step " + std::to_string(image->step) + ", must be at least the width " +
+                                  std::to_string(image->width));
+    }
+    return MessageKeeper::wrap(image);
+  }
+  try
+  {
+    return cv_bridge::toCvCopy(image, encodings::MONO8)->image;
+  }
+  // cv_bridge throws runtime errors of several kinds for encodings it does not know.
+  catch (const std::exception& error)
+  {
+    throw std::invalid_argument("encoding \"" + image->encoding +
+                                "\" cannot be turned into grey levels; known are mono8, mono16, bgr8, rgb8, bgra8, "
+                                "rgba8 and bayer_* (" +
+                                error.what() + ")");
+  }
+}
+
+CameraModel fromMsg(const sensor_msgs::CameraInfo& info, bool rectified)
+{
+  if (info.width == 0 || info.height == 0 || info.width > MAX_SIDE_PX || info.height > MAX_SIDE_PX)
+  {
+    throw std::invalid_argument("size is " + sizeText(info.width, info.height) + ": the camera is not calibrated");
+  }
+  CameraModel model;
+  model.fx = rectified ? info.P[0] : info.K[0];
+  model.fy = rectified ? info.P[5] : info.K[4];
+  model.cx = rectified ? info.P[2] : info.K[2];
+  model.cy = rectified ? info.P[6] : info.K[5];
+  if (!(model.fx > 0.0) || !(model.fy > 0.0))
+  {
+    throw std::invalid_argument(std::string(rectified ? "P" : "K") + "[0] = " + std::to_string(model.fx) +
+                                ", must be a focal length [px]: the camera is not calibrated");
+  }
+  if (!rectified)
+  {
+    readDistortion(info, &model);
+  }
+  const sensor_msgs::RegionOfInterest& roi = info.roi;
+  const bool whole = roi.width == 0 || roi.height == 0;
+  const double binning_x = std::max(info.binning_x, 1U);
+  const double binning_y = std::max(info.binning_y, 1U);
+  model.width = static_cast<int>((whole ? info.width : roi.width) / std::max(info.binning_x, 1U));
+  model.height = static_cast<int>((whole ? info.height : roi.height) / std::max(info.binning_y, 1U));
+  model.fx /= binning_x;
+  model.fy /= binning_y;
+  model.cx = (model.cx - (whole ? 0.0 : roi.x_offset)) / binning_x;
+  model.cy = (model.cy - (whole ? 0.0 : roi.y_offset)) / binning_y;
+  model.validate();
+  return model;
+}
+
+geometry_msgs::Pose toMsg(const Eigen::Isometry3d& T_parent_child)
+{
+  const Eigen::Quaterniond q_parent_child(T_parent_child.linear());
+  geometry_msgs::Pose pose;
+  pose.position.x = T_parent_child.translation().x();
+  pose.position.y = T_parent_child.translation().y();
+  pose.position.z = T_parent_child.translation().z();
+  pose.orientation.w = q_parent_child.w();
+  pose.orientation.x = q_parent_child.x();
+  pose.orientation.y = q_parent_child.y();
+  pose.orientation.z = q_parent_child.z();
+  return pose;
+}
+
+Eigen::Isometry3d fromMsg(const geometry_msgs::Pose& pose)
+{
+  Eigen::Isometry3d transform = Eigen::Isometry3d::Identity();
+  transform.translation() << pose.position.x, pose.position.y, pose.position.z;
+  transform.linear() =
+      Eigen::Quaterniond(pose.orientation.w, pose.orientation.x, pose.orientation.y, pose.orientation.z)
+          .normalized()
+          .toRotationMatrix();
+  return transform;
+}
+
+Eigen::Isometry3d fromMsg(const geometry_msgs::Transform& transform)
+{
+  geometry_msgs::Pose pose;
+  pose.position.x = transform.translation.x;
+  pose.position.y = transform.translation.y;
+  pose.position.z = transform.translation.z;
+  pose.orientation = transform.rotation;
+  return fromMsg(pose);
+}
+
+geometry_msgs::TransformStamped toTransform(const Eigen::Isometry3d& T_parent_child, const ros::Time& stamp,
+                                            const std::string& parent_frame, const std::string& child_frame)
+{
+  const geometry_msgs::Pose pose = toMsg(T_parent_child);
+  geometry_msgs::TransformStamped transform;
+  transform.header.stamp = stamp;
+  transform.header.frame_id = parent_frame;
+  transform.child_frame_id = child_frame;
+  transform.transform.translation.x = pose.position.x;
+  transform.transform.translation.y = pose.position.y;
+  transform.transform.translation.z = pose.position.z;
+  transform.transform.rotation = pose.orientation;
+  return transform;
+}
+
+nav_msgs::Odometry toOdometry(const PropagatedState& propagated, const Eigen::Isometry3d& T_base_body,
+                              double gyro_variance, const std::string& odom_frame, const std::string& base_link_frame)
+{
+  const NavState& state = propagated.state;
+  const Eigen::Isometry3d T_body_base = T_base_body.inverse();
+  const Eigen::Vector3d p_body_base = T_body_base.translation();
+  const Eigen::Matrix3d R_odom_body = state.q.toRotationMatrix();
+  const Eigen::Matrix3d R_base_body = T_base_body.linear();
+  const Eigen::Vector3d v_body = R_odom_body.transpose() * state.v;  // of the body, in its own frame
+
+  nav_msgs::Odometry odometry;
+  odometry.header.stamp = toTime(state.stamp_ns);
+  odometry.header.frame_id = odom_frame;
+  odometry.child_frame_id = base_link_frame;
+  odometry.pose.pose = toMsg(state.T_odom_body() * T_body_base);
+  const Eigen::Vector3d v_base = R_base_body * (v_body + propagated.w_body.cross(p_body_base));
+  const Eigen::Vector3d w_base = R_base_body * propagated.w_body;
+  odometry.twist.twist.linear.x = v_base.x();
+  odometry.twist.twist.linear.y = v_base.y();
+  odometry.twist.twist.linear.z = v_base.z();
+  odometry.twist.twist.angular.x = w_base.x();
+  odometry.twist.twist.angular.y = w_base.y();
+  odometry.twist.twist.angular.z = w_base.z();
+
+  // p_odom_base = p + R r and R exp(d_theta) = exp(R d_theta) R, with r = p_body_base.
+  Eigen::Matrix<double, 6, 15> J_pose = Eigen::Matrix<double, 6, 15>::Zero();
+  J_pose.block<3, 3>(0, 0).setIdentity();
+  J_pose.block<3, 3>(0, 3) = -R_odom_body * hat(p_body_base);
+  J_pose.block<3, 3>(3, 3) = R_odom_body;
+  // v_base = R_base_body (R^T v + w x r) with w = w_measured - bg - noise.
+  Eigen::Matrix<double, 6, 15> J_twist = Eigen::Matrix<double, 6, 15>::Zero();
+  J_twist.block<3, 3>(0, 3) = R_base_body * hat(v_body);
+  J_twist.block<3, 3>(0, 6) = R_base_body * R_odom_body.transpose();
+  J_twist.block<3, 3>(0, 9) = R_base_body * hat(p_body_base);
+  J_twist.block<3, 3>(3, 9) = -R_base_body;
+
+  const Matrix6d pose_covariance = J_pose * propagated.covariance * J_pose.transpose();
+  const Eigen::Matrix<double, 6, 3> J_noise = J_twist.block<6, 3>(0, 9);
+  const Matrix6d twist_covariance =
+      J_twist * propagated.covariance * J_twist.transpose() + gyro_variance * J_noise * J_noise.transpose();
+  using RowMajor = Eigen::Matrix<double, 6, 6, Eigen::RowMajor>;
+  Eigen::Map<RowMajor>(odometry.pose.covariance.data()) = 0.5 * (pose_covariance + pose_covariance.transpose());
+  Eigen::Map<RowMajor>(odometry.twist.covariance.data()) = 0.5 * (twist_covariance + twist_covariance.transpose());
+  return odometry;
+}
+
+sensor_msgs::PointCloud2Ptr toPointCloud(const std::vector<MapPoint>& points, const ros::Time& stamp,
+                                         const std::string& frame)
+{
+  struct Point
+  {
+    float x, y, z, intensity;
+  };
+  const auto cloud = boost::make_shared<sensor_msgs::PointCloud2>();
+  cloud->header.stamp = stamp;
+  cloud->header.frame_id = frame;
+  cloud->height = 1;
+  cloud->width = static_cast<uint32_t>(points.size());
+  cloud->point_step = sizeof(Point);
+  cloud->row_step = cloud->point_step * cloud->width;
+  cloud->is_dense = true;
+  uint32_t offset = 0;
+  for (const char* name : {"x", "y", "z", "intensity"})
+  {
+    sensor_msgs::PointField field;
+    field.name = name;
+    field.offset = offset;
+    field.datatype = sensor_msgs::PointField::FLOAT32;
+    field.count = 1;
+    cloud->fields.push_back(field);
+    offset += sizeof(float);
+  }
+  cloud->data.resize(cloud->row_step);
+  uint8_t* out = cloud->data.data();
+  for (const MapPoint& point : points)
+  {
+    const Point values{point.p_map.x(), point.p_map.y(), point.p_map.z(), static_cast<float>(point.grey)};
+    std::memcpy(out, &values, sizeof values);
+    out += sizeof values;
+  }
+  return cloud;
+}
+
+sensor_msgs::ImagePtr toImage(const cv::Mat& picture, const ros::Time& stamp, const std::string& frame)
+{
+  const auto image = boost::make_shared<sensor_msgs::Image>();
+  image->header.stamp = stamp;
+  image->header.frame_id = frame;
+  image->width = static_cast<uint32_t>(picture.cols);
+  image->height = static_cast<uint32_t>(picture.rows);
+  image->encoding = picture.channels() == 3 ? encodings::BGR8 : encodings::MONO8;
+  image->step = static_cast<uint32_t>(picture.cols * picture.elemSize());
+  image->data.resize(static_cast<size_t>(image->step) * image->height);
+  for (int y = 0; y < picture.rows; ++y)
+  {
+    std::memcpy(image->data.data() + static_cast<size_t>(y) * image->step, picture.ptr(y), image->step);
+  }
+  return image;
+}
+
+}  // namespace pi_slam

@@ -1,0 +1,222 @@
+#include "formatting.h"
+
+#include <diagnostic_msgs/DiagnosticStatus.h>
+#include <pi_slam/ros/vio_diagnostics.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <utility>
+
+namespace pi_slam
+{
+namespace
+{
+
+using diagnostic_msgs::DiagnosticStatus;
+
+constexpr size_t KEPT_FRAMES = 1000;
+constexpr size_t KEPT_IMU_SAMPLES = 2000;
+
+std::string hostName()
+{
+  char name[256] = "";
+  gethostname(name, sizeof name - 1);
+  return name;
+}
+
+}  // namespace
+
+RecentValues::RecentValues(size_t capacity) : capacity_(capacity) {}
+
+void RecentValues::add(float value)
+{
+  if (values_.size() < capacity_)
+  {
+    values_.push_back(value);
+    return;
+  }
+  values_[next_] = value;
+  next_ = (next_ + 1) % capacity_;
+}
+
+double RecentValues::mean() const
+{
+  return values_.empty() ? 0.0 : std::accumulate(values_.begin(), values_.end(), 0.0) / values_.size();
+}
+
+double RecentValues::quantile(double part) const
+{
+  if (values_.empty())
+  {
+    return 0.0;
+  }
+  std::vector<float> sorted = values_;
+  const size_t rank = static_cast<size_t>(std::ceil(part * static_cast<double>(sorted.size())));
+  const auto element = sorted.begin() + static_cast<std::ptrdiff_t>(std::clamp<size_t>(rank, 1, sorted.size()) - 1);
+  std::nth_element(sorted.begin(), element, sorted.end());
+  return *element;
+}
+
+VioDiagnostics::VioDiagnostics(const ros::NodeHandle& node, const ros::NodeHandle& private_node,
+                               const WarningBoard* warnings, double input_timeout_s)
+  : warnings_(warnings)
+  , input_timeout_s_(input_timeout_s)
+  , updater_(node, private_node, private_node.getNamespace())
+  , updated_at_(std::chrono::steady_clock::now())
+  , frame_ms_(KEPT_FRAMES)
+  , imu_ms_(KEPT_IMU_SAMPLES)
+{
+  updater_.setHardwareID(hostName());
+  updater_.add("odometry", [this](Status& status) { reportOdometry(status); });
+  updater_.add("inputs", [this](Status& status) { reportInputs(status); });
+  updater_.add("map", [this](Status& status) { reportMap(status); });
+}
+
+void VioDiagnostics::addFrame(const FrameReport& report)
+{
+  std::lock_guard<std::mutex> lock(mutex_);
+  frame_ = report;
+  if (report.processed)
+  {
+    ++frames_;
+    frame_ms_.add(static_cast<float>(report.total_ms));
+  }
+  resets_ += report.reset ? 1 : 0;
+}
+
+void VioDiagnostics::addImu(double work_ms)
+{
+  std::lock_guard<std::mutex> lock(mutex_);
+  imu_ms_.add(static_cast<float>(work_ms));
+}
+
+void VioDiagnostics::reset()
+{
+  std::lock_guard<std::mutex> lock(mutex_);
+  frame_.reset();
+}
+
+void VioDiagnostics::update(const VioFigures& figures)
+{
+  const auto now = std::chrono::steady_clock::now();
+  interval_s_ = std::chrono::duration<double>(now - updated_at_).count();
+  updated_at_ = now;
+  now_ = figures;
+  updater_.force_update();
+  before_ = std::move(now_);
+}
+
+void VioDiagnostics::reportOdometry(Status& status)
+{
+  std::lock_guard<std::mutex> lock(mutex_);
+  const VioStatus state = frame_ ? frame_->status : VioStatus::INITIALIZING;
+  std::string summary = frame_ ? toString(state) : "no pictures yet";
+  if (frame_)
+  {
+    summary += ", " + std::to_string(frame_->inliers) + " of " + std::to_string(frame_->features) + " features agree";
+    summary += format(", %.1f ms per pair", frame_ms_.mean());
+  }
+  if (!now_.problem.empty())
+  {
+    status.summary(now_.failed ? DiagnosticStatus::ERROR : DiagnosticStatus::WARN, now_.problem);
+  }
+  else if (state == VioStatus::TRACKING || state == VioStatus::STANDSTILL)
+  {
+    status.summary(DiagnosticStatus::OK, summary);
+  }
+  else
+  {
+    status.summary(state == VioStatus::LOST ? DiagnosticStatus::ERROR : DiagnosticStatus::WARN, summary);
+  }
+  const double rate = interval_s_ > 0.0 ? static_cast<double>(now_.odometries - before_.odometries) / interval_s_ : 0.0;
+  status.add("state", frame_ ? toString(state) : "none");
+  status.add("odometry [Hz]", format("%.1f", rate));
+  status.add("IMU sample to odometry, mean [ms]", format("%.3f", imu_ms_.mean()));
+  status.add("IMU sample to odometry, p99 [ms]", format("%.3f", imu_ms_.quantile(0.99)));
+  status.add("frame time, mean [ms]", format("%.2f", frame_ms_.mean()));
+  status.add("frame time, p99 [ms]", format("%.2f", frame_ms_.quantile(0.99)));
+  status.add("pairs used", frames_);
+  status.add("resets", resets_);
+  if (frame_)
+  {
+    status.add("front end [ms]", format("%.2f", frame_->front_end_ms));
+    status.add("filter [ms]", format("%.2f", frame_->filter_ms));
+    status.add("window [ms]", format("%.2f", frame_->window_ms));
+    status.add("features", frame_->features);
+    status.add("inliers", frame_->inliers);
+    status.add("features in stereo", frame_->tracker.stereo);
+    status.add("landmarks", frame_->landmarks);
+    status.add("reduced to keep up", frame_->reduced ? "yes" : "no");
+    status.add("delay camera to IMU, estimated [s]", format("%.6f", frame_->time_offset_s));
+    status.add("mean grey level left", format("%.1f", frame_->tracker.mean_grey[LEFT]));
+    status.add("mean grey level right", format("%.1f", frame_->tracker.mean_grey[RIGHT]));
+  }
+}
+
+void VioDiagnostics::reportInputs(Status& status) const
+{
+  const std::vector<WarningBoard::Entry> warnings = warnings_->recent();
+  const VioFigures::Input* silent = nullptr;
+  for (const VioFigures::Input& input : now_.inputs)
+  {
+    silent = silent == nullptr && input.silent_s > input_timeout_s_ ? &input : silent;
+  }
+  if (!warnings.empty())
+  {
+    status.summary(warnings.front().error ? DiagnosticStatus::ERROR : DiagnosticStatus::WARN, warnings.front().text);
+  }
+  else if (silent != nullptr)
+  {
+    status.summary(DiagnosticStatus::WARN, "nothing on " + silent->topic);
+  }
+  else
+  {
+    status.summary(DiagnosticStatus::OK, "all inputs come");
+  }
+  for (size_t i = 0; i < now_.inputs.size(); ++i)
+  {
+    const VioFigures::Input& input = now_.inputs[i];
+    const uint64_t before = i < before_.inputs.size() ? before_.inputs[i].messages : 0;
+    const double rate = interval_s_ > 0.0 ? static_cast<double>(input.messages - before) / interval_s_ : 0.0;
+    status.add(input.topic + " [Hz]", format("%.1f", rate));
+  }
+  status.add("pairs dropped to keep up", now_.dropped_pairs);
+  status.add("pictures too late", now_.late_pictures);
+  status.add("pictures without partner", now_.single_pictures);
+  status.add("pictures behind the IMU [s]", format("%.4f", now_.delay_s));
+  for (size_t i = 0; i < warnings.size(); ++i)
+  {
+    status.add("warning " + std::to_string(i + 1), warnings[i].text);
+  }
+}
+
+void VioDiagnostics::reportMap(Status& status) const
+{
+  if (!now_.map)
+  {
+    status.summary(DiagnosticStatus::OK, "no map");
+    return;
+  }
+  const MapStatistics& map = *now_.map;
+  if (map.loaded && !map.localized)
+  {
+    status.summary(DiagnosticStatus::WARN, "map loaded, no place in it recognised yet");
+  }
+  else
+  {
+    status.summary(DiagnosticStatus::OK,
+                   std::to_string(map.keyframes) + " keyframes, " + std::to_string(map.landmarks) + " landmarks");
+  }
+  status.add("keyframes", map.keyframes);
+  status.add("landmarks", map.landmarks);
+  status.add("memory [MiB]", format("%.1f", static_cast<double>(map.bytes) / (1024.0 * 1024.0)));
+  status.add("places recognised again", map.loops);
+  status.add("loaded from a file", map.loaded ? "yes" : "no");
+  status.add("localised", map.localized ? "yes" : "no");
+  status.add("time of the last frame [ms]", format("%.2f", map.last_add_ms));
+  status.add("frames skipped to keep up", map.skipped);
+}
+
+}  // namespace pi_slam
