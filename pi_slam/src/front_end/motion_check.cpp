@@ -7,6 +7,8 @@
 #include <cmath>
 #include <cstdint>
 
+#include "estimator/factors.h"
+
 namespace pi_slam
 {
 namespace front_end
@@ -24,16 +26,6 @@ constexpr double TRANSLATION_SIGMA_M = 1.0;  ///< holds the translation where al
 constexpr double LEAST_PARALLAX_PX = 3.0;    ///< below it, a direction of translation says nothing
 constexpr int MOST_HYPOTHESES = 60;
 constexpr int MOST_STEPS = 12;
-
-/// Two directions across a bearing.
-Eigen::Matrix<double, 2, 3> tangents(const Eigen::Vector3d& bearing)
-{
-  const Eigen::Vector3d aside = std::abs(bearing.z()) > 0.3 ? Eigen::Vector3d::UnitX() : Eigen::Vector3d::UnitZ();
-  Eigen::Matrix<double, 2, 3> axes;
-  axes.row(1) = bearing.cross(aside).normalized();
-  axes.row(0) = axes.row(1).cross(bearing);
-  return axes;
-}
 
 }  // namespace
 
@@ -85,7 +77,7 @@ bool MotionCheck::estimate(const std::vector<MovedFeature>& features, double rot
     if (f.has_depth)
     {
       const Eigen::Isometry3d& T_body_camera = geometry_.T_body_camera(f.camera);
-      points_.push_back({i, tangents(f.bearing_now) * geometry_.focal(f.camera),
+      points_.push_back({i, estimator::tangentBasis(f.bearing_now) * geometry_.focal(f.camera),
                          T_body_camera.linear() * f.bearing_last + f.inverse_distance * T_body_camera.translation()});
     }
   }
@@ -156,7 +148,7 @@ void MotionCheck::judgeByMotion(const std::vector<MovedFeature>& features, const
     const Eigen::Vector3d far = R_camera_body * motion.R_now_last * T_body_camera.linear() * f.bearing_last;
     const Eigen::Vector3d towards = R_camera_body * (motion.R_now_last * T_body_camera.translation() +
                                                      motion.p_now_last - T_body_camera.translation());
-    const Eigen::Matrix<double, 2, 3> axes = tangents(far) * geometry_.focal(f.camera);
+    const Eigen::Matrix<double, 2, 3> axes = estimator::tangentBasis(far) * geometry_.focal(f.camera);
     const Eigen::Vector2d moved = axes * f.bearing_now;
     const Eigen::Vector2d direction = axes * towards;
     const double length = direction.norm();

@@ -6,6 +6,8 @@
 #include <array>
 #include <cmath>
 
+#include "estimator/factors.h"
+
 namespace pi_slam
 {
 namespace map
@@ -41,15 +43,6 @@ public:
 private:
   uint64_t state_ = 0x9E3779B97F4A7C15ULL;
 };
-
-Eigen::Matrix<double, 3, 2> tangentBasis(const Eigen::Vector3d& bearing)
-{
-  const Eigen::Vector3d axis = std::abs(bearing.x()) < 0.6 ? Eigen::Vector3d::UnitX() : Eigen::Vector3d::UnitY();
-  Eigen::Matrix<double, 3, 2> basis;
-  basis.col(0) = bearing.cross(axis).normalized();
-  basis.col(1) = bearing.cross(basis.col(0));
-  return basis;
-}
 
 Eigen::Matrix3d turnZ(double angle)
 {
@@ -139,7 +132,7 @@ void PlaceVerifier::gather(const FeatureSet& query, const PlaceView& view, const
     match.inverse_deviation = known.inverse_deviation;
     match.estimate = known.inverse_distance;
     match.bearing = T_odom_body_.linear() * seen.bearing.cast<double>();
-    match.tangent = tangentBasis(match.bearing);
+    match.tangent = estimator::tangentBasis(match.bearing).transpose();
     match.noise = options_.pixel_noise * pixel_rad_ * std::sqrt(1.0 + 0.7 * std::max(known.level, seen.level));
     match.query_inverse_distance = seen.inverse_distance;
     match.query_inverse_deviation = seen.inverse_deviation;
@@ -398,7 +391,7 @@ bool PlaceVerifier::isSpread(const std::vector<Match>& matches) const
   {
     return false;
   }
-  const Eigen::Matrix<double, 3, 2> basis = tangentBasis(mean.normalized());
+  const Eigen::Matrix<double, 3, 2> basis = estimator::tangentBasis(mean.normalized()).transpose();
   Eigen::Matrix2d scatter = Eigen::Matrix2d::Zero();
   const Eigen::Vector2d centre = basis.transpose() * (mean / count);
   for (const Match& match : matches)
