@@ -1,8 +1,8 @@
+#include <pi_runtime/ros/parameter_values.h>
 #include <pi_runtime/ros/runtime_ros_options.h>
 
 #include <map>
 #include <set>
-#include <sstream>
 #include <stdexcept>
 #include <type_traits>
 
@@ -11,6 +11,12 @@ namespace pi_runtime
 namespace
 {
 
+using parameters::flatten;
+using parameters::read;
+using parameters::require;
+using parameters::requireType;
+using parameters::text;
+using parameters::write;
 using XmlRpc::XmlRpcValue;
 
 /// What stands for RuntimeOptions::defaultCacheFolder(), which depends on the user.
@@ -58,57 +64,6 @@ void visitFields(Options& options, Visitor&& visit)
   visit("report_keep_s", options.report_keep_s);
   visit("max_waiting_calls", options.max_waiting_calls);
   visit("diagnostic_period", options.diagnostic_period);
-}
-
-std::string text(const XmlRpcValue& value)
-{
-  std::ostringstream stream;
-  value.write(stream);
-  return stream.str();
-}
-
-void requireType(const XmlRpcValue& value, XmlRpcValue::Type type, const char* name)
-{
-  if (value.getType() != type)
-  {
-    throw std::invalid_argument("= " + text(value) + ", must be " + name);
-  }
-}
-
-// The accessors of XmlRpcValue are not const in all versions, hence the copies below.
-void read(XmlRpcValue value, bool* field)
-{
-  requireType(value, XmlRpcValue::TypeBoolean, "true or false");
-  *field = static_cast<bool>(value);
-}
-
-template <typename Integer, std::enable_if_t<std::is_integral<Integer>::value, int> = 0>
-void read(XmlRpcValue value, Integer* field)
-{
-  requireType(value, XmlRpcValue::TypeInt, "a whole number");
-  const int number = static_cast<int>(value);
-  if (std::is_unsigned<Integer>::value && number < 0)
-  {
-    throw std::invalid_argument("= " + std::to_string(number) + ", must be at least 0");
-  }
-  *field = static_cast<Integer>(number);
-}
-
-void read(XmlRpcValue value, double* field)
-{
-  if (value.getType() == XmlRpcValue::TypeInt)
-  {
-    *field = static_cast<int>(value);
-    return;
-  }
-  requireType(value, XmlRpcValue::TypeDouble, "a number");
-  *field = static_cast<double>(value);
-}
-
-void read(XmlRpcValue value, std::string* field)
-{
-  requireType(value, XmlRpcValue::TypeString, "a text");
-  *field = static_cast<std::string>(value);
 }
 
 template <typename Period>
@@ -220,23 +175,6 @@ void read(XmlRpcValue value, std::vector<Element>* field)
   }
 }
 
-template <typename Scalar, std::enable_if_t<std::is_integral<Scalar>::value, int> = 0>
-XmlRpcValue write(const Scalar& field)
-{
-  return XmlRpcValue(static_cast<int>(field));
-}
-XmlRpcValue write(const bool& field)
-{
-  return XmlRpcValue(field);
-}
-XmlRpcValue write(const double& field)
-{
-  return XmlRpcValue(field);
-}
-XmlRpcValue write(const std::string& field)
-{
-  return XmlRpcValue(field);
-}
 template <typename Period>
 XmlRpcValue write(const std::chrono::duration<int64_t, Period>& field)
 {
@@ -266,33 +204,6 @@ XmlRpcValue write(const std::vector<Element>& field)
     value[static_cast<int>(i)] = write(field[i]);
   }
   return value;
-}
-
-/// The parameters of a tree by the paths of their names.
-void flatten(XmlRpcValue tree, const std::string& path, std::map<std::string, XmlRpcValue>* leaves)
-{
-  for (auto& [name, value] : tree)
-  {
-    if (value.getType() == XmlRpcValue::TypeStruct)
-    {
-      flatten(value, path + name + "/", leaves);
-    }
-    else
-    {
-      (*leaves)[path + name] = value;
-    }
-  }
-}
-
-template <typename Value>
-void require(bool valid, const char* name, Value value, const char* bound)
-{
-  if (!valid)
-  {
-    std::ostringstream stream;
-    stream << name << " = " << value << ", must be " << bound;
-    throw std::invalid_argument(stream.str());
-  }
 }
 
 }  // namespace

@@ -1,9 +1,9 @@
+#include <pi_runtime/ros/parameter_values.h>
 #include <pi_slam/ros/vio_ros_options.h>
 #include <pi_slam/vio_options_yaml.h>
 
 #include <map>
 #include <set>
-#include <sstream>
 #include <stdexcept>
 #include <variant>
 
@@ -12,6 +12,12 @@ namespace pi_slam
 namespace
 {
 
+using pi_runtime::parameters::flatten;
+using pi_runtime::parameters::read;
+using pi_runtime::parameters::require;
+using pi_runtime::parameters::requireType;
+using pi_runtime::parameters::text;
+using pi_runtime::parameters::write;
 using XmlRpc::XmlRpcValue;
 
 constexpr double MAX_DURATION_S = 3600.0;
@@ -53,62 +59,6 @@ void visitFields(Options& options, Visitor&& visit)
   visit("warning_period_s", options.warning_period_s);
 }
 
-std::string text(const XmlRpcValue& value)
-{
-  std::ostringstream stream;
-  value.write(stream);
-  return stream.str();
-}
-
-void requireType(const XmlRpcValue& value, XmlRpcValue::Type type, const char* name)
-{
-  if (value.getType() != type)
-  {
-    throw std::invalid_argument("= " + text(value) + ", must be " + name);
-  }
-}
-
-// The accessors of XmlRpcValue are not const in all versions, hence the copies below.
-void read(XmlRpcValue value, bool* field)
-{
-  requireType(value, XmlRpcValue::TypeBoolean, "true or false");
-  *field = static_cast<bool>(value);
-}
-
-void read(XmlRpcValue value, int* field)
-{
-  requireType(value, XmlRpcValue::TypeInt, "a whole number");
-  *field = static_cast<int>(value);
-}
-
-void read(XmlRpcValue value, size_t* field)
-{
-  int number = 0;
-  read(value, &number);
-  if (number < 0)
-  {
-    throw std::invalid_argument("= " + std::to_string(number) + ", must be at least 0");
-  }
-  *field = static_cast<size_t>(number);
-}
-
-void read(XmlRpcValue value, double* field)
-{
-  if (value.getType() == XmlRpcValue::TypeInt)
-  {
-    *field = static_cast<int>(value);
-    return;
-  }
-  requireType(value, XmlRpcValue::TypeDouble, "a number");
-  *field = static_cast<double>(value);
-}
-
-void read(XmlRpcValue value, std::string* field)
-{
-  requireType(value, XmlRpcValue::TypeString, "a text");
-  *field = static_cast<std::string>(value);
-}
-
 void read(XmlRpcValue value, std::vector<double>* field)
 {
   requireType(value, XmlRpcValue::TypeArray, "a list of numbers");
@@ -133,26 +83,6 @@ void read(XmlRpcValue value, CalibrationSource* field)
   }
 }
 
-XmlRpcValue write(bool field)
-{
-  return XmlRpcValue(field);
-}
-XmlRpcValue write(int field)
-{
-  return XmlRpcValue(field);
-}
-XmlRpcValue write(size_t field)
-{
-  return XmlRpcValue(static_cast<int>(field));
-}
-XmlRpcValue write(double field)
-{
-  return XmlRpcValue(field);
-}
-XmlRpcValue write(const std::string& field)
-{
-  return XmlRpcValue(field);
-}
 XmlRpcValue write(const std::vector<double>& field)
 {
   XmlRpcValue value;
@@ -166,33 +96,6 @@ XmlRpcValue write(const std::vector<double>& field)
 XmlRpcValue write(CalibrationSource field)
 {
   return XmlRpcValue(toString(field));
-}
-
-/// The parameters of a tree by the paths of their names.
-void flatten(XmlRpcValue tree, const std::string& path, std::map<std::string, XmlRpcValue>* leaves)
-{
-  for (auto& [name, value] : tree)
-  {
-    if (value.getType() == XmlRpcValue::TypeStruct)
-    {
-      flatten(value, path + name + "/", leaves);
-    }
-    else
-    {
-      (*leaves)[path + name] = value;
-    }
-  }
-}
-
-template <typename Value>
-void require(bool valid, const char* name, const Value& value, const char* bound)
-{
-  if (!valid)
-  {
-    std::ostringstream stream;
-    stream << name << " = " << value << ", must be " << bound;
-    throw std::invalid_argument(stream.str());
-  }
 }
 
 void requireDuration(const char* name, double value)
