@@ -364,13 +364,9 @@ private:
 
   static const cv::Scalar& colorOf(size_t trajectory) { return CURVES[trajectory % std::size(CURVES)]; }
 
-  void drawPath(const std::string& title, const std::string& x_name, const cv::Rect2d& area, int across, int up)
+  /// Of all points; 0 where there are none.
+  static std::pair<Range, Range> extent(const std::vector<Curve>& curves)
   {
-    std::vector<Curve> curves{{projected(plot_.truth, across, up), TRUTH, 4.0}};
-    for (size_t i = plot_.trajectories.size(); i-- > 0;)
-    {
-      curves.push_back({projected(plot_.trajectories[i].poses, across, up), colorOf(i), 1.6});
-    }
     Range x;
     Range y;
     for (const Curve& curve : curves)
@@ -385,6 +381,17 @@ private:
     {
       x = y = {0.0, 0.0};
     }
+    return {x, y};
+  }
+
+  void drawPath(const std::string& title, const std::string& x_name, const cv::Rect2d& area, int across, int up)
+  {
+    std::vector<Curve> curves{{projected(plot_.truth, across, up), TRUTH, 4.0}};
+    for (size_t i = plot_.trajectories.size(); i-- > 0;)
+    {
+      curves.push_back({projected(plot_.trajectories[i].poses, across, up), colorOf(i), 1.6});
+    }
+    auto [x, y] = extent(curves);
     // The same scale in both directions, and never less than a decimetre.
     const double scale = std::max({1.12 * x.length() / area.width, 1.12 * y.length() / area.height, 0.1 / area.height});
     x.widenTo(scale * area.width);
@@ -463,20 +470,7 @@ private:
 
   void drawOverTime(const std::string& title, const cv::Rect2d& area, const std::vector<Curve>& curves, bool from_zero)
   {
-    Range x;
-    Range y;
-    for (const Curve& curve : curves)
-    {
-      for (const cv::Point2d& point : curve.points)
-      {
-        x.add(point.x);
-        y.add(point.y);
-      }
-    }
-    if (x.empty())
-    {
-      x = y = {0.0, 0.0};
-    }
+    auto [x, y] = extent(curves);
     for (const PlottedSpan& span : plot_.spans)
     {
       x.add(seconds(span.from_ns));

@@ -12,6 +12,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <vector>
 
+#include "read_all.h"
 #include "temporary_folder.h"
 
 namespace
@@ -88,32 +89,6 @@ private:
   std::string path_;
   rosbag::Bag bag_;
 };
-
-struct Content
-{
-  std::vector<StereoPair> pairs;
-  std::vector<ImuSample> samples;
-  std::vector<int64_t> order_ns;
-};
-
-Content readAll(SequenceSource* source)
-{
-  Content content;
-  while (std::optional<SequenceItem> item = source->next())
-  {
-    if (const StereoPair* pair = std::get_if<StereoPair>(&*item))
-    {
-      content.pairs.push_back(*pair);
-      content.order_ns.push_back(pair->stamp_ns);
-    }
-    else
-    {
-      content.samples.push_back(std::get<ImuSample>(*item));
-      content.order_ns.push_back(content.samples.back().stamp_ns);
-    }
-  }
-  return content;
-}
 
 TEST(BagReader, HandsOutSamplesAndPairsInOrderOfTheirStamps)
 {

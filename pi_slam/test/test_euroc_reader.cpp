@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <vector>
 
+#include "read_all.h"
 #include "temporary_folder.h"
 
 namespace
@@ -98,33 +99,6 @@ public:
 private:
   TemporaryFolder folder_;
 };
-
-struct Content
-{
-  std::vector<StereoPair> pairs;
-  std::vector<ImuSample> samples;
-  std::vector<int64_t> order_ns;  ///< of everything
-};
-
-template <typename Source>
-Content readAll(Source* source)
-{
-  Content content;
-  while (std::optional<SequenceItem> item = source->next())
-  {
-    if (const StereoPair* pair = std::get_if<StereoPair>(&*item))
-    {
-      content.pairs.push_back(*pair);
-      content.order_ns.push_back(pair->stamp_ns);
-    }
-    else
-    {
-      content.samples.push_back(std::get<ImuSample>(*item));
-      content.order_ns.push_back(content.samples.back().stamp_ns);
-    }
-  }
-  return content;
-}
 
 int greyOf(const cv::Mat& picture)
 {

@@ -7,18 +7,18 @@
 
 #include <algorithm>
 #include <boost/program_options.hpp>
-#include <csignal>
 #include <cstdlib>
 #include <filesystem>
 #include <iostream>
 #include <opencv2/core/utility.hpp>
 
 #include "../bag_reader.h"
-#include "../evaluation/progress.h"
 #include "../evaluation/run_files.h"
 #include "../evaluation/run_plot.h"
 #include "../evaluation/run_report.h"
 #include "../evaluation/sequence_run.h"
+#include "progress.h"
+#include "stop_signal.h"
 
 namespace
 {
@@ -26,13 +26,6 @@ namespace
 namespace po = boost::program_options;
 namespace fs = std::filesystem;
 using namespace pi_slam;
-
-volatile std::sig_atomic_t received_signal = 0;
-
-void onSignal(int signal)
-{
-  received_signal = signal;
-}
 
 struct CommandLine
 {
@@ -209,12 +202,12 @@ int evaluate(const CommandLine& line)
   SequenceReader reader(std::move(source), line.reader.read_ahead);
   SequenceRunResult result;
   {
-    Progress progress(description.pairs, line.quiet);
+    Progress progress(line.quiet);
     result = runSequence(&reader, calibration, options,
                          [&](size_t done)
                          {
-                           progress.show(done);
-                           return received_signal == 0;
+                           progress.show(done, description.pairs);
+                           return !StopSignal::came();
                          });
   }
   printRun(result, description, reader.defects(), &std::cout);
@@ -233,7 +226,7 @@ int evaluate(const CommandLine& line)
   {
     writePlot(plotFile(line), description.name, result, judged, truth);
   }
-  return received_signal == 0 ? 0 : 128 + received_signal;
+  return StopSignal::exitStatus();
 }
 
 po::options_description describe(CommandLine* line)
@@ -272,17 +265,6 @@ po::options_description describe(CommandLine* line)
   return all;
 }
 
-void stopOnSignals()
-{
-  struct sigaction action = {};
-  action.sa_handler = onSignal;
-  action.sa_flags = static_cast<int>(SA_RESETHAND);  // the second one ends at once
-  for (const int signal : {SIGINT, SIGTERM, SIGHUP})
-  {
-    sigaction(signal, &action, nullptr);
-  }
-}
-
 }  // namespace
 
 int main(int argc, char** argv)
@@ -307,7 +289,7 @@ int main(int argc, char** argv)
     {
       throw po::error("EUROC_DIR or BAG is missing; evaluate_sequence --help shows all options");
     }
-    stopOnSignals();
+    StopSignal::install();
     return evaluate(line);
   }
   catch (const po::error& error)

@@ -2,12 +2,9 @@
 
 #include <pi_slam/sequence_writer.h>
 #include <pi_slam/vehicle_path.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <boost/program_options.hpp>
-#include <chrono>
-#include <csignal>
 #include <cstdlib>
 #include <filesystem>
 #include <iomanip>
@@ -15,51 +12,14 @@
 #include <sstream>
 #include <thread>
 
+#include "progress.h"
+#include "stop_signal.h"
+
 namespace
 {
 
 namespace po = boost::program_options;
 using namespace pi_slam;
-
-volatile std::sig_atomic_t received_signal = 0;
-
-void onSignal(int signal)
-{
-  received_signal = signal;
-}
-
-/// Pairs done and time left, on one line of a terminal, or a line every tenth elsewhere.
-class Progress
-{
-public:
-  void show(size_t done, size_t total)
-  {
-    const int percent = static_cast<int>(100 * done / std::max<size_t>(total, 1));
-    if (!on_terminal_ && percent / 10 == shown_ / 10)
-    {
-      return;
-    }
-    shown_ = percent;
-    const double rate = static_cast<double>(done) / std::max(seconds(), 1e-3);
-    std::cerr << (on_terminal_ ? "\r" : "") << std::setw(3) << percent << " %  " << done << " of " << total
-              << " pairs, " << std::fixed << std::setprecision(1) << rate << " per second, "
-              << static_cast<int>(static_cast<double>(total - done) / std::max(rate, 1e-3)) << " s left   "
-              << (on_terminal_ ? "" : "\n") << std::flush;
-  }
-  void end()
-  {
-    if (on_terminal_ && shown_ >= 0)
-    {
-      std::cerr << "\n";
-    }
-  }
-  double seconds() const { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count(); }
-
-private:
-  const bool on_terminal_ = isatty(STDERR_FILENO) == 1;
-  const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
-  int shown_ = -10;
-};
 
 /// What the command line says that is not part of a library's options as it is.
 struct CommandLine
@@ -246,16 +206,6 @@ std::vector<StampedPose> readDrive(const CommandLine& line, bool ground_given, S
   return drive;
 }
 
-void stopOnSignals()
-{
-  struct sigaction action = {};
-  action.sa_handler = onSignal;
-  for (const int signal : {SIGINT, SIGTERM, SIGHUP})
-  {
-    sigaction(signal, &action, nullptr);
-  }
-}
-
 int render(CommandLine* line, bool ground_given, SyntheticWorldOptions* world_options)
 {
   readFaults(*line, &line->sequence.faults);
@@ -281,23 +231,27 @@ int render(CommandLine* line, bool ground_given, SyntheticWorldOptions* world_op
   const std::vector<StampedPose> drive = readDrive(*line, ground_given, world_options);
   const SplineTrajectory trajectory = SplineTrajectory::fit(drive, line->knot_interval_s);
   const auto world = SyntheticWorld::build(*world_options, drive);
-  Progress progress;
-  const SequenceReport report = writeSequence(world, trajectory, calibration, line->sequence,
-                                              [&](size_t done, size_t total)
-                                              {
-                                                progress.show(done, total);
-                                                return received_signal == 0;
-                                              });
-  progress.end();
+  SequenceReport report;
+  double seconds = 0.0;
+  {
+    Progress progress(false);
+    report = writeSequence(world, trajectory, calibration, line->sequence,
+                           [&](size_t done, size_t total)
+                           {
+                             progress.show(done, total);
+                             return !StopSignal::came();
+                           });
+    seconds = progress.seconds();
+  }
   if (!report.complete)
   {
     std::cerr << "stopped; the partial recording was removed\n";
-    return 128 + received_signal;
+    return StopSignal::exitStatus();
   }
   std::cout << line->sequence.folder << ": " << report.pairs << " pairs, " << report.imu_samples << " IMU samples, "
             << (world_options->kind == WorldKind::CAMPUS ? "campus" : "hall") << " with "
             << world->obstaclesAt(drive.front().stamp_ns).size() << " objects, " << std::fixed << std::setprecision(1)
-            << progress.seconds() << " s\n";
+            << seconds << " s\n";
   return 0;
 }
 
@@ -387,7 +341,7 @@ int main(int argc, char** argv)
     {
       throw po::error("FOLDER is missing; render_sequence --help shows all options");
     }
-    stopOnSignals();
+    StopSignal::install();
     return render(&line, values.count("ground-z") > 0, &world);
   }
   catch (const po::error& error)
