@@ -15,6 +15,8 @@ constexpr std::chrono::milliseconds WATCH_INTERVAL{500};
 constexpr int ETC_SAVE_INTERVALS = 60;
 /// A task may take this many times as long as predicted before it counts as hanging.
 constexpr double HANG_FACTOR = 20.0;
+/// The hang timeout of a codelet's first run on a unit is longer by this.
+constexpr double FIRST_RUN_FACTOR = 6.0;
 
 }  // namespace
 
@@ -74,8 +76,10 @@ void RuntimeCore::checkHanging(int64_t now, std::vector<TaskPtr>* ended)
       continue;
     }
     TaskState& task = *unit->running.front();
+    // The first run of an OpenCL codelet compiles in its kernels' first enqueueing, too.
+    const double first = task.measured ? 1.0 : FIRST_RUN_FACTOR;
     const double limit_s =
-        std::max(std::chrono::duration<double>(options_.hang_timeout).count(), HANG_FACTOR * task.run_s);
+        std::max(first * std::chrono::duration<double>(options_.hang_timeout).count(), HANG_FACTOR * task.run_s);
     const double elapsed_s = static_cast<double>(now - std::max(task.started_ns, unit->last_end_ns)) * 1e-9;
     if (elapsed_s <= limit_s || task.phase != TaskState::Phase::RUNNING)
     {

@@ -5,7 +5,7 @@
 #include <fstream>
 #include <stdexcept>
 
-#include "option_check.h"
+#include "pi_runtime/option_check.h"
 
 namespace pi_slam
 {
@@ -56,7 +56,7 @@ double number(const YAML::Node& node, const std::string& file, const std::string
 
 void ImuModel::validate() const
 {
-  const OptionCheck check("imu");
+  const pi_runtime::OptionCheck check("imu");
   check.range("rate_hz", rate_hz, 20.0, 4000.0);
   check.positive("gyro_noise_density", gyro_noise_density);
   check.positive("gyro_random_walk", gyro_random_walk);

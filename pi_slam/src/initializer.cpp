@@ -7,7 +7,7 @@
 
 #include "initialization/inertial_alignment.h"
 #include "initialization/stereo_odometry.h"
-#include "option_check.h"
+#include "pi_runtime/option_check.h"
 
 namespace pi_slam
 {
@@ -95,7 +95,7 @@ FrameFeatures withoutBroken(FrameFeatures frame)
 
 void InitializerOptions::validate() const
 {
-  const OptionCheck check("initializer");
+  const pi_runtime::OptionCheck check("initializer");
   check.range("interval_s", interval_s, 0.02, 1.0);
   check.range("still_window_s", still_window_s, 0.2, 5.0);
   check.range("moving_window_s", moving_window_s, 0.5, 5.0);

@@ -19,7 +19,7 @@
 #include "map/pose_graph.h"
 #include "map/redundancy.h"
 #include "map/voxel_cloud.h"
-#include "option_check.h"
+#include "pi_runtime/option_check.h"
 
 namespace pi_slam
 {
@@ -133,7 +133,7 @@ size_t countKeyframes(const MapData& map)
 
 void MapperOptions::validate() const
 {
-  const OptionCheck check("map");
+  const pi_runtime::OptionCheck check("map");
   check.range("keyframe_distance_m", keyframe_distance_m, 0.05, 10.0);
   check.range("keyframe_angle_deg", keyframe_angle_deg, 1.0, 90.0);
   check.range("features", features, 50, 2000);

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "option_check.h"
+#include "pi_runtime/option_check.h"
 
 namespace pi_slam
 {
@@ -39,7 +39,7 @@ int64_t nanoseconds(double seconds)
 
 void StandstillOptions::validate() const
 {
-  const OptionCheck check("standstill");
+  const pi_runtime::OptionCheck check("standstill");
   check.range("window_s", window_s, 0.1, 5.0);
   check.range("max_flow_px", max_flow_px, 0.05, 5.0);
   check.positive("max_gyro_deviation", max_gyro_deviation);

@@ -9,7 +9,7 @@
 
 #include "front_end/picture_statistics.h"
 #include "front_end/stereo_tracker_impl.h"
-#include "option_check.h"
+#include "pi_runtime/option_check.h"
 
 namespace pi_slam
 {
@@ -47,7 +47,7 @@ private:
 
 void StereoTrackerOptions::validate() const
 {
-  const OptionCheck check("tracker");
+  const pi_runtime::OptionCheck check("tracker");
   check.range("max_features", max_features, 20, 2000);
   check.range("cell_px", cell_px, 8, 200);
   check.range("min_distance_px", min_distance_px, 2.0, 100.0);

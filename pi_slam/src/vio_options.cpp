@@ -1,4 +1,4 @@
-#include "option_check.h"
+#include "pi_runtime/option_check.h"
 #include "pi_slam/vio.h"
 
 #include <stdexcept>
@@ -13,7 +13,7 @@ void VioOptions::validate() const
   initializer.validate();
   standstill.validate();
   window.validate();
-  const OptionCheck check("vio");
+  const pi_runtime::OptionCheck check("vio");
   check.range("frame_budget_s", frame_budget_s, 0.0, 1.0);
   check.range("keyframe_parallax_px", keyframe_parallax_px, 1.0, 200.0);
   check.range("keyframe_tracked_ratio", keyframe_tracked_ratio, 0.05, 1.0);

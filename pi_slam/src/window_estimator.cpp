@@ -3,7 +3,7 @@
 #include "estimator/normal_equations.h"
 #include "estimator/triangulation.h"
 #include "estimator/window_problem.h"
-#include "option_check.h"
+#include "pi_runtime/option_check.h"
 
 #include <Eigen/Cholesky>
 #include <algorithm>
@@ -50,7 +50,7 @@ Matrix15d givenPose(const Matrix15d& covariance)
 
 void WindowOptions::validate() const
 {
-  OptionCheck check("window");
+  pi_runtime::OptionCheck check("window");
   check.range("keyframes", keyframes, 3, 30);
   check.range("max_landmarks", max_landmarks, 20, 2000);
   check.range("max_iterations", max_iterations, 1, 50);

@@ -66,7 +66,8 @@ struct RuntimeOptions
   std::chrono::microseconds slice{5000};
   /// Small OpenCL tasks are enqueued behind a running one while their expected times sum up to no more than this.
   std::chrono::microseconds pipeline{200};
-  /// A unit whose task runs longer than this, and than 20 times its prediction, has failed.
+  /// A unit whose task runs longer than this (six times this in a codelet's first run there, which may compile), and than
+  /// 20 times its prediction, has failed.
   std::chrono::milliseconds hang_timeout{10000};
   /// Share units with other processes of the user. @see UnitArbiter
   bool arbitration = true;

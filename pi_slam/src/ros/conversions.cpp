@@ -1,6 +1,5 @@
-#include "formatting.h"
-
 #include <cv_bridge/cv_bridge.h>
+#include <pi_runtime/ros/formatting.h>
 #include <pi_slam/ros/conversions.h>
 #include <pi_slam/so3.h>
 #include <sensor_msgs/image_encodings.h>
@@ -15,6 +14,8 @@ namespace pi_slam
 {
 namespace
 {
+
+using pi_runtime::sizeText;
 
 namespace encodings = sensor_msgs::image_encodings;
 

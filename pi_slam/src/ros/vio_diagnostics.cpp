@@ -1,6 +1,5 @@
-#include "formatting.h"
-
 #include <diagnostic_msgs/DiagnosticStatus.h>
+#include <pi_runtime/ros/formatting.h>
 #include <pi_slam/ros/vio_diagnostics.h>
 #include <unistd.h>
 
@@ -13,6 +12,8 @@ namespace pi_slam
 {
 namespace
 {
+
+using pi_runtime::format;
 
 using diagnostic_msgs::DiagnosticStatus;
 
@@ -28,39 +29,8 @@ std::string hostName()
 
 }  // namespace
 
-RecentValues::RecentValues(size_t capacity) : capacity_(capacity) {}
-
-void RecentValues::add(float value)
-{
-  if (values_.size() < capacity_)
-  {
-    values_.push_back(value);
-    return;
-  }
-  values_[next_] = value;
-  next_ = (next_ + 1) % capacity_;
-}
-
-double RecentValues::mean() const
-{
-  return values_.empty() ? 0.0 : std::accumulate(values_.begin(), values_.end(), 0.0) / values_.size();
-}
-
-double RecentValues::quantile(double part) const
-{
-  if (values_.empty())
-  {
-    return 0.0;
-  }
-  std::vector<float> sorted = values_;
-  const size_t rank = static_cast<size_t>(std::ceil(part * static_cast<double>(sorted.size())));
-  const auto element = sorted.begin() + static_cast<std::ptrdiff_t>(std::clamp<size_t>(rank, 1, sorted.size()) - 1);
-  std::nth_element(sorted.begin(), element, sorted.end());
-  return *element;
-}
-
 VioDiagnostics::VioDiagnostics(const ros::NodeHandle& node, const ros::NodeHandle& private_node,
-                               const WarningBoard* warnings, double input_timeout_s)
+                               const pi_runtime::WarningBoard* warnings, double input_timeout_s)
   : warnings_(warnings)
   , input_timeout_s_(input_timeout_s)
   , updater_(node, private_node, private_node.getNamespace())
@@ -157,7 +127,7 @@ void VioDiagnostics::reportOdometry(Status& status)
 
 void VioDiagnostics::reportInputs(Status& status) const
 {
-  const std::vector<WarningBoard::Entry> warnings = warnings_->recent();
+  const std::vector<pi_runtime::WarningBoard::Entry> warnings = warnings_->recent();
   const VioFigures::Input* silent = nullptr;
   for (const VioFigures::Input& input : now_.inputs)
   {

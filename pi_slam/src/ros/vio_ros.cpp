@@ -1,5 +1,4 @@
-#include "formatting.h"
-
+#include <pi_runtime/ros/formatting.h>
 #include <pi_runtime/runtime.h>
 #include <pi_slam/ros/conversions.h>
 #include <pi_slam/ros/vio_ros.h>
@@ -16,6 +15,10 @@ namespace pi_slam
 namespace
 {
 
+using pi_runtime::format;
+using pi_runtime::seconds;
+using pi_runtime::sizeText;
+
 constexpr double TICK_S = 0.1;
 constexpr size_t EARLIER_FRAMES = 5;  ///< whose tracks are drawn
 /// Pairs in a row with texture but hardly a feature seen by both cameras, after which there is a warning.
@@ -25,6 +28,18 @@ constexpr int MIN_STEREO_FEATURES = 5;
 int64_t nanoseconds(double s)
 {
   return std::llround(1e9 * s);
+}
+
+void logWarning(bool error, const std::string& text)
+{
+  if (error)
+  {
+    ROS_ERROR_STREAM_NAMED("vio", text);
+  }
+  else
+  {
+    ROS_WARN_STREAM_NAMED("vio", text);
+  }
 }
 
 VioRosOptions loadOptions(const ros::NodeHandle& private_node)
@@ -72,7 +87,7 @@ VioRos::VioRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , private_node_(service_thread_.handle(private_node))
   , options_(loadOptions(private_node))
   , runtime_(options_.vio.tracker.use_runtime || options_.mapper.use_runtime ? pi_runtime::Runtime::shared() : nullptr)
-  , warnings_(options_.warning_period_s)
+  , warnings_(options_.warning_period_s, logWarning)
   , diagnostics_(output_node_, private_node, &warnings_, options_.input_timeout_s)
   , matcher_(options_.pair_tolerance_s, options_.pair_wait_s)
 {

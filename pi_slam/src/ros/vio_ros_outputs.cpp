@@ -1,7 +1,6 @@
 // The threads vio_output and vio_service of VioRos.
 
-#include "formatting.h"
-
+#include <pi_runtime/ros/formatting.h>
 #include <pi_slam/ros/conversions.h>
 #include <pi_slam/ros/vio_ros.h>
 #include <tf2/exceptions.h>
@@ -14,6 +13,10 @@ namespace pi_slam
 {
 namespace
 {
+
+using pi_runtime::format;
+using pi_runtime::seconds;
+using pi_runtime::sizeText;
 
 constexpr char NO_ODOMETRY[] = "; no odometry until this is right";
 

@@ -1,6 +1,8 @@
 // evaluate_sequence EUROC_DIR|BAG: runs odometry over a recording and compares it with ground truth. Needs no ROS
 // master.
 
+#include <pi_runtime/tools/progress.h>
+#include <pi_runtime/tools/stop_signal.h>
 #include <pi_slam/ros/vio_ros_options.h>
 #include <pi_slam/sequence_reader.h>
 #include <pi_slam/vio_options_yaml.h>
@@ -17,8 +19,6 @@
 #include "../evaluation/run_plot.h"
 #include "../evaluation/run_report.h"
 #include "../evaluation/sequence_run.h"
-#include "progress.h"
-#include "stop_signal.h"
 
 namespace
 {
@@ -202,12 +202,12 @@ int evaluate(const CommandLine& line)
   SequenceReader reader(std::move(source), line.reader.read_ahead);
   SequenceRunResult result;
   {
-    Progress progress(line.quiet);
+    pi_runtime::Progress progress("pairs", line.quiet);
     result = runSequence(&reader, calibration, options,
                          [&](size_t done)
                          {
                            progress.show(done, description.pairs);
-                           return !StopSignal::came();
+                           return !pi_runtime::StopSignal::came();
                          });
   }
   printRun(result, description, reader.defects(), &std::cout);
@@ -226,7 +226,7 @@ int evaluate(const CommandLine& line)
   {
     writePlot(plotFile(line), description.name, result, judged, truth);
   }
-  return StopSignal::exitStatus();
+  return pi_runtime::StopSignal::exitStatus();
 }
 
 po::options_description describe(CommandLine* line)
@@ -289,7 +289,7 @@ int main(int argc, char** argv)
     {
       throw po::error("EUROC_DIR or BAG is missing; evaluate_sequence --help shows all options");
     }
-    StopSignal::install();
+    pi_runtime::StopSignal::install();
     return evaluate(line);
   }
   catch (const po::error& error)

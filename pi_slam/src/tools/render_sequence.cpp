@@ -1,5 +1,7 @@
 // render_sequence FOLDER: renders a drive through a synthetic world as an EuRoC recording. Needs no ROS master.
 
+#include <pi_runtime/tools/progress.h>
+#include <pi_runtime/tools/stop_signal.h>
 #include <pi_slam/sequence_writer.h>
 #include <pi_slam/vehicle_path.h>
 
@@ -11,9 +13,6 @@
 #include <iostream>
 #include <sstream>
 #include <thread>
-
-#include "progress.h"
-#include "stop_signal.h"
 
 namespace
 {
@@ -234,19 +233,19 @@ int render(CommandLine* line, bool ground_given, SyntheticWorldOptions* world_op
   SequenceReport report;
   double seconds = 0.0;
   {
-    Progress progress(false);
+    pi_runtime::Progress progress("pairs", false);
     report = writeSequence(world, trajectory, calibration, line->sequence,
                            [&](size_t done, size_t total)
                            {
                              progress.show(done, total);
-                             return !StopSignal::came();
+                             return !pi_runtime::StopSignal::came();
                            });
     seconds = progress.seconds();
   }
   if (!report.complete)
   {
     std::cerr << "stopped; the partial recording was removed\n";
-    return StopSignal::exitStatus();
+    return pi_runtime::StopSignal::exitStatus();
   }
   std::cout << line->sequence.folder << ": " << report.pairs << " pairs, " << report.imu_samples << " IMU samples, "
             << (world_options->kind == WorldKind::CAMPUS ? "campus" : "hall") << " with "
@@ -341,7 +340,7 @@ int main(int argc, char** argv)
     {
       throw po::error("FOLDER is missing; render_sequence --help shows all options");
     }
-    StopSignal::install();
+    pi_runtime::StopSignal::install();
     return render(&line, values.count("ground-z") > 0, &world);
   }
   catch (const po::error& error)

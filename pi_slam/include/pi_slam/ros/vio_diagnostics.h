@@ -1,8 +1,9 @@
 #pragma once
 
 #include <diagnostic_updater/diagnostic_updater.h>
+#include <pi_runtime/ros/recent_values.h>
+#include <pi_runtime/ros/warning_board.h>
 #include <pi_slam/mapper.h>
-#include <pi_slam/ros/warning_board.h>
 #include <pi_slam/vio.h>
 #include <ros/node_handle.h>
 
@@ -15,23 +16,6 @@
 
 namespace pi_slam
 {
-
-/// The last so many values, for their mean and quantiles. Not thread safe.
-class RecentValues
-{
-public:
-  explicit RecentValues(size_t capacity);
-  void add(float value);
-  bool empty() const { return values_.empty(); }
-  double mean() const;
-  /// @param part  in [0, 1]: 0.99 is the value that 99 % do not exceed. 0 if there are no values.
-  double quantile(double part) const;
-
-private:
-  const size_t capacity_;
-  size_t next_ = 0;
-  std::vector<float> values_;
-};
 
 /// What the adapter knows of itself, for the diagnostics.
 struct VioFigures
@@ -59,8 +43,8 @@ class VioDiagnostics
 public:
   /// @param private_node  with the parameter diagnostic_period.
   /// @param warnings  outlives it.
-  VioDiagnostics(const ros::NodeHandle& node, const ros::NodeHandle& private_node, const WarningBoard* warnings,
-                 double input_timeout_s);
+  VioDiagnostics(const ros::NodeHandle& node, const ros::NodeHandle& private_node,
+                 const pi_runtime::WarningBoard* warnings, double input_timeout_s);
 
   /// After each pair. Any thread.
   void addFrame(const FrameReport& report);
@@ -78,7 +62,7 @@ private:
   void reportInputs(Status& status) const;
   void reportMap(Status& status) const;
 
-  const WarningBoard* const warnings_;
+  const pi_runtime::WarningBoard* const warnings_;
   const double input_timeout_s_;
   diagnostic_updater::Updater updater_;
   VioFigures now_;
@@ -88,8 +72,8 @@ private:
 
   std::mutex mutex_;  ///< of all below
   std::optional<FrameReport> frame_;
-  RecentValues frame_ms_;
-  RecentValues imu_ms_;
+  pi_runtime::RecentValues frame_ms_;
+  pi_runtime::RecentValues imu_ms_;
   uint64_t frames_ = 0;
   uint64_t resets_ = 0;
 };

@@ -1,15 +1,15 @@
 #pragma once
 
 #include <nav_msgs/Path.h>
+#include <pi_runtime/ros/callback_thread.h>
+#include <pi_runtime/ros/warning_board.h>
 #include <pi_slam/LoadMap.h>
 #include <pi_slam/SaveMap.h>
 #include <pi_slam/mapper.h>
 #include <pi_slam/ros/calibration_loader.h>
-#include <pi_slam/ros/callback_thread.h>
 #include <pi_slam/ros/pair_matcher.h>
 #include <pi_slam/ros/vio_diagnostics.h>
 #include <pi_slam/ros/vio_ros_options.h>
-#include <pi_slam/ros/warning_board.h>
 #include <pi_slam/vio.h>
 #include <ros/ros.h>
 #include <sensor_msgs/CameraInfo.h>
@@ -132,17 +132,17 @@ private:
   /// The mapper, or why there is none.
   std::shared_ptr<Mapper> mapperFor(const std::string& file, std::string* problem) const;
 
-  CallbackThread imu_thread_;
-  CallbackThread input_thread_;
-  CallbackThread output_thread_;
-  CallbackThread service_thread_;
+  pi_runtime::CallbackThread imu_thread_;
+  pi_runtime::CallbackThread input_thread_;
+  pi_runtime::CallbackThread output_thread_;
+  pi_runtime::CallbackThread service_thread_;
   ros::NodeHandle imu_node_;
   ros::NodeHandle input_node_;
   ros::NodeHandle output_node_;
   ros::NodeHandle private_node_;  ///< on vio_service
   const VioRosOptions options_;
   std::shared_ptr<pi_runtime::Runtime> runtime_;  ///< null if nothing uses it
-  WarningBoard warnings_;
+  pi_runtime::WarningBoard warnings_;
   VioDiagnostics diagnostics_;
   std::optional<FileCalibration> file_calibration_;
 

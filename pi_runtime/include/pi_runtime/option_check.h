@@ -5,7 +5,7 @@
 #include <stdexcept>
 #include <string>
 
-namespace pi_slam
+namespace pi_runtime
 {
 
 /// Checks the fields of an options struct: errors name field, value and bound, as "tracker/levels = 0, must be in [1,
@@ -43,4 +43,4 @@ private:
   std::string group_;
 };
 
-}  // namespace pi_slam
+}  // namespace pi_runtime

@@ -1,4 +1,4 @@
-#include "progress.h"
+#include "pi_runtime/tools/progress.h"
 
 #include <unistd.h>
 
@@ -7,7 +7,7 @@
 #include <iostream>
 #include <string>
 
-namespace pi_slam
+namespace pi_runtime
 {
 
 namespace
@@ -47,9 +47,9 @@ void Progress::show(size_t done, size_t total)
   const double rate = static_cast<double>(done) / std::max(seconds(), 1e-3);
   const size_t bar = BAR_WIDTH * done / total;
   std::cerr << (on_terminal ? "\r" : "") << "[" << std::string(bar, '#') << std::string(BAR_WIDTH - bar, ' ') << "] "
-            << done << "/" << total << "  " << std::fixed << std::setprecision(1) << rate << " pairs/s  "
+            << done << "/" << total << "  " << std::fixed << std::setprecision(1) << rate << " " << unit_ << "/s  "
             << static_cast<long>(static_cast<double>(total - done) / std::max(rate, 1e-3)) << " s left"
             << (on_terminal ? " \x1b[K" : "\n") << std::flush;
 }
 
-}  // namespace pi_slam
+}  // namespace pi_runtime

@@ -4,7 +4,7 @@
 #include <cstdio>
 #include <string>
 
-namespace pi_slam
+namespace pi_runtime
 {
 
 /// A number in the pattern of printf.
@@ -26,4 +26,4 @@ inline double seconds(int64_t ns)
   return 1e-9 * static_cast<double>(ns);
 }
 
-}  // namespace pi_slam
+}  // namespace pi_runtime

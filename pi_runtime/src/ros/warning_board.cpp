@@ -1,10 +1,10 @@
-#include <pi_slam/ros/warning_board.h>
-#include <ros/console.h>
+#include <pi_runtime/ros/warning_board.h>
 
 #include <algorithm>
 #include <cctype>
+#include <utility>
 
-namespace pi_slam
+namespace pi_runtime
 {
 namespace
 {
@@ -27,7 +27,7 @@ std::string withoutNumbers(const std::string& text)
 
 }  // namespace
 
-WarningBoard::WarningBoard(double period_s) : period_(period_s) {}
+WarningBoard::WarningBoard(double period_s, Log log) : period_(period_s), log_(std::move(log)) {}
 
 void WarningBoard::add(const std::string& text, bool error)
 {
@@ -51,17 +51,9 @@ void WarningBoard::add(const std::string& text, bool error)
       note->second.logged_at = now;
     }
   }
-  if (!log)
+  if (log)
   {
-    return;
-  }
-  if (error)
-  {
-    ROS_ERROR_STREAM_NAMED("vio", text);
-  }
-  else
-  {
-    ROS_WARN_STREAM_NAMED("vio", text);
+    log_(error, text);
   }
 }
 
@@ -81,4 +73,4 @@ std::vector<WarningBoard::Entry> WarningBoard::recent() const
   return entries;
 }
 
-}  // namespace pi_slam
+}  // namespace pi_runtime

@@ -8,7 +8,7 @@
 #include <string>
 #include <thread>
 
-namespace pi_slam
+namespace pi_runtime
 {
 
 /// A queue of callbacks with a thread of its own that serves it.
@@ -38,4 +38,4 @@ private:
   std::thread thread_;
 };
 
-}  // namespace pi_slam
+}  // namespace pi_runtime

@@ -1,12 +1,13 @@
 #pragma once
 
 #include <chrono>
+#include <functional>
 #include <map>
 #include <mutex>
 #include <string>
 #include <vector>
 
-namespace pi_slam
+namespace pi_runtime
 {
 
 /// Warnings that may come with every message: each is logged at most once per period, and can be read for a while by
@@ -14,8 +15,10 @@ namespace pi_slam
 class WarningBoard
 {
 public:
+  using Log = std::function<void(bool error, const std::string& text)>;
   /// @param period_s  between two log lines of one warning, and how long it can be read after it came last [s].
-  explicit WarningBoard(double period_s);
+  /// @param log       writes a line, on the thread of whoever warns.
+  WarningBoard(double period_s, Log log);
 
   void warn(const std::string& text) { add(text, false); }
   void error(const std::string& text) { add(text, true); }
@@ -39,8 +42,9 @@ private:
   void add(const std::string& text, bool error);
 
   const std::chrono::duration<double> period_;
+  const Log log_;
   mutable std::mutex mutex_;
   std::map<std::string, Note> notes_;  ///< by their text without numbers
 };
 
-}  // namespace pi_slam
+}  // namespace pi_runtime

@@ -1,10 +1,10 @@
-#include <pi_slam/ros/callback_thread.h>
+#include <pi_runtime/ros/callback_thread.h>
 #include <pthread.h>
 
 #include <boost/make_shared.hpp>
 #include <utility>
 
-namespace pi_slam
+namespace pi_runtime
 {
 namespace
 {
@@ -68,4 +68,4 @@ void CallbackThread::stop()
   }
 }
 
-}  // namespace pi_slam
+}  // namespace pi_runtime

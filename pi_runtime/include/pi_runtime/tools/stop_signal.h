@@ -2,7 +2,7 @@
 
 #include <csignal>
 
-namespace pi_slam
+namespace pi_runtime
 {
 
 /// The first of SIGINT, SIGTERM and SIGHUP asks a tool to stop in order, the second one ends it at once.
@@ -28,4 +28,4 @@ private:
   static inline volatile std::sig_atomic_t received_ = 0;
 };
 
-}  // namespace pi_slam
+}  // namespace pi_runtime
