@@ -1,9 +1,12 @@
-"""Box arithmetic of the SSD: overlap, centre-size coding, matching and non-maximum suppression (NumPy only).
+"""Box arithmetic of the SSD: centre-size coding, matching and non-maximum suppression (NumPy only).
 
 Corner boxes are rows (x1, y1, x2, y2), centre boxes rows (centre x, centre y, width, height), both in one common unit.
 """
 
 import numpy as np
+
+import package_path  # noqa: F401  (leads to the next one)
+from pi_detect.boxes import area, intersection, iou
 
 IGNORED = -1     # class of a prior that takes no part in the classification loss
 BACKGROUND = -2  # class of a prior that must answer "nothing"
@@ -18,27 +21,6 @@ def to_corners(boxes):
 def to_centres(boxes):
     """Corner boxes to centre boxes."""
     return np.concatenate([(boxes[..., :2] + boxes[..., 2:]) / 2, boxes[..., 2:] - boxes[..., :2]], -1)
-
-
-def area(boxes):
-    """Areas of corner boxes; an inverted box has none."""
-    sides = np.maximum(boxes[..., 2:] - boxes[..., :2], 0)
-    return sides[..., 0] * sides[..., 1]
-
-
-def intersection(a, b):
-    """Common area of every corner box of a (n) with every one of b (m): n x m."""
-    # Axis by axis: several times faster than arrays of n x m x 2, and matching is most of a training sample's time.
-    sides = [np.minimum(a[:, None, axis + 2], b[None, :, axis + 2]) - np.maximum(a[:, None, axis], b[None, :, axis])
-             for axis in range(2)]
-    return np.maximum(sides[0], 0) * np.maximum(sides[1], 0)
-
-
-def iou(a, b):
-    """Intersection over union of every corner box of a (n) with every one of b (m): n x m in 0..1."""
-    common = intersection(a, b)
-    union = area(a)[:, None] + area(b)[None, :] - common
-    return common / np.maximum(union, 1e-12)
 
 
 def encode(corners, priors, variances):

@@ -15,10 +15,11 @@ from pathlib import Path
 import numpy as np
 
 import dnn_forward
-from average_precision import evaluate
+import model_description
+import package_path  # noqa: F401  (leads to pi_detect)
 from box_coding import decode, non_maximum_suppression, select_detections
 from label_set import CLASSES, human_truth, load_records, target_truth
-from priors import PriorLayout
+from pi_detect.average_precision import evaluate
 
 TEACHER_SIZE = 300  # pixels
 
@@ -30,11 +31,12 @@ def to_pixels(rows, record):
     return scaled
 
 
-def own_detections(outputs, layout, nms_iou):
+def own_detections(outputs, description, nms_iou):
     """Detections per picture, rows [class, score, x1, y1, x2, y2] in 0..1, of raw box codes and scores
     (pictures x 1 x priors x ...)."""
-    priors = layout.boxes()
-    return [select_detections(decode(codes, priors, layout.variances), scores, nms_iou=nms_iou)
+    priors = model_description.priors(description)
+    variances = description["output"]["variances"][1:3]  # of x, y, width, height: one of the centre, one of the size
+    return [select_detections(decode(codes, priors, variances), scores, nms_iou=nms_iou)
             for codes, scores in zip(outputs["boxes"][:, 0], outputs["scores"][:, 0])]
 
 
@@ -75,7 +77,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, required=True, help="folder of labels.json")
     parser.add_argument("--work", type=Path, required=True, help="folder for the helper program")
-    parser.add_argument("--network", type=Path, help="ONNX file of export.py; its .json lies beside it")
+    parser.add_argument("--network", type=Path, help="ONNX file of export.py; its .yaml lies beside it")
     parser.add_argument("--teacher", type=Path, help="COCO SSD for comparison")
     parser.add_argument("--teacher-labels", type=Path, help="text file, class id = line number from 0")
     parser.add_argument("--nms-iou", type=float, default=0.5, help="suppression threshold, for both networks")
@@ -88,9 +90,9 @@ def main():
     program = dnn_forward.build(arguments.work)
     networks = {}
     if arguments.network:
-        layout = PriorLayout.from_dict(json.loads(arguments.network.with_suffix(".json").read_text())["priors"])
-        outputs, times = dnn_forward.forward(program, arguments.network, pictures, layout.input_size)
-        detections = own_detections(outputs, layout, arguments.nms_iou)
+        description = model_description.read(arguments.network.with_suffix(".yaml"))
+        outputs, times = dnn_forward.forward(program, arguments.network, pictures, description["input"]["width"])
+        detections = own_detections(outputs, description, arguments.nms_iou)
         networks["own"] = {"precision": precision_table(records, detections), "forward": times}
     if arguments.teacher:
         outputs, times = dnn_forward.forward(program, arguments.teacher, pictures, TEACHER_SIZE)

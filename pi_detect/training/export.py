@@ -3,14 +3,12 @@
 
   export.py --data FOLDER --work FOLDER --output ssd_street.onnx [--input-size 288]
 
-Writes the network (batch norm folded into the convolutions, class scores through the sigmoid) and, beside it, a JSON
-file with all that a decoder needs: input, outputs, classes, priors, sha256. Fails if OpenCV's numbers differ from
-PyTorch's by more than the tolerance.
+Writes the network (batch norm folded into the convolutions, class scores through the sigmoid) and, beside it, the
+model's description for pi_detect, a YAML file of the same name (model_description.py). Fails if OpenCV's numbers differ
+from PyTorch's by more than the tolerance, and writes no description then.
 """
 
 import argparse
-import hashlib
-import json
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +19,7 @@ from torch import nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 import dnn_forward
+import model_description
 from dataset import normalise
 from label_set import CLASSES, load_records
 from train import input_size, make_layout, make_model
@@ -96,24 +95,6 @@ def largest_differences(network, program, path, pictures, size):
             for name, value in zip(("boxes", "scores"), expected)], times
 
 
-def describe(path, layout, checkpoint):
-    """The metadata file's content."""
-    content = path.read_bytes()
-    return {
-        "file": path.name,
-        "sha256": hashlib.sha256(content).hexdigest(),
-        "bytes": len(content),
-        "input": {"name": "picture", "width": layout.input_size, "height": layout.input_size, "channels": "rgb",
-                  "scale": 1 / 127.5, "mean": [127.5] * 3, "resize": "stretch"},
-        "outputs": {"boxes": {"name": "boxes", "coding": "centre_size", "shape": [1, len(layout.boxes()), 4]},
-                    "scores": {"name": "scores", "activation": "sigmoid, applied", "background_id": -1,
-                               "shape": [1, len(layout.boxes()), len(CLASSES)]}},
-        "classes": list(CLASSES),
-        "priors": layout.to_dict(),
-        "training": {"epochs_done": checkpoint["epoch"] + 1, **checkpoint["config"]},
-    }
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, required=True, help="folder of labels.json, for the check")
@@ -139,10 +120,10 @@ def main():
     if max(differences) > TOLERANCE:
         raise SystemExit(f"{arguments.output}: OpenCV's outputs differ from PyTorch's by {max(differences):.2e}, "
                          f"allowed are {TOLERANCE:.0e}: do not use this file")
-    description = describe(arguments.output, layout, checkpoint)
-    arguments.output.with_suffix(".json").write_text(json.dumps(description, indent=2) + "\n")
-    print(f"{arguments.output}: {description['bytes'] / 1e6:.2f} MB, {len(layout.boxes())} priors, "
-          f"sha256 {description['sha256']}")
+    description = model_description.describe(arguments.output, layout, CLASSES, checkpoint["epoch"] + 1)
+    model_description.write(arguments.output.with_suffix(".yaml"), description)
+    print(f"{arguments.output}: {arguments.output.stat().st_size / 1e6:.2f} MB, {len(layout.boxes())} priors, "
+          f"sha256 {description['weights']['sha256']}")
 
 
 if __name__ == "__main__":

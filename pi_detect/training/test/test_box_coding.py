@@ -7,7 +7,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from box_coding import (BACKGROUND, IGNORED, decode, encode, iou, match, non_maximum_suppression, select_detections,
+from box_coding import (BACKGROUND, IGNORED, decode, encode, match, non_maximum_suppression, select_detections,
                         to_centres, to_corners)
 
 VARIANCES = (0.1, 0.2)
@@ -37,18 +37,6 @@ class BoxCoding(unittest.TestCase):
     def test_zero_code_is_the_prior(self):
         priors = to_centres(random_corners(np.random.default_rng(3), 10))
         np.testing.assert_allclose(decode(np.zeros((2, 10, 4)), priors, VARIANCES)[1], to_corners(priors))
-
-
-class Overlap(unittest.TestCase):
-    def test_known_overlaps(self):
-        a = np.asarray([[0, 0, 2, 2], [10, 10, 12, 12]], float)
-        b = np.asarray([[1, 0, 3, 2], [0, 0, 2, 2], [2, 0, 4, 2]], float)
-        np.testing.assert_allclose(iou(a, b), [[1 / 3, 1, 0], [0, 0, 0]])
-
-    def test_a_box_without_area_overlaps_nothing(self):
-        flat = np.asarray([[1, 1, 1, 5]], float)
-        self.assertEqual(iou(flat, flat)[0, 0], 0)
-        self.assertEqual(iou(flat, np.asarray([[0, 0, 9, 9]], float))[0, 0], 0)
 
 
 class Matching(unittest.TestCase):

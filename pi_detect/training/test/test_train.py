@@ -3,6 +3,7 @@
 
 import contextlib
 import csv
+import hashlib
 import io
 import json
 import shutil
@@ -25,6 +26,7 @@ except ImportError:
 import dnn_forward
 import evaluate
 import export
+import model_description
 import train
 from label_set import CLASSES
 
@@ -99,14 +101,16 @@ class Training(unittest.TestCase):
         with contextlib.redirect_stdout(io.StringIO()) as output:
             export.main()
         self.assertIn("largest difference to PyTorch", output.getvalue())
-        description = json.loads((work / "net.json").read_text())
-        self.assertEqual(description["classes"], list(CLASSES))
+        description = model_description.read(work / "net.yaml")
+        self.assertEqual(description["labels"], dict(enumerate(CLASSES)))
+        self.assertEqual(description["weights"],
+                         {"file": "net.onnx", "sha256": hashlib.sha256((work / "net.onnx").read_bytes()).hexdigest()})
         operators = {node.op_type for node in onnx.load(str(work / "net.onnx")).graph.node}
         self.assertNotIn("BatchNormalization", operators)
         self.assertNotIn("Identity", operators)
         outputs, times = dnn_forward.forward(dnn_forward.build(work), work / "net.onnx",
                                              [self.data / "images/0.png"], description["input"]["width"])
-        self.assertEqual(list(outputs["scores"].shape[1:]), description["outputs"]["scores"]["shape"])
+        self.assertEqual(outputs["scores"].shape[-2:], (len(model_description.priors(description)), len(CLASSES)))
         self.assertGreater(times["median_ms"], 0)
 
         sys.argv = ["evaluate.py", "--data", str(self.data), "--work", str(work), "--network", str(work / "net.onnx"),
