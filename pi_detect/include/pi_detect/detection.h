@@ -1,0 +1,51 @@
+#pragma once
+
+#include <algorithm>
+#include <vector>
+
+namespace pi_detect
+{
+
+/// A box in a picture [px]: from x1, y1 (the outer edge of the first pixel) to x2, y2 (that of the last). Boxes may
+/// reach beyond the picture only where that is said.
+struct Box
+{
+  float x1 = 0.0F;
+  float y1 = 0.0F;
+  float x2 = 0.0F;
+  float y2 = 0.0F;
+
+  float width() const { return x2 - x1; }
+  float height() const { return y2 - y1; }
+  /// 0 for a box that is turned inside out.
+  float area() const { return std::max(0.0F, width()) * std::max(0.0F, height()); }
+};
+
+/// What both boxes cover [px^2].
+inline float intersection(const Box& a, const Box& b)
+{
+  return Box{std::max(a.x1, b.x1), std::max(a.y1, b.y1), std::min(a.x2, b.x2), std::min(a.y2, b.y2)}.area();
+}
+
+/// Intersection over union, 0 to 1; 0 if both are empty.
+inline float overlap(const Box& a, const Box& b)
+{
+  const float common = intersection(a, b);
+  const float all = a.area() + b.area() - common;
+  return all > 0.0F ? common / all : 0.0F;
+}
+
+/// An object found in a picture.
+struct Detection
+{
+  int class_id = -1;   ///< key into ModelDescription::labels
+  float score = 0.0F;  ///< 0 to 1
+  Box box;             ///< in pixels of the whole picture, inside it
+};
+using Detections = std::vector<Detection>;
+
+/// Greedy non-maximum suppression whatever the class: of boxes that overlap more than the threshold, the one with the
+/// best score stays. Best scores first afterwards. For networks that give one object two labels.
+void suppressAcrossClasses(float overlap_threshold, Detections* detections);
+
+}  // namespace pi_detect

@@ -1,0 +1,94 @@
+#pragma once
+
+#include <pi_runtime/kernels/ssd_postprocess.h>
+
+#include <array>
+#include <map>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+namespace pi_detect
+{
+
+/// What is wrong with a model: its description, its files, or what OpenCV makes of them. Names file, value and way out.
+class ModelError : public std::runtime_error
+{
+  using std::runtime_error::runtime_error;
+};
+
+/// A file of a model.
+struct ModelFile
+{
+  std::string path;    ///< absolute; empty: there is none
+  std::string sha256;  ///< 64 hexadecimal digits; empty: not checked
+};
+
+/// How a picture becomes the network's input: (value - mean) * scale, planes.
+struct NetworkInput
+{
+  int width = 300;                                ///< [px]
+  int height = 300;                               ///< [px]
+  std::array<float, 3> mean{{0.0F, 0.0F, 0.0F}};  ///< of the planes, in their order
+  float scale = 1.0F;
+  bool rgb = true;         ///< order of the planes; false: BGR
+  bool letterbox = false;  ///< keeps the picture's aspect ratio between bars; false: stretched
+  int bar_level = 114;     ///< grey level of the bars
+};
+
+/// What the network gives.
+enum class OutputKind
+{
+  DETECTIONS,  ///< rows [image, class, score, x1, y1, x2, y2] of a DetectionOutput layer, corners in parts of the input
+  RAW,         ///< box codes and scores per prior, decoded by pi_runtime's "ssd_postprocess"
+};
+
+/// Outputs of kind RAW. Priors are in the order of the outputs: by feature map, row, column, box.
+struct RawOutputs
+{
+  std::string boxes = "boxes";    ///< name of the layer with 4 codes per prior
+  std::string scores = "scores";  ///< name of the layer with one confidence per prior and class
+  bool yxhw = false;              ///< codes are y, x, height, width (TensorFlow); false: x, y, width, height
+  int activation = pi_runtime::kernels::SSD_RAW;             ///< SSD_RAW, SSD_SOFTMAX or SSD_SIGMOID
+  int classes = 0;                                           ///< columns of the scores
+  int background = -1;                                       ///< column that is no object; -1: none
+  std::array<float, 4> variances{{0.1F, 0.1F, 0.2F, 0.2F}};  ///< of x, y, width, height
+  std::vector<pi_runtime::kernels::SsdFeatureMap> feature_maps;
+  bool clip_priors = false;
+  float overlap_threshold = 0.5F;  ///< of suppression per class
+  int top_k = 200;                 ///< candidates per class
+  int keep_top_k = 100;            ///< detections at most
+};
+
+/// A Single Shot MultiBox Detector (Liu et al. 2016) that OpenCV reads, with all that is needed to use it. One YAML
+/// file; config/models/ shows every field.
+struct ModelDescription
+{
+  std::string name;   ///< letters, digits, _ and -: part of the codelet's name
+  std::string path;   ///< of the YAML file
+  ModelFile weights;  ///< .caffemodel, .pb, .onnx, or a .prototxt of a network without learned weights
+  ModelFile config;   ///< .prototxt or .pbtxt, where the format has one
+  NetworkInput input;
+  OutputKind output_kind = OutputKind::DETECTIONS;
+  RawOutputs raw;
+  std::map<int, std::string> labels;  ///< class id (column of the scores if RAW) to name; ids without name are dropped
+  float score_threshold = 0.5F;       ///< that makes sense for this network, where the user asks for none
+  float class_agnostic_overlap = 0.0F;  ///< likewise; 0: no suppression across classes
+  std::string origin;                   ///< where it comes from, for people
+  std::string licence;
+
+  /// Reads and validates a YAML file. Relative paths in it start at its folder, "${NAME}" is replaced by the
+  /// environment's value. Does not open the network's files.
+  /// @throws ModelError naming file, field, value and bound.
+  static ModelDescription load(const std::string& path);
+
+  /// @throws ModelError naming field, value and bound.
+  void validate() const;
+  /// The id of a class name, or -1.
+  int idOf(const std::string& label) const;
+};
+
+/// SHA-256 of a file's content, as 64 hexadecimal digits. @throws ModelError if it cannot be read.
+std::string sha256OfFile(const std::string& path);
+
+}  // namespace pi_detect

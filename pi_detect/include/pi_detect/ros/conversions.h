@@ -1,0 +1,70 @@
+#pragma once
+
+#include <geometry_msgs/Transform.h>
+#include <pi_detect/Detection2DArray.h>
+#include <pi_detect/LabelArray.h>
+#include <pi_detect/ObstacleArray.h>
+#include <pi_detect/Track2DArray.h>
+#include <pi_detect/detection.h>
+#include <pi_detect/model_description.h>
+#include <pi_detect/object_tracker.h>
+#include <pi_detect/obstacle_tracker.h>
+#include <pi_detect/stereo_obstacles.h>
+#include <ros/time.h>
+#include <sensor_msgs/Image.h>
+#include <sensor_msgs/PointCloud2.h>
+#include <std_msgs/Header.h>
+#include <stereo_msgs/DisparityImage.h>
+
+#include <Eigen/Geometry>
+#include <cstdint>
+#include <map>
+#include <opencv2/core/mat.hpp>
+#include <string>
+#include <vector>
+
+namespace pi_detect
+{
+
+/// Class id to name.
+using Labels = std::map<int, std::string>;
+
+int64_t fromMsg(const ros::Time& stamp);  ///< [ns]
+/// @throws std::invalid_argument unless 0 <= stamp_ns < 2^32 s.
+ros::Time toTime(int64_t stamp_ns);
+
+Eigen::Isometry3d fromMsg(const geometry_msgs::Transform& transform);
+
+BoundingBox2D toMsg(const Box& box);
+Box fromMsg(const BoundingBox2D& box);
+
+/// One result per detection. @param header  of the picture.
+Detection2DArrayPtr toMsg(const Detections& detections, const std_msgs::Header& header);
+/// Of each detection the result with the best score; those without result are left out.
+Detections fromMsg(const Detection2DArray& message);
+
+/// @param header  of the picture; ages are counted up to its stamp.
+Track2DArrayPtr toMsg(const std::vector<ObjectTrack>& tracks, const Labels& labels, const std_msgs::Header& header);
+/// The number of hits is not in the message: 0.
+std::vector<ObjectTrack> fromMsg(const Track2DArray& message);
+
+/// @param header  with the stamp of the pair and base_link's name; ages are counted up to its stamp.
+ObstacleArrayPtr toMsg(const std::vector<Obstacle>& obstacles, const Labels& labels, const std_msgs::Header& header);
+std::vector<Obstacle> fromMsg(const ObstacleArray& message);
+
+LabelArray toMsg(const ModelDescription& model);
+
+/// Fields x, y, z, float32.
+sensor_msgs::PointCloud2Ptr toPointCloud(const std::vector<Eigen::Vector3f>& points, const std_msgs::Header& header);
+
+/// @param disparity  as StereoObstacles::disparity() gives it. The message's unknown pixels are -1, and a difference of
+///        the principal points is taken out, so that depth = f * T / disparity.
+stereo_msgs::DisparityImagePtr toDisparityImage(const cv::Mat& disparity, const StereoGeometry& geometry,
+                                                int max_disparity_px, const std_msgs::Header& header);
+/// CV_32FC1 [px], unknown pixels -1. @throws std::invalid_argument for a message that cannot be.
+cv::Mat fromMsg(const stereo_msgs::DisparityImage& message);
+
+/// @param picture  CV_8UC1 or CV_8UC3 (BGR).
+sensor_msgs::ImagePtr toImage(const cv::Mat& picture, const std_msgs::Header& header);
+
+}  // namespace pi_detect

@@ -1,0 +1,60 @@
+#pragma once
+
+#include <pi_detect/obstacle_tracker.h>
+#include <pi_detect/stereo_obstacles.h>
+#include <ros/node_handle.h>
+#include <xmlrpcpp/XmlRpcValue.h>
+
+#include <string>
+#include <vector>
+
+namespace pi_detect
+{
+
+/// What the obstacles node works on.
+enum class StereoSource
+{
+  RECTIFIED,  ///< left/image_rect and right/image_rect
+  RAW,        ///< left/image_raw and right/image_raw, rectified here
+  DISPARITY,  ///< disparity
+};
+const char* toString(StereoSource source);  ///< "rectified", "raw", "disparity"
+/// @throws std::invalid_argument listing the valid names.
+StereoSource parseStereoSource(const std::string& name);
+
+/// The parameters of the obstacles node; config/obstacles.yaml shows each with its unit.
+struct ObstaclesRosOptions
+{
+  StereoSource source = StereoSource::RECTIFIED;
+  std::string image_transport = "raw";  ///< of the pictures
+  double pair_tolerance_s = 0.005;      ///< between the stamps of a pair's pictures [s]
+  double max_rate_hz = 0.0;             ///< pairs that come faster are left out [Hz]; 0: none is
+  bool always_on = false;               ///< also while nobody listens
+
+  std::string base_link_frame = "base_link";
+  std::string odom_frame = "odom";
+  double tf_wait_s = 0.1;        ///< longest a pair waits for tf to reach its stamp [s]
+  bool tracks_rectified = true;  ///< boxes of `tracks` are those of the rectified picture; false: of the raw one
+  double max_track_age_s = 0.3;  ///< between the stamps of tracks and pair, above which tracks are not used [s]
+
+  StereoObstacleOptions stereo;
+  ObstacleTrackerOptions tracker;
+
+  double min_coverage = 0.1;       ///< part of the pixels with a disparity, below which there is a warning
+  double marker_lifetime_s = 0.5;  ///< after which rviz removes markers when no more come [s]
+  double input_timeout_s = 2.0;    ///< without a message on an input, after which there is a warning [s]
+  double diagnostic_period = 1.0;  ///< [s]; the name is that of diagnostic_updater
+  double warning_period_s = 5.0;   ///< between two log lines of one warning [s]
+
+  /// @throws std::invalid_argument naming field, value and bound.
+  void validate() const;
+
+  /// As of SsdRosOptions.
+  static ObstaclesRosOptions load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown);
+  static ObstaclesRosOptions fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path,
+                                            std::vector<std::string>* unknown);
+  XmlRpc::XmlRpcValue toParameters() const;
+  std::string toText() const;
+};
+
+}  // namespace pi_detect

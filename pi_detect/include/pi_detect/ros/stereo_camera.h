@@ -1,0 +1,88 @@
+#pragma once
+
+#include <pi_detect/detection.h>
+#include <pi_detect/stereo_obstacles.h>
+#include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/Image.h>
+#include <stereo_msgs/DisparityImage.h>
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <deque>
+#include <opencv2/core/mat.hpp>
+#include <optional>
+#include <string>
+
+namespace pi_detect
+{
+
+/// What camera_info messages say of a rectified pair. Binning and region of interest are taken into account.
+struct StereoCamera
+{
+  StereoGeometry geometry;
+  /// From the camera's frame (header.frame_id) to the rectified one: R of the left camera_info.
+  Eigen::Matrix3d R_rectified_left = Eigen::Matrix3d::Identity();
+
+  /// @param left_name, right_name  of the topics, for messages.
+  /// @throws std::invalid_argument naming topic, field, value and way out: not calibrated, swapped, different sizes.
+  static StereoCamera fromMsg(const sensor_msgs::CameraInfo& left, const sensor_msgs::CameraInfo& right,
+                              const std::string& left_name, const std::string& right_name);
+  /// With focal length and baseline of the disparity image.
+  static StereoCamera fromMsg(const sensor_msgs::CameraInfo& left, const stereo_msgs::DisparityImage& disparity,
+                              const std::string& left_name);
+};
+
+/// All that the geometry depends on; a stamp is no change.
+bool sameCamera(const sensor_msgs::CameraInfo& a, const sensor_msgs::CameraInfo& b);
+
+/// Rectifies the raw pictures of one camera: plumb_bob, rational_polynomial and equidistant lenses.
+class Rectifier
+{
+public:
+  /// @param name  of the topic. @throws std::invalid_argument naming topic, field and value.
+  Rectifier(const sensor_msgs::CameraInfo& info, const std::string& name);
+
+  /// @param raw  CV_8UC1 of the camera_info's size.
+  cv::Mat rectify(const cv::Mat& raw) const;
+  /// Around the rectified picture of a box in the raw one.
+  Box rectify(const Box& raw) const;
+
+private:
+  cv::Matx33d K_;
+  cv::Mat D_;
+  cv::Matx33d R_;
+  cv::Matx33d P_;  ///< its first three columns
+  bool equidistant_ = false;
+  cv::Mat map_xy_;  ///< fixed point, as cv::remap() likes it
+  cv::Mat map_fraction_;
+};
+
+/// Two pictures taken at the same time.
+struct StereoPair
+{
+  sensor_msgs::ImageConstPtr left;
+  sensor_msgs::ImageConstPtr right;
+};
+
+/// Brings pictures of two cameras together by their stamps, at once when the second one comes. Pictures whose partner
+/// does not come are forgotten. (message_filters' approximate time waits for the next picture first.) Not thread safe.
+class StereoPairing
+{
+public:
+  /// @param tolerance_s  between the stamps of a pair [s].
+  explicit StereoPairing(double tolerance_s);
+
+  /// @param right  false: of the left camera.
+  /// @return the pair that the picture completes.
+  std::optional<StereoPair> add(bool right, const sensor_msgs::ImageConstPtr& picture);
+  void clear();
+
+  uint64_t single() const { return single_; }  ///< pictures without partner so far
+
+private:
+  const int64_t tolerance_ns_;
+  std::deque<sensor_msgs::ImageConstPtr> waiting_[2];  ///< left, right; oldest first
+  uint64_t single_ = 0;
+};
+
+}  // namespace pi_detect

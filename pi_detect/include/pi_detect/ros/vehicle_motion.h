@@ -1,0 +1,57 @@
+#pragma once
+
+#include <pi_detect/obstacle_tracker.h>
+#include <ros/node_handle.h>
+#include <ros/time.h>
+#include <tf2_ros/buffer.h>
+#include <tf2_ros/transform_listener.h>
+
+#include <Eigen/Geometry>
+#include <atomic>
+#include <boost/signals2/connection.hpp>
+#include <condition_variable>
+#include <mutex>
+#include <optional>
+#include <string>
+
+namespace pi_detect
+{
+
+/// Where the vehicle is and where its cameras are, from tf.
+class VehicleMotion
+{
+public:
+  /// @param wait_s  longest that at() waits for tf to reach a stamp [s].
+  VehicleMotion(const ros::NodeHandle& node, const std::string& odom_frame, const std::string& base_link_frame,
+                double wait_s);
+  ~VehicleMotion();
+  VehicleMotion(const VehicleMotion&) = delete;
+  VehicleMotion& operator=(const VehicleMotion&) = delete;
+
+  /// The state at a stamp; moved on from the newest one if tf does not get there in time. Waits only if tf is close.
+  /// @param[out] problem  why there is none, or why it is moved on; empty: all is well.
+  std::optional<VehicleState> at(const ros::Time& stamp, std::string* problem);
+
+  /// Newest pose of a frame in base_link. nullopt: tf has none.
+  std::optional<Eigen::Isometry3d> mounting(const std::string& frame) const;
+
+  /// at() returns at once from now on. Any thread.
+  void stop();
+
+private:
+  std::optional<Eigen::Isometry3d> poseAt(const ros::Time& stamp) const;
+  /// @return false if tf does not get there.
+  bool waitFor(const ros::Time& stamp);
+
+  const std::string odom_frame_;
+  const std::string base_link_frame_;
+  const double wait_s_;
+  tf2_ros::Buffer buffer_;
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  bool stopping_ = false;
+  boost::signals2::connection connection_;
+  tf2_ros::TransformListener listener_;
+};
+
+}  // namespace pi_detect

@@ -1,0 +1,90 @@
+#pragma once
+
+#include <pi_detect/detection_filter.h>
+#include <pi_detect/model_check.h>
+#include <pi_detect/model_description.h>
+#include <pi_detect/target.h>
+#include <pi_runtime/runtime.h>
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace pi_detect
+{
+
+/// A picture that belongs to the caller.
+struct PictureView
+{
+  enum class Format
+  {
+    BGR8,
+    RGB8,
+    MONO8,
+  };
+  const uint8_t* data = nullptr;
+  int width = 0;      ///< [px]
+  int height = 0;     ///< [px]
+  size_t stride = 0;  ///< from row to row [bytes]
+  Format format = Format::BGR8;
+};
+
+struct DetectorOptions
+{
+  Target target = Target::CPU;
+  /// Refuse to run elsewhere. false: what is used instead is reported.
+  bool require_target = false;
+  /// Threads of OpenCV, which has one pool per process; 0: as many as cores.
+  int threads = 0;
+  /// Load the model in a child process first.
+  bool check_model = true;
+  ModelCheckOptions check;
+  DetectionFilter filter;
+
+  /// @throws std::invalid_argument naming field, value and bound.
+  void validate() const;
+};
+
+struct DetectionResult
+{
+  Detections detections;   ///< best scores first
+  double blob_s = 0.0;     ///< picture to network input [s]
+  double forward_s = 0.0;  ///< network [s]
+  double decode_s = 0.0;   ///< outputs to detections [s]
+  std::string unit;        ///< of the runtime that ran the network; empty without a runtime
+};
+
+/// Finds objects in pictures with an SSD network.
+///
+/// Three steps: "blob", "ssd_forward_<model>_<target>" and, for raw outputs, "ssd_postprocess"; each is a task of the
+/// runtime with its own entry in the ETC table, or a plain call if there is no runtime. Where OpenCV uses a GPU, the
+/// network's task goes to the GPU's unit.
+///
+/// Not thread safe. Calls keep the buffers of the last picture size and allocate nothing new for pictures of that size.
+class SsdDetector
+{
+public:
+  /// Loads, checks and runs the network once. Takes as long (with OpenCL: seconds when kernels are compiled first).
+  /// @param runtime  null: everything runs on the calling thread.
+  /// @throws ModelError, or std::invalid_argument for options, unknown labels in the filter included.
+  SsdDetector(const ModelDescription& model, const DetectorOptions& options,
+              std::shared_ptr<pi_runtime::Runtime> runtime);
+  ~SsdDetector();
+  SsdDetector(const SsdDetector&) = delete;
+  SsdDetector& operator=(const SsdDetector&) = delete;
+
+  /// @throws std::invalid_argument for a picture without pixels or smaller than 2 x 2, std::runtime_error if a task or
+  ///         OpenCV fails.
+  DetectionResult detect(const PictureView& picture);
+
+  const ModelDescription& model() const;
+  const TargetInUse& target() const;
+  const std::string& codeletName() const;
+
+private:
+  class Implementation;
+  std::unique_ptr<Implementation> implementation_;
+};
+
+}  // namespace pi_detect

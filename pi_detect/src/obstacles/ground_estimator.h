@@ -1,0 +1,65 @@
+#pragma once
+
+#include <Eigen/Geometry>
+#include <cstdint>
+#include <opencv2/core/mat.hpp>
+#include <random>
+#include <vector>
+
+#include "matched_camera.h"
+
+namespace pi_detect::obstacles
+{
+
+/// A plane as a disparity picture shows it: points (u, v) of it have the disparity a u + b v + c (exact for pinholes).
+struct DisparityPlane
+{
+  double a = 0.0;
+  double b = 0.0;
+  double c = 0.0;
+  double camera_height_m = 1.0;  ///< of the camera above the plane
+
+  double at(double u, double v) const { return a * u + b * v + c; }
+};
+
+/// The ground in disparity pictures: a robust fit near to what the mounting says, held by the last pair's plane where
+/// little is seen.
+class GroundEstimator
+{
+public:
+  GroundEstimator(const MatchedCamera& camera, const Eigen::Isometry3d& T_base_left,
+                  const StereoObstacleOptions& options);
+
+  /// @param disparity  CV_32FC1 of the camera's size.
+  GroundPlane update(const cv::Mat& disparity);
+
+  /// The plane of the last update, for the disparity picture.
+  DisparityPlane disparityPlane() const { return toDisparity(plane_); }
+
+private:
+  struct Sample
+  {
+    float u;
+    float v;
+    float disparity;
+  };
+
+  DisparityPlane toDisparity(const GroundPlane& plane) const;
+  /// @return false if the mounting excludes it.
+  bool toBase(const Eigen::Vector3d& abc, GroundPlane* plane) const;
+  /// Pixels that could be ground: not further from the mounting's plane than the options allow.
+  void collect(const cv::Mat& disparity);
+  bool search(Eigen::Vector3d* abc);
+  /// @return false if too little of the ground is seen.
+  bool refine(const Eigen::Vector3d& prior, Eigen::Vector3d* abc) const;
+
+  MatchedCamera camera_;
+  Eigen::Isometry3d T_base_left_;
+  StereoObstacleOptions options_;
+  GroundPlane plane_;
+  int pairs_without_ = 0;
+  std::vector<Sample> samples_;
+  std::mt19937 random_{1};
+};
+
+}  // namespace pi_detect::obstacles

@@ -1,0 +1,35 @@
+#pragma once
+
+#include <Eigen/Core>
+
+namespace pi_detect::obstacles
+{
+
+/// Kalman filter of a point on the ground that moves with constant velocity, in odom: state [x, y, vx, vy].
+class GroundFilter
+{
+public:
+  /// Starts at rest with that uncertainty.
+  GroundFilter(const Eigen::Vector2d& position, const Eigen::Matrix2d& covariance, double speed_sigma);
+
+  /// The acceleration is random, of that standard deviation, and another one every 0.1 s.
+  void predict(double dt_s, double acceleration_sigma, double max_speed);
+  void correct(const Eigen::Vector2d& position, const Eigen::Matrix2d& covariance);
+  /// Squared Mahalanobis distance of a measurement.
+  double distance2(const Eigen::Vector2d& position, const Eigen::Matrix2d& covariance) const;
+  /// Places it anew; its velocity is forgotten.
+  void restart(const Eigen::Vector2d& position, const Eigen::Matrix2d& covariance, double speed_sigma);
+  /// Places it anew, which says nothing about its velocity: that fades.
+  void moveTo(const Eigen::Vector2d& position, const Eigen::Matrix2d& covariance);
+
+  Eigen::Vector2d position() const { return x_.head<2>(); }
+  Eigen::Vector2d velocity() const { return x_.tail<2>(); }
+  Eigen::Matrix2d positionCovariance() const { return P_.topLeftCorner<2, 2>(); }
+  Eigen::Matrix2d velocityCovariance() const { return P_.bottomRightCorner<2, 2>(); }
+
+private:
+  Eigen::Vector4d x_;
+  Eigen::Matrix4d P_;
+};
+
+}  // namespace pi_detect::obstacles

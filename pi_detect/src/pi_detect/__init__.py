@@ -1,0 +1,1 @@
+"""Python tools of pi_detect: judging detections and fetching models."""

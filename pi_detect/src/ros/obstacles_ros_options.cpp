@@ -1,0 +1,150 @@
+#include <pi_detect/ros/obstacles_ros_options.h>
+#include <pi_runtime/ros/parameter_tree.h>
+
+#include <stdexcept>
+
+namespace pi_detect
+{
+
+namespace parameter_tree = pi_runtime::parameter_tree;
+using pi_runtime::parameters::require;
+using XmlRpc::XmlRpcValue;
+
+const char* toString(StereoSource source)
+{
+  switch (source)
+  {
+    case StereoSource::RECTIFIED:
+      return "rectified";
+    case StereoSource::RAW:
+      return "raw";
+    case StereoSource::DISPARITY:
+      return "disparity";
+  }
+  return "?";
+}
+
+StereoSource parseStereoSource(const std::string& name)
+{
+  for (const StereoSource source : {StereoSource::RECTIFIED, StereoSource::RAW, StereoSource::DISPARITY})
+  {
+    if (name == toString(source))
+    {
+      return source;
+    }
+  }
+  throw std::invalid_argument("\"" + name + "\", must be rectified, raw or disparity");
+}
+
+/// Every parameter by the path of its name, with its field.
+template <typename Options, typename Visitor>
+static void visitFields(Options& options, Visitor&& visit)
+{
+  auto& stereo = options.stereo;
+  auto& tracker = options.tracker;
+  visit("source", options.source);
+  visit("image_transport", options.image_transport);
+  visit("pair_tolerance_s", options.pair_tolerance_s);
+  visit("max_rate_hz", options.max_rate_hz);
+  visit("always_on", options.always_on);
+  visit("base_link_frame", options.base_link_frame);
+  visit("odom_frame", options.odom_frame);
+  visit("tf_wait_s", options.tf_wait_s);
+  visit("tracks_rectified", options.tracks_rectified);
+  visit("max_track_age_s", options.max_track_age_s);
+  visit("stereo/max_range_m", stereo.max_range_m);
+  visit("stereo/ground_z_m", stereo.ground_z_m);
+  visit("stereo/min_height_m", stereo.min_height_m);
+  visit("stereo/max_height_m", stereo.max_height_m);
+  visit("stereo/min_size_m", stereo.min_size_m);
+  visit("stereo/max_ground_tilt", stereo.max_ground_tilt);
+  visit("stereo/max_ground_step_m", stereo.max_ground_step_m);
+  visit("stereo/max_disparity_px", stereo.max_disparity_px);
+  visit("stereo/downscale", stereo.downscale);
+  visit("tracker/time_to_live_s", tracker.time_to_live_s);
+  visit("tracker/memory_s", tracker.memory_s);
+  visit("tracker/confirm_hits", tracker.confirm_hits);
+  visit("tracker/acceleration_m_s2", tracker.acceleration_m_s2);
+  visit("tracker/max_speed_m_s", tracker.max_speed_m_s);
+  visit("tracker/min_depth_m", tracker.min_depth_m);
+  visit("tracker/vehicle_front_m", tracker.vehicle_front_m);
+  visit("tracker/vehicle_rear_m", tracker.vehicle_rear_m);
+  visit("tracker/vehicle_half_width_m", tracker.vehicle_half_width_m);
+  visit("tracker/min_label_overlap", tracker.min_label_overlap);
+  visit("min_coverage", options.min_coverage);
+  visit("marker_lifetime_s", options.marker_lifetime_s);
+  visit("input_timeout_s", options.input_timeout_s);
+  visit("diagnostic_period", options.diagnostic_period);
+  visit("warning_period_s", options.warning_period_s);
+}
+
+static void read(XmlRpcValue value, StereoSource* field)
+{
+  std::string name;
+  pi_runtime::parameters::read(value, &name);
+  try
+  {
+    *field = parseStereoSource(name);
+  }
+  catch (const std::invalid_argument& error)
+  {
+    throw std::invalid_argument(std::string("= ") + error.what());
+  }
+}
+
+static XmlRpcValue write(StereoSource field)
+{
+  return XmlRpcValue(toString(field));
+}
+
+static void requireFrame(const char* name, const std::string& frame)
+{
+  require(!frame.empty() && frame.front() != '/', name, "\"" + frame + "\"", "a frame name without leading /");
+}
+
+void ObstaclesRosOptions::validate() const
+{
+  require(!image_transport.empty(), "image_transport", "\"\"", "the name of a transport, as raw or compressed");
+  require(pair_tolerance_s >= 0.0 && pair_tolerance_s <= 0.1, "pair_tolerance_s", pair_tolerance_s, "in [0, 0.1]");
+  require(max_rate_hz >= 0.0 && max_rate_hz <= 1000.0, "max_rate_hz", max_rate_hz, "in [0, 1000]");
+  requireFrame("base_link_frame", base_link_frame);
+  requireFrame("odom_frame", odom_frame);
+  require(odom_frame != base_link_frame, "odom_frame", "\"" + odom_frame + "\"", "another frame than base_link_frame");
+  require(tf_wait_s >= 0.0 && tf_wait_s <= 10.0, "tf_wait_s", tf_wait_s, "in [0, 10]");
+  require(max_track_age_s >= 0.0 && max_track_age_s <= 10.0, "max_track_age_s", max_track_age_s, "in [0, 10]");
+  require(source != StereoSource::DISPARITY || tracks_rectified, "tracks_rectified", "false",
+          "true with source = disparity");
+  parameter_tree::validateGroup("stereo", stereo);
+  parameter_tree::validateGroup("tracker", tracker);
+  require(min_coverage >= 0.0 && min_coverage <= 1.0, "min_coverage", min_coverage, "in [0, 1]");
+  parameter_tree::requireDuration("marker_lifetime_s", marker_lifetime_s);
+  parameter_tree::requireDuration("input_timeout_s", input_timeout_s);
+  parameter_tree::requireDuration("diagnostic_period", diagnostic_period);
+  parameter_tree::requireDuration("warning_period_s", warning_period_s);
+}
+
+ObstaclesRosOptions ObstaclesRosOptions::load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown)
+{
+  XmlRpcValue tree;
+  const std::string& path = private_node.getNamespace();
+  private_node.getParam(path, tree);
+  return fromParameters(tree, path + "/", unknown);
+}
+
+ObstaclesRosOptions ObstaclesRosOptions::fromParameters(const XmlRpcValue& tree, const std::string& path,
+                                                        std::vector<std::string>* unknown)
+{
+  return parameter_tree::load<ObstaclesRosOptions>(tree, path, unknown);
+}
+
+XmlRpcValue ObstaclesRosOptions::toParameters() const
+{
+  return parameter_tree::save(*this);
+}
+
+std::string ObstaclesRosOptions::toText() const
+{
+  return pi_runtime::parameters::text(toParameters());
+}
+
+}  // namespace pi_detect

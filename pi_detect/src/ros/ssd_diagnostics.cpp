@@ -1,0 +1,174 @@
+#include <diagnostic_msgs/DiagnosticStatus.h>
+#include <pi_detect/ros/ssd_diagnostics.h>
+#include <pi_runtime/ros/formatting.h>
+
+#include <utility>
+#include <vector>
+
+namespace pi_detect
+{
+namespace
+{
+
+using pi_runtime::format;
+using pi_runtime::RecentValues;
+
+using diagnostic_msgs::DiagnosticStatus;
+
+constexpr double RATE_SMOOTHING = 0.1;  ///< weight of the newest picture
+constexpr double RATE_PAUSE_S = 2.0;    ///< without a picture, after which the rate is counted anew
+
+double secondsSince(std::chrono::steady_clock::time_point time)
+{
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - time).count();
+}
+
+}  // namespace
+
+SsdDiagnostics::SsdDiagnostics(const ros::NodeHandle& node, const ros::NodeHandle& private_node,
+                               const pi_runtime::WarningBoard* warnings, double input_timeout_s)
+  : warnings_(warnings)
+  , input_timeout_s_(input_timeout_s)
+  , updater_(node, private_node, private_node.getNamespace())
+  , updated_at_(Clock::now())
+{
+  updater_.setHardwareID("none");
+  updater_.add("detection", [this](Status& status) { reportDetection(status); });
+  updater_.add("input", [this](Status& status) { reportInput(status); });
+}
+
+void SsdDiagnostics::addPicture(const DetectionResult& result, double latency_s, double work_s)
+{
+  std::lock_guard<std::mutex> lock(mutex_);
+  const double period_s = secondsSince(worked_at_);
+  if (worked_ == 0 || period_s > RATE_PAUSE_S)
+  {
+    period_s_ = 0.0;
+  }
+  else
+  {
+    period_s_ = period_s_ == 0.0 ? period_s : (1.0 - RATE_SMOOTHING) * period_s_ + RATE_SMOOTHING * period_s;
+  }
+  worked_at_ = Clock::now();
+  ++worked_;
+  objects_ = result.detections.size();
+  unit_ = result.unit;
+  latency_ms_.add(1e3 * latency_s);
+  work_ms_.add(1e3 * work_s);
+  blob_ms_.add(1e3 * result.blob_s);
+  forward_ms_.add(1e3 * result.forward_s);
+  decode_ms_.add(1e3 * result.decode_s);
+}
+
+void SsdDiagnostics::reset()
+{
+  std::lock_guard<std::mutex> lock(mutex_);
+  period_s_ = 0.0;
+  for (RecentValues* values : {&latency_ms_, &work_ms_, &blob_ms_, &forward_ms_, &decode_ms_})
+  {
+    values->clear();
+  }
+}
+
+double SsdDiagnostics::rate() const
+{
+  std::lock_guard<std::mutex> lock(mutex_);
+  return period_s_ > 0.0 && secondsSince(worked_at_) < RATE_PAUSE_S ? 1.0 / period_s_ : 0.0;
+}
+
+void SsdDiagnostics::update(const SsdFigures& figures)
+{
+  const Clock::time_point now = Clock::now();
+  interval_s_ = std::chrono::duration<double>(now - updated_at_).count();
+  updated_at_ = now;
+  now_ = figures;
+  updater_.setHardwareID(now_.model.empty() ? "none" : now_.model);
+  updater_.force_update();
+  before_ = std::move(now_);
+}
+
+void SsdDiagnostics::reportDetection(Status& status)
+{
+  std::lock_guard<std::mutex> lock(mutex_);
+  const double rate = interval_s_ > 0.0 ? static_cast<double>(worked_ - worked_before_) / interval_s_ : 0.0;
+  worked_before_ = worked_;
+  if (now_.model.empty())
+  {
+    const bool failed = !now_.problem.empty();
+    status.summary(failed ? DiagnosticStatus::ERROR : DiagnosticStatus::WARN,
+                   failed ? now_.problem : "loading " + now_.loading);
+  }
+  else if (!now_.problem.empty())
+  {
+    status.summary(DiagnosticStatus::WARN, now_.problem + "; goes on with " + now_.model);
+  }
+  else if (now_.target.used != now_.target.requested)
+  {
+    status.summary(DiagnosticStatus::WARN, std::string("on ") + toString(now_.target.used) + " instead of " +
+                                               toString(now_.target.requested) + ": " + now_.target.reason);
+  }
+  else if (!now_.subscribed)
+  {
+    status.summary(DiagnosticStatus::OK, now_.model + " is ready, nobody listens");
+  }
+  else
+  {
+    status.summary(DiagnosticStatus::OK, now_.model + format(", %.1f pictures/s", rate) +
+                                             format(", %.0f ms after their stamps", latency_ms_.quantile(0.5)));
+  }
+  status.add("model", now_.model);
+  status.add("codelet", now_.codelet);
+  status.add("target requested", toString(now_.target.requested));
+  status.add("target used", toString(now_.target.used));
+  status.add("device", now_.target.device.empty() ? "CPU" : now_.target.device);
+  status.add("threads of OpenCV", now_.threads);
+  status.add("runtime", !now_.use_runtime ? "not used" : unit_.empty() ? "used" : "unit " + unit_);
+  status.add("pictures out [Hz]", format("%.1f", rate));
+  status.add("stamp to published, p50 [ms]", format("%.1f", latency_ms_.quantile(0.5)));
+  status.add("stamp to published, p99 [ms]", format("%.1f", latency_ms_.quantile(0.99)));
+  status.add("work, mean [ms]", format("%.2f", work_ms_.mean()));
+  status.add("work, p99 [ms]", format("%.2f", work_ms_.quantile(0.99)));
+  status.add("work: picture to input, mean [ms]", format("%.2f", blob_ms_.mean()));
+  status.add("work: network, mean [ms]", format("%.2f", forward_ms_.mean()));
+  status.add("work: outputs to detections, mean [ms]", format("%.2f", decode_ms_.mean()));
+  status.add("pictures worked on", worked_);
+  status.add("objects in the last picture", objects_);
+  status.add("calls of detect", now_.calls);
+  if (!now_.loading.empty())
+  {
+    status.add("loading", now_.loading);
+  }
+}
+
+void SsdDiagnostics::reportInput(Status& status) const
+{
+  const std::vector<pi_runtime::WarningBoard::Entry> warnings = warnings_->recent();
+  if (!warnings.empty())
+  {
+    status.summary(warnings.front().error ? DiagnosticStatus::ERROR : DiagnosticStatus::WARN, warnings.front().text);
+  }
+  else if (!now_.subscribed)
+  {
+    status.summary(DiagnosticStatus::OK, "nobody listens, " + now_.topic + " is not subscribed");
+  }
+  else if (now_.silent_s > input_timeout_s_)
+  {
+    status.summary(DiagnosticStatus::WARN, "nothing on " + now_.topic + format(" for %.1f s", now_.silent_s) +
+                                               "; check that the camera runs and that the topic is its");
+  }
+  else
+  {
+    status.summary(DiagnosticStatus::OK, now_.topic + " comes");
+  }
+  const double rate = interval_s_ > 0.0 ? static_cast<double>(now_.pictures - before_.pictures) / interval_s_ : 0.0;
+  status.add("pictures in [Hz]", format("%.1f", rate));
+  status.add("pictures that came", now_.pictures);
+  status.add("pictures dropped for newer ones", now_.dropped);
+  status.add("pictures left out for max_rate_hz", now_.left_out);
+  for (size_t i = 0; i < warnings.size(); ++i)
+  {
+    status.add("warning " + std::to_string(i + 1), warnings[i].text);
+  }
+}
+
+}  // namespace pi_detect

@@ -1,0 +1,128 @@
+#include <pi_detect/ros/ssd_ros_options.h>
+#include <pi_runtime/ros/parameter_tree.h>
+
+#include <algorithm>
+#include <stdexcept>
+
+namespace pi_detect
+{
+
+namespace parameter_tree = pi_runtime::parameter_tree;
+using pi_runtime::parameters::require;
+using XmlRpc::XmlRpcValue;
+
+namespace
+{
+
+/// Of the detector where the tracker takes everything: 0 would mean the model's own threshold.
+constexpr float MIN_THRESHOLD = 1e-3F;
+
+}  // namespace
+
+/// Every parameter by the path of its name, with its field.
+template <typename Options, typename Visitor>
+static void visitFields(Options& options, Visitor&& visit)
+{
+  auto& detector = options.detector;
+  auto& filter = detector.filter;
+  auto& tracker = options.tracker;
+  visit("model", options.model);
+  visit("target", detector.target);
+  visit("require_target", detector.require_target);
+  visit("threads", detector.threads);
+  visit("use_runtime", options.use_runtime);
+  visit("check_model", detector.check_model);
+  visit("check/timeout_s", detector.check.timeout_s);
+  visit("check/memory_limit_mb", detector.check.memory_limit_mb);
+  visit("score_threshold", filter.score_threshold);
+  visit("class_thresholds", filter.class_thresholds);
+  visit("classes", filter.classes);
+  visit("class_agnostic_overlap", filter.class_agnostic_overlap);
+  visit("max_detections", filter.max_detections);
+  visit("tracker/high_score", tracker.high_score);
+  visit("tracker/low_score", tracker.low_score);
+  visit("tracker/min_overlap", tracker.min_overlap);
+  visit("tracker/margin", tracker.margin);
+  visit("tracker/time_to_live_s", tracker.time_to_live_s);
+  visit("tracker/confirm_hits", tracker.confirm_hits);
+  visit("tracker/max_gap_s", tracker.max_gap_s);
+  visit("tracker/max_objects", tracker.max_objects);
+  visit("image_transport", options.image_transport);
+  visit("always_on", options.always_on);
+  visit("max_rate_hz", options.max_rate_hz);
+  visit("input_timeout_s", options.input_timeout_s);
+  visit("diagnostic_period", options.diagnostic_period);
+  visit("warning_period_s", options.warning_period_s);
+}
+
+static void read(XmlRpcValue value, Target* field)
+{
+  std::string name;
+  pi_runtime::parameters::read(value, &name);
+  try
+  {
+    *field = parseTarget(name);
+  }
+  catch (const std::invalid_argument&)
+  {
+    throw std::invalid_argument("= \"" + name + "\", must be cpu, opencl or opencl_fp16");
+  }
+}
+
+static XmlRpcValue write(Target field)
+{
+  return XmlRpcValue(toString(field));
+}
+
+void SsdRosOptions::validate() const
+{
+  require(model.empty() || model.front() == '/', "model", "\"" + model + "\"",
+          "an absolute path, or empty for the package's own: a node's working folder is not its user's");
+  detector.validate();
+  parameter_tree::validateGroup("tracker", tracker);
+  require(!image_transport.empty(), "image_transport", "\"\"", "the name of a transport, as raw or compressed");
+  require(max_rate_hz >= 0.0 && max_rate_hz <= 1000.0, "max_rate_hz", max_rate_hz, "in [0, 1000]");
+  parameter_tree::requireDuration("input_timeout_s", input_timeout_s);
+  parameter_tree::requireDuration("diagnostic_period", diagnostic_period);
+  parameter_tree::requireDuration("warning_period_s", warning_period_s);
+}
+
+DetectorOptions SsdRosOptions::detectorOptions(const ModelDescription& model) const
+{
+  DetectorOptions lowered = detector;
+  const auto low_score = std::max(MIN_THRESHOLD, static_cast<float>(tracker.low_score));
+  DetectionFilter& filter = lowered.filter;
+  filter.score_threshold =
+      std::min(low_score, filter.score_threshold > 0.0F ? filter.score_threshold : model.score_threshold);
+  for (auto& [label, threshold] : filter.class_thresholds)
+  {
+    threshold = std::min(low_score, threshold);
+  }
+  return lowered;
+}
+
+SsdRosOptions SsdRosOptions::load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown)
+{
+  XmlRpcValue tree;
+  const std::string& path = private_node.getNamespace();
+  private_node.getParam(path, tree);
+  return fromParameters(tree, path + "/", unknown);
+}
+
+SsdRosOptions SsdRosOptions::fromParameters(const XmlRpcValue& tree, const std::string& path,
+                                            std::vector<std::string>* unknown)
+{
+  return parameter_tree::load<SsdRosOptions>(tree, path, unknown);
+}
+
+XmlRpcValue SsdRosOptions::toParameters() const
+{
+  return parameter_tree::save(*this);
+}
+
+std::string SsdRosOptions::toText() const
+{
+  return pi_runtime::parameters::text(toParameters());
+}
+
+}  // namespace pi_detect

@@ -1,0 +1,298 @@
+#include <pi_detect/ros/conversions.h>
+#include <pi_detect/ros/stereo_camera.h>
+#include <pi_runtime/ros/formatting.h>
+
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/imgproc.hpp>
+#include <stdexcept>
+#include <vector>
+
+namespace pi_detect
+{
+namespace
+{
+
+using pi_runtime::format;
+using pi_runtime::sizeText;
+
+constexpr uint32_t MAX_SIDE_PX = 16384;
+constexpr double MIN_BASELINE_M = 0.01;
+constexpr double MAX_BASELINE_M = 3.0;
+/// Pictures of one camera that wait for a partner.
+constexpr size_t MAX_WAITING = 8;
+constexpr int POINTS_PER_SIDE = 5;  ///< of a box's outline, which a lens bends
+
+[[noreturn]] void fail(const std::string& text)
+{
+  throw std::invalid_argument(text);
+}
+
+/// Of the pictures as they come [px].
+cv::Size sizeOf(const sensor_msgs::CameraInfo& info, const std::string& name)
+{
+  if (info.width == 0 || info.height == 0 || info.width > MAX_SIDE_PX || info.height > MAX_SIDE_PX)
+  {
+    fail(name + ": size is " + sizeText(info.width, info.height) + ": the camera is not calibrated");
+  }
+  const bool whole = info.roi.width == 0 || info.roi.height == 0;
+  return {static_cast<int>((whole ? info.width : info.roi.width) / std::max(info.binning_x, 1U)),
+          static_cast<int>((whole ? info.height : info.roi.height) / std::max(info.binning_y, 1U))};
+}
+
+/// K or the first columns of P for the pictures as they come.
+cv::Matx33d adjusted(cv::Matx33d matrix, const sensor_msgs::CameraInfo& info)
+{
+  const bool whole = info.roi.width == 0 || info.roi.height == 0;
+  const double binning_x = std::max(info.binning_x, 1U);
+  const double binning_y = std::max(info.binning_y, 1U);
+  matrix(0, 0) /= binning_x;
+  matrix(1, 1) /= binning_y;
+  matrix(0, 2) = (matrix(0, 2) - (whole ? 0.0 : info.roi.x_offset)) / binning_x;
+  matrix(1, 2) = (matrix(1, 2) - (whole ? 0.0 : info.roi.y_offset)) / binning_y;
+  return matrix;
+}
+
+cv::Matx33d projection(const sensor_msgs::CameraInfo& info, const std::string& name)
+{
+  const auto& P = info.P;
+  if (!(P[0] > 0.0) || !(P[5] > 0.0) || !std::isfinite(P[0] + P[2] + P[5] + P[6]))
+  {
+    fail(name + ": P[0] = " + format("%g", P[0]) + ", must be a focal length [px]: the camera is not calibrated");
+  }
+  return adjusted(cv::Matx33d(P[0], P[1], P[2], P[4], P[5], P[6], P[8], P[9], P[10]), info);
+}
+
+Eigen::Matrix3d rotation(const sensor_msgs::CameraInfo& info, const std::string& name)
+{
+  const Eigen::Matrix3d R = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(info.R.data());
+  // Files carry a handful of digits.
+  if (!((R * R.transpose() - Eigen::Matrix3d::Identity()).norm() < 1e-3) || R.determinant() < 0.0)
+  {
+    fail(name + ": R is no rotation: the cameras are not calibrated as a pair");
+  }
+  return Eigen::Quaterniond(R).normalized().toRotationMatrix();
+}
+
+StereoGeometry geometryOf(const sensor_msgs::CameraInfo& left, const std::string& name)
+{
+  const cv::Size size = sizeOf(left, name);
+  const cv::Matx33d P = projection(left, name);
+  StereoGeometry geometry;
+  geometry.width = size.width;
+  geometry.height = size.height;
+  geometry.fx = P(0, 0);
+  geometry.fy = P(1, 1);
+  geometry.cx = P(0, 2);
+  geometry.cy = P(1, 2);
+  return geometry;
+}
+
+void requireBaseline(double baseline_m, const std::string& name)
+{
+  if (!(baseline_m >= MIN_BASELINE_M && baseline_m <= MAX_BASELINE_M))
+  {
+    fail(name + ": baseline = " + format("%g", baseline_m) + " m, must be in [" + format("%g", MIN_BASELINE_M) + ", " +
+         format("%g", MAX_BASELINE_M) + "]: check the unit of the calibration");
+  }
+}
+
+int64_t stampOf(const sensor_msgs::ImageConstPtr& picture)
+{
+  return fromMsg(picture->header.stamp);
+}
+
+}  // namespace
+
+StereoCamera StereoCamera::fromMsg(const sensor_msgs::CameraInfo& left, const sensor_msgs::CameraInfo& right,
+                                   const std::string& left_name, const std::string& right_name)
+{
+  StereoCamera camera;
+  camera.geometry = geometryOf(left, left_name);
+  camera.R_rectified_left = rotation(left, left_name);
+  const cv::Matx33d P_right = projection(right, right_name);
+  const cv::Size size = sizeOf(right, right_name);
+  StereoGeometry& geometry = camera.geometry;
+  if (size.width != geometry.width || size.height != geometry.height)
+  {
+    fail(right_name + " is for " + sizeText(size.width, size.height) + ", but " + left_name + " for " +
+         sizeText(geometry.width, geometry.height) + "; set both cameras to the same size");
+  }
+  const double baseline_m = left.P[3] / left.P[0] - right.P[3] / right.P[0];
+  const std::string number = format("%g", right.P[3]);
+  if (baseline_m < 0.0)
+  {
+    fail(right_name + ": P[3] = " + number +
+         ", must be -focal length * baseline: the cameras are swapped; swap the topics of left and right");
+  }
+  if (!(baseline_m > 0.0))
+  {
+    fail(right_name + ": P[3] = " + number +
+         ", must be -focal length * baseline: the cameras are not calibrated as a pair; calibrate them as one");
+  }
+  requireBaseline(baseline_m, right_name);
+  if (std::abs(P_right(0, 0) - geometry.fx) > 1e-3 * geometry.fx ||
+      std::abs(P_right(1, 1) - geometry.fy) > 1e-3 * geometry.fy || std::abs(P_right(1, 2) - geometry.cy) > 0.5)
+  {
+    fail(right_name + ": P has fx, fy, cy = " + format("%.2f, ", P_right(0, 0)) + format("%.2f, ", P_right(1, 1)) +
+         format("%.2f", P_right(1, 2)) + ", those of " + left_name + " are " + format("%.2f, ", geometry.fx) +
+         format("%.2f, ", geometry.fy) + format("%.2f", geometry.cy) +
+         ": the pair is not rectified; calibrate the cameras as one");
+  }
+  geometry.baseline_m = baseline_m;
+  geometry.cx_difference = geometry.cx - P_right(0, 2);
+  geometry.validate();
+  return camera;
+}
+
+StereoCamera StereoCamera::fromMsg(const sensor_msgs::CameraInfo& left, const stereo_msgs::DisparityImage& disparity,
+                                   const std::string& left_name)
+{
+  StereoCamera camera;
+  camera.geometry = geometryOf(left, left_name);
+  camera.R_rectified_left = rotation(left, left_name);
+  StereoGeometry& geometry = camera.geometry;
+  if (std::abs(disparity.f - geometry.fx) > 1e-2 * geometry.fx)
+  {
+    fail(left_name + ": P[0] = " + format("%.2f", geometry.fx) +
+         ", but the disparity's f = " + format("%.2f", disparity.f) + " [px]: they must be of the same camera");
+  }
+  geometry.baseline_m = disparity.T;
+  requireBaseline(geometry.baseline_m, "disparity");
+  geometry.validate();
+  return camera;
+}
+
+bool sameCamera(const sensor_msgs::CameraInfo& a, const sensor_msgs::CameraInfo& b)
+{
+  return a.width == b.width && a.height == b.height && a.distortion_model == b.distortion_model && a.D == b.D &&
+         a.K == b.K && a.R == b.R && a.P == b.P && a.binning_x == b.binning_x && a.binning_y == b.binning_y &&
+         a.roi.x_offset == b.roi.x_offset && a.roi.y_offset == b.roi.y_offset && a.roi.width == b.roi.width &&
+         a.roi.height == b.roi.height && a.header.frame_id == b.header.frame_id;
+}
+
+// ----------------------------------------------------------------------------------------------------------- Rectifier
+
+Rectifier::Rectifier(const sensor_msgs::CameraInfo& info, const std::string& name)
+{
+  const std::string& lens = info.distortion_model;
+  const bool zero = std::all_of(info.D.begin(), info.D.end(), [](double value) { return value == 0.0; });
+  equidistant_ = lens == "equidistant" || lens == "fisheye";
+  if (!equidistant_ && !zero && lens != "plumb_bob" && lens != "rational_polynomial")
+  {
+    fail(name + ": distortion_model = \"" + lens + "\", must be plumb_bob, rational_polynomial or equidistant");
+  }
+  const size_t coefficients = info.D.size();
+  if (equidistant_ ? coefficients != 4
+                   : coefficients != 0 && coefficients != 4 && coefficients != 5 && coefficients != 8 &&
+                         coefficients != 12 && coefficients != 14)
+  {
+    fail(name + ": D has " + std::to_string(coefficients) + " values, must have " +
+         (equidistant_ ? "4" : "4, 5, 8, 12 or 14") + " for " + lens);
+  }
+  if (!(info.K[0] > 0.0) || !(info.K[4] > 0.0))
+  {
+    fail(name + ": K[0] = " + format("%g", info.K[0]) + ", must be a focal length [px]: the camera is not calibrated");
+  }
+  K_ = adjusted(cv::Matx33d(info.K.data()), info);
+  P_ = projection(info, name);
+  const Eigen::Matrix3d R = rotation(info, name);
+  for (int i = 0; i < 9; ++i)
+  {
+    R_(i / 3, i % 3) = R(i / 3, i % 3);
+  }
+  D_ = coefficients == 0
+           ? cv::Mat::zeros(4, 1, CV_64F)
+           : cv::Mat(static_cast<int>(coefficients), 1, CV_64F, const_cast<double*>(info.D.data())).clone();
+  const cv::Size size = sizeOf(info, name);
+  if (equidistant_)
+  {
+    cv::fisheye::initUndistortRectifyMap(K_, D_, R_, P_, size, CV_16SC2, map_xy_, map_fraction_);
+  }
+  else
+  {
+    cv::initUndistortRectifyMap(K_, D_, R_, P_, size, CV_16SC2, map_xy_, map_fraction_);
+  }
+}
+
+cv::Mat Rectifier::rectify(const cv::Mat& raw) const
+{
+  cv::Mat rectified;
+  cv::remap(raw, rectified, map_xy_, map_fraction_, cv::INTER_LINEAR);
+  return rectified;
+}
+
+Box Rectifier::rectify(const Box& raw) const
+{
+  std::vector<cv::Point2f> outline;
+  for (int i = 0; i < POINTS_PER_SIDE; ++i)
+  {
+    const float part = static_cast<float>(i) / (POINTS_PER_SIDE - 1);
+    const float x = raw.x1 + part * raw.width();
+    const float y = raw.y1 + part * raw.height();
+    outline.insert(outline.end(), {{x, raw.y1}, {x, raw.y2}, {raw.x1, y}, {raw.x2, y}});
+  }
+  std::vector<cv::Point2f> straight;
+  if (equidistant_)
+  {
+    cv::fisheye::undistortPoints(outline, straight, K_, D_, R_, P_);
+  }
+  else
+  {
+    cv::undistortPoints(outline, straight, K_, D_, R_, P_);
+  }
+  Box box{straight[0].x, straight[0].y, straight[0].x, straight[0].y};
+  for (const cv::Point2f& point : straight)
+  {
+    box.x1 = std::min(box.x1, point.x);
+    box.y1 = std::min(box.y1, point.y);
+    box.x2 = std::max(box.x2, point.x);
+    box.y2 = std::max(box.y2, point.y);
+  }
+  return box;
+}
+
+// ------------------------------------------------------------------------------------------------------- StereoPairing
+
+StereoPairing::StereoPairing(double tolerance_s) : tolerance_ns_(std::llround(1e9 * tolerance_s)) {}
+
+void StereoPairing::clear()
+{
+  waiting_[0].clear();
+  waiting_[1].clear();
+}
+
+std::optional<StereoPair> StereoPairing::add(bool right, const sensor_msgs::ImageConstPtr& picture)
+{
+  const int64_t stamp_ns = stampOf(picture);
+  auto& own = waiting_[right ? 1 : 0];
+  auto& other = waiting_[right ? 0 : 1];
+  if (!own.empty() && stamp_ns <= stampOf(own.back()))
+  {
+    clear();  // time began anew
+  }
+  const auto partner = std::min_element(other.begin(), other.end(),
+                                        [stamp_ns](const auto& a, const auto& b)
+                                        { return std::abs(stampOf(a) - stamp_ns) < std::abs(stampOf(b) - stamp_ns); });
+  if (partner == other.end() || std::abs(stampOf(*partner) - stamp_ns) > tolerance_ns_)
+  {
+    own.push_back(picture);
+    if (own.size() > MAX_WAITING)
+    {
+      own.pop_front();
+      ++single_;
+    }
+    return std::nullopt;
+  }
+  const StereoPair pair = right ? StereoPair{*partner, picture} : StereoPair{picture, *partner};
+  single_ += own.size() + static_cast<uint64_t>(partner - other.begin());
+  own.clear();
+  other.erase(other.begin(), partner + 1);
+  return pair;
+}
+
+}  // namespace pi_detect

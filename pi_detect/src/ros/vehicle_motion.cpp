@@ -1,0 +1,136 @@
+#include <pi_detect/ros/conversions.h>
+#include <pi_detect/ros/vehicle_motion.h>
+#include <pi_runtime/ros/formatting.h>
+#include <tf2/exceptions.h>
+
+#include <chrono>
+
+namespace pi_detect
+{
+namespace
+{
+
+using pi_runtime::format;
+
+/// tf that is further behind is not waited for: it is that of another time, or has ended [s].
+constexpr double MAX_BEHIND_S = 1.0;
+/// Over which the velocity is taken: longer than the steps of tf, short against manoeuvres [s].
+constexpr double VELOCITY_INTERVAL_S = 0.1;
+
+}  // namespace
+
+VehicleMotion::VehicleMotion(const ros::NodeHandle& node, const std::string& odom_frame,
+                             const std::string& base_link_frame, double wait_s)
+  : odom_frame_(odom_frame)
+  , base_link_frame_(base_link_frame)
+  , wait_s_(wait_s)
+  , connection_(buffer_._addTransformsChangedListener(
+        [this]
+        {
+          // The lock makes sure that nobody is between the look and the sleep.
+          std::unique_lock<std::mutex>(mutex_).unlock();
+          changed_.notify_all();
+        }))
+  , listener_(buffer_, node, true, ros::TransportHints().tcpNoDelay())
+{
+}
+
+VehicleMotion::~VehicleMotion()
+{
+  stop();
+  buffer_._removeTransformsChangedListener(connection_);
+}
+
+void VehicleMotion::stop()
+{
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    stopping_ = true;
+  }
+  changed_.notify_all();
+}
+
+std::optional<Eigen::Isometry3d> VehicleMotion::mounting(const std::string& frame) const
+{
+  try
+  {
+    return fromMsg(buffer_.lookupTransform(base_link_frame_, frame, ros::Time(0)).transform);
+  }
+  catch (const tf2::TransformException&)
+  {
+    return std::nullopt;
+  }
+}
+
+std::optional<Eigen::Isometry3d> VehicleMotion::poseAt(const ros::Time& stamp) const
+{
+  try
+  {
+    return fromMsg(buffer_.lookupTransform(odom_frame_, base_link_frame_, stamp).transform);
+  }
+  catch (const tf2::TransformException&)
+  {
+    return std::nullopt;
+  }
+}
+
+bool VehicleMotion::waitFor(const ros::Time& stamp)
+{
+  std::unique_lock<std::mutex> lock(mutex_);
+  return changed_.wait_for(lock, std::chrono::duration<double>(wait_s_),
+                           [this, &stamp]
+                           { return stopping_ || buffer_.canTransform(odom_frame_, base_link_frame_, stamp); }) &&
+         !stopping_;
+}
+
+std::optional<VehicleState> VehicleMotion::at(const ros::Time& stamp, std::string* problem)
+{
+  problem->clear();
+  const std::string transform = odom_frame_ + " -> " + base_link_frame_;
+  ros::Time newest;
+  try
+  {
+    newest = buffer_.lookupTransform(odom_frame_, base_link_frame_, ros::Time(0)).header.stamp;
+  }
+  catch (const tf2::TransformException&)
+  {
+    *problem = "tf has no " + transform;
+    return std::nullopt;
+  }
+  const double behind_s = newest.isZero() ? 0.0 : (stamp - newest).toSec();  // 0: a static transform
+  if (behind_s > MAX_BEHIND_S)
+  {
+    *problem = "tf " + transform + format(" is %.2f s behind the pictures", behind_s);
+    return std::nullopt;
+  }
+  ros::Time known = stamp;
+  if (behind_s > 0.0 && !waitFor(stamp))
+  {
+    known = newest;
+    *problem = "tf " + transform + format(" did not reach a picture's stamp in %.2f s", wait_s_) +
+               format(", it is %.2f s behind", behind_s);
+  }
+  const std::optional<Eigen::Isometry3d> T_odom_base = poseAt(known);
+  if (!T_odom_base)
+  {
+    *problem = "tf " + transform + format(" begins %.2f s after a picture's stamp", -behind_s);
+    return std::nullopt;
+  }
+  VehicleState state;
+  state.T_odom_base = *T_odom_base;
+  const ros::Duration interval(VELOCITY_INTERVAL_S);
+  const std::optional<Eigen::Isometry3d> before =
+      known.toSec() > VELOCITY_INTERVAL_S ? poseAt(known - interval) : std::nullopt;
+  if (before)
+  {
+    state.velocity =
+        T_odom_base->linear().transpose() * (T_odom_base->translation() - before->translation()) / VELOCITY_INTERVAL_S;
+  }
+  if (known != stamp)
+  {
+    state.T_odom_base.translate(state.velocity * behind_s);
+  }
+  return state;
+}
+
+}  // namespace pi_detect

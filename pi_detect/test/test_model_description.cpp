@@ -1,0 +1,192 @@
+#include <gtest/gtest.h>
+#include <pi_detect/model_description.h>
+
+#include <cstdlib>
+#include <fstream>
+#include <string>
+
+#include "temporary_folder.h"
+
+namespace pi_detect
+{
+namespace
+{
+
+constexpr char MINIMAL[] = R"(name: net-1
+weights: {file: net.onnx}
+input: {width: 300, height: 200}
+output: {kind: detections}
+labels: {1: person, 3: car}
+)";
+
+constexpr char RAW[] = R"(name: raw
+weights: {file: net.onnx, sha256: 0123456789abcdef0123456789abcdef0123456789abcdef0123456789abcdef}
+input: {width: 64, height: 64, mean: [1, 2, 3], scale: 0.5, channels: bgr, resize: letterbox, bar_level: 7}
+output:
+  kind: raw
+  boxes: b
+  scores: s
+  box_order: yxhw
+  activation: sigmoid
+  background: 0
+  variances: [0.1, 0.1, 0.2, 0.2]
+  overlap_threshold: 0.6
+  top_k: 50
+  keep_top_k: 20
+  clip_priors: true
+  feature_maps:
+    - {columns: 2, rows: 3, boxes: [[0.1, 0.2], [0.3, 0.4]], offset: 0.4, step_x: 0.45, step_y: 0.3}
+labels: {1: person, 2: car}
+score_threshold: 0.25
+class_agnostic_overlap: 0.5
+origin: a test
+licence: none
+)";
+
+class ModelDescriptionFile : public testing::Test
+{
+protected:
+  std::string write(const std::string& content) const
+  {
+    const std::string path = folder_.path() + "/model.yaml";
+    std::ofstream(path) << content;
+    return path;
+  }
+
+  /// The text of the error that loading ends with; empty: it loads.
+  std::string errorOf(const std::string& content) const
+  {
+    try
+    {
+      ModelDescription::load(write(content));
+      return "";
+    }
+    catch (const ModelError& error)
+    {
+      return error.what();
+    }
+  }
+
+  /// errorOf() of a text with one part replaced.
+  std::string errorWith(std::string content, const std::string& part, const std::string& replacement) const
+  {
+    const size_t at = content.find(part);
+    EXPECT_NE(std::string::npos, at) << part;
+    return errorOf(content.replace(at, part.size(), replacement));
+  }
+
+  TemporaryFolder folder_;
+};
+
+bool contains(const std::string& text, const std::string& part)
+{
+  return text.find(part) != std::string::npos;
+}
+
+TEST_F(ModelDescriptionFile, WhatIsNotWrittenHasDefaults)
+{
+  const ModelDescription model = ModelDescription::load(write(MINIMAL));
+  EXPECT_EQ("net-1", model.name);
+  EXPECT_EQ(folder_.path() + "/net.onnx", model.weights.path);
+  EXPECT_TRUE(model.config.path.empty());
+  EXPECT_EQ(200, model.input.height);
+  EXPECT_TRUE(model.input.rgb);
+  EXPECT_FALSE(model.input.letterbox);
+  EXPECT_EQ(OutputKind::DETECTIONS, model.output_kind);
+  EXPECT_EQ(3, model.idOf("car"));
+  EXPECT_EQ(-1, model.idOf("tree"));
+  EXPECT_FLOAT_EQ(0.5F, model.score_threshold);
+}
+
+TEST_F(ModelDescriptionFile, AllFieldsAreRead)
+{
+  const ModelDescription model = ModelDescription::load(write(RAW));
+  EXPECT_EQ("0123456789abcdef0123456789abcdef0123456789abcdef0123456789abcdef", model.weights.sha256);
+  EXPECT_EQ((std::array<float, 3>{{1.0F, 2.0F, 3.0F}}), model.input.mean);
+  EXPECT_FLOAT_EQ(0.5F, model.input.scale);
+  EXPECT_FALSE(model.input.rgb);
+  EXPECT_TRUE(model.input.letterbox);
+  EXPECT_EQ(7, model.input.bar_level);
+  const RawOutputs& raw = model.raw;
+  EXPECT_EQ("b", raw.boxes);
+  EXPECT_EQ("s", raw.scores);
+  EXPECT_TRUE(raw.yxhw);
+  EXPECT_EQ(pi_runtime::kernels::SSD_SIGMOID, raw.activation);
+  EXPECT_EQ(3, raw.classes);
+  EXPECT_EQ(0, raw.background);
+  EXPECT_FLOAT_EQ(0.6F, raw.overlap_threshold);
+  EXPECT_EQ(50, raw.top_k);
+  EXPECT_EQ(20, raw.keep_top_k);
+  EXPECT_TRUE(raw.clip_priors);
+  ASSERT_EQ(1u, raw.feature_maps.size());
+  ASSERT_EQ(2u, raw.feature_maps[0].boxes.size());
+  EXPECT_FLOAT_EQ(0.4F, raw.feature_maps[0].boxes[1].height);
+  EXPECT_FLOAT_EQ(0.4F, raw.feature_maps[0].offset);
+  EXPECT_FLOAT_EQ(0.3F, raw.feature_maps[0].step_y);
+  EXPECT_FLOAT_EQ(0.25F, model.score_threshold);
+  EXPECT_FLOAT_EQ(0.5F, model.class_agnostic_overlap);
+  EXPECT_EQ("a test", model.origin);
+}
+
+TEST_F(ModelDescriptionFile, PathsTakeVariablesOfTheEnvironment)
+{
+  setenv("PI_DETECT_TEST_FOLDER", "/somewhere", 1);
+  std::string text = MINIMAL;
+  text.replace(text.find("net.onnx"), 8, "\"${PI_DETECT_TEST_FOLDER}/x/net.onnx\"");
+  EXPECT_EQ("/somewhere/x/net.onnx", ModelDescription::load(write(text)).weights.path);
+  unsetenv("PI_DETECT_TEST_FOLDER");
+  EXPECT_TRUE(contains(errorOf(text), "PI_DETECT_TEST_FOLDER is not set: set it in the environment"));
+}
+
+TEST_F(ModelDescriptionFile, AMissingFileIsNamed)
+{
+  try
+  {
+    ModelDescription::load("/nowhere/model.yaml");
+    FAIL() << "was loaded";
+  }
+  catch (const ModelError& error)
+  {
+    EXPECT_TRUE(contains(error.what(), "/nowhere/model.yaml: there is no such file")) << error.what();
+  }
+}
+
+TEST_F(ModelDescriptionFile, ErrorsNameFileFieldValueAndBound)
+{
+  EXPECT_TRUE(contains(errorOf("[1, 2]"), folder_.path() + "/model.yaml: the file must be a map of fields"));
+  EXPECT_TRUE(contains(errorOf("name: [unclosed"), "model.yaml: yaml-cpp: error"));
+  EXPECT_TRUE(contains(errorOf("name: x\n"), "weights is missing"));
+  EXPECT_TRUE(contains(errorWith(MINIMAL, "net-1", "\"a b\""), "name = \"a b\", must be letters, digits, _ and -"));
+  EXPECT_TRUE(contains(errorWith(MINIMAL, "width: 300", "width: 4"), "input/width = 4, must be in [8, 4096]"));
+  EXPECT_TRUE(
+      contains(errorWith(MINIMAL, "width: 300", "width: wide"), "input/width = \"wide\", must be a whole number"));
+  EXPECT_TRUE(contains(errorWith(MINIMAL, "width: 300", "wdth: 300"), "input/width is missing"));
+  EXPECT_TRUE(contains(errorWith(MINIMAL, "height: 200", "height: 200, heigth: 1"), "input/heigth means nothing here"));
+  EXPECT_TRUE(contains(errorWith(MINIMAL, "kind: detections", "kind: both"),
+                       "output/kind = \"both\", must be detections or raw"));
+  EXPECT_TRUE(contains(errorWith(MINIMAL, "{1: person, 3: car}", "{}"), "labels = (empty)"));
+  EXPECT_TRUE(contains(errorWith(MINIMAL, "{1: person", "{-1: person"), "labels: id = -1, must be at least 0"));
+  EXPECT_TRUE(contains(errorWith(RAW, "0123456789abcdef0", "x"), "weights/sha256 = "));
+  EXPECT_TRUE(contains(errorWith(RAW, "[1, 2, 3]", "[1, 2]"), "input/mean = 2 numbers, must be a list of 3 numbers"));
+  EXPECT_TRUE(contains(errorWith(RAW, "[[0.1, 0.2], [0.3, 0.4]]", "[[0.1, 0.2, 0.3]]"), "3 numbers in an entry"));
+  EXPECT_TRUE(
+      contains(errorWith(RAW, "[0.3, 0.4]", "[0.3, -0.4]"), "output/feature_maps/boxes = -0.4, must be above 0"));
+  EXPECT_TRUE(contains(errorWith(RAW, "columns: 2, rows: 3", "columns: 4000, rows: 4000"), "must be at most 65536"));
+  EXPECT_TRUE(contains(errorWith(RAW, "background: 0", "background: 3"), "output/background = 3"));
+  EXPECT_TRUE(contains(errorWith(RAW, "{1: person", "{0: person"), "labels: id = 0"));
+  EXPECT_TRUE(contains(errorWith(RAW, "score_threshold: 0.25", "score_threshold: .nan"), "score_threshold = nan"));
+}
+
+TEST(Sha256, IsThatOfTheStandardsExample)
+{
+  const TemporaryFolder folder;
+  const std::string path = folder.path() + "/abc";
+  std::ofstream(path) << "abc";
+  EXPECT_EQ("ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad", sha256OfFile(path));
+  std::ofstream(path).close();
+  EXPECT_EQ("e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855", sha256OfFile(path));
+  EXPECT_THROW(sha256OfFile(folder.path() + "/none"), ModelError);
+}
+
+}  // namespace
+}  // namespace pi_detect
