@@ -1,0 +1,62 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace pi_speech
+{
+
+/// Everything behind the input works at this rate, in one channel [Hz].
+constexpr int SAMPLE_RATE_HZ = 16000;
+
+/// Sound at SAMPLE_RATE_HZ, one channel, full scale = 32767.
+using Samples = std::vector<int16_t>;
+
+/// How a stream of sound is laid out: interleaved signed 16 bit, little endian.
+struct AudioFormat
+{
+  int sample_rate_hz = SAMPLE_RATE_HZ;  ///< in [4000, 192000]
+  int channels = 1;                     ///< in [1, 16]
+
+  /// @throws std::invalid_argument naming field, value and bound.
+  void validate() const;
+};
+
+bool operator==(const AudioFormat& a, const AudioFormat& b);
+
+/// Brings a stream of any rate and number of channels to SAMPLE_RATE_HZ and one channel (the mean of all), by
+/// libsamplerate. Not thread safe.
+class Resampler
+{
+public:
+  /// @throws std::invalid_argument if the format is not valid.
+  explicit Resampler(const AudioFormat& format);
+  ~Resampler();
+  Resampler(Resampler&&) noexcept;
+  Resampler& operator=(Resampler&&) noexcept;
+
+  const AudioFormat& format() const;
+  /// @param samples  interleaved; count is a multiple of the number of channels.
+  /// @param out      gets what is ready, at its end. Sound at SAMPLE_RATE_HZ in one channel passes unchanged, at once.
+  void process(const int16_t* samples, size_t count, Samples* out);
+  /// The stream has ended: what is still inside.
+  void flush(Samples* out);
+
+private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+/// Reads a sound file, whole: WAV, FLAC, Ogg and what else libsndfile reads; a name that ends in .raw is
+/// SAMPLE_RATE_HZ, one channel, signed 16 bit, little endian. Any rate and number of channels.
+/// @param[out] format  that of the file; may be null.
+/// @throws std::runtime_error naming the file, what is wrong and the way out: missing, no sound file, damaged, empty.
+Samples readAudioFile(const std::string& path, AudioFormat* format = nullptr);
+
+/// @throws std::runtime_error naming the file and the reason.
+void writeWav(const std::string& path, const Samples& samples);
+
+}  // namespace pi_speech

@@ -1,0 +1,44 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+namespace pi_speech
+{
+
+/// One command that can be spoken.
+struct Command
+{
+  std::string text;        ///< words in lower case, one space between two: "go left"; published as it stands here
+  bool fast = false;       ///< published as soon as it is recognised, before the pause that ends an utterance
+  double threshold = 0.0;  ///< least confidence, in (0, 1]; 0: that of the recogniser
+};
+
+/// The commands, in the order of the table.
+struct CommandTable
+{
+  std::vector<Command> commands;
+
+  /// The distinct words of all commands, sorted.
+  std::vector<std::string> words() const;
+
+  /// Reads
+  /// @code{.yaml}
+  /// commands:
+  ///   - stop                              # a text,
+  ///   - {text: go left, threshold: 0.4}   # or a map
+  ///   - {text: halt, fast: true}
+  /// @endcode
+  /// Texts are trimmed and brought to lower case.
+  /// @throws std::runtime_error naming file, line, what is wrong and the way out: no such file, no YAML, no list
+  ///   `commands`, empty, an unknown key, a text twice, without words, or with other characters than letters, digits,
+  ///   apostrophes and hyphens in its words; a fast command that other commands begin with ("go" beside "go left").
+  static CommandTable load(const std::string& path);
+  /// The same from a text. @param name  of the source, in messages.
+  static CommandTable parse(const std::string& yaml, const std::string& name);
+
+  /// @throws std::invalid_argument as load().
+  void validate() const;
+};
+
+}  // namespace pi_speech

@@ -1,0 +1,60 @@
+#pragma once
+
+#include <map>
+#include <string>
+#include <vector>
+
+namespace pi_speech
+{
+
+/// What is known of a candidate for a command, from which its confidence is computed. Log-likelihoods are natural.
+struct Evidence
+{
+  std::string command;  ///< the candidate's text
+  bool has_word_models = false;
+  double word_margin = 0.0;        ///< ln of the candidate's likelihood over that of all other commands, from these
+  double filler_margin = 0.0;      ///< the same over other speech
+  double background_margin = 0.0;  ///< the same over background
+  bool sphinx_agrees = false;      ///< PocketSphinx with garbage words understood the candidate
+  bool sphinx_garbage = false;     ///< it understood garbage words
+  bool sphinx_nothing = false;     ///< it understood nothing
+  double phone_ratio = 0.0;        ///< its ln likelihood per frame less that of the best phones, at most about 0
+  double speech_s = 0.0;           ///< length of the speech
+  double snr_db = 0.0;
+  int words = 1;  ///< of the candidate
+};
+
+/// Logistic model of the confidence, with one set of weights where word models take part and one where they do not.
+/// With word models each word has a bias of its own.
+class ConfidenceModel
+{
+public:
+  /// Names of the features, in order: what the file has weights of.
+  static const std::vector<std::string>& featureNames();
+  static std::vector<double> features(const Evidence& evidence);
+
+  /// Reads
+  /// @code{.yaml}
+  /// with_word_models: {bias: -1.0, word_margin: 0.3, ..., word_biases: {stop: 0.4, ...}}
+  /// without_word_models: {bias: ...}
+  /// @endcode
+  /// @throws std::runtime_error naming the file and what is wrong: missing, no YAML, a weight missing or unknown.
+  static ConfidenceModel load(const std::string& path);
+
+  /// In (0, 1).
+  double confidence(const Evidence& evidence) const;
+
+private:
+  struct Weights
+  {
+    double bias = 0.0;
+    std::vector<double> features;               ///< in the order of featureNames()
+    std::map<std::string, double> word_biases;  ///< words that are not there have 0
+  };
+  static Weights readWeights(const std::string& path, const std::string& name);
+
+  Weights with_word_models_;
+  Weights without_word_models_;
+};
+
+}  // namespace pi_speech

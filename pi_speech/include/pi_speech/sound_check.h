@@ -1,0 +1,81 @@
+#pragma once
+
+#include <pi_speech/audio.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string>
+
+namespace pi_speech
+{
+
+struct SoundCheckOptions
+{
+  double clipped_share = 0.005;      ///< of samples at full scale in a window, from which it is clipped, in (0, 1]
+  double silent_level_dbfs = -75.0;  ///< level of a window, below which it is silent [dB of full scale], in [-120, 0]
+  double silent_s = 10.0;            ///< of silence in a row, until it is said [s], in [1, 3600]
+  double missing_s = 2.0;            ///< without a sample, until it is said [s], in [0.1, 3600]
+  double window_s = 1.0;             ///< that levels and shares are taken of [s], in [0.05, 10]
+
+  /// @throws std::invalid_argument naming field, value and bound.
+  void validate() const;
+};
+
+enum class SoundState
+{
+  GOOD,
+  CLIPPED,  ///< too loud for the microphone's gain
+  SILENT,   ///< samples come, but nothing is in them
+  MISSING,  ///< no samples come
+};
+const char* toString(SoundState state);
+
+/// Another state, with what there is to say of it.
+struct SoundChange
+{
+  SoundState state = SoundState::GOOD;
+  std::string text;  ///< figure, its bound and the way out
+};
+
+/// Watches a stream of sound as it comes from the microphone, before it is resampled, which hides what is clipped. Not
+/// thread safe.
+class SoundCheck
+{
+public:
+  /// @param now_ns  of any clock that does not jump; from then on sound is awaited.
+  /// @throws std::invalid_argument for wrong options.
+  SoundCheck(const SoundCheckOptions& options, int64_t now_ns);
+
+  /// @param samples  interleaved. A format other than before begins a new window.
+  /// @return the change, once.
+  std::optional<SoundChange> add(const AudioFormat& format, const int16_t* samples, size_t count, int64_t now_ns);
+  /// Between samples, from time to time.
+  std::optional<SoundChange> look(int64_t now_ns);
+
+  SoundState state() const { return state_; }
+  double levelDbfs() const { return level_dbfs_; }        ///< of the last window; at least -120
+  double clippedShare() const { return clipped_share_; }  ///< in the last window
+  uint64_t windows() const { return windows_; }
+
+private:
+  std::optional<SoundChange> endWindow();
+  std::optional<SoundChange> change(SoundState state, const std::string& text);
+
+  const SoundCheckOptions options_;
+  SoundState state_ = SoundState::GOOD;
+  AudioFormat format_;
+  int64_t heard_ns_;  ///< last sample
+  uint64_t windows_ = 0;
+  double level_dbfs_ = -120.0;
+  double clipped_share_ = 0.0;
+  double silent_for_s_ = 0.0;
+
+  // Of the window that is not full yet.
+  size_t count_ = 0;
+  size_t clipped_ = 0;
+  double sum_ = 0.0;
+  double squares_ = 0.0;
+};
+
+}  // namespace pi_speech

@@ -1,0 +1,134 @@
+#include <pi_speech/confidence.h>
+#include <yaml-cpp/yaml.h>
+
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+#include <stdexcept>
+
+namespace pi_speech
+{
+
+namespace
+{
+
+constexpr double MOST_MARGIN = 12.0;  ///< of log posteriors that still makes a difference
+constexpr double MOST_RATIO = 6.0;    ///< of log-likelihoods per frame
+constexpr double LEAST_SPEECH_S = 0.05;
+constexpr double MOST_SPEECH_S = 5.0;
+constexpr double LEAST_SNR_DB = -10.0;
+constexpr double MOST_SNR_DB = 40.0;
+
+}  // namespace
+
+const std::vector<std::string>& ConfidenceModel::featureNames()
+{
+  static const std::vector<std::string> NAMES{
+      "word_margin", "filler_margin", "background_margin",    "sphinx_agrees", "sphinx_garbage", "sphinx_nothing",
+      "phone_ratio", "log_speech_s",  "log_speech_s_squared", "snr_db",        "more_words"};
+  return NAMES;
+}
+
+std::vector<double> ConfidenceModel::features(const Evidence& evidence)
+{
+  const double log_speech = std::log(std::clamp(evidence.speech_s, LEAST_SPEECH_S, MOST_SPEECH_S) / evidence.words);
+  return {std::clamp(evidence.word_margin, -MOST_MARGIN, MOST_MARGIN),
+          std::clamp(evidence.filler_margin, -MOST_MARGIN, MOST_MARGIN),
+          std::clamp(evidence.background_margin, -MOST_MARGIN, MOST_MARGIN),
+          evidence.sphinx_agrees ? 1.0 : 0.0,
+          evidence.sphinx_garbage ? 1.0 : 0.0,
+          evidence.sphinx_nothing ? 1.0 : 0.0,
+          std::clamp(evidence.phone_ratio, -MOST_RATIO, MOST_RATIO),
+          log_speech,
+          log_speech * log_speech,
+          std::clamp(evidence.snr_db, LEAST_SNR_DB, MOST_SNR_DB) / 10.0,
+          static_cast<double>(evidence.words - 1)};
+}
+
+ConfidenceModel::Weights ConfidenceModel::readWeights(const std::string& path, const std::string& name)
+{
+  const YAML::Node node = YAML::LoadFile(path)[name];
+  if (!node || !node.IsMap())
+  {
+    throw std::runtime_error(name + " is missing, or no map of weights: write the file by calibrate_confidence");
+  }
+  const std::vector<std::string>& names = featureNames();
+  Weights weights;
+  std::map<std::string, double> values;
+  for (const auto& entry : node)
+  {
+    const auto key = entry.first.as<std::string>();
+    if (key == "word_biases")
+    {
+      weights.word_biases = entry.second.as<std::map<std::string, double>>();
+      for (const auto& [word, bias] : weights.word_biases)
+      {
+        if (!std::isfinite(bias))
+        {
+          throw std::runtime_error(name + "/word_biases/" + word + " is no number");
+        }
+      }
+      continue;
+    }
+    if (key != "bias" && std::find(names.begin(), names.end(), key) == names.end())
+    {
+      throw std::runtime_error(name + "/" + key + " is no evidence that this program knows");
+    }
+    values[key] = entry.second.as<double>();
+  }
+  const auto take = [&](const std::string& key)
+  {
+    const auto value = values.find(key);
+    if (value == values.end() || !std::isfinite(value->second))
+    {
+      throw std::runtime_error(name + "/" + key + " is missing, or no number");
+    }
+    return value->second;
+  };
+  weights.bias = take("bias");
+  for (const std::string& key : names)
+  {
+    weights.features.push_back(take(key));
+  }
+  return weights;
+}
+
+ConfidenceModel ConfidenceModel::load(const std::string& path)
+{
+  try
+  {
+    ConfidenceModel model;
+    model.with_word_models_ = readWeights(path, "with_word_models");
+    model.without_word_models_ = readWeights(path, "without_word_models");
+    return model;
+  }
+  catch (const YAML::BadFile&)
+  {
+    throw std::runtime_error(path + ": the confidence model cannot be read: does the file exist?");
+  }
+  catch (const std::exception& error)
+  {
+    throw std::runtime_error(path + ": " + error.what());
+  }
+}
+
+double ConfidenceModel::confidence(const Evidence& evidence) const
+{
+  const Weights& weights = evidence.has_word_models ? with_word_models_ : without_word_models_;
+  const std::vector<double> values = features(evidence);
+  double logit = weights.bias;
+  for (size_t i = 0; i < values.size(); ++i)
+  {
+    logit += weights.features[i] * values[i];
+  }
+  std::istringstream words(evidence.command);
+  double word_bias = 0.0;
+  for (std::string word; words >> word;)
+  {
+    const auto bias = weights.word_biases.find(word);
+    word_bias += bias == weights.word_biases.end() ? 0.0 : bias->second / evidence.words;
+  }
+  return 1.0 / (1.0 + std::exp(-(logit + word_bias)));
+}
+
+}  // namespace pi_speech

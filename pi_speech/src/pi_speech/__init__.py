@@ -1,0 +1,1 @@
+"""Python tools of pi_speech: judging recognised commands and calibrating the confidence."""

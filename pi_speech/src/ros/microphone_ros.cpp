@@ -1,0 +1,217 @@
+#include <diagnostic_msgs/DiagnosticStatus.h>
+#include <pi_runtime/ros/formatting.h>
+#include <pi_speech/ros/audio_conversions.h>
+#include <pi_speech/ros/microphone_ros.h>
+
+#include <boost/make_shared.hpp>
+#include <chrono>
+#include <vector>
+
+namespace pi_speech
+{
+namespace
+{
+
+using diagnostic_msgs::DiagnosticStatus;
+using pi_runtime::format;
+
+constexpr uint32_t QUEUE = 100;  ///< messages that wait for a subscriber: 2 s of 20 ms
+
+void logWarning(bool error, const std::string& text)
+{
+  if (error)
+  {
+    ROS_ERROR_STREAM_NAMED("microphone", text);
+  }
+  else
+  {
+    ROS_WARN_STREAM_NAMED("microphone", text);
+  }
+}
+
+MicrophoneRosOptions loadOptions(const ros::NodeHandle& private_node)
+{
+  std::vector<std::string> unknown;
+  MicrophoneRosOptions options = MicrophoneRosOptions::load(private_node, &unknown);
+  for (const std::string& name : unknown)
+  {
+    ROS_WARN_STREAM_NAMED("microphone", "parameter " << name << " means nothing here; see config/microphone.yaml");
+  }
+  ROS_INFO_STREAM_NAMED("microphone", "parameters: " << options.toText());
+  return options;
+}
+
+template <typename Clock>
+int64_t nowNs()
+{
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now().time_since_epoch()).count();
+}
+
+/// A time of the system's clock by that of ROS, which may be simulated.
+ros::Time rosTime(int64_t system_ns)
+{
+  if (!ros::Time::isSimTime())
+  {
+    return ros::Time().fromNSec(static_cast<uint64_t>(system_ns));
+  }
+  const ros::Duration age = ros::Duration().fromNSec(nowNs<std::chrono::system_clock>() - system_ns);
+  const ros::Time now = ros::Time::now();
+  return now.toSec() > age.toSec() ? now - age : now;
+}
+
+std::string describe(const AudioFormat& format)
+{
+  return std::to_string(format.sample_rate_hz) + " Hz, " + std::to_string(format.channels) +
+         (format.channels == 1 ? " channel" : " channels");
+}
+
+}  // namespace
+
+MicrophoneRos::MicrophoneRos(ros::NodeHandle node, ros::NodeHandle private_node)
+  : service_thread_("mic_service")
+  , service_node_(service_thread_.handle(node))
+  , options_(loadOptions(private_node))
+  , warnings_(options_.warning_period_s, logWarning)
+  , updater_(service_node_, private_node, private_node.getNamespace())
+  , check_(options_.check, nowNs<std::chrono::steady_clock>())
+{
+  audio_ = service_node_.advertise<AudioDataStamped>("audio_stamped", QUEUE);
+  info_ = service_node_.advertise<AudioInfo>("audio_info", 1, true);
+  updater_.setHardwareID(options_.microphone.device);
+  updater_.add("microphone", [this](Status& status) { reportDevice(status); });
+  updater_.add("sound", [this](Status& status) { reportSound(status); });
+  timer_ = service_node_.createWallTimer(ros::WallDuration(options_.diagnostic_period),
+                                         [this](const ros::WallTimerEvent&) { publishDiagnostics(); });
+
+  MicrophoneEvents events;
+  events.sound = [this](const MicrophoneSound& sound) { onSound(sound); };
+  events.found = [this](const std::string& device, const AudioFormat& format) { onFound(device, format); };
+  events.lost = [this](const std::string& problem) { onLost(problem); };
+  microphone_ = std::make_unique<Microphone>(options_.microphone, std::move(events));
+  service_thread_.start();
+}
+
+MicrophoneRos::~MicrophoneRos()
+{
+  service_thread_.stop();
+  microphone_->stop();
+}
+
+// --------------------------------------------------------------------------------------------------------- microphone
+
+void MicrophoneRos::onFound(const std::string& device, const AudioFormat& format)
+{
+  const AudioFormat& wanted = options_.microphone.format;
+  ROS_INFO_STREAM_NAMED("microphone", "records from " << device << ": " << describe(format)
+                                                      << (format == wanted ? "" : ", wanted " + describe(wanted)));
+  if (!format_published_ || !(published_format_ == format))
+  {
+    info_.publish(toMsg(format));
+    published_format_ = format;
+    format_published_ = true;
+  }
+}
+
+void MicrophoneRos::onLost(const std::string& problem)
+{
+  ROS_ERROR_STREAM_NAMED("microphone", problem << "; tried again every " << options_.microphone.retry_s << " s");
+}
+
+void MicrophoneRos::onSound(const MicrophoneSound& sound)
+{
+  std_msgs::Header header;
+  header.stamp = rosTime(sound.stamp_ns);
+  header.frame_id = options_.frame_id;
+  audio_.publish(boost::make_shared<const AudioDataStamped>(toMsg(sound.samples, sound.count, header)));
+
+  std::string warning;
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    if (const auto change = check_.add(sound.format, sound.samples, sound.count, nowNs<std::chrono::steady_clock>()))
+    {
+      sound_ = *change;
+      warning = change->state == SoundState::GOOD ? "" : change->text;
+    }
+  }
+  if (!warning.empty())
+  {
+    warnings_.warn(warning);
+  }
+}
+
+// -------------------------------------------------------------------------------------------------------- mic_service
+
+void MicrophoneRos::publishDiagnostics()
+{
+  status_ = microphone_->status();
+  if (status_.overruns > overruns_warned_)
+  {
+    overruns_warned_ = status_.overruns;
+    warnings_.warn("sound was lost " + std::to_string(status_.overruns) +
+                   " times, as it was not taken in time; the computer is too busy, or buffer_s is too short");
+  }
+  updater_.setHardwareID(status_.device.empty() ? options_.microphone.device : status_.device);
+  updater_.force_update();
+}
+
+void MicrophoneRos::reportDevice(Status& status) const
+{
+  if (status_.recording)
+  {
+    status.summary(DiagnosticStatus::OK, status_.device + ", " + describe(status_.format));
+  }
+  else if (!status_.problem.empty())
+  {
+    status.summary(DiagnosticStatus::ERROR, status_.problem);
+  }
+  else
+  {
+    status.summary(DiagnosticStatus::WARN, "opens " + options_.microphone.device);
+  }
+  status.add("device wanted", options_.microphone.device);
+  status.add("device", status_.device);
+  status.add("sample rate [Hz]", status_.format.sample_rate_hz);
+  status.add("channels", status_.format.channels);
+  status.add("samples", status_.samples);
+  status.add("overruns", status_.overruns);
+  status.add("times that the computer slept", status_.suspends);
+  status.add("times that the device was lost", status_.times_lost);
+}
+
+void MicrophoneRos::reportSound(Status& status)
+{
+  double level_dbfs = 0.0;
+  double clipped_share = 0.0;
+  SoundChange sound;
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    level_dbfs = check_.levelDbfs();
+    clipped_share = check_.clippedShare();
+    sound = sound_;
+  }
+  const std::vector<pi_runtime::WarningBoard::Entry> warnings = warnings_.recent();
+  if (!status_.recording)
+  {
+    status.summary(DiagnosticStatus::WARN, "no sound");
+  }
+  else if (sound.state != SoundState::GOOD)
+  {
+    status.summary(DiagnosticStatus::WARN, sound.text);
+  }
+  else if (!warnings.empty())
+  {
+    status.summary(DiagnosticStatus::WARN, warnings.front().text);
+  }
+  else
+  {
+    status.summary(DiagnosticStatus::OK, format("level %.0f dB of full scale", level_dbfs));
+  }
+  status.add("level [dB of full scale]", format("%.1f", level_dbfs));
+  status.add("clipped [%]", format("%.2f", 100.0 * clipped_share));
+  for (size_t i = 0; i < warnings.size(); ++i)
+  {
+    status.add("warning " + std::to_string(i + 1), warnings[i].text);
+  }
+}
+
+}  // namespace pi_speech

@@ -1,0 +1,63 @@
+#include <pi_runtime/ros/parameter_tree.h>
+#include <pi_speech/ros/microphone_ros_options.h>
+
+namespace pi_speech
+{
+
+namespace parameter_tree = pi_runtime::parameter_tree;
+using XmlRpc::XmlRpcValue;
+
+/// Every parameter by the path of its name, with its field.
+template <typename Options, typename Visitor>
+static void visitFields(Options& options, Visitor&& visit)
+{
+  auto& microphone = options.microphone;
+  visit("device", microphone.device);
+  visit("sample_rate", microphone.format.sample_rate_hz);
+  visit("channels", microphone.format.channels);
+  visit("period_s", microphone.period_s);
+  visit("buffer_s", microphone.buffer_s);
+  visit("stall_s", microphone.stall_s);
+  visit("retry_s", microphone.retry_s);
+  visit("check/clipped_share", options.check.clipped_share);
+  visit("check/silent_level_dbfs", options.check.silent_level_dbfs);
+  visit("check/silent_s", options.check.silent_s);
+  visit("check/window_s", options.check.window_s);
+  visit("frame_id", options.frame_id);
+  visit("diagnostic_period", options.diagnostic_period);
+  visit("warning_period_s", options.warning_period_s);
+}
+
+void MicrophoneRosOptions::validate() const
+{
+  microphone.validate();
+  parameter_tree::validateGroup("check", check);
+  parameter_tree::requireDuration("diagnostic_period", diagnostic_period);
+  parameter_tree::requireDuration("warning_period_s", warning_period_s);
+}
+
+MicrophoneRosOptions MicrophoneRosOptions::load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown)
+{
+  XmlRpcValue tree;
+  const std::string& path = private_node.getNamespace();
+  private_node.getParam(path, tree);
+  return fromParameters(tree, path + "/", unknown);
+}
+
+MicrophoneRosOptions MicrophoneRosOptions::fromParameters(const XmlRpcValue& tree, const std::string& path,
+                                                          std::vector<std::string>* unknown)
+{
+  return parameter_tree::load<MicrophoneRosOptions>(tree, path, unknown);
+}
+
+XmlRpcValue MicrophoneRosOptions::toParameters() const
+{
+  return parameter_tree::save(*this);
+}
+
+std::string MicrophoneRosOptions::toText() const
+{
+  return pi_runtime::parameters::text(toParameters());
+}
+
+}  // namespace pi_speech

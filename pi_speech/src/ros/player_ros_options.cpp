@@ -1,0 +1,85 @@
+#include <pi_runtime/option_check.h>
+#include <pi_runtime/ros/parameter_tree.h>
+#include <pi_speech/ros/player_ros_options.h>
+
+namespace pi_speech
+{
+
+namespace parameter_tree = pi_runtime::parameter_tree;
+using XmlRpc::XmlRpcValue;
+
+/// Every parameter by the path of its name, with its field.
+template <typename Options, typename Visitor>
+static void visitFields(Options& options, Visitor&& visit)
+{
+  visit("files", options.files);
+  visit("rate", options.rate);
+  visit("loop", options.loop);
+  visit("gap_s", options.gap_s);
+  visit("gap_level_dbfs", options.gap_level_dbfs);
+  visit("period_s", options.period_s);
+  visit("start_when_subscribed", options.start_when_subscribed);
+  visit("frame_id", options.frame_id);
+}
+
+static void read(const XmlRpcValue& value, SoundFileEntries* field)
+{
+  if (value.getType() == XmlRpcValue::TypeString)
+  {
+    std::string entry;
+    pi_runtime::parameters::read(value, &entry);
+    field->entries.clear();
+    if (!entry.empty())
+    {
+      field->entries.push_back(entry);
+    }
+    return;
+  }
+  pi_runtime::parameters::requireType(value, XmlRpcValue::TypeArray, "a text or a list of texts");
+  parameter_tree::read(value, &field->entries);
+}
+
+static XmlRpcValue write(const SoundFileEntries& field)
+{
+  return parameter_tree::write(field.entries);
+}
+
+void PlayerRosOptions::validate() const
+{
+  for (const std::string& entry : files.entries)
+  {
+    pi_runtime::parameters::require(!entry.empty() && entry.front() == '/', "files", "\"" + entry + "\"",
+                                    "absolute paths: a node's working folder is not its user's");
+  }
+  const pi_runtime::OptionCheck check("");
+  check.range("rate", rate, 0.01, 1000.0);
+  check.range("gap_s", gap_s, 0.0, 60.0);
+  check.range("gap_level_dbfs", gap_level_dbfs, -120.0, 0.0);
+  check.range("period_s", period_s, 0.002, 1.0);
+}
+
+PlayerRosOptions PlayerRosOptions::load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown)
+{
+  XmlRpcValue tree;
+  const std::string& path = private_node.getNamespace();
+  private_node.getParam(path, tree);
+  return fromParameters(tree, path + "/", unknown);
+}
+
+PlayerRosOptions PlayerRosOptions::fromParameters(const XmlRpcValue& tree, const std::string& path,
+                                                  std::vector<std::string>* unknown)
+{
+  return parameter_tree::load<PlayerRosOptions>(tree, path, unknown);
+}
+
+XmlRpcValue PlayerRosOptions::toParameters() const
+{
+  return parameter_tree::save(*this);
+}
+
+std::string PlayerRosOptions::toText() const
+{
+  return pi_runtime::parameters::text(toParameters());
+}
+
+}  // namespace pi_speech

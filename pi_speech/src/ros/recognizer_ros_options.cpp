@@ -1,0 +1,188 @@
+#include <pi_runtime/option_check.h>
+#include <pi_runtime/ros/parameter_tree.h>
+#include <pi_speech/ros/recognizer_ros_options.h>
+
+#include <filesystem>
+#include <stdexcept>
+#include <utility>
+
+namespace pi_speech
+{
+
+namespace parameter_tree = pi_runtime::parameter_tree;
+using XmlRpc::XmlRpcValue;
+
+namespace
+{
+
+// Files of the package.
+constexpr char COMMANDS[] = "config/commands.yaml";
+constexpr char GARBAGE_WORDS[] = "config/garbage_words.txt";
+constexpr char CONFIDENCE[] = "config/confidence.yaml";
+constexpr char WORD_MODELS[] = "config/word_models.bin";
+constexpr char ADAPTATION[] = "config/adaptation";
+constexpr char NONE[] = "none";
+
+void requirePath(const char* name, const std::string& path, bool may_be_none = false)
+{
+  pi_runtime::parameters::require(
+      path.empty() || path.front() == '/' || (may_be_none && path == NONE), name, "\"" + path + "\"",
+      may_be_none
+          ? "an absolute path, or none, or empty for the package's own: a node's working folder is not its user's"
+          : "an absolute path, or empty for the package's own: a node's working folder is not its user's");
+}
+
+void requireModel(const char* name, const std::string& path)
+{
+  pi_runtime::parameters::require(!path.empty() && path.front() == '/', name, "\"" + path + "\"", "an absolute path");
+}
+
+}  // namespace
+
+/// Every parameter by the path of its name, with its field.
+template <typename Options, typename Visitor>
+static void visitFields(Options& options, Visitor&& visit)
+{
+  auto& recognizer = options.recognizer;
+  auto& end_pointer = recognizer.end_pointer;
+  auto& sphinx = recognizer.sphinx;
+  visit("commands", options.commands);
+  visit("mode", recognizer.mode);
+  visit("threshold", recognizer.threshold);
+  visit("max_command_s", recognizer.max_command_s);
+  visit("end_pointer/begin_threshold", end_pointer.begin_threshold);
+  visit("end_pointer/end_threshold", end_pointer.end_threshold);
+  visit("end_pointer/min_level_dbfs", end_pointer.min_level_dbfs);
+  visit("end_pointer/min_speech_s", end_pointer.min_speech_s);
+  visit("end_pointer/end_silence_s", end_pointer.end_silence_s);
+  visit("end_pointer/early_silence_s", end_pointer.early_silence_s);
+  visit("end_pointer/tail_s", end_pointer.tail_s);
+  visit("end_pointer/lead_s", end_pointer.lead_s);
+  visit("end_pointer/max_utterance_s", end_pointer.max_utterance_s);
+  visit("sphinx/acoustic_model", sphinx.acoustic_model);
+  visit("sphinx/dictionary", sphinx.dictionary);
+  visit("sphinx/language_model", sphinx.language_model);
+  visit("sphinx/adaptation", sphinx.adaptation);
+  visit("sphinx/guess_words", sphinx.guess_words);
+  visit("sphinx/check_model", sphinx.check_model);
+  visit("word_models", recognizer.word_models);
+  visit("garbage_words", recognizer.garbage_words);
+  visit("confidence", recognizer.confidence);
+  visit("use_runtime", options.use_runtime);
+  visit("start_listening", options.start_listening);
+  visit("always_on", options.always_on);
+  visit("dictation", options.dictation);
+  visit("stamped", options.stamped);
+  visit("sample_rate", options.format.sample_rate_hz);
+  visit("channels", options.format.channels);
+  visit("max_gap_s", options.max_gap_s);
+  visit("queue_s", options.queue_s);
+  visit("check/clipped_share", options.check.clipped_share);
+  visit("check/silent_level_dbfs", options.check.silent_level_dbfs);
+  visit("check/silent_s", options.check.silent_s);
+  visit("check/missing_s", options.check.missing_s);
+  visit("check/window_s", options.check.window_s);
+  visit("diagnostic_period", options.diagnostic_period);
+  visit("warning_period_s", options.warning_period_s);
+}
+
+static void read(const XmlRpcValue& value, RecognitionMode* field)
+{
+  std::string name;
+  pi_runtime::parameters::read(value, &name);
+  try
+  {
+    *field = parseRecognitionMode(name);
+  }
+  catch (const std::invalid_argument&)
+  {
+    throw std::invalid_argument("= \"" + name + "\", must be safe or closed");
+  }
+}
+
+static XmlRpcValue write(RecognitionMode field)
+{
+  return XmlRpcValue(toString(field));
+}
+
+void RecognizerRosOptions::validate() const
+{
+  requirePath("commands", commands);
+  requirePath("word_models", recognizer.word_models, true);
+  requirePath("garbage_words", recognizer.garbage_words);
+  requirePath("confidence", recognizer.confidence);
+  requireModel("sphinx/acoustic_model", recognizer.sphinx.acoustic_model);
+  requireModel("sphinx/dictionary", recognizer.sphinx.dictionary);
+  requireModel("sphinx/language_model", recognizer.sphinx.language_model);
+  requirePath("sphinx/adaptation", recognizer.sphinx.adaptation, true);
+  recognizerOptions("").validate();  // files that are not given will be
+  format.validate();
+  const pi_runtime::OptionCheck own("");
+  own.range("max_gap_s", max_gap_s, 0.005, 10.0);
+  own.range("queue_s", queue_s, 0.1, 60.0);
+  parameter_tree::validateGroup("check", check);
+  parameter_tree::requireDuration("diagnostic_period", diagnostic_period);
+  parameter_tree::requireDuration("warning_period_s", warning_period_s);
+}
+
+RecognizerOptions RecognizerRosOptions::recognizerOptions(const std::string& package) const
+{
+  RecognizerOptions complete = recognizer;
+  const auto complement = [&package](const char* name, std::string* path)
+  {
+    if (path->empty())
+    {
+      *path = package + "/" + name;
+    }
+  };
+  complement(GARBAGE_WORDS, &complete.garbage_words);
+  complement(CONFIDENCE, &complete.confidence);
+  const auto complementIfThere = [&](const char* name, std::string* path)
+  {
+    if (*path == NONE)
+    {
+      path->clear();
+    }
+    else if (std::filesystem::exists(package + "/" + name))
+    {
+      complement(name, path);
+    }
+  };
+  complementIfThere(WORD_MODELS, &complete.word_models);
+  if (complete.sphinx.adaptation == NONE || complete.sphinx.acoustic_model == SphinxModel().acoustic_model)
+  {
+    complementIfThere(ADAPTATION, &complete.sphinx.adaptation);
+  }
+  return complete;
+}
+
+std::string RecognizerRosOptions::commandsFile(const std::string& package) const
+{
+  return commands.empty() ? package + "/" + COMMANDS : commands;
+}
+
+RecognizerRosOptions RecognizerRosOptions::load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown)
+{
+  XmlRpcValue tree;
+  const std::string& path = private_node.getNamespace();
+  private_node.getParam(path, tree);
+  return fromParameters(tree, path + "/", unknown);
+}
+
+RecognizerRosOptions RecognizerRosOptions::fromParameters(const XmlRpcValue& tree, const std::string& path,
+                                                          std::vector<std::string>* unknown)
+{
+  return parameter_tree::load<RecognizerRosOptions>(tree, path, unknown);
+}
+
+XmlRpcValue RecognizerRosOptions::toParameters() const
+{
+  return parameter_tree::save(*this);
+}
+
+std::string RecognizerRosOptions::toText() const
+{
+  return pi_runtime::parameters::text(toParameters());
+}
+
+}  // namespace pi_speech

@@ -1,0 +1,259 @@
+#include <gtest/gtest.h>
+#include <pi_speech/confidence.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <stdexcept>
+#include <string>
+
+#include "temporary_folder.h"
+
+namespace pi_speech
+{
+namespace
+{
+
+using Weights = std::map<std::string, std::string>;
+
+/// All weights 0, but for those given. An empty one is left out.
+std::string section(const std::string& name, const Weights& given)
+{
+  Weights weights{{"bias", "0"}};
+  for (const std::string& feature : ConfidenceModel::featureNames())
+  {
+    weights[feature] = "0";
+  }
+  for (const auto& [key, value] : given)
+  {
+    weights[key] = value;
+  }
+  std::string text = name + ":\n";
+  for (const auto& [key, value] : weights)
+  {
+    text += value.empty() ? "" : "  " + key + ": " + value + "\n";
+  }
+  return text;
+}
+
+ConfidenceModel model(const Weights& with_word_models, const Weights& without_word_models = {})
+{
+  const TemporaryFolder folder;
+  return ConfidenceModel::load(folder.file("confidence.yaml", section("with_word_models", with_word_models) +
+                                                                  section("without_word_models", without_word_models)));
+}
+
+/// The message without the path that it has to begin with.
+std::string errorOf(const std::string& content)
+{
+  const TemporaryFolder folder;
+  const std::string path = folder.file("confidence.yaml", content);
+  try
+  {
+    ConfidenceModel::load(path);
+    return "";
+  }
+  catch (const std::runtime_error& error)
+  {
+    const std::string text = error.what();
+    EXPECT_EQ(0U, text.find(path + ": ")) << text;
+    return text.substr(std::min(text.size(), path.size() + 2));
+  }
+}
+
+bool contains(const std::string& text, const std::string& part)
+{
+  return text.find(part) != std::string::npos;
+}
+
+Evidence evidence(const std::string& command = "stop")
+{
+  Evidence result;
+  result.command = command;
+  result.has_word_models = true;
+  result.word_margin = 3.0;
+  result.filler_margin = 2.0;
+  result.background_margin = 5.0;
+  result.sphinx_agrees = true;
+  result.phone_ratio = -0.5;
+  result.speech_s = 0.5;
+  result.snr_db = 20.0;
+  result.words = static_cast<int>(1 + std::count(command.begin(), command.end(), ' '));
+  return result;
+}
+
+double logit(double probability)
+{
+  return std::log(probability / (1.0 - probability));
+}
+
+TEST(Confidence, TheFileOfThePackageIsRead)
+{
+  const ConfidenceModel model = ConfidenceModel::load(std::string(PI_SPEECH_CONFIG) + "/confidence.yaml");
+  for (const bool has_word_models : {false, true})
+  {
+    Evidence any = evidence();
+    any.has_word_models = has_word_models;
+    EXPECT_GT(model.confidence(any), 0.0);
+    EXPECT_LT(model.confidence(any), 1.0);
+  }
+}
+
+TEST(Confidence, ThereIsANameForEachFeature)
+{
+  EXPECT_EQ(ConfidenceModel::featureNames().size(), ConfidenceModel::features(evidence()).size());
+}
+
+TEST(Confidence, RisesWithTheMarginOfTheWords)
+{
+  const ConfidenceModel with_margin = model({{"bias", "-1"}, {"word_margin", "0.5"}});
+  Evidence changing = evidence();
+  double before = 0.0;
+  for (double margin = -10.0; margin <= 10.0; margin += 0.5)
+  {
+    changing.word_margin = margin;
+    const double confidence = with_margin.confidence(changing);
+    EXPECT_GT(confidence, before);
+    EXPECT_LT(confidence, 1.0);
+    before = confidence;
+  }
+}
+
+TEST(Confidence, IsTheLogisticFunctionOfTheWeightedSum)
+{
+  Evidence changing = evidence();
+  changing.word_margin = 2.0;
+  EXPECT_NEAR(1.0 / (1.0 + std::exp(1.0 - 1.0)), model({{"bias", "-1"}, {"word_margin", "0.5"}}).confidence(changing),
+              1e-9);
+  EXPECT_NEAR(0.75, logit(model({{"sphinx_agrees", "0.75"}}).confidence(changing)), 1e-9);
+  changing.sphinx_agrees = false;
+  EXPECT_NEAR(0.0, logit(model({{"sphinx_agrees", "0.75"}}).confidence(changing)), 1e-9);
+}
+
+TEST(Confidence, EachPieceOfEvidenceCounts)
+{
+  const Evidence base = evidence();
+  std::map<std::string, Evidence> changed;
+  for (const std::string& name : ConfidenceModel::featureNames())
+  {
+    changed[name] = base;
+  }
+  changed["word_margin"].word_margin += 1.0;
+  changed["filler_margin"].filler_margin += 1.0;
+  changed["background_margin"].background_margin += 1.0;
+  changed["sphinx_agrees"].sphinx_agrees = false;
+  changed["sphinx_garbage"].sphinx_garbage = true;
+  changed["sphinx_nothing"].sphinx_nothing = true;
+  changed["phone_ratio"].phone_ratio -= 1.0;
+  changed["log_speech_s"].speech_s = 0.7;
+  changed["log_speech_s_squared"].speech_s = 0.7;
+  changed["snr_db"].snr_db -= 10.0;
+  changed["more_words"].words = 2;
+  for (const auto& [name, other] : changed)
+  {
+    const ConfidenceModel one = model({{name, "0.5"}});
+    EXPECT_GT(std::abs(logit(one.confidence(other)) - logit(one.confidence(base))), 1e-3) << name;
+  }
+}
+
+TEST(Confidence, ExtremeEvidenceStaysAProbability)
+{
+  const double infinity = std::numeric_limits<double>::infinity();
+  Weights weights;
+  for (const std::string& name : ConfidenceModel::featureNames())
+  {
+    weights[name] = "1";
+  }
+  const ConfidenceModel extreme = model(weights);
+  for (const double sign : {-1.0, 1.0})
+  {
+    Evidence any = evidence();
+    any.word_margin = any.filler_margin = any.background_margin = any.phone_ratio = any.snr_db = sign * infinity;
+    any.speech_s = sign > 0.0 ? 1e9 : 0.0;
+    const double confidence = extreme.confidence(any);
+    EXPECT_GE(confidence, 0.0);
+    EXPECT_LE(confidence, 1.0);
+    EXPECT_TRUE(sign > 0.0 ? confidence > 0.9 : confidence < 0.1) << confidence;
+  }
+}
+
+TEST(Confidence, WithoutWordModelsOtherWeightsCount)
+{
+  const ConfidenceModel two = model({{"bias", "2"}}, {{"bias", "-2"}});
+  Evidence any = evidence();
+
+  EXPECT_NEAR(2.0, logit(two.confidence(any)), 1e-9);
+  any.has_word_models = false;
+  EXPECT_NEAR(-2.0, logit(two.confidence(any)), 1e-9);
+}
+
+TEST(Confidence, WordsHaveBiasesOfTheirOwn)
+{
+  const ConfidenceModel biased = model({{"bias", "1"}, {"word_biases", "{stop: 0.5, go: -1.0, left: 2.0}"}});
+
+  EXPECT_NEAR(1.5, logit(biased.confidence(evidence("stop"))), 1e-9);
+  EXPECT_NEAR(0.0, logit(biased.confidence(evidence("go"))), 1e-9);
+  EXPECT_NEAR(1.0, logit(biased.confidence(evidence("home"))), 1e-9);
+  // Of more words it is the mean.
+  EXPECT_NEAR(1.5, logit(biased.confidence(evidence("go left"))), 1e-9);
+  EXPECT_NEAR(0.5, logit(biased.confidence(evidence("go home"))), 1e-9);
+}
+
+TEST(Confidence, AWeightThatIsMissingIsNamed)
+{
+  for (const std::string& name : ConfidenceModel::featureNames())
+  {
+    EXPECT_TRUE(contains(errorOf(section("with_word_models", {{name, ""}}) + section("without_word_models", {})),
+                         "with_word_models/" + name + " is missing"));
+  }
+  EXPECT_TRUE(contains(errorOf(section("with_word_models", {}) + section("without_word_models", {{"bias", ""}})),
+                       "without_word_models/bias is missing"));
+  EXPECT_TRUE(contains(errorOf(section("with_word_models", {})), "without_word_models is missing"));
+}
+
+TEST(Confidence, AWeightThatIsUnknownIsNamed)
+{
+  EXPECT_TRUE(contains(errorOf(section("with_word_models", {{"loudness", "1"}}) + section("without_word_models", {})),
+                       "with_word_models/loudness"));
+}
+
+TEST(Confidence, WhatIsNoNumberIsAnError)
+{
+  for (const char* value : {"much", ".nan", ".inf", "[1, 2]"})
+  {
+    EXPECT_NE("", errorOf(section("with_word_models", {{"bias", value}}) + section("without_word_models", {})))
+        << value;
+  }
+  for (const char* value : {"3", "{stop: loud}", "[1, 2]", "{stop: .nan}"})
+  {
+    EXPECT_NE("", errorOf(section("with_word_models", {{"word_biases", value}}) + section("without_word_models", {})))
+        << value;
+  }
+}
+
+TEST(Confidence, WhatIsNoSuchFileIsAnError)
+{
+  EXPECT_NE("", errorOf(""));
+  EXPECT_NE("", errorOf("bias: [1"));
+  EXPECT_NE("", errorOf("just a text"));
+  EXPECT_NE("", errorOf("- a\n- list\n"));
+  EXPECT_NE("", errorOf("with_word_models: 3\nwithout_word_models: 4\n"));
+  EXPECT_NE("", errorOf(std::string("\0\1\2\3", 4)));
+  const TemporaryFolder folder;
+  for (const std::string& path : {folder.path() + "/missing.yaml", folder.path()})
+  {
+    try
+    {
+      ConfidenceModel::load(path);
+      ADD_FAILURE() << path;
+    }
+    catch (const std::runtime_error& error)
+    {
+      EXPECT_EQ(0U, std::string(error.what()).find(path + ": ")) << error.what();
+    }
+  }
+}
+
+}  // namespace
+}  // namespace pi_speech

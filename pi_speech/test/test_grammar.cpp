@@ -1,0 +1,120 @@
+#include <gtest/gtest.h>
+#include <pi_speech/grammar.h>
+#include <pi_speech/pronunciation.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <set>
+#include <stdexcept>
+#include <string>
+
+#include "temporary_folder.h"
+
+namespace pi_speech
+{
+namespace
+{
+
+constexpr char DICTIONARY[] = "/usr/share/pocketsphinx/model/en-us/cmudict-en-us.dict";
+
+CommandTable table(const std::string& list)
+{
+  return CommandTable::parse("commands: [" + list + "]", "table");
+}
+
+bool contains(const std::string& text, const std::string& part)
+{
+  return text.find(part) != std::string::npos;
+}
+
+std::string errorOf(const std::string& content)
+{
+  const TemporaryFolder folder;
+  const std::string path = folder.path() + "/words.txt";
+  std::ofstream(path) << content;
+  try
+  {
+    readGarbageWords(path);
+    return "";
+  }
+  catch (const std::runtime_error& error)
+  {
+    return error.what();
+  }
+}
+
+TEST(Grammar, WithoutGarbageItHasTheCommandsOnly)
+{
+  EXPECT_EQ("#JSGF V1.0;\ngrammar commands;\npublic <utterance> = go left | stop;\n",
+            toJsgf(table("go left, stop"), {}));
+}
+
+TEST(Grammar, GarbageIsOneWordOrMore)
+{
+  const std::string begin =
+      "#JSGF V1.0;\ngrammar commands;\npublic <utterance> = <command> | <garbage>;\n<command> = go | stop;\n";
+  const std::string end = "<other> = water | with;\n";
+  const std::vector<std::string> words = {"water", "with"};
+
+  EXPECT_EQ(begin + "<garbage> = <other>;\n" + end, toJsgf(table("go, stop"), words));
+  EXPECT_EQ(begin + "<garbage> = <other> [<other>];\n" + end, toJsgf(table("go, stop"), words, 2));
+  EXPECT_EQ(begin + "<garbage> = <other> [<other> [<other>]];\n" + end, toJsgf(table("go, stop"), words, 3));
+  EXPECT_THROW(toJsgf(table("go, stop"), words, 0), std::invalid_argument);
+  EXPECT_THROW(toJsgf(table("go, stop"), words, 4), std::invalid_argument);
+}
+
+TEST(Grammar, GarbageThatACommandHasIsLeftOut)
+{
+  const std::string grammar = toJsgf(table("go left, stop"), {"left", "water", "go", "water"});
+
+  EXPECT_TRUE(contains(grammar, "<other> = water;")) << grammar;
+  EXPECT_FALSE(contains(toJsgf(table("go"), {"go"}), "garbage"));
+}
+
+TEST(Grammar, GarbageWordsAreReadWithComments)
+{
+  const TemporaryFolder folder;
+  const std::string path = folder.path() + "/words.txt";
+  std::ofstream(path) << "# common words\n\nWater  # one\n  with\r\nx-ray\n";
+
+  EXPECT_EQ((std::vector<std::string>{"water", "with", "x-ray"}), readGarbageWords(path));
+}
+
+TEST(Grammar, BadGarbageWordsAreNamedWithTheirLine)
+{
+  EXPECT_TRUE(contains(errorOf("water\ntwo words\n"), "words.txt:2: \"two words\" is more than one word"));
+  EXPECT_TRUE(contains(errorOf("water\n<sil>\n"), "words.txt:2: \"<sil>\" has the character '<'"));
+  EXPECT_TRUE(contains(errorOf("water\n\nWater\n"), "words.txt:3: \"water\" is there twice"));
+  EXPECT_TRUE(contains(errorOf("# nothing\n"), "there are no garbage words"));
+  EXPECT_THROW(readGarbageWords("/nowhere/words.txt"), std::runtime_error);
+}
+
+TEST(Grammar, TheGarbageWordsOfThePackageHaveAllCommonPhones)
+{
+  if (!std::filesystem::exists(DICTIONARY))
+  {
+    GTEST_SKIP() << "no " << DICTIONARY << "; install pocketsphinx-en-us";
+  }
+  const std::vector<std::string> words = readGarbageWords(std::string(PI_SPEECH_CONFIG) + "/garbage_words.txt");
+  Pronunciation pronunciation(DICTIONARY, false);
+  std::set<std::string> phones;
+  size_t longest = 0;
+  size_t shortest = 100;
+  for (const std::string& word : words)
+  {
+    const Phones of_word = pronunciation.find(word).variants.front();
+    phones.insert(of_word.begin(), of_word.end());
+    longest = std::max(longest, of_word.size());
+    shortest = std::min(shortest, of_word.size());
+  }
+
+  EXPECT_EQ(300U, words.size());
+  phones.insert("ZH");  // "measure": too rare for the most frequent words
+  EXPECT_EQ(39U, phones.size());
+  EXPECT_EQ(3U, shortest);
+  EXPECT_GE(longest, 7U);
+}
+
+}  // namespace
+}  // namespace pi_speech
