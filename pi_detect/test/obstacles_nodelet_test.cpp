@@ -1,12 +1,12 @@
 // Judge of obstacles_nodelet.test.
 
-#include "on_graph.h"
 #include "street_on_graph.h"
 
 #include <gtest/gtest.h>
 #include <pi_detect/ObstacleArray.h>
 #include <pi_detect/Track2DArray.h>
 #include <pi_detect/ros/conversions.h>
+#include <pi_runtime/test_support/on_graph.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <visualization_msgs/MarkerArray.h>
 
@@ -16,6 +16,8 @@
 
 namespace pi_detect
 {
+
+using namespace pi_runtime::test_support;
 namespace
 {
 

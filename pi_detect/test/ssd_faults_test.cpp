@@ -1,14 +1,14 @@
 // Judge of ssd_faults.test. The tests build on each other: the node has no model before the first that gives it one.
 
-#include "on_graph.h"
 #include "pictures_on_graph.h"
-#include "temporary_folder.h"
 #include "tiny_network.h"
 
 #include <gtest/gtest.h>
 #include <pi_detect/DetectObjects.h>
 #include <pi_detect/Detection2DArray.h>
 #include <pi_detect/SetModel.h>
+#include <pi_runtime/test_support/on_graph.h>
+#include <pi_runtime/test_support/temporary_folder.h>
 
 #include <filesystem>
 #include <memory>
@@ -16,6 +16,8 @@
 
 namespace pi_detect
 {
+
+using namespace pi_runtime::test_support;
 namespace
 {
 

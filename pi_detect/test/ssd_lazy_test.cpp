@@ -1,16 +1,18 @@
 // Judge of ssd_lazy.test.
 
-#include "on_graph.h"
 #include "pictures_on_graph.h"
 
 #include <gtest/gtest.h>
 #include <pi_detect/Detection2DArray.h>
 #include <pi_detect/Track2DArray.h>
+#include <pi_runtime/test_support/on_graph.h>
 
 #include <memory>
 
 namespace pi_detect
 {
+
+using namespace pi_runtime::test_support;
 namespace
 {
 

@@ -1,8 +1,6 @@
 // Judge of ssd_nodelet.test.
 
-#include "on_graph.h"
 #include "pictures_on_graph.h"
-#include "temporary_folder.h"
 #include "tiny_network.h"
 
 #include <gtest/gtest.h>
@@ -11,12 +9,16 @@
 #include <pi_detect/LabelArray.h>
 #include <pi_detect/SetModel.h>
 #include <pi_detect/Track2DArray.h>
+#include <pi_runtime/test_support/on_graph.h>
+#include <pi_runtime/test_support/temporary_folder.h>
 
 #include <algorithm>
 #include <string>
 
 namespace pi_detect
 {
+
+using namespace pi_runtime::test_support;
 namespace
 {
 

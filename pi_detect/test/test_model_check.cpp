@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 #include <pi_detect/model_check.h>
+#include <pi_runtime/test_support/temporary_folder.h>
 
 #include <cstdlib>
 #include <filesystem>
@@ -8,11 +9,12 @@
 #include <random>
 #include <string>
 
-#include "temporary_folder.h"
 #include "tiny_network.h"
 
 namespace pi_detect
 {
+
+using namespace pi_runtime::test_support;
 namespace
 {
 

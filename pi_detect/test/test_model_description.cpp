@@ -1,14 +1,15 @@
 #include <gtest/gtest.h>
 #include <pi_detect/model_description.h>
+#include <pi_runtime/test_support/temporary_folder.h>
 
 #include <cstdlib>
 #include <fstream>
 #include <string>
 
-#include "temporary_folder.h"
-
 namespace pi_detect
 {
+
+using namespace pi_runtime::test_support;
 namespace
 {
 

@@ -1,9 +1,8 @@
 // config/obstacles.yaml and the defaults in the code must be the same, and impossible values must be named.
 
-#include "yaml_parameters.h"
-
 #include <gtest/gtest.h>
 #include <pi_detect/ros/obstacles_ros_options.h>
+#include <pi_runtime/test_support/yaml_parameters.h>
 
 #include <stdexcept>
 #include <string>
@@ -11,6 +10,8 @@
 
 namespace pi_detect
 {
+
+using namespace pi_runtime::test_support;
 namespace
 {
 

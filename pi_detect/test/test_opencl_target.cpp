@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <pi_detect/ssd_detector.h>
 #include <pi_runtime/runtime.h>
+#include <pi_runtime/test_support/temporary_folder.h>
 #include <unistd.h>
 
 #include <cmath>
@@ -13,11 +14,12 @@
 #include <opencv2/imgproc.hpp>
 #include <string>
 
-#include "temporary_folder.h"
 #include "tiny_network.h"
 
 namespace pi_detect
 {
+
+using namespace pi_runtime::test_support;
 namespace
 {
 

@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 #include <pi_detect/ssd_detector.h>
 #include <pi_runtime/runtime.h>
+#include <pi_runtime/test_support/temporary_folder.h>
 
 #include <algorithm>
 #include <cmath>
@@ -15,11 +16,12 @@
 #include <vector>
 
 #include "coco_reference.h"
-#include "temporary_folder.h"
 #include "tiny_network.h"
 
 namespace pi_detect
 {
+
+using namespace pi_runtime::test_support;
 namespace
 {
 

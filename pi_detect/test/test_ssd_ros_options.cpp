@@ -1,9 +1,8 @@
 // config/ssd.yaml and the defaults in the code must be the same, and impossible values must be named.
 
-#include "yaml_parameters.h"
-
 #include <gtest/gtest.h>
 #include <pi_detect/ros/ssd_ros_options.h>
+#include <pi_runtime/test_support/yaml_parameters.h>
 
 #include <algorithm>
 #include <stdexcept>
@@ -12,6 +11,8 @@
 
 namespace pi_detect
 {
+
+using namespace pi_runtime::test_support;
 namespace
 {
 

@@ -2,15 +2,17 @@
 
 #include "sound_bytes.h"
 #include "sound_on_graph.h"
-#include "temporary_folder.h"
 
 #include <gtest/gtest.h>
+#include <pi_runtime/test_support/temporary_folder.h>
 
 #include <string>
 #include <vector>
 
 namespace pi_speech
 {
+
+using namespace pi_runtime::test_support;
 namespace
 {
 

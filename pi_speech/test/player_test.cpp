@@ -2,9 +2,9 @@
 
 #include "sound_bytes.h"
 #include "sound_on_graph.h"
-#include "temporary_folder.h"
 
 #include <gtest/gtest.h>
+#include <pi_runtime/test_support/temporary_folder.h>
 #include <std_msgs/Empty.h>
 #include <std_msgs/String.h>
 
@@ -13,6 +13,8 @@
 
 namespace pi_speech
 {
+
+using namespace pi_runtime::test_support;
 namespace
 {
 

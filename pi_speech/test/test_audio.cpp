@@ -1,9 +1,9 @@
 // Sound files of any kind and streams of any rate become SAMPLE_RATE_HZ in one channel.
 
 #include "sound_bytes.h"
-#include "temporary_folder.h"
 
 #include <gtest/gtest.h>
+#include <pi_runtime/test_support/temporary_folder.h>
 #include <pi_speech/audio.h>
 #include <sndfile.h>
 #include <sys/stat.h>
@@ -19,6 +19,8 @@
 
 namespace pi_speech
 {
+
+using namespace pi_runtime::test_support;
 namespace
 {
 

@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <pi_runtime/test_support/temporary_folder.h>
 #include <pi_speech/command_recognizer.h>
 #include <pi_speech/noise_mixing.h>
 
@@ -19,10 +20,11 @@
 
 #include "sound_bytes.h"
 #include "synthetic_sounds.h"
-#include "temporary_folder.h"
 
 namespace pi_speech
 {
+
+using namespace pi_runtime::test_support;
 namespace
 {
 

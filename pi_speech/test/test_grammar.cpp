@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <pi_runtime/test_support/temporary_folder.h>
 #include <pi_speech/grammar.h>
 #include <pi_speech/pronunciation.h>
 
@@ -9,10 +10,10 @@
 #include <stdexcept>
 #include <string>
 
-#include "temporary_folder.h"
-
 namespace pi_speech
 {
+
+using namespace pi_runtime::test_support;
 namespace
 {
 

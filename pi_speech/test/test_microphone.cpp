@@ -3,9 +3,9 @@
 
 #include "fake_microphone.h"
 #include "sound_bytes.h"
-#include "temporary_folder.h"
 
 #include <gtest/gtest.h>
+#include <pi_runtime/test_support/temporary_folder.h>
 #include <pi_speech/microphone.h>
 
 #include <algorithm>
@@ -23,6 +23,8 @@
 
 namespace pi_speech
 {
+
+using namespace pi_runtime::test_support;
 namespace
 {
 

@@ -1,8 +1,7 @@
 // config/microphone.yaml and the defaults in the code must be the same, and impossible values must be named.
 
-#include "yaml_parameters.h"
-
 #include <gtest/gtest.h>
+#include <pi_runtime/test_support/yaml_parameters.h>
 #include <pi_speech/ros/microphone_ros_options.h>
 
 #include <set>
@@ -12,6 +11,8 @@
 
 namespace pi_speech
 {
+
+using namespace pi_runtime::test_support;
 namespace
 {
 

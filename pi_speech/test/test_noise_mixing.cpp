@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <pi_runtime/test_support/temporary_folder.h>
 #include <pi_speech/noise_mixing.h>
 
 #include <algorithm>
@@ -8,10 +9,10 @@
 #include <set>
 #include <string>
 
-#include "temporary_folder.h"
-
 namespace pi_speech
 {
+
+using namespace pi_runtime::test_support;
 namespace
 {
 

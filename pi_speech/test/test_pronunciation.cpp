@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <pi_runtime/test_support/temporary_folder.h>
 #include <pi_speech/pronunciation.h>
 
 #include <algorithm>
@@ -12,10 +13,10 @@
 #include <string>
 #include <thread>
 
-#include "temporary_folder.h"
-
 namespace pi_speech
 {
+
+using namespace pi_runtime::test_support;
 namespace
 {
 

@@ -1,9 +1,8 @@
 // config/recognizer.yaml and the defaults in the code must be the same, and impossible values must be named.
 
-#include "temporary_folder.h"
-#include "yaml_parameters.h"
-
 #include <gtest/gtest.h>
+#include <pi_runtime/test_support/temporary_folder.h>
+#include <pi_runtime/test_support/yaml_parameters.h>
 #include <pi_speech/ros/recognizer_ros_options.h>
 
 #include <filesystem>
@@ -14,6 +13,8 @@
 
 namespace pi_speech
 {
+
+using namespace pi_runtime::test_support;
 namespace
 {
 

@@ -1,8 +1,7 @@
 // Folders and lists of sound files become files, in an order that one can rely on.
 
-#include "temporary_folder.h"
-
 #include <gtest/gtest.h>
+#include <pi_runtime/test_support/temporary_folder.h>
 #include <pi_speech/sound_files.h>
 
 #include <filesystem>
@@ -12,6 +11,8 @@
 
 namespace pi_speech
 {
+
+using namespace pi_runtime::test_support;
 namespace
 {
 

@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <pi_runtime/test_support/temporary_folder.h>
 #include <pi_speech/speech_model_check.h>
 
 #include <filesystem>
@@ -8,10 +9,10 @@
 #include <stdexcept>
 #include <string>
 
-#include "temporary_folder.h"
-
 namespace pi_speech
 {
+
+using namespace pi_runtime::test_support;
 namespace
 {
 

@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <pi_runtime/test_support/temporary_folder.h>
 #include <pi_speech/word_models.h>
 
 #include <algorithm>
@@ -14,10 +15,10 @@
 #include <string>
 #include <vector>
 
-#include "temporary_folder.h"
-
 namespace pi_speech
 {
+
+using namespace pi_runtime::test_support;
 namespace
 {
 

@@ -2,10 +2,11 @@
 
 #include <cstdlib>
 #include <filesystem>
+#include <fstream>
 #include <stdexcept>
 #include <string>
 
-namespace pi_detect
+namespace pi_runtime::test_support
 {
 
 /// A folder that goes with the object.
@@ -14,7 +15,7 @@ class TemporaryFolder
 public:
   TemporaryFolder()
   {
-    std::string name = (std::filesystem::temp_directory_path() / "pi_detect_XXXXXX").string();
+    std::string name = (std::filesystem::temp_directory_path() / "pi_edge_XXXXXX").string();
     if (mkdtemp(name.data()) == nullptr)
     {
       throw std::runtime_error("no temporary folder");
@@ -31,8 +32,16 @@ public:
 
   const std::string& path() const { return path_; }
 
+  /// Writes a file and returns its path.
+  std::string file(const std::string& name, const std::string& bytes) const
+  {
+    std::string file = path_ + "/" + name;
+    std::ofstream(file, std::ios::binary | std::ios::trunc) << bytes;
+    return file;
+  }
+
 private:
   std::string path_;
 };
 
-}  // namespace pi_detect
+}  // namespace pi_runtime::test_support

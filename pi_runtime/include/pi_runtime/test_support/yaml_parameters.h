@@ -6,7 +6,7 @@
 #include <set>
 #include <string>
 
-namespace pi_speech
+namespace pi_runtime::test_support
 {
 
 /// As rosparam puts a YAML file on the parameter server.
@@ -63,4 +63,4 @@ inline void collectNames(XmlRpc::XmlRpcValue tree, const std::string& path, std:
   }
 }
 
-}  // namespace pi_speech
+}  // namespace pi_runtime::test_support

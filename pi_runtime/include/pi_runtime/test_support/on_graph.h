@@ -16,7 +16,7 @@
 #include <thread>
 #include <vector>
 
-namespace pi_speech
+namespace pi_runtime::test_support
 {
 
 /// Longest that a test waits for what must come [s].
@@ -227,4 +227,4 @@ inline int runOnGraph(int argc, char** argv, const std::string& name)
   return RUN_ALL_TESTS();
 }
 
-}  // namespace pi_speech
+}  // namespace pi_runtime::test_support
