@@ -19,18 +19,27 @@ namespace pi_speech
 namespace
 {
 
-/// How much more likely a command becomes, in natural logarithms, where PocketSphinx understood it.
-constexpr double SPHINX_VOTE = 2.0;
-/// Scores of the word models are brought to this scale for choosing a command and for the margins.
+/// Natural logarithms of likelihoods are brought to these scales for choosing a command and for the margins: frames are
+/// no independent witnesses.
 constexpr double WORD_SCALE = 0.5;
-/// Words whose likelihood cannot be compared with that of the phones.
-constexpr double NO_RATIO = -8.0;
-/// A word of the garbage in a row, at most.
-constexpr int MOST_GARBAGE_WORDS = 2;
+constexpr double SPHINX_SCALE = 0.25;
+/// A command's score in place of none, and least frames that ratios are taken over.
+constexpr double NO_SCORE = -2000.0;
+constexpr int LEAST_FRAMES = 3;
+/// More commands than that are not searched for one by one.
+constexpr size_t MOST_SEARCHES = 64;
+/// So many of the garbage words, two in a row, stand for talk.
+constexpr size_t TALK_WORDS = 100;
+constexpr int TALK_WORDS_IN_A_ROW = 2;
 
 double seconds(int64_t samples)
 {
   return static_cast<double>(samples) / SAMPLE_RATE_HZ;
+}
+
+double secondsSince(std::chrono::steady_clock::time_point start)
+{
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
 /// ln of the sum of exponentials of all but one.
@@ -60,15 +69,27 @@ double margin(double score, double other)
   return std::isnan(difference) ? 0.0 : std::clamp(difference, -100.0, 100.0);
 }
 
-/// ln likelihood per frame of the words, from the first to the last.
-double meanScore(const SphinxHypothesis& hypothesis)
+double scoreOf(const SphinxHypothesis& hypothesis)
+{
+  return std::max(hypothesis.score, NO_SCORE);
+}
+
+/// Of the words, and the silence between them.
+int framesOf(const SphinxHypothesis& hypothesis)
+{
+  return hypothesis.words.empty()
+             ? LEAST_FRAMES
+             : std::max(LEAST_FRAMES, hypothesis.words.back().last_frame - hypothesis.words.front().first_frame + 1);
+}
+
+double wordScoreOf(const SphinxHypothesis& hypothesis)
 {
   double sum = 0.0;
   for (const SphinxHypothesis::Word& word : hypothesis.words)
   {
     sum += word.score;
   }
-  return sum / (hypothesis.words.back().last_frame - hypothesis.words.front().first_frame + 1);
+  return hypothesis.words.empty() ? NO_SCORE : sum / framesOf(hypothesis);
 }
 
 std::string number(double value)
@@ -130,18 +151,38 @@ struct CommandRecognizer::Impl
     std::vector<std::string> garbage;
     if (options.mode == RecognitionMode::SAFE)
     {
-      garbage = readGarbageWords(options.garbage_words);
+      garbage = garbageBeside(table, readGarbageWords(options.garbage_words));
+      words.insert(words.end(), garbage.begin(), garbage.end());
       confidence = ConfidenceModel::load(options.confidence);
     }
     else if (!options.confidence.empty())
     {
       confidence = ConfidenceModel::load(options.confidence);
     }
-    const std::string grammar = toJsgf(table, garbage, MOST_GARBAGE_WORDS);
-    words.insert(words.end(), garbage.begin(), garbage.end());
+    std::vector<std::string> texts;
+    for (const Command& command : table.commands)
+    {
+      texts.push_back(command.text);
+    }
+    std::vector<std::string> grammars{toJsgf(texts)};
+    if (texts.size() <= MOST_SEARCHES)
+    {
+      first_command_grammar = grammars.size();
+      for (const std::string& text : texts)
+      {
+        grammars.push_back(toJsgf({text}));
+      }
+    }
+    if (!garbage.empty())
+    {
+      first_garbage_grammar = grammars.size();
+      grammars.push_back(toJsgf(garbage));
+      garbage.resize(std::min(garbage.size(), TALK_WORDS));
+      grammars.push_back(toJsgf(garbage, TALK_WORDS_IN_A_ROW));
+    }
     std::sort(words.begin(), words.end());
     words.erase(std::unique(words.begin(), words.end()), words.end());
-    sphinx = std::make_unique<SphinxDecoder>(options.sphinx, grammar, words);
+    sphinx = std::make_unique<SphinxDecoder>(options.sphinx, grammars, words);
     loadWordModels();
   }
 
@@ -246,71 +287,110 @@ struct CommandRecognizer::Impl
       recognition.snr_db = utterance.snr_db;
       return recognition;
     }
-    return recognize(utterance.samples.data(), utterance.samples.size(), speech_s, utterance.snr_db);
-  }
-
-  Recognition recognize(const int16_t* samples, size_t count, double speech_s, double snr_db)
-  {
-    const auto start = std::chrono::steady_clock::now();
-    Recognition recognition;
-    recognition.snr_db = snr_db;
-    runner(speech_s, [&] { choose(samples, count, speech_s, snr_db, &recognition); });
-    recognition.work_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    if (elsewhere)
+    {
+      const auto start = std::chrono::steady_clock::now();
+      if (std::optional<Recognition> recognition = elsewhere(utterance))
+      {
+        recognition->snr_db = utterance.snr_db;
+        recognition->work_s = secondsSince(start);
+        if (find(recognition->text) == table.commands.end())
+        {
+          recognition->text.clear();
+          recognition->accepted = false;
+        }
+        return *recognition;
+      }
+    }
+    Recognition recognition = recognize(utterance.samples.data(), utterance.samples.size(), speech_s);
+    recognition.snr_db = utterance.snr_db;
     return recognition;
   }
 
-  void choose(const int16_t* samples, size_t count, double speech_s, double snr_db, Recognition* recognition)
+  Recognition recognize(const int16_t* samples, size_t count, double speech_s)
   {
-    const SphinxHypothesis hypothesis = sphinx->decode(samples, count);
-    const std::string understood = hypothesis.text();
-    const auto sphinx_command = find(understood);
+    const auto start = std::chrono::steady_clock::now();
+    Recognition recognition;
+    runner(speech_s, [&] { choose(samples, count, speech_s, &recognition); });
+    recognition.work_s = secondsSince(start);
+    return recognition;
+  }
+
+  /// What PocketSphinx makes of each command; where there are too many, of the best one only.
+  std::vector<SphinxHypothesis> searchCommands()
+  {
+    std::vector<SphinxHypothesis> hypotheses(table.commands.size());
+    if (first_command_grammar != 0)
+    {
+      for (size_t i = 0; i < hypotheses.size(); ++i)
+      {
+        hypotheses[i] = sphinx->find(first_command_grammar + i);
+      }
+      return hypotheses;
+    }
+    SphinxHypothesis best = sphinx->find(0);
+    const auto command = find(best.text());
+    if (command != table.commands.end())
+    {
+      hypotheses[static_cast<size_t>(command - table.commands.begin())] = std::move(best);
+    }
+    return hypotheses;
+  }
+
+  void choose(const int16_t* samples, size_t count, double speech_s, Recognition* recognition)
+  {
+    sphinx->listen(samples, count);
+    const std::vector<SphinxHypothesis> hypotheses = searchCommands();
+    std::vector<double> scores;
+    std::vector<double> logits;
+    bool any = false;
+    for (const SphinxHypothesis& hypothesis : hypotheses)
+    {
+      scores.push_back(scoreOf(hypothesis));
+      logits.push_back(SPHINX_SCALE * scores.back());
+      any = any || !hypothesis.words.empty();
+    }
     Evidence& evidence = recognition->evidence;
-    evidence.speech_s = speech_s;
-    evidence.snr_db = snr_db;
-    evidence.has_word_models = word_scorer.has_value();
-    auto candidate = sphinx_command;
+    WordScorer::Scores words;
     if (word_scorer)
     {
-      const WordScorer::Scores scores = word_scorer->score(features.compute(samples, count), sequences);
-      std::vector<double> logits;
-      for (const float score : scores.sequences)
+      words = word_scorer->score(features.compute(samples, count), sequences);
+      for (size_t i = 0; i < logits.size(); ++i)
       {
-        logits.push_back(WORD_SCALE * static_cast<double>(score));
-      }
-      std::vector<double> votes = logits;
-      if (sphinx_command != table.commands.end())
-      {
-        votes[static_cast<size_t>(sphinx_command - table.commands.begin())] += SPHINX_VOTE;
-      }
-      const auto best = static_cast<size_t>(std::max_element(votes.begin(), votes.end()) - votes.begin());
-      if (std::isfinite(votes[best]))
-      {
-        candidate = table.commands.begin() + static_cast<std::ptrdiff_t>(best);
-        evidence.word_margin = margin(logits[best], sumOfOthers(logits, best));
-        evidence.filler_margin = margin(logits[best], WORD_SCALE * static_cast<double>(scores.filler));
-        evidence.background_margin = margin(logits[best], WORD_SCALE * static_cast<double>(scores.background));
+        logits[i] += WORD_SCALE * static_cast<double>(words.sequences[i]);
+        any = any || std::isfinite(words.sequences[i]);
       }
     }
-    if (candidate == table.commands.end())
+    const auto best = static_cast<size_t>(std::max_element(logits.begin(), logits.end()) - logits.begin());
+    if (!any || !std::isfinite(logits[best]))
     {
-      recognition->reason = understood.empty() ? "no speech was understood" : "other speech";
+      recognition->reason = "no speech was understood";
       return;
     }
-    recognition->text = candidate->text;
-    evidence.command = candidate->text;
-    evidence.words = static_cast<int>(1 + std::count(candidate->text.begin(), candidate->text.end(), ' '));
-    evidence.sphinx_agrees = candidate == sphinx_command;
-    evidence.sphinx_garbage = sphinx_command == table.commands.end() && !understood.empty();
-    evidence.sphinx_nothing = understood.empty();
-    evidence.phone_ratio = NO_RATIO;
-    if (confidence && evidence.sphinx_agrees)
+    const Command& candidate = table.commands[best];
+    recognition->text = candidate.text;
+    evidence.command = candidate.text;
+    evidence.has_word_models = word_scorer.has_value();
+    evidence.words = static_cast<int>(1 + std::count(candidate.text.begin(), candidate.text.end(), ' '));
+    evidence.speech_s = speech_s;
+    evidence.word_margin = margin(logits[best], sumOfOthers(logits, best));
+    if (word_scorer)
     {
-      const int first = hypothesis.words.front().first_frame;
-      const int last = hypothesis.words.back().last_frame;
-      evidence.phone_ratio = meanScore(hypothesis) - sphinx->phoneLoopScore(samples, count, first, last);
+      const double score = words.sequences[best];
+      evidence.filler_margin = WORD_SCALE * margin(score, words.filler);
+      evidence.background_margin = WORD_SCALE * margin(score, words.background);
     }
     if (confidence)
     {
+      const SphinxHypothesis& hypothesis = hypotheses[best];
+      const auto ratio = [&](double other) { return (scores[best] - other) / framesOf(hypothesis); };
+      if (first_garbage_grammar != 0)
+      {
+        evidence.garbage_ratio = ratio(scoreOf(sphinx->find(first_garbage_grammar)));
+        evidence.talk_ratio = ratio(scoreOf(sphinx->find(first_garbage_grammar + 1)));
+      }
+      evidence.phone_ratio = ratio(scoreOf(sphinx->findPhones()));
+      evidence.word_score = wordScoreOf(hypothesis);
       recognition->confidence = confidence->confidence(evidence);
     }
     else
@@ -322,7 +402,7 @@ struct CommandRecognizer::Impl
       recognition->accepted = true;
       return;
     }
-    const double threshold = candidate->threshold > 0.0 ? candidate->threshold : options.threshold;
+    const double threshold = candidate.threshold > 0.0 ? candidate.threshold : options.threshold;
     recognition->accepted = recognition->confidence >= threshold;
     if (!recognition->accepted)
     {
@@ -334,11 +414,14 @@ struct CommandRecognizer::Impl
   const CommandTable table;
   EndPointer end_pointer;
   SpeechFeatures features;
-  std::unique_ptr<SphinxDecoder> sphinx;
+  std::unique_ptr<SphinxDecoder> sphinx;  ///< its first grammar has all commands
+  size_t first_command_grammar = 0;       ///< then each command has one; 0: none
+  size_t first_garbage_grammar = 0;       ///< garbage words, then talk; 0: none
   std::optional<WordScorer> word_scorer;
   std::vector<WordSequence> sequences;  ///< of the commands
   std::optional<ConfidenceModel> confidence;
   Runner runner = [](double, const std::function<void()>& work) { work(); };
+  Elsewhere elsewhere;
   UtteranceSink utterance_sink;
   const Sink* sink = nullptr;  ///< of the call of process() or flush() in progress
   // Of the utterance in progress.
@@ -394,6 +477,11 @@ void CommandRecognizer::setUtteranceSink(UtteranceSink sink)
   impl_->utterance_sink = std::move(sink);
 }
 
+void CommandRecognizer::setElsewhere(Elsewhere elsewhere)
+{
+  impl_->elsewhere = std::move(elsewhere);
+}
+
 bool CommandRecognizer::inSpeech() const
 {
   return impl_->end_pointer.inSpeech();
@@ -406,7 +494,12 @@ double CommandRecognizer::noiseLevelDbfs() const
 
 Recognition CommandRecognizer::recognize(const int16_t* samples, size_t count)
 {
-  Recognition recognition = impl_->recognize(samples, count, seconds(static_cast<int64_t>(count)), 0.0);
+  return recognize(samples, count, seconds(static_cast<int64_t>(count)));
+}
+
+Recognition CommandRecognizer::recognize(const int16_t* samples, size_t count, double speech_s)
+{
+  Recognition recognition = impl_->recognize(samples, count, speech_s);
   recognition.speech_end = static_cast<int64_t>(count);
   recognition.decided_at = static_cast<int64_t>(count);
   return recognition;

@@ -13,19 +13,18 @@ namespace
 {
 
 constexpr double MOST_MARGIN = 12.0;  ///< of log posteriors that still makes a difference
-constexpr double MOST_RATIO = 6.0;    ///< of log-likelihoods per frame
+constexpr double MOST_RATIO = 2.0;    ///< of log-likelihoods per frame
+constexpr double MOST_SCORE = 20.0;   ///< per frame
 constexpr double LEAST_SPEECH_S = 0.05;
 constexpr double MOST_SPEECH_S = 5.0;
-constexpr double LEAST_SNR_DB = -10.0;
-constexpr double MOST_SNR_DB = 40.0;
 
 }  // namespace
 
 const std::vector<std::string>& ConfidenceModel::featureNames()
 {
   static const std::vector<std::string> NAMES{
-      "word_margin", "filler_margin", "background_margin",    "sphinx_agrees", "sphinx_garbage", "sphinx_nothing",
-      "phone_ratio", "log_speech_s",  "log_speech_s_squared", "snr_db",        "more_words"};
+      "word_margin", "filler_margin", "background_margin", "garbage_ratio",        "talk_ratio",
+      "phone_ratio", "word_score",    "log_speech_s",      "log_speech_s_squared", "more_words"};
   return NAMES;
 }
 
@@ -35,13 +34,12 @@ std::vector<double> ConfidenceModel::features(const Evidence& evidence)
   return {std::clamp(evidence.word_margin, -MOST_MARGIN, MOST_MARGIN),
           std::clamp(evidence.filler_margin, -MOST_MARGIN, MOST_MARGIN),
           std::clamp(evidence.background_margin, -MOST_MARGIN, MOST_MARGIN),
-          evidence.sphinx_agrees ? 1.0 : 0.0,
-          evidence.sphinx_garbage ? 1.0 : 0.0,
-          evidence.sphinx_nothing ? 1.0 : 0.0,
+          std::clamp(evidence.garbage_ratio, -MOST_RATIO, MOST_RATIO),
+          std::clamp(evidence.talk_ratio, -MOST_RATIO, MOST_RATIO),
           std::clamp(evidence.phone_ratio, -MOST_RATIO, MOST_RATIO),
+          std::clamp(evidence.word_score, -MOST_SCORE, 0.0),
           log_speech,
           log_speech * log_speech,
-          std::clamp(evidence.snr_db, LEAST_SNR_DB, MOST_SNR_DB) / 10.0,
           static_cast<double>(evidence.words - 1)};
 }
 

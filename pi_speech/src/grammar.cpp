@@ -8,35 +8,34 @@
 
 namespace pi_speech
 {
-namespace
+std::string toJsgf(const std::vector<std::string>& texts, int in_a_row)
 {
-
-std::string alternatives(const std::vector<std::string>& texts)
-{
-  std::string result;
-  for (const std::string& text : texts)
+  if (in_a_row < 1 || in_a_row > 3)
   {
-    result += (result.empty() ? "" : " | ") + text;
+    throw std::invalid_argument("in_a_row = " + std::to_string(in_a_row) + ", must be in [1, 3]");
   }
-  return result;
+  if (texts.empty())
+  {
+    throw std::invalid_argument("a grammar needs at least one text");
+  }
+  std::string row = "<text>";
+  for (int i = 1; i < in_a_row; ++i)
+  {
+    row = "<text> [" + row + "]";
+  }
+  std::string grammar = "#JSGF V1.0;\ngrammar texts;\npublic <utterance> = " + row + ";\n<text> = ";
+  for (size_t i = 0; i < texts.size(); ++i)
+  {
+    grammar += (i == 0 ? "" : " | ") + texts[i];
+  }
+  return grammar + ";\n";
 }
 
-}  // namespace
-
-std::string toJsgf(const CommandTable& table, const std::vector<std::string>& garbage_words, int most_garbage_words)
+std::vector<std::string> garbageBeside(const CommandTable& table, const std::vector<std::string>& words)
 {
-  if (most_garbage_words < 1 || most_garbage_words > 3)
-  {
-    throw std::invalid_argument("most_garbage_words = " + std::to_string(most_garbage_words) + ", must be in [1, 3]");
-  }
-  std::vector<std::string> texts;
-  for (const Command& command : table.commands)
-  {
-    texts.push_back(command.text);
-  }
   const std::vector<std::string> command_words = table.words();
   std::vector<std::string> garbage;
-  for (const std::string& word : garbage_words)
+  for (const std::string& word : words)
   {
     if (!std::binary_search(command_words.begin(), command_words.end(), word) &&
         std::find(garbage.begin(), garbage.end(), word) == garbage.end())
@@ -44,21 +43,7 @@ std::string toJsgf(const CommandTable& table, const std::vector<std::string>& ga
       garbage.push_back(word);
     }
   }
-  std::string grammar = "#JSGF V1.0;\ngrammar commands;\n";
-  if (garbage.empty())
-  {
-    return grammar + "public <utterance> = " + alternatives(texts) + ";\n";
-  }
-  grammar += "public <utterance> = <command> | <garbage>;\n";
-  grammar += "<command> = " + alternatives(texts) + ";\n";
-  std::string others = "<other>";
-  for (int i = 1; i < most_garbage_words; ++i)
-  {
-    others = "<other> [" + others + "]";
-  }
-  grammar += "<garbage> = " + others + ";\n";
-  grammar += "<other> = " + alternatives(garbage) + ";\n";
-  return grammar;
+  return garbage;
 }
 
 std::vector<std::string> readGarbageWords(const std::string& path)

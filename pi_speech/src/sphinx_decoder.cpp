@@ -35,16 +35,18 @@ std::string SphinxHypothesis::text() const
 
 struct SphinxDecoder::Impl
 {
-  Impl(const SphinxModel& model, const std::string& jsgf, const std::string& dictionary)
-    : engine(checked(model, jsgf, dictionary), dictionary, jsgf)
+  Impl(const SphinxModel& model, const std::vector<std::string>& grammars, const std::string& dictionary)
+    : engine(checked(model, grammars, dictionary), dictionary, grammars)
   {
   }
 
-  static const SphinxModel& checked(const SphinxModel& model, const std::string& jsgf, const std::string& dictionary)
+  /// One grammar is enough to find out whether the model is good.
+  static const SphinxModel& checked(const SphinxModel& model, const std::vector<std::string>& grammars,
+                                    const std::string& dictionary)
   {
     if (model.check_model)
     {
-      checkSpeechModel(model, dictionary, jsgf);
+      checkSpeechModel(model, dictionary, grammars.empty() ? std::string() : grammars.front());
     }
     return model;
   }
@@ -52,21 +54,32 @@ struct SphinxDecoder::Impl
   SphinxEngine engine;
 };
 
-SphinxDecoder::SphinxDecoder(const SphinxModel& model, const std::string& jsgf, const std::vector<std::string>& words)
-  : impl_(std::make_unique<Impl>(model, jsgf, jsgf.empty() ? std::string() : dictionaryOf(model, words)))
+SphinxDecoder::SphinxDecoder(const SphinxModel& model, const std::vector<std::string>& grammars,
+                             const std::vector<std::string>& words)
+  : impl_(std::make_unique<Impl>(model, grammars, grammars.empty() ? std::string() : dictionaryOf(model, words)))
 {
 }
 
 SphinxDecoder::~SphinxDecoder() = default;
 
+void SphinxDecoder::listen(const int16_t* samples, size_t count)
+{
+  impl_->engine.listen(samples, count);
+}
+
+SphinxHypothesis SphinxDecoder::find(size_t grammar)
+{
+  return impl_->engine.find(grammar);
+}
+
+SphinxHypothesis SphinxDecoder::findPhones()
+{
+  return impl_->engine.findPhones();
+}
+
 SphinxHypothesis SphinxDecoder::decode(const int16_t* samples, size_t count)
 {
   return impl_->engine.decode(samples, count);
-}
-
-double SphinxDecoder::phoneLoopScore(const int16_t* samples, size_t count, int first_frame, int last_frame)
-{
-  return impl_->engine.phoneLoopScore(samples, count, first_frame, last_frame);
 }
 
 }  // namespace pi_speech

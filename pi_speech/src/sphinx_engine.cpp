@@ -1,16 +1,21 @@
 #include "sphinx_engine.h"
 
 #include <pocketsphinx.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cctype>
+#include <cerrno>
 #include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <optional>
 #include <stdexcept>
 #include <utility>
 
-#include "memory_file.h"
 #include "model_definition.h"
 #include "sphinx_log.h"
 #include "words.h"
@@ -22,7 +27,6 @@ namespace
 
 namespace fs = std::filesystem;
 
-constexpr char WORDS[] = "words";
 constexpr char PHONES[] = "phones";
 constexpr int FRAMES_PER_S = 100;
 /// PocketSphinx gives out its first frame when it has ten; shorter sound has no word in it.
@@ -94,6 +98,11 @@ void checkFeatureParameters(const fs::path& path)
   }
 }
 
+std::string nameOf(size_t grammar)
+{
+  return "grammar_" + std::to_string(grammar);
+}
+
 /// @return false if an utterance is too short to decode. @throws std::invalid_argument if it is too long.
 bool fits(size_t count)
 {
@@ -150,118 +159,234 @@ void SphinxEngine::Free::operator()(ps_decoder_s* decoder) const
   ps_free(decoder);
 }
 
-SphinxEngine::SphinxEngine(const SphinxModel& model, const std::string& dictionary, const std::string& jsgf)
-  : model_(model)
+NamedScores::NamedScores(const MemoryFile& file) : target_(file.path())
+{
+  std::error_code error;
+  const fs::path temporary = fs::temp_directory_path(error);
+  for (const fs::path& place : {temporary, fs::path("/dev/shm"), fs::path("/run/user/" + std::to_string(getuid()))})
+  {
+    std::string name = (place / "pi_speech_XXXXXX").string();
+    if (mkdtemp(name.data()) != nullptr)
+    {
+      folder_ = name;
+      return;
+    }
+  }
+  throw std::runtime_error("no folder can be made in " + temporary.string() + " or /dev/shm: " + std::strerror(errno) +
+                           "; PocketSphinx needs one for its scores: make room, or set TMPDIR");
+}
+
+NamedScores::~NamedScores()
+{
+  std::error_code ignored;
+  fs::remove_all(folder_, ignored);
+}
+
+NamedScores::Link::Link(const NamedScores& scores, int utterance)
+{
+  char name[32];
+  std::snprintf(name, sizeof name, "/%09d.sen", utterance);
+  path_ = scores.folder_ + name;
+  std::error_code error;
+  fs::create_symlink(scores.target_, path_, error);
+  if (error)
+  {
+    throw std::runtime_error(path_ + ": this link to the scores of an utterance cannot be made: " + error.message() +
+                             "; make room there");
+  }
+}
+
+NamedScores::Link::~Link()
+{
+  std::error_code ignored;
+  fs::remove(path_, ignored);
+}
+
+SphinxEngine::SphinxEngine(const SphinxModel& model, const std::string& dictionary,
+                           const std::vector<std::string>& grammars)
+  : model_(model), grammars_(grammars.size()), scores_(""), named_scores_(scores_)
 {
   quietSphinx();
   clearSphinxErrors();
-  checkSphinxFiles(model, jsgf.empty());
-  const MemoryFile words(dictionary);
-  config_.reset(cmd_ln_init(nullptr, ps_args(), 1, "-hmm", model.acoustic_model.c_str(), nullptr));
-  cmd_ln_set_str_r(config_.get(), "-dict", jsgf.empty() ? model.dictionary.c_str() : words.path().c_str());
-  if (!model.adaptation.empty())
-  {
-    cmd_ln_set_str_r(config_.get(), "-mean", (model.adaptation + "/means").c_str());
-    cmd_ln_set_str_r(config_.get(), "-sendump", (model.adaptation + "/sendump").c_str());
-  }
-  // One frame is 10 ms of the sound, whatever is silent: costs no command (1291 of 1496 instead of 1293).
-  cmd_ln_set_boolean_r(config_.get(), "-remove_silence", 0);
-  // All phones, whatever stands beside them, would take 2.5 s per second of sound.
-  cmd_ln_set_boolean_r(config_.get(), "-allphone_ci", 1);
-  // Read instead of mapped: PocketSphinx sees then that a file is too short, and the file may be replaced meanwhile.
-  cmd_ln_set_boolean_r(config_.get(), "-mmap", 0);
-  decoder_.reset(ps_init(config_.get()));
-  if (decoder_ == nullptr || !sphinxErrors().empty())
-  {
-    throw std::runtime_error(model.acoustic_model +
-                             ": PocketSphinx cannot load this acoustic model, or not with this " +
-                             "dictionary: " + sphinxErrors() + WAY_OUT);
-  }
-  const auto rate = static_cast<int>(std::lround(cmd_ln_float32_r(config_.get(), "-samprate")));
-  if (rate != SAMPLE_RATE_HZ || cmd_ln_int32_r(config_.get(), "-frate") != FRAMES_PER_S)
-  {
-    throw std::runtime_error(model.acoustic_model + ": the acoustic model is for " + std::to_string(rate) + " Hz and " +
-                             std::to_string(cmd_ln_int32_r(config_.get(), "-frate")) +
-                             " frames per second, must be for 16000 Hz and 100" + WAY_OUT);
-  }
+  checkSphinxFiles(model, grammars.empty());
   fillers_ = readFillers(model.acoustic_model);
-  clearSphinxErrors();
-  if (jsgf.empty())
+  scorer_ = load(dictionary, true);
+  if (grammars.empty())
   {
-    if (ps_set_lm_file(decoder_.get(), WORDS, model.language_model.c_str()) != 0)
+    if (ps_set_lm_file(scorer_.decoder.get(), nameOf(0).c_str(), model.language_model.c_str()) != 0)
     {
       throw std::runtime_error(model.language_model + ": PocketSphinx cannot load this language model: " +
                                sphinxErrors() + "; install pocketsphinx-en-us, or give another one");
     }
+    return;
   }
-  else
+  loadGrammar(&scorer_, 0, grammars.front());
+  searcher_ = load(dictionary, false);
+  for (size_t i = 0; i < grammars.size(); ++i)
   {
-    loadGrammar(jsgf);
+    loadGrammar(&searcher_, i, grammars[i]);
   }
-  loadPhoneLoop();
-}
-
-SphinxEngine::~SphinxEngine() = default;
-
-void SphinxEngine::loadGrammar(const std::string& jsgf)
-{
-  if (jsgf.compare(0, 5, "#JSGF") != 0)
-  {
-    throw std::runtime_error("the grammar does not begin with \"#JSGF V1.0;\"; write it in the format JSGF");
-  }
-  if (ps_set_jsgf_string(decoder_.get(), WORDS, jsgf.c_str()) != 0)
-  {
-    throw std::runtime_error("the grammar cannot be used with the acoustic model " + model_.acoustic_model + ": " +
-                             sphinxErrors() + "; give the words that it names, in phones of this model");
-  }
-}
-
-void SphinxEngine::loadPhoneLoop()
-{
-  if (ps_set_allphone(decoder_.get(), PHONES, nullptr) != 0)
+  if (ps_set_allphone(searcher_.decoder.get(), PHONES, nullptr) != 0)
   {
     throw std::runtime_error(model_.acoustic_model + ": PocketSphinx makes no loop of the phones of this acoustic " +
                              "model: " + sphinxErrors() + WAY_OUT);
   }
 }
 
-int SphinxEngine::process(const char* search, const int16_t* samples, size_t count)
+SphinxEngine::~SphinxEngine() = default;
+
+SphinxEngine::Decoder SphinxEngine::load(const std::string& dictionary, bool scores) const
 {
+  const MemoryFile words(dictionary);
+  Decoder result;
+  result.config.reset(cmd_ln_init(nullptr, ps_args(), 1, "-hmm", model_.acoustic_model.c_str(), nullptr));
+  cmd_ln_s* const config = result.config.get();
+  cmd_ln_set_str_r(config, "-dict", grammars_ == 0 ? model_.dictionary.c_str() : words.path().c_str());
+  if (!model_.adaptation.empty())
+  {
+    cmd_ln_set_str_r(config, "-mean", (model_.adaptation + "/means").c_str());
+    cmd_ln_set_str_r(config, "-sendump", (model_.adaptation + "/sendump").c_str());
+  }
+  if (grammars_ != 0 && scores)
+  {
+    cmd_ln_set_boolean_r(config, "-compallsen", 1);
+    cmd_ln_set_str_r(config, "-senlogdir", named_scores_.folder().c_str());
+  }
+  if (!scores)
+  {
+    // Frames are read in order; with a window of frames to look ahead PocketSphinx would go back to wrong places.
+    cmd_ln_set_int_r(config, "-pl_window", 0);
+  }
+  // One frame is 10 ms of the sound, whatever is silent: costs no command (1291 of 1496 instead of 1293).
+  cmd_ln_set_boolean_r(config, "-remove_silence", 0);
+  // All phones, whatever stands beside them, would take 2.5 s per second of sound.
+  cmd_ln_set_boolean_r(config, "-allphone_ci", 1);
+  // Read instead of mapped: PocketSphinx sees then that a file is too short, and the file may be replaced meanwhile.
+  cmd_ln_set_boolean_r(config, "-mmap", 0);
+  result.decoder.reset(ps_init(config));
+  if (result.decoder == nullptr || !sphinxErrors().empty())
+  {
+    throw std::runtime_error(model_.acoustic_model +
+                             ": PocketSphinx cannot load this acoustic model, or not with this " +
+                             "dictionary: " + sphinxErrors() + WAY_OUT);
+  }
+  const auto rate = static_cast<int>(std::lround(cmd_ln_float32_r(config, "-samprate")));
+  if (rate != SAMPLE_RATE_HZ || cmd_ln_int32_r(config, "-frate") != FRAMES_PER_S)
+  {
+    throw std::runtime_error(model_.acoustic_model + ": the acoustic model is for " + std::to_string(rate) +
+                             " Hz and " + std::to_string(cmd_ln_int32_r(config, "-frate")) +
+                             " frames per second, must be for 16000 Hz and 100" + WAY_OUT);
+  }
+  clearSphinxErrors();
+  return result;
+}
+
+void SphinxEngine::loadGrammar(Decoder* decoder, size_t number, const std::string& jsgf) const
+{
+  if (jsgf.compare(0, 5, "#JSGF") != 0)
+  {
+    throw std::runtime_error("the grammar does not begin with \"#JSGF V1.0;\"; write it in the format JSGF");
+  }
+  if (ps_set_jsgf_string(decoder->decoder.get(), nameOf(number).c_str(), jsgf.c_str()) != 0)
+  {
+    throw std::runtime_error("the grammar cannot be used with the acoustic model " + model_.acoustic_model + ": " +
+                             sphinxErrors() + "; give the words that it names, in phones of this model");
+  }
+}
+
+int SphinxEngine::process(const int16_t* samples, size_t count)
+{
+  ps_decoder_s* const decoder = scorer_.decoder.get();
   clearSphinxErrors();
   // What is known of the noise is forgotten: the same sound has the same result, whatever was before.
-  if (ps_set_search(decoder_.get(), search) != 0 || ps_start_stream(decoder_.get()) != 0 ||
-      ps_start_utt(decoder_.get()) != 0)
+  if (ps_set_search(decoder, nameOf(0).c_str()) != 0 || ps_start_stream(decoder) != 0)
   {
     throw std::runtime_error("PocketSphinx begins no utterance: " + sphinxErrors());
   }
-  const int frames = ps_process_raw(decoder_.get(), samples, count, 0, 1);
-  if (ps_end_utt(decoder_.get()) != 0 || frames < 0)
+  const int number = utterances_++;
+  std::optional<NamedScores::Link> link;
+  if (grammars_ != 0)
+  {
+    link.emplace(named_scores_, number);
+  }
+  if (ps_start_utt(decoder) != 0)
+  {
+    throw std::runtime_error("PocketSphinx begins no utterance: " + sphinxErrors());
+  }
+  const int frames = ps_process_raw(decoder, samples, count, 0, 1);
+  if (ps_end_utt(decoder) != 0 || frames < 0)
   {
     throw std::runtime_error("PocketSphinx cannot decode " + std::to_string(count) + " samples: " + sphinxErrors());
   }
   return frames;
 }
 
-double SphinxEngine::toLogLikelihood(double score, int frames) const
+void SphinxEngine::listen(const int16_t* samples, size_t count)
 {
-  return frames > 0 ? score * SCORE_UNIT * std::log(logmath_get_base(ps_get_logmath(decoder_.get()))) / frames : 0.0;
+  frames_ = 0;
+  frames_ = fits(count) ? process(samples, count) : 0;
+}
+
+SphinxHypothesis SphinxEngine::find(size_t grammar)
+{
+  if (grammar >= grammars_)
+  {
+    throw std::out_of_range("grammar " + std::to_string(grammar) + " of " + std::to_string(grammars_));
+  }
+  return search(nameOf(grammar));
+}
+
+SphinxHypothesis SphinxEngine::findPhones()
+{
+  return search(PHONES);
+}
+
+SphinxHypothesis SphinxEngine::search(const std::string& name)
+{
+  if (frames_ == 0)
+  {
+    return {};
+  }
+  const std::unique_ptr<FILE, int (*)(FILE*)> file(std::fopen(scores_.path().c_str(), "rb"), std::fclose);
+  clearSphinxErrors();
+  if (file == nullptr || ps_set_search(searcher_.decoder.get(), name.c_str()) != 0)
+  {
+    throw std::runtime_error("PocketSphinx begins no search: " + (file ? sphinxErrors() : std::strerror(errno)));
+  }
+  const int frames = ps_decode_senscr(searcher_.decoder.get(), file.get());
+  if (frames != frames_)
+  {
+    throw std::runtime_error("PocketSphinx has scores of " + std::to_string(std::max(frames, 0)) + " of " +
+                             std::to_string(frames_) + " frames: is the memory full?");
+  }
+  return hypothesisOf(searcher_.decoder.get(), frames);
 }
 
 SphinxHypothesis SphinxEngine::decode(const int16_t* samples, size_t count)
 {
-  SphinxHypothesis hypothesis;
-  if (!fits(count))
+  if (grammars_ == 0)
   {
-    return hypothesis;
+    const int frames = fits(count) ? process(samples, count) : 0;
+    return frames == 0 ? SphinxHypothesis() : hypothesisOf(scorer_.decoder.get(), frames);
   }
-  hypothesis.frames = process(WORDS, samples, count);
+  listen(samples, count);
+  return find(0);
+}
+
+SphinxHypothesis SphinxEngine::hypothesisOf(ps_decoder_s* decoder, int frames) const
+{
+  const double unit = SCORE_UNIT * std::log(logmath_get_base(ps_get_logmath(decoder)));
+  SphinxHypothesis hypothesis;
+  hypothesis.frames = frames;
   double score = 0.0;
-  for (ps_seg_t* segment = ps_seg_iter(decoder_.get()); segment != nullptr; segment = ps_seg_next(segment))
+  bool found = false;
+  for (ps_seg_t* segment = ps_seg_iter(decoder); segment != nullptr; segment = ps_seg_next(segment))
   {
     int32 acoustic = 0;
     ps_seg_prob(segment, &acoustic, nullptr, nullptr);
-    score += acoustic;
-    SphinxHypothesis::Word word{ps_seg_word(segment), 0, 0, toLogLikelihood(acoustic, 1)};
+    score += unit * acoustic;
+    found = true;
+    SphinxHypothesis::Word word{ps_seg_word(segment), 0, 0, unit * acoustic};
     ps_seg_frames(segment, &word.first_frame, &word.last_frame);
     const size_t number = word.text.find('(', 1);
     if (fillers_.count(word.text) == 0)
@@ -270,36 +395,11 @@ SphinxHypothesis SphinxEngine::decode(const int16_t* samples, size_t count)
       hypothesis.words.push_back(std::move(word));
     }
   }
-  hypothesis.score = toLogLikelihood(score, hypothesis.frames);
+  if (found)
+  {
+    hypothesis.score = score;
+  }
   return hypothesis;
-}
-
-double SphinxEngine::phoneLoopScore(const int16_t* samples, size_t count, int first_frame, int last_frame)
-{
-  if (!fits(count))
-  {
-    return 0.0;
-  }
-  const int end = process(PHONES, samples, count);
-  const int first = std::max(first_frame, 0);
-  const int last = last_frame < 0 ? end : last_frame;
-  double score = 0.0;
-  int frames = 0;
-  for (ps_seg_t* segment = ps_seg_iter(decoder_.get()); segment != nullptr; segment = ps_seg_next(segment))
-  {
-    int32 acoustic = 0;
-    int first_of_phone = 0;
-    int last_of_phone = 0;
-    ps_seg_prob(segment, &acoustic, nullptr, nullptr);
-    ps_seg_frames(segment, &first_of_phone, &last_of_phone);
-    const int inside = std::min(last, last_of_phone) - std::max(first, first_of_phone) + 1;
-    if (inside > 0)
-    {
-      score += static_cast<double>(acoustic) * inside / (last_of_phone - first_of_phone + 1);
-      frames += inside;
-    }
-  }
-  return toLogLikelihood(score, frames);
 }
 
 }  // namespace pi_speech

@@ -76,10 +76,11 @@ Evidence evidence(const std::string& command = "stop")
   result.word_margin = 3.0;
   result.filler_margin = 2.0;
   result.background_margin = 5.0;
-  result.sphinx_agrees = true;
+  result.garbage_ratio = 0.8;
+  result.talk_ratio = 0.7;
   result.phone_ratio = -0.5;
+  result.word_score = -3.0;
   result.speech_s = 0.5;
-  result.snr_db = 20.0;
   result.words = static_cast<int>(1 + std::count(command.begin(), command.end(), ' '));
   return result;
 }
@@ -127,9 +128,9 @@ TEST(Confidence, IsTheLogisticFunctionOfTheWeightedSum)
   changing.word_margin = 2.0;
   EXPECT_NEAR(1.0 / (1.0 + std::exp(1.0 - 1.0)), model({{"bias", "-1"}, {"word_margin", "0.5"}}).confidence(changing),
               1e-9);
-  EXPECT_NEAR(0.75, logit(model({{"sphinx_agrees", "0.75"}}).confidence(changing)), 1e-9);
-  changing.sphinx_agrees = false;
-  EXPECT_NEAR(0.0, logit(model({{"sphinx_agrees", "0.75"}}).confidence(changing)), 1e-9);
+  EXPECT_NEAR(0.6, logit(model({{"garbage_ratio", "0.75"}}).confidence(changing)), 1e-9);
+  changing.garbage_ratio = 5.0;  // more than 2 per frame is as good as 2
+  EXPECT_NEAR(1.5, logit(model({{"garbage_ratio", "0.75"}}).confidence(changing)), 1e-9);
 }
 
 TEST(Confidence, EachPieceOfEvidenceCounts)
@@ -143,13 +144,12 @@ TEST(Confidence, EachPieceOfEvidenceCounts)
   changed["word_margin"].word_margin += 1.0;
   changed["filler_margin"].filler_margin += 1.0;
   changed["background_margin"].background_margin += 1.0;
-  changed["sphinx_agrees"].sphinx_agrees = false;
-  changed["sphinx_garbage"].sphinx_garbage = true;
-  changed["sphinx_nothing"].sphinx_nothing = true;
+  changed["garbage_ratio"].garbage_ratio -= 1.0;
+  changed["talk_ratio"].talk_ratio -= 1.0;
   changed["phone_ratio"].phone_ratio -= 1.0;
+  changed["word_score"].word_score -= 1.0;
   changed["log_speech_s"].speech_s = 0.7;
   changed["log_speech_s_squared"].speech_s = 0.7;
-  changed["snr_db"].snr_db -= 10.0;
   changed["more_words"].words = 2;
   for (const auto& [name, other] : changed)
   {
@@ -170,7 +170,8 @@ TEST(Confidence, ExtremeEvidenceStaysAProbability)
   for (const double sign : {-1.0, 1.0})
   {
     Evidence any = evidence();
-    any.word_margin = any.filler_margin = any.background_margin = any.phone_ratio = any.snr_db = sign * infinity;
+    any.word_margin = any.filler_margin = any.background_margin = sign * infinity;
+    any.garbage_ratio = any.talk_ratio = any.phone_ratio = any.word_score = sign * infinity;
     any.speech_s = sign > 0.0 ? 1e9 : 0.0;
     const double confidence = extreme.confidence(any);
     EXPECT_GE(confidence, 0.0);

@@ -74,6 +74,7 @@ TEST(RecognizerRosOptions, ParametersComeBackAsTheyWere)
   options.recognizer.sphinx.check_model = false;
   options.recognizer.sphinx.adaptation = "/an/adaptation";
   options.use_runtime = false;
+  options.utterance_service = "/coordinator/recognize_utterance";
   options.format = AudioFormat{44100, 2};
   options.start_listening = false;
   options.dictation = true;
@@ -111,6 +112,7 @@ TEST(RecognizerRosOptions, NamesParameterValueAndBound)
                "parameter /recognizer/sphinx/acoustic_model = \"\", must be an absolute path");
   EXPECT_EQ("parameter /recognizer/max_gap_s = 0, must be in [0.005, 10]", refusal("max_gap_s: 0"));
   EXPECT_EQ("parameter /recognizer/queue_s = 100, must be in [0.1, 60]", refusal("queue_s: 100"));
+  EXPECT_EQ("parameter /recognizer/utterance_deadline_s = 9, must be in [0.05, 5]", refusal("utterance_deadline_s: 9"));
   EXPECT_EQ("parameter /recognizer/always_on = 1, must be true or false", refusal("always_on: 1"));
   EXPECT_PRED2(begins, refusal("channels: 0"), "parameter /recognizer/channels = 0, must be ");
   EXPECT_PRED2(begins, refusal("sample_rate: 1000"), "parameter /recognizer/sample_rate");

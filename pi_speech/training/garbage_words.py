@@ -4,7 +4,8 @@
   garbage_words.py [--output ../config/garbage_words.txt]
 
 They are the most frequent words of PocketSphinx's language model en-us: of lower-case letters only, in the dictionary
-with three or more sounds, and pronounced like no command.
+with three or more sounds, and pronounced like no command. The numbers up to twelve, which are said alone more often than
+other words, follow, however short.
 """
 
 import argparse
@@ -23,10 +24,12 @@ from training_run import PACKAGE, read_commands
 
 COUNT = 300
 LEAST_SOUNDS = 3
+NUMBERS = "zero one two three four five six seven eight nine ten eleven twelve".split()
 HEAD = """\
 # Words that stand for all speech that is no command: the 300 most frequent words of the language model en-us of
-# PocketSphinx with three or more sounds, less the ten commands of commands.yaml. One per line. Those that a command has
-# are left out when they are used. Fewer words reject less of other speech; more cost commands and time.
+# PocketSphinx with three or more sounds, less the ten commands of commands.yaml, the most frequent first; then numbers.
+# One per line. Those that a command has are left out when they are used. Fewer words reject less of other speech; more
+# cost commands and time.
 """
 MAGIC = b"Trie Language Model"
 QUANTISED_VALUES = 1 << 16  # of each table of probabilities
@@ -73,7 +76,8 @@ def choose(frequent, commands, dictionary, count=COUNT):
               and len(dictionary[word][0].split()) >= LEAST_SOUNDS]
     if len(chosen) < count:
         raise ToolError(f"{len(chosen)} words of {LEAST_SOUNDS} or more sounds in the language model, must be {count}")
-    return chosen[:count]
+    chosen = chosen[:count]
+    return chosen + [word for word in NUMBERS if word in dictionary and word not in chosen and word not in commands]
 
 
 def text():

@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -52,7 +53,8 @@ struct Recognition
   int64_t speech_end = 0;
   int64_t decided_at = 0;  ///< samples of the stream that had come when it was decided
   double snr_db = 0.0;
-  double work_s = 0.0;  ///< that the decision took
+  double work_s = 0.0;  ///< that the decision took, here or elsewhere
+  std::string place;    ///< where it was made; empty: here
   Evidence evidence;    ///< for the command; of no use where there is none
 };
 
@@ -73,7 +75,7 @@ public:
 
   /// Called for each utterance that has ended, and for fast commands, on the thread of process().
   using Sink = std::function<void(const Recognition& recognition)>;
-  /// @param samples  the next of the stream. Takes long where an utterance ends: some 30 ms per second of speech.
+  /// @param samples  the next of the stream. Takes long where an utterance ends: some 70 ms per second of speech.
   void process(const int16_t* samples, size_t count, const Sink& sink);
   /// The stream has ended or has a gap.
   void flush(const Sink& sink);
@@ -86,10 +88,17 @@ public:
   /// returns, on any thread: a scheduler's hook. Without it decisions are plain calls.
   using Runner = std::function<void(double speech_s, const std::function<void()>& work)>;
   void setRunner(Runner runner);
+  /// Asked for each decision before it is made here, within process() and flush(): what another computer made of the
+  /// utterance (text, accepted, confidence, reason), or nothing. A text that is no command of the table counts as none.
+  using Elsewhere = std::function<std::optional<Recognition>(const Utterance& utterance)>;
+  void setElsewhere(Elsewhere elsewhere);
   bool inSpeech() const;
   double noiseLevelDbfs() const;
 
   /// One utterance on its own, without end-pointing: speech with a little sound before and behind it.
+  /// @param speech_s  length of the speech in it [s].
+  Recognition recognize(const int16_t* samples, size_t count, double speech_s);
+  /// All of it is speech.
   Recognition recognize(const int16_t* samples, size_t count);
 
 private:

@@ -12,16 +12,17 @@ struct Evidence
 {
   std::string command;  ///< the candidate's text
   bool has_word_models = false;
-  double word_margin = 0.0;        ///< ln of the candidate's likelihood over that of all other commands, from these
-  double filler_margin = 0.0;      ///< the same over other speech
+  double word_margin = 0.0;        ///< ln of the candidate's posterior over that of all other commands, of all models
+  double filler_margin = 0.0;      ///< ln likelihood of the words' models over that of other speech; 0 without them
   double background_margin = 0.0;  ///< the same over background
-  bool sphinx_agrees = false;      ///< PocketSphinx with garbage words understood the candidate
-  bool sphinx_garbage = false;     ///< it understood garbage words
-  bool sphinx_nothing = false;     ///< it understood nothing
-  double phone_ratio = 0.0;        ///< its ln likelihood per frame less that of the best phones, at most about 0
-  double speech_s = 0.0;           ///< length of the speech
-  double snr_db = 0.0;
-  int words = 1;  ///< of the candidate
+  // PocketSphinx's ln likelihoods of the whole utterance: the candidate's less that of another hypothesis, per frame of
+  // the candidate's words.
+  double garbage_ratio = 0.0;  ///< the best garbage word
+  double talk_ratio = 0.0;     ///< the best one or two of the most frequent garbage words
+  double phone_ratio = 0.0;    ///< the best phones
+  double word_score = 0.0;     ///< ln likelihood of its words per frame less that of the best states, at most 0
+  double speech_s = 0.0;       ///< length of the speech
+  int words = 1;               ///< of the candidate
 };
 
 /// Logistic model of the confidence, with one set of weights where word models take part and one where they do not.

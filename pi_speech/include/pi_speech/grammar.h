@@ -8,12 +8,12 @@
 namespace pi_speech
 {
 
-/// The commands as a grammar in JSGF: one of the commands, or, with garbage words, one to most_garbage_words of these.
-/// Garbage words are common words that stand for all that is no command; those that are words of a command are left
-/// out. Up to three in a row reject more of other speech, and more of the commands too, in twice the time.
-/// @param most_garbage_words  in [1, 3]. @throws std::invalid_argument if it is not.
-std::string toJsgf(const CommandTable& table, const std::vector<std::string>& garbage_words,
-                   int most_garbage_words = 1);
+/// A grammar in JSGF: one of the texts or, with more in a row, up to so many, whatever their order.
+/// @param in_a_row  in [1, 3]. @throws std::invalid_argument if it is not, or without a text.
+std::string toJsgf(const std::vector<std::string>& texts, int in_a_row = 1);
+
+/// The words that stand for other speech beside a table: those that are no word of a command.
+std::vector<std::string> garbageBeside(const CommandTable& table, const std::vector<std::string>& words);
 
 /// Reads a list of garbage words: one per line, # begins a comment.
 /// @throws std::runtime_error naming the file and what is wrong.

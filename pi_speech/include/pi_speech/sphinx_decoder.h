@@ -2,6 +2,7 @@
 
 #include <pi_speech/audio.h>
 
+#include <limits>
 #include <memory>
 #include <string>
 #include <vector>
@@ -30,38 +31,43 @@ struct SphinxHypothesis
     std::string text;  ///< without the number of its pronunciation
     int first_frame;   ///< of 10 ms
     int last_frame;
-    double score;  ///< acoustic log-likelihood, the sum over its frames (natural logarithm)
+    double score;  ///< as the hypothesis' own, over its frames
   };
   std::vector<Word> words;  ///< without silences and fillers
   int frames = 0;           ///< of the utterance
-  double score = 0.0;       ///< acoustic log-likelihood of the utterance per frame (natural logarithm)
+  /// Acoustic log-likelihood of the utterance less that of the best state of any phone in each frame (natural
+  /// logarithm, at most 0): it can be compared between grammars. -infinity if nothing fits.
+  double score = -std::numeric_limits<double>::infinity();
   std::string text() const;
 };
 
 /// PocketSphinx (GMM/HMM, Viterbi) with the whole utterance at once, so that the cepstral mean is that of the whole
-/// utterance: 8 of 100 commands more are right than in a stream. Not thread safe.
+/// utterance: 8 of 100 commands more are right than in a stream. The likelihoods of all states are computed once per
+/// utterance; each search through a grammar of some words takes a millisecond then. Not thread safe.
 class SphinxDecoder
 {
 public:
-  /// @param jsgf   grammar; empty: dictation with the language model.
-  /// @param words  those of the grammar; for dictation it is not used.
+  /// @param grammars  in JSGF; none: dictation with the language model.
+  /// @param words     those of all grammars; for dictation they are not used.
   /// @throws std::runtime_error naming the file or word, and the way out.
-  SphinxDecoder(const SphinxModel& model, const std::string& jsgf, const std::vector<std::string>& words);
+  SphinxDecoder(const SphinxModel& model, const std::vector<std::string>& grammars,
+                const std::vector<std::string>& words);
   ~SphinxDecoder();
   SphinxDecoder(const SphinxDecoder&) = delete;
   SphinxDecoder& operator=(const SphinxDecoder&) = delete;
 
-  /// An utterance too short to decode (less than 0.12 s) gives no words.
-  /// @throws std::invalid_argument if it is longer than 300 s.
+  /// Computes the likelihoods of an utterance, which take 1 MB per second, for find() and findPhones(). One too short
+  /// (less than 0.12 s) fits nothing.
+  /// @throws std::invalid_argument if it is longer than 300 s, std::runtime_error if there is no room for them.
+  void listen(const int16_t* samples, size_t count);
+  /// The best path through a grammar. @throws std::out_of_range
+  SphinxHypothesis find(size_t grammar);
+  /// The best sequence of phones, whatever the words (context-independent ones): what other scores are compared with.
+  SphinxHypothesis findPhones();
+
+  /// listen() and find() in the first grammar; or dictation, whose scores are not comparable.
   SphinxHypothesis decode(const int16_t* samples, size_t count);
   SphinxHypothesis decode(const Samples& samples) { return decode(samples.data(), samples.size()); }
-
-  /// Mean acoustic log-likelihood per frame (natural logarithm) of the best sequence of phones, whatever the words
-  /// (context-independent phones): what a hypothesis' own score is compared with. Takes as long as decode().
-  /// @param first_frame, last_frame  the part of the utterance, such as a word of the hypothesis; a last_frame of -1 is
-  ///   the end. Phones that are partly inside count in proportion.
-  /// @return 0 for an utterance too short to decode, or without a frame in that part.
-  double phoneLoopScore(const int16_t* samples, size_t count, int first_frame = 0, int last_frame = -1);
 
 private:
   struct Impl;

@@ -53,12 +53,12 @@ def parse(arguments):
                         help="share of clips of other speech that may be accepted; default: %(default)s")
     parser.add_argument("--max-false-background", type=number_between(0, 1), default=0.03,
                         help="the same of background; default: %(default)s")
-    parser.add_argument("--margin", type=float, default=0.2,
+    parser.add_argument("--margin", type=float, default=0.1,
                         help="part of both limits that is kept free for speakers not heard yet, in [0, 1); default: "
                         "%(default)s")
     parser.add_argument("--threshold", type=number_between(0, 1), default=0.5,
                         help="confidence at which the recogniser accepts; default: %(default)s")
-    parser.add_argument("--ridge", type=number_between(0, 1e9), default=1.0,
+    parser.add_argument("--ridge", type=number_between(0, 1e9), default=10.0,
                         help="weight of the squares of the weights; default: %(default)s")
     add_labels(parser)
     parsed = parser.parse_args(arguments)

@@ -125,6 +125,9 @@ RecognizerRos::RecognizerRos(ros::NodeHandle node, ros::NodeHandle private_node)
                ? std::make_unique<RecognizerTasks>(pi_runtime::Runtime::shared(),
                                                    [this](const std::string& text) { warnings_.error(text); })
                : nullptr)
+  , elsewhere_(options_.utterance_service.empty() ? nullptr
+                                                  : std::make_unique<UtteranceService>(node, options_.utterance_service,
+                                                                                       options_.utterance_deadline_s))
   , listening_(options_.start_listening)
   , format_(options_.format)
   , check_(std::make_unique<SoundCheck>(options_.check, steadyNs()))
@@ -510,7 +513,8 @@ void RecognizerRos::onRecognition(const Recognition& recognition)
     ROS_INFO_STREAM_NAMED("recognizer", "heard \"" << recognition.text << "\""
                                                    << format(", confidence %.2f", recognition.confidence)
                                                    << format(", %.0f ms after its end", 1e3 * latency_s)
-                                                   << (recognition.fast ? ", fast" : ""));
+                                                   << (recognition.fast ? ", fast" : "")
+                                                   << (recognition.place.empty() ? "" : ", by " + recognition.place));
   }
   else
   {
@@ -581,6 +585,16 @@ bool RecognizerRos::load(const Source& source, std::string* message)
       loaded.recognizer->setRunner([this](double speech_s, const std::function<void()>& work)
                                    { tasks_->run(speech_s, work); });
     }
+    if (elsewhere_)
+    {
+      std::vector<std::string> commands;
+      for (const Command& command : loaded.recognizer->table().commands)
+      {
+        commands.push_back(command.text);
+      }
+      loaded.recognizer->setElsewhere([this, commands](const Utterance& utterance)
+                                      { return elsewhere_->ask(utterance, commands); });
+    }
   }
   catch (const std::exception& error)
   {
@@ -642,8 +656,8 @@ void RecognizerRos::dictate()
   std::string problem;
   try
   {
-    decoder =
-        std::make_unique<SphinxDecoder>(options_.recognizerOptions(package_).sphinx, "", std::vector<std::string>());
+    decoder = std::make_unique<SphinxDecoder>(options_.recognizerOptions(package_).sphinx, std::vector<std::string>(),
+                                              std::vector<std::string>());
   }
   catch (const std::exception& error)
   {

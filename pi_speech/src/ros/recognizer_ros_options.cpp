@@ -69,6 +69,8 @@ static void visitFields(Options& options, Visitor&& visit)
   visit("garbage_words", recognizer.garbage_words);
   visit("confidence", recognizer.confidence);
   visit("use_runtime", options.use_runtime);
+  visit("utterance_service", options.utterance_service);
+  visit("utterance_deadline_s", options.utterance_deadline_s);
   visit("start_listening", options.start_listening);
   visit("always_on", options.always_on);
   visit("dictation", options.dictation);
@@ -120,6 +122,7 @@ void RecognizerRosOptions::validate() const
   const pi_runtime::OptionCheck own("");
   own.range("max_gap_s", max_gap_s, 0.005, 10.0);
   own.range("queue_s", queue_s, 0.1, 60.0);
+  own.range("utterance_deadline_s", utterance_deadline_s, 0.05, 5.0);
   parameter_tree::validateGroup("check", check);
   parameter_tree::requireDuration("diagnostic_period", diagnostic_period);
   parameter_tree::requireDuration("warning_period_s", warning_period_s);

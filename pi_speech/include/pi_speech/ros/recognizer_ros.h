@@ -12,6 +12,7 @@
 #include <pi_speech/ros/recognizer_ros_options.h>
 #include <pi_speech/ros/recognizer_tasks.h>
 #include <pi_speech/ros/sound_stream.h>
+#include <pi_speech/ros/utterance_service.h>
 #include <pi_speech/sound_check.h>
 #include <ros/ros.h>
 #include <std_srvs/Empty.h>
@@ -50,6 +51,9 @@ namespace pi_speech
 /// on with the commands that it has while others are loaded, and takes those once nobody speaks; sound that comes
 /// before the first are loaded waits in the queue. Decisions run on a unit of the runtime, see RecognizerTasks, while
 /// the worker waits; without use_runtime on the worker.
+///
+/// With utterance_service each utterance is first offered to that service, as pi_offload/coordinator has it; what it
+/// does not handle, or not in time, is recognised here.
 ///
 /// A model or table that cannot be used is an error in log and diagnostics; the node stays, and set_commands tries
 /// again.
@@ -138,7 +142,8 @@ private:
   const std::string info_topic_;
   pi_runtime::WarningBoard warnings_;
   RecognizerDiagnostics diagnostics_;
-  const std::unique_ptr<RecognizerTasks> tasks_;  ///< used on speech_worker; null: decisions are plain calls
+  const std::unique_ptr<RecognizerTasks> tasks_;       ///< used on speech_worker; null: decisions are plain calls
+  const std::unique_ptr<UtteranceService> elsewhere_;  ///< used on speech_worker; null: all is decided here
 
   std::mutex mutex_;  ///< of all below; held briefly
   std::condition_variable work_changed_;

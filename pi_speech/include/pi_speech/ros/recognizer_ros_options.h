@@ -18,8 +18,11 @@ struct RecognizerRosOptions
   std::string commands;  ///< YAML file of the commands, absolute; empty: the package's commands.yaml
   /// Its files are absolute; empty: the package's. word_models and sphinx.adaptation may be "none".
   RecognizerOptions recognizer;
-  bool use_runtime = true;      ///< decisions are tasks of pi_runtime::Runtime::shared(); false: plain calls
-  bool start_listening = true;  ///< false: not before ~start
+  bool use_runtime = true;  ///< decisions are tasks of pi_runtime::Runtime::shared(); false: plain calls
+  /// Service (pi_speech/RecognizeUtterance) that is asked for each utterance first, such as pi_offload's; empty: none.
+  std::string utterance_service;
+  double utterance_deadline_s = 0.35;  ///< from a pause to the decision, wherever it is made [s], in [0.05, 5]
+  bool start_listening = true;         ///< false: not before ~start
   /// Also while nobody listens to the outputs. True, as the noise is learned while nobody has subscribed yet, and a
   /// vehicle must understand the first "stop" said to it.
   bool always_on = true;
