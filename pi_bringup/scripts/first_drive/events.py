@@ -1,9 +1,10 @@
-"""What player and monitor tell while a drive runs."""
+"""What the nodes tell while a part of the demo runs."""
 
 import json
 import os
 import queue
 import select
+import sys
 import threading
 import time
 
@@ -13,12 +14,24 @@ from first_drive.processes import log_excerpt
 SILENCE_LIMIT_S = 90  # software rendering on a loaded machine starts slowly
 
 
+def player_event(message):
+    values = {pair.key: pair.value for pair in message.values}
+    return "player", {
+        "state": message.message,
+        "published": {key.split(" ", 1)[1]: int(value) for key, value in values.items()
+                      if key.startswith("published ")},
+        "lateness": {key: float(value) for key, value in values.items() if "late" in key}}
+
+
 class Events:
-    """Listens as a rospy node to the player's status and the monitor's reports, on the master in `environment`."""
+    """A rospy node on the master in `environment`. What it subscribes becomes events (kind, content) that wait in a
+    queue; from the start it hears the status of a drive's player and the reports of the monitor."""
 
     def __init__(self, environment):
         os.environ.update({key: environment[key]
                            for key in ("ROS_MASTER_URI", "ROS_HOSTNAME", "ROS_LOG_DIR", "ROS_PACKAGE_PATH")})
+        # The suite's own messages, whatever the shell of the user has or has not sourced.
+        sys.path[:0] = [folder for folder in environment.get("PYTHONPATH", "").split(os.pathsep) if folder]
         # Here, not above: rospy reads the environment when it is imported, and takes a second.
         import rospy
         from diagnostic_msgs.msg import DiagnosticStatus
@@ -26,37 +39,47 @@ class Events:
         rospy.init_node("drive_demo", disable_signals=True)
         self._rospy = rospy
         self._events = queue.Queue()
-        self._launch = None
-        self._subscribers = [
-            rospy.Subscriber("/player/status", DiagnosticStatus, self._on_player),
-            rospy.Subscriber("/topic_monitor/report", String,
-                             lambda message: self._events.put(("monitor", json.loads(message.data))))]
+        self._log_path = None
+        self._subscribers = []
+        self.subscribe("/player/status", DiagnosticStatus, player_event)
+        self.subscribe("/topic_monitor/report", String, lambda message: ("monitor", json.loads(message.data)))
 
-    def _on_player(self, message):
-        values = {pair.key: pair.value for pair in message.values}
-        self._events.put(("player", {
-            "state": message.message,
-            "published": {key.split(" ", 1)[1]: int(value) for key, value in values.items()
-                          if key.startswith("published ")},
-            "lateness": {key: float(value) for key, value in values.items() if "late" in key}}))
+    def subscribe(self, topic, message_type, event):
+        """@param event  makes an event (kind, content) of a message, or None of one that does not count; called on
+        threads of rospy.
+        @return rospy's subscriber"""
+        def put(message):
+            made = event(message)
+            if made is not None:
+                self._events.put(made)
 
-    def follow(self, launch):
-        """From now on, events are those of the nodes of this roslaunch process, which next() watches too."""
-        self._launch = launch
+        self._subscribers.append(self._rospy.Subscriber(topic, message_type, put))
+        return self._subscribers[-1]
+
+    def follow(self, process, name="roslaunch"):
+        """From now on, events are those of this process, a node or roslaunch with its nodes, which next() watches
+        too. @param name  of it, for the user."""
         self._events = queue.Queue()
-        threading.Thread(target=self._await_end, args=(self._events, os.pidfd_open(launch.pid)), daemon=True).start()
+        self._log_path = process.log_path
+        self.watch(process, name)
+
+    def watch(self, process, name):
+        """From now on, next() watches this process too, which logs to the same file as the one followed."""
+        threading.Thread(target=self._await_end, args=(self._events, (name, process), os.pidfd_open(process.pid)),
+                         daemon=True).start()
 
     @staticmethod
-    def _await_end(events, descriptor):
+    def _await_end(events, content, descriptor):
         poll = select.poll()
         poll.register(descriptor, select.POLLIN)
         poll.poll()
         os.close(descriptor)
-        events.put(("launch", None))
+        events.put(("ended", content))
 
     def next(self, condition, purpose):
-        """The next event (kind, content) that meets condition(kind, content), kind being "player" or "monitor".
-        @throws DemoError if roslaunch ends, or if for SILENCE_LIMIT_S no message reached the monitor either."""
+        """The next event (kind, content) that meets condition(kind, content).
+        @throws DemoError if a process that is watched ends, or if nothing that meets the condition came for
+        SILENCE_LIMIT_S and no message reached the monitor either."""
         seen = None
         deadline = time.monotonic() + SILENCE_LIMIT_S
         while True:
@@ -64,10 +87,13 @@ class Events:
                 kind, content = self._events.get(timeout=max(0.0, deadline - time.monotonic()))
             except queue.Empty:
                 raise DemoError("waited %d s for %s; from the log:\n%s" %
-                                (SILENCE_LIMIT_S, purpose, log_excerpt(self._launch.log_path))) from None
-            if kind == "launch":
-                raise DemoError("the nodes ended while waiting for %s; from the log:\n%s" %
-                                (purpose, log_excerpt(self._launch.log_path)))
+                                (SILENCE_LIMIT_S, purpose, log_excerpt(self._log_path))) from None
+            if kind == "ended":
+                name, process = content
+                status = process.wait()
+                raise DemoError("%s ended, %s %d, while waiting for %s; from the log:\n%s" %
+                                (name, "signal" if status < 0 else "status", abs(status), purpose,
+                                 log_excerpt(self._log_path)))
             if condition(kind, content):
                 return kind, content
             if kind == "monitor":
