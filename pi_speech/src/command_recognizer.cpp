@@ -122,6 +122,7 @@ void RecognizerOptions::validate() const
 {
   const pi_runtime::OptionCheck check("");
   check.range("threshold", threshold, 0.001, 0.999);
+  check.range("sure_confidence", sure_confidence, 0.001, 1.0);
   check.range("max_command_s", max_command_s, 0.3, 60.0);
   try
   {
@@ -250,13 +251,25 @@ struct CommandRecognizer::Impl
   void tellFast(const Utterance& utterance)
   {
     const auto command = find(early->text);
-    if (!told_fast && early->accepted && command != table.commands.end() && command->fast)
+    if (!told_fast && early->accepted && command != table.commands.end() && (command->fast || isSure(*early)))
     {
       told_fast = true;
       fast = *early;
       fast.fast = true;
       tell(&fast, utterance);
     }
+  }
+
+  bool isSure(const Recognition& recognition) const
+  {
+    if (!confidence || recognition.confidence < options.sure_confidence || options.sure_confidence >= 1.0)
+    {
+      return false;
+    }
+    const std::string beginning = recognition.text + " ";
+    return std::none_of(table.commands.begin(), table.commands.end(),
+                        [&beginning](const Command& command)
+                        { return command.text.compare(0, beginning.size(), beginning) == 0; });
   }
 
   void tell(Recognition* recognition, const Utterance& utterance)

@@ -49,6 +49,7 @@ RecognizerOptions optionsOf(RecognitionMode mode)
   options.sphinx.adaptation = fs::exists(configFile("adaptation")) ? configFile("adaptation") : "";
   options.sphinx.check_model = false;
   options.end_pointer.early_silence_s = 0.10;
+  options.sure_confidence = 1.0;  // only fast commands are told early
   return options;
 }
 
@@ -556,6 +557,30 @@ TEST_F(CommandRecognizerTest, WithoutSoundThereIsNoCommand)
     EXPECT_FALSE(recognition.accepted) << count << " samples: " << recognition.text << ", " << recognition.confidence;
     EXPECT_NE("", recognition.reason);
   }
+}
+
+TEST_F(CommandRecognizerTest, ASureCommandIsToldEarlyUnlessAnotherBeginsWithIt)
+{
+  SKIP_WITHOUT_CLIPS();
+  RecognizerOptions options = optionsOf(RecognitionMode::CLOSED);
+  options.sure_confidence = 0.6;
+  const auto early = [&options](const std::string& commands)
+  {
+    CommandRecognizer recognizer(options, table(commands));
+    int count = 0;
+    for (const Samples& stream : spoken("yes", 8))
+    {
+      for (const Recognition& recognition : recognitionsOf(&recognizer, stream))
+      {
+        EXPECT_TRUE(!recognition.fast || recognition.confidence >= options.sure_confidence);
+        count += recognition.fast && recognition.text == "yes" ? 1 : 0;
+      }
+    }
+    return count;
+  };
+
+  EXPECT_GE(early("'yes', stop, left"), 4);
+  EXPECT_EQ(0, early("'yes', yes left, stop"));
 }
 
 TEST_F(CommandRecognizerTest, WordModelsTakePartWhereTheyHaveAllWords)

@@ -29,7 +29,10 @@ RecognitionMode parseRecognitionMode(const std::string& name);
 struct RecognizerOptions
 {
   RecognitionMode mode = RecognitionMode::SAFE;
-  double threshold = 0.5;      ///< least confidence of a command that has none of its own, in (0, 1)
+  double threshold = 0.5;  ///< least confidence of a command that has none of its own, in (0, 1)
+  /// Confidence at which any command is told after end_pointer/early_silence_s already, as fast ones are, unless
+  /// another command begins with it; in (0, 1], 1: none is.
+  double sure_confidence = 0.8;
   double max_command_s = 2.5;  ///< of speech; longer is talk, not a command. Counts in SAFE mode
   EndPointerOptions end_pointer;
   SphinxModel sphinx;

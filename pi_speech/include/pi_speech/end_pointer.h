@@ -17,7 +17,7 @@ struct EndPointerOptions
   double min_level_dbfs = -65.0;  ///< sound below is no speech, however quiet the noise [dB of full scale]
   double min_speech_s = 0.08;     ///< speech that begins an utterance; shorter is a click
   double end_silence_s = 0.22;    ///< pause that ends an utterance: most of the time from speech to command
-  double early_silence_s = 0.10;  ///< pause after which a fast command is looked for; 0: never
+  double early_silence_s = 0.07;  ///< pause after which a fast command is looked for; 0: never
   double tail_s = 0.10;           ///< sound behind the speech that belongs to the utterance, at most
   double lead_s = 0.20;           ///< sound before the speech that belongs to the utterance
   double max_utterance_s = 5.0;   ///< longer is no command: it is cut, and the noise is learned again

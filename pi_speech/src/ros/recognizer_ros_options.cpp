@@ -49,6 +49,7 @@ static void visitFields(Options& options, Visitor&& visit)
   visit("commands", options.commands);
   visit("mode", recognizer.mode);
   visit("threshold", recognizer.threshold);
+  visit("sure_confidence", recognizer.sure_confidence);
   visit("max_command_s", recognizer.max_command_s);
   visit("end_pointer/begin_threshold", end_pointer.begin_threshold);
   visit("end_pointer/end_threshold", end_pointer.end_threshold);
