@@ -26,6 +26,9 @@ constexpr double SPHINX_SCALE = 0.25;
 /// A command's score in place of none, and least frames that ratios are taken over.
 constexpr double NO_SCORE = -2000.0;
 constexpr int LEAST_FRAMES = 3;
+/// A command of n words has at most so much speech, the background that is taken for speech included: LEAST + n * MORE.
+constexpr double LEAST_COMMAND_S = 1.0;
+constexpr double MORE_PER_WORD_S = 0.6;
 /// More commands than that are not searched for one by one.
 constexpr size_t MOST_SEARCHES = 64;
 /// So many of the garbage words, two in a row, stand for talk.
@@ -413,6 +416,12 @@ struct CommandRecognizer::Impl
     if (options.mode == RecognitionMode::CLOSED)
     {
       recognition->accepted = true;
+      return;
+    }
+    const double most_s = LEAST_COMMAND_S + MORE_PER_WORD_S * evidence.words;
+    if (speech_s > most_s)
+    {
+      recognition->reason = "too long for it: " + number(speech_s) + " s of speech, " + number(most_s) + " s at most";
       return;
     }
     const double threshold = candidate.threshold > 0.0 ? candidate.threshold : options.threshold;

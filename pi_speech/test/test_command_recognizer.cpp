@@ -559,6 +559,23 @@ TEST_F(CommandRecognizerTest, WithoutSoundThereIsNoCommand)
   }
 }
 
+TEST_F(CommandRecognizerTest, AWordIsNoLongSpeech)
+{
+  SKIP_WITHOUT_CLIPS();
+  CommandRecognizer& recognizer = tenWords(RecognitionMode::SAFE);
+  int accepted = 0;
+  for (const Samples& stream : spoken("yes", 8))
+  {
+    const Samples clip(stream.begin() + SAMPLE_RATE_HZ, stream.end() - SAMPLE_RATE_HZ);
+    accepted += recognizer.recognize(clip.data(), clip.size(), 0.7).accepted ? 1 : 0;
+    const Recognition recognition = recognizer.recognize(clip.data(), clip.size(), 1.7);
+    EXPECT_FALSE(recognition.accepted);
+    EXPECT_TRUE(recognition.text.empty() || contains(recognition.reason, "too long for it: 1.70 s of speech, 1.60 s"))
+        << recognition.reason;
+  }
+  EXPECT_GE(accepted, 5);
+}
+
 TEST_F(CommandRecognizerTest, ASureCommandIsToldEarlyUnlessAnotherBeginsWithIt)
 {
   SKIP_WITHOUT_CLIPS();
