@@ -1,0 +1,346 @@
+// What OffloadClient sends and what comes back.
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "client/client_impl.h"
+
+namespace pi_offload
+{
+namespace
+{
+
+constexpr size_t MOST_REQUESTS = 8192;
+constexpr int64_t FORGET_NS = 30LL * 1000000000;  ///< a request that was not answered by then never will be
+
+double seconds(int64_t ns)
+{
+  return 1e-9 * static_cast<double>(ns);
+}
+
+bool usable(const OffloadReply& reply)
+{
+  return std::isfinite(reply.confidence) && std::all_of(reply.objects.begin(), reply.objects.end(),
+                                                        [](const DetectedObject& object)
+                                                        {
+                                                          return std::isfinite(object.score) &&
+                                                                 std::isfinite(object.x1) && std::isfinite(object.y1) &&
+                                                                 std::isfinite(object.x2) && std::isfinite(object.y2);
+                                                        });
+}
+
+/// Why a task was not done, for statistics; the node's own words go to the log.
+const char* reasonOf(OffloadReply::Status status)
+{
+  switch (status)
+  {
+    case OffloadReply::Status::OK:
+      return "";
+    case OffloadReply::Status::REFUSED:
+      return "refused by the node";
+    case OffloadReply::Status::FAILED:
+      return "failed at the node";
+    case OffloadReply::Status::EXPIRED:
+      return "expired at the node";
+  }
+  return "unknown answer of the node";
+}
+
+}  // namespace
+
+PictureEncoder::Situation OffloadClient::Impl::situation(const std::string& node, const Task& task,
+                                                         int64_t now_ns) const
+{
+  const EngineOptions& options = client.options_.engine;
+  const size_t kind = static_cast<size_t>(task.kind);
+  PictureEncoder::Situation situation;
+  const auto found = nodes.find(node);
+  situation.rate_mbps = found != nodes.end() ? found->second.transfer.rate(now_ns) : options.estimates.first_rate_mbps;
+  situation.deadline_s = task.deadline_s > 0.0 ? task.deadline_s : options.needs[kind].deadline_s;
+  situation.eta = eta;
+  situation.local_energy_j = localCost(options.needs[kind], options.computer).energy_j;
+  const double f_ghz = options.computer.frequency_ghz;
+  situation.busy_w = options.computer.static_w + options.computer.beta_w_per_ghz3 * f_ghz * f_ghz * f_ghz;
+  situation.transmit_w = options.radio.transmit_w;
+  return situation;
+}
+
+OffloadRequest OffloadClient::Impl::requestFor(const std::string& node, OffloadRequest::Type type, uint64_t number,
+                                               int64_t now_ns) const
+{
+  OffloadRequest request;
+  request.type = type;
+  request.request = number;
+  request.vehicle = client.options_.vehicle;
+  request.sent_ns = now_ns;
+  for (size_t kind = 0; kind < TASK_KINDS; ++kind)
+  {
+    request.lease_rate_hz[kind] =
+        client.enabled_ ? client.engine_.leaseRate(node, static_cast<TaskKind>(kind), now_ns) : 0.0;
+  }
+  return request;
+}
+
+bool OffloadClient::Impl::sendTask(const std::string& node, uint64_t number, const Task& task)
+{
+  const auto state = tasks.find(task.id);
+  if (state == tasks.end() || !links.connected(node))
+  {
+    return false;
+  }
+  const int64_t now_ns = monotonicNs();
+  if (!state->second.payload)
+  {
+    const std::shared_ptr<const TaskData> data = state->second.data;
+    const Encoding encoding = client.encoder_->choose(data->picture, situation(node, task, now_ns));
+    const auto done = [this, number, encoding](std::vector<uint8_t> bytes, const std::string& problem)
+    {
+      client.thread_.post([this, number, encoding, bytes = std::move(bytes), problem](int64_t) mutable
+                          { onEncoded(number, encoding, std::move(bytes), problem); });
+    };
+    if (!encode.add({data, encoding, done}))
+    {
+      return false;
+    }
+    requests[number] = Request{node, task.id, task.kind, now_ns, 0, 0};
+    return true;
+  }
+  requests[number] = Request{node, task.id, task.kind, now_ns, 0, 0};
+  if (!transmit(number, state->second))
+  {
+    requests.erase(number);
+    return false;
+  }
+  return true;
+}
+
+bool OffloadClient::Impl::transmit(uint64_t number, const TaskState& state)
+{
+  Request& request = requests.at(number);
+  const int64_t now_ns = monotonicNs();
+  OffloadRequest message = requestFor(request.node, OffloadRequest::Type::TASK, number, now_ns);
+  message.kind = state.task.kind;
+  message.remaining_s = std::max(0.0, state.task.deadline_s - seconds(now_ns - state.task.created_ns));
+  message.encoding = state.encoding;
+  message.width = static_cast<uint32_t>(state.data->picture.width);
+  message.height = static_cast<uint32_t>(state.data->picture.height);
+  message.options = state.data->options;
+  message.speech_s = state.data->speech_s;
+  message.payload = *state.payload;
+  request.sent_ns = now_ns;
+  request.bytes = message.payload.size();
+  return links.send(request.node, message, now_ns);
+}
+
+void OffloadClient::Impl::onEncoded(uint64_t number, Encoding encoding, std::vector<uint8_t> bytes,
+                                    const std::string& problem)
+{
+  const auto request = requests.find(number);
+  if (request == requests.end())
+  {
+    return;  // called back meanwhile
+  }
+  const std::string node = request->second.node;
+  const auto task = tasks.find(*request->second.task);
+  if (task == tasks.end())
+  {
+    requests.erase(request);
+    return;
+  }
+  if (!problem.empty())
+  {
+    client.callbacks_.log(true, "a picture cannot be sent: " + problem);
+    requests.erase(request);
+    client.engine_.onRefused(node, number, nullptr, "the picture cannot be encoded", monotonicNs());
+    return;
+  }
+  task->second.encoding = encoding;
+  task->second.payload = std::make_shared<const std::vector<uint8_t>>(std::move(bytes));
+  if (!transmit(number, task->second))
+  {
+    requests.erase(number);
+    client.engine_.onRefused(node, number, nullptr, "the link takes nothing", monotonicNs());
+  }
+}
+
+bool OffloadClient::Impl::sendProbe(const std::string& node, uint64_t number)
+{
+  const int64_t now_ns = monotonicNs();
+  if (!links.send(node, requestFor(node, OffloadRequest::Type::PROBE, number, now_ns), now_ns))
+  {
+    return false;
+  }
+  requests[number] = Request{node, std::nullopt, TaskKind::DETECTION, now_ns, now_ns, 0};
+  return true;
+}
+
+void OffloadClient::Impl::cancel(const std::string& node, uint64_t number)
+{
+  const auto request = requests.find(number);
+  if (request == requests.end())
+  {
+    return;
+  }
+  if (request->second.sent_ns == 0)
+  {
+    requests.erase(request);
+    return;
+  }
+  const int64_t now_ns = monotonicNs();
+  OffloadRequest message = requestFor(node, OffloadRequest::Type::CANCEL, number, now_ns);
+  message.kind = request->second.kind;
+  links.send(node, message, now_ns);  // if it is not sent, the node answers for nothing
+}
+
+void OffloadClient::Impl::deliver(const Outcome& outcome)
+{
+  const auto task = tasks.find(outcome.task.id);
+  const OffloadReply* const reply = result != nullptr && result_task == outcome.task.id ? result : nullptr;
+  if (task != tasks.end())
+  {
+    tasks.erase(task);
+  }
+  client.callbacks_.deliver(outcome, reply);
+}
+
+// ------------------------------------------------------------------------------------------------------------- events
+
+NodeLinks::Callbacks OffloadClient::Impl::linkCallbacks()
+{
+  NodeLinks::Callbacks callbacks;
+  callbacks.reply = [this](const std::string& node, const OffloadReply& reply, int64_t received_ns)
+  { onReply(node, reply, received_ns); };
+  callbacks.link = [this](const std::string& node, bool up, const std::string& reason) { onLink(node, up, reason); };
+  callbacks.damaged = [this](const std::string& node, const std::string& problem)
+  { client.callbacks_.log(true, "node " + node + ": an answer is damaged: " + problem); };
+  callbacks.post = [this](std::function<void()> function)
+  { client.thread_.post([function = std::move(function)](int64_t) { function(); }); };
+  return callbacks;
+}
+
+NodeAdvertisement OffloadClient::Impl::corrected(const std::string& node, const OffloadReply& reply)
+{
+  NodeAdvertisement advertisement = reply.advertisement;
+  NodeState& state = nodes[node];
+  if (!reply.model.empty())
+  {
+    state.status.model = reply.model;
+  }
+  state.status.other_model = !state.status.model.empty() && !model.empty() && state.status.model != model;
+  if (state.status.other_model && state.warned_model != state.status.model + "\n" + model)
+  {
+    state.warned_model = state.status.model + "\n" + model;
+    client.callbacks_.log(false, "node " + node + " detects with " + state.status.model + ", the vehicle with " +
+                                     model + "; it is not used for pictures until both have the same network");
+  }
+  if (state.status.other_model || model.empty())
+  {
+    advertisement.of_kind[static_cast<size_t>(TaskKind::DETECTION)].served = false;
+  }
+  return advertisement;
+}
+
+void OffloadClient::Impl::onReply(const std::string& node, const OffloadReply& reply, int64_t received_ns)
+{
+  const auto found = requests.find(reply.request);
+  if (found == requests.end() || found->second.node != node || nodes.count(node) == 0)
+  {
+    return;  // a duplicate, or the answer to a cancellation
+  }
+  const Request request = found->second;
+  requests.erase(found);
+  // The socket's clock and this thread's may be passed in another order than events came.
+  const int64_t now_ns = monotonicNs();
+  const double total_s = seconds(received_ns - request.begun_ns);
+  if (!request.task)
+  {
+    nodes[node].transfer.addRoundTrip(total_s, now_ns);
+    client.engine_.onProbeReply(node, reply.request, total_s, corrected(node, reply), now_ns);
+    return;
+  }
+  const NodeAdvertisement advertisement = corrected(node, reply);
+  const bool done = reply.status == OffloadReply::Status::OK && reply.type == OffloadRequest::Type::TASK;
+  const NodeState& state = nodes[node];
+  const bool wrong_model = request.kind == TaskKind::DETECTION && (state.status.other_model || model.empty());
+  if (!done || wrong_model || !usable(reply))
+  {
+    const char* reason = !done         ? reasonOf(reply.status)
+                         : wrong_model ? "the node has another network"
+                                       : "damaged answer";
+    if (reply.status == OffloadReply::Status::FAILED)
+    {
+      client.callbacks_.log(false, "node " + node + " failed on " + toString(request.kind) + ": " + reply.text);
+    }
+    else if (done && !wrong_model)
+    {
+      client.callbacks_.log(true, "node " + node + ": an answer has numbers that are not finite");
+    }
+    client.engine_.onRefused(node, reply.request, &advertisement, reason, now_ns);
+    return;
+  }
+  RequestTiming timing;
+  timing.kind = request.kind;
+  timing.input_bytes = request.bytes;
+  timing.output_bytes = 32 * reply.objects.size() + reply.text.size();
+  timing.total_s = seconds(received_ns - request.sent_ns);
+  timing.queue_s = reply.queue_s;
+  timing.service_s = reply.service_s;
+  nodes[node].transfer.add(timing, now_ns);
+  timing.total_s = total_s;  // a picture that is decided on must be encoded, too
+  result = &reply;
+  result_task = *request.task;
+  try
+  {
+    client.engine_.onReply(node, reply.request, timing, advertisement, now_ns);
+  }
+  catch (...)
+  {
+    result = nullptr;
+    throw;
+  }
+  result = nullptr;
+}
+
+void OffloadClient::Impl::onLink(const std::string& node, bool up, const std::string& reason)
+{
+  const auto found = nodes.find(node);
+  if (found == nodes.end())
+  {
+    return;
+  }
+  NodeState& state = found->second;
+  const int64_t now_ns = monotonicNs();
+  state.status.up = up;
+  state.status.problem = up ? "" : reason;
+  state.transfer.forgetNetwork();
+  if (up)
+  {
+    state.told.clear();
+    state.status.model.clear();
+    state.status.other_model = false;
+    client.engine_.onLinkUp(node, now_ns);
+    return;
+  }
+  if (state.told != reason)  // once, not with each attempt
+  {
+    state.told = reason;
+    client.callbacks_.log(false, "node " + node + ": not connected: " + reason);
+  }
+  for (auto request = requests.begin(); request != requests.end();)
+  {
+    request = request->second.node == node ? requests.erase(request) : std::next(request);
+  }
+  client.engine_.onLinkDown(node, now_ns);
+}
+
+void OffloadClient::Impl::forgetOld(int64_t now_ns)
+{
+  while (!requests.empty() &&
+         (requests.size() > MOST_REQUESTS || now_ns - requests.begin()->second.begun_ns > FORGET_NS))
+  {
+    requests.erase(requests.begin());
+  }
+}
+
+}  // namespace pi_offload

@@ -1,0 +1,285 @@
+#pragma once
+
+#include "local_model.h"
+#include "route_tracker.h"
+
+#include <pi_offload/offload_engine.h>
+
+#include <cstdint>
+#include <deque>
+#include <exception>
+#include <limits>
+#include <set>
+#include <unordered_map>
+#include <utility>
+
+namespace pi_offload
+{
+
+constexpr int64_t LONG_AGO_NS = std::numeric_limits<int64_t>::min();
+constexpr int64_t NEVER_NS = std::numeric_limits<int64_t>::max();
+
+/// Duration in nanoseconds; at most some 100 years, so that sums with instants stay in range.
+inline int64_t toNs(double seconds)
+{
+  constexpr double MOST_S = 3e9;
+  return seconds >= MOST_S ? static_cast<int64_t>(MOST_S * 1e9) : static_cast<int64_t>(seconds * 1e9);
+}
+
+inline double toSeconds(int64_t ns)
+{
+  return static_cast<double>(ns) * 1e-9;
+}
+
+/// Sum, at most so late that it is not NEVER_NS.
+inline int64_t later(int64_t instant_ns, int64_t duration_ns)
+{
+  int64_t sum = 0;
+  const bool beyond = __builtin_add_overflow(instant_ns, duration_ns, &sum);
+  return !beyond ? sum : duration_ns > 0 ? NEVER_NS - 1 : LONG_AGO_NS;
+}
+
+/// [s]
+inline double between(int64_t from_ns, int64_t to_ns)
+{
+  int64_t difference = 0;
+  const bool beyond = __builtin_sub_overflow(to_ns, from_ns, &difference);
+  return beyond ? static_cast<double>(to_ns) * 1e-9 - static_cast<double>(from_ns) * 1e-9 : toSeconds(difference);
+}
+
+/// Megabits of so many bytes.
+constexpr double MBIT_PER_BYTE = 8e-6;
+
+/// All that the engine knows of a node.
+struct NodeState
+{
+  explicit NodeState(const NodeEstimates::Options& options) : estimates(options) {}
+
+  uint64_t key = 0;  ///< never used again, unlike the id
+  size_t index = 0;  ///< in Impl::nodes
+  NodeDescription description;
+  NodeEstimates estimates;
+
+  bool link_up = true;
+  bool suspended = false;  ///< too many requests without an answer; until a probe has one
+  int failures = 0;        ///< requests without an answer in a row
+
+  uint64_t probe = 0;  ///< under way; 0: none
+  bool probe_soon = true;
+  int64_t probed_ns = LONG_AGO_NS;
+  int64_t heard_ns = LONG_AGO_NS;
+
+  double distance_m = std::numeric_limits<double>::infinity();
+  bool in_range = false;
+  bool placed = false;  ///< residence was computed since it is in range
+  bool old = false;     ///< the vehicle's state was set since
+  bool moved = false;   ///< and it went on far enough, or otherwise than expected
+  int64_t placed_ns = 0;
+  Residence residence;  ///< at placed_ns
+
+  /// A task of this vehicle that the node did not answer yet.
+  struct Own
+  {
+    uint64_t request = 0;
+    TaskKind kind = TaskKind::DETECTION;
+    int64_t sent_ns = 0;
+  };
+  std::vector<Own> own;
+  double own_share = 0.3;  ///< part of the service time of such tasks that the next one waits: fewer with more workers
+
+  struct OfKind
+  {
+    MeanDeviation said_queue_s;  ///< as advertised lately: where the queue returns to
+    double queue_error_s = 0.0;  ///< mean deviation of the queue from what was expected
+    int64_t served_ns = LONG_AGO_NS;
+    double tokens = 2.0;  ///< tasks that the lease is for at tokens_ns
+    int64_t tokens_ns = 0;
+    int refusals = 0;            ///< in a row
+    double refused_share = 0.0;  ///< of the answers, at answered_ns
+    int64_t answered_ns = LONG_AGO_NS;
+    int64_t refused_until_ns = LONG_AGO_NS;
+  };
+  std::array<OfKind, TASK_KINDS> of_kind;
+
+  uint64_t sent = 0;
+  uint64_t answered = 0;
+  uint64_t late = 0;
+  uint64_t refused = 0;
+  uint64_t lost = 0;
+};
+
+/// The queue as expected, and what it is made of.
+struct QueueForecast
+{
+  double advertised_s = 0.0;
+  double own_s = 0.0;  ///< service time of own tasks that the advertisement does not know of
+  Estimate estimate;
+};
+
+struct OffloadEngine::Impl
+{
+  Impl(const EngineOptions& options, Actions actions);
+
+  // --- Nodes (engine_nodes.cpp) ---------------------------------------------------------------------------------
+  void setNode(const NodeDescription& description);
+  bool removeNode(const std::string& id);
+  NodeState* find(const std::string& id) const;
+  NodeState* find(uint64_t key) const;
+  void setVehicle(const VehicleState& state);
+  void setRoute(const std::vector<Point>& points);
+  /// Distance and whether it is in range.
+  void measure(NodeState& node);
+  /// Residence of nodes in range: of those that have none, and of at most so many where it wants to be computed anew.
+  void placeNodes(size_t renewals);
+  void place(NodeState& node);
+  double residence(const NodeState& node) const;
+  bool connected(const NodeState& node, TaskKind kind) const;
+  /// @param ahead_s  when the task arrives, from now
+  QueueForecast queue(const NodeState& node, TaskKind kind, double ahead_s) const;
+  /// From sending to the arrival at the node.
+  double uplinkTime(const NodeState& node, TaskKind kind) const;
+  Estimate service(const NodeState& node, TaskKind kind) const;
+  double uplinkBacklog() const;
+  bool leased(const NodeState& node, TaskKind kind) const;
+  double refusedShare(const NodeState::OfKind& of_kind) const;
+  void countRefused(NodeState::OfKind& of_kind, bool refused) const;
+  double tokens(const NodeState& node, TaskKind kind) const;
+  void fillView(NodeState& node, TaskKind kind, double input_mbit, double output_mbit, NodeView& view) const;
+  void heard(NodeState& node, const NodeAdvertisement& advertisement);
+  int64_t probeDue(const NodeState& node) const;
+  void sendProbes();
+  void onProbeReply(const std::string& node, uint64_t request, double round_trip_s,
+                    const NodeAdvertisement& advertisement);
+  NodeStatus status(const NodeState& node) const;
+  double leaseRate(const std::string& id, TaskKind kind) const;
+
+  // --- Tasks (engine_tasks.cpp, engine_answers.cpp) -------------------------------------------------------------
+  /// A request for a task, until it is answered or counts as lost.
+  struct Request
+  {
+    uint64_t task = 0;
+    uint64_t node = 0;  ///< key
+    TaskKind kind = TaskKind::DETECTION;
+    size_t bytes = 0;
+    int64_t sent_ns = 0;
+    double expected_queue_s = 0.0;  ///< by the advertisement alone
+    double expected_own_s = 0.0;
+    bool open = true;  ///< an answer would be the task's result
+  };
+  struct TaskState
+  {
+    Task task;
+    int64_t deadline_ns = 0;
+    uint64_t request = 0;  ///< the last one; 0: none
+    std::string node;      ///< of that
+    bool local = false;    ///< runs on the vehicle
+    bool local_failed = false;
+    double local_ghz = 0.0;  ///< 0: it did not run there
+    bool retried = false;
+    int64_t sent_ns = 0;
+    double rate_mbps = 0.0;  ///< when it was sent
+    double radio_j = 0.0;    ///< of requests that are over
+    int64_t timer_ns = NEVER_NS;
+    const char* reason = "";
+  };
+
+  /// Decides; @param refused  index of a node that is out of question, or -1.
+  Decision decide(TaskKind kind, size_t bytes, double remaining_s, int refused);
+  /// When the vehicle begins itself; now or before: at once.
+  int64_t fallbackTime(const Decision& decision, const Task& task, int64_t deadline_ns) const;
+  Decision submit(const Task& task);
+  /// @return false if the link took nothing.
+  bool sendTo(uint64_t id, const Decision& decision, int64_t fallback_ns);
+  void startLocal(uint64_t id, double frequency_ghz, const char* reason);
+  /// Fallbacks that are nearly due and would come too late behind a run of this task: they begin first.
+  void startOverdue(uint64_t id, double frequency_ghz);
+  double localNeed(TaskKind kind) const;
+  void localFailed(uint64_t id, const char* reason);
+  void setTimer(TaskState& state, int64_t at_ns);
+  void onTimer(uint64_t id);
+  /// An answer is not waited for any more; energy of the request is added.
+  /// @param answerable  it is taken nevertheless if it comes before the vehicle's own result.
+  void closeRequest(TaskState& state, bool answerable, bool tell_node);
+  void forgetOwn(NodeState& node, uint64_t request);
+  double unansweredEnergy(const TaskState& state) const;
+  bool answerable(const TaskState& state) const;
+  void finish(uint64_t id, Outcome::How how);
+  void fallBackAll(uint64_t node, const char* reason, bool answerable, bool tell_node);
+  bool onReply(const std::string& node, uint64_t request, const RequestTiming& timing,
+               const NodeAdvertisement& advertisement);
+  void onRefused(const std::string& node, uint64_t request, const NodeAdvertisement* advertisement);
+  bool onLocalDone(uint64_t id, double work_s);
+  void setEnabled(bool on);
+  void onTime();
+  void forgetOld();
+  int64_t nextTime() const;
+
+  void setTime(int64_t now_ns) { now = std::max(now, now_ns); }
+  /// Calls an action; what it throws is kept for raise().
+  template <typename Function>
+  void call(const Function& function)
+  {
+    try
+    {
+      function();
+    }
+    catch (...)
+    {
+      if (!error)
+      {
+        error = std::current_exception();
+      }
+    }
+  }
+  /// At the end of each public method that calls actions.
+  void raise()
+  {
+    if (error)
+    {
+      std::rethrow_exception(std::exchange(error, nullptr));
+    }
+  }
+
+  EngineOptions options;
+  Actions actions;
+  std::unique_ptr<Policy> policy;
+  bool enabled = true;
+  int64_t now = LONG_AGO_NS;
+  std::exception_ptr error;
+
+  std::vector<std::unique_ptr<NodeState>> nodes;
+  std::unordered_map<std::string, NodeState*> nodes_by_id;
+  std::unordered_map<uint64_t, NodeState*> nodes_by_key;
+  uint64_t last_key = 0;
+  VehicleState vehicle;
+  RouteTracker route;
+  size_t next_renewal = 0;
+  std::vector<uint64_t> due;  ///< scratch of sendProbes()
+
+  DecisionInput input;        ///< views have the order of `nodes`
+  DecisionInput local_input;  ///< without nodes
+
+  LocalModel local;
+  std::unordered_map<uint64_t, TaskState> tasks;
+  std::unordered_map<uint64_t, Request> requests;
+  size_t open_requests = 0;
+  std::deque<std::pair<int64_t, uint64_t>> closed;  ///< requests, and when they count as lost
+  std::set<std::pair<int64_t, uint64_t>> timers;    ///< of tasks
+  uint64_t last_request = 0;
+  int64_t uplink_until_ns = LONG_AGO_NS;  ///< what was sent is out then, as expected
+  int64_t uplink_seen_ns = LONG_AGO_NS;   ///< what was answered was out then
+  int64_t tidied_ns = LONG_AGO_NS;
+
+  struct Last
+  {
+    uint64_t node = 0;  ///< key; 0: the vehicle
+    std::string name;
+    uint64_t node_before = 0;  ///< of the last task that had one
+    int64_t submitted_ns = LONG_AGO_NS;
+    MeanDeviation interval_s;
+  };
+  std::array<Last, TASK_KINDS> last;
+  Statistics statistics;
+};
+
+}  // namespace pi_offload

@@ -1,0 +1,513 @@
+#include "engine_impl.h"
+
+#include <algorithm>
+#include <sstream>
+#include <stdexcept>
+
+namespace pi_offload
+{
+namespace
+{
+constexpr double LONGEST_DEADLINE_S = 3600.0;
+/// A request counts as lost so long after its task's end [s].
+constexpr double LATE_S = 10.0;
+constexpr size_t MOST_CLOSED = 4096;
+constexpr double TIDY_S = 1.0;
+/// Residences computed anew within one decision.
+constexpr size_t RENEWALS_STRAIGHT = 32;
+constexpr size_t RENEWALS_ROUTE = 2;
+/// A fallback begins so many deviations of the vehicle's own time earlier, if that is more than the policy's factor.
+constexpr double LOCAL_DEVIATIONS = 3.0;
+/// A fallback is nearly due in this last part of its time.
+constexpr double NEARLY_DUE = 0.25;
+
+}  // namespace
+
+Decision OffloadEngine::Impl::decide(TaskKind kind, size_t bytes, double remaining_s, int refused)
+{
+  const auto k = static_cast<size_t>(kind);
+  const bool remote = enabled && open_requests < options.max_in_flight && remaining_s > 0.0;
+  DecisionInput& in = remote ? input : local_input;
+  in.kind = kind;
+  in.needs = options.needs[k];
+  in.needs.input_mbit = static_cast<double>(bytes) * MBIT_PER_BYTE;
+  in.needs.deadline_s = std::max(remaining_s, 1e-9);
+  in.eta = options.eta;
+  in.local_backlog_s = local.backlog(kind, now);
+  in.local_s = local.measured(kind) ? local.seconds(kind) : 0.0;
+  in.previous_node = -1;
+  if (remote)
+  {
+    placeNodes(route.empty() ? RENEWALS_STRAIGHT : RENEWALS_ROUTE);
+    const bool printed = options.policy_name == "paper_literal";
+    for (size_t i = 0; i < nodes.size(); ++i)
+    {
+      NodeState& node = *nodes[i];
+      NodeView& view = in.nodes[i];
+      fillView(node, kind, in.needs.input_mbit, in.needs.output_mbit, view);
+      if (printed)
+      {
+        view.printed_residence_s = vehicle.known ? printedResidence(vehicle.position, vehicle.heading, vehicle.speed,
+                                                                    node.description.position, view.range_m)
+                                                 : 0.0;
+      }
+    }
+    if (const NodeState* previous = find(last[k].node))
+    {
+      in.previous_node = static_cast<int>(previous->index);
+    }
+    if (refused >= 0)
+    {
+      NodeView& view = in.nodes[static_cast<size_t>(refused)];
+      view.connected = false;
+      view.distance_m = std::numeric_limits<double>::infinity();
+      view.range_m = 0.0;
+      view.residence_s = 0.0;
+      view.printed_residence_s = 0.0;
+      view.capacity_gcycles = -1.0;
+      in.previous_node = in.previous_node == refused ? -1 : in.previous_node;
+    }
+  }
+  Decision decision = policy->decide(in);
+  if (decision.node >= static_cast<int>(in.nodes.size()) || (refused >= 0 && decision.node == refused))
+  {
+    decision.node = -1;
+  }
+  if (decision.node < 0 && !(decision.frequency_ghz > 0.0))
+  {
+    decision.frequency_ghz = options.computer.frequency_ghz;
+  }
+  if (!remote)
+  {
+    decision.reason = !enabled               ? "offloading is switched off"
+                      : !(remaining_s > 0.0) ? "its deadline is over"
+                                             : "too many tasks at nodes";
+  }
+  return decision;
+}
+
+double OffloadEngine::Impl::localNeed(TaskKind kind) const
+{
+  return std::max(options.policy.fallback_factor * local.seconds(kind),
+                  local.seconds(kind) + LOCAL_DEVIATIONS * local.deviation(kind));
+}
+
+int64_t OffloadEngine::Impl::fallbackTime(const Decision& decision, const Task& task, int64_t deadline_ns) const
+{
+  const double need_s = localNeed(task.kind);
+  if (!(decision.timeout_s > 0.0))
+  {
+    return later(deadline_ns, -toNs(need_s + local.backlog(task.kind, now)));
+  }
+  const int64_t policy_ns = later(now, toNs(decision.timeout_s));
+  if (policy_ns >= deadline_ns)
+  {
+    return deadline_ns;  // no fallback that could be in time
+  }
+  const int64_t safe_ns = later(deadline_ns, -toNs(need_s));
+  return safe_ns > now ? std::min(policy_ns, safe_ns) : policy_ns;
+}
+
+Decision OffloadEngine::Impl::submit(const Task& given)
+{
+  const auto k = static_cast<size_t>(given.kind);
+  if (k >= TASK_KINDS || !(given.deadline_s >= 0.0 && given.deadline_s <= LONGEST_DEADLINE_S))
+  {
+    std::ostringstream text;
+    text << "task " << given.id << ": ";
+    if (k >= TASK_KINDS)
+    {
+      text << "kind = " << k << ", must be below " << TASK_KINDS;
+    }
+    else
+    {
+      text << "deadline_s = " << given.deadline_s << ", must be in [0, " << LONGEST_DEADLINE_S << "]";
+    }
+    throw std::invalid_argument(text.str());
+  }
+  if (tasks.count(given.id) != 0 || local.running(given.id))
+  {
+    throw std::invalid_argument("task " + std::to_string(given.id) + " is under way already, ids must be unique");
+  }
+  Task task = given;
+  task.deadline_s = given.deadline_s > 0.0 ? given.deadline_s : options.needs[k].deadline_s;
+  forgetOld();
+  Last& of_kind = last[k];
+  if (of_kind.submitted_ns != LONG_AGO_NS)
+  {
+    of_kind.interval_s.add(between(of_kind.submitted_ns, now));
+  }
+  of_kind.submitted_ns = now;
+  ++statistics.of_kind[k].tasks;
+
+  const int64_t deadline_ns = later(task.created_ns, toNs(task.deadline_s));
+  Decision decision = decide(task.kind, task.input_bytes, between(now, deadline_ns), -1);
+  TaskState& state = tasks[task.id];
+  state.task = task;
+  state.deadline_ns = deadline_ns;
+  state.reason = decision.reason;
+  const auto keepHome = [&](const char* reason)
+  {
+    decision.node = -1;
+    decision.timeout_s = 0.0;
+    decision.frequency_ghz = options.computer.frequency_ghz;
+    decision.expected_s = local.backlog(task.kind, now) + local.seconds(task.kind);
+    decision.expected_j = localCost(options.needs[k], options.computer).energy_j;
+    decision.expected_misses = decision.expected_s <= between(now, deadline_ns) ? 0.0 : 1.0;
+    decision.reason = reason;
+  };
+  int64_t fallback_ns = NEVER_NS;
+  if (decision.node >= 0)
+  {
+    fallback_ns = fallbackTime(decision, task, deadline_ns);
+    if (fallback_ns <= now)
+    {
+      keepHome("no time for a fallback");
+    }
+    else
+    {
+      decision.timeout_s = between(now, fallback_ns);
+    }
+  }
+  if (decision.node >= 0)
+  {
+    if (sendTo(task.id, decision, fallback_ns))
+    {
+      return decision;
+    }
+    keepHome("the link takes nothing");
+  }
+  of_kind.node = 0;
+  of_kind.name.clear();
+  startOverdue(task.id, decision.frequency_ghz);
+  startLocal(task.id, decision.frequency_ghz, decision.reason);
+  return decision;
+}
+
+bool OffloadEngine::Impl::sendTo(uint64_t id, const Decision& decision, int64_t fallback_ns)
+{
+  NodeState& node = *nodes[static_cast<size_t>(decision.node)];
+  const uint64_t key = node.key;
+  const std::string name = node.description.id;
+  TaskState& state = tasks.at(id);
+  const Task task = state.task;
+  const auto k = static_cast<size_t>(task.kind);
+  const QueueForecast forecast = queue(node, task.kind, uplinkTime(node, task.kind));
+
+  Request request;
+  request.task = id;
+  request.node = key;
+  request.kind = task.kind;
+  request.bytes = task.input_bytes;
+  request.sent_ns = now;
+  request.expected_queue_s = forecast.estimate.mean - node.own_share * forecast.own_s;
+  request.expected_own_s = forecast.own_s;
+  const uint64_t number = ++last_request;
+  requests[number] = request;
+  ++open_requests;
+  const double sending_s = static_cast<double>(task.input_bytes) * MBIT_PER_BYTE / node.estimates.rate(now);
+  const int64_t uplink_before_ns = uplink_until_ns;
+  uplink_until_ns = later(std::max(now, uplink_until_ns), toNs(sending_s));
+  node.own.push_back({number, task.kind, now});
+  ++node.sent;
+  node.of_kind[k].tokens = std::max(0.0, tokens(node, task.kind) - 1.0);
+  node.of_kind[k].tokens_ns = now;
+
+  state.request = number;
+  state.node = name;
+  state.sent_ns = now;
+  state.rate_mbps = node.estimates.rate(now);
+  state.reason = decision.reason;
+  setTimer(state, fallback_ns);
+
+  Last& of_kind = last[k];
+  const Last before = of_kind;
+  of_kind.node = key;
+  of_kind.name = name;
+  of_kind.node_before = key;
+  const bool handover = before.node_before != 0 && before.node_before != key;
+  statistics.of_kind[k].handovers += handover ? 1 : 0;
+
+  bool sent = false;
+  call([&] { sent = actions.send(name, number, task); });
+  if (sent)
+  {
+    return true;
+  }
+  const auto found = requests.find(number);
+  if (found == requests.end() || !found->second.open)
+  {
+    return true;  // within the action the task was answered, refused or called back: it goes on without us
+  }
+  uplink_until_ns = uplink_before_ns;
+  requests.erase(found);
+  --open_requests;
+  if (NodeState* same = find(key))
+  {
+    forgetOwn(*same, number);
+    --same->sent;
+  }
+  TaskState& unsent = tasks.at(id);
+  unsent.request = 0;
+  if (unsent.local || unsent.local_failed)
+  {
+    return true;  // the link broke within the action: the vehicle does it already
+  }
+  setTimer(unsent, NEVER_NS);
+  statistics.of_kind[k].handovers -= handover ? 1 : 0;
+  last[k].node_before = before.node_before;
+  last[k].node = 0;
+  last[k].name.clear();
+  return false;
+}
+
+void OffloadEngine::Impl::startOverdue(uint64_t id, double frequency_ghz)
+{
+  if (open_requests == 0)
+  {
+    return;
+  }
+  const TaskState& added = tasks.at(id);
+  const double run_s = local.seconds(added.task.kind) * options.computer.frequency_ghz / frequency_ghz;
+  const double backlog_s = local.backlog(added.task.kind, now);
+  const double need_s = localNeed(added.task.kind);
+  // In the order of their timers, as they would begin.
+  std::vector<uint64_t> overdue;
+  for (const auto& [at_ns, other_id] : timers)
+  {
+    const double left_s = between(now, at_ns);
+    if (left_s > backlog_s + run_s)
+    {
+      break;
+    }
+    const TaskState& other = tasks.at(other_id);
+    const bool waits = !other.local && !other.local_failed && answerable(other) && other.task.kind == added.task.kind;
+    const bool nearly = left_s <= NEARLY_DUE * between(other.sent_ns, at_ns);
+    const double before_s = backlog_s + static_cast<double>(overdue.size()) * run_s;
+    const bool saves = before_s <= between(now, other.deadline_ns) - need_s;
+    const bool spares = before_s + run_s + need_s <= between(now, added.deadline_ns);
+    if (waits && nearly && saves && spares)
+    {
+      overdue.push_back(other_id);
+    }
+  }
+  for (const uint64_t other_id : overdue)
+  {
+    if (tasks.count(other_id) != 0)
+    {
+      onTimer(other_id);
+    }
+  }
+}
+
+void OffloadEngine::Impl::startLocal(uint64_t id, double frequency_ghz, const char* reason)
+{
+  TaskState& state = tasks.at(id);
+  const Task task = state.task;
+  state.local = true;
+  state.local_ghz = frequency_ghz;
+  state.reason = reason;
+  setTimer(state, later(now, toNs(options.local_lost_s)));
+  local.start(id, task.kind, frequency_ghz, now);
+  bool failed = true;
+  call(
+      [&]
+      {
+        actions.run_local(task, frequency_ghz);
+        failed = false;
+      });
+  if (failed)
+  {
+    localFailed(id, "the vehicle could not begin");
+  }
+}
+
+void OffloadEngine::Impl::localFailed(uint64_t id, const char* reason)
+{
+  local.drop(id, now);
+  const auto found = tasks.find(id);
+  if (found == tasks.end() || !found->second.local)
+  {
+    return;
+  }
+  TaskState& state = found->second;
+  state.local = false;
+  state.local_failed = true;
+  state.reason = reason;
+  if (answerable(state) && state.deadline_ns > now)
+  {
+    setTimer(state, state.deadline_ns);
+    return;
+  }
+  finish(id, Outcome::How::ABANDONED);
+}
+
+void OffloadEngine::Impl::setTimer(TaskState& state, int64_t at_ns)
+{
+  if (state.timer_ns != NEVER_NS)
+  {
+    timers.erase({state.timer_ns, state.task.id});
+  }
+  state.timer_ns = at_ns;
+  if (at_ns != NEVER_NS)
+  {
+    timers.insert({at_ns, state.task.id});
+  }
+}
+
+void OffloadEngine::Impl::onTimer(uint64_t id)
+{
+  TaskState& state = tasks.at(id);
+  setTimer(state, NEVER_NS);
+  if (state.local)
+  {
+    localFailed(id, "the vehicle did not end it");
+    return;
+  }
+  if (state.local_failed)
+  {
+    finish(id, Outcome::How::ABANDONED);
+    return;
+  }
+  const auto request = requests.find(state.request);
+  if (request != requests.end() && request->second.open)
+  {
+    if (NodeState* node = find(request->second.node))
+    {
+      node->estimates.addTimeout(state.task.kind, state.task.input_bytes, between(state.sent_ns, now), now);
+      node->probe_soon = true;
+      ++node->failures;
+      node->suspended = node->suspended || node->failures >= options.max_failures;
+    }
+  }
+  startLocal(id, options.computer.frequency_ghz, "no answer in time");
+}
+
+bool OffloadEngine::Impl::answerable(const TaskState& state) const
+{
+  const auto found = requests.find(state.request);
+  return found != requests.end() && found->second.open;
+}
+
+double OffloadEngine::Impl::unansweredEnergy(const TaskState& state) const
+{
+  const double passed_s = std::max(0.0, between(state.sent_ns, now));
+  const double input_mbit = static_cast<double>(state.task.input_bytes) * MBIT_PER_BYTE;
+  const double sending_s = std::min(passed_s, input_mbit / state.rate_mbps);
+  const Radio& radio = options.radio;
+  return sending_s * radio.transmit_w + (passed_s - sending_s) * radio.wait_w + radio.tail_w * radio.tail_s;
+}
+
+void OffloadEngine::Impl::closeRequest(TaskState& state, bool keep_answerable, bool tell_node)
+{
+  const auto found = requests.find(state.request);
+  if (found == requests.end() || !found->second.open)
+  {
+    return;
+  }
+  const uint64_t number = state.request;
+  NodeState* node = find(found->second.node);
+  if (node != nullptr)
+  {
+    forgetOwn(*node, number);
+  }
+  if (keep_answerable)
+  {
+    return;
+  }
+  state.radio_j += unansweredEnergy(state);
+  found->second.open = false;
+  --open_requests;
+  closed.emplace_back(later(now, toNs(LATE_S)), number);
+  if (tell_node && actions.cancel)
+  {
+    const std::string name = state.node;
+    call([&] { actions.cancel(name, number); });
+  }
+}
+
+void OffloadEngine::Impl::forgetOwn(NodeState& node, uint64_t request)
+{
+  const auto same = [request](const NodeState::Own& own) { return own.request == request; };
+  node.own.erase(std::remove_if(node.own.begin(), node.own.end(), same), node.own.end());
+}
+
+void OffloadEngine::Impl::finish(uint64_t id, Outcome::How how)
+{
+  // Taken out first: whatever the actions do, the task ends once.
+  const auto found = tasks.find(id);
+  TaskState state = std::move(found->second);
+  tasks.erase(found);
+  setTimer(state, NEVER_NS);
+  closeRequest(state, false, true);
+
+  const auto k = static_cast<size_t>(state.task.kind);
+  Outcome outcome;
+  outcome.task = state.task;
+  outcome.how = how;
+  outcome.node = state.node;
+  outcome.finished_ns = now;
+  outcome.by_deadline = how != Outcome::How::ABANDONED && now <= state.deadline_ns;
+  outcome.energy_j = state.radio_j;
+  if (state.local_ghz > 0.0)
+  {
+    outcome.energy_j += localCost(options.needs[k], options.computer, state.local_ghz).energy_j;
+  }
+  outcome.reason = state.reason;
+
+  Statistics::OfKind& of_kind = statistics.of_kind[k];
+  of_kind.local += how == Outcome::How::LOCAL ? 1 : 0;
+  of_kind.remote += how == Outcome::How::REMOTE ? 1 : 0;
+  of_kind.fallback += how == Outcome::How::FALLBACK ? 1 : 0;
+  of_kind.abandoned += how == Outcome::How::ABANDONED ? 1 : 0;
+  of_kind.missed += outcome.by_deadline ? 0 : 1;
+  of_kind.energy_j += outcome.energy_j;
+  call([&] { actions.deliver(outcome); });
+}
+
+void OffloadEngine::Impl::onTime()
+{
+  placeNodes(nodes.size());
+  while (!timers.empty() && timers.begin()->first <= now)
+  {
+    onTimer(timers.begin()->second);
+  }
+  sendProbes();
+  forgetOld();
+}
+
+void OffloadEngine::Impl::forgetOld()
+{
+  while (!closed.empty() && (closed.front().first <= now || closed.size() > MOST_CLOSED))
+  {
+    const auto request = requests.find(closed.front().second);
+    closed.pop_front();
+    if (request == requests.end())
+    {
+      continue;  // answered late
+    }
+    if (NodeState* node = find(request->second.node))
+    {
+      ++node->lost;
+    }
+    requests.erase(request);
+  }
+  if (tidied_ns == LONG_AGO_NS || now - tidied_ns >= toNs(TIDY_S))
+  {
+    // Runs of the vehicle whose task has ended otherwise and of whose end nobody told.
+    local.dropOlder(later(now, -toNs(options.local_lost_s + TIDY_S)), now);
+    tidied_ns = now;
+  }
+}
+
+int64_t OffloadEngine::Impl::nextTime() const
+{
+  int64_t next = timers.empty() ? NEVER_NS : timers.begin()->first;
+  for (const std::unique_ptr<NodeState>& node : nodes)
+  {
+    next = std::min(next, probeDue(*node));
+  }
+  return std::max(next, now);
+}
+
+}  // namespace pi_offload

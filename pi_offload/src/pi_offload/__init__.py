@@ -1,0 +1,1 @@
+"""Python tools of pi_offload: pictures of what the simulator found."""

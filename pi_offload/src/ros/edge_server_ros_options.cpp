@@ -1,0 +1,385 @@
+#include <pi_offload/ros/edge_server_ros_options.h>
+#include <pi_runtime/option_check.h>
+#include <pi_runtime/ros/parameter_tree.h>
+#include <unistd.h>
+#include <yaml-cpp/yaml.h>
+
+#include <cmath>
+#include <stdexcept>
+
+#include "package_files.h"
+
+namespace pi_offload
+{
+
+namespace parameter_tree = pi_runtime::parameter_tree;
+namespace parameters = pi_runtime::parameters;
+using XmlRpc::XmlRpcValue;
+
+namespace
+{
+
+constexpr uint16_t PORT = 5680;
+constexpr uint16_t HEALTH_PORT = 5681;
+constexpr char EVERYWHERE[] = "inf";
+constexpr size_t DETECTION = static_cast<size_t>(TaskKind::DETECTION);
+constexpr size_t SPEECH = static_cast<size_t>(TaskKind::SPEECH);
+
+std::string hostName()
+{
+  char name[256] = "";
+  gethostname(name, sizeof name - 1);
+  return name[0] != '\0' ? name : "localhost";
+}
+
+void requirePath(const char* name, const std::string& path)
+{
+  parameters::require(path.empty() || path.front() == '/', name, "\"" + path + "\"",
+                      "an absolute path, or empty for the package's own");
+}
+
+/// @throws std::runtime_error naming the file and the parameter in its place.
+std::string packaged(const char* package, const char* name, const char* parameter)
+{
+  std::string path = packageFile(package, name);
+  if (path.empty())
+  {
+    throw std::runtime_error(std::string(package) + "'s " + name +
+                             " is not there; source the workspace's setup.sh, or set " + parameter);
+  }
+  return path;
+}
+
+std::string modelFile(const EdgeServerRosOptions& options)
+{
+  const std::string& path = options.detector.model;
+  return path.empty() ? packaged("pi_detect", "config/models/ssd_street.yaml", "detection/model") : path;
+}
+
+/// As rosparam would put it on the parameter server.
+XmlRpcValue toTree(const YAML::Node& node)
+{
+  XmlRpcValue value;
+  if (node.IsMap())
+  {
+    value.begin();  // a struct, also without members
+    for (const auto& member : node)
+    {
+      value[member.first.as<std::string>()] = toTree(member.second);
+    }
+    return value;
+  }
+  if (node.IsSequence())
+  {
+    value.setSize(static_cast<int>(node.size()));
+    for (size_t i = 0; i < node.size(); ++i)
+    {
+      value[static_cast<int>(i)] = toTree(node[i]);
+    }
+    return value;
+  }
+  const bool quoted = node.Tag() == "!";
+  bool flag = false;
+  int number = 0;
+  double real = 0.0;
+  if (!quoted && YAML::convert<bool>::decode(node, flag))
+  {
+    value = flag;
+  }
+  else if (!quoted && YAML::convert<int>::decode(node, number))
+  {
+    value = number;
+  }
+  else if (!quoted && YAML::convert<double>::decode(node, real))
+  {
+    value = real;
+  }
+  else
+  {
+    value = node.IsNull() ? std::string() : node.as<std::string>();
+  }
+  return value;
+}
+
+}  // namespace
+
+static void read(const XmlRpcValue& value, Range* field)
+{
+  if (value.getType() == XmlRpcValue::TypeString)
+  {
+    std::string text;
+    parameters::read(value, &text);
+    if (text != EVERYWHERE)
+    {
+      throw std::invalid_argument("= \"" + text + "\", must be a number [m], or inf");
+    }
+    field->metres = std::numeric_limits<double>::infinity();
+    return;
+  }
+  parameters::read(value, &field->metres);
+}
+
+static XmlRpcValue write(const Range& field)
+{
+  return std::isfinite(field.metres) ? XmlRpcValue(field.metres) : XmlRpcValue(EVERYWHERE);
+}
+
+}  // namespace pi_offload
+
+namespace pi_detect
+{
+
+static void read(const XmlRpc::XmlRpcValue& value, Target* field)
+{
+  std::string name;
+  pi_runtime::parameters::read(value, &name);
+  try
+  {
+    *field = parseTarget(name);
+  }
+  catch (const std::invalid_argument&)
+  {
+    throw std::invalid_argument("= \"" + name + "\", must be cpu, opencl or opencl_fp16");
+  }
+}
+
+static XmlRpc::XmlRpcValue write(Target field)
+{
+  return XmlRpc::XmlRpcValue(toString(field));
+}
+
+}  // namespace pi_detect
+
+namespace pi_speech
+{
+
+static void read(const XmlRpc::XmlRpcValue& value, RecognitionMode* field)
+{
+  std::string name;
+  pi_runtime::parameters::read(value, &name);
+  try
+  {
+    *field = parseRecognitionMode(name);
+  }
+  catch (const std::invalid_argument&)
+  {
+    throw std::invalid_argument("= \"" + name + "\", must be safe or closed");
+  }
+}
+
+static XmlRpc::XmlRpcValue write(RecognitionMode field)
+{
+  return XmlRpc::XmlRpcValue(toString(field));
+}
+
+}  // namespace pi_speech
+
+namespace pi_offload
+{
+
+/// Every parameter by the path of its name, with its field.
+template <typename Options, typename Visitor>
+static void visitFields(Options& options, Visitor&& visit)
+{
+  auto& server = options.server;
+  auto& admission = server.admission;
+  auto& detector = options.detector;
+  auto& recognizer = options.recognizer;
+  visit("id", options.id);
+  visit("address", options.address);
+  visit("host", server.replier.host);
+  visit("port", options.port);
+  visit("map_frame", options.map_frame);
+  visit("has_position", server.has_position);
+  visit("x", server.position.x);
+  visit("y", server.position.y);
+  visit("range", options.range);
+  visit("admission/frequency_ghz", admission.frequency_ghz);
+  visit("admission/workers", admission.workers);
+  visit("admission/max_queued", admission.max_queued);
+  visit("admission/max_queued_per_vehicle", admission.max_queued_per_vehicle);
+  visit("server/max_payload_mb", options.max_payload_mb);
+  visit("server/max_task_s", server.max_task_s);
+  visit("admission/fair_window_s", admission.fair_window_s);
+  visit("admission/max_vehicles", admission.max_vehicles);
+  visit("replier/max_connections", server.replier.max_connections);
+  visit("replier/idle_timeout_s", server.replier.idle_timeout_s);
+  visit("admission/lease_s", admission.lease_s);
+  visit("admission/lease_turn_s", admission.lease_turn_s);
+  visit("admission/max_leased_load", admission.max_leased_load);
+  visit("detection/enabled", options.detection);
+  visit("detection/model", detector.model);
+  visit("detection/target", detector.detector.target);
+  visit("detection/require_target", detector.detector.require_target);
+  visit("detection/threads", detector.detector.threads);
+  visit("detection/check_model", detector.detector.check_model);
+  visit("detection/score_threshold", detector.detector.filter.score_threshold);
+  visit("detection/max_detections", detector.detector.filter.max_detections);
+  visit("detection/max_side", detector.max_side);
+  visit("detection/first_service_s", admission.first_service_s[DETECTION]);
+  visit("speech/enabled", options.speech);
+  visit("speech/commands", options.commands);
+  visit("speech/mode", recognizer.recognizer.mode);
+  visit("speech/threshold", recognizer.recognizer.threshold);
+  visit("speech/max_sound_s", recognizer.max_sound_s);
+  visit("speech/max_commands", recognizer.max_commands);
+  visit("speech/max_tables", recognizer.max_tables);
+  visit("speech/first_service_s", admission.first_service_s[SPEECH]);
+  visit("health/enabled", options.health);
+  visit("health/host", options.health_endpoint.host);
+  visit("health/port", options.health_port);
+  visit("drain_s", options.drain_s);
+  visit("diagnostic_period", options.diagnostic_period);
+  visit("warning_period_s", options.warning_period_s);
+}
+
+EdgeServerRosOptions::EdgeServerRosOptions()
+{
+  port = PORT;
+  health_port = HEALTH_PORT;
+  detector.detector.threads = 1;
+}
+
+void EdgeServerRosOptions::validate() const
+{
+  const pi_runtime::OptionCheck own("");
+  own.range("port", port, 0, 65535);
+  own.range("health/port", health_port, 0, 65535);
+  parameters::require(std::isfinite(server.position.x), "x", server.position.x, "finite");
+  parameters::require(std::isfinite(server.position.y), "y", server.position.y, "finite");
+  parameters::require(range.metres >= 0.0, "range", range.metres, "at least 0");
+  own.range("detection/first_service_s", server.admission.first_service_s[DETECTION], 1e-6, 3600.0);
+  own.range("speech/first_service_s", server.admission.first_service_s[SPEECH], 1e-6, 3600.0);
+  parameters::require(!map_frame.empty(), "map_frame", "\"\"", "the name of a frame");
+  own.range<size_t>("server/max_payload_mb", max_payload_mb, 1, 65536);
+  parameters::require(detection || speech, "detection/enabled and speech/enabled", "false", "true for one at least");
+  requirePath("detection/model", detector.model);
+  requirePath("speech/commands", commands);
+  serverOptions().validate();
+  detector.detector.validate();
+  own.range<uint32_t>("detection/max_side", detector.max_side, 2, 65535);
+  own.range("speech/threshold", recognizer.recognizer.threshold, 0.001, 0.999);
+  own.range("speech/max_sound_s", recognizer.max_sound_s, 0.1, 300.0);
+  own.range<size_t>("speech/max_commands", recognizer.max_commands, 1, 10000);
+  own.range<size_t>("speech/max_tables", recognizer.max_tables, 1, 100);
+  own.range("drain_s", drain_s, 0.0, 3600.0);
+  parameter_tree::requireDuration("diagnostic_period", diagnostic_period);
+  parameter_tree::requireDuration("warning_period_s", warning_period_s);
+  NodeDescription node;
+  const EdgeNode announced = announcement(PORT);
+  node.id = announced.id;
+  node.address = announced.address;
+  node.position = server.position;
+  node.range_m = range.metres;
+  node.validate();
+}
+
+EdgeServerOptions EdgeServerRosOptions::serverOptions() const
+{
+  EdgeServerOptions complete = server;
+  complete.replier.port = static_cast<uint16_t>(port);
+  complete.range_m = range.metres;
+  complete.max_payload_bytes = max_payload_mb << 20U;
+  complete.admission.served = {detection, speech};
+  return complete;
+}
+
+HealthEndpoint::Options EdgeServerRosOptions::healthOptions() const
+{
+  HealthEndpoint::Options complete = health_endpoint;
+  complete.port = static_cast<uint16_t>(health_port);
+  return complete;
+}
+
+std::array<ExecutorFactory, TASK_KINDS> EdgeServerRosOptions::executors() const
+{
+  std::array<ExecutorFactory, TASK_KINDS> factories;
+  if (detection)
+  {
+    DetectionExecutorOptions complete = detector;
+    complete.model = modelFile(*this);
+    factories[DETECTION] = detectionExecutor(complete);
+  }
+  if (speech)
+  {
+    SpeechExecutorOptions complete = recognizer;
+    pi_speech::RecognizerOptions& models = complete.recognizer;
+    models.garbage_words = packaged("pi_speech", "config/garbage_words.txt", "speech/enabled to false");
+    models.confidence = packaged("pi_speech", "config/confidence.yaml", "speech/enabled to false");
+    models.word_models = packageFile("pi_speech", "config/word_models.bin");  // these two are not in each package
+    models.sphinx.adaptation = packageFile("pi_speech", "config/adaptation");
+    complete.commands = pi_speech::CommandTable::load(
+        commands.empty() ? packaged("pi_speech", "config/commands.yaml", "speech/commands") : commands);
+    factories[SPEECH] = speechExecutor(complete);
+  }
+  return factories;
+}
+
+std::string EdgeServerRosOptions::detectionModel() const
+{
+  return detection ? pi_detect::ModelDescription::load(modelFile(*this)).name : "";
+}
+
+EdgeNode EdgeServerRosOptions::announcement(uint16_t listening_port) const
+{
+  EdgeNode node;
+  const std::string host =
+      server.replier.host == "0.0.0.0" || server.replier.host == "::" ? hostName() : server.replier.host;
+  node.id = id.empty() ? hostName() : id;
+  node.address = address.empty() ? (host.find(':') == std::string::npos ? host : "[" + host + "]") + ":" +
+                                       std::to_string(listening_port)
+                                 : address;
+  node.frame_id = map_frame;
+  node.x = server.position.x;
+  node.y = server.position.y;
+  node.range = range.metres;
+  node.frequency_ghz = server.admission.frequency_ghz;
+  return node;
+}
+
+EdgeServerRosOptions EdgeServerRosOptions::load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown)
+{
+  XmlRpcValue tree;
+  const std::string& path = private_node.getNamespace();
+  private_node.getParam(path, tree);
+  return fromParameters(tree, path + "/", unknown);
+}
+
+EdgeServerRosOptions EdgeServerRosOptions::loadFile(const std::string& path, std::vector<std::string>* unknown)
+{
+  try
+  {
+    const YAML::Node file = YAML::LoadFile(path);
+    if (!file.IsMap() && !file.IsNull())
+    {
+      throw std::invalid_argument("is no map of parameters");
+    }
+    return fromParameters(file.IsMap() ? toTree(file) : XmlRpcValue(), "", unknown);
+  }
+  catch (const YAML::BadFile&)
+  {
+    throw std::runtime_error(path + ": cannot be read; config/edge_server.yaml shows what it should say");
+  }
+  catch (const std::exception& error)
+  {
+    throw std::runtime_error(path + ": " + error.what());
+  }
+}
+
+EdgeServerRosOptions EdgeServerRosOptions::fromParameters(const XmlRpcValue& tree, const std::string& path,
+                                                          std::vector<std::string>* unknown)
+{
+  return parameter_tree::load<EdgeServerRosOptions>(tree, path, unknown);
+}
+
+XmlRpcValue EdgeServerRosOptions::toParameters() const
+{
+  return parameter_tree::save(*this);
+}
+
+std::string EdgeServerRosOptions::toText() const
+{
+  return parameters::text(toParameters());
+}
+
+}  // namespace pi_offload
