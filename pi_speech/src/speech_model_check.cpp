@@ -1,4 +1,5 @@
 #include <dlfcn.h>
+#include <pi_runtime/child_process.h>
 #include <pi_speech/speech_model_check.h>
 #include <sys/wait.h>
 
@@ -8,7 +9,6 @@
 #include <sstream>
 #include <stdexcept>
 
-#include "child_process.h"
 #include "memory_file.h"
 #include "sphinx_engine.h"
 
@@ -72,14 +72,17 @@ void checkSpeechModel(const SphinxModel& model, const std::string& dictionary, c
   checkSphinxFiles(model, jsgf.empty());
   const std::string program = options.program.empty() ? installedProgram() : options.program;
   const MemoryFile input(dictionary + "\n" + jsgf);
-  ChildResult result;
+  pi_runtime::ChildOptions child;
+  child.timeout_s = options.timeout_s;
+  child.input = input.descriptor();
+  pi_runtime::ChildResult result;
   try
   {
-    result =
-        runChild(program,
-                 {"--memory-mb", std::to_string(options.memory_limit_mb), "--dictionary", model.dictionary,
-                  "--language-model", model.language_model, "--adaptation", model.adaptation, model.acoustic_model},
-                 input.descriptor(), options.timeout_s);
+    result = pi_runtime::runChild(
+        program,
+        {"--memory-mb", std::to_string(options.memory_limit_mb), "--dictionary", model.dictionary, "--language-model",
+         model.language_model, "--adaptation", model.adaptation, model.acoustic_model},
+        child);
   }
   catch (const std::runtime_error& error)
   {

@@ -1,6 +1,5 @@
-#include "child_process.h"
-
 #include <fcntl.h>
+#include <pi_runtime/child_process.h>
 #include <poll.h>
 #include <spawn.h>
 #include <sys/wait.h>
@@ -16,7 +15,7 @@
 
 extern char** environ;
 
-namespace pi_speech
+namespace pi_runtime
 {
 namespace
 {
@@ -81,7 +80,6 @@ struct Pipe
   }
 };
 
-/// The environment without libraries to preload, which the child has no use for.
 std::vector<char*> childEnvironment()
 {
   std::vector<char*> variables;
@@ -96,7 +94,7 @@ std::vector<char*> childEnvironment()
   return variables;
 }
 
-pid_t start(const std::string& program, std::vector<std::string>& arguments, int input, int output)
+pid_t start(const std::string& program, std::vector<std::string>& arguments, const ChildOptions& options, int output)
 {
   std::vector<char*> pointers = {const_cast<char*>(program.c_str())};
   for (std::string& argument : arguments)
@@ -107,9 +105,23 @@ pid_t start(const std::string& program, std::vector<std::string>& arguments, int
   std::vector<char*> variables = childEnvironment();
   posix_spawn_file_actions_t actions;
   posix_spawn_file_actions_init(&actions);
-  posix_spawn_file_actions_adddup2(&actions, input, STDIN_FILENO);
+  if (options.input >= 0)
+  {
+    posix_spawn_file_actions_adddup2(&actions, options.input, STDIN_FILENO);
+  }
+  else
+  {
+    posix_spawn_file_actions_addopen(&actions, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
+  }
   posix_spawn_file_actions_adddup2(&actions, output, STDOUT_FILENO);
-  posix_spawn_file_actions_adddup2(&actions, output, STDERR_FILENO);
+  if (options.take_errors)
+  {
+    posix_spawn_file_actions_adddup2(&actions, output, STDERR_FILENO);
+  }
+  else
+  {
+    posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, "/dev/null", O_WRONLY, 0);
+  }
   pid_t pid = -1;
   const int error = posix_spawn(&pid, program.c_str(), &actions, nullptr, pointers.data(), variables.data());
   posix_spawn_file_actions_destroy(&actions);
@@ -150,13 +162,13 @@ bool readAll(int input, double timeout_s, std::string* text)
 
 }  // namespace
 
-ChildResult runChild(const std::string& program, std::vector<std::string> arguments, int input, double timeout_s)
+ChildResult runChild(const std::string& program, std::vector<std::string> arguments, const ChildOptions& options)
 {
   ChildResult result;
   Pipe pipe;
-  Child child(start(program, arguments, input, pipe.ends[1]));
+  Child child(start(program, arguments, options, pipe.ends[1]));
   pipe.closeEnd(1);
-  result.in_time = readAll(pipe.ends[0], timeout_s, &result.output);
+  result.in_time = readAll(pipe.ends[0], options.timeout_s, &result.output);
   if (result.in_time)
   {
     result.status = child.wait();
@@ -164,4 +176,4 @@ ChildResult runChild(const std::string& program, std::vector<std::string> argume
   return result;
 }
 
-}  // namespace pi_speech
+}  // namespace pi_runtime
