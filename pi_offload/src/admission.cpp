@@ -9,6 +9,7 @@
 #include <set>
 #include <utility>
 
+#include "durations.h"
 #include "fair_queue.h"
 #include "lease_book.h"
 
@@ -34,16 +35,6 @@ constexpr double LEAST_LEFT = 0.05;
 /// always room for those that had less, and little has to be taken back.
 constexpr double WAITING_SHARE = 0.6;
 constexpr double WAITING_SHARE_RANGE = 0.4;
-
-double secondsBetween(int64_t from_ns, int64_t to_ns)
-{
-  return static_cast<double>(to_ns - from_ns) * 1e-9;
-}
-
-int64_t nanoseconds(double seconds)
-{
-  return static_cast<int64_t>(seconds * 1e9);
-}
 
 }  // namespace
 

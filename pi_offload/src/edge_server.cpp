@@ -7,6 +7,7 @@
 #include <limits>
 #include <stdexcept>
 
+#include "durations.h"
 #include "server/edge_server_impl.h"
 #include "socket_tools.h"
 
@@ -128,11 +129,10 @@ EdgeServer::Health EdgeServer::health() const
   const std::lock_guard<std::mutex> lock(impl_->mutex);
   const int64_t now_ns = monotonicNs();
   Health health;
-  health.live = std::none_of(impl_->workers.begin(), impl_->workers.end(),
-                             [&](const std::unique_ptr<Impl::Worker>& worker) {
-                               return worker->busy && 1e-9 * static_cast<double>(now_ns - worker->busy_since_ns) >
-                                                          impl_->options.max_task_s;
-                             });
+  health.live = std::none_of(
+      impl_->workers.begin(), impl_->workers.end(),
+      [&](const std::unique_ptr<Impl::Worker>& worker)
+      { return worker->busy && secondsBetween(worker->busy_since_ns, now_ns) > impl_->options.max_task_s; });
   health.ready = health.live && !impl_->admission.draining();
   return health;
 }

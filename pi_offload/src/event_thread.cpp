@@ -33,13 +33,14 @@ void EventThread::start()
 
 void EventThread::stop()
 {
-  std::deque<Function> dropped;  // they end after the lock
+  std::deque<Function> dropped;
   {
     std::lock_guard<std::mutex> lock(mutex_);
     stopping_ = true;
     dropped.swap(functions_);
   }
   changed_.notify_all();
+  dropped.clear();  // not under the lock, and before waiting: the function in work may wait for who waits for these
   if (thread_.joinable())
   {
     thread_.join();

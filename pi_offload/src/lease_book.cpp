@@ -1,4 +1,5 @@
 #include "lease_book.h"
+#include "durations.h"
 
 #include <algorithm>
 #include <cmath>
@@ -15,16 +16,6 @@ namespace
 constexpr double BURST_S = 0.25;
 /// Rounding of loads.
 constexpr double TOLERANCE = 1e-9;
-
-double secondsBetween(int64_t from_ns, int64_t to_ns)
-{
-  return static_cast<double>(to_ns - from_ns) * 1e-9;
-}
-
-int64_t nanoseconds(double seconds)
-{
-  return static_cast<int64_t>(seconds * 1e9);
-}
 
 }  // namespace
 

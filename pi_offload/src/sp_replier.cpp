@@ -16,6 +16,7 @@
 #include <thread>
 #include <utility>
 
+#include "durations.h"
 #include "sp_connection.h"
 
 namespace pi_offload
@@ -33,11 +34,6 @@ constexpr double ACCEPT_PAUSE_S = 0.1;
 constexpr uint64_t WAKE = 0;
 constexpr uint64_t LISTENER = 1;
 constexpr uint64_t FIRST_CONNECTION = 2;
-
-int64_t nanoseconds(double seconds)
-{
-  return static_cast<int64_t>(seconds * 1e9);
-}
 
 }  // namespace
 

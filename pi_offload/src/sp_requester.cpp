@@ -13,6 +13,7 @@
 #include <thread>
 #include <utility>
 
+#include "durations.h"
 #include "sp_connection.h"
 
 namespace pi_offload
@@ -21,11 +22,6 @@ namespace
 {
 
 constexpr size_t MAX_IDS = 1;
-
-int64_t nanoseconds(double seconds)
-{
-  return static_cast<int64_t>(seconds * 1e9);
-}
 
 }  // namespace
 

@@ -353,6 +353,29 @@ TEST(Admission, TriesAgainWhatItThinksTooSlow)
   EXPECT_GT(taken, 10);
 }
 
+TEST(Admission, ForgetsThatItWasSlow)
+{
+  // Vehicles believe what it says and send nothing: it must not say for ever what a disturbance made of it.
+  Admission admission(oneWorker());
+  int64_t now = teach(&admission, 0.6);
+  EXPECT_NEAR(admission.advertisement("a", now).of_kind[0].service_s, 0.6, 0.05);
+  EXPECT_NEAR(admission.advertisement("a", now + SECOND).of_kind[0].service_s, 0.6, 0.05);
+  now += 60 * SECOND;
+  EXPECT_LT(admission.advertisement("a", now).of_kind[0].service_s, 0.08);
+  ASSERT_EQ(admission.submit(task(1, "a", now, 0.2)), Admission::Verdict::TAKEN);
+  ASSERT_TRUE(admission.next(now));
+  now += 20 * MS;
+  admission.finished(1, 0.02, now);
+  EXPECT_NEAR(admission.advertisement("a", now).of_kind[0].service_s, 0.02, 1e-9);  // not a mean with what was
+}
+
+TEST(Admission, RemembersThatItIsFast)
+{
+  Admission admission(oneWorker());
+  const int64_t now = teach(&admission, 0.01) + 3600 * SECOND;
+  EXPECT_NEAR(admission.advertisement("a", now).of_kind[0].service_s, 0.01, 1e-3);
+}
+
 TEST(Admission, ExpiredTasksAreNotServed)
 {
   Admission admission(oneWorker());

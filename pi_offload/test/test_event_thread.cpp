@@ -2,9 +2,11 @@
 #include <pi_offload/event_thread.h>
 
 #include <atomic>
+#include <chrono>
 #include <condition_variable>
 #include <cstdint>
 #include <future>
+#include <memory>
 #include <mutex>
 #include <stdexcept>
 #include <string>
@@ -95,10 +97,15 @@ TEST(EventThread, NobodyWaitsForEverWhenItStops)
         leave.get_future().wait();
       });
   entered.get_future().wait();
+  std::promise<void> dropped;
+  thread.post([gone = std::shared_ptr<void>(nullptr, [&](void*) { dropped.set_value(); })](int64_t) {});
   std::future<void> waiting =
       std::async(std::launch::async, [&] { EXPECT_THROW(thread.call([](int64_t) { return 1; }), std::future_error); });
   std::future<void> stopping = std::async(std::launch::async, [&] { thread.stop(); });
-  waiting.wait();  // its function is dropped, or never taken, while another is at work
+  // While another is at work, what waits is dropped, and who calls is told.
+  constexpr std::chrono::seconds PATIENCE(30);
+  EXPECT_EQ(std::future_status::ready, dropped.get_future().wait_for(PATIENCE));
+  EXPECT_EQ(std::future_status::ready, waiting.wait_for(PATIENCE));
   leave.set_value();
   stopping.wait();
   EXPECT_THROW(thread.call([](int64_t) { return 1; }), std::future_error);

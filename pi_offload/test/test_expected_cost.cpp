@@ -70,7 +70,7 @@ TEST(ExpectedCostFallback, IsNotGivenUpWhereTheNodeRefusedLately)
 TEST(ExpectedCostCuriosity, MeasuresARateThatIsOldAndMayBeGood)
 {
   DecisionInput input = picture();
-  input.nodes[0].network_s = {0.09, 0.035};
+  input.nodes[0].network_s = {0.11, 0.05};
   input.nodes[0].network_age_s = 0.05;
   ASSERT_EQ(decide(input).node, -1);
   input.nodes[0].network_age_s = 1.0;

@@ -121,13 +121,28 @@ TEST(OffloadEngine, FallsBackByTheVehiclesMeasuredTime)
   for (uint64_t id = 1; id <= 60; ++id)
   {
     w.submit(id);
-    w.now += ms(50);
-    w.engine.onLocalDone(id, 0.05, w.now);
+    w.now += ms(120);
+    w.engine.onLocalDone(id, 0.12, w.now);
   }
   w.addNode(node("a"));
   w.submit(100);
   w.answerProbes("a");
-  EXPECT_NEAR(static_cast<double>(w.engine.nextTime() - w.now), 1e6 * (200.0 - 1.1 * 50.0), 1e5);
+  EXPECT_NEAR(static_cast<double>(w.engine.nextTime() - w.now), 1e6 * (200.0 - 1.1 * 120.0), 1e5);
+}
+
+TEST(OffloadEngine, FallbackOfAQuickDetectorLeavesTimeForABusyComputer)
+{
+  World w;
+  for (uint64_t id = 1; id <= 60; ++id)
+  {
+    w.submit(id);
+    w.now += ms(15);
+    w.engine.onLocalDone(id, 0.015, w.now);
+  }
+  w.addNode(node("a"));
+  w.submit(100);
+  w.answerProbes("a");
+  EXPECT_NEAR(static_cast<double>(w.engine.nextTime() - w.now), 1e6 * (200.0 - 15.0 - 10.0), 1e5);
 }
 
 TEST(OffloadEngine, FallbackThatIsNearlyDueBeginsBeforeANewTaskOfTheVehicle)

@@ -5,6 +5,7 @@
 #include <nanomsg/reqrep.h>
 #include <nanomsg/tcp.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <functional>
@@ -33,12 +34,12 @@ std::string textOf(const Bytes& bytes)
 
 Bytes message(const Bytes& body)
 {
-  Bytes all(8, 0);
+  Bytes all(8 + body.size());
   for (size_t byte = 0; byte < 8; ++byte)
   {
     all[7 - byte] = static_cast<uint8_t>(body.size() >> (8 * byte));
   }
-  all.insert(all.end(), body.begin(), body.end());
+  std::copy(body.begin(), body.end(), all.begin() + 8);
   return all;
 }
 

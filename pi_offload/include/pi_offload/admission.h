@@ -84,8 +84,7 @@ public:
 
   /// Asks for a lease, or renews it. @param rate_hz  tasks per second wanted; 0 gives it back.
   /// @return the rate granted: all of it or, where less is free, what the vehicle had, or 0. Who gets 0 and asks again
-  /// at
-  ///   least every lease_s waits in line.
+  ///   at least every lease_s waits in line.
   double lease(const std::string& vehicle, TaskKind kind, double rate_hz, int64_t now_ns);
 
   void setDraining(bool draining);

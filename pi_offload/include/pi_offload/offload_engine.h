@@ -129,8 +129,7 @@ public:
   /// Decides and starts; what is returned is what was done. Where the policy gives no time for the fallback, it begins
   /// at deadline - local time * fallback_factor - backlog; if that is over already, the vehicle does it at once.
   /// @throws std::invalid_argument if the id is under way already (the run on the vehicle of a task that a node
-  /// answered
-  ///   counts too), or for a kind or deadline that does not exist.
+  ///   answered counts too), or for a kind or deadline that does not exist.
   Decision submit(const Task& task, int64_t now_ns);
 
   /// A node's answer to a request. @return true if it is the task's result (the caller keeps the data then until

@@ -22,8 +22,7 @@ struct PictureData
   Encoding encoding = Encoding::BGR8;  ///< BGR8, RGB8 or MONO8
 
   /// @throws std::invalid_argument unless there are pixels, 1 to 16384 a side, the rows fit the stride, and the
-  /// encoding
-  ///   is one of those.
+  ///   encoding is one of those.
   void validate() const;
   size_t bytes() const;  ///< as it is sent raw, without gaps between the rows
 };

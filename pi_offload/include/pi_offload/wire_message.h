@@ -93,8 +93,7 @@ struct OffloadReply
 
 /// Texts of replies are cut at 4096 bytes, names of models at 256.
 /// @throws std::invalid_argument naming the field that could not be decoded again: numbers that are not finite, a
-/// vehicle
-///   without a name, more than 64 KiB of options, MAX_PAYLOAD or 10000 objects.
+///   vehicle without a name, more than 64 KiB of options, MAX_PAYLOAD or 10000 objects.
 std::vector<uint8_t> encode(const OffloadRequest& request);
 std::vector<uint8_t> encode(const OffloadReply& reply);
 /// @throws WireError naming what is wrong: too short, no message of this kind, another version, a length beyond the

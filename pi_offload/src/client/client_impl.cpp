@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "client/client_impl.h"
+#include "durations.h"
 
 namespace pi_offload
 {
@@ -13,11 +14,6 @@ namespace
 
 constexpr size_t MOST_REQUESTS = 8192;
 constexpr int64_t FORGET_NS = 30LL * 1000000000;  ///< a request that was not answered by then never will be
-
-double seconds(int64_t ns)
-{
-  return 1e-9 * static_cast<double>(ns);
-}
 
 bool usable(const OffloadReply& reply)
 {

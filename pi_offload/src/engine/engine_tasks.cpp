@@ -18,6 +18,9 @@ constexpr size_t RENEWALS_STRAIGHT = 32;
 constexpr size_t RENEWALS_ROUTE = 2;
 /// A fallback begins so many deviations of the vehicle's own time earlier, if that is more than the policy's factor.
 constexpr double LOCAL_DEVIATIONS = 3.0;
+/// And at least so much earlier than the vehicle's own time [s]: of a detector that is quick, a part is less than the
+/// delay of a timer and a thread on a busy computer.
+constexpr double LEAST_MARGIN_S = 0.01;
 /// A fallback is nearly due in this last part of its time.
 constexpr double NEARLY_DUE = 0.25;
 
@@ -89,7 +92,7 @@ Decision OffloadEngine::Impl::decide(TaskKind kind, size_t bytes, double remaini
 double OffloadEngine::Impl::localNeed(TaskKind kind) const
 {
   return std::max(options.policy.fallback_factor * local.seconds(kind),
-                  local.seconds(kind) + LOCAL_DEVIATIONS * local.deviation(kind));
+                  local.seconds(kind) + std::max(LOCAL_DEVIATIONS * local.deviation(kind), LEAST_MARGIN_S));
 }
 
 int64_t OffloadEngine::Impl::fallbackTime(const Decision& decision, const Task& task, int64_t deadline_ns) const

@@ -5,7 +5,7 @@ namespaces of this machine, needs root), joined by radio links that follow the v
 
 Phases: `cpu` (processor time of the vehicle, all local and offloaded in turn, and response times over a LAN), `drive`
 (along the route of a scenario's file, links as good as the distance allows), `kills` (SIGKILL of the node that serves,
-and a restart, again and again), `cuts` (its link pulled out, or silent), `spikes` (all links 300 ms slower for a while).
+and a restart, again and again), `cuts` (its link pulled out, or silent), `spikes` (all links 300 ms slower for 1 s).
 
 Exit status: 0; 1 if a task did not get exactly one answer; 2 for a wrong command line; 3 if it cannot run here.
 """
@@ -31,6 +31,7 @@ SPIKE_S = 0.3
 PAPER = {"detection": (25, 12), "speech": (20, 5)}  # [%] of a processor: local, offloaded
 RESPONSE_BAR_S = {"detection": 0.1, "speech": 0.2}
 SOUND_TEST_DATA = Path("/usr/share/pocketsphinx/test/data/cards")
+PICTURE_FILES = (".jpg", ".jpeg", ".png")
 PICTURE_TEST_DATA = Path("/usr/share/doc/opencv-doc/examples/data")
 
 
@@ -180,8 +181,8 @@ def report(results):
                 lines.append(f"| {kind} | {account['tasks']} | {account['remote']} | " + " | ".join(
                     _ms(accounts.quantile(response, share)) for share in (0.5, 0.95, 0.99)) + f" | {_ms(bar_s)} |")
         lines.append("")
-    lines += ["| phase | tasks | faults | once | twice | never | by nodes | by the vehicle | fallbacks | given up | late | "
-              "latest by [ms] | handovers |", "|---|---|---|---|---|---|---|---|---|---|---|---|---|"]
+    lines += ["| phase | tasks | faults | once | twice | never | by nodes | by the vehicle | fallbacks | given up | "
+              "late | latest by [ms] | handovers |", "|---|---|---|---|---|---|---|---|---|---|---|---|---|"]
     for phase, result in results.items():
         for kind in ("detection", "speech"):
             account = result[kind]
@@ -215,7 +216,7 @@ def find_pictures(folder):
     folders = [Path(folder)] if folder else ([Path(recordings) / "detect/images_dev"] if recordings else []) + [
         PICTURE_TEST_DATA]
     for candidate in folders:
-        found = sorted(path.resolve() for path in candidate.glob("*") if path.suffix.lower() in (".jpg", ".jpeg", ".png"))
+        found = sorted(path.resolve() for path in candidate.glob("*") if path.suffix.lower() in PICTURE_FILES)
         if found:
             return found
     raise ToolError("no pictures (jpg, png) in " + ", ".join(str(path) for path in folders) +
@@ -250,12 +251,12 @@ def parse(arguments):
                        ("kills", "of nodes"), ("cuts", "of links"), ("spikes", "of delay")):
         parser.add_argument("--" + name, type=positive, help=text)
     parser.add_argument("--scenario", metavar="FILE", help="of the road; default: config/scenarios/testbed.yaml")
-    parser.add_argument("--pictures-from", metavar="FOLDER", help="default: detect/images_dev of $PI_EDGE_DATA, else those "
-                        "of opencv-doc")
+    parser.add_argument("--pictures-from", metavar="FOLDER", help="default: detect/images_dev of $PI_EDGE_DATA, else "
+                        "those of opencv-doc")
     parser.add_argument("--sounds", metavar="FOLDER", help="or file; default: commands of $PI_EDGE_DATA, else "
                         "pocketsphinx-testdata")
-    parser.add_argument("--link", choices=("tun", "netem"), default="tun", help="what makes the links slow; netem needs "
-                        "a kernel with sch_netem")
+    parser.add_argument("--link", choices=("tun", "netem"), default="tun", help="what makes the links slow; netem "
+                        "needs a kernel with sch_netem")
     parser.add_argument("--json", metavar="FILE", help="write everything measured to FILE")
     # rosrun and roslaunch add remappings such as __name:=x.
     return parser.parse_args([argument for argument in arguments if ":=" not in argument])

@@ -63,16 +63,16 @@ def plot_frontier(scenario, cases, path):
         spread = [case.deviation("power_w") for case in group]
         axes.errorbar(x, y, yerr=spread, fmt="o-" if len(group) > 1 else "o", capsize=2, label=policy)
         if len(group) > 1:
-            for case, at_x, at_y in zip(group, x, y):
-                axes.annotate(f"{case.price_j:g} J", (at_x, at_y), xytext=(5, 5), textcoords="offset points",
-                              fontsize=8)
+            for from_last, (case, at_x, at_y) in enumerate(reversed(list(zip(group, x, y)))):
+                axes.annotate(f"{case.price_j:g} J", (at_x, at_y), xytext=(0, 14 if from_last % 2 == 0 else -20),
+                              textcoords="offset points", ha="center", fontsize=8)
     axes.set_xscale("log")
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel(f"missed detections [%]; none is drawn at {LEAST_PERCENT:g}")
     axes.set_ylabel("power of the tasks [W]")
     axes.set_title(f"{scenario}: power against misses; bars: standard deviation over seeds")
     axes.grid(True, which="both", alpha=0.3)
-    axes.legend(fontsize=8)
+    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0))
     save(figure, path)
 
 
@@ -91,6 +91,7 @@ def plot_policies(scenario, cases, path):
     for x, top in zip(at, bottom):
         power.annotate(f"{top:.2f}", (x, top), ha="center", va="bottom", fontsize=8)
     power.set_ylabel("power [W]")
+    power.margins(y=0.12)  # room for the figures
     power.set_title(scenario)
     power.legend(fontsize=8)
     for offset, name, label in ((-0.2, "detection_missed", "detection"), (0.2, "speech_missed", "speech")):
@@ -100,7 +101,7 @@ def plot_policies(scenario, cases, path):
             misses.annotate(f"{value:.2g}", (x + offset, max(value, LEAST_PERCENT)), ha="center", va="bottom",
                             fontsize=7)
     misses.set_yscale("log")
-    misses.set_ylim(bottom=0.5 * LEAST_PERCENT)
+    misses.set_ylim(0.5 * LEAST_PERCENT, 3.0 * misses.get_ylim()[1])
     misses.set_ylabel("missed deadlines [%]")
     misses.set_xticks(list(at))
     misses.set_xticklabels(labels, rotation=30, ha="right", fontsize=8)

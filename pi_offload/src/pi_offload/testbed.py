@@ -95,14 +95,15 @@ LINKS = {"tun": RadioLink, "netem": NetemLink}
 class Bed:
     """Devices and processes. Everything ends with close()."""
 
-    def __init__(self, scenario, road, pictures, sounds, link="tun", say=lambda text: None):
+    def __init__(self, scenario, road, pictures, sounds, link="tun", deadline_s=None):
         """@param scenario  path of the file that road comes from. @param pictures  their files.
-        @param sounds  file or folder that is spoken; empty: no speech. @throws ToolError, Unsupported"""
+        @param sounds  file or folder that is spoken; empty: no speech.
+        @param deadline_s  of a picture; None: that of config/coordinator.yaml. @throws ToolError, Unsupported"""
         self.road, self.speech = road, bool(sounds)
-        self._say = say
+        self._deadline_s = deadline_s
         self.servers = {}
         self._configs = {}
-        self.restarts = 0
+        self._loaders = []
         names = ["vehicle"] + [f"edge{i}" for i in range(1, len(road.nodes) + 1)]
         self._testbed = devices.Testbed(names)
         try:
@@ -153,32 +154,31 @@ class Bed:
         server = self.servers.pop(node)
         server.close()
         self._edges[node].processes.remove(server)
-        self.restarts += 1
 
     def _start_vehicle(self, scenario, pictures, sounds):
-        nodelet = program("nodelet", "nodelet")
         managers = ["detection_manager"] + (["speech_manager", "sound_manager"] if sounds else [])
-        self.managers = {name: self.vehicle.start(nodelet, "manager", f"__name:={name}") for name in managers}
+        self.managers = {name: self.vehicle.start(program("nodelet", "nodelet"), "manager", f"__name:={name}")
+                         for name in managers}
         self._judge = self.vehicle.start("/usr/bin/python3", "-m", "pi_offload.testbed_vehicle")
         coordinator = _parameters("pi_offload", "coordinator.yaml")
         coordinator.update(vehicle="vehicle", announcements=False, keep_order=False, nodes=[
             {"id": node.id, "address": f"{self.links[node.id].address}:{PORT}", "x": node.x, "y": node.y,
              "range": node.range_m} for node in self.road.nodes])
-        self.judge("load", manager="detection_manager", kind="pi_offload/coordinator", name="coordinator",
-                   parameters=coordinator, remap={})
+        if self._deadline_s:
+            coordinator["detection"]["deadline_s"] = self._deadline_s
+            coordinator["local"]["max_waiting"] = 64  # as many may come home at once
+        self._load("detection_manager", "pi_offload/coordinator", "coordinator", coordinator)
         ssd = _parameters("pi_detect", "ssd.yaml")
         ssd.update(max_rate_hz=0.0, input_timeout_s=3600.0, check_model=False)
-        self.judge("load", manager="detection_manager", kind="pi_detect/ssd", name="ssd", parameters=ssd,
-                   remap={"image": "local/image", "detections": "local/detections", "labels": "local/labels"})
+        self._load("detection_manager", "pi_detect/ssd", "ssd", ssd, "image:=local/image",
+                   "detections:=local/detections", "labels:=local/labels")
         if sounds:
             recognizer = _parameters("pi_speech", "recognizer.yaml")
             recognizer["utterance_service"] = "recognize_utterance"
-            self.judge("load", manager="speech_manager", kind="pi_speech/recognizer", name="recognizer",
-                       parameters=recognizer, remap={})
+            self._load("speech_manager", "pi_speech/recognizer", "recognizer", recognizer)
             player = _parameters("pi_speech", "player.yaml")
             player.update(files=[str(path) for path in sounds], loop=True)
-            self.judge("load", manager="sound_manager", kind="pi_speech/player", name="player", parameters=player,
-                       remap={})
+            self._load("sound_manager", "pi_speech/player", "player", player)
         for server in self.servers.values():
             server.await_line("works at", START_S)
         self.judge("start", pictures=[str(path) for path in pictures], scenario=str(scenario))
@@ -186,13 +186,19 @@ class Bed:
         self.await_all()
         self.judge("await_detections", count=20)
 
+    def _load(self, manager, kind, name, parameters, *remap):
+        """Loads a nodelet; where that fails, its loader ends and the manager says why."""
+        self.judge("parameters", name=name, tree=parameters)
+        self._loaders.append(self.vehicle.start(program("nodelet", "nodelet"), "load", kind, manager,
+                                                f"__name:={name}", *remap))
+
     def judge(self, do, **arguments):
         """What pi_offload.testbed_vehicle has under this name. @throws ToolError"""
         self._judge.say(json.dumps({"do": do, **arguments}))
         answer = self._judge.answer(3600.0)
         if "error" in answer:
-            ended = [process for process in self.managers.values() if not process.alive()]
-            raise ToolError(f"{do}: {answer['error']}" + "".join("\n" + process.describe() for process in ended))
+            ended = [process.describe() for process in [*self._loaders, *self.managers.values()] if not process.alive()]
+            raise ToolError("\n".join([f"{do}: {answer['error']}", *ended]))
         return answer["value"]
 
     def describe(self):

@@ -11,7 +11,6 @@ import threading
 import time
 
 import nav_msgs.msg
-import nodelet.srv
 import pi_detect.msg
 import pi_offload.msg
 import pi_offload.srv
@@ -57,22 +56,17 @@ class Vehicle:
         self._decisions = []
         self._commands = []
         self._recording = False
+        self._phase_ns = [0, 0]   # begin and end; what has another stamp is none of the phase's
         self._count = 0           # of detection decisions, ever
         self._remote_row = (None, 0)
         self._publishers = {}
 
     # ------------------------------------------------------------------------------------------------------- the graph
 
-    def load(self, manager, kind, name, parameters, remap):
-        """Loads a nodelet, as roslaunch would."""
-        rospy.set_param("/" + name, parameters)
-        service = f"/{manager}/load_nodelet"
-        rospy.wait_for_service(service, WAIT_S)
-        answer = rospy.ServiceProxy(service, nodelet.srv.NodeletLoad)(
-            name="/" + name, type=kind, remap_source_args=["/" + key for key in remap],
-            remap_target_args=["/" + value for value in remap.values()], my_argv=[], bond_id="")
-        if not answer.success:
-            raise ToolError(f"nodelet {kind} was not loaded")
+    @staticmethod
+    def parameters(name, tree):
+        """Sets those of a node."""
+        rospy.set_param("/" + name, tree)
 
     def start(self, pictures, scenario):
         """Camera and odometry begin, and results are listened to."""
@@ -100,9 +94,9 @@ class Vehicle:
         for _, frame in zip(self._ticks(PICTURE_HZ), itertools.cycle(frames)):
             image = sensor_msgs.msg.Image(height=SIZE[1], width=SIZE[0], encoding="rgb8", step=3 * SIZE[0], data=frame)
             image.header.frame_id = "camera"
-            image.header.stamp = rospy.Time.now()
             with self._changed:
-                if self._recording:
+                image.header.stamp = rospy.Time.now()
+                if self._recording and self._of_phase(image.header.stamp.to_nsec()):
                     self._taken.append(image.header.stamp.to_nsec())
                     self._changed.notify_all()
             self._publishers["image"].publish(image)
@@ -122,12 +116,15 @@ class Vehicle:
         began = self._drive_began
         return self._place if began is None else self._road.at((now - began) * self._road.speed)
 
+    def _of_phase(self, stamp_ns):
+        return self._phase_ns[0] <= stamp_ns <= self._phase_ns[1]
+
     def _on_decision(self, message):
         decision = {"kind": message.kind, "stamp": message.header.stamp.to_nsec(), "node": message.node,
                     "how": message.how, "reason": message.reason, "deadline_s": message.deadline,
                     "response_s": message.response_time}
         with self._changed:
-            if self._recording:
+            if self._recording and self._of_phase(decision["stamp"]):
                 self._decisions.append(decision)
             if message.kind == "detection":
                 self._count += 1
@@ -138,9 +135,10 @@ class Vehicle:
 
     def _on_detections(self, message):
         now = rospy.Time.now()
+        stamp = message.header.stamp.to_nsec()
         with self._changed:
-            if self._recording:
-                self._results.append((message.header.stamp.to_nsec(), (now - message.header.stamp).to_sec()))
+            if self._recording and self._of_phase(stamp):
+                self._results.append((stamp, 1e-9 * (now.to_nsec() - stamp)))
                 self._changed.notify_all()
 
     def _on_command(self, message, accepted):
@@ -200,7 +198,7 @@ class Vehicle:
         """A phase begins; pictures taken from now on are its own."""
         with self._changed:
             self._taken, self._results, self._decisions, self._commands = [], [], [], []
-            self._recording = True
+            self._recording, self._phase_ns = True, [rospy.Time.now().to_nsec(), sys.maxsize]
 
     def await_pictures(self, count):
         """Until so many were taken in the phase."""
@@ -209,7 +207,8 @@ class Vehicle:
     def end(self):
         """No more pictures for the phase; waits for results that are still missing. @return all of the phase"""
         with self._changed:
-            taken = list(self._taken)
+            self._phase_ns[1] = rospy.Time.now().to_nsec()
+            taken = self._taken
             self._changed.wait_for(
                 lambda: set(taken) <= {stamp for stamp, _ in self._results}
                 and set(taken) <= {d["stamp"] for d in self._decisions}, GRACE_S)

@@ -5,17 +5,14 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "durations.h"
+
 namespace pi_offload
 {
 namespace
 {
 
 constexpr double LEAST_SPEED = 0.05;  ///< [m/s] below which the heading is where the vehicle looks
-
-double secondsBetween(int64_t from_ns, int64_t to_ns)
-{
-  return 1e-9 * static_cast<double>(to_ns - from_ns);
-}
 
 }  // namespace
 

@@ -12,6 +12,8 @@
 #include <exception>
 #include <utility>
 
+#include "durations.h"
+
 namespace pi_offload
 {
 namespace
@@ -22,11 +24,6 @@ using pi_runtime::format;
 constexpr double WATCH_PERIOD_S = 0.2;
 constexpr size_t MOST_WAITING_NODES = 256;
 constexpr double ETA_STEP = 0.005;  ///< smaller changes by the battery do not count
-
-double seconds(int64_t ns)
-{
-  return 1e-9 * static_cast<double>(ns);
-}
 
 }  // namespace
 

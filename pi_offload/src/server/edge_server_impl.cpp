@@ -5,6 +5,7 @@
 #include <exception>
 #include <optional>
 
+#include "durations.h"
 #include "server/edge_server_impl.h"
 #include "socket_tools.h"
 
@@ -15,11 +16,6 @@ namespace
 
 /// Vehicles behind one connection; a connection that brings more names is ended.
 constexpr size_t MAX_VEHICLES_PER_CONNECTION = 64;
-
-double secondsBetween(int64_t from_ns, int64_t to_ns)
-{
-  return static_cast<double>(to_ns - from_ns) * 1e-9;
-}
 
 }  // namespace
 

@@ -29,28 +29,17 @@ struct Figure
 constexpr size_t DETECTION = static_cast<size_t>(TaskKind::DETECTION);
 constexpr size_t SPEECH = static_cast<size_t>(TaskKind::SPEECH);
 
-double fallbackShare(const SimulationResult& result)
+/// Of all tasks.
+double shareOf(const SimulationResult& result, uint64_t SimulationResult::OfKind::*part)
 {
   uint64_t tasks = 0;
-  uint64_t fallbacks = 0;
+  uint64_t counted = 0;
   for (const auto& of : result.of_kind)
   {
     tasks += of.tasks;
-    fallbacks += of.fallback;
+    counted += of.*part;
   }
-  return tasks > 0 ? static_cast<double>(fallbacks) / static_cast<double>(tasks) : 0.0;
-}
-
-double remoteShare(const SimulationResult& result)
-{
-  uint64_t tasks = 0;
-  uint64_t remote = 0;
-  for (const auto& of : result.of_kind)
-  {
-    tasks += of.tasks;
-    remote += of.remote;
-  }
-  return tasks > 0 ? static_cast<double>(remote) / static_cast<double>(tasks) : 0.0;
+  return tasks > 0 ? static_cast<double>(counted) / static_cast<double>(tasks) : 0.0;
 }
 
 double leastServed(const SimulationResult& result)
@@ -76,8 +65,8 @@ const std::vector<Figure> FIGURES = {
     {"speech_missed", [](R r, double) { return r.of_kind[SPEECH].miss_share(); }},
     {"speech_p50_s", [](R r, double) { return r.of_kind[SPEECH].p50_s; }},
     {"speech_p99_s", [](R r, double) { return r.of_kind[SPEECH].p99_s; }},
-    {"remote_share", [](R r, double) { return remoteShare(r); }},
-    {"fallback_share", [](R r, double) { return fallbackShare(r); }},
+    {"remote_share", [](R r, double) { return shareOf(r, &SimulationResult::OfKind::remote); }},
+    {"fallback_share", [](R r, double) { return shareOf(r, &SimulationResult::OfKind::fallback); }},
     {"handovers", [](R r, double) { return static_cast<double>(r.handovers); }},
     {"regret", [](R r, double) { return r.regret(); }},
     {"cost_regret", [](R r, double lambda) { return r.regret(lambda); }},

@@ -63,8 +63,7 @@ class CoordinatorRos
 {
 public:
   /// Advertises, and begins to connect. @throws std::invalid_argument for wrong parameters, std::runtime_error for a
-  /// map
-  ///   file that cannot be read.
+  ///   map file that cannot be read.
   CoordinatorRos(ros::NodeHandle node, ros::NodeHandle private_node);
   ~CoordinatorRos();
   CoordinatorRos(const CoordinatorRos&) = delete;

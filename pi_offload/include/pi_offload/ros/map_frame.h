@@ -25,8 +25,7 @@ public:
 
   /// The newest transform. Empty frames count as the map.
   /// @param[out] problem  why there is none, once per frame until there is one again; empty: there is one, or it was
-  /// said.
-  ///   Nothing is said in the first second in which tf is listened to.
+  ///   said. Nothing is said in the first second in which tf is listened to.
   std::optional<Eigen::Isometry3d> from(const std::string& frame, std::string* problem);
 
   const std::string& name() const { return map_frame_; }
