@@ -147,9 +147,9 @@ struct SimulationResult
 /// waiting until the answer or the task's end), the computer's time, also for work whose result came too late.
 /// @param policy  one of policyNames(), or "oracle": for each task it tries all choices on a copy of the world and
 ///   takes the one of least energy that meets the deadline, else the vehicle. It knows the network, the others' load
-///   to come,
-///   and failures; it does not foresee the vehicles' own later tasks: what its choice does to their queue and uplink,
-///   and what theirs do to it. So it is no lower bound in the strict sense where vehicles fill the nodes by themselves.
+///   to come, and failures; it does not foresee the vehicles' own later tasks: what its choice does to their queue and
+///   uplink, and what theirs do to it. So it is no lower bound in the strict sense where vehicles fill the nodes by
+///   themselves.
 /// @throws std::invalid_argument for scenario or policy.
 SimulationResult simulate(const Scenario& scenario, const std::string& policy, uint32_t seed);
 
