@@ -323,8 +323,8 @@ TEST(ArbiterOptions, ErrorsNameSourceFieldValueAndBound)
             "arbiter.yaml: sources/b/priority = 0, must differ from that of a");
   EXPECT_EQ(errorOf("{limits: {jerk: fast}, sources: [{name: a}]}"),
             "arbiter.yaml: limits/jerk = \"fast\", must be of the right kind");
-  EXPECT_EQ(errorOf("{sources: [{name: a, prio: 1}]}").find(
-                "arbiter.yaml: sources/0/prio means nothing here; known are drives"),
+  EXPECT_EQ(errorOf("{sources: [{name: a, prio: 1}]}")
+                .find("arbiter.yaml: sources/0/prio means nothing here; known are drives"),
             0U);
   EXPECT_EQ(errorOf("[").find("arbiter.yaml: no YAML: "), 0U);
 }

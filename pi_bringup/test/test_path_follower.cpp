@@ -300,8 +300,9 @@ TEST(PathFollower, WorksWithNoisyPoses)
     }
     return sigma * sum;
   };
-  simulation.disturbance = [&noise](const Pose2& p)
-  { return Pose2{p.x + noise(0.02), p.y + noise(0.02), p.heading + noise(0.01)}; };
+  simulation.disturbance = [&noise](const Pose2& p) {
+    return Pose2{p.x + noise(0.02), p.y + noise(0.02), p.heading + noise(0.01)};
+  };
   const Drive drive = simulation.run(60.0);
   EXPECT_EQ(drive.last.state, FollowerState::DONE);
   EXPECT_LT(drive.max_cross_track, 0.25);

@@ -21,7 +21,10 @@ const char* const GREET =
     "{name: hello, label: person, range: [0.5, 3], bearing: 0.6, min_score: 0.6, persistence: 1, cooldown: 20, "
     "action: greet}";
 
-SeenThing person(int64_t id, double x, double y, double score = 0.9) { return {id, "person", score, {x, y}}; }
+SeenThing person(int64_t id, double x, double y, double score = 0.9)
+{
+  return {id, "person", score, {x, y}};
+}
 
 /// Events of 10 Hz updates with the same things, in [from, to).
 size_t events(ReactionRules& rules, int from_ms, int to_ms, const std::vector<SeenThing>& things)
@@ -85,7 +88,8 @@ TEST(ReactionRules, ShortGapsDoNotCountLongOnesDo)
 TEST(ReactionRules, SlowHoldsAndEndsAfterHold)
 {
   ReactionRules rules = engine(
-      "{name: near, label: \"*\", polygon: [[0, -1], [4, -1], [4, 1], [0, 1]], persistence: 0.2, hold: 1, min_score: 0, "
+      "{name: near, label: \"*\", polygon: [[0, -1], [4, -1], [4, 1], [0, 1]], persistence: 0.2, hold: 1, min_score: "
+      "0, "
       "action: slow, speed: 0.8}");
   const std::vector<SeenThing> things = {{1, "", 0.0, {2.0, 0.5}}};
   EXPECT_TRUE(std::isinf(rules.update(0, things).speed_limit));
@@ -164,8 +168,9 @@ TEST(ReactionRulesOptions, ErrorsNameRuleFieldValueAndBound)
             "r.yaml: rules/0/min_score = \"high\", must be a number");
   EXPECT_EQ(errorOf("{name: a, label: x, range: [0, 3], action: stop, min_score: .nan}"),
             "r.yaml: rules/a/min_score = nan, must be in [0, 1]");
-  EXPECT_EQ(errorOf("{name: a, label: x, range: [0, 3], action: stop}, {name: a, label: x, range: [0, 3], action: stop}"),
-            "r.yaml: rules/a is there twice, must be once");
+  EXPECT_EQ(
+      errorOf("{name: a, label: x, range: [0, 3], action: stop}, {name: a, label: x, range: [0, 3], action: stop}"),
+      "r.yaml: rules/a is there twice, must be once");
   EXPECT_EQ(errorOf("{name: a, label: x, range: [0, 3], action: stop, zone: 3}")
                 .find("r.yaml: rules/0/zone means nothing here; known are action, "),
             0U);

@@ -69,17 +69,17 @@ struct World
   std::vector<Mover> movers;
   SpeedGovernor governor;
   double cruise = 3.0;
-  double miss = 0.0;           ///< chance that an obstacle is not reported
-  double noise = 0.0;          ///< of positions [m]; of velocities 3 times as much [m/s]
+  double miss = 0.0;              ///< chance that an obstacle is not reported
+  double noise = 0.0;             ///< of positions [m]; of velocities 3 times as much [m/s]
   int64_t latency_ns = 150 * MS;  ///< of reports
   std::mt19937 random{1};
   int64_t now_ns = 1000 * MS;
   double time = 0.0;
   GovernorOutput output;
-  bool collided = false;       ///< while the vehicle moved
+  bool collided = false;  ///< while the vehicle moved
   double least_speed = 100.0;
   double top_speed = 0.0;
-  double hardest = 0.0;        ///< braking
+  double hardest = 0.0;  ///< braking
   int stops = 0;
 
   explicit World(double speed = 0.0) { vehicle.speed = speed; }

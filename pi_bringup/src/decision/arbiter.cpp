@@ -17,7 +17,10 @@ constexpr double MAX_STEP_S = 0.1;   // of the shaping
 constexpr double MAX_PAUSE_S = 1.0;  // a longer one is a jump of the clock, or a stall
 constexpr double FUTURE_S = 0.1;
 
-double seconds(int64_t ns) { return 1e-9 * static_cast<double>(ns); }
+double seconds(int64_t ns)
+{
+  return 1e-9 * static_cast<double>(ns);
+}
 
 bool finite(const DriveCommand& command)
 {
@@ -58,7 +61,10 @@ ArbiterOptions read(YamlSection top)
 
 }  // namespace
 
-ArbiterOptions ArbiterOptions::load(const std::string& path) { return read(YamlSection::load(path)); }
+ArbiterOptions ArbiterOptions::load(const std::string& path)
+{
+  return read(YamlSection::load(path));
+}
 
 ArbiterOptions ArbiterOptions::parse(const std::string& yaml, const std::string& name)
 {

@@ -17,7 +17,10 @@ constexpr CommandAction ACTIONS[] = {CommandAction::STOP,   CommandAction::GO,  
                                      CommandAction::LEFT,   CommandAction::RIGHT,  CommandAction::GO_TO,
                                      CommandAction::SAY,    CommandAction::HORN};
 
-double seconds(int64_t ns) { return 1e-9 * static_cast<double>(ns); }
+double seconds(int64_t ns)
+{
+  return 1e-9 * static_cast<double>(ns);
+}
 
 CommandActionsOptions read(YamlSection top)
 {
@@ -76,7 +79,10 @@ CommandActionsOptions read(YamlSection top)
 
 }  // namespace
 
-CommandActionsOptions CommandActionsOptions::load(const std::string& path) { return read(YamlSection::load(path)); }
+CommandActionsOptions CommandActionsOptions::load(const std::string& path)
+{
+  return read(YamlSection::load(path));
+}
 
 CommandActionsOptions CommandActionsOptions::parse(const std::string& yaml, const std::string& name)
 {
@@ -186,7 +192,8 @@ CommandResult CommandActions::hear(const std::string& text, double confidence, i
     return answer(CommandOutcome::DONE, quoted + ": stopped until released");
   }
   const double age = seconds(now_ns - spoken_ns);
-  if (age > options_.max_age || age < -options_.max_age || (stopped_ && spoken_ns < stopped_ns_ && now_ns >= stopped_ns_))
+  if (age > options_.max_age || age < -options_.max_age ||
+      (stopped_ && spoken_ns < stopped_ns_ && now_ns >= stopped_ns_))
   {
     return answer(CommandOutcome::IGNORED_OLD, quoted + " was said too long ago, or before the stop");
   }

@@ -11,15 +11,18 @@ namespace pi_bringup
 namespace
 {
 
-constexpr double STANDING = 0.05;      // [m/s]
-constexpr double CREEP = 0.1;          // least speed on the last bit to the goal [m/s]
-constexpr double SEARCH_BACK = 1.0;    // of the nearest place, behind the last one [m]
-constexpr double SEARCH_AHEAD = 3.0;   // likewise ahead [m]
+constexpr double STANDING = 0.05;       // [m/s]
+constexpr double CREEP = 0.1;           // least speed on the last bit to the goal [m/s]
+constexpr double SEARCH_BACK = 1.0;     // of the nearest place, behind the last one [m]
+constexpr double SEARCH_AHEAD = 3.0;    // likewise ahead [m]
 constexpr double HEADING_WEIGHT = 1.0;  // a radian turned away counts as this when the path is searched as a whole [m]
-constexpr double MAX_STEP_S = 0.2;     // longest time that ramps and blends take one update for [s]
-constexpr double SCAN_STEP = 0.2;      // of the path ahead, for the speed [m]
+constexpr double MAX_STEP_S = 0.2;      // longest time that ramps and blends take one update for [s]
+constexpr double SCAN_STEP = 0.2;       // of the path ahead, for the speed [m]
 
-double seconds(int64_t ns) { return 1e-9 * static_cast<double>(ns); }
+double seconds(int64_t ns)
+{
+  return 1e-9 * static_cast<double>(ns);
+}
 
 std::string format(const char* form, double a, double b)
 {
@@ -57,7 +60,10 @@ void PathFollowerOptions::validate() const
   check.range("jump_settle_time", jump_settle_time, 0.0, 3600.0);
 }
 
-PathFollower::PathFollower(const PathFollowerOptions& options) : options_(options) { options_.validate(); }
+PathFollower::PathFollower(const PathFollowerOptions& options) : options_(options)
+{
+  options_.validate();
+}
 
 void PathFollower::setPath(const Path& path)
 {
@@ -70,7 +76,10 @@ void PathFollower::setPath(const Path& path)
   offset_ = Pose2();
 }
 
-void PathFollower::clear() { setPath(Path()); }
+void PathFollower::clear()
+{
+  setPath(Path());
+}
 
 void PathFollower::resume()
 {
@@ -226,15 +235,15 @@ FollowerOutput PathFollower::update(const FollowerInput& input)
                             options_.localisation_timeout),
                      output);
     case FollowerStop::LOCALISATION_JUMPED:
-      return stopped(trouble, format("localisation jumped by %.2f m or %.2f rad or more", options_.jump_large,
-                                     options_.jump_large_heading),
-                     output);
+      return stopped(
+          trouble,
+          format("localisation jumped by %.2f m or %.2f rad or more", options_.jump_large, options_.jump_large_heading),
+          output);
     default:
       break;
   }
 
-  const Pose2 blended{raw_pose_.x + offset_.x, raw_pose_.y + offset_.y,
-                      wrapAngle(raw_pose_.heading + offset_.heading)};
+  const Pose2 blended{raw_pose_.x + offset_.x, raw_pose_.y + offset_.y, wrapAngle(raw_pose_.heading + offset_.heading)};
   const double age = std::max(0.0, seconds(input.now_ns - pose_stamp_ns_));
   steered_ = blended.moved(input.speed * age, input.curvature);
   have_steered_ = true;

@@ -15,9 +15,15 @@ namespace
 constexpr ReactionAction ACTIONS[] = {ReactionAction::GREET, ReactionAction::HORN, ReactionAction::SAY,
                                       ReactionAction::SLOW, ReactionAction::STOP};
 
-double seconds(int64_t ns) { return 1e-9 * static_cast<double>(ns); }
+double seconds(int64_t ns)
+{
+  return 1e-9 * static_cast<double>(ns);
+}
 
-bool once(ReactionAction action) { return action != ReactionAction::SLOW && action != ReactionAction::STOP; }
+bool once(ReactionAction action)
+{
+  return action != ReactionAction::SLOW && action != ReactionAction::STOP;
+}
 
 ReactionRule readRule(YamlSection& entry)
 {
@@ -27,8 +33,9 @@ ReactionRule readRule(YamlSection& entry)
   const bool polygon = entry.has("polygon");
   if (polygon == entry.has("range"))
   {
-    throw std::invalid_argument(entry.name(polygon ? "polygon and range are both there" : "polygon or range is missing") +
-                                ", must be one of them");
+    throw std::invalid_argument(
+        entry.name(polygon ? "polygon and range are both there" : "polygon or range is missing") +
+        ", must be one of them");
   }
   if (polygon)
   {
@@ -96,7 +103,10 @@ ReactionRulesOptions read(YamlSection top)
 
 }  // namespace
 
-ReactionRulesOptions ReactionRulesOptions::load(const std::string& path) { return read(YamlSection::load(path)); }
+ReactionRulesOptions ReactionRulesOptions::load(const std::string& path)
+{
+  return read(YamlSection::load(path));
+}
 
 ReactionRulesOptions ReactionRulesOptions::parse(const std::string& yaml, const std::string& name)
 {

@@ -21,7 +21,10 @@ constexpr double LEAST_HALF_SIZE = 0.1;  // of obstacles [m]
 constexpr double STANDING_S = 1.0;       // the way must stay free for so long after coming to a stand [s]
 constexpr double MAX_UPDATE_S = 1.0;     // a longer pause begins anew
 
-double seconds(int64_t ns) { return 1e-9 * static_cast<double>(ns); }
+double seconds(int64_t ns)
+{
+  return 1e-9 * static_cast<double>(ns);
+}
 
 /// Do two boxes overlap? Separating axes.
 bool overlap(const Pose2& a, const Eigen::Vector2d& half_a, const Pose2& b, const Eigen::Vector2d& half_b)
@@ -79,7 +82,10 @@ void SpeedGovernorOptions::validate() const
   check.range("obstacles_timeout", obstacles_timeout, 0.02, 60.0);
 }
 
-SpeedGovernor::SpeedGovernor(const SpeedGovernorOptions& options) : options_(options) { options_.validate(); }
+SpeedGovernor::SpeedGovernor(const SpeedGovernorOptions& options) : options_(options)
+{
+  options_.validate();
+}
 
 void SpeedGovernor::reset()
 {
@@ -302,13 +308,11 @@ GovernorOutput SpeedGovernor::update(const GovernorInput& input)
   }
 
   // Obstacles, in base_link now.
-  known_.erase(std::remove_if(known_.begin(), known_.end(),
-                              [this, &input](const Known& known)
-                              {
-                                return known.seen_ns < report_ns_ &&
-                                       seconds(input.now_ns - known.seen_ns) > options_.memory;
-                              }),
-               known_.end());
+  known_.erase(
+      std::remove_if(known_.begin(), known_.end(),
+                     [this, &input](const Known& known)
+                     { return known.seen_ns < report_ns_ && seconds(input.now_ns - known.seen_ns) > options_.memory; }),
+      known_.end());
   const Pose2 T_base_reckoned = track_.back().second.inverse();
   const double speed = std::max(0.0, input.speed);
   std::vector<Local> obstacles;
@@ -357,8 +361,8 @@ GovernorOutput SpeedGovernor::update(const GovernorInput& input)
     for (double v = 0.0; v <= allowed + 1e-9; v += SPEED_STEP)
     {
       const double gap = options_.stop_gap + options_.headway * v;
-      if (!brakes(obstacle, v, options_.deceleration, obstacle.moving ? gap : options_.stop_gap,
-                  obstacle.margin, false) ||
+      if (!brakes(obstacle, v, options_.deceleration, obstacle.moving ? gap : options_.stop_gap, obstacle.margin,
+                  false) ||
           (obstacle.moving && !brakes(obstacle, v, options_.emergency_deceleration, 0.0, least, true)))
       {
         break;

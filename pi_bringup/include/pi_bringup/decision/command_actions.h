@@ -27,7 +27,7 @@ enum class CommandAction
 
 struct SpokenCommand
 {
-  std::string text;             ///< as recognised: lower case, one space between words
+  std::string text;  ///< as recognised: lower case, one space between words
   CommandAction action = CommandAction::STOP;
   double min_confidence = 0.5;  ///< in [0, 1]; fainter ones are ignored
   std::string argument;         ///< GO_TO: the place; SAY: what; else empty
@@ -35,12 +35,12 @@ struct SpokenCommand
 
 struct CommandActionsOptions
 {
-  bool confirm_release = false;   ///< a latched stop ends only by GO and then CONFIRM
-  double confirm_timeout = 5.0;   ///< [s] for the CONFIRM
-  double max_age = 2.0;           ///< older commands are ignored, except STOP [s]
-  double max_speed = 3.0;         ///< bound at the start and at most [m/s]
-  double min_speed = 0.5;         ///< least bound that SLOWER leads to [m/s]
-  double speed_step = 0.5;        ///< of SLOWER and FASTER [m/s]
+  bool confirm_release = false;  ///< a latched stop ends only by GO and then CONFIRM
+  double confirm_timeout = 5.0;  ///< [s] for the CONFIRM
+  double max_age = 2.0;          ///< older commands are ignored, except STOP [s]
+  double max_speed = 3.0;        ///< bound at the start and at most [m/s]
+  double min_speed = 0.5;        ///< least bound that SLOWER leads to [m/s]
+  double speed_step = 0.5;       ///< of SLOWER and FASTER [m/s]
   std::vector<SpokenCommand> commands;
   std::map<std::string, Pose2> places;  ///< T_map_place
 

@@ -22,8 +22,8 @@ struct PathPoint
 /// Where a pose lies beside a path.
 struct PathProjection
 {
-  double s = 0.0;            ///< of the nearest point, in [0, length] [m]
-  double cross_track = 0.0;  ///< of the pose, left of the path positive [m]
+  double s = 0.0;              ///< of the nearest point, in [0, length] [m]
+  double cross_track = 0.0;    ///< of the pose, left of the path positive [m]
   double heading_error = 0.0;  ///< heading of the pose less that of the path, in [-pi, pi] [rad]
 };
 

@@ -34,7 +34,8 @@ struct PathFollowerOptions
   double jump_large = 1.0;                ///< from here on the vehicle stops [m]
   double jump_large_heading = 0.35;       ///< likewise [rad]
   double jump_blend_time = 1.0;           ///< time constant with which a small jump is taken over [s]
-  double jump_settle_time = 2.0;  ///< goes on after a large jump when poses have agreed for so long; 0: only by resume() [s]
+  double jump_settle_time =
+      2.0;  ///< goes on after a large jump when poses have agreed for so long; 0: only by resume() [s]
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;

@@ -7,7 +7,10 @@ namespace pi_bringup
 {
 
 /// Brings an angle into [-pi, pi]. NaN stays NaN.
-inline double wrapAngle(double angle) { return std::remainder(angle, 2.0 * M_PI); }
+inline double wrapAngle(double angle)
+{
+  return std::remainder(angle, 2.0 * M_PI);
+}
 
 /// A pose on the ground: T_a_b, which maps coordinates of b into a.
 struct Pose2

@@ -32,8 +32,9 @@ struct ReactionRule
   double min_score = 0.5;                ///< in [0, 1]
   double persistence = 0.3;              ///< in the zone for so long, before it acts [s]
   double gap = 0.3;                      ///< unseen for so long does not count as gone [s]
-  double cooldown = 0.0;  ///< not again so soon, for nothing: GREET, HORN, SAY; in any case once per thing while it stays [s]
-  double hold = 0.5;      ///< SLOW, STOP: kept for so long after the last thing left [s]
+  double cooldown =
+      0.0;  ///< not again so soon, for nothing: GREET, HORN, SAY; in any case once per thing while it stays [s]
+  double hold = 0.5;  ///< SLOW, STOP: kept for so long after the last thing left [s]
   ReactionAction action = ReactionAction::SLOW;
   std::string text;    ///< of SAY
   double speed = 0.0;  ///< of SLOW [m/s]

@@ -70,7 +70,7 @@ struct ObstacleBox
   Eigen::Vector2d position = Eigen::Vector2d::Zero();  ///< centre, in base_link at the stamp [m]
   Eigen::Vector2d size = Eigen::Vector2d::Zero();      ///< along the axes of base_link [m]
   Eigen::Vector2d velocity = Eigen::Vector2d::Zero();  ///< over the ground, in the axes of base_link [m/s]
-  bool moving = true;  ///< the velocity means something; false: taken as standing
+  bool moving = true;                                  ///< the velocity means something; false: taken as standing
 };
 
 struct GovernorInput
@@ -84,12 +84,12 @@ struct GovernorInput
 
 struct GovernorOutput
 {
-  double speed_limit = 0.0;         ///< of the speed along the way [m/s]
-  double max_deceleration = 0.0;    ///< to brake with [m/s^2]
-  bool emergency = false;           ///< comfortable braking would not do: speed_limit is 0
-  int64_t obstacle_id = -1;         ///< that sets the limit; -1: none does
+  double speed_limit = 0.0;       ///< of the speed along the way [m/s]
+  double max_deceleration = 0.0;  ///< to brake with [m/s^2]
+  bool emergency = false;         ///< comfortable braking would not do: speed_limit is 0
+  int64_t obstacle_id = -1;       ///< that sets the limit; -1: none does
   double time_to_collision = std::numeric_limits<double>::infinity();  ///< along the way at the present speed [s]
-  std::string reason;               ///< for people; empty: nothing limits
+  std::string reason;                                                  ///< for people; empty: nothing limits
 };
 
 /// Limits the speed along the way ahead so that the vehicle hits nothing.
@@ -97,11 +97,11 @@ struct GovernorOutput
 /// Every obstacle is predicted with constant velocity from its stamp on; the outline with margin is moved along the
 /// way. A speed is allowed if driving it for the reaction time and then braking comfortably touches no prediction, with
 /// a gap ahead that grows with the speed (this stops before standing things, follows slower ones, lets crossing ones
-/// pass and waits for oncoming ones), and if emergency braking also suffices should a moving obstacle stop dead where it
-/// is. Otherwise the present speed is kept if that passes clear of all predictions with pass_time_margin.
-/// Emergency: the time to collision is below what comfortable braking takes, that is, it would end in contact.
-/// An obstacle is remembered for `memory` when reports miss it, moving on as last seen. What is wholly behind the
-/// vehicle is no concern: it only drives forwards.
+/// pass and waits for oncoming ones), and if emergency braking also suffices should a moving obstacle stop dead where
+/// it is. Otherwise the present speed is kept if that passes clear of all predictions with pass_time_margin. Emergency:
+/// the time to collision is below what comfortable braking takes, that is, it would end in contact. An obstacle is
+/// remembered for `memory` when reports miss it, moving on as last seen. What is wholly behind the vehicle is no
+/// concern: it only drives forwards.
 ///
 /// Obstacles are carried along by dead reckoning from measured speed and curvature, so that their latency is made up
 /// for. Not thread safe; time comes in as numbers only.
@@ -145,8 +145,7 @@ private:
   Pose2 poseAt(int64_t stamp_ns) const;
   bool touches(const Local& obstacle, double at_s, const Pose2& vehicle, double extra_front, double margin) const;
   Pose2 alongWay(double s) const;
-  bool brakes(const Local& obstacle, double speed, double deceleration, double gap, double margin,
-              bool frozen) const;
+  bool brakes(const Local& obstacle, double speed, double deceleration, double gap, double margin, bool frozen) const;
   bool passes(const Local& obstacle, double speed) const;
   double timeToCollision(const Local& obstacle, double speed) const;
   double clearance(const Local& obstacle) const;
