@@ -17,6 +17,7 @@ SSH_PORT, WIREGUARD_PORT = 2222, 51820
 HERE_IS_THERE, THERE_IS_HERE = 18814, 18815  # on edge_a the bridge of vehicle, and the other way round
 COUNT, SIZE = 40, 200000
 TCP, UDP = 6, 17
+SNIFFED = 512 << 20  # more than any test sends: the reading thread may get no processor time while it does
 SO_RCVBUFFORCE, SOL_PACKET, PACKET_STATISTICS = 33, 263, 6  # socket.h and if_packet.h of Linux; not in Python's socket
 
 
@@ -26,7 +27,7 @@ class Sniffer:
     def __init__(self, router):
         with router.entered():
             self._socket = socket.socket(socket.AF_PACKET, socket.SOCK_DGRAM, socket.htons(3))  # ETH_P_ALL
-        self._socket.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, 16 << 20)
+        self._socket.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, SNIFFED)
         self._socket.settimeout(0.05)
         self._flows = collections.Counter()
         self._ended = threading.Event()
@@ -185,7 +186,7 @@ class BridgeTunnel(device_testbed.DeviceTest):
         volume = 2 * copies * COUNT * SIZE  # twice: into the router and out of it
         inside = of_port(flows, protocol, port)
         self.assertGreater(inside, volume, flows)
-        self.assertLess(inside, 1.25 * volume, flows)
+        self.assertLess(inside, 1.45 * volume, flows)  # a busy machine loses packets and repeats them; a copy more is 1.5
         self.assertEqual(of_port(flows, TCP, devices.BRIDGE_PORT), 0, flows)
         self.assertLess(sum(flows.values()) - inside, 0.02 * volume, flows)  # the ROS master, outside the tunnel
         if self.preload:
