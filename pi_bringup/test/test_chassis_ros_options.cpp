@@ -2,12 +2,9 @@
 
 #include <gtest/gtest.h>
 #include <pi_bringup/ros/chassis_ros_options.h>
-#include <pi_runtime/test_support/yaml_parameters.h>
+#include <pi_runtime/test_support/options_reader.h>
 
-#include <set>
-#include <stdexcept>
 #include <string>
-#include <vector>
 
 namespace pi_bringup
 {
@@ -16,32 +13,11 @@ using namespace pi_runtime::test_support;
 namespace
 {
 
-std::string refusal(const std::string& yaml)
-{
-  try
-  {
-    std::vector<std::string> unknown;
-    ChassisRosOptions::fromParameters(fromYaml(YAML::Load(yaml)), "/chassis/", &unknown);
-  }
-  catch (const std::invalid_argument& error)
-  {
-    return error.what();
-  }
-  return "";
-}
+const OptionsReader<ChassisRosOptions> reader("/chassis/");
 
 TEST(ChassisRosOptions, DefaultsAreThoseOfTheYamlFile)
 {
-  const XmlRpc::XmlRpcValue yaml = fromYaml(YAML::LoadFile(CHASSIS_YAML));
-  std::vector<std::string> unknown;
-  const ChassisRosOptions options = ChassisRosOptions::fromParameters(yaml, "", &unknown);
-  EXPECT_EQ(std::vector<std::string>(), unknown);
-  EXPECT_EQ(ChassisRosOptions().toText(), options.toText());
-  std::set<std::string> in_file;
-  std::set<std::string> in_code;
-  collectNames(yaml, "", &in_file);
-  collectNames(ChassisRosOptions().toParameters(), "", &in_code);
-  EXPECT_EQ(in_code, in_file);
+  reader.expectDefaultsOf(CHASSIS_YAML);
 }
 
 TEST(ChassisRosOptions, ParametersComeBackAsTheyWere)
@@ -52,7 +28,7 @@ TEST(ChassisRosOptions, ParametersComeBackAsTheyWere)
   options.driver.host.motion_timeout_s = 0.5;
   options.driver.host.limits.speed = 1.5;
   options.publish_tf = true;
-  std::vector<std::string> unknown;
+  Names unknown;
   const ChassisRosOptions again = ChassisRosOptions::fromParameters(options.toParameters(), "", &unknown);
   EXPECT_EQ(options.toText(), again.toText());
   EXPECT_NE(ChassisRosOptions().toText(), again.toText());
@@ -60,20 +36,22 @@ TEST(ChassisRosOptions, ParametersComeBackAsTheyWere)
 
 TEST(ChassisRosOptions, NamesUnknownParameters)
 {
-  std::vector<std::string> unknown;
+  Names unknown;
   ChassisRosOptions::fromParameters(fromYaml(YAML::Load("{baud: 1, limits: {jerk: 2}}")), "/chassis/", &unknown);
-  EXPECT_EQ((std::vector<std::string>{"/chassis/baud", "/chassis/limits/jerk"}), unknown);
+  EXPECT_EQ((Names{"/chassis/baud", "/chassis/limits/jerk"}), unknown);
 }
 
 TEST(ChassisRosOptions, NamesParameterValueAndBound)
 {
-  EXPECT_EQ("parameter /chassis/command_period_s = 0.1, must be in [0.002, 0.05]", refusal("command_period_s: 0.1"));
-  EXPECT_EQ("parameter /chassis/limits/speed = 0, must be in [0.01, 30]", refusal("limits: {speed: 0}"));
-  EXPECT_EQ("parameter /chassis/motion_timeout_s = soon, must be a number", refusal("motion_timeout_s: soon"));
-  EXPECT_EQ(0u, refusal("baud_rate: 1234").find("parameter /chassis/baud_rate = 1234, must be one of 9600"));
-  EXPECT_EQ(0u, refusal("port: \"\"").find("parameter /chassis/port = \"\", must be a path"));
-  EXPECT_EQ("parameter /chassis/odometry/speed_error = -1, must be in [0, 10]", refusal("odometry: {speed_error: -1}"));
-  EXPECT_EQ("parameter /chassis/odom_frame = \"\", must be a name", refusal("odom_frame: \"\""));
+  EXPECT_EQ("parameter /chassis/command_period_s = 0.1, must be in [0.002, 0.05]",
+            reader.refusal("command_period_s: 0.1"));
+  EXPECT_EQ("parameter /chassis/limits/speed = 0, must be in [0.01, 30]", reader.refusal("limits: {speed: 0}"));
+  EXPECT_EQ("parameter /chassis/motion_timeout_s = soon, must be a number", reader.refusal("motion_timeout_s: soon"));
+  EXPECT_EQ(0u, reader.refusal("baud_rate: 1234").find("parameter /chassis/baud_rate = 1234, must be one of 9600"));
+  EXPECT_EQ(0u, reader.refusal("port: \"\"").find("parameter /chassis/port = \"\", must be a path"));
+  EXPECT_EQ("parameter /chassis/odometry/speed_error = -1, must be in [0, 10]",
+            reader.refusal("odometry: {speed_error: -1}"));
+  EXPECT_EQ("parameter /chassis/odom_frame = \"\", must be a name", reader.refusal("odom_frame: \"\""));
 }
 
 }  // namespace

@@ -2,12 +2,10 @@
 
 #include <gtest/gtest.h>
 #include <pi_detect/ros/ssd_ros_options.h>
-#include <pi_runtime/test_support/yaml_parameters.h>
+#include <pi_runtime/test_support/options_reader.h>
 
 #include <algorithm>
-#include <stdexcept>
 #include <string>
-#include <vector>
 
 namespace pi_detect
 {
@@ -15,30 +13,6 @@ namespace pi_detect
 using namespace pi_runtime::test_support;
 namespace
 {
-
-SsdRosOptions load(const std::string& yaml, std::vector<std::string>* unknown)
-{
-  return SsdRosOptions::fromParameters(fromYaml(YAML::Load(yaml)), "/ssd/", unknown);
-}
-
-SsdRosOptions load(const std::string& yaml)
-{
-  std::vector<std::string> unknown;
-  return load(yaml, &unknown);
-}
-
-std::string refusal(const std::string& yaml)
-{
-  try
-  {
-    load(yaml);
-  }
-  catch (const std::invalid_argument& error)
-  {
-    return error.what();
-  }
-  return "";
-}
 
 ModelDescription makeModel()
 {
@@ -49,18 +23,11 @@ ModelDescription makeModel()
   return model;
 }
 
+const OptionsReader<SsdRosOptions> reader("/ssd/");
+
 TEST(SsdRosOptions, DefaultsAreThoseOfTheYamlFile)
 {
-  const XmlRpc::XmlRpcValue yaml = fromYaml(YAML::LoadFile(SSD_YAML));
-  std::vector<std::string> unknown;
-  const SsdRosOptions options = SsdRosOptions::fromParameters(yaml, "", &unknown);
-  EXPECT_EQ(std::vector<std::string>(), unknown);
-  EXPECT_EQ(SsdRosOptions().toText(), options.toText());
-  std::set<std::string> in_file;
-  std::set<std::string> in_code;
-  collectNames(yaml, "", &in_file);
-  collectNames(SsdRosOptions().toParameters(), "", &in_code);
-  EXPECT_EQ(in_code, in_file);
+  reader.expectDefaultsOf(SSD_YAML);
 }
 
 TEST(SsdRosOptions, ParametersComeBackAsTheyWere)
@@ -73,9 +40,9 @@ TEST(SsdRosOptions, ParametersComeBackAsTheyWere)
   options.detector.filter.classes = {"person", "traffic light"};
   options.tracker.confirm_hits = 5;
   options.use_runtime = !options.use_runtime;
-  std::vector<std::string> unknown;
+  Names unknown;
   const SsdRosOptions again = SsdRosOptions::fromParameters(options.toParameters(), "", &unknown);
-  EXPECT_EQ(std::vector<std::string>(), unknown);
+  EXPECT_EQ(Names(), unknown);
   EXPECT_EQ(options.toText(), again.toText());
   EXPECT_NE(SsdRosOptions().toText(), again.toText());
   EXPECT_EQ(options.detector.filter.class_thresholds, again.detector.filter.class_thresholds);
@@ -83,34 +50,35 @@ TEST(SsdRosOptions, ParametersComeBackAsTheyWere)
 
 TEST(SsdRosOptions, NamesUnknownParameters)
 {
-  std::vector<std::string> unknown;
-  load("{tracker: {high: 0.5}, treshold: 0.3, class_thresholds: {person: 0.4}}", &unknown);
-  EXPECT_EQ((std::vector<std::string>{"/ssd/tracker/high", "/ssd/treshold"}), unknown);
+  Names unknown;
+  reader.load("{tracker: {high: 0.5}, treshold: 0.3, class_thresholds: {person: 0.4}}", &unknown);
+  EXPECT_EQ((Names{"/ssd/tracker/high", "/ssd/treshold"}), unknown);
 }
 
 TEST(SsdRosOptions, NamesParameterValueAndBound)
 {
-  EXPECT_EQ(0u, refusal("model: models/a.yaml").find("parameter /ssd/model = \"models/a.yaml\", must be an absolute"));
-  EXPECT_EQ("parameter /ssd/target = \"cuda\", must be cpu, opencl or opencl_fp16", refusal("target: cuda"));
-  EXPECT_EQ("parameter /ssd/max_rate_hz = -1, must be in [0, 1000]", refusal("max_rate_hz: -1"));
-  EXPECT_EQ("parameter /ssd/always_on = 1, must be true or false", refusal("always_on: 1"));
-  EXPECT_EQ("parameter /ssd/input_timeout_s = 0, must be in (0, 3600]", refusal("input_timeout_s: 0"));
-  EXPECT_EQ(0u, refusal("class_thresholds: [0.5]").find("parameter /ssd/class_thresholds = "));
+  EXPECT_EQ(
+      0u, reader.refusal("model: models/a.yaml").find("parameter /ssd/model = \"models/a.yaml\", must be an absolute"));
+  EXPECT_EQ("parameter /ssd/target = \"cuda\", must be cpu, opencl or opencl_fp16", reader.refusal("target: cuda"));
+  EXPECT_EQ("parameter /ssd/max_rate_hz = -1, must be in [0, 1000]", reader.refusal("max_rate_hz: -1"));
+  EXPECT_EQ("parameter /ssd/always_on = 1, must be true or false", reader.refusal("always_on: 1"));
+  EXPECT_EQ("parameter /ssd/input_timeout_s = 0, must be in (0, 3600]", reader.refusal("input_timeout_s: 0"));
+  EXPECT_EQ(0u, reader.refusal("class_thresholds: [0.5]").find("parameter /ssd/class_thresholds = "));
   EXPECT_EQ("parameter /ssd/class_thresholds/person = high, must be a number",
-            refusal("class_thresholds: {person: high}"));
-  EXPECT_EQ("parameter /ssd/classes = person, must be a list of texts", refusal("classes: person"));
+            reader.refusal("class_thresholds: {person: high}"));
+  EXPECT_EQ("parameter /ssd/classes = person, must be a list of texts", reader.refusal("classes: person"));
   // Bounds of the core come under their names as well.
-  EXPECT_EQ(0u, refusal("score_threshold: 1.5").find("parameter /ssd/score_threshold = 1.5"))
-      << refusal("score_threshold: 1.5");
-  EXPECT_EQ(0u, refusal("tracker: {low_score: -1}").find("parameter /ssd/tracker/low_score = -1"))
-      << refusal("tracker: {low_score: -1}");
+  EXPECT_EQ(0u, reader.refusal("score_threshold: 1.5").find("parameter /ssd/score_threshold = 1.5"))
+      << reader.refusal("score_threshold: 1.5");
+  EXPECT_EQ(0u, reader.refusal("tracker: {low_score: -1}").find("parameter /ssd/tracker/low_score = -1"))
+      << reader.refusal("tracker: {low_score: -1}");
 }
 
 TEST(SsdRosOptions, ThresholdsAreTheUsersThenTheModels)
 {
   const ModelDescription model = makeModel();
-  EXPECT_FLOAT_EQ(0.45F, load("{}").detector.filter.thresholds(model).at(1));
-  const SsdRosOptions options = load("{score_threshold: 0.6, class_thresholds: {traffic light: 0.7}}");
+  EXPECT_FLOAT_EQ(0.45F, reader.load("{}").detector.filter.thresholds(model).at(1));
+  const SsdRosOptions options = reader.load("{score_threshold: 0.6, class_thresholds: {traffic light: 0.7}}");
   const std::map<int, float> thresholds = options.detector.filter.thresholds(model);
   EXPECT_FLOAT_EQ(0.6F, thresholds.at(1));
   EXPECT_FLOAT_EQ(0.7F, thresholds.at(3));
@@ -119,14 +87,14 @@ TEST(SsdRosOptions, ThresholdsAreTheUsersThenTheModels)
 
 TEST(SsdRosOptions, DetectorRunsWithTheTrackersThresholdIfThatIsLower)
 {
-  const SsdRosOptions options =
-      load("{score_threshold: 0.6, class_thresholds: {person: 0.1, traffic light: 0.7}, tracker: {low_score: 0.2}}");
+  const SsdRosOptions options = reader.load(
+      "{score_threshold: 0.6, class_thresholds: {person: 0.1, traffic light: 0.7}, tracker: {low_score: 0.2}}");
   const DetectionFilter filter = options.detectorOptions(makeModel()).filter;
   EXPECT_FLOAT_EQ(0.2F, filter.score_threshold);
   EXPECT_FLOAT_EQ(0.1F, filter.class_thresholds.at("person"));
   EXPECT_FLOAT_EQ(0.2F, filter.class_thresholds.at("traffic light"));
   // 0 would be the model's own threshold.
-  EXPECT_GT(load("tracker: {low_score: 0}").detectorOptions(makeModel()).filter.score_threshold, 0.0F);
+  EXPECT_GT(reader.load("tracker: {low_score: 0}").detectorOptions(makeModel()).filter.score_threshold, 0.0F);
 }
 
 }  // namespace

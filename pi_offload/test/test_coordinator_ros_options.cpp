@@ -2,13 +2,10 @@
 
 #include <gtest/gtest.h>
 #include <pi_offload/ros/coordinator_ros_options.h>
-#include <pi_runtime/test_support/yaml_parameters.h>
+#include <pi_runtime/test_support/options_reader.h>
 
 #include <cmath>
-#include <set>
-#include <stdexcept>
 #include <string>
-#include <vector>
 
 namespace pi_offload
 {
@@ -17,49 +14,11 @@ using namespace pi_runtime::test_support;
 namespace
 {
 
-using Names = std::vector<std::string>;
-
-CoordinatorRosOptions load(const std::string& yaml, Names* unknown)
-{
-  return CoordinatorRosOptions::fromParameters(fromYaml(YAML::Load(yaml)), "/coordinator/", unknown);
-}
-
-CoordinatorRosOptions load(const std::string& yaml)
-{
-  Names unknown;
-  return load(yaml, &unknown);
-}
-
-std::string refusal(const std::string& yaml)
-{
-  try
-  {
-    load(yaml);
-  }
-  catch (const std::invalid_argument& error)
-  {
-    return error.what();
-  }
-  return "";
-}
-
-bool begins(const std::string& text, const std::string& beginning)
-{
-  return text.rfind(beginning, 0) == 0;
-}
+const OptionsReader<CoordinatorRosOptions> reader("/coordinator/");
 
 TEST(CoordinatorRosOptions, DefaultsAreThoseOfTheYamlFile)
 {
-  const XmlRpc::XmlRpcValue yaml = fromYaml(YAML::LoadFile(COORDINATOR_YAML));
-  Names unknown;
-  const CoordinatorRosOptions options = CoordinatorRosOptions::fromParameters(yaml, "", &unknown);
-  EXPECT_EQ(Names(), unknown);
-  EXPECT_EQ(CoordinatorRosOptions().toText(), options.toText());
-  std::set<std::string> in_file;
-  std::set<std::string> in_code;
-  collectNames(yaml, "", &in_file);
-  collectNames(CoordinatorRosOptions().toParameters(), "", &in_code);
-  EXPECT_EQ(in_code, in_file);
+  reader.expectDefaultsOf(COORDINATOR_YAML);
 }
 
 TEST(CoordinatorRosOptions, ParametersComeBackAsTheyWere)
@@ -91,7 +50,7 @@ TEST(CoordinatorRosOptions, ParametersComeBackAsTheyWere)
 TEST(CoordinatorRosOptions, ReadsNodes)
 {
   const CoordinatorRosOptions options =
-      load("nodes: [{id: a, address: 'h:1', x: 3, y: 4.5, range: 60}, {id: b, address: 'h:2'}]");
+      reader.load("nodes: [{id: a, address: 'h:1', x: 3, y: 4.5, range: 60}, {id: b, address: 'h:2'}]");
   ASSERT_EQ(2u, options.nodes.size());
   EXPECT_EQ(3.0, options.nodes[0].position.x);
   EXPECT_EQ(60.0, options.nodes[0].range_m);
@@ -102,48 +61,50 @@ TEST(CoordinatorRosOptions, ReadsNodes)
 TEST(CoordinatorRosOptions, NamesUnknownParameters)
 {
   Names unknown;
-  load("{policy: {nam: local}, deadline: 0.3}", &unknown);
+  reader.load("{policy: {nam: local}, deadline: 0.3}", &unknown);
   EXPECT_EQ((Names{"/coordinator/deadline", "/coordinator/policy/nam"}), unknown);
 }
 
 TEST(CoordinatorRosOptions, NamesParameterValueAndBound)
 {
   EXPECT_EQ("parameter /coordinator/picture/encoding = \"png\", must be auto, jpeg or raw",
-            refusal("picture: {encoding: png}"));
+            reader.refusal("picture: {encoding: png}"));
   EXPECT_EQ(
       "parameter /coordinator/policy/name = \"best\", must be one of local, nearest, nearest_anywhere, "
       "paper_literal, paper, deadline, expected_cost",
-      refusal("policy: {name: best}"));
-  EXPECT_EQ("parameter /coordinator/eta = 1.5, must be in [0, 1]", refusal("eta: 1.5"));
+      reader.refusal("policy: {name: best}"));
+  EXPECT_EQ("parameter /coordinator/eta = 1.5, must be in [0, 1]", reader.refusal("eta: 1.5"));
   EXPECT_EQ("parameter /coordinator/detection/deadline_s = 0, must be in [0.001, 60]",
-            refusal("detection: {deadline_s: 0}"));
+            reader.refusal("detection: {deadline_s: 0}"));
   EXPECT_EQ("parameter /coordinator/detection/local_s = -1, must be in [0.0001, 60]",
-            refusal("detection: {local_s: -1}"));
+            reader.refusal("detection: {local_s: -1}"));
   EXPECT_EQ("parameter /coordinator/battery/charge_full = 0.1, must be above charge_empty",
-            refusal("battery: {charge_full: 0.1}"));
+            reader.refusal("battery: {charge_full: 0.1}"));
   EXPECT_EQ(
       "parameter /coordinator/nodes_file = \"map.yaml\", must be an absolute path, or empty for none: a node's "
       "working folder is not its user's",
-      refusal("nodes_file: map.yaml"));
+      reader.refusal("nodes_file: map.yaml"));
   EXPECT_EQ("parameter /coordinator/nodes node 1: range = \"far\", must be a number [m], or inf",
-            refusal("nodes: [{id: a, address: 'h:1', range: far}]"));
+            reader.refusal("nodes: [{id: a, address: 'h:1', range: far}]"));
   EXPECT_EQ(
       "parameter /coordinator/nodes node 1: port means nothing here; there are id, address, x, y, range and "
       "frequency_ghz",
-      refusal("nodes: [{id: a, port: 5}]"));
+      reader.refusal("nodes: [{id: a, port: 5}]"));
   EXPECT_EQ("parameter /coordinator/nodes = 5, must be a list of maps with id, address, x, y and range",
-            refusal("nodes: 5"));
-  EXPECT_EQ("parameter /coordinator/nodes: address = \"\" of a, must be host:port", refusal("nodes: [{id: a}]"));
+            reader.refusal("nodes: 5"));
+  EXPECT_EQ("parameter /coordinator/nodes: address = \"\" of a, must be host:port", reader.refusal("nodes: [{id: a}]"));
   EXPECT_EQ("parameter /coordinator/nodes: id a comes twice, must be unique",
-            refusal("nodes: [{id: a, address: 'h:1'}, {id: a, address: 'h:2'}]"));
-  EXPECT_PRED2(begins, refusal("policy: {hysteresis: -1}"), "parameter /coordinator/policy/hysteresis = -1, must be ");
-  EXPECT_PRED2(begins, refusal("computer: {frequency_ghz: 0}"), "parameter /coordinator/computer/frequency_ghz = 0");
-  EXPECT_PRED2(begins, refusal("radio: {tail_s: -2}"), "parameter /coordinator/radio/tail_s = -2");
-  EXPECT_PRED2(begins, refusal("estimates: {memory_s: 0}"), "parameter /coordinator/estimates/memory_s = 0");
-  EXPECT_PRED2(begins, refusal("probes: {period_s: 0}"), "parameter /coordinator/probes/period_s = 0");
-  EXPECT_PRED2(begins, refusal("local: {max_waiting: 0}"), "parameter /coordinator/local/max_waiting = 0");
-  EXPECT_PRED2(begins, refusal("keep_order: 1"), "parameter /coordinator/keep_order = 1, must be true or false");
-  EXPECT_PRED2(begins, refusal("map_frame: ''"), "parameter /coordinator/map_frame = \"\", must be the name");
+            reader.refusal("nodes: [{id: a, address: 'h:1'}, {id: a, address: 'h:2'}]"));
+  EXPECT_PRED2(begins, reader.refusal("policy: {hysteresis: -1}"),
+               "parameter /coordinator/policy/hysteresis = -1, must be ");
+  EXPECT_PRED2(begins, reader.refusal("computer: {frequency_ghz: 0}"),
+               "parameter /coordinator/computer/frequency_ghz = 0");
+  EXPECT_PRED2(begins, reader.refusal("radio: {tail_s: -2}"), "parameter /coordinator/radio/tail_s = -2");
+  EXPECT_PRED2(begins, reader.refusal("estimates: {memory_s: 0}"), "parameter /coordinator/estimates/memory_s = 0");
+  EXPECT_PRED2(begins, reader.refusal("probes: {period_s: 0}"), "parameter /coordinator/probes/period_s = 0");
+  EXPECT_PRED2(begins, reader.refusal("local: {max_waiting: 0}"), "parameter /coordinator/local/max_waiting = 0");
+  EXPECT_PRED2(begins, reader.refusal("keep_order: 1"), "parameter /coordinator/keep_order = 1, must be true or false");
+  EXPECT_PRED2(begins, reader.refusal("map_frame: ''"), "parameter /coordinator/map_frame = \"\", must be the name");
 }
 
 TEST(CoordinatorRosOptions, EtaFollowsTheBattery)

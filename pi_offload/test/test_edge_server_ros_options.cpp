@@ -2,14 +2,12 @@
 
 #include <gtest/gtest.h>
 #include <pi_offload/ros/edge_server_ros_options.h>
+#include <pi_runtime/test_support/options_reader.h>
 #include <pi_runtime/test_support/temporary_folder.h>
-#include <pi_runtime/test_support/yaml_parameters.h>
 
 #include <cmath>
-#include <set>
 #include <stdexcept>
 #include <string>
-#include <vector>
 
 namespace pi_offload
 {
@@ -18,44 +16,11 @@ using namespace pi_runtime::test_support;
 namespace
 {
 
-using Names = std::vector<std::string>;
-
-EdgeServerRosOptions load(const std::string& yaml)
-{
-  Names unknown;
-  return EdgeServerRosOptions::fromParameters(fromYaml(YAML::Load(yaml)), "/edge_server/", &unknown);
-}
-
-std::string refusal(const std::string& yaml)
-{
-  try
-  {
-    load(yaml);
-  }
-  catch (const std::invalid_argument& error)
-  {
-    return error.what();
-  }
-  return "";
-}
-
-bool begins(const std::string& text, const std::string& beginning)
-{
-  return text.rfind(beginning, 0) == 0;
-}
+const OptionsReader<EdgeServerRosOptions> reader("/edge_server/");
 
 TEST(EdgeServerRosOptions, DefaultsAreThoseOfTheYamlFile)
 {
-  const XmlRpc::XmlRpcValue yaml = fromYaml(YAML::LoadFile(EDGE_SERVER_YAML));
-  Names unknown;
-  const EdgeServerRosOptions options = EdgeServerRosOptions::fromParameters(yaml, "", &unknown);
-  EXPECT_EQ(Names(), unknown);
-  EXPECT_EQ(EdgeServerRosOptions().toText(), options.toText());
-  std::set<std::string> in_file;
-  std::set<std::string> in_code;
-  collectNames(yaml, "", &in_file);
-  collectNames(EdgeServerRosOptions().toParameters(), "", &in_code);
-  EXPECT_EQ(in_code, in_file);
+  reader.expectDefaultsOf(EDGE_SERVER_YAML);
 }
 
 TEST(EdgeServerRosOptions, TheFileIsReadAsTheParametersAre)
@@ -113,26 +78,29 @@ TEST(EdgeServerRosOptions, NamesFileKeyAndValue)
 
 TEST(EdgeServerRosOptions, NamesParameterValueAndBound)
 {
-  EXPECT_PRED2(begins, refusal("admission: {workers: 0}"), "parameter /edge_server/admission/workers = 0, must be in ");
-  EXPECT_EQ("parameter /edge_server/range = \"far\", must be a number [m], or inf", refusal("range: far"));
-  EXPECT_EQ("parameter /edge_server/range = -1, must be at least 0", refusal("range: -1"));
-  EXPECT_PRED2(begins, refusal("id: a b"), "parameter /edge_server/");
-  EXPECT_PRED2(begins, refusal("address: somewhere"), "parameter /edge_server/");
-  EXPECT_PRED2(begins, refusal("detection: {model: m.yaml}"),
+  EXPECT_PRED2(begins, reader.refusal("admission: {workers: 0}"),
+               "parameter /edge_server/admission/workers = 0, must be in ");
+  EXPECT_EQ("parameter /edge_server/range = \"far\", must be a number [m], or inf", reader.refusal("range: far"));
+  EXPECT_EQ("parameter /edge_server/range = -1, must be at least 0", reader.refusal("range: -1"));
+  EXPECT_PRED2(begins, reader.refusal("id: a b"), "parameter /edge_server/");
+  EXPECT_PRED2(begins, reader.refusal("address: somewhere"), "parameter /edge_server/");
+  EXPECT_PRED2(begins, reader.refusal("detection: {model: m.yaml}"),
                "parameter /edge_server/detection/model = \"m.yaml\", must be an absolute path");
   EXPECT_EQ("parameter /edge_server/detection/target = \"gpu\", must be cpu, opencl or opencl_fp16",
-            refusal("detection: {target: gpu}"));
-  EXPECT_EQ("parameter /edge_server/speech/mode = \"open\", must be safe or closed", refusal("speech: {mode: open}"));
+            reader.refusal("detection: {target: gpu}"));
+  EXPECT_EQ("parameter /edge_server/speech/mode = \"open\", must be safe or closed",
+            reader.refusal("speech: {mode: open}"));
   EXPECT_EQ("parameter /edge_server/detection/enabled and speech/enabled = false, must be true for one at least",
-            refusal("{detection: {enabled: false}, speech: {enabled: false}}"));
-  EXPECT_PRED2(begins, refusal("drain_s: -1"), "parameter /edge_server/drain_s = -1, must be in ");
-  EXPECT_PRED2(begins, refusal("server: {max_payload_mb: 0}"), "parameter /edge_server/server/max_payload_mb = 0");
-  EXPECT_PRED2(begins, refusal("health: {port: 99999}"), "parameter /edge_server/health/port = 99999");
+            reader.refusal("{detection: {enabled: false}, speech: {enabled: false}}"));
+  EXPECT_PRED2(begins, reader.refusal("drain_s: -1"), "parameter /edge_server/drain_s = -1, must be in ");
+  EXPECT_PRED2(begins, reader.refusal("server: {max_payload_mb: 0}"),
+               "parameter /edge_server/server/max_payload_mb = 0");
+  EXPECT_PRED2(begins, reader.refusal("health: {port: 99999}"), "parameter /edge_server/health/port = 99999");
 }
 
 TEST(EdgeServerRosOptions, TheAnnouncementSaysWhereVehiclesConnect)
 {
-  EdgeServerRosOptions options = load("{id: lamp, host: 10.0.0.7, x: 3, y: 4, range: 80, map_frame: town}");
+  EdgeServerRosOptions options = reader.load("{id: lamp, host: 10.0.0.7, x: 3, y: 4, range: 80, map_frame: town}");
   EdgeNode node = options.announcement(1234);
   EXPECT_EQ("lamp", node.id);
   EXPECT_EQ("10.0.0.7:1234", node.address);
@@ -149,19 +117,20 @@ TEST(EdgeServerRosOptions, TheAnnouncementSaysWhereVehiclesConnect)
   options.id = "";
   node = options.announcement(1234);
   EXPECT_EQ(node.id + ":1234", node.address);  // the host's name
-  EXPECT_TRUE(std::isinf(load("range: inf").announcement(1).range));
+  EXPECT_TRUE(std::isinf(reader.load("range: inf").announcement(1).range));
 }
 
 TEST(EdgeServerRosOptions, TheModelsNameIsKnownBeforehand)
 {
-  EXPECT_EQ("ssd_street", load("{}").detectionModel());
-  EXPECT_EQ("", load("{detection: {enabled: false}}").detectionModel());
-  EXPECT_THROW(load("{detection: {model: /no/model.yaml}}").detectionModel(), std::runtime_error);
+  EXPECT_EQ("ssd_street", reader.load("{}").detectionModel());
+  EXPECT_EQ("", reader.load("{detection: {enabled: false}}").detectionModel());
+  EXPECT_THROW(reader.load("{detection: {model: /no/model.yaml}}").detectionModel(), std::runtime_error);
 }
 
 TEST(EdgeServerRosOptions, AFileOfCommandsThatIsNotThereIsNamed)
 {
-  const EdgeServerRosOptions options = load("{detection: {enabled: false}, speech: {commands: /no/commands.yaml}}");
+  const EdgeServerRosOptions options =
+      reader.load("{detection: {enabled: false}, speech: {commands: /no/commands.yaml}}");
   try
   {
     options.executors();

@@ -2,10 +2,9 @@
 
 #include <gtest/gtest.h>
 #include <pi_runtime/ros/runtime_ros_options.h>
-#include <yaml-cpp/yaml.h>
+#include <pi_runtime/test_support/options_reader.h>
 
 #include <map>
-#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -14,69 +13,8 @@ namespace pi_runtime
 namespace
 {
 
+using namespace test_support;
 using XmlRpc::XmlRpcValue;
-
-/// As rosparam puts a YAML file on the parameter server.
-XmlRpcValue fromYaml(const YAML::Node& node)
-{
-  XmlRpcValue value;
-  if (node.IsMap())
-  {
-    for (const auto& member : node)
-    {
-      value[member.first.as<std::string>()] = fromYaml(member.second);
-    }
-  }
-  else if (node.IsSequence())
-  {
-    value.setSize(static_cast<int>(node.size()));
-    for (size_t i = 0; i < node.size(); ++i)
-    {
-      value[static_cast<int>(i)] = fromYaml(node[i]);
-    }
-  }
-  else if (bool flag; node.Tag() != "!" && YAML::convert<bool>::decode(node, flag))
-  {
-    value = flag;
-  }
-  else if (int number; node.Tag() != "!" && YAML::convert<int>::decode(node, number))
-  {
-    value = number;
-  }
-  else if (double real; node.Tag() != "!" && YAML::convert<double>::decode(node, real))
-  {
-    value = real;
-  }
-  else
-  {
-    value = node.as<std::string>();
-  }
-  return value;
-}
-
-RuntimeRosOptions load(const std::string& yaml, std::vector<std::string>* unknown)
-{
-  return RuntimeRosOptions::fromParameters(fromYaml(YAML::Load(yaml)), "/runtime/", unknown);
-}
-
-RuntimeRosOptions load(const std::string& yaml)
-{
-  std::vector<std::string> unknown;
-  return load(yaml, &unknown);
-}
-
-std::string refusal(const std::string& yaml)
-{
-  try
-  {
-    load(yaml);
-  }
-  catch (const std::invalid_argument& error)
-  {
-    return error.what();
-  }
-  return "";
-}
 
 /// The parameters of a tree by their names, as text.
 std::map<std::string, std::string> texts(XmlRpcValue tree, const std::string& path = "")
@@ -96,11 +34,13 @@ std::map<std::string, std::string> texts(XmlRpcValue tree, const std::string& pa
   return result;
 }
 
+const OptionsReader<RuntimeRosOptions> reader("/runtime/");
+
 TEST(RuntimeRosOptions, AreThoseOfTheConfiguration)
 {
   const XmlRpcValue file = fromYaml(YAML::LoadFile(RUNTIME_YAML));
   EXPECT_EQ(texts(RuntimeRosOptions().toParameters()), texts(file));
-  std::vector<std::string> unknown;
+  Names unknown;
   const RuntimeRosOptions loaded = RuntimeRosOptions::fromParameters(file, "/runtime/", &unknown);
   EXPECT_EQ(texts(RuntimeRosOptions().toParameters()), texts(loaded.toParameters()));
   EXPECT_EQ(RuntimeOptions::defaultCacheFolder(), loaded.runtime.cache_folder);
@@ -109,14 +49,14 @@ TEST(RuntimeRosOptions, AreThoseOfTheConfiguration)
 
 TEST(RuntimeRosOptions, AreTheDefaultsWithoutParameters)
 {
-  std::vector<std::string> unknown;
+  Names unknown;
   const RuntimeRosOptions loaded = RuntimeRosOptions::fromParameters(XmlRpcValue(), "/runtime/", &unknown);
   EXPECT_EQ(texts(RuntimeRosOptions().toParameters()), texts(loaded.toParameters()));
 }
 
 TEST(RuntimeRosOptions, TakeEveryKindOfParameter)
 {
-  const RuntimeRosOptions options = load(R"(
+  const RuntimeRosOptions options = reader.load(R"(
 cpu_units: [1, 3]
 native: false
 cpu_memory: separate
@@ -156,49 +96,51 @@ tuning: [{unit: cpu0, slowdown: 2, active_power_w: 3.5}, {unit: cpu1, idle_power
 
 TEST(RuntimeRosOptions, NameParametersThatMeanNothing)
 {
-  std::vector<std::string> unknown;
-  load("{slise: 5, inter_core: {polizy: mct}, stealing: false}", &unknown);
-  EXPECT_EQ((std::vector<std::string>{"/runtime/inter_core/polizy", "/runtime/slise"}), unknown);
+  Names unknown;
+  reader.load("{slise: 5, inter_core: {polizy: mct}, stealing: false}", &unknown);
+  EXPECT_EQ((Names{"/runtime/inter_core/polizy", "/runtime/slise"}), unknown);
 }
 
 TEST(RuntimeRosOptions, NameParameterValueAndBoundOfWhatIsImpossible)
 {
-  EXPECT_EQ("parameter /runtime/max_tasks = 0, must be at least 1", refusal("max_tasks: 0"));
-  EXPECT_EQ("parameter /runtime/max_task_memory_mb = -1, must be at least 1", refusal("max_task_memory_mb: -1"));
-  EXPECT_EQ("parameter /runtime/max_kept_buffer_mb = -1, must be at least 0", refusal("max_kept_buffer_mb: -1"));
-  EXPECT_EQ("parameter /runtime/max_kept_reports = 0, must be at least 1", refusal("max_kept_reports: 0"));
-  EXPECT_EQ("parameter /runtime/report_keep_s = 0, must be in (0, 1e6]", refusal("report_keep_s: 0.0"));
-  EXPECT_EQ("parameter /runtime/max_waiting_calls = 257, must be in [0, 256]", refusal("max_waiting_calls: 257"));
-  EXPECT_EQ("parameter /runtime/diagnostic_period = 0, must be in (0, 1e6]", refusal("diagnostic_period: 0"));
-  EXPECT_EQ("parameter /runtime/slice = 0 us, must be above 0", refusal("slice: 0"));
-  EXPECT_EQ("parameter /runtime/trace_capacity = -1, must be at least 0", refusal("trace_capacity: -1"));
-  EXPECT_EQ("parameter /runtime/inter_core/alpha = 0, must be finite and > 0", refusal("inter_core: {alpha: 0.0}"));
-  EXPECT_EQ("parameter /runtime/cpu_units: a unit of 0 cores, must be at least 1", refusal("cpu_units: [1, 0]"));
+  EXPECT_EQ("parameter /runtime/max_tasks = 0, must be at least 1", reader.refusal("max_tasks: 0"));
+  EXPECT_EQ("parameter /runtime/max_task_memory_mb = -1, must be at least 1", reader.refusal("max_task_memory_mb: -1"));
+  EXPECT_EQ("parameter /runtime/max_kept_buffer_mb = -1, must be at least 0", reader.refusal("max_kept_buffer_mb: -1"));
+  EXPECT_EQ("parameter /runtime/max_kept_reports = 0, must be at least 1", reader.refusal("max_kept_reports: 0"));
+  EXPECT_EQ("parameter /runtime/report_keep_s = 0, must be in (0, 1e6]", reader.refusal("report_keep_s: 0.0"));
+  EXPECT_EQ("parameter /runtime/max_waiting_calls = 257, must be in [0, 256]",
+            reader.refusal("max_waiting_calls: 257"));
+  EXPECT_EQ("parameter /runtime/diagnostic_period = 0, must be in (0, 1e6]", reader.refusal("diagnostic_period: 0"));
+  EXPECT_EQ("parameter /runtime/slice = 0 us, must be above 0", reader.refusal("slice: 0"));
+  EXPECT_EQ("parameter /runtime/trace_capacity = -1, must be at least 0", reader.refusal("trace_capacity: -1"));
+  EXPECT_EQ("parameter /runtime/inter_core/alpha = 0, must be finite and > 0",
+            reader.refusal("inter_core: {alpha: 0.0}"));
+  EXPECT_EQ("parameter /runtime/cpu_units: a unit of 0 cores, must be at least 1", reader.refusal("cpu_units: [1, 0]"));
 }
 
 TEST(RuntimeRosOptions, NameParametersOfTheWrongType)
 {
-  EXPECT_EQ("parameter /runtime/native = 1, must be true or false", refusal("native: 1"));
-  EXPECT_EQ("parameter /runtime/slice = fast, must be a whole number", refusal("slice: fast"));
-  EXPECT_EQ("parameter /runtime/report_keep_s = long, must be a number", refusal("report_keep_s: long"));
-  EXPECT_EQ("parameter /runtime/etc_file = 5, must be a text", refusal("etc_file: 5"));
-  EXPECT_EQ("parameter /runtime/cpu_units = 2, must be a list", refusal("cpu_units: 2"));
+  EXPECT_EQ("parameter /runtime/native = 1, must be true or false", reader.refusal("native: 1"));
+  EXPECT_EQ("parameter /runtime/slice = fast, must be a whole number", reader.refusal("slice: fast"));
+  EXPECT_EQ("parameter /runtime/report_keep_s = long, must be a number", reader.refusal("report_keep_s: long"));
+  EXPECT_EQ("parameter /runtime/etc_file = 5, must be a text", reader.refusal("etc_file: 5"));
+  EXPECT_EQ("parameter /runtime/cpu_units = 2, must be a list", reader.refusal("cpu_units: 2"));
 }
 
 TEST(RuntimeRosOptions, ListTheNamesThatAreKnown)
 {
   EXPECT_EQ("parameter /runtime/cpu_memory: memory \"fast\" is unknown, must be direct, mapped or separate",
-            refusal("cpu_memory: fast"));
-  EXPECT_NE(std::string::npos, refusal("inter_core: {policy: best}").find("/runtime/inter_core/policy: "));
-  EXPECT_NE(std::string::npos, refusal("inter_core: {policy: best}").find("diff_min"));
+            reader.refusal("cpu_memory: fast"));
+  EXPECT_NE(std::string::npos, reader.refusal("inter_core: {policy: best}").find("/runtime/inter_core/policy: "));
+  EXPECT_NE(std::string::npos, reader.refusal("inter_core: {policy: best}").find("diff_min"));
 }
 
 TEST(RuntimeRosOptions, RefuseTuningOfNoUnitOrOfAnUnknownKind)
 {
   EXPECT_NE(std::string::npos,
-            refusal("tuning: [{slowdown: 2.0}]").find("/runtime/tuning has an entry without a unit"));
-  EXPECT_NE(std::string::npos, refusal("tuning: [{unit: cpu0, speed: 2.0}]").find("\"speed\""));
-  EXPECT_NE(std::string::npos, refusal("tuning: [{unit: cpu0, slowdown: 0.5}]").find("slowdown = 0.5"));
+            reader.refusal("tuning: [{slowdown: 2.0}]").find("/runtime/tuning has an entry without a unit"));
+  EXPECT_NE(std::string::npos, reader.refusal("tuning: [{unit: cpu0, speed: 2.0}]").find("\"speed\""));
+  EXPECT_NE(std::string::npos, reader.refusal("tuning: [{unit: cpu0, slowdown: 0.5}]").find("slowdown = 0.5"));
 }
 
 }  // namespace

@@ -1,15 +1,12 @@
 // config/recognizer.yaml and the defaults in the code must be the same, and impossible values must be named.
 
 #include <gtest/gtest.h>
+#include <pi_runtime/test_support/options_reader.h>
 #include <pi_runtime/test_support/temporary_folder.h>
-#include <pi_runtime/test_support/yaml_parameters.h>
 #include <pi_speech/ros/recognizer_ros_options.h>
 
 #include <filesystem>
-#include <set>
-#include <stdexcept>
 #include <string>
-#include <vector>
 
 namespace pi_speech
 {
@@ -18,49 +15,11 @@ using namespace pi_runtime::test_support;
 namespace
 {
 
-using Names = std::vector<std::string>;
-
-RecognizerRosOptions load(const std::string& yaml, Names* unknown)
-{
-  return RecognizerRosOptions::fromParameters(fromYaml(YAML::Load(yaml)), "/recognizer/", unknown);
-}
-
-RecognizerRosOptions load(const std::string& yaml)
-{
-  Names unknown;
-  return load(yaml, &unknown);
-}
-
-std::string refusal(const std::string& yaml)
-{
-  try
-  {
-    load(yaml);
-  }
-  catch (const std::invalid_argument& error)
-  {
-    return error.what();
-  }
-  return "";
-}
-
-bool begins(const std::string& text, const std::string& beginning)
-{
-  return text.rfind(beginning, 0) == 0;
-}
+const OptionsReader<RecognizerRosOptions> reader("/recognizer/");
 
 TEST(RecognizerRosOptions, DefaultsAreThoseOfTheYamlFile)
 {
-  const XmlRpc::XmlRpcValue yaml = fromYaml(YAML::LoadFile(RECOGNIZER_YAML));
-  Names unknown;
-  const RecognizerRosOptions options = RecognizerRosOptions::fromParameters(yaml, "", &unknown);
-  EXPECT_EQ(Names(), unknown);
-  EXPECT_EQ(RecognizerRosOptions().toText(), options.toText());
-  std::set<std::string> in_file;
-  std::set<std::string> in_code;
-  collectNames(yaml, "", &in_file);
-  collectNames(RecognizerRosOptions().toParameters(), "", &in_code);
-  EXPECT_EQ(in_code, in_file);
+  reader.expectDefaultsOf(RECOGNIZER_YAML);
 }
 
 TEST(RecognizerRosOptions, ParametersComeBackAsTheyWere)
@@ -91,31 +50,33 @@ TEST(RecognizerRosOptions, ParametersComeBackAsTheyWere)
 TEST(RecognizerRosOptions, NamesUnknownParameters)
 {
   Names unknown;
-  load("{treshold: 0.3, end_pointer: {end_silence: 0.3}}", &unknown);
+  reader.load("{treshold: 0.3, end_pointer: {end_silence: 0.3}}", &unknown);
   EXPECT_EQ((Names{"/recognizer/end_pointer/end_silence", "/recognizer/treshold"}), unknown);
 }
 
 TEST(RecognizerRosOptions, NamesParameterValueAndBound)
 {
-  EXPECT_EQ("parameter /recognizer/mode = \"open\", must be safe or closed", refusal("mode: open"));
-  EXPECT_PRED2(begins, refusal("threshold: 1.5"), "parameter /recognizer/threshold = 1.5");
-  EXPECT_PRED2(begins, refusal("max_command_s: -1"), "parameter /recognizer/max_command_s = -1, must be ");
-  EXPECT_PRED2(begins, refusal("end_pointer: {end_silence_s: 9}"),
+  EXPECT_EQ("parameter /recognizer/mode = \"open\", must be safe or closed", reader.refusal("mode: open"));
+  EXPECT_PRED2(begins, reader.refusal("threshold: 1.5"), "parameter /recognizer/threshold = 1.5");
+  EXPECT_PRED2(begins, reader.refusal("max_command_s: -1"), "parameter /recognizer/max_command_s = -1, must be ");
+  EXPECT_PRED2(begins, reader.refusal("end_pointer: {end_silence_s: 9}"),
                "parameter /recognizer/end_pointer/end_silence_s = 9, must be in ");
-  EXPECT_PRED2(begins, refusal("check: {silent_s: 0}"), "parameter /recognizer/check/silent_s = 0, must be in ");
-  EXPECT_PRED2(begins, refusal("commands: commands.yaml"),
+  EXPECT_PRED2(begins, reader.refusal("check: {silent_s: 0}"), "parameter /recognizer/check/silent_s = 0, must be in ");
+  EXPECT_PRED2(begins, reader.refusal("commands: commands.yaml"),
                "parameter /recognizer/commands = \"commands.yaml\", must be an absolute path");
-  EXPECT_PRED2(begins, refusal("word_models: words.bin"), "parameter /recognizer/word_models = \"words.bin\", must be");
-  EXPECT_PRED2(begins, refusal("sphinx: {adaptation: adapted}"),
+  EXPECT_PRED2(begins, reader.refusal("word_models: words.bin"),
+               "parameter /recognizer/word_models = \"words.bin\", must be");
+  EXPECT_PRED2(begins, reader.refusal("sphinx: {adaptation: adapted}"),
                "parameter /recognizer/sphinx/adaptation = \"adapted\", must be an absolute path, or none, or empty");
-  EXPECT_PRED2(begins, refusal("sphinx: {acoustic_model: \"\"}"),
+  EXPECT_PRED2(begins, reader.refusal("sphinx: {acoustic_model: \"\"}"),
                "parameter /recognizer/sphinx/acoustic_model = \"\", must be an absolute path");
-  EXPECT_EQ("parameter /recognizer/max_gap_s = 0, must be in [0.005, 10]", refusal("max_gap_s: 0"));
-  EXPECT_EQ("parameter /recognizer/queue_s = 100, must be in [0.1, 60]", refusal("queue_s: 100"));
-  EXPECT_EQ("parameter /recognizer/utterance_deadline_s = 9, must be in [0.05, 5]", refusal("utterance_deadline_s: 9"));
-  EXPECT_EQ("parameter /recognizer/always_on = 1, must be true or false", refusal("always_on: 1"));
-  EXPECT_PRED2(begins, refusal("channels: 0"), "parameter /recognizer/channels = 0, must be ");
-  EXPECT_PRED2(begins, refusal("sample_rate: 1000"), "parameter /recognizer/sample_rate");
+  EXPECT_EQ("parameter /recognizer/max_gap_s = 0, must be in [0.005, 10]", reader.refusal("max_gap_s: 0"));
+  EXPECT_EQ("parameter /recognizer/queue_s = 100, must be in [0.1, 60]", reader.refusal("queue_s: 100"));
+  EXPECT_EQ("parameter /recognizer/utterance_deadline_s = 9, must be in [0.05, 5]",
+            reader.refusal("utterance_deadline_s: 9"));
+  EXPECT_EQ("parameter /recognizer/always_on = 1, must be true or false", reader.refusal("always_on: 1"));
+  EXPECT_PRED2(begins, reader.refusal("channels: 0"), "parameter /recognizer/channels = 0, must be ");
+  EXPECT_PRED2(begins, reader.refusal("sample_rate: 1000"), "parameter /recognizer/sample_rate");
 }
 
 TEST(RecognizerRosOptions, FilesThatAreNotGivenAreThePackages)

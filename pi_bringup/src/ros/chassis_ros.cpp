@@ -2,6 +2,7 @@
 #include <pi_bringup/ros/chassis_conversions.h>
 #include <pi_bringup/ros/chassis_ros.h>
 #include <pi_runtime/ros/formatting.h>
+#include <pi_runtime/ros/node_options.h>
 
 #include <geometry_msgs/TransformStamped.h>
 
@@ -19,30 +20,6 @@ using pi_runtime::format;
 
 constexpr uint32_t QUEUE = 50;
 constexpr int64_t BATTERY_PERIOD_NS = 1'000'000'000;
-
-void logWarning(bool error, const std::string& text)
-{
-  if (error)
-  {
-    ROS_ERROR_STREAM_NAMED("chassis", text);
-  }
-  else
-  {
-    ROS_WARN_STREAM_NAMED("chassis", text);
-  }
-}
-
-ChassisRosOptions loadOptions(const ros::NodeHandle& private_node)
-{
-  std::vector<std::string> unknown;
-  ChassisRosOptions options = ChassisRosOptions::load(private_node, &unknown);
-  for (const std::string& name : unknown)
-  {
-    ROS_WARN_STREAM_NAMED("chassis", "parameter " << name << " means nothing here; see config/chassis.yaml");
-  }
-  ROS_INFO_STREAM_NAMED("chassis", "parameters: " << options.toText());
-  return options;
-}
 
 /// A monotonic time by the clock of ROS.
 ros::Time rosTime(int64_t monotonic_ns)
@@ -77,8 +54,8 @@ const char* modeText(HostMode mode)
 ChassisRos::ChassisRos(ros::NodeHandle node, ros::NodeHandle private_node)
   : service_thread_("chassis_ros")
   , service_node_(service_thread_.handle(node))
-  , options_(loadOptions(private_node))
-  , warnings_(options_.warning_period_s, logWarning)
+  , options_(pi_runtime::loadNodeOptions<ChassisRosOptions>(private_node, "chassis"))
+  , warnings_(options_.warning_period_s, pi_runtime::warningLog<ChassisRosOptions>("chassis"))
   , updater_(service_node_, private_node, private_node.getNamespace())
 {
   state_publisher_ = service_node_.advertise<VehicleState>("vehicle_state", QUEUE);

@@ -5,6 +5,7 @@
 #include <pi_detect/ObstacleArray.h>
 #include <pi_detect/ros/obstacles_ros.h>
 #include <pi_runtime/ros/formatting.h>
+#include <pi_runtime/ros/node_options.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <visualization_msgs/MarkerArray.h>
 
@@ -20,30 +21,6 @@ namespace
 using pi_runtime::format;
 
 constexpr size_t KEPT_TRACKS = 30;
-
-void logWarning(bool error, const std::string& text)
-{
-  if (error)
-  {
-    ROS_ERROR_STREAM_NAMED("obstacles", text);
-  }
-  else
-  {
-    ROS_WARN_STREAM_NAMED("obstacles", text);
-  }
-}
-
-ObstaclesRosOptions loadOptions(const ros::NodeHandle& private_node)
-{
-  std::vector<std::string> unknown;
-  ObstaclesRosOptions options = ObstaclesRosOptions::load(private_node, &unknown);
-  for (const std::string& name : unknown)
-  {
-    ROS_WARN_STREAM_NAMED("obstacles", "parameter " << name << " means nothing here; see config/obstacles.yaml");
-  }
-  ROS_INFO_STREAM_NAMED("obstacles", "parameters: " << options.toText());
-  return options;
-}
 
 }  // namespace
 
@@ -69,8 +46,8 @@ ObstaclesRos::ObstaclesRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , input_node_(input_thread_.handle(node))
   , output_node_(output_thread_.handle(node))
   , private_node_(private_node)
-  , options_(loadOptions(private_node))
-  , warnings_(options_.warning_period_s, logWarning)
+  , options_(pi_runtime::loadNodeOptions<ObstaclesRosOptions>(private_node, "obstacles"))
+  , warnings_(options_.warning_period_s, pi_runtime::warningLog<ObstaclesRosOptions>("obstacles"))
   , diagnostics_(output_node_, private_node, &warnings_, options_.input_timeout_s, options_.min_coverage)
   , motion_(node, options_.odom_frame, options_.base_link_frame, options_.tf_wait_s)
   , pairing_(options_.pair_tolerance_s)

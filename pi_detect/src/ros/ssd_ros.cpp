@@ -6,6 +6,7 @@
 #include <pi_detect/ros/conversions.h>
 #include <pi_detect/ros/default_model.h>
 #include <pi_detect/ros/ssd_ros.h>
+#include <pi_runtime/ros/node_options.h>
 #include <pi_runtime/runtime.h>
 #include <pthread.h>
 
@@ -21,30 +22,6 @@ namespace pi_detect
 {
 namespace
 {
-
-void logWarning(bool error, const std::string& text)
-{
-  if (error)
-  {
-    ROS_ERROR_STREAM_NAMED("ssd", text);
-  }
-  else
-  {
-    ROS_WARN_STREAM_NAMED("ssd", text);
-  }
-}
-
-SsdRosOptions loadOptions(const ros::NodeHandle& private_node)
-{
-  std::vector<std::string> unknown;
-  SsdRosOptions options = SsdRosOptions::load(private_node, &unknown);
-  for (const std::string& name : unknown)
-  {
-    ROS_WARN_STREAM_NAMED("ssd", "parameter " << name << " means nothing here; see config/ssd.yaml");
-  }
-  ROS_INFO_STREAM_NAMED("ssd", "parameters: " << options.toText());
-  return options;
-}
 
 double secondsBetween(std::chrono::steady_clock::time_point from, std::chrono::steady_clock::time_point to)
 {
@@ -68,10 +45,10 @@ SsdRos::SsdRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , loader_node_(loader_thread_.handle(node))
   , service_node_(service_thread_.handle(node))
   , private_node_(private_node)
-  , options_(loadOptions(private_node))
+  , options_(pi_runtime::loadNodeOptions<SsdRosOptions>(private_node, "ssd"))
   , topic_(node.resolveName("image"))
   , runtime_(options_.use_runtime ? pi_runtime::Runtime::shared() : nullptr)
-  , warnings_(options_.warning_period_s, logWarning)
+  , warnings_(options_.warning_period_s, pi_runtime::warningLog<SsdRosOptions>("ssd"))
   , diagnostics_(service_node_, private_node, &warnings_, options_.input_timeout_s)
   , tracker_(options_.tracker)
   , input_transport_(input_node_)

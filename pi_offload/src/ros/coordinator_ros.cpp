@@ -3,6 +3,7 @@
 #include <pi_offload/ros/conversions.h>
 #include <pi_offload/ros/coordinator_ros.h>
 #include <pi_runtime/ros/formatting.h>
+#include <pi_runtime/ros/node_options.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -23,30 +24,6 @@ constexpr size_t RECENT_TASKS = 1000;   ///< for quantiles of the response time
 constexpr double BEGINS_AGAIN_S = 1.0;  ///< stamps that go back so far are those of another drive
 constexpr size_t DETECTION = static_cast<size_t>(TaskKind::DETECTION);
 constexpr size_t SPEECH = static_cast<size_t>(TaskKind::SPEECH);
-
-void logWarning(bool error, const std::string& text)
-{
-  if (error)
-  {
-    ROS_ERROR_STREAM_NAMED("coordinator", text);
-  }
-  else
-  {
-    ROS_WARN_STREAM_NAMED("coordinator", text);
-  }
-}
-
-CoordinatorRosOptions loadOptions(const ros::NodeHandle& private_node)
-{
-  std::vector<std::string> unknown;
-  CoordinatorRosOptions options = CoordinatorRosOptions::load(private_node, &unknown);
-  for (const std::string& name : unknown)
-  {
-    ROS_WARN_STREAM_NAMED("coordinator", "parameter " << name << " means nothing here; see config/coordinator.yaml");
-  }
-  ROS_INFO_STREAM_NAMED("coordinator", "parameters: " << options.toText());
-  return options;
-}
 
 /// Two coordinators of one computer have two names.
 std::string defaultVehicle(const std::string& node_name)
@@ -88,10 +65,10 @@ CoordinatorRos::CoordinatorRos(ros::NodeHandle node, ros::NodeHandle private_nod
   , input_node_(input_thread_.handle(node))
   , service_node_(service_thread_.handle(node))
   , service_private_node_(service_thread_.handle(private_node))
-  , options_(loadOptions(private_node))
+  , options_(pi_runtime::loadNodeOptions<CoordinatorRosOptions>(private_node, "coordinator"))
   , topic_(node.resolveName("image"))
   , vehicle_name_(options_.vehicle.empty() ? defaultVehicle(private_node.getNamespace()) : options_.vehicle)
-  , warnings_(options_.warning_period_s, logWarning)
+  , warnings_(options_.warning_period_s, pi_runtime::warningLog<CoordinatorRosOptions>("coordinator"))
   , diagnostics_(service_node_, private_node, &warnings_, options_.input_timeout_s)
   , map_(node, options_.map_frame)
   , node_markers_(options_.map_frame)

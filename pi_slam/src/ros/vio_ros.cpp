@@ -1,4 +1,5 @@
 #include <pi_runtime/ros/formatting.h>
+#include <pi_runtime/ros/node_options.h>
 #include <pi_runtime/runtime.h>
 #include <pi_slam/ros/conversions.h>
 #include <pi_slam/ros/vio_ros.h>
@@ -28,30 +29,6 @@ constexpr int MIN_STEREO_FEATURES = 5;
 int64_t nanoseconds(double s)
 {
   return std::llround(1e9 * s);
-}
-
-void logWarning(bool error, const std::string& text)
-{
-  if (error)
-  {
-    ROS_ERROR_STREAM_NAMED("vio", text);
-  }
-  else
-  {
-    ROS_WARN_STREAM_NAMED("vio", text);
-  }
-}
-
-VioRosOptions loadOptions(const ros::NodeHandle& private_node)
-{
-  std::vector<std::string> unknown;
-  VioRosOptions options = VioRosOptions::load(private_node, &unknown);
-  for (const std::string& name : unknown)
-  {
-    ROS_WARN_STREAM_NAMED("vio", "parameter " << name << " means nothing here; see config/vio.yaml");
-  }
-  ROS_INFO_STREAM_NAMED("vio", "parameters: " << options.toText());
-  return options;
 }
 
 /// All that the calibration depends on; a stamp is no change.
@@ -85,9 +62,9 @@ VioRos::VioRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , input_node_(input_thread_.handle(node))
   , output_node_(output_thread_.handle(node))
   , private_node_(service_thread_.handle(private_node))
-  , options_(loadOptions(private_node))
+  , options_(pi_runtime::loadNodeOptions<VioRosOptions>(private_node, "vio"))
   , runtime_(options_.vio.tracker.use_runtime || options_.mapper.use_runtime ? pi_runtime::Runtime::shared() : nullptr)
-  , warnings_(options_.warning_period_s, logWarning)
+  , warnings_(options_.warning_period_s, pi_runtime::warningLog<VioRosOptions>("vio"))
   , diagnostics_(output_node_, private_node, &warnings_, options_.input_timeout_s)
   , matcher_(options_.pair_tolerance_s, options_.pair_wait_s)
 {

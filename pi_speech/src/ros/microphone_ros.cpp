@@ -1,5 +1,6 @@
 #include <diagnostic_msgs/DiagnosticStatus.h>
 #include <pi_runtime/ros/formatting.h>
+#include <pi_runtime/ros/node_options.h>
 #include <pi_speech/ros/audio_conversions.h>
 #include <pi_speech/ros/microphone_ros.h>
 
@@ -16,30 +17,6 @@ using diagnostic_msgs::DiagnosticStatus;
 using pi_runtime::format;
 
 constexpr uint32_t QUEUE = 100;  ///< messages that wait for a subscriber: 2 s of 20 ms
-
-void logWarning(bool error, const std::string& text)
-{
-  if (error)
-  {
-    ROS_ERROR_STREAM_NAMED("microphone", text);
-  }
-  else
-  {
-    ROS_WARN_STREAM_NAMED("microphone", text);
-  }
-}
-
-MicrophoneRosOptions loadOptions(const ros::NodeHandle& private_node)
-{
-  std::vector<std::string> unknown;
-  MicrophoneRosOptions options = MicrophoneRosOptions::load(private_node, &unknown);
-  for (const std::string& name : unknown)
-  {
-    ROS_WARN_STREAM_NAMED("microphone", "parameter " << name << " means nothing here; see config/microphone.yaml");
-  }
-  ROS_INFO_STREAM_NAMED("microphone", "parameters: " << options.toText());
-  return options;
-}
 
 template <typename Clock>
 int64_t nowNs()
@@ -70,8 +47,8 @@ std::string describe(const AudioFormat& format)
 MicrophoneRos::MicrophoneRos(ros::NodeHandle node, ros::NodeHandle private_node)
   : service_thread_("mic_service")
   , service_node_(service_thread_.handle(node))
-  , options_(loadOptions(private_node))
-  , warnings_(options_.warning_period_s, logWarning)
+  , options_(pi_runtime::loadNodeOptions<MicrophoneRosOptions>(private_node, "microphone"))
+  , warnings_(options_.warning_period_s, pi_runtime::warningLog<MicrophoneRosOptions>("microphone"))
   , updater_(service_node_, private_node, private_node.getNamespace())
   , check_(options_.check, nowNs<std::chrono::steady_clock>())
 {

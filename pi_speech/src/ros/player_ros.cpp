@@ -1,3 +1,4 @@
+#include <pi_runtime/ros/node_options.h>
 #include <pi_speech/ros/audio_conversions.h>
 #include <pi_speech/ros/player_ros.h>
 #include <pi_speech/sound_files.h>
@@ -22,18 +23,12 @@ constexpr uint32_t QUEUE = 1000;  ///< messages that wait for a subscriber: fast
 
 PlayerRosOptions loadOptions(const ros::NodeHandle& private_node)
 {
-  std::vector<std::string> unknown;
-  PlayerRosOptions options = PlayerRosOptions::load(private_node, &unknown);
-  for (const std::string& name : unknown)
-  {
-    ROS_WARN_STREAM_NAMED("player", "parameter " << name << " means nothing here; see config/player.yaml");
-  }
+  PlayerRosOptions options = pi_runtime::loadNodeOptions<PlayerRosOptions>(private_node, "player");
   if (options.files.entries.empty())
   {
     throw std::invalid_argument("parameter " + private_node.resolveName("files") +
                                 " is empty, must name what to play: sound files, a folder, or a list (.txt, .tsv)");
   }
-  ROS_INFO_STREAM_NAMED("player", "parameters: " << options.toText());
   return options;
 }
 

@@ -1,4 +1,5 @@
 #include <pi_runtime/ros/formatting.h>
+#include <pi_runtime/ros/node_options.h>
 #include <pi_speech/ros/audio_conversions.h>
 #include <pi_speech/ros/recognizer_ros.h>
 #include <pthread.h>
@@ -27,30 +28,6 @@ constexpr uint32_t OUTPUT_QUEUE = 20;
 constexpr size_t DICTATION_QUEUE = 3;  ///< utterances
 constexpr int DICTATION_NICE = 10;
 constexpr double LEAST_SAID_S = 1.0;  ///< of sound without audio_info, before that is said: it may come second
-
-void logWarning(bool error, const std::string& text)
-{
-  if (error)
-  {
-    ROS_ERROR_STREAM_NAMED("recognizer", text);
-  }
-  else
-  {
-    ROS_WARN_STREAM_NAMED("recognizer", text);
-  }
-}
-
-RecognizerRosOptions loadOptions(const ros::NodeHandle& private_node)
-{
-  std::vector<std::string> unknown;
-  RecognizerRosOptions options = RecognizerRosOptions::load(private_node, &unknown);
-  for (const std::string& name : unknown)
-  {
-    ROS_WARN_STREAM_NAMED("recognizer", "parameter " << name << " means nothing here; see config/recognizer.yaml");
-  }
-  ROS_INFO_STREAM_NAMED("recognizer", "parameters: " << options.toText());
-  return options;
-}
 
 ros::Time toRos(int64_t ns)
 {
@@ -115,11 +92,11 @@ RecognizerRos::RecognizerRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , service_node_(service_thread_.handle(node))
   , service_private_node_(service_thread_.handle(private_node))
   , loader_private_node_(loader_thread_.handle(private_node))
-  , options_(loadOptions(private_node))
+  , options_(pi_runtime::loadNodeOptions<RecognizerRosOptions>(private_node, "recognizer"))
   , package_(ros::package::getPath("pi_speech"))
   , topic_(node.resolveName(options_.stamped ? "audio_stamped" : "audio"))
   , info_topic_(node.resolveName("audio_info"))
-  , warnings_(options_.warning_period_s, logWarning)
+  , warnings_(options_.warning_period_s, pi_runtime::warningLog<RecognizerRosOptions>("recognizer"))
   , diagnostics_(service_node_, private_node, &warnings_)
   , tasks_(options_.use_runtime
                ? std::make_unique<RecognizerTasks>(pi_runtime::Runtime::shared(),
