@@ -18,7 +18,7 @@ struct AdmissionOptions
   size_t max_queued = 32;  ///< of all vehicles
   size_t max_queued_per_vehicle = 8;
   double lease_s = 1.0;          ///< a lease ends if it is not renewed by a task or probe for so long
-  double lease_turn_s = 2.0;     ///< while others wait for a lease, one is not renewed any more after so long
+  double lease_turn_s = 0.5;     ///< while others wait for a lease, one is not renewed any more after so long
   double max_leased_load = 0.9;  ///< part of the workers' time that leases may be given for
   double fair_window_s = 0.25;  ///< of service time: so much may a vehicle be ahead of others, or behind, and it counts
   size_t max_vehicles = 256;    ///< that are known at once; leases of others are refused
