@@ -100,7 +100,7 @@ void Vehicle::makeEngine()
   }
   OffloadEngine::Actions actions;
   actions.send = [this](const std::string& node, uint64_t request, const Task& task)
-  { return sendTask(serverOf(node), request, task.id); };
+  { return sendTask(serverOf(node), request, task.id, task.deadline_s); };
   actions.probe = [this](const std::string& node, uint64_t request)
   {
     const size_t server = serverOf(node);
@@ -182,13 +182,12 @@ bool Vehicle::send(size_t server, OffloadRequest request, uint64_t task)
   return true;
 }
 
-bool Vehicle::sendTask(size_t server, uint64_t number, uint64_t task)
+bool Vehicle::sendTask(size_t server, uint64_t number, uint64_t task, double deadline_s)
 {
   const TaskState& state = tasks_.at(task);
   OffloadRequest request = requestOf(server, OffloadRequest::Type::TASK, number);
   request.kind = state.kind;
-  request.remaining_s = std::max(
-      0.0, options_.deadline_s[static_cast<size_t>(state.kind)] - secondsBetween(state.created_ns, request.sent_ns));
+  request.remaining_s = std::max(0.0, deadline_s - secondsBetween(state.created_ns, request.sent_ns));
   const bool picture = state.kind == TaskKind::DETECTION;
   request.encoding = picture ? Encoding::JPEG : Encoding::S16LE;
   request.payload = picture ? inputs_.pictures[state.picture] : inputs_.sound;
@@ -238,8 +237,9 @@ void Vehicle::create(TaskKind kind, int64_t now_ns)
 
 void Vehicle::ask(uint64_t task, size_t server)
 {
-  ++tasks_.at(task).asked;
-  if (!sendTask(server, next_number_++, task))
+  TaskState& state = tasks_.at(task);
+  ++state.asked;
+  if (!sendTask(server, next_number_++, task, options_.deadline_s[static_cast<size_t>(state.kind)]))
   {
     endTask(task, End::FAILED, monotonicNs());
   }

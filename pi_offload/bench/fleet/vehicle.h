@@ -72,7 +72,7 @@ private:
   void makeEngine();
   size_t serverOf(const std::string& id) const;
   bool send(size_t server, pi_offload::OffloadRequest request, uint64_t task);
-  bool sendTask(size_t server, uint64_t number, uint64_t task);
+  bool sendTask(size_t server, uint64_t number, uint64_t task, double deadline_s);
   pi_offload::OffloadRequest requestOf(size_t server, pi_offload::OffloadRequest::Type type, uint64_t number) const;
   size_t shorterQueue(pi_offload::TaskKind kind) const;
   void ask(uint64_t task, size_t server);

@@ -87,7 +87,8 @@ class OffloadEngine
 public:
   struct Actions
   {
-    /// Sends the task to the node. @return false: the link takes nothing now; the vehicle does it then.
+    /// Sends the task to the node. @param task  with the deadline_s until which the node's answer is wanted.
+    /// @return false: the link takes nothing now; the vehicle does it then.
     std::function<bool(const std::string& node, uint64_t request, const Task& task)> send;
     /// Asks the node how it is (an empty request); the answer goes to onProbeReply(). @return as above.
     std::function<bool(const std::string& node, uint64_t request)> probe;

@@ -99,10 +99,10 @@ bool OffloadClient::Impl::sendTask(const std::string& node, uint64_t number, con
     {
       return false;
     }
-    requests[number] = Request{node, task.id, task.kind, now_ns, 0, 0};
+    requests[number] = Request{node, task.id, task.kind, now_ns, task.deadline_s, 0, 0};
     return true;
   }
-  requests[number] = Request{node, task.id, task.kind, now_ns, 0, 0};
+  requests[number] = Request{node, task.id, task.kind, now_ns, task.deadline_s, 0, 0};
   if (!transmit(number, state->second))
   {
     requests.erase(number);
@@ -117,7 +117,7 @@ bool OffloadClient::Impl::transmit(uint64_t number, const TaskState& state)
   const int64_t now_ns = monotonicNs();
   OffloadRequest message = requestFor(request.node, OffloadRequest::Type::TASK, number, now_ns);
   message.kind = state.task.kind;
-  message.remaining_s = std::max(0.0, state.task.deadline_s - seconds(now_ns - state.task.created_ns));
+  message.remaining_s = std::max(0.0, request.deadline_s - seconds(now_ns - state.task.created_ns));
   message.encoding = state.encoding;
   message.width = static_cast<uint32_t>(state.data->picture.width);
   message.height = static_cast<uint32_t>(state.data->picture.height);
@@ -167,7 +167,7 @@ bool OffloadClient::Impl::sendProbe(const std::string& node, uint64_t number)
   {
     return false;
   }
-  requests[number] = Request{node, std::nullopt, TaskKind::DETECTION, now_ns, now_ns, 0};
+  requests[number] = Request{node, std::nullopt, TaskKind::DETECTION, now_ns, 0.0, now_ns, 0};
   return true;
 }
 

@@ -24,8 +24,9 @@ struct OffloadClient::Impl
     std::string node;
     std::optional<uint64_t> task;  ///< none: a probe
     TaskKind kind = TaskKind::DETECTION;
-    int64_t begun_ns = 0;  ///< when the engine asked for it
-    int64_t sent_ns = 0;   ///< 0: not yet
+    int64_t begun_ns = 0;     ///< when the engine asked for it
+    double deadline_s = 0.0;  ///< after the task was made: when the answer is wanted
+    int64_t sent_ns = 0;      ///< 0: not yet
     size_t bytes = 0;
   };
   struct TaskState

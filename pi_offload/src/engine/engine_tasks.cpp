@@ -21,6 +21,9 @@ constexpr double LOCAL_DEVIATIONS = 3.0;
 /// And at least so much earlier than the vehicle's own time [s]: of a detector that is quick, a part is less than the
 /// delay of a timer and a thread on a busy computer.
 constexpr double LEAST_MARGIN_S = 0.01;
+/// The node is asked for an answer before this part of the time between fallback and deadline is over. One that would
+/// come later is worth little, as the vehicle has nearly done the task itself; refused, the vehicle knows at once.
+constexpr double ANSWER_SHARE = 0.5;
 /// A fallback is nearly due in this last part of its time.
 constexpr double NEARLY_DUE = 0.25;
 
@@ -232,7 +235,13 @@ bool OffloadEngine::Impl::sendTo(uint64_t id, const Decision& decision, int64_t 
   statistics.of_kind[k].handovers += handover ? 1 : 0;
 
   bool sent = false;
-  call([&] { sent = actions.send(name, number, task); });
+  Task asked = task;
+  if (fallback_ns < state.deadline_ns)
+  {
+    const double useful_s = ANSWER_SHARE * between(fallback_ns, state.deadline_ns);
+    asked.deadline_s = between(task.created_ns, later(fallback_ns, toNs(useful_s)));
+  }
+  call([&] { sent = actions.send(name, number, asked); });
   if (sent)
   {
     return true;
