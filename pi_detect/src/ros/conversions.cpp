@@ -244,6 +244,21 @@ LabelArray toMsg(const ModelDescription& model)
   return message;
 }
 
+Labels fromMsg(const LabelArray& message)
+{
+  if (message.ids.size() != message.names.size())
+  {
+    throw std::invalid_argument("ids has " + std::to_string(message.ids.size()) + " entries, names " +
+                                std::to_string(message.names.size()) + ", must have as many");
+  }
+  Labels labels;
+  for (size_t i = 0; i < message.ids.size(); ++i)
+  {
+    labels[static_cast<int>(message.ids[i])] = message.names[i];
+  }
+  return labels;
+}
+
 sensor_msgs::PointCloud2Ptr toPointCloud(const std::vector<Eigen::Vector3f>& points, const std_msgs::Header& header)
 {
   static_assert(sizeof(Eigen::Vector3f) == 3 * sizeof(float), "points are copied as they lie");

@@ -145,17 +145,10 @@ void ObstaclesRos::onDisparity(const stereo_msgs::DisparityImageConstPtr& messag
 
 void ObstaclesRos::offer(Job job)
 {
-  const Clock::time_point now = Clock::now();
-  if (options_.max_rate_hz > 0.0)
+  if (!rate_limit_.take(Clock::now()))
   {
-    if (now < next_job_at_)
-    {
-      ++left_out_;
-      return;
-    }
-    const auto period =
-        std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(1.0 / options_.max_rate_hz));
-    next_job_at_ = std::max(next_job_at_ + period, now);
+    ++left_out_;
+    return;
   }
   dropped_ += job_ ? 1 : 0;
   job_ = std::move(job);

@@ -110,16 +110,10 @@ void SsdRos::onImage(const sensor_msgs::ImageConstPtr& message)
     {
       return;
     }
-    if (options_.max_rate_hz > 0.0)
+    if (!rate_limit_.take(now))
     {
-      if (now < next_picture_at_)
-      {
-        ++left_out_;
-        return;
-      }
-      const auto period =
-          std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(1.0 / options_.max_rate_hz));
-      next_picture_at_ = std::max(next_picture_at_ + period, now);
+      ++left_out_;
+      return;
     }
     dropped_ += picture_ ? 1 : 0;
     picture_ = message;

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <stdexcept>
 
+#include "tracker_fields.h"
+
 namespace pi_detect
 {
 
@@ -25,7 +27,6 @@ static void visitFields(Options& options, Visitor&& visit)
 {
   auto& detector = options.detector;
   auto& filter = detector.filter;
-  auto& tracker = options.tracker;
   visit("model", options.model);
   visit("target", detector.target);
   visit("require_target", detector.require_target);
@@ -39,14 +40,7 @@ static void visitFields(Options& options, Visitor&& visit)
   visit("classes", filter.classes);
   visit("class_agnostic_overlap", filter.class_agnostic_overlap);
   visit("max_detections", filter.max_detections);
-  visit("tracker/high_score", tracker.high_score);
-  visit("tracker/low_score", tracker.low_score);
-  visit("tracker/min_overlap", tracker.min_overlap);
-  visit("tracker/margin", tracker.margin);
-  visit("tracker/time_to_live_s", tracker.time_to_live_s);
-  visit("tracker/confirm_hits", tracker.confirm_hits);
-  visit("tracker/max_gap_s", tracker.max_gap_s);
-  visit("tracker/max_objects", tracker.max_objects);
+  visitTrackerFields(options.tracker, visit);
   visit("image_transport", options.image_transport);
   visit("always_on", options.always_on);
   visit("max_rate_hz", options.max_rate_hz);

@@ -10,6 +10,7 @@
 #include <pi_detect/ros/stereo_camera.h>
 #include <pi_detect/ros/vehicle_motion.h>
 #include <pi_detect/stereo_obstacles.h>
+#include <pi_runtime/rate_limit.h>
 #include <pi_runtime/ros/callback_thread.h>
 #include <pi_runtime/ros/warning_board.h>
 #include <ros/ros.h>
@@ -123,7 +124,7 @@ private:
   StereoPairing pairing_;
   sensor_msgs::CameraInfoConstPtr infos_[2];
   std::deque<Track2DArrayConstPtr> recent_tracks_;  ///< oldest first
-  Clock::time_point next_job_at_;                   ///< to keep max_rate_hz
+  pi_runtime::RateLimit rate_limit_{options_.max_rate_hz};
   uint64_t dropped_ = 0;
   uint64_t left_out_ = 0;
   std::string problem_;

@@ -8,6 +8,7 @@
 #include <pi_detect/ros/ssd_diagnostics.h>
 #include <pi_detect/ros/ssd_ros_options.h>
 #include <pi_detect/ssd_detector.h>
+#include <pi_runtime/rate_limit.h>
 #include <pi_runtime/ros/callback_thread.h>
 #include <pi_runtime/ros/warning_board.h>
 #include <ros/ros.h>
@@ -105,7 +106,7 @@ private:
   std::shared_ptr<SsdDetector> detector_;  ///< null: none could be loaded yet; used by the worker alone
   sensor_msgs::ImageConstPtr picture_;     ///< the newest, that waits
   std::deque<Call*> calls_;
-  Clock::time_point next_picture_at_;  ///< to keep max_rate_hz
+  pi_runtime::RateLimit rate_limit_{options_.max_rate_hz};
   uint64_t dropped_ = 0;
   uint64_t left_out_ = 0;
   std::string loading_;  ///< as in SsdFigures

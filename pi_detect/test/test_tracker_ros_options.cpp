@@ -1,0 +1,32 @@
+// config/tracker.yaml and the defaults in the code must be the same, and impossible values must be named.
+
+#include <gtest/gtest.h>
+#include <pi_detect/ros/tracker_ros_options.h>
+#include <pi_runtime/test_support/options_reader.h>
+
+namespace pi_detect
+{
+
+using namespace pi_runtime::test_support;
+namespace
+{
+
+const OptionsReader<TrackerRosOptions> reader("/tracker/");
+
+TEST(TrackerRosOptions, DefaultsAreThoseOfTheYamlFile)
+{
+  reader.expectDefaultsOf(TRACKER_YAML);
+}
+
+TEST(TrackerRosOptions, NamesWhatIsWrong)
+{
+  Names unknown;
+  reader.load("{tracker: {high: 0.5}, always: true}", &unknown);
+  EXPECT_EQ((Names{"/tracker/always", "/tracker/tracker/high"}), unknown);
+  EXPECT_EQ("parameter /tracker/warning_period_s = 0, must be in (0, 3600]", reader.refusal("warning_period_s: 0"));
+  EXPECT_TRUE(begins(reader.refusal("tracker: {confirm_hits: 0}"), "parameter /tracker/tracker/confirm_hits = 0"))
+      << reader.refusal("tracker: {confirm_hits: 0}");
+}
+
+}  // namespace
+}  // namespace pi_detect
