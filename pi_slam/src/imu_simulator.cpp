@@ -76,44 +76,53 @@ ImuSimulator::ImuSimulator(const ImuSimulatorOptions& options) : options_(option
   options_.validate();
 }
 
+ImuNoise::ImuNoise(const ImuSimulatorOptions& options)
+  : options_((options.validate(), options)), engine_(options.seed), bias_{options.gyro_bias, options.accel_bias}
+{
+}
+
+Eigen::Vector3d ImuNoise::random()
+{
+  const double x = normal_(engine_);
+  const double y = normal_(engine_);
+  return {x, y, normal_(engine_)};
+}
+
+void ImuNoise::apply(ImuSample* sample)
+{
+  const auto limited = [](const Eigen::Vector3d& value, double limit)
+  { return Eigen::Vector3d(value.cwiseMax(-limit).cwiseMin(limit)); };
+  // A sample is the mean over one period of white noise; a bias takes the integral of its white noise over one.
+  const double root = std::sqrt(1.0 / options_.rate_hz);
+  sample->w = limited(sample->w + bias_.gyro + options_.gyro_noise_density / root * random(), options_.gyro_limit);
+  sample->f = limited(sample->f + bias_.accel + options_.accel_noise_density / root * random(), options_.accel_limit);
+  bias_.gyro += options_.gyro_random_walk * root * random();
+  bias_.accel += options_.accel_random_walk * root * random();
+}
+
 std::vector<ImuSample> ImuSimulator::simulate(const SplineTrajectory& trajectory, int64_t start_ns, int64_t end_ns,
                                               std::vector<ImuBias>* biases) const
 {
-  std::mt19937_64 random(options_.seed);
-  std::normal_distribution<double> normal;
-  const auto vector = [&] { return Eigen::Vector3d(normal(random), normal(random), normal(random)); };
-  const auto limited = [](const Eigen::Vector3d& value, double limit)
-  { return Eigen::Vector3d(value.cwiseMax(-limit).cwiseMin(limit)); };
-
-  const double period_s = 1.0 / options_.rate_hz;
-  // A sample is the mean over one period of white noise; a bias takes the integral of its white noise over one.
-  const double gyro_sigma = options_.gyro_noise_density / std::sqrt(period_s);
-  const double accel_sigma = options_.accel_noise_density / std::sqrt(period_s);
-  const double gyro_step = options_.gyro_random_walk * std::sqrt(period_s);
-  const double accel_step = options_.accel_random_walk * std::sqrt(period_s);
   const Eigen::Vector3d gravity(0.0, 0.0, -options_.gravity);
-
   std::vector<ImuSample> samples;
-  ImuBias bias{options_.gyro_bias, options_.accel_bias};
+  ImuNoise noise(options_);
   for (int64_t i = 0;; ++i)
   {
     ImuSample sample;
-    sample.stamp_ns = start_ns + std::llround(static_cast<double>(i) * period_s * 1e9);
+    sample.stamp_ns = start_ns + std::llround(static_cast<double>(i) / options_.rate_hz * 1e9);
     if (sample.stamp_ns > end_ns)
     {
       return samples;
     }
     const SplineTrajectory::State state = trajectory.at(sample.stamp_ns);
-    const Eigen::Vector3d force = state.T_world_body.linear().transpose() * (state.a_world - gravity);
-    sample.w = limited(state.w_body + bias.gyro + gyro_sigma * vector(), options_.gyro_limit);
-    sample.f = limited(force + bias.accel + accel_sigma * vector(), options_.accel_limit);
-    samples.push_back(sample);
+    sample.w = state.w_body;
+    sample.f = state.T_world_body.linear().transpose() * (state.a_world - gravity);
     if (biases != nullptr)
     {
-      biases->push_back(bias);
+      biases->push_back(noise.bias());
     }
-    bias.gyro += gyro_step * vector();
-    bias.accel += accel_step * vector();
+    noise.apply(&sample);
+    samples.push_back(sample);
   }
 }
 

@@ -69,6 +69,18 @@ bool isApart(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b, double dist
   return (a.translation() - b.translation()).norm() >= distance_m || angleBetween(a, b) >= angle_rad;
 }
 
+/// The pose of odom in map, turned about z alone, that puts the body there.
+Eigen::Isometry3d uprightMapOdom(const Eigen::Isometry3d& T_odom_body, const Eigen::Isometry3d& T_map_body)
+{
+  const Eigen::Matrix3d R = T_map_body.linear() * T_odom_body.linear().transpose();
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+  // The turn about z that is nearest to R.
+  T.linear() =
+      Eigen::AngleAxisd(std::atan2(R(1, 0) - R(0, 1), R(0, 0) + R(1, 1)), Eigen::Vector3d::UnitZ()).toRotationMatrix();
+  T.translation() = T_map_body.translation() - T.linear() * T_odom_body.translation();
+  return T;
+}
+
 double headingOf(const Eigen::Isometry3d& T_map_odom)
 {
   return std::atan2(T_map_odom.linear()(1, 0), T_map_odom.linear()(0, 0));
@@ -85,13 +97,18 @@ void checkPicture(const cv::Mat& picture, const CameraModel& camera, const char*
   }
 }
 
+bool isPose(const Eigen::Isometry3d& T)
+{
+  const Eigen::Matrix3d R = T.linear();
+  return T.matrix().allFinite() && (R * R.transpose() - Eigen::Matrix3d::Identity()).norm() <= 1e-3 &&
+         T.translation().norm() < 1e6;
+}
+
 void checkFrame(const MapFrame& frame, const StereoCalibration& calibration)
 {
   checkPicture(frame.left, calibration.left.model, "left");
   checkPicture(frame.right, calibration.right.model, "right");
-  const Eigen::Matrix3d& R = frame.T_odom_body.linear();
-  if (!frame.T_odom_body.matrix().allFinite() || (R * R.transpose() - Eigen::Matrix3d::Identity()).norm() > 1e-3 ||
-      !(frame.T_odom_body.translation().norm() < 1e6))
+  if (!isPose(frame.T_odom_body))
   {
     throw std::invalid_argument("map frame: T_odom_body of " + std::to_string(frame.stamp_ns) +
                                 " ns is no pose within 1000 km; give odometry's pose, or leave the frame out");
@@ -178,6 +195,7 @@ struct Mapper::Impl
   bool fits(const RecognizedPlace& place) const;
   bool hasWitness(const MapFrame& frame, const RecognizedPlace& place);
   void joinParts(const MapFrame& frame, RecognizedPlace* place);
+  void moveTo(const Eigen::Isometry3d& T_map_odom);
   void movePart(uint32_t part, const Eigen::Isometry3d& shift);
   bool isKeyframe(const FeatureSet& features, const std::vector<RecognizedPlace>& places) const;
   void addNode(const MapFrame& frame, FeatureSetPtr features, const std::vector<RecognizedPlace>& places);
@@ -199,7 +217,7 @@ struct Mapper::Impl
   const StereoCalibration calibration;
   const MapperOptions options;
 
-  mutable std::mutex map_mutex;
+  mutable std::mutex map_mutex;  ///< taken after queue_mutex
   FeatureExtractor extractor;
   PlaceRecognizer recognizer;
   DriftFilter filter;
@@ -392,6 +410,21 @@ void Mapper::Impl::joinParts(const MapFrame& frame, RecognizedPlace* place)
     part = part == std::max(own, other) ? std::min(own, other) : part;
   }
   was_localized = was_localized || ownPart() == 0;
+}
+
+/// Odom comes to lie there, with what was mapped by it; a map from a file stays.
+void Mapper::Impl::moveTo(const Eigen::Isometry3d& T_map_odom)
+{
+  if (segment_begun && ownPart() == 0 && loaded)
+  {
+    segment_begun = false;  // what comes is a part of its own
+  }
+  else if (segment_begun)
+  {
+    movePart(ownPart(), T_map_odom * filter.T_map_odom().inverse());
+    witnesses.clear();
+  }
+  filter.turn(T_map_odom);
 }
 
 /// Where the body should be, and what is there.
@@ -760,6 +793,24 @@ void Mapper::odometryReset()
   impl_->dropWaiting();  // it is of the segment that has ended
   std::lock_guard<std::mutex> lock(impl_->queue_mutex);
   impl_->next_begins_anew = true;
+}
+
+void Mapper::setPose(const Eigen::Isometry3d& T_odom_body, const Eigen::Isometry3d& T_map_body)
+{
+  if (!isPose(T_odom_body) || !isPose(T_map_body))
+  {
+    throw std::invalid_argument("map: the pose to be set, or that of odometry, is no pose within 1000 km");
+  }
+  // Not while a frame is in work: it may be the first one after a reset.
+  std::unique_lock<std::mutex> queue_lock(impl_->queue_mutex);
+  impl_->queue_changed.wait(queue_lock, [&] { return !impl_->busy; });
+  std::lock_guard<std::mutex> lock(impl_->map_mutex);
+  if (impl_->next_begins_anew)
+  {
+    impl_->segment_begun = false;  // it has ended: its frames stay where they are
+  }
+  impl_->moveTo(uprightMapOdom(T_odom_body, T_map_body));
+  impl_->publish();
 }
 
 Eigen::Isometry3d Mapper::T_map_odom() const

@@ -55,7 +55,7 @@ public:
   {
   }
 
-  StereoFrame render(const PoseAt& T_world_body, int samples, int64_t stamp_ns)
+  StereoFrame render(const PoseAt& T_world_body, int samples, int64_t stamp_ns, const std::vector<ActorState>& actors)
   {
     const synthetic::Scene& scene = world_->scene();
     left_.clear();
@@ -64,7 +64,7 @@ public:
     {
       const double part = (k + 0.5) / samples - 0.5;
       const int64_t time_ns = stamp_ns + std::llround(1e9 * options_.exposure_s * part);
-      const synthetic::MovingScene moving = scene.movingAt(time_ns);
+      const synthetic::MovingScene moving = scene.movingAt(time_ns, actors);
       const Eigen::Isometry3d pose = T_world_body(time_ns);
       left_.add(scene, moving, pose, 1.0f / static_cast<float>(samples));
       right_.add(scene, moving, pose, 1.0f / static_cast<float>(samples));
@@ -75,7 +75,7 @@ public:
     frame.right = right_.exposure.develop(right_.light, stamp_ns, 1);
     if (options_.truth)
     {
-      const synthetic::MovingScene moving = scene.movingAt(stamp_ns);
+      const synthetic::MovingScene moving = scene.movingAt(stamp_ns, actors);
       left_.view.castTruth({scene, moving, T_world_body(stamp_ns) * left_.T_body_camera}, &frame.depth, &frame.objects);
     }
     return frame;
@@ -87,7 +87,7 @@ private:
   struct Camera
   {
     Camera(const MountedCamera& camera, const StereoRendererOptions& options, synthetic::WorkerPool* pool)
-      : view(camera.model, options.color, pool)
+      : view(camera.model, options.color, options.quality == RenderQuality::LIVE, pool)
       , exposure(view.rays(), camera.model, options)
       , T_body_camera(camera.T_body_camera)
       , supersampling(options.supersampling)
@@ -147,12 +147,13 @@ StereoFrame StereoRenderer::render(const SplineTrajectory& trajectory, int64_t s
   trajectory.at(stamp_ns);  // throws if outside; the exposure may reach a little beyond the ends
   const auto pose = [&](int64_t time_ns)
   { return trajectory.at(std::clamp(time_ns, trajectory.startNs(), trajectory.endNs())).T_world_body; };
-  return impl_->render(pose, impl_->options().blur_samples, stamp_ns);
+  return impl_->render(pose, impl_->options().blur_samples, stamp_ns, {});
 }
 
-StereoFrame StereoRenderer::render(const Eigen::Isometry3d& T_world_body, int64_t stamp_ns)
+StereoFrame StereoRenderer::render(const Eigen::Isometry3d& T_world_body, int64_t stamp_ns,
+                                   const std::vector<ActorState>& actors)
 {
-  return impl_->render([&](int64_t) { return T_world_body; }, 1, stamp_ns);
+  return impl_->render([&](int64_t) { return T_world_body; }, 1, stamp_ns, actors);
 }
 
 }  // namespace pi_slam

@@ -65,15 +65,21 @@ std::shared_ptr<const SyntheticWorld> SyntheticWorld::build(const SyntheticWorld
   return world;
 }
 
-std::vector<ObstacleState> SyntheticWorld::obstaclesAt(int64_t stamp_ns) const
+std::vector<ObstacleState> SyntheticWorld::obstaclesAt(int64_t stamp_ns, const std::vector<ActorState>& actors) const
 {
   std::vector<ObstacleState> states;
   for (const synthetic::SceneObject& object : scene_->objects)
   {
-    const synthetic::Motion::State motion = object.motion.at(scene_->seconds(stamp_ns), object.heading);
+    const std::optional<synthetic::Motion::State> present = scene_->stateOf(object, stamp_ns, actors);
+    if (!present)
+    {
+      continue;
+    }
+    const synthetic::Motion::State& motion = *present;
     ObstacleState state;
     state.id = object.id;
     state.class_name = object.class_name;
+    state.actor = object.actor;
     state.size = object.size;
     state.T_world_object.linear() = Eigen::AngleAxisd(motion.heading, Eigen::Vector3d::UnitZ()).toRotationMatrix();
     state.T_world_object.translation() << motion.position, object.base.z() + 0.5 * object.size.z();

@@ -255,6 +255,140 @@ TEST_F(Street, StartsLocalizedInALoadedMapFromAnotherHeading)
   EXPECT_GE(mapper.path().size(), 1u);
 }
 
+TEST_F(Street, IsPutWhereItIsSaidToBeAndTakesItsMapAlong)
+{
+  Mapper mapper(calibration_, testOptions());
+  const Eigen::Isometry3d T_map_world = Eigen::Translation3d(40.0, -25.0, 0.6) * turnZ(115.0);
+  const auto expectThere = [&](size_t frames)
+  {
+    // Roll and pitch of what is said do not count: odometry knows gravity.
+    EXPECT_LT((mapper.T_map_odom().matrix() - T_map_world.matrix()).norm(), 1e-9);
+    const auto path = mapper.path();
+    ASSERT_EQ(frames, path.size());
+    for (size_t i = 0; i < path.size(); ++i)
+    {
+      EXPECT_LT((path[i].second.matrix() - (T_map_world * frames_[i].T_odom_body).matrix()).norm(), 1e-9) << i;
+    }
+  };
+  const Eigen::Isometry3d tilt(Eigen::AngleAxisd(0.05, Eigen::Vector3d::UnitX()));
+  mapper.setPose(frames_[0].T_odom_body, T_map_world * frames_[0].T_odom_body);  // before the first frame
+  expectThere(0);
+  for (size_t i = 0; i < 10; ++i)
+  {
+    mapper.add(frames_[i]);
+  }
+  expectThere(10);
+  mapper.setPose(frames_[9].T_odom_body, frames_[3].T_odom_body * tilt);  // elsewhere, and back
+  EXPECT_LT(
+      ((mapper.T_map_odom() * frames_[9].T_odom_body).translation() - frames_[3].T_odom_body.translation()).norm(),
+      1e-9);
+  mapper.setPose(frames_[9].T_odom_body, T_map_world * frames_[9].T_odom_body);
+  for (size_t i = 10; i < frames_.size(); ++i)
+  {
+    mapper.add(frames_[i]);
+  }
+  expectThere(frames_.size());
+  EXPECT_EQ(frames_.size(), mapper.statistics().keyframes);
+  for (const MapPoint& point : mapper.cloud())
+  {
+    ASSERT_LT((T_map_world.inverse() * point.p_map.cast<double>()).norm(), 60.0);
+  }
+
+  // A second round that drifted is corrected as if nobody had said anything.
+  const Eigen::Isometry3d drift = Eigen::Translation3d(0.3, -0.25, 0.05) * turnZ(1.5);
+  drive(&mapper, drift);
+  EXPECT_GE(mapper.statistics().loops, 10u);
+  std::map<int64_t, Eigen::Isometry3d> poses;
+  for (const auto& pose : mapper.path())
+  {
+    poses.insert(pose);
+  }
+  for (const MapFrame& frame : frames_)
+  {
+    EXPECT_LT(
+        (poses.at(frame.stamp_ns).translation() - poses.at(frame.stamp_ns + SECOND_ROUND_NS).translation()).norm(),
+        0.05);
+  }
+  EXPECT_LT((poses.at(frames_[0].stamp_ns).translation() - T_map_world.translation()).norm(), 1.0);
+
+  const Eigen::Isometry3d before = mapper.T_map_odom();
+  Eigen::Isometry3d none = before;
+  none.translation().x() = std::nan("");
+  EXPECT_THROW(mapper.setPose(frames_[0].T_odom_body, none), std::invalid_argument);
+  none = before;
+  none.linear().setZero();
+  EXPECT_THROW(mapper.setPose(none, frames_[0].T_odom_body), std::invalid_argument);
+  EXPECT_EQ(before.matrix(), mapper.T_map_odom().matrix());
+}
+
+TEST_F(Street, IsPutSomewhereAfterAResetWithoutTheWayBefore)
+{
+  Mapper mapper(calibration_, testOptions());
+  for (size_t i = 0; i < 12; ++i)
+  {
+    mapper.add(frames_[i]);
+  }
+  mapper.odometryReset();
+  // Odometry begins at its origin; the body is said to be 0.15 m beside of where it is.
+  const Eigen::Isometry3d T_odom_map = frames_[6].T_odom_body.inverse();
+  const Eigen::Isometry3d said = Eigen::Translation3d(0.1, 0.1, 0.0) * frames_[6].T_odom_body;
+  mapper.setPose(T_odom_map * frames_[6].T_odom_body, said);
+  EXPECT_LT((mapper.T_map_odom().translation() - said.translation()).norm(), 1e-9);
+  const auto path = mapper.path();
+  ASSERT_EQ(12u, path.size());
+  EXPECT_LT((path[11].second.matrix() - frames_[11].T_odom_body.matrix()).norm(), 1e-9);  // the old way stays
+  for (size_t i = 6; i < 12; ++i)
+  {
+    mapper.add(seenBy(frames_[i], T_odom_map));
+  }
+  EXPECT_GE(mapper.statistics().loops, 1u);  // recognised places know better
+  const Eigen::Vector3d p = frames_[11].T_odom_body.translation();
+  EXPECT_LT((mapper.T_map_odom() * T_odom_map * p - p).norm(), 0.05);
+}
+
+TEST_F(Street, RecognisedPlacesOfAFileOverrideWhatIsSaid)
+{
+  const TemporaryFolder folder;
+  const std::string file = (folder.path() / "street.map").string();
+  {
+    Mapper mapper(calibration_, testOptions());
+    drive(&mapper);
+    mapper.save(file);
+  }
+  Mapper mapper(calibration_, testOptions());
+  mapper.load(file);
+  const Eigen::Isometry3d T_odom_map = Eigen::Translation3d(5.0, 5.0, 0.0) * turnZ(-100.0);
+  const Eigen::Isometry3d wrong = Eigen::Translation3d(7.0, 3.0, 0.0) * turnZ(20.0);
+  const auto say = [&](size_t i) { mapper.setPose(T_odom_map * frames_[i].T_odom_body, wrong); };
+  const auto expectThere = [&](size_t i)
+  {
+    const Eigen::Vector3d p = frames_[i].T_odom_body.translation();
+    EXPECT_LT((mapper.T_map_odom() * T_odom_map * p - p).norm(), 0.1);
+    EXPECT_TRUE(mapper.statistics().localized);
+  };
+  say(8);
+  EXPECT_FALSE(mapper.statistics().localized);
+  EXPECT_LT(((mapper.T_map_odom() * T_odom_map * frames_[8].T_odom_body).translation() - wrong.translation()).norm(),
+            1e-9);
+  size_t i = 8;
+  for (; i < 14 && !mapper.statistics().localized; ++i)
+  {
+    mapper.add(seenBy(frames_[i], T_odom_map));
+  }
+  expectThere(i - 1);
+  // Localised: the map of the file stays where it is, and is recognised again.
+  mapper.add(seenBy(frames_[i], T_odom_map));
+  say(i);
+  EXPECT_FALSE(mapper.statistics().localized);
+  const size_t said_at = i;
+  for (++i; i < 20 && !mapper.statistics().localized; ++i)
+  {
+    mapper.add(seenBy(frames_[i], T_odom_map));
+  }
+  expectThere(i - 1);
+  EXPECT_GT(i, said_at + 1);
+}
+
 TEST_F(Street, KeepsItsMapIfAFileCannotBeLoaded)
 {
   const TemporaryFolder folder;

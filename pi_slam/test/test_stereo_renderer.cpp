@@ -297,6 +297,56 @@ TEST(StereoRenderer, SeesNothingOutsideOfTheImageCircle)
   EXPECT_GT(frame.left.at<uint8_t>(HEIGHT / 2, WIDTH / 2), 0);
 }
 
+TEST(StereoRenderer, ShowsActorsWhereTheyAre)
+{
+  std::vector<StampedPose> poses(2);
+  poses[0].T_world_body.translation() << 0.0, 0.0, 1.0;
+  poses[1].T_world_body.translation() << 30.0, 0.0, 1.0;
+  poses[1].stamp_ns = 1000000000;
+  SyntheticWorldOptions world_options;
+  world_options.actors = {{"box", {0.8, 0.8, 1.0}, {{6.0, 0.5}}}};
+  const auto world = SyntheticWorld::build(world_options, poses);
+  const StereoCalibration calibration = makeCalibration(Distortion::NONE);
+  StereoRendererOptions options = StereoRendererOptions::makeIdeal();
+  options.truth = true;
+  StereoRenderer renderer(world, calibration, options);
+  ActorState box;
+  box.position = {6.0, 0.5};
+  const StereoFrame without = renderer.render(poses[0].T_world_body, 0, {box});
+  box.present = true;
+  const StereoFrame with = renderer.render(poses[0].T_world_body, 0, {box});
+  // Its middle, half a metre below the camera and half a metre to the left.
+  const auto pixel =
+      calibration.left.model.project((calibration.left.T_body_camera.inverse() * Eigen::Vector3d(5.6, 0.5, -0.5)));
+  ASSERT_TRUE(pixel);
+  const int x = static_cast<int>(pixel->x());
+  const int y = static_cast<int>(pixel->y());
+  EXPECT_NEAR(with.depth.at<float>(y, x), 5.6, 0.05);
+  EXPECT_GT(without.depth.at<float>(y, x), 8.0);
+  EXPECT_GT(with.objects.at<int32_t>(y, x), 0);
+}
+
+TEST(StereoRenderer, LivePicturesLookLikeRecordedOnes)
+{
+  const Drive& d = drive(WorldKind::CAMPUS);
+  const StereoCalibration calibration = makeCalibration(Distortion::RADTAN);
+  StereoRendererOptions options = StereoRendererOptions::makeIdeal();
+  const StereoFrame recorded = StereoRenderer(d.world, calibration, options).render(d.trajectory, stampAt(d, 5.0));
+  options.quality = RenderQuality::LIVE;
+  const StereoFrame live = StereoRenderer(d.world, calibration, options).render(d.trajectory, stampAt(d, 5.0));
+  cv::Scalar mean[2];
+  cv::Scalar deviation[2];
+  cv::meanStdDev(recorded.left, mean[0], deviation[0]);
+  cv::meanStdDev(live.left, mean[1], deviation[1]);
+  EXPECT_NEAR(mean[0][0], mean[1][0], 3.0);
+  EXPECT_NEAR(deviation[1][0] / deviation[0][0], 1.0, 0.05);
+  // The detail is other detail, but as strong.
+  const auto roughness = [](const cv::Mat& picture)
+  { return cv::norm(picture.colRange(0, WIDTH - 1), picture.colRange(1, WIDTH), cv::NORM_L1); };
+  EXPECT_NEAR(roughness(live.left) / roughness(recorded.left), 1.0, 0.12);
+  EXPECT_FALSE(equal(live.left, recorded.left));
+}
+
 TEST(VisibleObstacles, ReportsWhatThePictureShows)
 {
   const Drive& d = drive(WorldKind::CAMPUS);

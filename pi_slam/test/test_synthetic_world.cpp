@@ -136,6 +136,46 @@ INSTANTIATE_TEST_SUITE_P(SyntheticWorld, Worlds,
                                          Setting{WorldKind::CAMPUS, PathShape::FIGURE_EIGHT},
                                          Setting{WorldKind::HALL, PathShape::HALL_LOOP}));
 
+TEST(SyntheticWorld, ActorsAreWhereTheirOwnerSays)
+{
+  const std::vector<StampedPose> drive = makeDrive(PathShape::CAMPUS_LOOP);
+  SyntheticWorldOptions options = makeOptions({WorldKind::CAMPUS, PathShape::CAMPUS_LOOP});
+  const std::vector<Eigen::Vector2d> way = {{30.0, -8.0}, {30.0, 8.0}};
+  options.actors = {{"person", {}, way}, {"box", {0.5, 0.6, 0.7}, {{40.0, 0.0}}}};
+  const auto world = SyntheticWorld::build(options, drive);
+  ActorState person;
+  person.present = true;
+  person.position = {30.0, 2.0};
+  person.heading = 0.5;
+  person.velocity = {0.1, 1.1};
+  const auto obstacles = world->obstaclesAt(drive.front().stamp_ns, {person, ActorState()});
+  int actors = 0;
+  for (const ObstacleState& obstacle : obstacles)
+  {
+    if (obstacle.actor == 0)
+    {
+      ++actors;
+      EXPECT_EQ("person", obstacle.class_name);
+      EXPECT_EQ(person.position, obstacle.T_world_object.translation().head<2>());
+      EXPECT_EQ(person.velocity, obstacle.v_world.head<2>());
+    }
+    else if (obstacle.class_name != "building")
+    {
+      // Nothing else stands in its way.
+      for (double y = way[0].y(); y <= way[1].y(); y += 0.5)
+      {
+        EXPECT_GT(distanceTo(obstacle, {30.0, y, 0.0}), 0.2) << obstacle.class_name;
+      }
+    }
+    EXPECT_NE(1, obstacle.actor);  // not present
+  }
+  EXPECT_EQ(1, actors);
+  EXPECT_EQ(obstacles.size() - 1, world->obstaclesAt(drive.front().stamp_ns).size());
+  options.actors = {{"dragon", {}, {}}};
+  EXPECT_EQ(messageOf<std::invalid_argument>([&] { SyntheticWorld::build(options, drive); }),
+            "world: an actor of class \"dragon\", must be person, cart, car or box");
+}
+
 TEST(SyntheticWorld, RefusesDrivesItCannotHold)
 {
   std::vector<StampedPose> drive = makeDrive(PathShape::STRAIGHT);

@@ -5,6 +5,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <random>
 #include <string>
 #include <vector>
 
@@ -30,6 +31,27 @@ struct ImuSimulatorOptions
   static ImuSimulatorOptions makeIdeal();
   /// @throws std::invalid_argument that names field, value and bound.
   void validate() const;
+};
+
+/// The errors of an IMU: noise, biases that walk, saturation. The same seed gives the same errors. Not thread safe.
+class ImuNoise
+{
+public:
+  /// @throws std::invalid_argument for options out of range.
+  explicit ImuNoise(const ImuSimulatorOptions& options);
+
+  /// Of the sample that comes next; the biases walk on by one period.
+  /// @param sample  has the true w and f; measured ones after it.
+  void apply(ImuSample* sample);
+  const ImuBias& bias() const { return bias_; }  ///< of the next sample
+
+private:
+  Eigen::Vector3d random();
+
+  ImuSimulatorOptions options_;
+  std::mt19937_64 engine_;
+  std::normal_distribution<double> normal_;
+  ImuBias bias_;
 };
 
 /// What an IMU at the body's origin measures along a trajectory. The same seed gives the same samples.

@@ -89,6 +89,17 @@ public:
   /// only by recognised places.
   void odometryReset();
 
+  /// Somebody knows where the body is: T_map_odom becomes so that it puts the body, which odometry has at T_odom_body,
+  /// at the position and heading of T_map_body. Roll and pitch stay those of odometry, which knows gravity. Takes
+  /// effect before it returns, which may wait for the frame in work.
+  ///
+  /// What was mapped since odometry began, and all that recognised places tie to it, moves along as one: path, cloud
+  /// and recognised places stay right. A map from a file keeps its place: the body leaves it, statistics().localized
+  /// becomes (or stays) false, and the next place of it that is recognised overrides this pose. It is no prior of that
+  /// search, which looks in the whole map anyway.
+  /// @throws std::invalid_argument for poses that are none; nothing is changed then.
+  void setPose(const Eigen::Isometry3d& T_odom_body, const Eigen::Isometry3d& T_map_body);
+
   Eigen::Isometry3d T_map_odom() const;
 
   /// Corrected path: the keyframes' poses in the map frame by their stamps (those of this run).

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <memory>
 #include <opencv2/core/mat.hpp>
+#include <vector>
 
 namespace pi_slam
 {
@@ -18,9 +19,16 @@ enum class Supersampling
   FULL,   ///< four rays in every pixel
 };
 
+enum class RenderQuality
+{
+  RECORDING,  ///< for pictures that are rendered once and used often
+  LIVE,       ///< for pictures at their rate beside other work: cheaper random detail of textures, which looks alike
+};
+
 struct StereoRendererOptions
 {
   int threads = 1;  ///< that share the rows of a picture; in [1, 64]. Pictures do not depend on it.
+  RenderQuality quality = RenderQuality::RECORDING;
   Supersampling supersampling = Supersampling::EDGES;
   int blur_samples = 1;         ///< positions along the motion that are averaged; in [1, 16], 1: no motion blur
   double exposure_s = 0.008;    ///< time that the shutter is open, around the stamp; in [0, 0.1]
@@ -64,7 +72,9 @@ public:
   StereoFrame render(const SplineTrajectory& trajectory, int64_t stamp_ns);
 
   /// Pictures from a body at rest, without blur; the world is that of the stamp.
-  StereoFrame render(const Eigen::Isometry3d& T_world_body, int64_t stamp_ns);
+  /// @param actors  where those of SyntheticWorldOptions::actors are.
+  StereoFrame render(const Eigen::Isometry3d& T_world_body, int64_t stamp_ns,
+                     const std::vector<ActorState>& actors = {});
 
 private:
   class Impl;

@@ -34,6 +34,14 @@ void DriftFilter::predict(const Eigen::Isometry3d& T_odom_body)
   T_odom_body_ = T_odom_body;
 }
 
+void DriftFilter::turn(const Eigen::Isometry3d& T_map_odom)
+{
+  Eigen::Matrix4d J = Eigen::Matrix4d::Identity();
+  J.topLeftCorner<3, 3>() = T_map_odom.linear() * T_map_odom_.linear().transpose();
+  covariance_ = J * covariance_ * J.transpose();
+  T_map_odom_ = T_map_odom;
+}
+
 Eigen::Vector4d DriftFilter::difference(const PlaceMatch& place) const
 {
   const Eigen::Matrix3d turn = place.T_map_odom.linear() * T_map_odom_.linear().transpose();

@@ -32,6 +32,9 @@ public:
   /// The map moved under the body by this much; what is known of it stays.
   void move(const Eigen::Isometry3d& T_map_odom) { T_map_odom_ = T_map_odom; }
 
+  /// The map moved, turned about z, with the body in it: what is known turns along.
+  void turn(const Eigen::Isometry3d& T_map_odom);
+
   const Eigen::Isometry3d& T_map_odom() const { return T_map_odom_; }
   Eigen::Isometry3d T_map_body() const { return T_map_odom_ * T_odom_body_; }
   /// Of x, y, z of the body in map [m], heading [rad].

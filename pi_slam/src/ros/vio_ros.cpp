@@ -25,6 +25,8 @@ constexpr size_t EARLIER_FRAMES = 5;  ///< whose tracks are drawn
 /// Pairs in a row with texture but hardly a feature seen by both cameras, after which there is a warning.
 constexpr int MAX_PAIRS_WITHOUT_STEREO = 20;
 constexpr int MIN_STEREO_FEATURES = 5;
+constexpr int64_t HISTORY_NS = 5000000000;  ///< of odometry, for poses that are said later
+constexpr int64_t HISTORY_SPACING_NS = 4000000;
 
 int64_t nanoseconds(double s)
 {
@@ -67,6 +69,7 @@ VioRos::VioRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , warnings_(options_.warning_period_s, pi_runtime::warningLog<VioRosOptions>("vio"))
   , diagnostics_(output_node_, private_node, &warnings_, options_.input_timeout_s)
   , matcher_(options_.pair_tolerance_s, options_.pair_wait_s)
+  , odom_history_(HISTORY_NS, HISTORY_SPACING_NS)
 {
   if (options_.calibration.source != CalibrationSource::CAMERA_INFO)
   {
@@ -107,6 +110,7 @@ VioRos::VioRos(ros::NodeHandle node, ros::NodeHandle private_node)
   services_.push_back(private_node_.advertiseService("save_map", &VioRos::saveMap, this));
   services_.push_back(private_node_.advertiseService("load_map", &VioRos::loadMap, this));
   services_.push_back(private_node_.advertiseService("reset", &VioRos::reset, this));
+  subscribers_.push_back(service_thread_.handle(node).subscribe("initialpose", 1, &VioRos::onInitialPose, this));
 
   const auto repeat = [this](double period_s, void (VioRos::*function)())
   {
@@ -214,6 +218,13 @@ void VioRos::publishOdometry(const Pipeline& pipeline, const PropagatedState& pr
 {
   const auto odometry = boost::make_shared<nav_msgs::Odometry>(toOdometry(
       propagated, pipeline.T_base_body, pipeline.gyro_variance, options_.odom_frame, options_.base_link_frame));
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    if (pipeline_.get() == &pipeline)
+    {
+      odom_history_.add(propagated.state.stamp_ns, fromMsg(odometry->pose.pose));
+    }
+  }
   odometry_.publish(odometry);
   ++odometries_;
   const int64_t stamp_ns = propagated.state.stamp_ns;
@@ -437,11 +448,10 @@ void VioRos::workOn(const PicturePair& pair, const Pipeline& pipeline, uint64_t 
     {
       pipeline.mapper->odometryReset();
     }
-    const Eigen::Isometry3d T_map_odom = pipeline.mapper->T_map_odom();
     std::lock_guard<std::mutex> lock(mutex_);
     if (generation_ == generation)
     {
-      T_map_odom_ = T_map_odom;
+      T_map_odom_ = pipeline.mapper->T_map_odom();
     }
   }
   if (report.status != VioStatus::INITIALIZING && report.status != VioStatus::LOST)
@@ -583,6 +593,8 @@ void VioRos::replacePipeline(PipelinePtr pipeline)
     pairs_.clear();
     matcher_.clear();
     odom_path_.clear();
+    odom_history_.clear();
+    T_map_odom_ = pipeline_->mapper ? pipeline_->mapper->T_map_odom() : Eigen::Isometry3d::Identity();
     last_odometry_ns_ = 0;
     problem_.clear();
     problem_failed_ = false;

@@ -149,6 +149,7 @@ void buildCampus(const SyntheticWorldOptions& options, const std::vector<Stamped
   ground.center.z() = static_cast<float>(options.ground_z);
   ground.half.setConstant(1.0f);
   builder.addUnbounded(ground);
+  addActors(options.actors, options.seed + 1, &builder);
   if (options.crossing)
   {
     addMoving(&builder);

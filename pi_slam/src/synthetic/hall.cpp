@@ -165,6 +165,7 @@ void buildHall(const SyntheticWorldOptions& options, const std::vector<StampedPo
     highest = std::max(highest, pose.T_world_body.translation().z());
   }
   SceneBuilder builder(options, drive, highest - lowest > 0.3, scene);
+  addActors(options.actors, options.seed + 1, &builder);
   const Eigen::Vector2d extent = (builder.high() - builder.low()).head<2>();
   const double margin = std::clamp(0.25 * extent.maxCoeff(), 3.5, 7.0);
   Room room;

@@ -17,15 +17,16 @@ struct alignas(64) RoadLanes
   float w_along[LANES];
 };
 
-void locate(const RoadMap& road, const Surface& s, RoadLanes* lanes)
+PI_SLAM_VECTORISED void locate(const RoadMap& road, const Surface& s, RoadLanes* __restrict lanes)
 {
+  RoadMap::Places places;
+  road.locate(s.u, s.v, s.n, &places);
   for (int i = 0; i < s.n; ++i)
   {
-    const RoadMap::Place place = road.at(s.u[i], s.v[i]);
-    lanes->lateral[i] = place.lateral;
-    lanes->along[i] = place.along;
-    const float dx = std::min(std::abs(place.dx), 1.0f);
-    const float dy = std::min(std::abs(place.dy), 1.0f);
+    lanes->lateral[i] = places.lateral[i];
+    lanes->along[i] = places.along[i];
+    const float dx = std::min(std::abs(places.dx[i]), 1.0f);
+    const float dy = std::min(std::abs(places.dy[i]), 1.0f);
     lanes->w_lateral[i] = std::max(dx * s.wu[i] + dy * s.wv[i], 1e-4f);
     lanes->w_along[i] = std::max(dy * s.wu[i] + dx * s.wv[i], 1e-4f);
   }
@@ -52,7 +53,7 @@ PI_SLAM_VECTORISED void paintGroundBase(const float* detail, const RoadLanes& ro
   }
 }
 
-/// Lines, crossings, kerb stones and the slabs of the pavement.
+/// Lines and crossings.
 PI_SLAM_VECTORISED void paintRoadMarks(const float* detail, const RoadLanes& road, Surface* s)
 {
   for (int i = 0; i < s->n; ++i)
@@ -67,7 +68,16 @@ PI_SLAM_VECTORISED void paintRoadMarks(const float* detail, const RoadLanes& roa
                            pulse(across, -1.0f, 2.5f, wl);
     const float worn = clamp01(0.95f + 0.5f * detail[i]);
     cover(s, i, PAINT, 1.0f + 0.2f * detail[i], worn * std::min(edge + centre + crossing, 1.0f));
+  }
+}
 
+/// Kerb stones and the slabs of the pavement.
+PI_SLAM_VECTORISED void paintPavement(const float* detail, const RoadLanes& road, Surface* s)
+{
+  for (int i = 0; i < s->n; ++i)
+  {
+    const float across = road.lateral[i];
+    const float wl = road.w_lateral[i];
     const int slab_x = floorInt(s->u[i] / 0.6f);
     const int slab_y = floorInt(s->v[i] / 0.6f);
     const float w = std::max(s->wu[i], s->wv[i]);
@@ -77,10 +87,34 @@ PI_SLAM_VECTORISED void paintRoadMarks(const float* detail, const RoadLanes& roa
     const float pavement = pulse(across, 3.25f, 5.6f, wl);
     cover(s, i, {1.0f, 0.98f, 0.94f}, (0.52f + 0.22f * slab_tone + 0.26f * detail[i]) * (1.0f - 0.6f * joints),
           pavement);
-    const float kerb_joint = pulseTrain(along, 0.9f, 0.025f, wa);
+    const float kerb_joint = pulseTrain(road.along[i], 0.9f, 0.025f, road.w_along[i]);
     cover(s, i, {1.0f, 1.0f, 0.97f}, (0.72f + 0.2f * detail[i]) * (1.0f - 0.7f * kerb_joint),
           pulse(across, 3.0f, 3.25f, wl));
   }
+}
+
+/// How near to the centre line and how far from it the pixels of a surface reach [m].
+struct Reach
+{
+  float nearest;
+  float farthest;
+};
+
+PI_SLAM_VECTORISED Reach reachOf(const RoadLanes& road, int n)
+{
+  float nearest[8];
+  float farthest[8];
+  std::fill(nearest, nearest + 8, 1e30f);
+  std::fill(farthest, farthest + 8, -1e30f);
+  for (int i = 0; i < n; i += 8)
+  {
+    for (int k = 0; k < 8; ++k)
+    {
+      nearest[k] = std::min(nearest[k], road.lateral[i + k] - 0.5f * road.w_lateral[i + k]);
+      farthest[k] = std::max(farthest[k], road.lateral[i + k] + 0.5f * road.w_lateral[i + k]);
+    }
+  }
+  return {*std::min_element(nearest, nearest + 8), *std::max_element(farthest, farthest + 8)};
 }
 
 /// Bricks in courses; 1 where there is mortar.
@@ -174,7 +208,15 @@ void paintStreet(const Scene& scene, Surface* s)
   RoadLanes road;
   locate(scene.road, *s, &road);
   paintGroundBase(detail, road, s);
-  paintRoadMarks(detail, road, s);
+  const Reach reach = reachOf(road, s->n);
+  if (reach.nearest < 2.76f)
+  {
+    paintRoadMarks(detail, road, s);
+  }
+  if (reach.farthest > 2.99f)
+  {
+    paintPavement(detail, road, s);
+  }
 }
 
 void paintFacade(const Primitive& p, Surface* s)

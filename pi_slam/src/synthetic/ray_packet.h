@@ -2,7 +2,9 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <vector>
 
+#include "frustum.h"
 #include "scene.h"
 #include "texture.h"
 
@@ -32,11 +34,29 @@ struct alignas(64) RayPacket
   float b[LANES];
 };
 
+/// What the rays of a block of pixels may meet: found once for the block's packets. Keeps its memory.
+struct Candidates
+{
+  struct Entry
+  {
+    float squared_distance;  ///< from the rays' origin to the bounds [m^2]
+    int32_t id;              ///< as in RayPacket::hit
+    const Primitive* primitive;
+    const Bounds* bounds;
+  };
+  std::vector<Entry> entries;  ///< nearest first
+
+  /// @param frustum  around all rays of the block. The scenes must outlive the candidates.
+  void find(const Scene& scene, const MovingScene& moving, const Frustum& frustum);
+};
+
 /// Finds what each ray meets first. Sets t and hit.
-void trace(const Scene& scene, const MovingScene& moving, RayPacket* packet);
+/// @param frustum  around the rays of the packet, within that of the candidates.
+void trace(const Scene& scene, const Candidates& candidates, const Frustum& frustum, RayPacket* packet);
 
 /// Colours the rays after trace(). Sets face, r, g, b.
-void shade(const Scene& scene, const MovingScene& moving, RayPacket* packet);
+/// @param quick  cheaper random detail, as in Surface.
+void shade(const Scene& scene, const MovingScene& moving, bool quick, RayPacket* packet);
 
 /// Reflectance of a primitive's texture at the points of a surface; may also change its light. In materials.cpp.
 void applyMaterial(const Scene& scene, const Primitive& primitive, Surface* surface);

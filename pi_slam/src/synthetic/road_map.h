@@ -3,6 +3,8 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "texture.h"
+
 namespace pi_slam::synthetic
 {
 
@@ -26,13 +28,25 @@ public:
 
   Place at(float x, float y) const;
 
+  /// Places of many points.
+  struct alignas(64) Places
+  {
+    float lateral[LANES];
+    float along[LANES];
+    float dx[LANES];
+    float dy[LANES];
+  };
+  /// at() of the first n points of x and y, which have room for LANES; in vector code.
+  void locate(const float* x, const float* y, int n, Places* places) const;
+
 private:
   static constexpr float CELL_M = 0.25f;
 
-  struct Cell
+  /// The cells around points.
+  struct Corners
   {
-    float lateral = REACH_M;  ///< above 0 on the left of the line
-    float along = 0.0f;
+    float lateral[4][LANES];
+    float along[4][LANES];
   };
 
   void splat(const Eigen::Vector2f& a, const Eigen::Vector2f& b, float along);
@@ -40,7 +54,8 @@ private:
   Eigen::Vector2f origin_ = Eigen::Vector2f::Zero();
   int width_ = 0;
   int height_ = 0;
-  std::vector<Cell> cells_;
+  std::vector<float> lateral_;  ///< of each cell, above 0 on the left of the line
+  std::vector<float> along_;
 };
 
 }  // namespace pi_slam::synthetic

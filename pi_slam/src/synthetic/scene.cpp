@@ -35,18 +35,36 @@ Motion::State Motion::at(double time_s, double rest_heading) const
   return {from + way * (back ? 1.0 - done : done), way * (back ? -rate : rate), heading, length * done};
 }
 
-MovingScene Scene::movingAt(int64_t stamp_ns) const
+std::optional<Motion::State> Scene::stateOf(const SceneObject& object, int64_t stamp_ns,
+                                            const std::vector<ActorState>& actors) const
+{
+  if (object.actor < 0)
+  {
+    return object.motion.at(seconds(stamp_ns), object.heading);
+  }
+  const auto index = static_cast<size_t>(object.actor);
+  if (index >= actors.size() || !actors[index].present)
+  {
+    return std::nullopt;
+  }
+  const ActorState& actor = actors[index];
+  return Motion::State{actor.position, actor.velocity, actor.heading, actor.walked};
+}
+
+MovingScene Scene::movingAt(int64_t stamp_ns, const std::vector<ActorState>& actors) const
 {
   constexpr double STEP_LENGTH_M = 0.7;
   MovingScene moving;
   std::vector<Bounds> bounds;
   for (const SceneObject& object : objects)
   {
-    if (object.parts.empty())
+    const std::optional<Motion::State> present =
+        object.parts.empty() ? std::nullopt : stateOf(object, stamp_ns, actors);
+    if (!present)
     {
       continue;
     }
-    const Motion::State state = object.motion.at(seconds(stamp_ns), object.heading);
+    const Motion::State& state = *present;
     const Eigen::Matrix3f R_world_object =
         Eigen::AngleAxisf(static_cast<float>(state.heading), Eigen::Vector3f::UnitZ()).toRotationMatrix();
     const Eigen::Vector3f p_world_object(static_cast<float>(state.position.x()), static_cast<float>(state.position.y()),

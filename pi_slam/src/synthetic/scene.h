@@ -1,7 +1,10 @@
 #pragma once
 
+#include <pi_slam/synthetic_world.h>
+
 #include <Eigen/Geometry>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -100,6 +103,7 @@ struct SceneObject
   double heading = 0.0;                            ///< [rad]
   Motion motion;
   std::vector<MovingPart> parts;  ///< empty for what stands still
+  int actor = -1;                 ///< its number among the actors; -1: none, the world moves it
 };
 
 /// The moving primitives at one time, in world coordinates.
@@ -124,7 +128,10 @@ struct Scene
   RoadMap road;  ///< empty in a hall
 
   double seconds(int64_t stamp_ns) const { return 1e-9 * static_cast<double>(stamp_ns - origin_ns); }
-  MovingScene movingAt(int64_t stamp_ns) const;
+  MovingScene movingAt(int64_t stamp_ns, const std::vector<ActorState>& actors) const;
+  /// @return nullopt: an actor that is not there.
+  std::optional<Motion::State> stateOf(const SceneObject& object, int64_t stamp_ns,
+                                       const std::vector<ActorState>& actors) const;
   /// Puts every primitive in place and builds the tree. Call once all are there.
   void finish();
 };

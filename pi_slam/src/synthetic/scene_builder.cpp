@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <stdexcept>
 
 namespace pi_slam::synthetic
 {
@@ -218,6 +219,59 @@ bool SceneBuilder::placeMoving(const Prop& prop, const Eigen::Vector2d& from, co
   object.motion = motion;
   object.parts = prop.parts;
   return true;
+}
+
+void SceneBuilder::addActor(const Prop& prop, const std::vector<Eigen::Vector2d>& way)
+{
+  const Eigen::Vector2d first = way.empty() ? Eigen::Vector2d::Zero() : way.front();
+  const int id = addObject(prop, {first.x(), first.y(), 0.0}, 0.0);
+  SceneObject& object = scene_->objects[static_cast<size_t>(id) - 1];
+  object.parts = prop.parts;
+  object.actor = actors_++;
+  const double radius = 0.5 * prop.size.head<2>().norm();
+  for (size_t i = 0; i < way.size(); ++i)
+  {
+    const Eigen::Vector2d a = way[i == 0 ? 0 : i - 1];
+    const Eigen::Vector2d edge = way[i] - a;
+    const Eigen::Vector2d axis = edge.norm() > 1e-6 ? Eigen::Vector2d(edge.normalized()) : Eigen::Vector2d::UnitX();
+    taken_.push_back({0.5 * (a + way[i]), axis, {0.5 * edge.norm() + radius, radius}});
+  }
+}
+
+void addActors(const std::vector<ActorOptions>& actors, uint64_t seed, SceneBuilder* builder)
+{
+  Random random(seed);
+  for (const ActorOptions& actor : actors)
+  {
+    if (actor.class_name == "person")
+    {
+      builder->addActor(makePerson(&random), actor.way);
+    }
+    else if (actor.class_name == "cart")
+    {
+      builder->addActor(makeCart(&random), actor.way);
+    }
+    else if (actor.class_name == "car")
+    {
+      builder->addActor(makeCar(&random), actor.way);
+    }
+    else if (actor.class_name == "box")
+    {
+      Prop box = makeBox(&random, 1.1);
+      if ((actor.size.array() > 0.0).all())
+      {
+        box.size = actor.size;
+        box.parts.front().primitive.half = (0.5 * actor.size).cast<float>();
+        box.parts.front().primitive.center.z() = static_cast<float>(0.5 * actor.size.z());
+      }
+      builder->addActor(box, actor.way);
+    }
+    else
+    {
+      throw std::invalid_argument("world: an actor of class \"" + actor.class_name +
+                                  "\", must be person, cart, car or box");
+    }
+  }
 }
 
 }  // namespace pi_slam::synthetic

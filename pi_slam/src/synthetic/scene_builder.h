@@ -34,6 +34,9 @@ public:
   /// @return false if the drive came closer than 1.2 m at any phase, or a prop stands there.
   bool placeMoving(const Prop& prop, const Eigen::Vector2d& from, const Eigen::Vector2d& to, double speed);
 
+  /// Adds an actor, and keeps its way free of what is placed later.
+  void addActor(const Prop& prop, const std::vector<Eigen::Vector2d>& way);
+
   Random& random() { return random_; }
   /// Smallest and largest position of the path, road included [m].
   const Eigen::Vector3d& low() const { return low_; }
@@ -69,9 +72,13 @@ private:
   std::vector<PathPoint> path_;     ///< thinned to 0.15 m
   std::vector<Eigen::Vector2d> line_;
   std::vector<Footprint> taken_;
+  int actors_ = 0;
   Eigen::Vector3d low_;
   Eigen::Vector3d high_;
 };
+
+/// Adds all actors. @throws std::invalid_argument for a class that is unknown.
+void addActors(const std::vector<ActorOptions>& actors, uint64_t seed, SceneBuilder* builder);
 
 /// Fill an empty scene. In campus.cpp and hall.cpp.
 void buildCampus(const SyntheticWorldOptions& options, const std::vector<StampedPose>& drive, Scene* scene);

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 
 #include "ray_packet.h"
@@ -21,27 +22,99 @@ struct alignas(64) RayGroup
   float spread[LANES];
 };
 
-RayGroup gather(const RayPacket& packet, int32_t id)
+/// The lanes of a packet by what they hit, in the order of their first lane.
+class LanesByHit
 {
-  RayGroup group;
-  for (int i = 0; i < LANES; ++i)
+public:
+  explicit LanesByHit(const RayPacket& packet)
   {
-    if (packet.hit[i] == id)
+    int last = -1;  // neighbours mostly hit the same
+    for (int i = 0; i < LANES; ++i)
     {
-      group.lane[group.lanes++] = i;
+      const int32_t id = packet.hit[i];
+      if (last < 0 || ids_[last] != id)
+      {
+        last = static_cast<int>(std::find(ids_, ids_ + count_, id) - ids_);
+        if (last == count_)
+        {
+          ids_[count_] = id;
+          first_[count_++] = i;
+        }
+        else
+        {
+          next_[end_[last]] = i;
+        }
+      }
+      else
+      {
+        next_[end_[last]] = i;
+      }
+      end_[last] = i;
+      next_[i] = -1;
     }
   }
-  group.n = (group.lanes + 7) / 8 * 8;
-  for (int k = 0; k < group.n; ++k)
+
+  int count() const { return count_; }
+  int32_t id(int group) const { return ids_[group]; }
+
+  RayGroup gather(const RayPacket& packet, int group) const
   {
-    const int i = group.lane[k < group.lanes ? k : 0];
-    group.dx[k] = packet.dx[i];
-    group.dy[k] = packet.dy[i];
-    group.dz[k] = packet.dz[i];
-    group.t[k] = packet.t[i];
-    group.spread[k] = packet.spread[i];
+    RayGroup g;
+    for (int i = first_[group]; i >= 0; i = next_[i])
+    {
+      g.lane[g.lanes++] = i;
+    }
+    g.n = (g.lanes + 7) / 8 * 8;
+    for (int k = 0; k < g.n; ++k)
+    {
+      const int i = g.lane[k < g.lanes ? k : 0];
+      g.dx[k] = packet.dx[i];
+      g.dy[k] = packet.dy[i];
+      g.dz[k] = packet.dz[i];
+      g.t[k] = packet.t[i];
+      g.spread[k] = packet.spread[i];
+    }
+    return g;
   }
-  return group;
+
+private:
+  int count_ = 0;
+  int32_t ids_[LANES];
+  int first_[LANES];
+  int end_[LANES];
+  int next_[LANES];
+};
+
+/// All lanes of a packet.
+void gatherAll(const RayPacket& packet, RayGroup* g)
+{
+  g->n = g->lanes = LANES;
+  std::copy_n(packet.dx, LANES, g->dx);
+  std::copy_n(packet.dy, LANES, g->dy);
+  std::copy_n(packet.dz, LANES, g->dz);
+  std::copy_n(packet.t, LANES, g->t);
+  std::copy_n(packet.spread, LANES, g->spread);
+}
+
+PI_SLAM_VECTORISED bool allHit(const RayPacket& packet, int32_t id)
+{
+  int others = 0;
+  for (int i = 0; i < LANES; ++i)
+  {
+    others |= packet.hit[i] ^ id;
+  }
+  return others == 0;
+}
+
+PI_SLAM_VECTORISED void colourAll(const Surface& surface, RayPacket* packet)
+{
+  for (int i = 0; i < LANES; ++i)
+  {
+    packet->r[i] = surface.r[i] * surface.light[i];
+    packet->g[i] = surface.g[i] * surface.light[i];
+    packet->b[i] = surface.b[i] * surface.light[i];
+    packet->face[i] = surface.face[i];
+  }
 }
 
 /// arctan2 within 1e-5 rad in vector code (polynomial of Hastings, Approximations for Digital Computers, 1955).
@@ -247,38 +320,51 @@ void shadeSky(uint32_t seed, const RayGroup& g, Surface* s)
 
 }  // namespace
 
-void shade(const Scene& scene, const MovingScene& moving, RayPacket* packet)
+namespace
+{
+
+/// Colours the points where a group's rays end.
+void shadeGroup(const Scene& scene, const MovingScene& moving, int32_t id, const Eigen::Vector3f& origin,
+                const RayGroup& group, Surface* surface)
+{
+  if (id == RayPacket::SKY)
+  {
+    shadeSky(scene.seed, group, surface);
+    return;
+  }
+  const auto index = static_cast<size_t>(id);
+  const Primitive& primitive =
+      index < scene.primitives.size() ? scene.primitives[index] : moving.primitives[index - scene.primitives.size()];
+  makeSurface(scene, primitive, origin, group, surface);
+  applyMaterial(scene, primitive, surface);
+}
+
+}  // namespace
+
+void shade(const Scene& scene, const MovingScene& moving, bool quick, RayPacket* packet)
 {
   Surface surface;
-  bool done[LANES] = {};
-  for (int first = 0; first < LANES; ++first)
+  surface.quick = quick;
+  if (allHit(*packet, packet->hit[0]))
   {
-    if (done[first])
-    {
-      continue;
-    }
-    const int32_t id = packet->hit[first];
-    const RayGroup group = gather(*packet, id);
-    if (id == RayPacket::SKY)
-    {
-      shadeSky(scene.seed, group, &surface);
-    }
-    else
-    {
-      const auto index = static_cast<size_t>(id);
-      const Primitive& primitive = index < scene.primitives.size() ? scene.primitives[index]
-                                                                   : moving.primitives[index - scene.primitives.size()];
-      makeSurface(scene, primitive, packet->origin, group, &surface);
-      applyMaterial(scene, primitive, &surface);
-    }
+    RayGroup group;
+    gatherAll(*packet, &group);
+    shadeGroup(scene, moving, packet->hit[0], packet->origin, group, &surface);
+    colourAll(surface, packet);
+    return;
+  }
+  const LanesByHit by_hit(*packet);
+  for (int i = 0; i < by_hit.count(); ++i)
+  {
+    const RayGroup group = by_hit.gather(*packet, i);
+    shadeGroup(scene, moving, by_hit.id(i), packet->origin, group, &surface);
     for (int k = 0; k < group.lanes; ++k)
     {
-      const int i = group.lane[k];
-      packet->r[i] = surface.r[k] * surface.light[k];
-      packet->g[i] = surface.g[k] * surface.light[k];
-      packet->b[i] = surface.b[k] * surface.light[k];
-      packet->face[i] = surface.face[k];
-      done[i] = true;
+      const int lane = group.lane[k];
+      packet->r[lane] = surface.r[k] * surface.light[k];
+      packet->g[lane] = surface.g[k] * surface.light[k];
+      packet->b[lane] = surface.b[k] * surface.light[k];
+      packet->face[lane] = surface.face[k];
     }
   }
 }

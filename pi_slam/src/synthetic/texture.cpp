@@ -34,40 +34,99 @@ float ink(uint32_t letter, int column, int row)
 
 }  // namespace
 
-PI_SLAM_VECTORISED void fractalNoise(const Surface& s, const NoiseSpec& spec, float* out)
+namespace
 {
-  float finest = 1e30f;
+
+/// One octave of value noise at one point, in [-1, 1].
+template <bool QUICK>
+inline float valueNoise(float x, float y, uint32_t seed)
+{
+  const int ix = floorInt(x);
+  const int iy = floorInt(y);
+  const float fx = x - static_cast<float>(ix);
+  const float fy = y - static_cast<float>(iy);
+  const float sx = fx * fx * (3.0f - 2.0f * fx);
+  const float sy = fy * fy * (3.0f - 2.0f * fy);
+  if (QUICK)
+  {
+    constexpr uint32_t COLUMN = 0x9E3779B1u;
+    constexpr uint32_t ROW = 0x85EBCA77u;
+    const uint32_t left = quickKey(ix, COLUMN) + seed;
+    const uint32_t bottom = quickKey(iy, ROW);
+    const uint32_t right = left + COLUMN;
+    const uint32_t top = bottom + ROW;
+    const float low = mix(quickRandom(left ^ bottom), quickRandom(right ^ bottom), sx);
+    const float high = mix(quickRandom(left ^ top), quickRandom(right ^ top), sx);
+    return 2.0f * mix(low, high, sy) - 1.0f;
+  }
+  const float low = mix(cellRandom(ix, iy, seed), cellRandom(ix + 1, iy, seed), sx);
+  const float high = mix(cellRandom(ix, iy + 1, seed), cellRandom(ix + 1, iy + 1, seed), sx);
+  return 2.0f * mix(low, high, sy) - 1.0f;
+}
+
+struct Octave
+{
+  float cell;
+  float stretch;
+  float amplitude;
+  float shift;
+  uint32_t seed;
+};
+
+template <bool QUICK>
+inline void addOctaveOf(const Surface& s, const Octave& octave, float* __restrict out)
+{
+  const float scale_u = 1.0f / octave.cell;
+  const float scale_v = 1.0f / (octave.cell * octave.stretch);
   for (int i = 0; i < s.n; ++i)
   {
-    out[i] = 0.0f;
-    finest = std::min(finest, std::max(s.wu[i], s.wv[i] / spec.stretch));
+    const float x = s.u[i] * scale_u + octave.shift;
+    const float y = s.v[i] * scale_v + octave.shift;
+    const float visible = fade(octave.cell, s.wu[i]) * fade(octave.cell * octave.stretch, s.wv[i]);
+    out[i] += octave.amplitude * visible * valueNoise<QUICK>(x, y, octave.seed);
   }
-  float cell = spec.cell;
-  float amplitude = 0.55f;
-  for (int octave = 0; octave < spec.octaves && finest < 1.5f * cell; ++octave)
+}
+
+PI_SLAM_VECTORISED void addOctave(const Surface& s, const Octave& octave, float* __restrict out)
+{
+  addOctaveOf<false>(s, octave, out);
+}
+
+PI_SLAM_VECTORISED void addQuickOctave(const Surface& s, const Octave& octave, float* __restrict out)
+{
+  addOctaveOf<true>(s, octave, out);
+}
+
+PI_SLAM_VECTORISED float finestPixel(const Surface& s, float stretch)
+{
+  // Eight minima side by side, as in farthest(); n is a multiple of 8.
+  float finest[8] = {1e30f, 1e30f, 1e30f, 1e30f, 1e30f, 1e30f, 1e30f, 1e30f};
+  for (int i = 0; i < s.n; i += 8)
   {
-    const uint32_t seed = (spec.seed + static_cast<uint32_t>(octave) * 0x6C8E9CF5u) * 0x9E3779B1u;
-    const float scale_u = 1.0f / cell;
-    const float scale_v = 1.0f / (cell * spec.stretch);
-    // Lattices of different octaves must not share their lines.
-    const float shift = 0.37f * static_cast<float>(octave);
-    for (int i = 0; i < s.n; ++i)
+    for (int k = 0; k < 8; ++k)
     {
-      const float x = s.u[i] * scale_u + shift;
-      const float y = s.v[i] * scale_v + shift;
-      const int ix = floorInt(x);
-      const int iy = floorInt(y);
-      const float fx = x - static_cast<float>(ix);
-      const float fy = y - static_cast<float>(iy);
-      const float sx = fx * fx * (3.0f - 2.0f * fx);
-      const float sy = fy * fy * (3.0f - 2.0f * fy);
-      const float low = mix(cellRandom(ix, iy, seed), cellRandom(ix + 1, iy, seed), sx);
-      const float high = mix(cellRandom(ix, iy + 1, seed), cellRandom(ix + 1, iy + 1, seed), sx);
-      const float visible = fade(cell, s.wu[i]) * fade(cell * spec.stretch, s.wv[i]);
-      out[i] += amplitude * visible * (2.0f * mix(low, high, sy) - 1.0f);
+      finest[k] = std::min(finest[k], std::max(s.wu[i + k], s.wv[i + k] / stretch));
     }
-    cell *= 0.5f;
-    amplitude *= spec.persistence;
+  }
+  return *std::min_element(finest, finest + 8);
+}
+
+}  // namespace
+
+void fractalNoise(const Surface& s, const NoiseSpec& spec, float* out)
+{
+  std::fill(out, out + s.n, 0.0f);
+  const float finest = finestPixel(s, spec.stretch);
+  const float limit = s.quick ? 1.15f : 1.5f;  // pixels per cell where an octave is faded out, or nearly so
+  Octave o{spec.cell, spec.stretch, 0.55f, 0.0f, 0};
+  for (int octave = 0; octave < spec.octaves && finest < limit * o.cell; ++octave)
+  {
+    o.seed = (spec.seed + static_cast<uint32_t>(octave) * 0x6C8E9CF5u) * 0x9E3779B1u;
+    // Lattices of different octaves must not share their lines.
+    o.shift = 0.37f * static_cast<float>(octave);
+    (s.quick ? addQuickOctave : addOctave)(s, o, out);
+    o.cell *= 0.5f;
+    o.amplitude *= spec.persistence;
   }
 }
 

@@ -26,6 +26,7 @@ constexpr int LANES = 64;  ///< points or rays that are worked on together; 8x8 
 struct alignas(64) Surface
 {
   int n = 0;            ///< points, rounded up to a multiple of 8 with copies of the first
+  bool quick = false;   ///< RenderQuality::LIVE
   float u[LANES];       ///< along the surface [m]: to the right seen from outside on upright faces
   float v[LANES];       ///< up on upright faces [m]; 0 at the primitive's centre
   float wu[LANES];      ///< width of the pixel on the surface, along u [m]
@@ -67,6 +68,19 @@ inline uint32_t hashCell(int x, int y, uint32_t seed)
   h = (h ^ (h >> 15)) * 0x2C1B3C6Du;
   h = (h ^ (h >> 13)) * 0x297A2D39u;
   return h ^ (h >> 16);
+}
+
+/// Rows and columns of a lattice for quickRandom().
+inline uint32_t quickKey(int coordinate, uint32_t factor)
+{
+  return static_cast<uint32_t>(coordinate) * factor;
+}
+
+/// Random number in [0, 1) from a lattice point's keys: one round of multiply and xor-shift, enough for noise.
+inline float quickRandom(uint32_t key)
+{
+  const uint32_t h = (key ^ (key >> 15)) * 0x2C1B3C6Du;
+  return static_cast<float>(static_cast<int32_t>((h ^ (h >> 13)) & 0xFFFFFFu)) * 0x1p-24f;
 }
 
 /// Random number in [0, 1) of a lattice point.
@@ -119,7 +133,8 @@ struct NoiseSpec
 };
 
 /// Sum of octaves of value noise at all points of a surface (Perlin 1985; value noise on a hashed lattice), about 0
-/// with a standard deviation near 0.35. Octaves finer than the pixels are faded out.
+/// with a standard deviation near 0.35. Octaves finer than the pixels are faded out. Quick surfaces get other, cheaper
+/// random numbers, and lack octaves that are hardly to be seen.
 void fractalNoise(const Surface& surface, const NoiseSpec& spec, float* out);
 
 /// Coverage by ink of the letter in an upright cell of 6 x 8 units at point (x, y), y up, of pixels w wide. Letters and

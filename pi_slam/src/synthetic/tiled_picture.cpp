@@ -1,6 +1,7 @@
 #include "tiled_picture.h"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 
 namespace pi_slam::synthetic
@@ -44,6 +45,57 @@ RayTable::RayTable(const CameraModel& camera)
       }
     }
   }
+  for (int tile = 0; tile < tiling_.tiles(); ++tile)
+  {
+    const float* spread = &spread_[static_cast<size_t>(tile) * LANES];
+    sees_all_.push_back(std::all_of(spread, spread + LANES, [](float angle) { return angle > 0.0f; }));
+    tile_frusta_.push_back(frustumAround({tile}));
+  }
+  for (int block = 0; block < tiling_.blocks(); ++block)
+  {
+    std::vector<int> tiles;
+    tiling_.forBlock(block, [&](int tile) { tiles.push_back(tile); });
+    block_frusta_.push_back(frustumAround(tiles));
+  }
+}
+
+FrustumNormals RayTable::frustumAround(const std::vector<int>& tiles) const
+{
+  constexpr float ROUNDING = 2e-4f;  // of the slopes
+  Eigen::Vector3f axis = Eigen::Vector3f::Zero();
+  float widest = 0.0f;
+  const auto forRays = [&](const auto& work)
+  {
+    for (const int tile : tiles)
+    {
+      for (size_t i = static_cast<size_t>(tile) * LANES; i < static_cast<size_t>(tile + 1) * LANES; ++i)
+      {
+        work(i);
+      }
+    }
+  };
+  forRays(
+      [&](size_t i)
+      {
+        axis += ray(i);
+        widest = std::max(widest, spread_[i]);
+      });
+  axis.normalize();
+  const Eigen::Vector3f u = axis.unitOrthogonal();
+  const Eigen::Vector3f v = axis.cross(u);
+  Eigen::Array2f low(1e30f, 1e30f);
+  Eigen::Array2f high(-1e30f, -1e30f);
+  forRays(
+      [&](size_t i)
+      {
+        const Eigen::Vector3f d = ray(i);
+        const float depth = std::max(d.dot(axis), 1e-3f);
+        const Eigen::Array2f slope = Eigen::Array2f(d.dot(u), d.dot(v)) / depth;
+        const float margin = 0.6f * widest / (depth * depth) + ROUNDING;  // for the rays beside a pixel's centre
+        low = low.min(slope - margin);
+        high = high.max(slope + margin);
+      });
+  return {u - high[0] * axis, low[0] * axis - u, v - high[1] * axis, low[1] * axis - v};
 }
 
 PI_SLAM_VECTORISED void RayTable::fill(int tile, const Eigen::Matrix3f& R, RayPacket* packet) const

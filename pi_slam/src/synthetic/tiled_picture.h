@@ -2,6 +2,7 @@
 
 #include <pi_slam/camera_model.h>
 
+#include <algorithm>
 #include <cstdint>
 #include <vector>
 
@@ -14,12 +15,33 @@ namespace pi_slam::synthetic
 struct Tiling
 {
   static constexpr int SIDE = 8;
+  static constexpr int BLOCK_SIDE = 4;  ///< tiles; what their rays may meet is found for all of them together
 
   Tiling(int picture_width, int picture_height)
-    : width(picture_width), height(picture_height), columns((width + SIDE - 1) / SIDE), rows((height + SIDE - 1) / SIDE)
+    : width(picture_width)
+    , height(picture_height)
+    , columns((width + SIDE - 1) / SIDE)
+    , rows((height + SIDE - 1) / SIDE)
+    , block_columns((columns + BLOCK_SIDE - 1) / BLOCK_SIDE)
+    , block_rows((rows + BLOCK_SIDE - 1) / BLOCK_SIDE)
   {
   }
   int tiles() const { return columns * rows; }
+  int blocks() const { return block_columns * block_rows; }
+  /// Calls `work(tile)` for the tiles of a block.
+  template <typename Work>
+  void forBlock(int block, const Work& work) const
+  {
+    const int left = block % block_columns * BLOCK_SIDE;
+    const int top = block / block_columns * BLOCK_SIDE;
+    for (int row = top; row < std::min(top + BLOCK_SIDE, rows); ++row)
+    {
+      for (int column = left; column < std::min(left + BLOCK_SIDE, columns); ++column)
+      {
+        work(row * columns + column);
+      }
+    }
+  }
   size_t size() const { return static_cast<size_t>(tiles()) * LANES; }
   size_t index(int x, int y) const
   {
@@ -31,6 +53,8 @@ struct Tiling
   int height;
   int columns;
   int rows;
+  int block_columns;
+  int block_rows;
 };
 
 /// Direction of every pixel in the camera frame, computed once from the camera model.
@@ -40,6 +64,11 @@ public:
   explicit RayTable(const CameraModel& camera);
 
   const Tiling& tiling() const { return tiling_; }
+  /// Planes around the rays of a tile, and around those of a block, half a pixel wider, in the camera frame.
+  const FrustumNormals& tileFrustum(int tile) const { return tile_frusta_[static_cast<size_t>(tile)]; }
+  const FrustumNormals& blockFrustum(int block) const { return block_frusta_[static_cast<size_t>(block)]; }
+  /// True if the camera model sees something in every pixel of a tile.
+  bool seesAll(int tile) const { return sees_all_[static_cast<size_t>(tile)]; }
   /// False where the camera model sees nothing; such pixels carry a neighbour's direction.
   bool sees(size_t index) const { return spread_[index] > 0.0f; }
   /// Cosine between the pixel's ray and the optical axis.
@@ -53,6 +82,7 @@ public:
                     RayPacket* packet) const;
 
 private:
+  FrustumNormals frustumAround(const std::vector<int>& tiles) const;
   Eigen::Vector3f ray(size_t index) const { return {x_[index], y_[index], z_[index]}; }
 
   Tiling tiling_;
@@ -60,6 +90,9 @@ private:
   std::vector<float> y_;
   std::vector<float> z_;
   std::vector<float> spread_;  ///< angle to the next pixel [rad]; 0: sees nothing
+  std::vector<FrustumNormals> tile_frusta_;
+  std::vector<FrustumNormals> block_frusta_;
+  std::vector<bool> sees_all_;
 };
 
 /// Light that reaches the pixels, in the order of a Tiling.

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <vector>
 
 #include "ray_packet.h"
 
@@ -168,74 +169,6 @@ void hitPrimitive(const Primitive& primitive, int32_t id, RayPacket* packet)
   }
 }
 
-/// Pyramid around all rays of a packet: four planes through their common origin.
-class Frustum
-{
-public:
-  explicit Frustum(const RayPacket& packet) : origin_(packet.origin)
-  {
-    Eigen::Vector3f axis = Eigen::Vector3f::Zero();
-    for (int i = 0; i < LANES; ++i)
-    {
-      axis += Eigen::Vector3f(packet.dx[i], packet.dy[i], packet.dz[i]);
-    }
-    axis.normalize();
-    const Eigen::Vector3f u = axis.unitOrthogonal();
-    const Eigen::Vector3f v = axis.cross(u);
-    Eigen::Array2f low(1e30f, 1e30f);
-    Eigen::Array2f high(-1e30f, -1e30f);
-    for (int i = 0; i < LANES; ++i)
-    {
-      const Eigen::Vector3f d(packet.dx[i], packet.dy[i], packet.dz[i]);
-      const Eigen::Array2f slope = Eigen::Array2f(d.dot(u), d.dot(v)) / std::max(d.dot(axis), 1e-3f);
-      low = low.min(slope);
-      high = high.max(slope);
-    }
-    constexpr float MARGIN = 1e-4f;  // for rounding of the slopes
-    const std::array<Eigen::Vector3f, 4> normals = {u - (high[0] + MARGIN) * axis, (low[0] - MARGIN) * axis - u,
-                                                    v - (high[1] + MARGIN) * axis, (low[1] - MARGIN) * axis - v};
-    for (size_t i = 0; i < normals.size(); ++i)
-    {
-      // Coordinates may be much larger than distances; the offset gives way by what their products are rounded.
-      const float rounding = 4e-7f * normals[i].cwiseProduct(origin_).lpNorm<1>();
-      planes_[i] = {normals[i].x(), normals[i].y(), normals[i].z(), normals[i].dot(origin_) + rounding};
-    }
-  }
-
-  /// True if the box is beside all rays, or further away than `reach`.
-  bool misses(const Bounds& bounds, float reach) const
-  {
-    for (const Plane& plane : planes_)
-    {
-      // Smallest value of normal * point over the box; above that of the origin, all of it is outside of this plane.
-      const float x = plane.x * (plane.x > 0.0f ? bounds.low.x() : bounds.high.x());
-      const float y = plane.y * (plane.y > 0.0f ? bounds.low.y() : bounds.high.y());
-      const float z = plane.z * (plane.z > 0.0f ? bounds.low.z() : bounds.high.z());
-      if (x + y + z > plane.offset)
-      {
-        return true;
-      }
-    }
-    return squaredDistance(bounds) > reach * reach;
-  }
-
-  float squaredDistance(const Bounds& bounds) const
-  {
-    return (bounds.low - origin_).cwiseMax(origin_ - bounds.high).cwiseMax(0.0f).squaredNorm();
-  }
-
-private:
-  Eigen::Vector3f origin_;
-  struct Plane
-  {
-    float x;  ///< normal, outwards
-    float y;
-    float z;
-    float offset;  ///< normal * origin
-  };
-  std::array<Plane, 4> planes_;
-};
-
 PI_SLAM_VECTORISED float farthest(const RayPacket& packet)
 {
   // Eight maxima side by side: a single one would be a chain of comparisons that no vector code may reorder.
@@ -251,7 +184,8 @@ PI_SLAM_VECTORISED float farthest(const RayPacket& packet)
 }
 
 /// @param first  primitive of leaf 0; @param base  its index among all.
-void traverse(const BoundingTree& tree, const Primitive* first, int32_t base, const Frustum& frustum, RayPacket* packet)
+void collect(const BoundingTree& tree, const Primitive* first, int32_t base, const Frustum& frustum,
+             std::vector<Candidates::Entry>* entries)
 {
   const std::vector<BoundingTree::Node>& nodes = tree.nodes();
   if (nodes.empty())
@@ -261,33 +195,40 @@ void traverse(const BoundingTree& tree, const Primitive* first, int32_t base, co
   std::array<int32_t, 64> stack;  // the tree halves at each level
   size_t depth = 0;
   stack[depth++] = 0;
-  float reach = farthest(*packet);
   while (depth > 0)
   {
     const int32_t index = stack[--depth];
     const BoundingTree::Node& node = nodes[static_cast<size_t>(index)];
-    if (frustum.misses(node.bounds, reach))
+    if (frustum.misses(node.bounds))
     {
       continue;
     }
     if (node.right == 0)
     {
-      hitPrimitive(first[node.leaf], base + node.leaf, packet);
-      reach = farthest(*packet);
+      entries->push_back({frustum.squaredDistance(node.bounds), base + node.leaf, first + node.leaf, &node.bounds});
       continue;
     }
-    // The nearer child is visited first, as what it hides need not be visited.
-    const int32_t left = index + 1;
-    const bool left_first = frustum.squaredDistance(nodes[static_cast<size_t>(left)].bounds) <=
-                            frustum.squaredDistance(nodes[static_cast<size_t>(node.right)].bounds);
-    stack[depth++] = left_first ? node.right : left;
-    stack[depth++] = left_first ? left : node.right;
+    stack[depth++] = node.right;
+    stack[depth++] = index + 1;
   }
 }
 
 }  // namespace
 
-void trace(const Scene& scene, const MovingScene& moving, RayPacket* packet)
+void Candidates::find(const Scene& scene, const MovingScene& moving, const Frustum& frustum)
+{
+  entries.clear();
+  collect(scene.tree, scene.primitives.data() + scene.unbounded, static_cast<int32_t>(scene.unbounded), frustum,
+          &entries);
+  collect(moving.tree, moving.primitives.data(), static_cast<int32_t>(scene.primitives.size()), frustum, &entries);
+  // Ties are broken by index, for the same picture on every machine.
+  std::sort(entries.begin(), entries.end(),
+            [](const Entry& a, const Entry& b) {
+              return a.squared_distance != b.squared_distance ? a.squared_distance < b.squared_distance : a.id < b.id;
+            });
+}
+
+void trace(const Scene& scene, const Candidates& candidates, const Frustum& frustum, RayPacket* packet)
 {
   for (int i = 0; i < LANES; ++i)
   {
@@ -298,10 +239,19 @@ void trace(const Scene& scene, const MovingScene& moving, RayPacket* packet)
   {
     hitPrimitive(scene.primitives[i], static_cast<int32_t>(i), packet);
   }
-  const Frustum frustum(*packet);
-  traverse(scene.tree, scene.primitives.data() + scene.unbounded, static_cast<int32_t>(scene.unbounded), frustum,
-           packet);
-  traverse(moving.tree, moving.primitives.data(), static_cast<int32_t>(scene.primitives.size()), frustum, packet);
+  float reach = farthest(*packet);
+  for (const Candidates::Entry& entry : candidates.entries)
+  {
+    if (entry.squared_distance > reach * reach)
+    {
+      return;  // and so are all behind it: all rays end before
+    }
+    if (!frustum.misses(*entry.bounds))
+    {
+      hitPrimitive(*entry.primitive, entry.id, packet);
+      reach = farthest(*packet);
+    }
+  }
 }
 
 }  // namespace pi_slam::synthetic

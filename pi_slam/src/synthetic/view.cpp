@@ -28,7 +28,8 @@ void addTo(std::vector<float>* sum, const std::vector<float>& values, float weig
 
 }  // namespace
 
-View::View(const CameraModel& camera, bool color, WorkerPool* pool) : rays_(camera), color_(color), pool_(pool)
+View::View(const CameraModel& camera, bool color, bool quick, WorkerPool* pool)
+  : rays_(camera), color_(color), quick_(quick), pool_(pool)
 {
   const Tiling& tiling = rays_.tiling();
   surface_.resize(static_cast<size_t>(tiling.width) * static_cast<size_t>(tiling.height));
@@ -58,21 +59,40 @@ void View::store(const RayPacket& packet, size_t index, int lane, int count)
   }
 }
 
-void View::castTile(const Shot& shot, const Eigen::Matrix3f& R, int tile)
+void View::castTile(const Shot& shot, const TileRays& rays, int tile, bool edges)
 {
   RayPacket packet;
-  packet.origin = shot.T_world_camera.translation().cast<float>();
-  rays_.fill(tile, R, &packet);
-  trace(shot.scene, shot.moving, &packet);
-  shade(shot.scene, shot.moving, &packet);
-  for (int lane = 0; lane < LANES; ++lane)
+  packet.origin = rays.origin;
+  rays_.fill(tile, rays.R, &packet);
+  trace(shot.scene, rays.candidates, Frustum(rays_.tileFrustum(tile), rays.R, rays.origin), &packet);
+  shade(shot.scene, shot.moving, quick_, &packet);
+  const size_t first = static_cast<size_t>(tile) * LANES;
+  if (!rays_.seesAll(tile))
   {
-    const size_t i = static_cast<size_t>(tile) * LANES + static_cast<size_t>(lane);
-    if (!rays_.sees(i))
+    for (int lane = 0; lane < LANES; ++lane)
     {
-      packet.r[lane] = packet.g[lane] = packet.b[lane] = 0.0f;
+      if (!rays_.sees(first + static_cast<size_t>(lane)))
+      {
+        packet.r[lane] = packet.g[lane] = packet.b[lane] = 0.0f;
+      }
     }
-    store(packet, i, lane, 1);
+  }
+  if (color_)
+  {
+    std::copy_n(packet.r, LANES, &radiance_.r[first]);
+    std::copy_n(packet.g, LANES, &radiance_.g[first]);
+    std::copy_n(packet.b, LANES, &radiance_.b[first]);
+  }
+  else
+  {
+    for (int lane = 0; lane < LANES; ++lane)
+    {
+      radiance_.r[first + static_cast<size_t>(lane)] = grey(packet.r[lane], packet.g[lane], packet.b[lane]);
+    }
+  }
+  if (!edges)
+  {
+    return;
   }
   const Tiling& tiling = rays_.tiling();
   const int left = tile % tiling.columns * Tiling::SIDE;
@@ -99,13 +119,15 @@ bool View::isEdge(int x, int y) const
   return own[left] != *own || own[right] != *own || own[above] != *own || own[below] != *own;
 }
 
-void View::refineTile(const Shot& shot, const Eigen::Matrix3f& R, int tile, bool everywhere)
+void View::refineTile(const Shot& shot, const TileRays& rays, int tile, bool everywhere)
 {
+  const Eigen::Matrix3f& R = rays.R;
+  const Frustum frustum(rays_.tileFrustum(tile), R, rays.origin);
   const Tiling& tiling = rays_.tiling();
   const int left = tile % tiling.columns * Tiling::SIDE;
   const int top = tile / tiling.columns * Tiling::SIDE;
   RayPacket packet;
-  packet.origin = shot.T_world_camera.translation().cast<float>();
+  packet.origin = rays.origin;
   size_t pixels[LANES / SUBRAYS];
   int lanes = 0;
   const auto flush = [&]
@@ -117,8 +139,8 @@ void View::refineTile(const Shot& shot, const Eigen::Matrix3f& R, int tile, bool
       packet.dz[i] = packet.dz[0];
       packet.spread[i] = packet.spread[0];
     }
-    trace(shot.scene, shot.moving, &packet);
-    shade(shot.scene, shot.moving, &packet);
+    trace(shot.scene, rays.candidates, frustum, &packet);
+    shade(shot.scene, shot.moving, quick_, &packet);
     for (int i = 0; i < lanes; i += SUBRAYS)
     {
       store(packet, pixels[i / SUBRAYS], i, SUBRAYS);
@@ -151,28 +173,32 @@ void View::refineTile(const Shot& shot, const Eigen::Matrix3f& R, int tile, bool
   }
 }
 
-void View::cast(const Shot& shot, bool edges, bool everywhere, float weight, Radiance* sum)
+template <typename Work>
+void View::forTiles(const Shot& shot, const Work& work)
 {
   const Tiling& tiling = rays_.tiling();
-  const Eigen::Matrix3f R = shot.T_world_camera.linear().cast<float>();
-  const auto forTiles = [&](const auto& work)
-  {
-    pool_->run(tiling.rows,
-               [&](int row)
-               {
-                 for (int tile = row * tiling.columns; tile < (row + 1) * tiling.columns; ++tile)
-                 {
-                   work(tile);
-                 }
-               });
-  };
+  pool_->run(
+      tiling.block_rows,
+      [&](int row)
+      {
+        TileRays rays{shot.T_world_camera.translation().cast<float>(), shot.T_world_camera.linear().cast<float>(), {}};
+        for (int block = row * tiling.block_columns; block < (row + 1) * tiling.block_columns; ++block)
+        {
+          rays.candidates.find(shot.scene, shot.moving, Frustum(rays_.blockFrustum(block), rays.R, rays.origin));
+          tiling.forBlock(block, [&](int tile) { work(rays, tile); });
+        }
+      });
+}
+
+void View::cast(const Shot& shot, bool edges, bool everywhere, float weight, Radiance* sum)
+{
   if (!everywhere)
   {
-    forTiles([&](int tile) { castTile(shot, R, tile); });
+    forTiles(shot, [&](const TileRays& rays, int tile) { castTile(shot, rays, tile, edges); });
   }
   if (edges || everywhere)
   {
-    forTiles([&](int tile) { refineTile(shot, R, tile, everywhere); });
+    forTiles(shot, [&](const TileRays& rays, int tile) { refineTile(shot, rays, tile, everywhere); });
   }
   addTo(&sum->r, radiance_.r, weight);
   addTo(&sum->g, radiance_.g, weight);
@@ -182,15 +208,14 @@ void View::cast(const Shot& shot, bool edges, bool everywhere, float weight, Rad
 void View::castTruth(const Shot& shot, cv::Mat* depth, cv::Mat* objects)
 {
   const Tiling& tiling = rays_.tiling();
-  const Eigen::Matrix3f R = shot.T_world_camera.linear().cast<float>();
   depth->create(tiling.height, tiling.width, CV_32FC1);
   objects->create(tiling.height, tiling.width, CV_32SC1);
-  const auto castRow = [&](int tile)
+  const auto castTile = [&](const TileRays& rays, int tile)
   {
     RayPacket packet;
-    packet.origin = shot.T_world_camera.translation().cast<float>();
-    rays_.fill(tile, R, &packet);
-    trace(shot.scene, shot.moving, &packet);
+    packet.origin = rays.origin;
+    rays_.fill(tile, rays.R, &packet);
+    trace(shot.scene, rays.candidates, Frustum(rays_.tileFrustum(tile), rays.R, rays.origin), &packet);
     for (int lane = 0; lane < LANES; ++lane)
     {
       const int x = tile % tiling.columns * Tiling::SIDE + lane % Tiling::SIDE;
@@ -209,7 +234,7 @@ void View::castTruth(const Shot& shot, cv::Mat* depth, cv::Mat* objects)
                                                         : shot.moving.primitives[index - fixed].object;
     }
   };
-  pool_->run(tiling.tiles(), castRow);
+  forTiles(shot, castTile);
 }
 
 }  // namespace pi_slam::synthetic

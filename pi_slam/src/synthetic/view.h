@@ -12,7 +12,8 @@ namespace pi_slam::synthetic
 class View
 {
 public:
-  View(const CameraModel& camera, bool color, WorkerPool* pool);
+  /// @param quick  RenderQuality::LIVE.
+  View(const CameraModel& camera, bool color, bool quick, WorkerPool* pool);
 
   /// Where a picture is taken.
   struct Shot
@@ -32,13 +33,25 @@ public:
   void castTruth(const Shot& shot, cv::Mat* depth, cv::Mat* objects);
 
 private:
-  void castTile(const Shot& shot, const Eigen::Matrix3f& R, int tile);
-  void refineTile(const Shot& shot, const Eigen::Matrix3f& R, int tile, bool everywhere);
+  /// What the tiles of a block have in common.
+  struct TileRays
+  {
+    Eigen::Vector3f origin;  ///< world [m]
+    Eigen::Matrix3f R;       ///< camera to world
+    Candidates candidates;
+  };
+
+  /// Calls `work(rays, tile)` for all tiles, on the threads of the pool.
+  template <typename Work>
+  void forTiles(const Shot& shot, const Work& work);
+  void castTile(const Shot& shot, const TileRays& rays, int tile, bool edges);
+  void refineTile(const Shot& shot, const TileRays& rays, int tile, bool everywhere);
   bool isEdge(int x, int y) const;
   void store(const RayPacket& packet, size_t index, int lane, int count);
 
   RayTable rays_;
   bool color_;
+  bool quick_;
   WorkerPool* pool_;
   Radiance radiance_;
   std::vector<int32_t> surface_;  ///< primitive and face that each pixel sees, row by row

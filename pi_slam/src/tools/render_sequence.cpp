@@ -31,6 +31,7 @@ struct CommandLine
   std::string size;
   double baseline_m = 0.0;
   std::string supersampling;
+  std::string quality;
   double exposure_ms = 0.0;
   double noise = 0.0;
   bool ideal_imu = false;
@@ -146,6 +147,15 @@ Supersampling parseSupersampling(const std::string& name)
   return name == "none" ? Supersampling::NONE : name == "edges" ? Supersampling::EDGES : Supersampling::FULL;
 }
 
+RenderQuality parseQuality(const std::string& name)
+{
+  if (name != "recording" && name != "live")
+  {
+    refuse("quality", name, "recording or live");
+  }
+  return name == "live" ? RenderQuality::LIVE : RenderQuality::RECORDING;
+}
+
 void readObstacles(const std::string& list, SyntheticWorldOptions* world)
 {
   world->parked = world->crossing = list == "all";
@@ -211,6 +221,7 @@ int render(CommandLine* line, bool ground_given, SyntheticWorldOptions* world_op
   readObstacles(line->obstacles, world_options);
   StereoRendererOptions& renderer = line->sequence.renderer;
   renderer.supersampling = parseSupersampling(line->supersampling);
+  renderer.quality = parseQuality(line->quality);
   renderer.exposure_s = 1e-3 * line->exposure_ms;
   renderer.shot_noise *= line->noise * line->noise;
   renderer.read_noise *= line->noise;
@@ -290,6 +301,7 @@ po::options_description describe(CommandLine* line, SyntheticWorldOptions* world
       "vignetting", po::value(&renderer.vignetting)->default_value(renderer.vignetting), "in [0, 1]")(
       "noise", po::value(&line->noise)->default_value(1.0), "scale of the pictures' noise, 0: none")(
       "supersampling", po::value(&line->supersampling)->default_value("edges"), "none, edges, full")(
+      "quality", po::value(&line->quality)->default_value("recording"), "recording, or live: cheaper random detail")(
       "color", po::bool_switch(&renderer.color), "BGR pictures")(
       "imu-rate", po::value(&sequence.imu.rate_hz)->default_value(200.0), "[Hz]")(
       "ideal-imu", po::bool_switch(&line->ideal_imu), "without noise and bias")(

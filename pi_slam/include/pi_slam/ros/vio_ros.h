@@ -1,11 +1,13 @@
 #pragma once
 
+#include <geometry_msgs/PoseWithCovarianceStamped.h>
 #include <nav_msgs/Path.h>
 #include <pi_runtime/ros/callback_thread.h>
 #include <pi_runtime/ros/warning_board.h>
 #include <pi_slam/LoadMap.h>
 #include <pi_slam/SaveMap.h>
 #include <pi_slam/mapper.h>
+#include <pi_slam/pose_history.h>
 #include <pi_slam/ros/calibration_loader.h>
 #include <pi_slam/ros/pair_matcher.h>
 #include <pi_slam/ros/vio_diagnostics.h>
@@ -43,7 +45,8 @@ namespace pi_slam
 /// serves calls. The IMU's thread takes no lock that is held during work on pictures, nor while a map is written.
 ///
 /// Odometry begins when the calibration is complete, and begins anew when it changes, when time goes back, and on
-/// ~reset. What is wrong with an input is logged, shown in the diagnostics, and the input is not used.
+/// ~reset. A pose on `initialpose` says where base_link is in map: T_map_odom becomes so, odometry stays. What is wrong
+/// with an input is logged, shown in the diagnostics, and the input is not used.
 class VioRos
 {
 public:
@@ -121,6 +124,10 @@ private:
   bool saveMap(SaveMap::Request& request, SaveMap::Response& response);
   bool loadMap(LoadMap::Request& request, LoadMap::Response& response);
   bool reset(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
+  /// base_link was at the pose at its stamp. By odometry of that stamp where it is still known (5 s), else (stamp 0,
+  /// older, newer, or of the time before odometry began anew) by the newest. Of the pose position and heading are
+  /// taken; z only if its variance is above 0: rviz's 2D Pose Estimate knows none.
+  void onInitialPose(const geometry_msgs::PoseWithCovarianceStampedConstPtr& message);
 
   /// Any thread: odometry anew, with the same calibration.
   void restart(const std::string& reason, bool forget_map);
@@ -167,6 +174,7 @@ private:
   std::string left_frame_;
   Eigen::Isometry3d T_map_odom_ = Eigen::Isometry3d::Identity();
   std::deque<std::pair<int64_t, Eigen::Isometry3d>> odom_path_;  ///< T_odom_body by stamp, of this generation
+  PoseHistory odom_history_;                                     ///< T_odom_base as published, of this generation
 
   std::mutex restart_mutex_;  ///< one at a time replaces the pipeline
   std::atomic<bool> worker_waits_for_imu_{false};
