@@ -148,6 +148,10 @@ void CoordinatorRos::onImage(const sensor_msgs::ImageConstPtr& message)
   const int64_t arrived_ns = monotonicNs();
   came_at_ns_ = arrived_ns;
   ++pictures_came_;
+  if (!rate_limit_.take(std::chrono::steady_clock::now()))
+  {
+    return;
+  }
   std::shared_ptr<const pi_detect::MessagePicture> picture;
   try
   {

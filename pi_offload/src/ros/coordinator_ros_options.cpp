@@ -168,6 +168,7 @@ static void visitFields(Options& options, Visitor&& visit)
   visit("local/model", options.local_model);
   visit("local/max_waiting", options.max_local_waiting);
   visit("local/lost_s", options.local_lost_s);
+  visit("max_rate_hz", options.max_rate_hz);
   visit("keep_order", options.keep_order);
   visit("picture/encoding", client.encoder.mode);
   visit("picture/jpeg_quality", client.encoder.jpeg_quality);
@@ -238,6 +239,7 @@ CoordinatorRosOptions::CoordinatorRosOptions()
 void CoordinatorRosOptions::validate() const
 {
   const pi_runtime::OptionCheck own("");
+  parameters::require(max_rate_hz >= 0.0 && max_rate_hz <= 1000.0, "max_rate_hz", max_rate_hz, "in [0, 1000]");
   parameters::require(!map_frame.empty(), "map_frame", "\"\"", "the name of a frame");
   parameters::require(vehicle.size() <= 64, "vehicle", "\"" + vehicle + "\"", "at most 64 bytes");
   parameters::require(nodes_file.empty() || nodes_file.front() == '/', "nodes_file", "\"" + nodes_file + "\"",

@@ -18,6 +18,7 @@
 #include <pi_offload/ros/coordinator_ros_options.h>
 #include <pi_offload/ros/map_frame.h>
 #include <pi_offload/ros/node_markers.h>
+#include <pi_runtime/rate_limit.h>
 #include <pi_runtime/ros/callback_thread.h>
 #include <pi_runtime/ros/recent_values.h>
 #include <pi_runtime/ros/warning_board.h>
@@ -157,6 +158,7 @@ private:
   std::atomic<uint64_t> pictures_came_{0};
   std::atomic<uint64_t> pictures_crowded_{0};
   std::atomic<int64_t> came_at_ns_{0};
+  pi_runtime::RateLimit rate_limit_{options_.max_rate_hz};  ///< of offload_input
 
   // offload_engine
   std::map<uint64_t, Picture> pictures_;
