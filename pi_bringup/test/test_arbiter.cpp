@@ -214,6 +214,49 @@ TEST(Arbiter, ASourceMayAskForHarderBrakingButNotBeyondTheBound)
   EXPECT_NEAR(bench.lowest_acceleration, -2.5, 0.05);
 }
 
+TEST(Arbiter, AHarderStopCountsThoughTheDriverStopsGently)
+{
+  Bench bench;
+  bench.run(300, "navigation", 3.0);
+  for (int i = 0; i < 40; ++i)
+  {
+    bench.say("navigation", 0.0);
+    bench.say("reaction", 0.0, 0.0, 2.5);
+    bench.step();
+  }
+  EXPECT_NEAR(bench.lowest_acceleration, -2.5, 1e-6);
+}
+
+TEST(Arbiter, SaysWhoDrivesAndWhoHoldsBack)
+{
+  ArbiterOptions options = twoDrivers();
+  options.sources[2].required = true;
+  Bench bench(options);
+  bench.step();
+  EXPECT_TRUE(bench.output.missing);
+  EXPECT_EQ(bench.output.driver, "");
+  EXPECT_EQ(bench.output.limited_by, "arbiter");
+  EXPECT_FALSE(bench.arbiter.sources()[1].heard);
+  const auto run = [&bench](double limit)
+  {
+    bench.say("navigation", 2.0);
+    bench.say("reaction", limit);
+    bench.step();
+  };
+  run(1000.0);
+  EXPECT_FALSE(bench.output.missing);
+  EXPECT_EQ(bench.output.driver, "navigation");
+  EXPECT_EQ(bench.output.limited_by, "");
+  run(1.0);
+  EXPECT_EQ(bench.output.driver, "navigation");
+  EXPECT_EQ(bench.output.limited_by, "reaction");
+  EXPECT_EQ(bench.arbiter.sources()[1].stamp_ns, bench.now - 20 * MS);
+  bench.run(20, "navigation", 2.0);
+  EXPECT_FALSE(bench.arbiter.sources()[0].alive);
+  EXPECT_TRUE(bench.arbiter.sources()[1].alive);
+  EXPECT_EQ(bench.arbiter.sources()[2].command.speed, 1.0);
+}
+
 TEST(Arbiter, BoundsCurvatureItsRateAndSpeedInBends)
 {
   Bench bench;

@@ -50,6 +50,36 @@ TEST(CommandActions, StopOverridesAllAndLatchesUntilGo)
   EXPECT_EQ(actions.speedLimit(), 3.0);
 }
 
+TEST(CommandActions, ButtonsLatchAndReleaseWithoutAQuestion)
+{
+  CommandActions actions(table(true));
+  actions.stop(10 * S);
+  EXPECT_EQ(actions.speedLimit(), 0.0);
+  EXPECT_EQ(actions.hear("go", 1.0, 11 * S, 11 * S).outcome, CommandOutcome::AWAITS_CONFIRMATION);
+  actions.release();
+  EXPECT_FALSE(actions.stopped());
+  EXPECT_EQ(actions.speedLimit(), 3.0);
+  EXPECT_EQ(actions.hear("yes", 1.0, 12 * S, 12 * S).outcome, CommandOutcome::IGNORED_OUT_OF_CONTEXT);
+}
+
+TEST(CommandActions, GoesOnFromAnEarlierLife)
+{
+  CommandActions actions(table());
+  actions.restore(true, 1.5, 10 * S);
+  EXPECT_TRUE(actions.stopped());
+  EXPECT_EQ(actions.speedLimit(), 0.0);
+  EXPECT_EQ(actions.keptSpeedLimit(), 1.5);
+  EXPECT_EQ(actions.hear("go", 1.0, 9 * S, 10 * S).outcome, CommandOutcome::IGNORED_OLD) << "said before the restart";
+  EXPECT_EQ(actions.hear("go", 1.0, 11 * S, 11 * S).outcome, CommandOutcome::DONE);
+  EXPECT_EQ(actions.speedLimit(), 1.5);
+  actions.restore(false, 100.0, 12 * S);
+  EXPECT_EQ(actions.speedLimit(), 3.0);
+  actions.restore(false, 0.0, 12 * S);
+  EXPECT_EQ(actions.speedLimit(), 0.5);
+  actions.restore(false, std::numeric_limits<double>::quiet_NaN(), 12 * S);
+  EXPECT_EQ(actions.speedLimit(), 3.0);
+}
+
 TEST(CommandActions, ReleaseNeedsConfirmationIfAskedFor)
 {
   CommandActions actions(table(true));

@@ -44,10 +44,21 @@ TEST(ReactionRules, GreetsAfterPersistenceOnceWhileThePersonStays)
   const ReactionResult result = rules.update(1000 * MS, {person(7, 2.0, 0.0)});
   ASSERT_EQ(result.events.size(), 1U);
   EXPECT_EQ(result.events[0].rule, "hello");
-  EXPECT_EQ(result.events[0].thing_id, 7);
+  EXPECT_EQ(result.events[0].thing.id, 7);
+  EXPECT_EQ(result.events[0].thing.label, "person");
+  EXPECT_EQ(result.events[0].thing.position, Eigen::Vector2d(2.0, 0.0));
   EXPECT_EQ(result.events[0].action, ReactionAction::GREET);
   EXPECT_TRUE(std::isinf(result.speed_limit));
   EXPECT_EQ(events(rules, 1100, 60000, {person(7, 2.0, 0.0)}), 0U);
+}
+
+TEST(ReactionRules, AGreetingMayHaveItsOwnText)
+{
+  ReactionRules rules =
+      engine("{name: a, label: person, range: [0, 3], persistence: 0, action: greet, text: good morning}");
+  const ReactionResult result = rules.update(0, {person(7, 2.0, 0.0)});
+  ASSERT_EQ(result.events.size(), 1U);
+  EXPECT_EQ(result.events[0].text, "good morning");
 }
 
 TEST(ReactionRules, CooldownHoldsForOthersToo)
@@ -174,6 +185,8 @@ TEST(ReactionRulesOptions, ErrorsNameRuleFieldValueAndBound)
   EXPECT_EQ(errorOf("{name: a, label: x, range: [0, 3], action: stop, zone: 3}")
                 .find("r.yaml: rules/0/zone means nothing here; known are action, "),
             0U);
+  EXPECT_EQ(errorOf("{name: a, label: x, range: [0, 3], action: stop, text: halt}"),
+            "r.yaml: rules/a/text = \"halt\", must be left out for stop");
   EXPECT_EQ(errorOf("{label: x}"), "r.yaml: rules/0/name is missing");
 }
 

@@ -157,8 +157,7 @@ TEST(NavigationYaml, FileAndCodeAreEqual)
   YamlSection file = YamlSection::load(CONFIG_DIR "/navigation.yaml");
   expectDefaults<RouteOptions>(file.section("route"));
   expectDefaults<PathFollowerOptions>(file.section("follower"));
-  expectDefaults<SpeedGovernorOptions>(file.section("governor"));
-  file.finish();
+  expectDefaults<SpeedGovernorOptions>(file.section("governor"));  // test_navigation_ros_options.cpp has the rest
   RouteOptions options;
   options.min_radius = -1.0;
   EXPECT_THROW(planRoute({}, options), std::invalid_argument);

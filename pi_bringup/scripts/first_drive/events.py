@@ -27,7 +27,7 @@ class Events:
     """A rospy node on the master in `environment`. What it subscribes becomes events (kind, content) that wait in a
     queue; from the start it hears the status of a drive's player and the reports of the monitor."""
 
-    def __init__(self, environment):
+    def __init__(self, environment, name="drive_demo"):
         os.environ.update({key: environment[key]
                            for key in ("ROS_MASTER_URI", "ROS_HOSTNAME", "ROS_LOG_DIR", "ROS_PACKAGE_PATH")})
         # The suite's own messages, whatever the shell of the user has or has not sourced.
@@ -36,13 +36,17 @@ class Events:
         import rospy
         from diagnostic_msgs.msg import DiagnosticStatus
         from std_msgs.msg import String
-        rospy.init_node("drive_demo", disable_signals=True)
-        self._rospy = rospy
+        rospy.init_node(name, disable_signals=True)
+        self.rospy = rospy
         self._events = queue.Queue()
         self._log_path = None
         self._subscribers = []
         self.subscribe("/player/status", DiagnosticStatus, player_event)
         self.subscribe("/topic_monitor/report", String, lambda message: ("monitor", json.loads(message.data)))
+
+    def put(self, kind, content):
+        """An event of another source; from any thread."""
+        self._events.put((kind, content))
 
     def subscribe(self, topic, message_type, event):
         """@param event  makes an event (kind, content) of a message, or None of one that does not count; called on
@@ -53,7 +57,7 @@ class Events:
             if made is not None:
                 self._events.put(made)
 
-        self._subscribers.append(self._rospy.Subscriber(topic, message_type, put))
+        self._subscribers.append(self.rospy.Subscriber(topic, message_type, put))
         return self._subscribers[-1]
 
     def follow(self, process, name="roslaunch"):
@@ -103,4 +107,4 @@ class Events:
                     deadline = time.monotonic() + SILENCE_LIMIT_S
 
     def close(self):
-        self._rospy.signal_shutdown("drive_demo ends")
+        self.rospy.signal_shutdown("the demo ends")

@@ -19,9 +19,9 @@ DEBIAN_PACKAGES = {"roslaunch": "python3-roslaunch", "rosmaster": "python3-rosma
 PR_SET_PDEATHSIG = 1
 
 
-def check_programs():
+def check_programs(names=tuple(DEBIAN_PACKAGES)):
     """@throws DemoError naming the programs that are missing and the packages that bring them."""
-    missing = [name for name in DEBIAN_PACKAGES
+    missing = [name for name in names
                if shutil.which(name) is None and not (name == "Xvfb" and os.environ.get("DISPLAY"))]
     if missing:
         raise DemoError("not installed: %s; run: apt-get install %s" %
@@ -163,6 +163,16 @@ class Processes:
             if ended:
                 return
         print("warning: processes %s could not be ended" % sorted(left.values()), file=sys.stderr)
+
+
+def find_library(environment, name="libpi_os_transport.so"):
+    """A library in the install or devel spaces of an environment. @throws DemoError"""
+    folders = [Path(folder) / "lib" for folder in environment.get("CMAKE_PREFIX_PATH", "").split(":") if folder]
+    found = next((folder / name for folder in folders if (folder / name).is_file()), None)
+    if found is None:
+        raise DemoError("%s is in no space of CMAKE_PREFIX_PATH; build and install pi_os_transport, or drive over TCPROS "
+                        "(--tcpros)" % name)
+    return found
 
 
 def start_master(processes, log_folder):

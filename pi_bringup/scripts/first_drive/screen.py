@@ -35,11 +35,14 @@ class Screen:
         tree = self._run(["xwininfo", "-root", "-tree"], display).stdout
         return next((line.split()[0] for line in tree.splitlines() if title in line), None)
 
-    def shoot(self, name):
-        """Pictures of rviz and image_view as <kind>_<name>.png; returns the paths of those that could be taken."""
+    def shoot(self, name, only=None):
+        """Pictures of rviz and image_view, or of `only` one of them, as <kind>_<name>.png; returns the paths of those
+        that could be taken."""
         pictures = []
         for title, display, kind in (("RViz\"", self.rviz_display, "rviz"),
                                      ("/left/image_rect", self.view_display, "image_view")):
+            if only not in (None, kind):
+                continue
             window = self._window(title, display)
             path = self.output / ("%s_%s.png" % (kind, name))
             if window is None:

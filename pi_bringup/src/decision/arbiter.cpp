@@ -113,7 +113,7 @@ void ArbiterOptions::validate() const
   }
 }
 
-Arbiter::Arbiter(const ArbiterOptions& options) : options_(options), slots_(options.sources.size())
+Arbiter::Arbiter(const ArbiterOptions& options) : options_(options), sources_(options.sources.size())
 {
   options_.validate();
 }
@@ -150,12 +150,13 @@ ArbiterAnswer Arbiter::submit(const DriveCommand& command, int64_t stamp_ns, int
   {
     return ArbiterAnswer::FROM_FUTURE;
   }
-  Slot& slot = slots_[static_cast<size_t>(index)];
+  ArbiterSourceState& slot = sources_[static_cast<size_t>(index)];
   if (slot.alive && stamp_ns < slot.stamp_ns && seconds(slot.stamp_ns - stamp_ns) < MAX_PAUSE_S)
   {
     return ArbiterAnswer::OUT_OF_ORDER;
   }
   slot.alive = true;
+  slot.heard = true;
   slot.released = false;
   slot.stamp_ns = stamp_ns;
   slot.command = command;
@@ -169,8 +170,8 @@ bool Arbiter::release(const std::string& source)
   {
     return false;
   }
-  slots_[static_cast<size_t>(index)] = Slot();
-  slots_[static_cast<size_t>(index)].released = true;
+  sources_[static_cast<size_t>(index)] = {};
+  sources_[static_cast<size_t>(index)].released = true;
   if (driver_ == index)
   {
     driver_ = -1;
@@ -241,7 +242,7 @@ ArbiterOutput Arbiter::update(int64_t now_ns, std::optional<double> measured_spe
   double dt = have_now_ ? seconds(now_ns - last_ns_) : 0.0;
   if (dt < 0.0 || dt > MAX_PAUSE_S)
   {
-    for (Slot& slot : slots_)
+    for (ArbiterSourceState& slot : sources_)
     {
       slot.alive = false;
     }
@@ -253,10 +254,10 @@ ArbiterOutput Arbiter::update(int64_t now_ns, std::optional<double> measured_spe
 
   std::string missing;
   int best = -1;
-  for (size_t i = 0; i < slots_.size(); ++i)
+  for (size_t i = 0; i < sources_.size(); ++i)
   {
     const ArbiterSource& source = options_.sources[i];
-    Slot& slot = slots_[i];
+    ArbiterSourceState& slot = sources_[i];
     const double age = seconds(now_ns - slot.stamp_ns);
     if (slot.alive && (age > source.timeout + 1e-9 || age < -MAX_PAUSE_S))
     {
@@ -275,7 +276,7 @@ ArbiterOutput Arbiter::update(int64_t now_ns, std::optional<double> measured_spe
       best = static_cast<int>(i);
     }
   }
-  if (driver_ >= 0 && !slots_[static_cast<size_t>(driver_)].alive)
+  if (driver_ >= 0 && !sources_[static_cast<size_t>(driver_)].alive)
   {
     stopping_ = true;
     dead_ = options_.sources[static_cast<size_t>(driver_)].name;
@@ -300,7 +301,7 @@ ArbiterOutput Arbiter::update(int64_t now_ns, std::optional<double> measured_spe
   if (driver_ >= 0)
   {
     const ArbiterSource& source = options_.sources[static_cast<size_t>(driver_)];
-    const DriveCommand& command = slots_[static_cast<size_t>(driver_)].command;
+    const DriveCommand& command = sources_[static_cast<size_t>(driver_)].command;
     const double most = std::min(options_.max_speed, source.max_speed);
     const double least = -std::min(options_.max_reverse_speed, source.max_speed);
     target = std::clamp(command.speed, least, most);
@@ -308,30 +309,41 @@ ArbiterOutput Arbiter::update(int64_t now_ns, std::optional<double> measured_spe
     harder(command.max_deceleration);
     output.command.source = source.name;
     output.command.reason = command.reason;
+    output.driver = source.name;
   }
   else
   {
     output.command.reason = stopping_ ? dead_ + " fell silent" : "nobody drives";
   }
-  for (size_t i = 0; i < slots_.size(); ++i)
+  for (size_t i = 0; i < sources_.size(); ++i)
   {
     const ArbiterSource& source = options_.sources[i];
-    const DriveCommand& command = slots_[i].command;
-    if (source.drives || !slots_[i].alive || std::abs(target) <= std::max(0.0, command.speed))
+    const DriveCommand& command = sources_[i].command;
+    const double limit = std::max(0.0, command.speed);
+    if (source.drives || !sources_[i].alive)
     {
       continue;
     }
-    const double limit = std::max(0.0, command.speed);
+    if (std::abs(speed_) > limit)
+    {
+      harder(command.max_deceleration);  // also where the driver slows down by itself, more gently
+    }
+    if (std::abs(target) <= limit)
+    {
+      continue;
+    }
     target = std::clamp(target, -limit, limit);
-    harder(command.max_deceleration);
     output.command.source = source.name;
     output.command.reason = command.reason;
+    output.limited_by = source.name;
   }
   if (!missing.empty())
   {
     target = 0.0;
     output.command.source = "arbiter";
     output.command.reason = missing + " is silent and required";
+    output.limited_by = output.command.source;
+    output.missing = true;
   }
   if (emergency_)
   {
@@ -339,6 +351,7 @@ ArbiterOutput Arbiter::update(int64_t now_ns, std::optional<double> measured_spe
     deceleration = options_.emergency_deceleration;
     output.command.source = "arbiter";
     output.command.reason = emergency_reason_;
+    output.limited_by = output.command.source;
     output.emergency_stop = true;
   }
   shape(target, curvature, deceleration, dt);

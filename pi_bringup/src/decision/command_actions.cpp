@@ -160,6 +160,21 @@ void CommandActions::stop(int64_t now_ns)
   asked_ = false;
 }
 
+void CommandActions::release()
+{
+  stopped_ = false;
+  asked_ = false;
+}
+
+void CommandActions::restore(bool stopped, double speed_limit, int64_t now_ns)
+{
+  speed_limit_ =
+      std::isfinite(speed_limit) ? std::clamp(speed_limit, options_.min_speed, options_.max_speed) : options_.max_speed;
+  stopped_ = stopped;
+  stopped_ns_ = now_ns;
+  asked_ = false;
+}
+
 CommandResult CommandActions::hear(const std::string& text, double confidence, int64_t spoken_ns, int64_t now_ns)
 {
   CommandResult result;

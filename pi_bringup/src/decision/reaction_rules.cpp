@@ -154,7 +154,8 @@ void ReactionRulesOptions::validate() const
     check.range("gap", rule.gap, 0.0, 60.0);
     check.range("cooldown", rule.cooldown, 0.0, 86400.0);
     check.range("hold", rule.hold, 0.0, 600.0);
-    if ((rule.action == ReactionAction::SAY) == rule.text.empty())
+    if (rule.text.empty() ? rule.action == ReactionAction::SAY
+                          : rule.action != ReactionAction::SAY && rule.action != ReactionAction::GREET)
     {
       throw std::invalid_argument(name + "/text = \"" + rule.text + "\", must be " +
                                   (rule.text.empty() ? "given for " : "left out for ") + toString(rule.action));
@@ -216,26 +217,27 @@ ReactionResult ReactionRules::update(int64_t now_ns, const std::vector<SeenThing
       {
         continue;
       }
-      const auto [stay, fresh] = state.stays.try_emplace(thing.id, Stay{now_ns, now_ns});
+      const auto [stay, fresh] = state.stays.try_emplace(thing.id, Stay{now_ns, now_ns, thing});
       if (!fresh && seconds(now_ns - stay->second.last_ns) > rule.gap + 1e-9)
       {
         stay->second.since_ns = now_ns;
         greeted_.erase({i, thing.id});
       }
       stay->second.last_ns = now_ns;
+      stay->second.thing = thing;
     }
     bool present = false;
     bool can_act = !state.acted || seconds(now_ns - state.acted_ns) >= rule.cooldown - 1e-9;
     for (auto stay = state.stays.begin(); stay != state.stays.end();)
     {
-      const auto [id, times] = *stay;
+      const auto& [id, times] = *stay;
       if (seconds(now_ns - times.last_ns) > rule.gap + 1e-9)
       {
         greeted_.erase({i, id});
         stay = state.stays.erase(stay);
         continue;
       }
-      ++stay;
+      ++stay;  // the references stay good
       // What was seen counts, not the gap after it.
       if (seconds(times.last_ns - times.since_ns) < rule.persistence - 1e-9)
       {
@@ -245,7 +247,7 @@ ReactionResult ReactionRules::update(int64_t now_ns, const std::vector<SeenThing
       present = true;
       if (begins)
       {
-        result.events.push_back({rule.name, rule.action, rule.text, id});
+        result.events.push_back({rule.name, rule.action, rule.text, times.thing});
         state.acted = true;
         state.acted_ns = now_ns;
         greeted_[{i, id}] = true;

@@ -78,6 +78,19 @@ struct ArbiterOutput
   DriveCommand command;         ///< source: who drives, or "arbiter"; reason: why it drives or stands
   double acceleration = 0.0;    ///< of command.speed now [m/s^2]
   bool emergency_stop = false;  ///< latched
+  std::string driver;           ///< the source that drives, also while others hold it back; empty: none
+  std::string limited_by;       ///< the source whose bound holds, or "arbiter"; empty: none
+  bool missing = false;         ///< a required source is silent; reason names it
+};
+
+/// What the arbiter knows of a source.
+struct ArbiterSourceState
+{
+  bool alive = false;     ///< at the last update
+  bool released = false;  ///< ended in order
+  bool heard = false;     ///< ever
+  int64_t stamp_ns = 0;   ///< of its last command
+  DriveCommand command;   ///< the last one
 };
 
 /// Merges commands into one that may be executed.
@@ -114,21 +127,15 @@ public:
   ArbiterOutput update(int64_t now_ns, std::optional<double> measured_speed = std::nullopt);
 
   const ArbiterOptions& options() const { return options_; }
+  /// In the order of options().sources.
+  const std::vector<ArbiterSourceState>& sources() const { return sources_; }
 
 private:
-  struct Slot
-  {
-    bool alive = false;
-    bool released = false;  // ended in order: not missed
-    int64_t stamp_ns = 0;
-    DriveCommand command;
-  };
-
   int find(const std::string& name) const;
   void shape(double target, double curvature, double deceleration, double dt);
 
   const ArbiterOptions options_;
-  std::vector<Slot> slots_;
+  std::vector<ArbiterSourceState> sources_;
   int driver_ = -1;
   bool stopping_ = false;  // the driver died: to a standstill first
   std::string dead_;

@@ -104,10 +104,16 @@ public:
   CommandResult hear(const std::string& text, double confidence, int64_t spoken_ns, int64_t now_ns);
   /// Latches as a spoken stop does (a button, a supervisor).
   void stop(int64_t now_ns);
+  /// Ends the latch without a question: whoever calls this is no voice (a button, a supervisor).
+  void release();
+  /// As an earlier life left it. @param speed_limit  brought to [min_speed, max_speed]; not finite: max_speed.
+  void restore(bool stopped, double speed_limit, int64_t now_ns);
 
   bool stopped() const { return stopped_; }
   /// 0 while latched [m/s].
   double speedLimit() const { return stopped_ ? 0.0 : speed_limit_; }
+  /// Also while latched [m/s].
+  double keptSpeedLimit() const { return speed_limit_; }
 
 private:
   const CommandActionsOptions options_;

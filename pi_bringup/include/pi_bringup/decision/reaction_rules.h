@@ -36,7 +36,7 @@ struct ReactionRule
       0.0;  ///< not again so soon, for nothing: GREET, HORN, SAY; in any case once per thing while it stays [s]
   double hold = 0.5;  ///< SLOW, STOP: kept for so long after the last thing left [s]
   ReactionAction action = ReactionAction::SLOW;
-  std::string text;    ///< of SAY
+  std::string text;    ///< of SAY; of GREET, empty: the usual greeting
   double speed = 0.0;  ///< of SLOW [m/s]
 };
 
@@ -66,19 +66,19 @@ struct SeenThing
 };
 
 /// A rule that begins to act.
-struct ReactionEvent
+struct RuleEvent
 {
   std::string rule;
   ReactionAction action = ReactionAction::GREET;
   std::string text;
-  int64_t thing_id = 0;  ///< the one that made it act: of several the one with the smallest id
+  SeenThing thing;  ///< the one that made it act, as seen last: of several the one with the smallest id
 };
 
 struct ReactionResult
 {
-  std::vector<ReactionEvent> events;  ///< in the order of the rules; SLOW and STOP when they begin
-  double speed_limit = 0.0;           ///< infinite: none [m/s]
-  std::string reason;                 ///< of the limit: the rule's name
+  std::vector<RuleEvent> events;  ///< in the order of the rules; SLOW and STOP when they begin
+  double speed_limit = 0.0;       ///< infinite: none [m/s]
+  std::string reason;             ///< of the limit: the rule's name
 };
 
 /// Runs the rules. Deterministic: the same calls give the same results. Things are told apart by id; one that changes
@@ -101,6 +101,7 @@ private:
   {
     int64_t since_ns;
     int64_t last_ns;
+    SeenThing thing;  // as seen last
   };
   struct RuleState
   {

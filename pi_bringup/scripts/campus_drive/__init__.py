@@ -1,0 +1,1 @@
+"""Parts of drive_campus."""

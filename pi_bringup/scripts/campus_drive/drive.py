@@ -1,0 +1,309 @@
+"""One closed-loop drive: from the start of the nodes to their end."""
+
+import json
+import math
+import threading
+import time
+import uuid
+
+from first_drive import measuring
+from first_drive.errors import DemoError
+from first_drive.processes import log_excerpt
+
+from . import words
+from .cpu import CpuAccount
+from .kills import Killer
+from .observer import Observer
+
+READY_S = 180.0  # software rendering and loading of models on a loaded machine
+FIRST_ODOMETRY = 20
+CHASSIS_READY = (0, 1)  # READY, DRIVING of VehicleState
+AGREEMENT_M = 0.5
+MONITORED = ["/imu/data", "/left/image_raw", "/right/image_raw", "/audio_stamped", "/odometry", "/detections",
+             "/obstacles", "/command", "/motion/navigation", "/motion/reaction", "/motion/command", "/motion",
+             "/vehicle_state", "/power"]
+CPU_PERIOD_S = 0.5
+PASSING_M = 6.0         # from a point, within which it can be passed
+SHOT_AT = 0.45          # of the way
+
+
+class CampusDrive:
+    """options: those of the command line; after run() what was seen."""
+
+    def __init__(self, options, scenario, output):
+        self.options = options
+        self.scenario = scenario
+        self.output = output
+        self.simulator_log = output / "simulator.jsonl"
+        self.monitor_report = output / "monitor.json"
+        self.facts = {}        # of the simulator's topic scenario
+        self.readiness = {}    # what: seconds until it was there
+        self.result = None     # of the action
+        self.end = ""          # why the drive ended
+        self.links = []
+        self.pictures = []
+        self.kills = []
+        self.observer = None
+        self.cpu = None
+        self.began = self.ended = 0.0  # of the way, system's clock
+        self.goals_sent = 1
+        self._points = []      # of the way, in the map
+        self._next_point = 0
+        self._words = []       # [due or None, entry, path]
+        self._shot = None      # thread
+
+    # -------------------------------------------------------------------------------------------------------- nodes
+
+    def run(self, started, events, screen, edge):
+        """@param screen  None: without rviz. @throws DemoError"""
+        log = self.output / "log" / "roslaunch.log"
+        for old in (self.simulator_log, self.monitor_report, log):
+            old.unlink(missing_ok=True)
+        options = self.options
+        arguments = {
+            "scenario": self.scenario.path, "seed": options.seed, "link": self.output / "chassis",
+            "log": self.simulator_log, "preload": options.preload or "", "together": options.together,
+            "offload": bool(edge), "edge_nodes": edge.map_file if edge else "", "rviz": screen is not None,
+            "rviz_display": screen.rviz_display if screen else "", "output": "screen"}
+        print("  starting the nodes")
+        launch = started.start(["roslaunch", "pi_bringup", "simulation.launch"] +
+                               ["%s:=%s" % (key, str(value).lower() if isinstance(value, bool) else value)
+                                for key, value in arguments.items()], log)
+        monitor = None
+        try:
+            events.follow(launch)
+            for name, process in (edge.processes if edge else {}).items():
+                events.watch(process, "edge server " + name)
+            self.observer = Observer(events)
+            self._await_ready(events, launch, edge)
+            monitor = self._start_monitor(started, events)
+            self._say_where(events)
+            self._drive(events, launch, started, screen, edge)
+        finally:
+            if monitor is not None:
+                started.stop(monitor)  # it writes its report
+            if self.observer is not None:
+                self.observer.close()
+            started.stop(launch)
+
+    def _start_monitor(self, started, events):
+        # As parameters: the command line of a node knows no lists.
+        events.rospy.set_param("/topic_monitor", {"topics": MONITORED, "report": str(self.monitor_report),
+                                                  "print_table": False, "tcp_nodelay": True})
+        preload = ["env", "LD_PRELOAD=%s" % self.options.preload] if self.options.preload else []
+        monitor = started.start(preload + ["rosrun", "pi_os_transport", "topic_monitor"],
+                                self.output / "log" / "monitor.log")
+        events.watch(monitor, "topic_monitor")
+        self._await(events, lambda kind, _: kind == "monitor", "topic_monitor")
+        return monitor
+
+    @staticmethod
+    def _await(events, condition, what):
+        """The next event that meets condition(kind, content). @throws DemoError after READY_S"""
+        deadline = time.monotonic() + READY_S
+        while True:
+            kind, content = events.next(lambda *_: True, what)
+            if condition(kind, content):
+                return content
+            if time.monotonic() > deadline:
+                raise DemoError("waited %d s for %s" % (READY_S, what))
+
+    # -------------------------------------------------------------------------------------------------------- ready
+
+    def _missing(self, edge):
+        """{what does not work yet: why}"""
+        records, seen = self.observer.records, self.observer.records.arrivals
+        missing = {}
+
+        def need(what, holds, why):
+            if holds:
+                self.readiness.setdefault(what, time.time() - self.began)
+            else:
+                missing[what] = why
+
+        def status(name, default="says nothing in /diagnostics"):
+            return records.statuses.get(name, (None, default, {}))
+
+        need("simulator", bool(self.facts), "nothing on /scenario")
+        state = records.states[-1] if records.states else None
+        need("chassis", state is not None and state[2] in CHASSIS_READY,
+             "nothing on /vehicle_state" if state is None else state[3])
+        need("localisation", len(records.estimates) >= FIRST_ODOMETRY // 10 + 1, status("vio: odometry")[1])
+        need("obstacles", "/obstacles" in seen, status("obstacles: obstacles")[1])
+        need("detection", "/detections" in seen, status("ssd: detection")[1])
+        recognizer = status("recognizer: recognition")
+        need("speech", recognizer[2].get("state") == "listening", recognizer[1])
+        need("arbiter", bool(records.arbiter) and "/motion" in seen, status("arbiter: arbiter")[1])
+        need("navigation", "/drive/status" in seen and "/motion/navigation" in seen,
+             status("navigation: navigation")[1])
+        if edge:
+            nodes = status("coordinator: nodes")
+            silent = [name for name in edge.processes
+                      if "connected, " not in nodes[2].get(name, "").replace("not connected", "")]
+            need("edge nodes", not silent, "; ".join("%s: %s" % (name, nodes[2].get(name, nodes[1]))
+                                                     for name in silent))
+        return missing
+
+    def _await_ready(self, events, launch, edge):
+        """@throws DemoError naming what did not come."""
+        self.began = time.time()
+        deadline = time.monotonic() + READY_S
+        while True:
+            kind, content = events.next(lambda *_: True, "the simulator")
+            if kind == "scenario":
+                self.facts = json.loads(content)
+            missing = self._missing(edge)
+            if not missing:
+                break
+            if time.monotonic() > deadline:
+                raise DemoError("not ready after %d s: %s; from the log:\n%s" % (
+                    READY_S, "; ".join("%s (%s)" % pair for pair in missing.items()), log_excerpt(launch.log_path)))
+        print("  ready after %.0f s: %s" % (time.time() - self.began, ", ".join(
+            "%s %.0f" % pair for pair in sorted(self.readiness.items(), key=lambda pair: pair[1]))))
+
+    def _say_where(self, events):
+        """Publishes where the vehicle begins, if anybody wants to know, and checks that localisation agrees.
+        @throws DemoError"""
+        from geometry_msgs.msg import PoseWithCovarianceStamped
+        rospy = events.rospy
+        x, y, heading = self.facts["start"]
+        listeners = {node for topic, nodes in rospy.get_master().getSystemState()[2][1] if topic == "/initialpose"
+                     for node in nodes}
+        if listeners:
+            publisher = rospy.Publisher("/initialpose", PoseWithCovarianceStamped, queue_size=1, latch=True)
+            pose = PoseWithCovarianceStamped()
+            pose.header.frame_id = "map"
+            pose.header.stamp = rospy.Time.now()
+            pose.pose.pose.position.x, pose.pose.pose.position.y = x, y
+            pose.pose.pose.orientation.z, pose.pose.pose.orientation.w = math.sin(heading / 2), math.cos(heading / 2)
+            pose.pose.covariance[0] = pose.pose.covariance[7] = 0.01
+            pose.pose.covariance[35] = 0.001
+            publisher.publish(pose)
+        deadline = time.monotonic() + READY_S
+        while True:
+            events.next(lambda kind, _: kind == "truth", "the vehicle's true pose")
+            estimate, truth = self.observer.estimate, self.observer.truth
+            error = math.hypot(estimate[1] - truth[1], estimate[2] - truth[2])
+            if error < AGREEMENT_M:
+                return
+            if time.monotonic() > deadline:
+                raise DemoError("localisation begins %.2f m beside the vehicle: at (%.2f, %.2f) in the map, not at "
+                                "(%.2f, %.2f)%s" % (error, *estimate[1:3], *truth[1:3],
+                                                    "" if listeners else "; nobody subscribes initialpose"))
+
+    # -------------------------------------------------------------------------------------------------------- drive
+
+    def _goal(self, rospy):
+        """With the points that are still ahead."""
+        from geometry_msgs.msg import PoseStamped
+        from pi_bringup.msg import DriveActionGoal
+        goal = DriveActionGoal()
+        goal.header.stamp = goal.goal_id.stamp = rospy.Time.now()
+        goal.goal_id.id = "drive_campus-%s" % uuid.uuid4().hex[:8]
+        for point in self._points[self._next_point:]:
+            pose = PoseStamped()
+            pose.header.frame_id = "map"
+            pose.pose.position.x, pose.pose.position.y = point[0], point[1]
+            if len(point) > 2:
+                pose.pose.orientation.z, pose.pose.orientation.w = math.sin(point[2] / 2), math.cos(point[2] / 2)
+            goal.goal.waypoints.append(pose)
+        return goal
+
+    def _pass_points(self, truth):
+        """A point is passed where the vehicle is beyond it, along the leg that begins there."""
+        while self._next_point + 1 < len(self._points):
+            here, ahead = self._points[self._next_point], self._points[self._next_point + 1]
+            away = (truth[1] - here[0], truth[2] - here[1])
+            if (math.hypot(*away) > PASSING_M or
+                    away[0] * (ahead[0] - here[0]) + away[1] * (ahead[1] - here[1]) < 0.0):
+                return
+            self._next_point += 1
+
+    def _drive(self, events, launch, started, screen, edge):
+        rospy = events.rospy
+        from pi_bringup.msg import DriveActionGoal
+        from std_msgs.msg import String
+        goals = rospy.Publisher("/drive/goal", DriveActionGoal, queue_size=1)
+        mouth = rospy.Publisher("/microphone/play", String, queue_size=10)
+        limit = time.monotonic() + READY_S
+        while not (goals.get_num_connections() and mouth.get_num_connections()):
+            events.next(lambda kind, _: kind == "truth", "navigation and microphone to connect")
+            if time.monotonic() > limit:
+                raise DemoError("nobody subscribes %s" % ("drive/goal" if not goals.get_num_connections()
+                                                          else "microphone/play"))
+        self._words = [[None, entry, words.sound_of(entry["clip"], self.output)] for entry in self.facts["spoken"]]
+        self._points = self.facts["waypoints"] + [self.facts["goal"]]
+        goal = self._goal(rospy)
+        others = {name: process.pid for name, process in (edge.processes if edge else {}).items()}
+        self.cpu = CpuAccount(launch.pid, others)
+        killer = Killer(self.options.kill, self.options.seed, self.observer)
+        self.began = time.time()
+        goals.publish(goal)
+        killer.begin(self.began)
+        print("  driving to (%.1f, %.1f) in the map" % tuple(self.facts["goal"][:2]))
+        limit_s = self.options.limit or 3.0 * self.scenario.duration_s + 30.0 + 8.0 * self.options.kill
+        next_cpu = 0.0
+        while self.result is None:
+            kind, content = events.next(lambda *_: True, "the drive")
+            now = time.time()
+            if kind == "result" and content["goal"] == goal.goal_id.id:
+                self.result = content
+            elif kind == "back":
+                killer.came_back(content)
+            elif kind == "truth":
+                self._pass_points(content)
+                if killer.goal_lost and goals.get_num_connections():
+                    # A navigation that died knows of no goal: its client sends it again.
+                    killer.goal_lost = False
+                    self.goals_sent += 1
+                    goal = self._goal(rospy)
+                    goals.publish(goal)
+                self._speak(mouth, content, now)
+                killer.tick(now, self.cpu.pids, content[4])
+                if now >= next_cpu:
+                    next_cpu = now + CPU_PERIOD_S
+                    self.cpu.update()
+                self._shoot(screen, started)
+                if now - self.began > limit_s:
+                    self.end = "time is over: %.0f s" % limit_s
+                    break
+            elif kind == "command":
+                print("  heard \"%s\"%s" % (content["text"], "" if content["accepted"] else ", rejected"))
+        self.ended = time.time()
+        self.cpu.update()
+        self.cpu.measure_memory()
+        self.kills = killer.kills
+        if self.result is not None:
+            self.end = self.result["message"] or ("arrived" if self.result["success"] else "given up")
+        self._await(events, lambda kind, _: kind == "monitor", "the monitor's report")
+        self._shoot(screen, started, last=True)
+        print("  %s, after %.1f s" % (self.end, self.ended - self.began))
+
+    def _speak(self, mouth, truth, now):
+        from std_msgs.msg import String
+        for one in self._words:
+            due, entry, path = one
+            if due is None:
+                near = entry.get("near")
+                here = (math.hypot(truth[1] - near[0], truth[2] - near[1]) <= entry["within"] if near
+                        else now - self.began >= entry.get("time", 0.0))
+                if here:
+                    one[0] = due = now + entry["delay"]
+            if due is not None and now >= due and not entry.get("said"):
+                entry["said"] = now
+                print("  saying \"%s\"" % entry["text"])
+                mouth.publish(String(data=str(path)))
+
+    def _shoot(self, screen, started, last=False):
+        """Links and the screen, once on the way. Beside the drive: it takes seconds."""
+        progress = self.observer.records.feedback[-1][1] if self.observer.records.feedback else 0.0
+        if self._shot is None and (last or progress >= SHOT_AT):
+            self._shot = threading.Thread(target=self._look, args=(screen, started.environment["ROS_MASTER_URI"]))
+            self._shot.start()
+        if last:
+            self._shot.join()
+
+    def _look(self, screen, master_uri):
+        self.links = measuring.all_links(master_uri)
+        if screen is not None:
+            self.pictures = screen.shoot("campus", only="rviz")

@@ -1,0 +1,237 @@
+"""What the graph says during a drive: kept, and as events for the one who drives."""
+
+import math
+import struct
+import time
+from dataclasses import dataclass, field
+
+ODOMETRY_EVERY = 10  # of 200 Hz
+TRUTH_EVERY = 5      # of 50 Hz
+MAP_FRAME = b"\x03\x00\x00\x00map"
+ERROR_LEVEL = 8      # of rosgraph_msgs/Log
+
+
+@dataclass
+class Records:
+    """Lists in the order of arrival; times are those of the system's clock [s]."""
+
+    estimates: list = field(default_factory=list)    # (stamp, x, y, heading) of base_link in the map
+    corrections: list = field(default_factory=list)  # (time, x, y, heading) of odom in the map, when it changes
+    validity: list = field(default_factory=list)     # (stamp, valid, reason) of the pose in the map
+    motions: list = field(default_factory=list)      # (arrival, stamp, speed, source, reason)
+    states: list = field(default_factory=list)       # (arrival, speed, mode, detail)
+    commands: list = field(default_factory=list)     # dicts
+    command_states: list = field(default_factory=list)
+    arbiter: list = field(default_factory=list)      # (stamp, driver, limited_by, reason)
+    feedback: list = field(default_factory=list)     # (arrival, progress, state, reason)
+    reactions: list = field(default_factory=list)    # dicts
+    played: list = field(default_factory=list)       # dicts
+    decisions: list = field(default_factory=list)    # dicts
+    power: list = field(default_factory=list)        # dicts
+    errors: list = field(default_factory=list)       # (time, node, text) of the log
+    statuses: dict = field(default_factory=dict)     # name: (level, message, values), as last said
+    arrivals: dict = field(default_factory=dict)     # topic: time of the last message
+
+
+def heading_of(q):
+    return math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
+
+
+def compose(outer, inner):
+    """Poses [x, y, heading]."""
+    cosine, sine = math.cos(outer[2]), math.sin(outer[2])
+    heading = outer[2] + inner[2]
+    return (outer[0] + cosine * inner[0] - sine * inner[1], outer[1] + sine * inner[0] + cosine * inner[1],
+            math.atan2(math.sin(heading), math.cos(heading)))
+
+
+class Observer:
+    """Subscribes by `events`; what drives the one who drives becomes events: truth, result, feedback, diagnostics,
+    played, command. Its callbacks are those of rospy's threads."""
+
+    def __init__(self, events):
+        # Here, not above: they import rospy.
+        import rospy
+        from actionlib_msgs.msg import GoalStatusArray
+        from diagnostic_msgs.msg import DiagnosticArray
+        from nav_msgs.msg import Odometry
+        from pi_bringup.msg import (ArbiterState, CommandState, DriveActionFeedback, DriveActionResult,
+                                    LocalisationState, MotionCommand, PlayedSound, PowerState, ReactionEvent,
+                                    VehicleState)
+        from pi_speech.msg import VoiceCommand
+        from rosgraph_msgs.msg import Log
+        from std_msgs.msg import String
+        from tf2_msgs.msg import TFMessage
+        self.records = Records()
+        self.map_odom = None
+        self.truth = None       # (time, x, y, heading, speed)
+        self.estimate = None
+        self._events = events
+        self._odometry_type, self._tf_type = Odometry, TFMessage
+        self._counts = {}
+        self._links = {}
+        self._awaited = {}      # topic: (time, mark)
+        any_message = rospy.AnyMsg
+        for topic, kind, callback in (
+                ("/odometry", any_message, self._on_odometry), ("/tf", any_message, self._on_tf),
+                ("/ground_truth/odometry", any_message, self._on_truth),
+                ("/localisation", LocalisationState, lambda m: self.records.validity.append(
+                    (m.header.stamp.to_sec(), bool(m.valid), m.reason))),
+                ("/obstacles", any_message, None), ("/detections", any_message, None),
+                ("/tracks", any_message, None),
+                ("/motion/navigation", any_message, None), ("/motion/reaction", any_message, None),
+                ("/motion/command", any_message, None),
+                ("/motion", MotionCommand, self._on_motion), ("/vehicle_state", VehicleState, self._on_state),
+                ("/command", VoiceCommand, lambda m: self._on_command(m, True)),
+                ("/recognizer/rejected", VoiceCommand, lambda m: self._on_command(m, False)),
+                ("/command/state", CommandState, self._on_command_state),
+                ("/arbiter/state", ArbiterState, self._on_arbiter),
+                ("/reaction/events", ReactionEvent, self._on_reaction),
+                ("/microphone/played", PlayedSound, self._on_played),
+                ("/power", PowerState, self._on_power), ("/diagnostics", DiagnosticArray, self._on_diagnostics),
+                ("/scenario", String, lambda m: events.put("scenario", m.data)),
+                ("/drive/feedback", DriveActionFeedback, self._on_feedback),
+                ("/drive/result", DriveActionResult, self._on_result),
+                ("/drive/status", GoalStatusArray, None), ("/rosout_agg", Log, self._on_log)):
+            self._links[topic] = rospy.Subscriber(topic, kind, self._callback(topic, callback), tcp_nodelay=True)
+        try:
+            from pi_offload.msg import OffloadDecision
+            self._links["/coordinator/decisions"] = rospy.Subscriber(
+                "/coordinator/decisions", OffloadDecision, self._callback("/coordinator/decisions", self._on_decision))
+        except ImportError:
+            pass  # without pi_offload nothing is offloaded
+
+    def _callback(self, topic, callback):
+        def take(message):
+            now = time.time()
+            self.records.arrivals[topic] = now
+            awaited = self._awaited.get(topic)
+            if awaited is not None and now > awaited[0]:
+                del self._awaited[topic]
+                self._events.put("back", (topic, *awaited, now))
+            if callback is not None:
+                callback(message)
+        return take
+
+    def await_message(self, topic, after, mark):
+        """The first message on a topic later than a time becomes an event back: (topic, after, mark, arrival)."""
+        self._awaited[topic] = (after, mark)
+
+    def close(self):
+        for link in self._links.values():
+            link.unregister()
+
+    def is_linked(self, topic):
+        return self._links[topic].get_num_connections() > 0
+
+    def _every(self, name, count):
+        self._counts[name] = self._counts.get(name, -1) + 1
+        return self._counts[name] % count == 0
+
+    # ------------------------------------------------------------------------------------------------- localisation
+
+    def _on_odometry(self, message):
+        if self.map_odom is None or not self._every("odometry", ODOMETRY_EVERY):
+            return
+        odometry = self._odometry_type().deserialize(message._buff)
+        p = odometry.pose.pose.position
+        pose = compose(self.map_odom, (p.x, p.y, heading_of(odometry.pose.pose.orientation)))
+        self.estimate = (odometry.header.stamp.to_sec(), *pose)
+        self.records.estimates.append(self.estimate)
+
+    def _on_tf(self, message):
+        # Messages come at the rate of the IMU; map to odom is in some of them, and changes rarely.
+        if MAP_FRAME not in message._buff or self.map_odom is not None and not self._every("tf", ODOMETRY_EVERY):
+            return
+        for one in self._tf_type().deserialize(message._buff).transforms:
+            if one.header.frame_id.strip("/") == "map" and one.child_frame_id.strip("/") == "odom":
+                t = one.transform
+                pose = (t.translation.x, t.translation.y, heading_of(t.rotation))
+                if pose != self.map_odom:
+                    self.records.corrections.append((time.time(), *pose))
+                self.map_odom = pose
+
+    def _on_truth(self, message):
+        if not self._every("truth", TRUTH_EVERY):
+            return
+        odometry = self._odometry_type().deserialize(message._buff)
+        p = odometry.pose.pose.position
+        self.truth = (odometry.header.stamp.to_sec(), p.x, p.y, heading_of(odometry.pose.pose.orientation),
+                      odometry.twist.twist.linear.x)
+        self._events.put("truth", self.truth)
+
+    # ----------------------------------------------------------------------------------------------------- decision
+
+    def _on_motion(self, message):
+        self.records.motions.append((time.time(), message.header.stamp.to_sec(), message.speed, message.source,
+                                     message.reason))
+
+    def _on_state(self, message):
+        self.records.states.append((time.time(), message.speed, message.mode, message.detail))
+
+    def _on_command(self, message, accepted):
+        command = {"arrival": time.time(), "text": message.text, "accepted": accepted,
+                   "confidence": round(message.confidence, 3), "speech_end": message.speech_end.to_sec(),
+                   "latency": message.latency.to_sec(), "fast": bool(message.fast)}
+        self.records.commands.append(command)
+        self._events.put("command", command)
+
+    def _on_command_state(self, message):
+        self.records.command_states.append(
+            {"arrival": time.time(), "stamp": message.header.stamp.to_sec(), "stopped": bool(message.stopped),
+             "text": message.text, "outcome": message.outcome, "reason": message.reason})
+
+    def _on_arbiter(self, message):
+        self.records.arbiter.append((message.header.stamp.to_sec(), message.driver, message.limited_by,
+                                     message.reason))
+
+    def _on_reaction(self, message):
+        self.records.reactions.append({"stamp": message.header.stamp.to_sec(), "rule": message.rule,
+                                       "action": message.action, "text": message.text, "label": message.label,
+                                       "position": [round(message.position.x, 2), round(message.position.y, 2)]})
+
+    def _on_feedback(self, message):
+        f = message.feedback
+        self.records.feedback.append((time.time(), f.progress, f.state, f.reason))
+
+    def _on_result(self, message):
+        self._events.put("result", {
+            "status": message.status.status, "success": bool(message.result.success),
+            "message": message.result.message or message.status.text, "distance": message.result.distance,
+            "duration": message.result.duration.to_sec(), "goal": message.status.goal_id.id})
+
+    # ------------------------------------------------------------------------------------------------------- others
+
+    def _on_played(self, message):
+        played = {"file": message.file, "begin": message.header.stamp.to_sec(),
+                  "speech_end": message.speech_end.to_sec(), "end": message.end.to_sec()}
+        self.records.played.append(played)
+        self._events.put("played", played)
+
+    def _on_decision(self, message):
+        self.records.decisions.append({"stamp": message.header.stamp.to_sec(), "kind": message.kind,
+                                       "node": message.node, "how": message.how, "reason": message.reason,
+                                       "response_time": message.response_time, "by_deadline": bool(message.by_deadline),
+                                       "energy": message.energy})
+
+    def _on_power(self, message):
+        def service(one):
+            return {"cpu": one.cpu, "memory": one.memory, "watts": one.watts, "running": bool(one.running)}
+
+        services = {one.name: service(one) for one in message.services}
+        services["shared"] = service(message.shared)
+        self.records.power.append({"time": time.time(), "services": services, "other_cpu": message.other.cpu,
+                                   "total_watts": message.total_watts, "idle_watts": message.idle_watts,
+                                   "measured": bool(message.measured), "source": message.source,
+                                   "battery_watts": message.battery_watts, "cpu": message.cpu})
+
+    def _on_diagnostics(self, message):
+        for status in message.status:
+            self.records.statuses[status.name.strip("/")] = (
+                struct.unpack("B", status.level)[0] if isinstance(status.level, bytes) else status.level,
+                status.message, {pair.key: pair.value for pair in status.values})
+        self._events.put("diagnostics", None)
+
+    def _on_log(self, message):
+        if message.level >= ERROR_LEVEL:
+            self.records.errors.append((message.header.stamp.to_sec(), message.name, message.msg))

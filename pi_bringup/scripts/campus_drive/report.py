@@ -1,0 +1,209 @@
+"""The report of a drive: on the terminal and as JSON."""
+
+import json
+import os
+
+from first_drive.errors import DemoError
+from first_drive.report import number, table
+
+from . import plots
+from .cpu import group_of
+from .judge import quantile, seconds
+
+LIMIT_CPU = 1.4   # cores, of the whole vehicle
+
+
+def percent(cores):
+    return "%.1f" % (100.0 * cores)
+
+
+def by_group(drive, edge_names):
+    """{group: {node: cores}}"""
+    groups = {}
+    for node, cores in drive.cpu.cores().items():
+        groups.setdefault(group_of(node, edge_names), {})[node] = cores
+    return groups
+
+
+def services(power):
+    """{service: mean cores, watts, greatest memory} of the messages of `power`."""
+    result = {}
+    for message in power:
+        for name, one in message["services"].items():
+            if one["running"]:
+                entry = result.setdefault(name, {"cpu": [], "watts": [], "memory": []})
+                for key in entry:
+                    entry[key].append(one[key])
+    return {name: {"cpu": sum(one["cpu"]) / len(one["cpu"]), "watts": sum(one["watts"]) / len(one["watts"]),
+                   "memory_mb": max((value for value in one["memory"] if value == value), default=None)}
+            for name, one in result.items()}
+
+
+def camera_figures(statuses):
+    return statuses.get("vehicle_simulator: cameras", (None, "", {}))[2]
+
+
+def collect(drive, judged, edge_names, facts):
+    """All of a drive as a tree for JSON."""
+    records = drive.observer.records
+    try:
+        monitor = json.loads(drive.monitor_report.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        monitor = {"topics": {}}
+    power = [one for one in records.power if drive.began <= one["time"] <= drive.ended]
+    transports = {}
+    for topic, _, subscriber, transport in drive.links:
+        if not subscriber.startswith("/drive_campus"):
+            transports[transport] = transports.get(transport, 0) + 1
+    groups = by_group(drive, edge_names)
+    return {
+        "scenario": drive.scenario.name, "seed": drive.options.seed,
+        "transport": "π-OS" if drive.options.preload else "TCPROS", "together": drive.options.together,
+        "machine": facts, "ready_s": drive.readiness, **judged,
+        "topics": monitor["topics"], "cpu_cores": groups,
+        "vehicle_cores": sum(groups.get("vehicle", {}).values()), "memory_mb": drive.cpu.memory,
+        "services": services(power),
+        "watts": sum(one["total_watts"] for one in power) / len(power) if power else None,
+        "watts_source": power[-1]["source"] if power else None, "transports": transports,
+        "links": [dict(zip(("topic", "publisher", "subscriber", "transport"), link)) for link in drive.links],
+        "cameras": camera_figures(records.statuses),
+        "diagnostics": {name: {"level": level, "message": message}
+                        for name, (level, message, _) in sorted(records.statuses.items())},
+        "pictures": [path.name for path in drive.pictures]}
+
+
+def topic_rows(tree):
+    rows = [["topic", "Hz", "p50/ms", "p99/ms", "lost", "transport"]]
+    for topic, figures in sorted(tree["topics"].items()):
+        latency = figures.get("latency_ms") or {}
+        if figures.get("messages", 0):
+            rows.append([topic, number(figures.get("rate_hz"), 1), number(latency.get("p50"), 1),
+                         number(latency.get("p99"), 1), number(figures.get("lost"), 0),
+                         ", ".join(sorted(figures.get("transports") or {}))])
+    return table(rows, "<>>>><")
+
+
+def cpu_rows(tree):
+    rows = [["node", "CPU %", "PSS/MB", "group"]]
+    for group, nodes in sorted(tree["cpu_cores"].items(), key=lambda pair: pair[0] != "vehicle"):
+        for node, cores in sorted(nodes.items(), key=lambda pair: -pair[1]):
+            memory = tree["memory_mb"].get(node) or {}
+            rows.append([node, percent(cores), number(memory.get("pss"), 0), group])
+        rows.append(["", percent(sum(nodes.values())), number(sum(
+            (tree["memory_mb"].get(node) or {}).get("pss", 0.0) for node in nodes), 0), "sum: " + group])
+    return table(rows, "<>><")
+
+
+def service_rows(tree):
+    rows = [["service", "CPU %", "W", "MB"]]
+    for name, one in tree["services"].items():
+        memory = one["memory_mb"]
+        rows.append([name, percent(one["cpu"]), number(one["watts"], 2),
+                     number(memory / 2 ** 20 if memory is not None else None, 0)])
+    return table(rows, "<>>>")
+
+
+def stop_lines(tree):
+    for one in tree["stops"]:
+        verdict = "" if one["honoured"] else ": not judged, a service was dead" if one["deaf"] else ": TOO LATE"
+        yield ("\"stop\" at %.1f m/s: heard %s after the end of the word, ordered %s, braking %s, standing %s%s" %
+               (one["speed"] or 0.0, seconds(one["heard_s"]), seconds(one["ordered_s"]), seconds(one["braking_s"]),
+                seconds(one["still_s"]), verdict))
+
+
+def heard_lines(tree):
+    for one in tree["commands"]:
+        yield "heard \"%s\" (%.2f%s), %.0f ms after its end%s" % (
+            one["text"], one["confidence"], ", fast" if one["fast"] else "", 1000 * one["latency"],
+            "" if one["accepted"] else ": rejected")
+
+
+def print_report(tree):
+    facts, local = tree["machine"], tree["localisation"]
+    print("\nDrive %s, seed %d, over %s%s" % (tree["scenario"], tree["seed"], tree["transport"],
+                                             ", in one process" if tree["together"] else ""))
+    print("Machine: %s, %d cores, %.1f GB, Linux %s, load %.1f at the start" %
+          (facts["cpu"], facts["cores"], facts["memory_gb"], facts["kernel"], facts["load"]))
+    print("%s after %.1f s and %.1f m, %.2f m from B, at most %.1f m/s" %
+          (tree["end"], tree["seconds"], tree["distance_m"], tree["goal_distance_m"] or float("nan"),
+           tree["max_speed"] or 0.0))
+    print("\nTopics: rate, latency from stamp to arrival")
+    print(topic_rows(tree))
+    print("\nCPU in % of one core, memory")
+    print(cpu_rows(tree))
+    print("\nServices as the node `power` has them; watts by %s" % tree["watts_source"])
+    print(service_rows(tree))
+    print("  the computer in all: %s W" % number(tree["watts"], 1))
+    print("\nWhat happened")
+    by_tcp = sorted({link["topic"] for link in tree["links"] if link["transport"] == "TCPROS"
+                     and not link["subscriber"].startswith("/drive_campus")})
+    lines = ["transports: %s%s" % (
+        ", ".join("%d links %s" % (count, name) for name, count in sorted(tree["transports"].items())),
+        " (%s)" % ", ".join(by_tcp) if tree["transport"] != "TCPROS" and by_tcp else ""),
+             "localisation: error RMS %s m, max %s m, heading max %s rad, %d corrections of the map" % (
+                 number(local["rms_m"], 3), number(local["max_m"], 3), number(local["heading_max"], 3),
+                 tree["corrections"]),
+             "pictures: %s pairs rendered, %s skipped, p50 %s ms late" % (
+                 tree["cameras"].get("pairs", "?"), tree["cameras"].get("skipped pairs", "?"),
+                 tree["cameras"].get("delay of pictures p50 [ms]", "?"))]
+    lines += ["localisation was lost: %s" % one[2] for one in tree["losses"]]
+    lines += ["met %s: nearest %.2f m after %.1f s, at %.1f m/s" % (name, one["distance"], one["t"], one["speed"])
+              for name, one in sorted(tree["met"].items(), key=lambda pair: pair[1]["t"]) if one["actor"]]
+    lines += ["collisions: %d" % len(tree["collisions"])]
+    lines += ["stood %.1f s at (%.1f, %.1f): %s; truly nearest: %s%s" % (
+        one["seconds"], *one["pose"][:2], one["reason"] or "no reason given", one["nearest"],
+        ", of the actors %s %.1f m" % (one["who"], one["nearest_actor"]) if one["who"] else "")
+        for one in tree["standstills"]]
+    lines += list(stop_lines(tree)) + list(heard_lines(tree))
+    for kind, one in tree["offloading"].items():
+        lines.append("%s: %d tasks, %s; %d late; response p50 %s ms, p99 %s ms" % (
+            kind, one["tasks"], ", ".join("%d %s" % (count, name) for name, count in sorted(one["by"].items())),
+            one["missed"], number(one["response_p50"] and 1000 * one["response_p50"], 0),
+            number(one["response_p99"] and 1000 * one["response_p99"], 0)))
+    lines += ["reaction \"%s\" (%s) to %s" % (one["rule"], one["action"], one["label"]) for one in tree["reactions"]]
+    lines += ["killed %s at %.1f m/s: back after %s, %s" % (
+        kill["node"], kill["speed"], seconds(kill["back_s"]), "stopped" if kill["stopped"] else "went on")
+        for kill in tree["kills"]]
+    if tree["goals_sent"] > 1:
+        lines.append("the goal was sent %d times: navigation forgets it when it dies" % tree["goals_sent"])
+    counts = {}
+    for _, node, text in tree["errors"]:
+        counts[(node, text)] = counts.get((node, text), 0) + 1
+    lines += ["error of %s%s: %s" % (node, " (%d times)" % count if count > 1 else "", text)
+              for (node, text), count in counts.items()]
+    print("\n".join("  " + line for line in lines))
+    if tree["vehicle_cores"] > LIMIT_CPU:
+        print("  note: the vehicle takes %.0f %% of a core, more than %.0f %%" %
+              (100 * tree["vehicle_cores"], 100 * LIMIT_CPU))
+    for text in tree["failures"]:
+        print("FAILED %s" % text)
+
+
+def write(drive, tree, output):
+    """drive_campus.json and the pictures in the folder. @return their paths. @throws DemoError"""
+    report = output / "drive_campus.json"
+    temporary = output / "drive_campus.json.tmp"
+    try:
+        temporary.write_text(json.dumps(tree, indent=1, ensure_ascii=False, default=str) + "\n", encoding="utf-8")
+        os.replace(temporary, report)
+        return [report] + plots.draw(drive, tree, output)
+    except OSError as error:
+        raise DemoError("the report cannot be written to %s: %s; make room there or choose another folder with "
+                        "--output" % (output, error.strerror)) from error
+
+
+def summary(tree):
+    """A drive in one line."""
+    stops = [one["braking_s"] for one in tree["stops"]]
+    nearest = min((one["distance"] for one in tree["met"].values() if one["actor"]), default=None)
+    return "seed %d: %s, %.0f s, %.0f m, B %.2f m; nearest actor %s m; stop braking after %s; localisation %s m; " \
+        "CPU %.0f %%; %d errors" % (
+            tree["seed"], "failed" if tree["failures"] else "passed", tree["seconds"], tree["distance_m"],
+            tree["goal_distance_m"] or float("nan"), number(nearest, 2),
+            ", ".join(seconds(one) for one in stops) or "-",
+            number(tree["localisation"]["max_m"], 2), 100 * tree["vehicle_cores"], len(tree["errors"]))
+
+
+def back_times(kills):
+    times = [kill["back_s"] for kill in kills if kill["back_s"] is not None]
+    return "p50 %s s, most %s s" % (number(quantile(times, 0.5), 2), number(max(times, default=None), 2))

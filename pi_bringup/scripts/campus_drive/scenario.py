@@ -1,0 +1,58 @@
+"""The scenario of a drive, as far as its runner needs it before the simulator tells the rest."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+from first_drive.errors import DemoError
+
+
+@dataclass
+class EdgeNode:
+    name: str
+    x: float       # in the map [m]
+    y: float
+    range_m: float
+
+
+@dataclass
+class Scenario:
+    path: Path
+    name: str
+    duration_s: float
+    edge_nodes: list
+
+
+def find(text, package):
+    """@param text  path of a file, or a name in config/scenarios. @throws DemoError naming those that are there."""
+    path = Path(text)
+    if path.is_file():
+        return path.resolve()
+    folder = package / "config" / "scenarios"
+    if (folder / (text + ".yaml")).is_file():
+        return folder / (text + ".yaml")
+    known = ", ".join(sorted(one.stem for one in folder.glob("*.yaml")))
+    raise DemoError("--scenario %s: no such file, and none of those in %s: %s" % (text, folder, known))
+
+
+def to_map(start, mount, point):
+    """A point of the world in the map, which begins at the IMU's place and heading at the start.
+    @param start  [x, y, heading] of base_link in the world. @param mount  (x, y) of the IMU in base_link."""
+    cosine, sine = math.cos(start[2]), math.sin(start[2])
+    x = point[0] - start[0] - cosine * mount[0] + sine * mount[1]
+    y = point[1] - start[1] - sine * mount[0] - cosine * mount[1]
+    return cosine * x + sine * y, cosine * y - sine * x
+
+
+def load(path, package):
+    """@throws DemoError. The simulator judges the file in full; here only what is read counts."""
+    try:
+        tree = yaml.safe_load(path.read_text(encoding="utf-8"))
+        simulator = yaml.safe_load((package / "config" / "vehicle_simulator.yaml").read_text(encoding="utf-8"))
+        mount = (simulator["imu_in_base"]["x"], simulator["imu_in_base"]["y"])
+        nodes = [EdgeNode(one["id"], *to_map(tree["start"], mount, (one["x"], one["y"])), float(one["range"]))
+                 for one in tree.get("edge_nodes") or []]
+        return Scenario(path, str(tree["name"]), float(tree.get("duration", 60.0)), nodes)
+    except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError, IndexError) as error:
+        raise DemoError("%s is no scenario: %r; see docs/design/vehicle_simulator.md" % (path, error)) from error

@@ -1,0 +1,21 @@
+#include <pi_bringup/ros/arbiter_ros.h>
+#include <ros/ros.h>
+
+#include <exception>
+
+int main(int argc, char** argv)
+{
+  ros::init(argc, argv, "arbiter");
+  const ros::NodeHandle node;  // outlives the adapter: roscpp ends with the last handle, and its log with it
+  try
+  {
+    pi_bringup::ArbiterRos arbiter(node, ros::NodeHandle("~"));
+    ros::spin();
+    return 0;
+  }
+  catch (const std::exception& error)
+  {
+    ROS_FATAL_STREAM_NAMED("arbiter", error.what());
+    return 1;
+  }
+}

@@ -1,0 +1,1 @@
+"""Tools of the vehicle: the doctor of its computer, the bench of power."""

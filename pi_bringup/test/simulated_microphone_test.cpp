@@ -1,0 +1,151 @@
+// Judge of simulated_microphone.test.
+
+#include <gtest/gtest.h>
+#include <pi_bringup/PlayedSound.h>
+#include <pi_runtime/test_support/on_graph.h>
+#include <pi_runtime/test_support/temporary_folder.h>
+#include <pi_speech/AudioDataStamped.h>
+#include <pi_speech/AudioInfo.h>
+#include <pi_speech/audio.h>
+#include <pi_speech/ros/audio_conversions.h>
+#include <std_msgs/String.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <string>
+#include <vector>
+
+namespace pi_bringup
+{
+
+using namespace pi_runtime::test_support;
+namespace
+{
+
+constexpr int64_t SAMPLE_NS = 62500;
+
+/// A microphone in a namespace.
+struct Microphone
+{
+  explicit Microphone(const std::string& name)
+    : audio("/" + name + "/audio_stamped", 0)
+    , info("/" + name + "/audio_info")
+    , played("/" + name + "/microphone/played")
+    , play(ros::NodeHandle().advertise<std_msgs::String>("/" + name + "/microphone/play", 10))
+  {
+  }
+
+  bool connected() const
+  {
+    return until(TIMEOUT_S,
+                 [this] { return play.getNumSubscribers() > 0 && played.publishers() > 0 && audio.publishers() > 0; });
+  }
+  void say(const std::string& file) const
+  {
+    std_msgs::String message;
+    message.data = file;
+    play.publish(message);
+  }
+  bool waitUntilHeard(const ros::Time& time) const
+  {
+    return audio.waitFor([&time](const pi_speech::AudioDataStamped& message) { return message.header.stamp > time; });
+  }
+
+  Collector<pi_speech::AudioDataStamped> audio;
+  Collector<pi_speech::AudioInfo> info;
+  Collector<PlayedSound> played;
+  ros::Publisher play;
+};
+
+/// 0.5 s: a tone in the first 0.3 s, then silence.
+pi_speech::Samples word()
+{
+  pi_speech::Samples samples(8000, 0);
+  for (size_t i = 0; i < 4800; ++i)
+  {
+    samples[i] = static_cast<int16_t>(std::lround(12000.0 * std::sin(0.4 * static_cast<double>(i))));
+  }
+  return samples;
+}
+
+void expectAWordWhereItSays(const Microphone& microphone, const LogCollector& log)
+{
+  const TemporaryFolder folder;
+  const std::string file = folder.path() + "/word.wav";
+  const pi_speech::Samples sound = word();
+  pi_speech::writeWav(file, sound);
+  ASSERT_TRUE(microphone.connected());
+  ASSERT_TRUE(microphone.info.waitFor([](const pi_speech::AudioInfo&) { return true; }));
+  EXPECT_EQ(pi_speech::AudioFormat(), pi_speech::fromMsg(*microphone.info.last()));
+
+  const std::string broken = folder.file("broken.wav", "this is no sound");
+  microphone.say(broken);
+  EXPECT_TRUE(log.waitForText("sound file " + broken + ": is no sound that can be read")) << log.text();
+  microphone.say(file);
+  ASSERT_TRUE(microphone.played.waitFor([](const PlayedSound&) { return true; }));
+  const auto played = microphone.played.last();
+  EXPECT_EQ(file, played->file);
+  EXPECT_EQ(4800 * SAMPLE_NS, (played->speech_end - played->header.stamp).toNSec());
+  EXPECT_EQ(8000 * SAMPLE_NS, (played->end - played->header.stamp).toNSec());
+  ASSERT_TRUE(microphone.waitUntilHeard(played->end));
+
+  int64_t expected_ns = 0;
+  int64_t heard = 0;
+  std::vector<int16_t> samples;
+  for (const auto& message : microphone.audio.messages())
+  {
+    const auto stamp_ns = static_cast<int64_t>(message->header.stamp.toNSec());
+    EXPECT_EQ("microphone", message->header.frame_id);
+    if (expected_ns != 0)
+    {
+      ASSERT_EQ(expected_ns, stamp_ns);
+    }
+    pi_speech::fromMsg(message->audio, pi_speech::AudioFormat(), &samples);
+    ASSERT_EQ(320u, samples.size());
+    expected_ns = stamp_ns + 320 * SAMPLE_NS;
+    const int64_t first = (stamp_ns - static_cast<int64_t>(played->header.stamp.toNSec())) / SAMPLE_NS;
+    for (int64_t i = 0; i < 320; ++i)
+    {
+      const int64_t at = first + i;
+      const bool inside = at >= 0 && at < 8000;
+      heard += inside ? 1 : 0;
+      // -62 dBFS is 26 steps; six times that has never been seen.
+      ASSERT_NEAR(inside ? sound[static_cast<size_t>(at)] : 0, samples[static_cast<size_t>(i)], 200) << at;
+    }
+  }
+  EXPECT_EQ(8000, heard);
+}
+
+TEST(SimulatedMicrophone, AsANodePlaysAWordWhereItSays)
+{
+  const LogCollector log;
+  ASSERT_TRUE(log.waitForNode());
+  expectAWordWhereItSays(Microphone("node"), log);
+}
+
+TEST(SimulatedMicrophone, AsANodeletPlaysAWordWhereItSays)
+{
+  const LogCollector log;
+  ASSERT_TRUE(log.waitForNode());
+  const Microphone microphone("nodelet");
+  ASSERT_TRUE(loadNodelet("/nodelet/microphone", "pi_bringup/simulated_microphone"));
+  expectAWordWhereItSays(microphone, log);
+  EXPECT_TRUE(unloadNodelet("/nodelet/microphone"));
+}
+
+TEST(SimulatedMicrophone, RefusesWrongParametersWithOneError)
+{
+  const LogCollector log;
+  ASSERT_TRUE(log.waitForNode());
+  ros::param::set("/wrong/microphone/background", "/nowhere/hum.wav");
+  EXPECT_FALSE(loadNodelet("/wrong/microphone", "pi_bringup/simulated_microphone"));
+  EXPECT_TRUE(log.waitForText("sound file /nowhere/hum.wav: cannot be opened")) << log.text();
+}
+
+}  // namespace
+}  // namespace pi_bringup
+
+int main(int argc, char** argv)
+{
+  return pi_runtime::test_support::runOnGraph(argc, argv, "simulated_microphone_test");
+}
