@@ -52,9 +52,9 @@ def collect(drive, judged, edge_names, facts):
         monitor = {"topics": {}}
     power = [one for one in records.power if drive.began <= one["time"] <= drive.ended]
     transports = {}
-    for topic, _, subscriber, transport in drive.links:
-        if not subscriber.startswith("/drive_campus"):
-            transports[transport] = transports.get(transport, 0) + 1
+    for link in drive.links:
+        if "/drive_campus" not in link[1:3]:  # rospy, which knows TCPROS only
+            transports[link[3]] = transports.get(link[3], 0) + 1
     groups = by_group(drive, edge_names)
     return {
         "scenario": drive.scenario.name, "seed": drive.options.seed,
@@ -136,7 +136,7 @@ def print_report(tree):
     print("  the computer in all: %s W" % number(tree["watts"], 1))
     print("\nWhat happened")
     by_tcp = sorted({link["topic"] for link in tree["links"] if link["transport"] == "TCPROS"
-                     and not link["subscriber"].startswith("/drive_campus")})
+                     and "/drive_campus" not in (link["publisher"], link["subscriber"])})
     lines = ["transports: %s%s" % (
         ", ".join("%d links %s" % (count, name) for name, count in sorted(tree["transports"].items())),
         " (%s)" % ", ".join(by_tcp) if tree["transport"] != "TCPROS" and by_tcp else ""),
