@@ -2,12 +2,9 @@
 
 #include <gtest/gtest.h>
 #include <pi_bringup/ros/navigation_ros_options.h>
-#include <pi_runtime/test_support/yaml_parameters.h>
+#include <pi_runtime/test_support/options_reader.h>
 
-#include <set>
-#include <stdexcept>
 #include <string>
-#include <vector>
 
 namespace pi_bringup
 {
@@ -16,37 +13,11 @@ using namespace pi_runtime::test_support;
 namespace
 {
 
-NavigationRosOptions load(const std::string& yaml)
-{
-  std::vector<std::string> unknown;
-  return NavigationRosOptions::fromParameters(fromYaml(YAML::Load(yaml)), "/navigation/", &unknown);
-}
-
-std::string refusal(const std::string& yaml)
-{
-  try
-  {
-    load(yaml);
-  }
-  catch (const std::invalid_argument& error)
-  {
-    return error.what();
-  }
-  return "";
-}
+const OptionsReader<NavigationRosOptions> reader("/navigation/");
 
 TEST(NavigationRosOptions, DefaultsAreThoseOfTheYamlFile)
 {
-  const XmlRpc::XmlRpcValue yaml = fromYaml(YAML::LoadFile(NAVIGATION_YAML));
-  std::vector<std::string> unknown;
-  const NavigationRosOptions options = NavigationRosOptions::fromParameters(yaml, "", &unknown);
-  EXPECT_EQ(std::vector<std::string>(), unknown);
-  EXPECT_EQ(NavigationRosOptions().toText(), options.toText());
-  std::set<std::string> in_file;
-  std::set<std::string> in_code;
-  collectNames(yaml, "", &in_file);
-  collectNames(NavigationRosOptions().toParameters(), "", &in_code);
-  EXPECT_EQ(in_code, in_file);
+  reader.expectDefaultsOf(NAVIGATION_YAML);
 }
 
 TEST(NavigationRosOptions, ParametersComeBackAsTheyWere)
@@ -60,48 +31,49 @@ TEST(NavigationRosOptions, ParametersComeBackAsTheyWere)
   options.navigator.governor.stop_gap = 2.0;
   options.places["gate"] = {{12.0, -3.5}, 1.5};
   options.places["yard"] = {{1.0, 2.0}, std::nullopt};
-  std::vector<std::string> unknown;
+  Names unknown;
   const NavigationRosOptions again = NavigationRosOptions::fromParameters(options.toParameters(), "", &unknown);
-  EXPECT_EQ(std::vector<std::string>(), unknown);
+  EXPECT_EQ(Names(), unknown);
   EXPECT_EQ(options.toText(), again.toText());
   EXPECT_NE(NavigationRosOptions().toText(), again.toText());
 }
 
 TEST(NavigationRosOptions, PlacesHaveAHeadingOrNone)
 {
-  const Places places = load("places: {gate: [12, -3.5, 1.5], yard: [1.0, 2.0]}").places;
+  const Places places = reader.load("places: {gate: [12, -3.5, 1.5], yard: [1.0, 2.0]}").places;
   ASSERT_EQ(2u, places.size());
   EXPECT_EQ(Eigen::Vector2d(12.0, -3.5), places.at("gate").position);
   EXPECT_EQ(1.5, places.at("gate").heading.value());
   EXPECT_FALSE(places.at("yard").heading);
-  EXPECT_TRUE(load("places: {}").places.empty());
+  EXPECT_TRUE(reader.load("places: {}").places.empty());
 }
 
 TEST(NavigationRosOptions, NamesUnknownParameters)
 {
-  std::vector<std::string> unknown;
+  Names unknown;
   NavigationRosOptions::fromParameters(fromYaml(YAML::Load("{rate: 1, follower: {jerk: 2}}")), "/navigation/",
                                        &unknown);
-  EXPECT_EQ((std::vector<std::string>{"/navigation/follower/jerk", "/navigation/rate"}), unknown);
+  EXPECT_EQ((Names{"/navigation/follower/jerk", "/navigation/rate"}), unknown);
 }
 
 TEST(NavigationRosOptions, NamesParameterValueAndBound)
 {
-  EXPECT_EQ("parameter /navigation/rate_hz = 1, must be in [10, 100]", refusal("rate_hz: 1"));
-  EXPECT_EQ("parameter /navigation/follower/max_speed = 0, must be in [0.1, 10]", refusal("follower: {max_speed: 0}"));
-  EXPECT_EQ("parameter /navigation/governor/rise = fast, must be a number", refusal("governor: {rise: fast}"));
+  EXPECT_EQ("parameter /navigation/rate_hz = 1, must be in [10, 100]", reader.refusal("rate_hz: 1"));
+  EXPECT_EQ("parameter /navigation/follower/max_speed = 0, must be in [0.1, 10]",
+            reader.refusal("follower: {max_speed: 0}"));
+  EXPECT_EQ("parameter /navigation/governor/rise = fast, must be a number", reader.refusal("governor: {rise: fast}"));
   EXPECT_EQ("parameter /navigation/max_position_deviation = 0, must be in [0.01, 100]",
-            refusal("max_position_deviation: 0"));
+            reader.refusal("max_position_deviation: 0"));
   EXPECT_EQ("parameter /navigation/need_obstacles = perhaps, must be true or false",
-            refusal("need_obstacles: perhaps"));
+            reader.refusal("need_obstacles: perhaps"));
   EXPECT_EQ("parameter /navigation/base_link_frame = \"map\", must be a name other than map_frame",
-            refusal("base_link_frame: map"));
-  EXPECT_EQ(0u, refusal("places: {gate: [1]}").find("parameter /navigation/places/gate = {1}, must be [x, y]"))
-      << refusal("places: {gate: [1]}");
-  EXPECT_NE("", refusal("places: {gate: [1, two]}"));
-  EXPECT_NE("", refusal("places: {gate: [.nan, 1]}"));
+            reader.refusal("base_link_frame: map"));
+  EXPECT_EQ(0u, reader.refusal("places: {gate: [1]}").find("parameter /navigation/places/gate = {1}, must be [x, y]"))
+      << reader.refusal("places: {gate: [1]}");
+  EXPECT_NE("", reader.refusal("places: {gate: [1, two]}"));
+  EXPECT_NE("", reader.refusal("places: {gate: [.nan, 1]}"));
   EXPECT_EQ("parameter /navigation/places = 5, must be a map of names to [x, y] or [x, y, heading]",
-            refusal("places: 5"));
+            reader.refusal("places: 5"));
 }
 
 }  // namespace

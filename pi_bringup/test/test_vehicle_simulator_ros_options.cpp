@@ -2,12 +2,9 @@
 
 #include <gtest/gtest.h>
 #include <pi_bringup/ros/vehicle_simulator_ros_options.h>
-#include <pi_runtime/test_support/yaml_parameters.h>
+#include <pi_runtime/test_support/options_reader.h>
 
-#include <set>
-#include <stdexcept>
 #include <string>
-#include <vector>
 
 namespace pi_bringup
 {
@@ -16,32 +13,11 @@ using namespace pi_runtime::test_support;
 namespace
 {
 
-std::string refusal(const std::string& yaml)
-{
-  try
-  {
-    std::vector<std::string> unknown;
-    VehicleSimulatorRosOptions::fromParameters(fromYaml(YAML::Load(yaml)), "/simulator/", &unknown);
-  }
-  catch (const std::invalid_argument& error)
-  {
-    return error.what();
-  }
-  return "";
-}
+const OptionsReader<VehicleSimulatorRosOptions> reader("/simulator/");
 
 TEST(VehicleSimulatorRosOptions, DefaultsAreThoseOfTheYamlFile)
 {
-  const XmlRpc::XmlRpcValue yaml = fromYaml(YAML::LoadFile(SIMULATOR_YAML));
-  std::vector<std::string> unknown;
-  const VehicleSimulatorRosOptions options = VehicleSimulatorRosOptions::fromParameters(yaml, "", &unknown);
-  EXPECT_EQ(std::vector<std::string>(), unknown);
-  EXPECT_EQ(VehicleSimulatorRosOptions().toText(), options.toText());
-  std::set<std::string> in_file;
-  std::set<std::string> in_code;
-  collectNames(yaml, "", &in_file);
-  collectNames(VehicleSimulatorRosOptions().toParameters(), "", &in_code);
-  EXPECT_EQ(in_code, in_file);
+  reader.expectDefaultsOf(SIMULATOR_YAML);
 }
 
 TEST(VehicleSimulatorRosOptions, ParametersComeBackAsTheyWere)
@@ -51,7 +27,7 @@ TEST(VehicleSimulatorRosOptions, ParametersComeBackAsTheyWere)
   options.cameras.color = true;
   options.cameras.threads = 2;
   options.imu_in_base.z = 1.3;
-  std::vector<std::string> unknown;
+  Names unknown;
   const auto again = VehicleSimulatorRosOptions::fromParameters(options.toParameters(), "", &unknown);
   EXPECT_EQ(options.toText(), again.toText());
   EXPECT_NE(VehicleSimulatorRosOptions().toText(), again.toText());
@@ -73,13 +49,13 @@ TEST(VehicleSimulatorRosOptions, ReachTheSimulationAndTheRenderer)
 
 TEST(VehicleSimulatorRosOptions, NamesParameterValueAndBound)
 {
-  EXPECT_EQ("parameter /simulator/cameras/threads = 0, must be in [1, 64]", refusal("cameras: {threads: 0}"));
-  EXPECT_EQ("parameter /simulator/imu_noise = much, must be a number", refusal("imu_noise: much"));
-  EXPECT_EQ("parameter /simulator/outline/front = 0, must be in [0.05, 10]", refusal("outline: {front: 0}"));
-  EXPECT_EQ("parameter /simulator/map_frame = \"\", must be a name", refusal("map_frame: \"\""));
-  std::vector<std::string> unknown;
+  EXPECT_EQ("parameter /simulator/cameras/threads = 0, must be in [1, 64]", reader.refusal("cameras: {threads: 0}"));
+  EXPECT_EQ("parameter /simulator/imu_noise = much, must be a number", reader.refusal("imu_noise: much"));
+  EXPECT_EQ("parameter /simulator/outline/front = 0, must be in [0.05, 10]", reader.refusal("outline: {front: 0}"));
+  EXPECT_EQ("parameter /simulator/map_frame = \"\", must be a name", reader.refusal("map_frame: \"\""));
+  Names unknown;
   VehicleSimulatorRosOptions::fromParameters(fromYaml(YAML::Load("{camera: 1}")), "/simulator/", &unknown);
-  EXPECT_EQ(std::vector<std::string>{"/simulator/camera"}, unknown);
+  EXPECT_EQ(Names{"/simulator/camera"}, unknown);
 }
 
 }  // namespace

@@ -47,10 +47,7 @@ namespace po = boost::program_options;
 using namespace pi_speech;
 
 constexpr size_t CHUNK = SAMPLE_RATE_HZ / 50;
-constexpr size_t FRAME = SAMPLE_RATE_HZ / 100;
 constexpr size_t TAIL = 3 * SAMPLE_RATE_HZ / 2;
-constexpr double WITHIN_DB = 25.0;
-constexpr double ABOVE_NOISE_DB = 6.0;
 constexpr int SILENCE_S = 60;
 constexpr double SILENCE_DBFS = -65.0;
 constexpr int STREAM_S = 60;  ///< of each looped noise and gain
@@ -224,34 +221,6 @@ struct Clip
   std::string word;
   size_t speech_end = 0;
 };
-
-size_t endOfSpeech(const Samples& samples)
-{
-  std::vector<double> powers;
-  for (size_t begin = 0; begin + FRAME <= samples.size(); begin += FRAME)
-  {
-    powers.push_back(std::accumulate(samples.begin() + static_cast<long>(begin),
-                                     samples.begin() + static_cast<long>(begin + FRAME), 1.0,
-                                     [](double sum, int16_t s) { return sum + 1.0 * s * s; }));
-  }
-  if (powers.empty())
-  {
-    return samples.size();
-  }
-  std::vector<double> sorted = powers;
-  std::sort(sorted.begin(), sorted.end());
-  const size_t quiet = std::max<size_t>(1, sorted.size() / 10);
-  const double noise =
-      std::accumulate(sorted.begin(), sorted.begin() + static_cast<long>(quiet), 0.0) / static_cast<double>(quiet);
-  const double least =
-      std::max(sorted.back() * std::pow(10.0, -WITHIN_DB / 10.0), noise * std::pow(10.0, ABOVE_NOISE_DB / 10.0));
-  size_t end = powers.size();
-  while (end > 0 && powers[end - 1] < least)
-  {
-    --end;
-  }
-  return end == 0 ? samples.size() : end * FRAME;
-}
 
 /// Every n-th clip of each word. The list has a header with the columns file and word.
 std::vector<Clip> readClips(const std::string& path, int every)

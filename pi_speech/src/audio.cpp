@@ -12,6 +12,7 @@
 #include <cerrno>
 #include <cmath>
 #include <cstring>
+#include <numeric>
 #include <stdexcept>
 #include <utility>
 
@@ -21,6 +22,9 @@ namespace
 {
 
 constexpr float FULL_SCALE = 32768.0F;
+constexpr size_t PIECE = SAMPLE_RATE_HZ / 100;
+constexpr double WITHIN_DB = 25.0;
+constexpr double ABOVE_NOISE_DB = 6.0;
 constexpr size_t BLOCK_FRAMES = 8192;  ///< worked on at a time: bounds the memory beside the result
 
 int16_t toSample(float value)
@@ -277,6 +281,31 @@ void Resampler::flush(Samples* out)
     impl_->resample(&none, 0, true, out);
     src_reset(impl_->state);
   }
+}
+
+size_t endOfSpeech(const Samples& samples)
+{
+  std::vector<double> energies;
+  for (auto begin = samples.begin(); samples.end() - begin >= static_cast<std::ptrdiff_t>(PIECE);
+       begin += static_cast<std::ptrdiff_t>(PIECE))
+  {
+    energies.push_back(std::accumulate(begin, begin + static_cast<std::ptrdiff_t>(PIECE), 1.0,
+                                       [](double sum, int16_t s) { return sum + 1.0 * s * s; }));
+  }
+  if (energies.empty())
+  {
+    return samples.size();
+  }
+  std::vector<double> sorted = energies;
+  std::sort(sorted.begin(), sorted.end());
+  const size_t quiet = std::max<size_t>(1, sorted.size() / 10);
+  const double noise = std::accumulate(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(quiet), 0.0) /
+                       static_cast<double>(quiet);
+  const double least =
+      std::max(sorted.back() * std::pow(10.0, -WITHIN_DB / 10.0), noise * std::pow(10.0, ABOVE_NOISE_DB / 10.0));
+  const auto last =
+      std::find_if(energies.rbegin(), energies.rend(), [least](double energy) { return energy >= least; });
+  return last == energies.rend() ? samples.size() : static_cast<size_t>(energies.rend() - last) * PIECE;
 }
 
 Samples readAudioFile(const std::string& path, AudioFormat* format)

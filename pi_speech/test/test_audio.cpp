@@ -359,5 +359,29 @@ TEST(Resampler, RefusesHalfAFrame)
   EXPECT_THROW(resampler.process(input.data(), input.size(), &out), std::invalid_argument);
 }
 
+/// A tone in silence.
+Samples toneIn(size_t count, size_t begin, size_t end)
+{
+  Samples samples(count, 0);
+  for (size_t i = begin; i < end; ++i)
+  {
+    samples[i] = static_cast<int16_t>(std::lround(8000.0 * std::sin(0.3 * static_cast<double>(i))));
+  }
+  return samples;
+}
+
+TEST(EndOfSpeech, IsBehindTheLastPieceWithEnergy)
+{
+  EXPECT_EQ(8000u, endOfSpeech(toneIn(16000, 4000, 8000)));
+  EXPECT_EQ(8160u, endOfSpeech(toneIn(16000, 4000, 8010)));  // pieces of 160
+  EXPECT_EQ(16000u, endOfSpeech(toneIn(16000, 4000, 16000)));
+}
+
+TEST(EndOfSpeech, SoundTooShortToJudgeCountsWhole)
+{
+  EXPECT_EQ(0u, endOfSpeech({}));
+  EXPECT_EQ(100u, endOfSpeech(Samples(100, 5)));
+}
+
 }  // namespace
 }  // namespace pi_speech

@@ -2,6 +2,7 @@
 #include <pi_bringup/announcer/sound_output.h>
 #include <pi_bringup/ros/announcer_ros.h>
 #include <pi_runtime/option_check.h>
+#include <pi_runtime/ros/node_options.h>
 #include <pi_runtime/ros/parameter_tree.h>
 #include <pthread.h>
 
@@ -32,18 +33,6 @@ namespace
 using diagnostic_msgs::DiagnosticStatus;
 
 constexpr int HORN_RATE = 22050;  // [Hz]
-
-void logWarning(bool error, const std::string& text)
-{
-  if (error)
-  {
-    ROS_ERROR_STREAM_NAMED("announcer", text);
-  }
-  else
-  {
-    ROS_WARN_STREAM_NAMED("announcer", text);
-  }
-}
 
 AnnouncerRosOptions loadOptions(const ros::NodeHandle& private_node)
 {
@@ -88,7 +77,7 @@ AnnouncerRos::AnnouncerRos(ros::NodeHandle node, ros::NodeHandle private_node)
   : thread_("announcer")
   , node_(thread_.handle(node))
   , options_(loadOptions(private_node))
-  , warnings_(options_.warning_period_s, logWarning)
+  , warnings_(options_.warning_period_s, pi_runtime::warningLog<AnnouncerRosOptions>("announcer"))
   , updater_(node_, private_node, private_node.getNamespace())
 {
   updater_.setHardwareID(options_.device);

@@ -2,6 +2,7 @@
 #include <pi_bringup/ros/arbiter_ros.h>
 #include <pi_bringup/ros/decision_conversions.h>
 #include <pi_runtime/ros/formatting.h>
+#include <pi_runtime/ros/node_options.h>
 #include <pi_runtime/ros/parameter_values.h>
 
 #include <cmath>
@@ -17,18 +18,6 @@ using pi_runtime::format;
 constexpr uint32_t QUEUE = 50;
 constexpr char LATCHED[] = "latched";  // the parameter that outlives the node
 constexpr char REMOTE[] = "remote";    // the source that cmd_vel is
-
-void logWarning(bool error, const std::string& text)
-{
-  if (error)
-  {
-    ROS_ERROR_STREAM_NAMED("arbiter", text);
-  }
-  else
-  {
-    ROS_WARN_STREAM_NAMED("arbiter", text);
-  }
-}
 
 ArbiterRosOptions loadOptions(const ros::NodeHandle& private_node)
 {
@@ -59,7 +48,7 @@ ArbiterRos::ArbiterRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , options_(loadOptions(private_node))
   , sources_path_(configPath("sources_file", options_.sources_file))
   , arbiter_(ArbiterOptions::load(sources_path_))
-  , warnings_(options_.warning_period_s, logWarning)
+  , warnings_(options_.warning_period_s, pi_runtime::warningLog<ArbiterRosOptions>("arbiter"))
   , kept_(private_node)
   , updater_(node_, private_node, private_node.getNamespace())
   , intakes_(arbiter_.sources().size())

@@ -3,6 +3,7 @@
 #include <pi_bringup/ros/command_ros.h>
 #include <pi_bringup/ros/decision_conversions.h>
 #include <pi_runtime/ros/formatting.h>
+#include <pi_runtime/ros/node_options.h>
 #include <pi_runtime/ros/parameter_values.h>
 #include <std_msgs/Empty.h>
 #include <std_msgs/String.h>
@@ -22,18 +23,6 @@ constexpr char SOURCE[] = "command";
 // The parameters that outlive the node.
 constexpr char LATCHED[] = "latched";
 constexpr char KEPT_SPEED_LIMIT[] = "kept_speed_limit";
-
-void logWarning(bool error, const std::string& text)
-{
-  if (error)
-  {
-    ROS_ERROR_STREAM_NAMED("command", text);
-  }
-  else
-  {
-    ROS_WARN_STREAM_NAMED("command", text);
-  }
-}
 
 CommandRosOptions loadOptions(const ros::NodeHandle& private_node)
 {
@@ -71,7 +60,7 @@ CommandRos::CommandRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , options_(loadOptions(private_node))
   , actions_path_(configPath("actions_file", options_.actions_file))
   , actions_(CommandActionsOptions::load(actions_path_))
-  , warnings_(options_.warning_period_s, logWarning)
+  , warnings_(options_.warning_period_s, pi_runtime::warningLog<CommandRosOptions>("command"))
   , kept_(private_node)
   , updater_(node_, private_node, private_node.getNamespace())
 {

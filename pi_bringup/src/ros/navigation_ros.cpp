@@ -2,6 +2,7 @@
 #include <pi_bringup/ros/navigation_conversions.h>
 #include <pi_bringup/ros/navigation_ros.h>
 #include <pi_runtime/ros/formatting.h>
+#include <pi_runtime/ros/node_options.h>
 #include <tf2/exceptions.h>
 
 #include <algorithm>
@@ -20,30 +21,6 @@ constexpr double SLOW_RATE_HZ = 5.0;  // of feedback and markers
 constexpr double ROUTE_STEP = 0.25;   // between poses of the published route [m]
 constexpr double NO_TURN = 1e-9;      // quaternions that are shorter have none
 
-void logWarning(bool error, const std::string& text)
-{
-  if (error)
-  {
-    ROS_ERROR_STREAM_NAMED("navigation", text);
-  }
-  else
-  {
-    ROS_WARN_STREAM_NAMED("navigation", text);
-  }
-}
-
-NavigationRosOptions loadOptions(const ros::NodeHandle& private_node)
-{
-  std::vector<std::string> unknown;
-  NavigationRosOptions options = NavigationRosOptions::load(private_node, &unknown);
-  for (const std::string& name : unknown)
-  {
-    ROS_WARN_STREAM_NAMED("navigation", "parameter " << name << " means nothing here; see config/navigation.yaml");
-  }
-  ROS_INFO_STREAM_NAMED("navigation", "parameters: " << options.toText());
-  return options;
-}
-
 int64_t toNs(const ros::Time& time)
 {
   return static_cast<int64_t>(time.toNSec());
@@ -60,8 +37,8 @@ NavigationRos::NavigationRos(ros::NodeHandle node, ros::NodeHandle private_node)
   : service_thread_("navigation")
   , service_node_(service_thread_.handle(node))
   , private_node_(service_thread_.handle(private_node))
-  , options_(loadOptions(private_node))
-  , warnings_(options_.warning_period_s, logWarning)
+  , options_(pi_runtime::loadNodeOptions<NavigationRosOptions>(private_node, "navigation"))
+  , warnings_(options_.warning_period_s, pi_runtime::warningLog<NavigationRosOptions>("navigation"))
   , updater_(service_node_, private_node, private_node.getNamespace())
   , navigator_(options_.navigator)
   , tf_listener_(tf_buffer_, service_node_, false, ros::TransportHints().tcpNoDelay())

@@ -4,6 +4,7 @@
 #include <pi_bringup/ros/navigation_conversions.h>
 #include <pi_bringup/ros/pose_keeper_ros.h>
 #include <pi_runtime/ros/formatting.h>
+#include <pi_runtime/ros/node_options.h>
 #include <tf2/exceptions.h>
 
 #include <algorithm>
@@ -27,30 +28,6 @@ constexpr int64_t MAP_PERIOD_NS = 5000000;  // between two looks at tf
 constexpr size_t CONNECTIONS = 4;
 constexpr double NO_TURN = 1e-9;  // quaternions that are shorter have none
 constexpr size_t ROW = 6;
-
-void logWarning(bool error, const std::string& text)
-{
-  if (error)
-  {
-    ROS_ERROR_STREAM_NAMED("pose_keeper", text);
-  }
-  else
-  {
-    ROS_WARN_STREAM_NAMED("pose_keeper", text);
-  }
-}
-
-PoseKeeperRosOptions loadOptions(const ros::NodeHandle& private_node)
-{
-  std::vector<std::string> unknown;
-  PoseKeeperRosOptions options = PoseKeeperRosOptions::load(private_node, &unknown);
-  for (const std::string& name : unknown)
-  {
-    ROS_WARN_STREAM_NAMED("pose_keeper", "parameter " << name << " means nothing here; see config/pose_keeper.yaml");
-  }
-  ROS_INFO_STREAM_NAMED("pose_keeper", "parameters: " << options.toText());
-  return options;
-}
 
 int64_t toNs(const ros::Time& time)
 {
@@ -89,8 +66,8 @@ geometry_msgs::PoseWithCovarianceStamped toMsg(const KeptPose& kept, const std::
 PoseKeeperRos::PoseKeeperRos(ros::NodeHandle node, ros::NodeHandle private_node)
   : service_thread_("pose_keeper")
   , service_node_(service_thread_.handle(node))
-  , options_(loadOptions(private_node))
-  , warnings_(options_.warning_period_s, logWarning)
+  , options_(pi_runtime::loadNodeOptions<PoseKeeperRosOptions>(private_node, "pose_keeper"))
+  , warnings_(options_.warning_period_s, pi_runtime::warningLog<PoseKeeperRosOptions>("pose_keeper"))
   , updater_(service_node_, private_node, private_node.getNamespace())
   , keeper_(options_.keeper)
   , tf_listener_(tf_buffer_, service_node_, false, ros::TransportHints().tcpNoDelay())

@@ -1,6 +1,7 @@
 #include <diagnostic_msgs/DiagnosticStatus.h>
 #include <pi_bringup/ros/power_ros.h>
 #include <pi_runtime/ros/formatting.h>
+#include <pi_runtime/ros/node_options.h>
 #include <ros/network.h>
 #include <sensor_msgs/BatteryState.h>
 
@@ -27,28 +28,10 @@ int64_t monotonicNs()
   return std::chrono::steady_clock::now().time_since_epoch() / std::chrono::nanoseconds(1);
 }
 
-void logWarning(bool error, const std::string& text)
-{
-  if (error)
-  {
-    ROS_ERROR_STREAM_NAMED("power", text);
-  }
-  else
-  {
-    ROS_WARN_STREAM_NAMED("power", text);
-  }
-}
-
 /// Names of nodes become full ones.
 PowerRosOptions loadOptions(const ros::NodeHandle& node, const ros::NodeHandle& private_node)
 {
-  std::vector<std::string> unknown;
-  PowerRosOptions options = PowerRosOptions::load(private_node, &unknown);
-  for (const std::string& name : unknown)
-  {
-    ROS_WARN_STREAM_NAMED("power", "parameter " << name << " means nothing here; see config/power.yaml");
-  }
-  ROS_INFO_STREAM_NAMED("power", "parameters: " << options.toText());
+  auto options = pi_runtime::loadNodeOptions<PowerRosOptions>(private_node, "power");
   for (power::ServiceDescription& service : options.services)
   {
     for (std::string& name : service.nodes)
@@ -102,7 +85,7 @@ PowerRos::PowerRos(ros::NodeHandle node, ros::NodeHandle private_node)
   : thread_("power")
   , node_(thread_.handle(node))
   , options_(loadOptions(node, private_node))
-  , warnings_(options_.warning_period_s, logWarning)
+  , warnings_(options_.warning_period_s, pi_runtime::warningLog<PowerRosOptions>("power"))
   , updater_(node_, private_node, private_node.getNamespace())
   , meter_(options_.services, power::ProcessFiles(), options_.memory_period_s)
   , estimator_(options_.battery)

@@ -2,6 +2,7 @@
 #include <pi_bringup/ros/decision_conversions.h>
 #include <pi_bringup/ros/reaction_ros.h>
 #include <pi_runtime/ros/formatting.h>
+#include <pi_runtime/ros/node_options.h>
 #include <pi_runtime/ros/parameter_values.h>
 #include <std_msgs/Empty.h>
 #include <std_msgs/String.h>
@@ -23,18 +24,6 @@ constexpr char SOURCE[] = "reaction";
 constexpr double FUTURE_S = 0.1;
 constexpr double CLOCK_JUMP_S = 1.0;
 
-void logWarning(bool error, const std::string& text)
-{
-  if (error)
-  {
-    ROS_ERROR_STREAM_NAMED("reaction", text);
-  }
-  else
-  {
-    ROS_WARN_STREAM_NAMED("reaction", text);
-  }
-}
-
 ReactionRosOptions loadOptions(const ros::NodeHandle& private_node)
 {
   std::vector<std::string> unknown;
@@ -55,7 +44,7 @@ ReactionRos::ReactionRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , private_node_(thread_.handle(private_node))
   , options_(loadOptions(private_node))
   , rules_path_(configPath("rules_file", options_.rules_file))
-  , warnings_(options_.warning_period_s, logWarning)
+  , warnings_(options_.warning_period_s, pi_runtime::warningLog<ReactionRosOptions>("reaction"))
   , updater_(node_, private_node, private_node.getNamespace())
   , limit_(std::numeric_limits<double>::infinity())
 {

@@ -4,6 +4,7 @@
 #include <pi_bringup/ros/simulation_conversions.h>
 #include <pi_bringup/ros/vehicle_simulator_ros.h>
 #include <pi_runtime/ros/formatting.h>
+#include <pi_runtime/ros/node_options.h>
 #include <pthread.h>
 #include <sensor_msgs/Image.h>
 #include <sensor_msgs/Imu.h>
@@ -29,31 +30,6 @@ using simulation::CameraState;
 constexpr auto STEP = std::chrono::microseconds(2500);
 constexpr uint32_t IMU_QUEUE = 200;
 constexpr uint32_t PICTURE_QUEUE = 4;
-
-void logWarning(bool error, const std::string& text)
-{
-  if (error)
-  {
-    ROS_ERROR_STREAM_NAMED("simulator", text);
-  }
-  else
-  {
-    ROS_WARN_STREAM_NAMED("simulator", text);
-  }
-}
-
-VehicleSimulatorRosOptions loadOptions(const ros::NodeHandle& private_node)
-{
-  std::vector<std::string> unknown;
-  VehicleSimulatorRosOptions options = VehicleSimulatorRosOptions::load(private_node, &unknown);
-  for (const std::string& name : unknown)
-  {
-    ROS_WARN_STREAM_NAMED("simulator",
-                          "parameter " << name << " means nothing here; see config/vehicle_simulator.yaml");
-  }
-  ROS_INFO_STREAM_NAMED("simulator", "parameters: " << options.toText());
-  return options;
-}
 
 geometry_msgs::TransformStamped toTransform(const Eigen::Isometry3d& T_parent_child, const std::string& parent,
                                             const std::string& child)
@@ -96,10 +72,10 @@ VehicleSimulatorRos::VehicleSimulatorRos(ros::NodeHandle node, ros::NodeHandle p
   : service_thread_("simulator_ros")
   , service_node_(service_thread_.handle(node))
   , service_private_node_(service_thread_.handle(private_node))
-  , options_(loadOptions(private_node))
+  , options_(pi_runtime::loadNodeOptions<VehicleSimulatorRosOptions>(private_node, "vehicle_simulator"))
   , calibration_(options_.calibration())
   , scenario_(simulation::Scenario::load(options_.scenario, static_cast<uint64_t>(options_.scenario_seed)))
-  , warnings_(options_.warning_period_s, logWarning)
+  , warnings_(options_.warning_period_s, pi_runtime::warningLog<VehicleSimulatorRosOptions>("vehicle_simulator"))
   , updater_(service_node_, private_node, private_node.getNamespace())
 {
   openLog();
@@ -116,7 +92,8 @@ VehicleSimulatorRos::VehicleSimulatorRos(ros::NodeHandle node, ros::NodeHandle p
   command_topic_ = service_private_node_.subscribe("command", 10, &VehicleSimulatorRos::onCommandTopic, this);
   timer_ = service_node_.createWallTimer(ros::WallDuration(options_.diagnostic_period),
                                          [this](const ros::WallTimerEvent&) { updater_.force_update(); });
-  ROS_INFO_STREAM_NAMED("simulator", "scenario " << scenario_.name << ", chassis at " << simulation_->chassis().path()
+  ROS_INFO_STREAM_NAMED("vehicle_simulator", "scenario "
+                                                 << scenario_.name << ", chassis at " << simulation_->chassis().path()
                                                  << (options_.link.empty() ? "" : ", linked from " + options_.link));
   rendering_thread_ = std::thread([this] { renderLoop(); });
   simulation_thread_ = std::thread([this] { simulate(); });
@@ -194,7 +171,7 @@ simulation::SimulationOutputs VehicleSimulatorRos::outputs()
       log_ << line << '\n' << std::flush;
       if (!log_ && !std::exchange(log_failed_, true))
       {
-        ROS_ERROR_STREAM_NAMED("simulator", options_.log << " cannot be written any more; is the disk full?");
+        ROS_ERROR_STREAM_NAMED("vehicle_simulator", options_.log << " cannot be written any more; is the disk full?");
       }
     };
   }
@@ -322,7 +299,7 @@ std::string VehicleSimulatorRos::execute(const std::string& line)
   }
   if (problem.empty())
   {
-    ROS_INFO_STREAM_NAMED("simulator", "command: " << line);
+    ROS_INFO_STREAM_NAMED("vehicle_simulator", "command: " << line);
   }
   return problem;
 }

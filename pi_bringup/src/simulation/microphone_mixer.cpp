@@ -12,9 +12,6 @@ namespace
 {
 
 constexpr double FULL_SCALE = 32768.0;
-constexpr size_t PIECE = pi_speech::SAMPLE_RATE_HZ / 100;
-constexpr double WITHIN_DB = 25.0;
-constexpr double ABOVE_NOISE_DB = 6.0;
 constexpr size_t CALIBRATION = 4 * pi_speech::SAMPLE_RATE_HZ;  ///< samples of noise that tell its level
 
 double amplitude(double db)
@@ -48,31 +45,6 @@ void MicrophoneMixerOptions::validate() const
   check.range("play_gain_db", play_gain_db, -60.0, 20.0);
 }
 
-size_t endOfSpeech(const pi_speech::Samples& samples)
-{
-  std::vector<double> energies;
-  for (auto begin = samples.begin(); samples.end() - begin >= static_cast<std::ptrdiff_t>(PIECE);
-       begin += static_cast<std::ptrdiff_t>(PIECE))
-  {
-    energies.push_back(std::accumulate(begin, begin + static_cast<std::ptrdiff_t>(PIECE), 1.0,
-                                       [](double sum, int16_t s) { return sum + 1.0 * s * s; }));
-  }
-  if (energies.empty())
-  {
-    return samples.size();
-  }
-  std::vector<double> sorted = energies;
-  std::sort(sorted.begin(), sorted.end());
-  const size_t quiet = std::max<size_t>(1, sorted.size() / 10);
-  const double noise = std::accumulate(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(quiet), 0.0) /
-                       static_cast<double>(quiet);
-  const double least =
-      std::max(sorted.back() * std::pow(10.0, -WITHIN_DB / 10.0), noise * std::pow(10.0, ABOVE_NOISE_DB / 10.0));
-  const auto last =
-      std::find_if(energies.rbegin(), energies.rend(), [least](double energy) { return energy >= least; });
-  return last == energies.rend() ? samples.size() : static_cast<size_t>(energies.rend() - last) * PIECE;
-}
-
 MicrophoneMixer::MicrophoneMixer(const MicrophoneMixerOptions& options)
   : noise_("pink", static_cast<uint32_t>(validated(options).seed)), play_gain_(amplitude(options.play_gain_db))
 {
@@ -89,7 +61,7 @@ SoundPlace MicrophoneMixer::play(pi_speech::Samples samples)
 {
   SoundPlace place;
   place.begin = position_;
-  place.speech_end = position_ + static_cast<int64_t>(endOfSpeech(samples));
+  place.speech_end = position_ + static_cast<int64_t>(pi_speech::endOfSpeech(samples));
   place.end = position_ + static_cast<int64_t>(samples.size());
   if (!samples.empty())
   {

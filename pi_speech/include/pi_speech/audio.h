@@ -50,6 +50,10 @@ private:
   std::unique_ptr<Impl> impl_;
 };
 
+/// Number of samples up to the end of speech: of the last piece of 10 ms with energy, within 25 dB of the loudest and
+/// 6 dB above the quietest tenth. All of them where nothing stands out. For judges, who know the whole clip.
+size_t endOfSpeech(const Samples& samples);
+
 /// Reads a sound file, whole: WAV, FLAC, Ogg and what else libsndfile reads; a name that ends in .raw is
 /// SAMPLE_RATE_HZ, one channel, signed 16 bit, little endian. Any rate and number of channels.
 /// @param[out] format  that of the file; may be null.

@@ -33,10 +33,6 @@ struct SoundPlace
   int64_t end = 0;         ///< behind the last one
 };
 
-/// Number of samples up to the end of speech: of the last piece of 10 ms with energy, within 25 dB of the loudest and
-/// 6 dB above the quietest tenth (as pi_speech's bench_speech judges). All of them where nothing stands out.
-size_t endOfSpeech(const pi_speech::Samples& samples);
-
 /// A stream of sound without end, at SAMPLE_RATE_HZ in one channel: noise, a background, and sounds that are played
 /// into it. Sounds that overlap add up; what exceeds full scale is clipped. Not thread safe.
 class MicrophoneMixer
