@@ -159,34 +159,11 @@ void SphinxEngine::Free::operator()(ps_decoder_s* decoder) const
   ps_free(decoder);
 }
 
-NamedScores::NamedScores(const MemoryFile& file) : target_(file.path())
-{
-  std::error_code error;
-  const fs::path temporary = fs::temp_directory_path(error);
-  for (const fs::path& place : {temporary, fs::path("/dev/shm"), fs::path("/run/user/" + std::to_string(getuid()))})
-  {
-    std::string name = (place / "pi_speech_XXXXXX").string();
-    if (mkdtemp(name.data()) != nullptr)
-    {
-      folder_ = name;
-      return;
-    }
-  }
-  throw std::runtime_error("no folder can be made in " + temporary.string() + " or /dev/shm: " + std::strerror(errno) +
-                           "; PocketSphinx needs one for its scores: make room, or set TMPDIR");
-}
-
-NamedScores::~NamedScores()
-{
-  std::error_code ignored;
-  fs::remove_all(folder_, ignored);
-}
-
 NamedScores::Link::Link(const NamedScores& scores, int utterance)
 {
   char name[32];
   std::snprintf(name, sizeof name, "/%09d.sen", utterance);
-  path_ = scores.folder_ + name;
+  path_ = scores.folder() + name;
   std::error_code error;
   fs::create_symlink(scores.target_, path_, error);
   if (error)

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "held_folder.h"
 #include "memory_file.h"
 
 struct cmd_ln_s;
@@ -23,12 +24,11 @@ class NamedScores
 {
 public:
   /// @throws std::runtime_error if there is no room for a folder.
-  explicit NamedScores(const MemoryFile& file);
-  ~NamedScores();
+  explicit NamedScores(const MemoryFile& file) : target_(file.path()) {}
   NamedScores(const NamedScores&) = delete;
   NamedScores& operator=(const NamedScores&) = delete;
 
-  const std::string& folder() const { return folder_; }
+  const std::string& folder() const { return folder_.path(); }
   /// While it lives the utterance's file is in the folder.
   class Link
   {
@@ -44,7 +44,7 @@ public:
 
 private:
   const std::string target_;
-  std::string folder_;
+  const HeldFolder folder_;
 };
 
 /// Two decoders of PocketSphinx, without the precautions of SphinxDecoder: a damaged model can end the process.

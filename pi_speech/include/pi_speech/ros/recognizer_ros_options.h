@@ -21,7 +21,7 @@ struct RecognizerRosOptions
   bool use_runtime = true;  ///< decisions are tasks of pi_runtime::Runtime::shared(); false: plain calls
   /// Service (pi_speech/RecognizeUtterance) that is asked for each utterance first, such as pi_offload's; empty: none.
   std::string utterance_service;
-  double utterance_deadline_s = 0.35;  ///< from a pause to the decision, wherever it is made [s], in [0.05, 5]
+  double utterance_deadline_s = 0.30;  ///< from a pause to the decision, wherever it is made [s], in [0.05, 5]
   bool start_listening = true;         ///< false: not before ~start
   /// Also while nobody listens to the outputs. True, as the noise is learned while nobody has subscribed yet, and a
   /// vehicle must understand the first "stop" said to it.
