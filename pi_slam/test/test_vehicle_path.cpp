@@ -73,12 +73,36 @@ TEST(VehiclePath, ComesBackToTheSamePlaceEveryRound)
   }
 }
 
+TEST(VehiclePath, RoundsEndWhereTheyBeganAtRest)
+{
+  for (const PathShape shape : {PathShape::CAMPUS_LOOP, PathShape::HALL_LOOP, PathShape::FIGURE_EIGHT})
+  {
+    VehiclePathOptions options;
+    options.shape = shape;
+    options.rounds = 1;
+    options.end_standstill_s = 1.0;
+    const std::vector<StampedPose> one = makeVehiclePath(options);
+    const Eigen::Isometry3d change = one.front().T_world_body.inverse() * one.back().T_world_body;
+    EXPECT_LT(change.translation().norm(), 1e-3);
+    EXPECT_LT(Eigen::AngleAxisd(change.linear()).angle(), 1e-3);
+    const Eigen::Isometry3d& still = one[one.size() - 45].T_world_body;  // 0.9 s before the end
+    EXPECT_LT((still.translation() - one.back().T_world_body.translation()).norm(), 1e-3);
+    options.rounds = 2;
+    EXPECT_GT(makeVehiclePath(options).size(), one.size() * 3 / 2);
+  }
+}
+
 TEST(VehiclePath, RefusesOptionsOutOfRangeByName)
 {
   VehiclePathOptions options;
   options.speed = 0.0;
   EXPECT_EQ(messageOf<std::invalid_argument>([&] { makeVehiclePath(options); }),
             "path: speed = 0.000000, must be in [0.1, 30] m/s");
+  options = VehiclePathOptions();
+  options.shape = PathShape::STRAIGHT;
+  options.rounds = 1;
+  EXPECT_EQ(messageOf<std::invalid_argument>([&] { makeVehiclePath(options); }),
+            "path: rounds = 1.000000, must be 0 on a path that is not closed");
   options = VehiclePathOptions();
   options.stops = 100;
   EXPECT_NE(messageOf<std::invalid_argument>([&] { makeVehiclePath(options); }).find("duration_s"), std::string::npos);

@@ -25,6 +25,7 @@ struct VehiclePathOptions
 {
   PathShape shape = PathShape::CAMPUS_LOOP;
   double duration_s = 20.0;         ///< of the whole drive, standstills included; in [1, 86400]
+  int rounds = 0;                   ///< of a closed shape, instead of duration_s; it ends where it began. 0: none
   double speed = 3.0;               ///< on straights [m/s]; curves are driven with at most 1.2 m/s^2 to the side
   double start_standstill_s = 2.0;  ///< at the start; 0: sets off at once
   double end_standstill_s = 0.0;    ///< at the end; the vehicle comes to rest for it

@@ -193,12 +193,12 @@ std::vector<StampedPose> readDrive(const CommandLine& line, bool ground_given, S
     vehicle.shape = shape;
     vehicle.seed = line.seed;
     vehicle.duration_s = line.sequence.start_s + line.sequence.duration_s;
-    if (line.sequence.duration_s == 0.0)
+    if (line.sequence.duration_s == 0.0 && vehicle.rounds == 0)
     {
-      throw po::error("--duration 0 (all) needs a --trajectory; a built-in path has no end");
+      throw po::error("--duration 0 (all) needs a --trajectory or --rounds; a built-in path has no end");
     }
     world->kind = parseWorld(line.world, shape == PathShape::HALL_LOOP ? WorldKind::HALL : WorldKind::CAMPUS);
-    world->road = pathLine(shape, vehicle.speed * vehicle.duration_s);
+    world->road = pathLine(shape, vehicle.speed * vehicle.duration_s);  // closed ones have a length of their own
     return makeVehiclePath(vehicle);
   }
   std::vector<StampedPose> drive = readTrajectory(line.trajectory);
@@ -277,6 +277,8 @@ po::options_description describe(CommandLine* line, SyntheticWorldOptions* world
       "file of poses in place of a built-in path: TUM (t x y z qx qy qz qw) or EuRoC ground truth csv")(
       "start", po::value(&sequence.start_s)->default_value(0.0), "seconds of the path to leave out")(
       "duration,d", po::value(&sequence.duration_s)->default_value(20.0), "seconds; 0: all of a trajectory file")(
+      "rounds", po::value(&line->vehicle.rounds)->default_value(0),
+      "of a closed built-in path, in place of --duration: ends where it began")(
       "speed", po::value(&line->vehicle.speed)->default_value(3.0), "of the built-in paths [m/s]")(
       "start-standstill", po::value(&line->vehicle.start_standstill_s)->default_value(2.0), "seconds")(
       "end-standstill", po::value(&line->vehicle.end_standstill_s)->default_value(0.0), "seconds")(
@@ -351,6 +353,10 @@ int main(int argc, char** argv)
     if (line.sequence.folder.empty())
     {
       throw po::error("FOLDER is missing; render_sequence --help shows all options");
+    }
+    if (line.vehicle.rounds > 0 && line.trajectory.empty())
+    {
+      line.sequence.duration_s = 0.0;  // all of them
     }
     pi_runtime::StopSignal::install();
     return render(&line, values.count("ground-z") > 0, &world);
