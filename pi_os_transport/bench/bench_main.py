@@ -58,8 +58,9 @@ def parse_arguments(arguments):
                         help='payloads, comma-separated, like 64,16kB,1MB,6.2MB (default 64 B to 16 MB)')
     parser.add_argument('--subscribers', type=parse_list(parse_positive),
                         help='numbers of subscribers, comma-separated (default 1,2,4,5,8)')
-    parser.add_argument('--only', action='append', choices=('latency', 'throughput', 'memory', 'cpu'),
-                        help='measure only this; may be given more than once. cpu: time per message and of idle nodes')
+    parser.add_argument('--only', action='append', choices=('latency', 'small', 'throughput', 'memory', 'cpu'),
+                        help='measure only this; may be given more than once. cpu: time per message and of idle '
+                             'nodes; small: CPU time of each node for small messages at control rates')
     parser.add_argument('--quick', action='store_true', help='a small subset, about 20 s')
     parser.add_argument('--json', metavar='FILE', help='write everything measured to FILE')
     parser.add_argument('--plot', metavar='FILE', help='draw latency by size and by subscribers to FILE (PNG)')
@@ -72,7 +73,7 @@ def make_plan(options):
     if options.quick:
         plan = bench.Plan(modes=options.modes, rounds=1, sizes=[64, 1000000, bench.FULL_HD],
                           fan_out_sizes=[1000000], subscribers=[1], latency_s=0.7, throughput_volume=200e6, idle_s=1.0,
-                          endpoints=50)
+                          endpoints=50, measures=('latency', 'throughput', 'memory', 'cpu'))
     if options.rounds:
         plan.rounds = options.rounds
     if options.sizes:
@@ -109,7 +110,8 @@ def run(options):
           ''.join(f', {key}={value}' for key, value in machine['settings'].items()))
     print(f'{plan.rounds} round(s), modes alternating, order rotated per round; {time.monotonic() - begin:.0f} s; '
           f'every message checked\n{command}\n')
-    print(bench.report(results, plan.modes))
+    tables = bench.report(results, plan.modes), bench.small_messages.table(results, plan.modes)
+    print('\n\n'.join(filter(None, tables)))
     bars = bench.bars(results)
     if bars:
         print('\nBars (median of the rounds, spread = min..max of the rounds)')

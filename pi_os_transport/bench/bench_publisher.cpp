@@ -1,11 +1,14 @@
 /// One end of the benchmark: an ordinary roscpp node that publishes images and knows only the topic API of roscpp.
 ///
 /// Commands come as lines on standard input, answers go as lines "@ {json}" to standard output:
-///   run COUNT SIZE RATE_HZ WINDOW PERIOD   publish COUNT payloads of SIZE bytes. RATE_HZ > 0: at that fixed rate.
+///   run COUNT SIZE RATE_HZ WINDOW PERIOD WORK_US
+///                                          publish COUNT payloads of SIZE bytes. RATE_HZ > 0: at that fixed rate,
+///                                          each after WORK_US of computing.
 ///                                          RATE_HZ 0: back to back, at most WINDOW beyond the slowest
 ///                                          acknowledgement, from PERIOD messages filled beforehand.
 ///   advertise COUNT                        COUNT further publishers, on extra_0, extra_1, ...
 ///   touch SIZE                             one message of SIZE bytes from each of them
+///   drip COUNT SIZE RATE_HZ                COUNT messages of SIZE bytes from them in turn, at that rate in all
 ///   quit                                   (or end of input)
 /// Option --fault byte|drop|order at sequence number 5, for the test of the checks.
 
@@ -51,8 +54,9 @@ public:
       std::uint64_t count = 0, window = 0, period = 1;
       std::size_t size = 0;
       double rate_hz = 0.0;
-      words >> count >> size >> rate_hz >> window >> period;
-      run(count, size, rate_hz, window, std::max<std::uint64_t>(period, 1));
+      std::int64_t work_us = 0;
+      words >> count >> size >> rate_hz >> window >> period >> work_us;
+      run(count, size, rate_hz, window, std::max<std::uint64_t>(period, 1), work_us * 1000);
     }
     else if (command == "advertise")
     {
@@ -75,6 +79,14 @@ public:
         publisher.publish(image);
       }
       std::cout << "@ {\"event\": \"touched\"}" << std::endl;
+    }
+    else if (command == "drip")
+    {
+      std::uint64_t count = 0;
+      std::size_t size = 0;
+      double rate_hz = 0.0;
+      words >> count >> size >> rate_hz;
+      drip(count, size, rate_hz);
     }
     else
     {
@@ -119,7 +131,21 @@ private:
     publish_ns_.push_back(monotonicNs() - header.publish_ns);
   }
 
-  void run(std::uint64_t count, std::size_t size, double rate_hz, std::uint64_t window, std::uint64_t period)
+  void drip(std::uint64_t count, std::size_t size, double rate_hz)
+  {
+    sensor_msgs::Image image;
+    shapeImage(&image, size);
+    const std::int64_t start_ns = monotonicNs();
+    for (std::uint64_t i = 0; i < count && !extra_.empty() && ros::ok(); ++i)
+    {
+      sleepUntil(start_ns + static_cast<std::int64_t>(static_cast<double>(i) * 1e9 / rate_hz));
+      extra_[i % extra_.size()].publish(image);
+    }
+    std::cout << "@ {\"event\": \"dripped\"}" << std::endl;
+  }
+
+  void run(std::uint64_t count, std::size_t size, double rate_hz, std::uint64_t window, std::uint64_t period,
+           std::int64_t work_ns)
   {
     const bool paced = rate_hz > 0.0;
     std::vector<sensor_msgs::Image> images(paced ? 1 : period);
@@ -147,6 +173,9 @@ private:
         // and its CPU time is reported so that it can be taken off.
         const std::int64_t before_ns = threadCpuNs();
         pattern_.fillBody(image.data.data(), size, sequence % period);
+        while (threadCpuNs() - before_ns < work_ns)
+        {
+        }
         fill_cpu_ns += threadCpuNs() - before_ns;
       }
       else

@@ -6,7 +6,8 @@
 ///                                          with the latencies in order of arrival, or "error".
 ///   listen COUNT                           COUNT further subscriptions, to extra_0, extra_1, ...; answers "listening",
 ///                                          and "heard" once each of them has had a message
-///   report                                 answers "report" with the number of expected messages that have come
+///   report                                 answers "report" with the number of expected messages that have come, and
+///                                          of those of the further subscriptions
 ///   quit                                   (or end of input)
 /// Option --tcp-no-delay: ask for tcpNoDelay in the TransportHints.
 
@@ -91,7 +92,8 @@ public:
     else if (command == "report")
     {
       std::lock_guard<std::mutex> lock(mutex_);
-      say("{\"event\": \"report\", \"received\": " + std::to_string(latencies_ns_.size()) + "}");
+      say("{\"event\": \"report\", \"received\": " + std::to_string(latencies_ns_.size()) +
+          ", \"heard\": " + std::to_string(heard_in_all_) + "}");
     }
     else
     {
@@ -135,6 +137,7 @@ private:
   void hear(std::size_t topic, std::size_t count)
   {
     std::lock_guard<std::mutex> lock(mutex_);
+    ++heard_in_all_;
     if (heard_.insert(topic).second && heard_.size() == count)
     {
       say("{\"event\": \"heard\"}");
@@ -290,13 +293,14 @@ private:
   const ros::TransportHints hints_;
 
   std::mutex output_mutex_;
-  std::mutex mutex_;  ///< between callback and commands; guards everything down to heard_
+  std::mutex mutex_;  ///< between callback and commands; guards everything down to heard_in_all_
   Expectation expectation_;
   std::uint64_t next_sequence_ = 0;  ///< of the next message; equals the number of messages received
   std::uint32_t header_seq_ = 0;     ///< of the last message
   std::vector<std::int64_t> latencies_ns_;
   std::int64_t last_arrival_ns_ = 0;
   std::set<std::size_t> heard_;
+  std::uint64_t heard_in_all_ = 0;
 
   std::atomic<std::uint64_t> checked_{0};
   std::atomic<std::int64_t> check_cpu_ns_{0};

@@ -10,6 +10,7 @@
 #include <cstring>
 #include <iomanip>
 #include <sstream>
+#include <stdexcept>
 
 namespace pi_os_transport
 {
@@ -243,6 +244,64 @@ TopicFigures TopicStatistics::takeWindow(int64_t now_ns)
   window_start_ns_ = messages_ == 0 ? 0 : now_ns;
   window_ages_.clear();
   return figures;
+}
+
+// ---- parseTopicList
+
+namespace
+{
+
+constexpr const char* SPACES = " \t\r\n";
+
+std::string trimmed(const std::string& text)
+{
+  const size_t begin = text.find_first_not_of(SPACES);
+  return begin == std::string::npos ? "" : text.substr(begin, text.find_last_not_of(SPACES) + 1 - begin);
+}
+
+}  // namespace
+
+std::vector<std::string> parseTopicList(const std::string& text)
+{
+  const auto refuse = [&text](const std::string& reason) -> std::invalid_argument
+  { return std::invalid_argument("topics = \"" + text + "\": " + reason + "; write them like [/a, /b]"); };
+  std::string list = trimmed(text);
+  const bool opened = !list.empty() && list.front() == '[';
+  const bool closed = !list.empty() && list.back() == ']';
+  if (opened != closed)
+  {
+    throw refuse("a bracket is missing");
+  }
+  if (opened)
+  {
+    list = trimmed(list.substr(1, list.size() - 2));
+  }
+  std::vector<std::string> topics;
+  if (list.empty())
+  {
+    return topics;
+  }
+  for (size_t begin = 0; begin <= list.size();)
+  {
+    const size_t end = std::min(list.find(',', begin), list.size());
+    std::string topic = trimmed(list.substr(begin, end - begin));
+    begin = end + 1;
+    if (topic.size() >= 2 && (topic.front() == '\'' || topic.front() == '"') && topic.front() == topic.back())
+    {
+      topic = topic.substr(1, topic.size() - 2);
+    }
+    if (topic.empty())
+    {
+      throw refuse("a name is empty");
+    }
+    const size_t wrong = topic.find_first_of(std::string(SPACES) + "[]'\"");
+    if (wrong != std::string::npos)
+    {
+      throw refuse("\"" + topic + "\" is no name of a topic");
+    }
+    topics.push_back(topic);
+  }
+  return topics;
 }
 
 // ---- Reports

@@ -11,6 +11,7 @@
 #include <limits>
 #include <random>
 #include <sstream>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -18,6 +19,7 @@ using pi_os_transport::beginsWithHeader;
 using pi_os_transport::DurationHistogram;
 using pi_os_transport::formatJson;
 using pi_os_transport::formatTable;
+using pi_os_transport::parseTopicList;
 using pi_os_transport::readHeader;
 using pi_os_transport::SequenceTracker;
 using pi_os_transport::TopicFigures;
@@ -203,6 +205,33 @@ TEST(TopicStatistics, WindowsStartAnewAndKeepTheLoss)
   EXPECT_EQ(0.0, second.rate_hz);
   EXPECT_FALSE(second.has_stamps);
   EXPECT_EQ(1U, second.lost);
+}
+
+TEST(TopicList, IsReadAsTheCommandLineGivesIt)
+{
+  using List = std::vector<std::string>;
+  EXPECT_EQ((List{"/imu/data", "/left/image_raw"}), parseTopicList("[/imu/data, /left/image_raw]"));
+  EXPECT_EQ((List{"/imu/data", "left/image_raw"}), parseTopicList(" /imu/data,left/image_raw "));
+  EXPECT_EQ((List{"/a", "/b"}), parseTopicList("['/a', \"/b\"]"));
+  EXPECT_EQ(List{"/a"}, parseTopicList("/a"));
+  EXPECT_EQ(List{}, parseTopicList(""));
+  EXPECT_EQ(List{}, parseTopicList("[ ]"));
+}
+
+TEST(TopicList, RefusesWhatIsNoListAndSaysWhy)
+{
+  for (const char* text : {"[/a", "/a]", "[", "]", "/a,,/b", "[/a,]", ",", "/a /b", "['/a]", "[[/a], [/b]]", "''"})
+  {
+    try
+    {
+      parseTopicList(text);
+      ADD_FAILURE() << text;
+    }
+    catch (const std::invalid_argument& error)
+    {
+      EXPECT_EQ(0u, std::string(error.what()).find("topics = \"" + std::string(text) + "\": ")) << error.what();
+    }
+  }
 }
 
 TEST(Report, NamesTransportsAndMarksWhatIsUnknown)

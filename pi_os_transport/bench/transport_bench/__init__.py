@@ -6,6 +6,7 @@ standard input and answer on standard output, so nothing here depends on timing:
 deadlines.
 """
 
+from . import small_messages
 from .group import Group
 from .measurements import Comparison, Plan, percentile
 from .modes import FULL_HD, LIBRARY_NAME, MODES, BenchError, find_library
@@ -14,4 +15,5 @@ from .output import plot, report, require_matplotlib
 from .results import Results, bars, machine
 
 __all__ = ['FULL_HD', 'LIBRARY_NAME', 'MODES', 'BenchError', 'Comparison', 'Group', 'Master', 'Plan', 'Results', 'bars',
-           'find_library', 'machine', 'parse_smaps', 'percentile', 'plot', 'report', 'require_matplotlib']
+           'find_library', 'machine', 'parse_smaps', 'percentile', 'plot', 'report', 'require_matplotlib',
+           'small_messages']

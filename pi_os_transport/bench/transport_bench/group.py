@@ -17,7 +17,8 @@ class Group:
     serial = 0
 
     def __init__(self, master, mode, subscribers, library=None, publisher_args=(), connect_s=CONNECT_DEADLINE_S,
-                 answer_s=ANSWER_DEADLINE_S):
+                 answer_s=ANSWER_DEADLINE_S, outsiders=0):
+        """@param outsiders  further subscribers, without the library whatever the mode."""
         Group.serial += 1
         self.connect_s, self.answer_s = connect_s, answer_s
         self.master, self.mode = master, mode
@@ -27,14 +28,19 @@ class Group:
         self.extra = 0
         self.pending = []
         self.subscribers = []
+        self.outsiders = []
         self.doing = 'starting'
-        env = environment(master.env)
+        plain_env = environment(master.env)
+        env = dict(plain_env)
         if mode.preload:
             env['LD_PRELOAD'] = ':'.join([library] + ([env['LD_PRELOAD']] if 'LD_PRELOAD' in env else []))
         try:
             self.publisher = self._start('publisher', 'bench_publisher', publisher_args, env)
             self.subscribers = [self._start(f'subscriber_{i}', 'bench_subscriber', mode.subscriber_args, env)
                                 for i in range(subscribers)]
+            self.outsiders = [self._start(f'outsider_{i}', 'bench_subscriber', mode.subscriber_args, plain_env)
+                              for i in range(outsiders)]
+            self.subscribers += self.outsiders
             self.await_events({node: 'up' for node in self.nodes}, self.connect_s)
             self.await_links()
         except BaseException:
@@ -88,22 +94,24 @@ class Group:
         return f'{self.mode.label}, {self.doing}'
 
     def expected_links(self):
-        count = len(self.subscribers)
+        """{node: [(direction, transport, topic)]}"""
         data, ack = self.namespace + '/data', self.namespace + '/ack'
-        expected = {self.publisher: [('o', data)] * count + [('i', ack)] * count}
+        expected = {self.publisher: []}
         for node in self.subscribers:
-            expected[node] = [('i', data), ('o', ack)]
+            transport = 'TCPROS' if node in self.outsiders else self.mode.transport
+            expected[self.publisher] += [('o', transport, data), ('i', transport, ack)]
+            expected[node] = [('i', transport, data), ('o', transport, ack)]
         extra = [f'{self.namespace}/extra_{i}' for i in range(self.extra)]
-        expected[self.publisher] += [('o', topic) for topic in extra]
+        expected[self.publisher] += [('o', self.mode.transport, topic) for topic in extra]
         if extra:
-            expected[self.subscribers[0]] += [('i', topic) for topic in extra]
+            expected[self.subscribers[0]] += [('i', self.mode.transport, topic) for topic in extra]
         return expected
 
     def wrong_links(self):
         """What differs from 'every link is connected over the transport of the mode', as text; empty if nothing."""
         for node, expected in self.expected_links().items():
             links = [link for link in node.bus() if link[2].startswith(self.namespace)]
-            wanted = sorted((direction, self.mode.transport, topic) for direction, topic in expected)
+            wanted = sorted(expected)
             if sorted(links) != wanted:
                 missing = [f'{d} {topic} {transport}' for d, transport, topic in wanted
                            if (d, transport, topic) not in links]
@@ -138,15 +146,16 @@ class Group:
         if wrong:
             raise BenchError(f'{self.describe()}: the transport changed during the run: {wrong}')
 
-    def run(self, count, size, rate_hz=0.0, window=0, period=4093, check='full'):
-        """Publishes `count` messages and waits until every subscriber has received and checked them.
+    def run(self, count, size, rate_hz=0.0, window=0, period=4093, check='full', work_us=0):
+        """Publishes `count` messages and waits until every subscriber has received and checked them. With a rate, the
+        publisher computes for `work_us` before each; that is part of its answer's bench_cpu_ns.
         @return (the publisher's answer, [each subscriber's answer], CPU time of all processes [ns])"""
         self.doing = f'{len(self.subscribers)} subscriber(s), {format_size(size)}'
         for node in self.subscribers:
             node.tell('expect', count, size, check, window, period)
         self.await_events({node: 'ready' for node in self.subscribers}, self.answer_s)
         cpu_before_ns = [node.cpu_ns() for node in self.nodes]
-        self.publisher.tell('run', count, size, rate_hz, window, period)
+        self.publisher.tell('run', count, size, rate_hz, window, period, work_us)
         wanted = {self.publisher: 'done', **{node: 'complete' for node in self.subscribers}}
         answers = self.await_events(wanted, self.answer_s + (2.0 * count / rate_hz if rate_hz else 0.0))
         cpu_ns = sum(node.cpu_ns() - before for node, before in zip(self.nodes, cpu_before_ns))

@@ -7,6 +7,7 @@ import os
 import subprocess
 import time
 
+from . import small_messages
 from .group import Group
 from .modes import FULL_HD, environment, format_size, program_folder
 from .nodes import EVENT_PREFIX
@@ -143,8 +144,9 @@ class Plan:
     fan_out_sizes: list = dataclasses.field(default_factory=lambda: [1000000, FULL_HD])
     subscribers: list = dataclasses.field(default_factory=lambda: list(DEFAULT_SUBSCRIBERS))
     five_subscribers: bool = True  # the bars ask for five
-    measures: tuple = ('latency', 'throughput', 'memory', 'cpu')
+    measures: tuple = ('latency', 'small', 'throughput', 'memory', 'cpu')
     latency_s: float = 1.2
+    small_s: float = 2.0
     throughput_volume: float = 500e6
     idle_s: float = 3.0
     endpoints: int = 100
@@ -173,6 +175,10 @@ class Comparison:
                           ', '.join(mode.label for mode in modes))
             if {'latency', 'cpu'} & set(self.plan.measures):
                 self._traffic(round_number, modes)
+            if 'small' in self.plan.measures:
+                self.progress('  small messages')
+                for row in small_messages.measure_all(self.master, modes, self.library, self.plan.small_s):
+                    self._keep(round_number, row)
             if 'throughput' in self.plan.measures:
                 self._throughput(round_number, modes)
             if {'memory', 'cpu'} & set(self.plan.measures):

@@ -20,7 +20,8 @@ class Results:
     def values(self, measure, field, **match):
         """{round: value}"""
         return {row.get('round', 0): row[field] for row in self.rows
-                if row['measure'] == measure and all(row.get(key) == value for key, value in match.items())}
+                if row['measure'] == measure and all(row.get(key) == value for key, value in match.items())
+                and row[field] is not None}
 
     def median(self, measure, field, **match):
         values = self.values(measure, field, **match)
@@ -95,6 +96,9 @@ def bars(results):
         add(f'{format_size(size)}, {subscribers} subscriber(s): CPU per message π-OS/TCPROS',
             results.ratio('latency', 'cpu_us', 'pi_os', 'tcpros', size=size, subscribers=subscribers),
             round(bound, 3), False)
+    for cell in dict.fromkeys(row['cell'] for row in results.rows if row['measure'] == 'small'):
+        add(f'small messages, {cell}: CPU of all nodes π-OS/TCPROS',
+            results.ratio('small', 'all_us', 'pi_os', 'tcpros', cell=cell), 1.0, False)
     add('idle node: CPU added', results.difference('idle', 'cpu_percent', 'pi_os', 'tcpros'), 0.05, False, ' %',
         'of one core; 0 % when rounded to 0.1')
     added = [results.difference('memory', f'{name}_private_kb', 'pi_os', 'tcpros')

@@ -135,6 +135,10 @@ struct TopicReport
   TopicFigures figures;
 };
 
+/// Names from a text like "/a, /b" or "[/a, '/b']", as roscpp's command line passes a list on. Nothing is resolved.
+/// Throws std::invalid_argument for unbalanced brackets or quotes, an empty element or a name with a space.
+std::vector<std::string> parseTopicList(const std::string& text);
+
 /// Fixed-width table for a terminal, one line per topic.
 std::string formatTable(const std::vector<TopicReport>& reports);
 

@@ -113,7 +113,15 @@ struct MonitorOptions
         throw std::invalid_argument("parameter " + node.resolveName(name) + " has the wrong type, see README.md");
       }
     };
-    get("topics", &options.topics);
+    std::string list;
+    if (node.getParam("topics", list))
+    {
+      options.topics = parseTopicList(list);
+    }
+    else
+    {
+      get("topics", &options.topics);
+    }
     get("namespace", &options.topic_namespace);
     get("period_s", &options.period_s);
     get("report", &options.report);

@@ -14,6 +14,7 @@
 #include <cstring>
 
 #include "bridge_client.h"
+#include "outbox_writer.h"
 #include "queue_waiter.h"
 #include "receive_link.h"
 #include "roscpp_version.h"
@@ -213,6 +214,7 @@ void publish(ros::TopicManager* self, const std::string& topic,
     publish_serial = ++last_serial;
     publication->enqueueMessage(message);
     publish_serial = 0;
+    OutboxWriter::flush();
   }
   if (runtime.active_transmit_links != 0)
   {
@@ -272,6 +274,10 @@ void enqueueMessage(ros::TransportSubscriberLink* self, const ros::SerializedMes
   if (link)
   {
     link->enqueue(self, message, publish_serial);
+  }
+  else if (publish_serial != 0 && serialized)
+  {
+    OutboxWriter::enqueue(self, message);
   }
   else
   {

@@ -7,6 +7,8 @@
 #include <cstring>
 #include <utility>
 
+#include "outbox_writer.h"
+
 namespace pi_os_transport
 {
 namespace
@@ -424,7 +426,11 @@ void TransmitLink::enqueue(ros::TransportSubscriberLink* link, const ros::Serial
       }
     }
   }
-  if (!by_ring)
+  if (!by_ring && serial != 0)
+  {
+    OutboxWriter::add(link);
+  }
+  else if (!by_ring)
   {
     link->startMessageWrite(false);
   }

@@ -35,7 +35,7 @@ public:
   const Token& token() const { return token_; }
 
   /// Replaces TransportSubscriberLink::enqueueMessage for serialised messages. Any thread.
-  /// @param serial  as in Descriptor.
+  /// @param serial  as in Descriptor; not 0: within publish(), which flushes the OutboxWriter.
   void enqueue(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message, uint64_t serial);
 
   /// True while messages go through shared memory. Any thread.
