@@ -611,6 +611,52 @@ TEST(Coordinator, PolicyAndEtaCanBeSet)
   EXPECT_EQ("expected_cost", statistics.response.policy);
 }
 
+TEST(Coordinator, AnUnmeasuredChargeIsNoFaultAndAWrongOneIs)
+{
+  CoordinatorOnGraph coordinator("charge");
+  DiagnosticCollector diagnostics;
+  ros::Publisher battery = ros::NodeHandle("/charge").advertise<sensor_msgs::BatteryState>("battery", 10);
+  coordinator.start();
+  ASSERT_TRUE(until(TIMEOUT_S, [&] { return battery.getNumSubscribers() == 1; }));
+  sensor_msgs::BatteryState state;
+  state.percentage = NAN;
+  state.charge = NAN;
+  state.capacity = 12.0F;
+  state.design_capacity = NAN;
+  battery.publish(state);
+  SetEta eta;
+  eta.request.by_battery = true;
+  ASSERT_TRUE(coordinator.call("set_eta", &eta));
+  EXPECT_TRUE(eta.response.success);
+  EXPECT_EQ("the battery decides once it says how full it is", eta.response.message);
+
+  state.percentage = -1.0F;
+  battery.publish(state);
+  std::vector<std::string> warnings;
+  EXPECT_TRUE(diagnostics.waitForStatus("charge/coordinator: input",
+                                        [&warnings](const DiagnosticCollector::Status& status)
+                                        {
+                                          warnings.clear();
+                                          for (const auto& value : status.values)
+                                          {
+                                            if (value.key.find("warning") == 0 && value.value.find("battery: ") == 0)
+                                            {
+                                              warnings.push_back(value.value);
+                                            }
+                                          }
+                                          return !warnings.empty();
+                                        }))
+      << diagnostics.text();
+  EXPECT_EQ(Texts{"battery: percentage = -1, must be in [0, 1], or NaN if it is not measured; eta stays as it is"},
+            warnings);
+  state.percentage = 0.5F;
+  battery.publish(state);
+  Statistics statistics;
+  EXPECT_TRUE(
+      until(TIMEOUT_S, [&]
+            { return coordinator.call("statistics", &statistics) && std::abs(statistics.response.eta - 0.3) < 1e-6; }));
+}
+
 TEST(Coordinator, DecideSaysWhereAndWhy)
 {
   FakeDetector detector("decide");

@@ -157,7 +157,11 @@ void CoordinatorRos::onBattery(const sensor_msgs::BatteryStateConstPtr& message)
   const std::optional<double> charge = chargeOf(*message);
   if (!charge)
   {
-    say("battery: neither percentage nor charge by capacity is known; eta stays as it is");
+    if (!std::isnan(message->percentage))  // NaN: not measured
+    {
+      say(format("battery: percentage = %g", static_cast<double>(message->percentage)) +
+          ", must be in [0, 1], or NaN if it is not measured; eta stays as it is");
+    }
     return;
   }
   charge_ = charge;
