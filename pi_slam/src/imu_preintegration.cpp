@@ -51,9 +51,9 @@ void ImuPreintegration::append(const ImuSample& from, const ImuSample& to, doubl
     throw std::invalid_argument("imu: sample in the interval from " + std::to_string(from.stamp_ns) +
                                 " ns is not finite or above 1e6");
   }
-  if (!(noise_factor >= 1.0 && noise_factor <= 1000.0))
+  if (!(noise_factor >= 1.0 && noise_factor <= LARGEST_NOISE_FACTOR))
   {
-    throw std::invalid_argument("imu: noise_factor = " + std::to_string(noise_factor) + ", must be in [1, 1000]");
+    throw std::invalid_argument("imu: noise_factor = " + std::to_string(noise_factor) + ", must be in [1, 100000]");
   }
   intervals_.push_back({from, to, noise_factor});
   integrate(intervals_.back());
@@ -214,7 +214,7 @@ ImuPreintegration ImuBuffer::integrate(int64_t from_ns, int64_t to_ns, const Imu
       found.saturated = found.saturated || before.saturated || next->saturated;
       integral.append(before.stamp_ns < from_ns ? interpolate(before, *next, from_ns) : before,
                       next->stamp_ns > to_ns ? interpolate(before, *next, to_ns) : *next,
-                      noiseFactor(before, *next, gap));
+                      noiseFactor(before, *next, gap, model_.accel_noise_density));
       if (next == last)
       {
         break;

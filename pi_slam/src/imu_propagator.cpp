@@ -105,7 +105,7 @@ void ImuPropagator::advance(const ImuSample& from, const ImuSample& to, Propagat
   state.v += step.dt * a;
   state.q = step.q_ref_to;
   state.stamp_ns = to.stamp_ns;
-  step.propagate(model_, noiseFactor(from, to, gap), &now->covariance);
+  step.propagate(model_, noiseFactor(from, to, gap, model_.accel_noise_density), &now->covariance);
 }
 
 void ImuPropagator::reset()

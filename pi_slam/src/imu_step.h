@@ -5,6 +5,7 @@
 #include <pi_slam/so3.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 
 namespace pi_slam
@@ -28,10 +29,25 @@ inline ImuSample interpolate(const ImuSample& a, const ImuSample& b, int64_t sta
 /// Noise is larger by this where the IMU said nothing, or only that it was at its limit.
 constexpr double GAP_NOISE_FACTOR = 10.0;
 constexpr double SATURATED_NOISE_FACTOR = 300.0;
+constexpr double LARGEST_NOISE_FACTOR = 1e5;
+/// What a vehicle does in a gap and the samples at its ends do not tell: an acceleration that grows with the length of
+/// the gap [m/s^3], up to hard braking [m/s^2].
+constexpr double UNKNOWN_JERK = 3.0;
+constexpr double UNKNOWN_ACCELERATION = 1.5;
 
-inline double noiseFactor(const ImuSample& from, const ImuSample& to, bool gap)
+/// @param gap  between the two samples.
+/// @param accel_noise_density  of the sensor [m/s^2/sqrt(Hz)].
+inline double noiseFactor(const ImuSample& from, const ImuSample& to, bool gap, double accel_noise_density)
 {
-  return from.saturated || to.saturated ? SATURATED_NOISE_FACTOR : gap ? GAP_NOISE_FACTOR : 1.0;
+  const double sensor = from.saturated || to.saturated ? SATURATED_NOISE_FACTOR : gap ? GAP_NOISE_FACTOR : 1.0;
+  if (!gap)
+  {
+    return sensor;
+  }
+  // The white noise that makes the speed as uncertain as a steady acceleration for so long.
+  const double length_s = 1e-9 * static_cast<double>(to.stamp_ns - from.stamp_ns);
+  const double acceleration = std::min(UNKNOWN_JERK * length_s, UNKNOWN_ACCELERATION);
+  return std::clamp(acceleration * std::sqrt(length_s) / accel_noise_density, sensor, LARGEST_NOISE_FACTOR);
 }
 
 /// What is known of a sample with axes at the sensor's limit: those hold the value they had before.

@@ -686,6 +686,7 @@ void Mapper::Impl::publish()
   statistics.loops = loops;
   statistics.loaded = loaded;
   statistics.localized = !loaded || (was_localized && segment_begun && ownPart() == 0);
+  statistics.covariance = filter.covariance();
   statistics.last_recognized_ns = last_recognized_ns;
   statistics.last_add_ms = last_add_ms;
   std::lock_guard<std::mutex> lock(published_mutex);

@@ -34,7 +34,8 @@ constexpr double MAX_GYRO_BIAS = 1.0;   ///< beyond it the estimate has failed [
 constexpr double MAX_ACCEL_BIAS = 5.0;  ///< [m/s^2]
 constexpr double MAX_ERROR_PX = 8.0;    ///< mean error after optimisation beyond which it has failed
 constexpr int START_ITERATIONS = 20;
-constexpr double IMU_KEPT_S = 12.0;  ///< of samples, for the initialiser and long gaps
+constexpr double LONGEST_GAP_S = 0.2;  ///< of the IMU, after which there is no pose before pictures have corrected it
+constexpr double IMU_KEPT_S = 12.0;    ///< of samples, for the initialiser and long gaps
 
 using Clock = std::chrono::steady_clock;
 
@@ -194,6 +195,10 @@ std::optional<PropagatedState> Vio::Impl::addImu(ImuSample sample)
   }
   inbox_check.forgetBefore(sample.stamp_ns);
   newest_imu_ns.store(sample.stamp_ns, std::memory_order_release);
+  if (added == ImuBuffer::Added::GAP && seconds(sample.stamp_ns - before_ns) > LONGEST_GAP_S)
+  {
+    propagator.reset();
+  }
   std::optional<PropagatedState> result = propagator.add(sample);
   if (result)
   {

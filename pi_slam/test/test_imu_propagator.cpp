@@ -230,7 +230,7 @@ TEST(ImuPropagator, BridgesAGapWithAFasterGrowthOfTheCovariance)
   const PropagatedState b = *gapped.newest();
   EXPECT_EQ(a.state.stamp_ns, b.state.stamp_ns);
   EXPECT_TRUE(b.state.isFinite());
-  // Half of the time with standard deviations times 10: about 50 times the variance.
+  // Half of the time with standard deviations of at least 10 times those of the sensor: 50 times the variance and more.
   EXPECT_GT(b.covariance(3, 3), 20.0 * a.covariance(3, 3));
   EXPECT_GT(b.covariance(6, 6), 5.0 * a.covariance(6, 6));
   // A second of straight lines between samples that differ by 1 rad/s at most.

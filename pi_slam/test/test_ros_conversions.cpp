@@ -302,6 +302,52 @@ TEST(RosConversions, OdometryCovariancesAreThoseOfNumericDifferences)
   }
 }
 
+TEST(RosConversions, MapPoseHasTheMapsCovarianceAtTheBase)
+{
+  const Eigen::Isometry3d T_base_body = makeMounting();
+  const nav_msgs::Odometry odometry = toOdometry(makeState(), T_base_body, 0.0, "odom", "base_link");
+  Eigen::Isometry3d T_map_odom = Eigen::Isometry3d::Identity();
+  T_map_odom.rotate(Eigen::AngleAxisd(0.7, Eigen::Vector3d::UnitZ()));
+  T_map_odom.translation() << 5.0, -3.0, 0.1;
+  Eigen::Matrix4d covariance = Eigen::Matrix4d::Zero();
+  covariance.diagonal() << 0.04, 0.09, 0.01, 0.0025;
+  covariance(0, 3) = covariance(3, 0) = 0.003;
+
+  const geometry_msgs::PoseWithCovarianceStamped pose = toMapPose(odometry, T_map_odom, covariance, T_base_body, "map");
+  EXPECT_EQ("map", pose.header.frame_id);
+  EXPECT_EQ(odometry.header.stamp, pose.header.stamp);
+  const Eigen::Isometry3d T_map_base = fromMsg(pose.pose.pose);
+  EXPECT_TRUE(T_map_base.isApprox(T_map_odom * fromMsg(odometry.pose.pose), 1e-9));
+
+  // An error of heading turns the base about the body, which is where the map knows the position.
+  const Eigen::Isometry3d T_map_body = T_map_base * T_base_body;
+  const auto baseOf = [&](const Eigen::Vector4d& error) -> Eigen::Vector4d
+  {
+    Eigen::Isometry3d T = T_map_body;
+    T.linear() = Eigen::AngleAxisd(error(3), Eigen::Vector3d::UnitZ()) * T.linear();
+    T.translation() += error.head<3>();
+    const Eigen::Vector3d p = (T * T_base_body.inverse()).translation();
+    return {p.x(), p.y(), p.z(), error(3)};
+  };
+  Eigen::Matrix4d J;
+  for (int i = 0; i < 4; ++i)
+  {
+    const Eigen::Vector4d step = 1e-5 * Eigen::Vector4d::Unit(i);
+    J.col(i) = (baseOf(step) - baseOf(-step)) / 2e-5;
+  }
+  const Eigen::Matrix4d expected = J * covariance * J.transpose();
+  const int order[] = {0, 1, 2, 5};
+  for (int i = 0; i < 4; ++i)
+  {
+    for (int j = 0; j < 4; ++j)
+    {
+      EXPECT_NEAR(expected(i, j), pose.pose.covariance[static_cast<size_t>(6 * order[i] + order[j])], 1e-8);
+    }
+  }
+  EXPECT_EQ(odometry.pose.covariance[21], pose.pose.covariance[21]);  // roll
+  EXPECT_EQ(odometry.pose.covariance[28], pose.pose.covariance[28]);
+}
+
 TEST(RosConversions, NoiseOfTheGyroReachesTheTwistThroughTheLeverArm)
 {
   PropagatedState propagated = makeState();

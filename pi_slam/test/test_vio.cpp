@@ -325,6 +325,61 @@ TEST_F(VioTest, BridgesAGapOfTheImu)
   EXPECT_LT(outcomes.back().error_m, 0.5) << allMessages();
 }
 
+TEST_F(VioTest, IsWhereItIsAfterALongGapOfTheImu)
+{
+  // At 1.5 m/s on, and braking from it to a standstill: what the samples at the ends of the gap do not tell.
+  for (const double begin_s : {6.0, 10.5})
+  {
+    messages_.clear();
+    imu_messages_.clear();
+    aligned_ = false;
+    const double end_s = begin_s + 3.5;
+    Faults faults;
+    faults.imu = [=](double time_s, ImuSample*) { return time_s < begin_s || time_s > end_s; };
+    Vio vio(Drive::instance().calibration, makeOptions());
+    const std::vector<Outcome> outcomes = run(&vio, faults);
+    ASSERT_FALSE(imu_messages_.empty());
+    EXPECT_NE(imu_messages_.front().find("gap of 3.5"), std::string::npos) << imu_messages_.front();
+    const Outcome& before = at(outcomes, begin_s - 0.1);
+    const Outcome& after = at(outcomes, end_s + 0.5);
+    EXPECT_TRUE(after.known) << allMessages();
+    EXPECT_LT(after.error_m, before.error_m + 0.15) << "gap from " << begin_s << " s: " << allMessages();
+    EXPECT_LT(after.error_m, 3.0 * deviation(after));
+    EXPECT_LT(outcomes.back().error_m, 0.5) << allMessages();
+  }
+}
+
+TEST_F(VioTest, GivesNoPoseBetweenALongGapOfTheImuAndTheNextPair)
+{
+  const Drive& drive = Drive::instance();
+  Vio vio(drive.calibration, makeOptions());
+  size_t next = 0;
+  for (const StereoFrame& frame : drive.frames)
+  {
+    if (drive.seconds(frame.stamp_ns) > 4.0)
+    {
+      break;
+    }
+    for (; next < drive.imu.size() && !vio.imuCovers(frame.stamp_ns); ++next)
+    {
+      vio.addImu(drive.imu[next]);
+    }
+    vio.addPair(frame.stamp_ns, frame.left, frame.right);
+  }
+  ASSERT_TRUE(vio.addImu(drive.imu[next]));
+  EXPECT_TRUE(vio.addImu(drive.imu[next + 20]));   // 0.1 s
+  EXPECT_FALSE(vio.addImu(drive.imu[next + 80]));  // 0.3 s
+  EXPECT_FALSE(vio.addImu(drive.imu[next + 81]));
+  const auto frame = std::find_if(drive.frames.begin(), drive.frames.end(),
+                                  [&](const StereoFrame& one) { return one.stamp_ns > drive.imu[next + 81].stamp_ns; });
+  for (next += 82; !vio.imuCovers(frame->stamp_ns); ++next)
+  {
+    EXPECT_FALSE(vio.addImu(drive.imu[next]));
+  }
+  vio.addPair(frame->stamp_ns, frame->left, frame->right);
+  EXPECT_TRUE(vio.addImu(drive.imu[next]));
+}
+
 TEST_F(VioTest, SurvivesPicturesStampedLate)
 {
   Faults faults;

@@ -218,6 +218,28 @@ TEST_F(VioFaults, TimeThatGoesBackBeginsAnew)
   later_s_ += 50.0;
 }
 
+TEST_F(VioFaults, ACameraThatIsLateIsNoTimeThatGoesBack)
+{
+  start();
+  Faults late;
+  int64_t begin_ns = 0;
+  late.image = [&begin_ns](int camera, sensor_msgs::Image* image)
+  {
+    const int64_t stamp_ns = fromMsg(image->header.stamp);
+    begin_ns = begin_ns == 0 ? stamp_ns : begin_ns;
+    if (camera == LEFT)
+    {
+      return true;
+    }
+    image->header.stamp -= ros::Duration(0.7);
+    return stamp_ns - begin_ns > 800000000;  // its own stamps go on
+  };
+  graph_->drive.play(2.0, 4.0, SPEED, later_s_, late);
+  EXPECT_TRUE(odometryReaches(3.9));
+  EXPECT_TRUE(isLogged("/right/image_raw: no picture beside that of the other camera")) << graph_->log.text();
+  EXPECT_EQ(graph_->log.text().find("went back"), std::string::npos) << graph_->log.text();
+}
+
 TEST_F(VioFaults, MessagesThatCannotBeUsedAreNamed)
 {
   start();

@@ -23,7 +23,7 @@ public:
   /// Appends the interval from `from` to `to`; the first call begins the integral. Inner intervals must follow each
   /// other. O(1).
   /// @param to            its stamp is after that of `from`.
-  /// @param noise_factor  of the sensor's standard deviations in this interval; in [1, 1000].
+  /// @param noise_factor  of the sensor's standard deviations in this interval; in [1, 1e5].
   /// @throws std::invalid_argument for stamps that do not increase, an interval that does not begin where the integral
   ///         ends, samples that are not finite or above 1e6, or a factor out of range; nothing has changed then.
   void append(const ImuSample& from, const ImuSample& to, double noise_factor = 1.0);

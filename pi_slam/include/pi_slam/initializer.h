@@ -16,7 +16,7 @@ struct InitializerOptions
 {
   double interval_s = 0.1;       ///< between the pairs that are used; in [0.02, 1]
   double still_window_s = 0.5;   ///< pairs collected before a start from standstill; in [0.2, 5]
-  double moving_window_s = 1.0;  ///< pairs collected before a start while moving; in [0.5, 5]
+  double moving_window_s = 0.7;  ///< pairs collected before a start while moving; in [0.5, 5]
   double max_window_s = 3.0;  ///< older pairs are forgotten; two intervals above the other windows at least, up to 10
   int min_features = 20;      ///< seen by both cameras and placed by stereo, in every pair; in [8, 1000]
   double gravity_tolerance = 0.05;  ///< largest relative error of the gravity found while moving; in (0, 0.5]

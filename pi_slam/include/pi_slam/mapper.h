@@ -48,10 +48,12 @@ struct MapStatistics
 {
   size_t keyframes = 0;
   size_t landmarks = 0;
-  size_t bytes = 0;                ///< memory of the map, about
-  size_t loops = 0;                ///< places recognised again so far
-  bool loaded = false;             ///< there is a map from a file
-  bool localized = false;          ///< map and odom belong together: always true without a loaded map
+  size_t bytes = 0;        ///< memory of the map, about
+  size_t loops = 0;        ///< places recognised again so far
+  bool loaded = false;     ///< there is a map from a file
+  bool localized = false;  ///< map and odom belong together: always true without a loaded map
+  /// Of x, y, z of the body in map [m] and heading [rad], by recognised places and the way since.
+  Eigen::Matrix4d covariance = Eigen::Matrix4d::Zero();
   int64_t last_recognized_ns = 0;  ///< stamp of the last pair for which a known place was recognised
   double last_add_ms = 0.0;        ///< work for the last frame
   size_t skipped = 0;              ///< frames for which there was no time

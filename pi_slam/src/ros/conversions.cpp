@@ -302,6 +302,36 @@ nav_msgs::Odometry toOdometry(const PropagatedState& propagated, const Eigen::Is
   return odometry;
 }
 
+geometry_msgs::PoseWithCovarianceStamped toMapPose(const nav_msgs::Odometry& odometry,
+                                                   const Eigen::Isometry3d& T_map_odom,
+                                                   const Eigen::Matrix4d& covariance,
+                                                   const Eigen::Isometry3d& T_base_body, const std::string& map_frame)
+{
+  const Eigen::Isometry3d T_map_base = T_map_odom * fromMsg(odometry.pose.pose);
+  geometry_msgs::PoseWithCovarianceStamped pose;
+  pose.header.stamp = odometry.header.stamp;
+  pose.header.frame_id = map_frame;
+  pose.pose.pose = toMsg(T_map_base);
+
+  // p_map_base = p_map_body + r: an error of heading turns the lever r.
+  const Eigen::Vector3d lever = -(T_map_base.linear() * T_base_body.translation());
+  Eigen::Matrix4d J = Eigen::Matrix4d::Identity();
+  J(0, 3) = -lever.y();
+  J(1, 3) = lever.x();
+  const Eigen::Matrix4d of_base = J * covariance * J.transpose();
+  using RowMajor = Eigen::Matrix<double, 6, 6, Eigen::RowMajor>;
+  Eigen::Map<RowMajor> all(pose.pose.covariance.data());
+  all.setZero();
+  constexpr int HEADING = 5;
+  all.topLeftCorner<3, 3>() = of_base.topLeftCorner<3, 3>();
+  all.block<3, 1>(0, HEADING) = of_base.block<3, 1>(0, 3);
+  all.block<1, 3>(HEADING, 0) = of_base.block<1, 3>(3, 0);
+  all(HEADING, HEADING) = of_base(3, 3);
+  const Eigen::Map<const RowMajor> by_odometry(odometry.pose.covariance.data());
+  all.block<2, 2>(3, 3) = by_odometry.block<2, 2>(3, 3);
+  return pose;
+}
+
 sensor_msgs::PointCloud2Ptr toPointCloud(const std::vector<MapPoint>& points, const ros::Time& stamp,
                                          const std::string& frame)
 {

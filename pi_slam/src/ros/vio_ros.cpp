@@ -79,6 +79,7 @@ VioRos::VioRos(ros::NodeHandle node, ros::NodeHandle private_node)
 
   const auto queue_size = static_cast<uint32_t>(options_.queue_size);
   odometry_ = output_node_.advertise<nav_msgs::Odometry>("odometry", static_cast<uint32_t>(options_.imu_queue_size));
+  map_pose_ = output_node_.advertise<geometry_msgs::PoseWithCovarianceStamped>("map_pose", 5);
   path_ = output_node_.advertise<nav_msgs::Path>("path", 1);
   points_ = output_node_.advertise<sensor_msgs::PointCloud2>("points", 1);
   tracks_ = private_node_.advertise<sensor_msgs::Image>("debug/tracks", 2);
@@ -243,13 +244,19 @@ void VioRos::publishOdometry(const Pipeline& pipeline, const PropagatedState& pr
     transforms.push_back(toTransform(fromMsg(odometry->pose.pose), odometry->header.stamp, options_.odom_frame,
                                      options_.base_link_frame));
   }
+  Eigen::Isometry3d T_map_odom;
+  std::optional<Eigen::Matrix4d> map_covariance;
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    T_map_odom = T_map_odom_;
+    map_covariance = map_covariance_;
+  }
+  if (map_covariance && map_pose_.getNumSubscribers() > 0)
+  {
+    map_pose_.publish(toMapPose(*odometry, T_map_odom, *map_covariance, pipeline.T_base_body, options_.map_frame));
+  }
   if (options_.publish_map_tf)
   {
-    Eigen::Isometry3d T_map_odom;
-    {
-      std::lock_guard<std::mutex> lock(mutex_);
-      T_map_odom = T_map_odom_;
-    }
     transforms.push_back(toTransform(T_map_odom, odometry->header.stamp, options_.map_frame, options_.odom_frame));
   }
   if (!transforms.empty())
@@ -282,7 +289,7 @@ void VioRos::onImage(int camera, const sensor_msgs::ImageConstPtr& message)
     return;
   }
   const int64_t jump_ns = nanoseconds(options_.time_jump_s);
-  const int64_t last_ns = last_picture_ns_;
+  const int64_t last_ns = last_picture_ns_[camera];
   if (last_ns - stamp_ns > jump_ns)
   {
     if (last_ns - last_imu_ns_ > jump_ns)
@@ -298,11 +305,11 @@ void VioRos::onImage(int camera, const sensor_msgs::ImageConstPtr& message)
                   " s (a recording that began anew?): odometry begins anew",
               false);
     }
-    last_picture_ns_ = stamp_ns;
+    last_picture_ns_[LEFT] = last_picture_ns_[RIGHT] = stamp_ns;
   }
   else if (stamp_ns > last_ns)
   {
-    last_picture_ns_ = stamp_ns;
+    last_picture_ns_[camera] = stamp_ns;
   }
 
   const PipelinePtr pipeline = this->pipeline();
@@ -452,6 +459,8 @@ void VioRos::workOn(const PicturePair& pair, const Pipeline& pipeline, uint64_t 
     if (generation_ == generation)
     {
       T_map_odom_ = pipeline.mapper->T_map_odom();
+      const MapStatistics map = pipeline.mapper->statistics();
+      map_covariance_ = map.localized ? std::optional(map.covariance) : std::nullopt;
     }
   }
   if (report.status != VioStatus::INITIALIZING && report.status != VioStatus::LOST)
@@ -595,6 +604,7 @@ void VioRos::replacePipeline(PipelinePtr pipeline)
     odom_path_.clear();
     odom_history_.clear();
     T_map_odom_ = pipeline_->mapper ? pipeline_->mapper->T_map_odom() : Eigen::Isometry3d::Identity();
+    map_covariance_.reset();
     last_odometry_ns_ = 0;
     problem_.clear();
     problem_failed_ = false;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <geometry_msgs/Pose.h>
+#include <geometry_msgs/PoseWithCovarianceStamped.h>
 #include <geometry_msgs/TransformStamped.h>
 #include <nav_msgs/Odometry.h>
 #include <pi_slam/camera_model.h>
@@ -57,6 +58,13 @@ geometry_msgs::TransformStamped toTransform(const Eigen::Isometry3d& T_parent_ch
 /// @param gyro_variance  of one sample per axis [rad^2/s^2], which the angular rate carries besides its bias.
 nav_msgs::Odometry toOdometry(const PropagatedState& propagated, const Eigen::Isometry3d& T_base_body,
                               double gyro_variance, const std::string& odom_frame, const std::string& base_link_frame);
+
+/// Pose of the base in map. Of the covariance x, y, z and heading are the map's, roll and pitch those of odometry.
+/// @param covariance  of x, y, z of the body in map [m] and heading [rad].
+geometry_msgs::PoseWithCovarianceStamped toMapPose(const nav_msgs::Odometry& odometry,
+                                                   const Eigen::Isometry3d& T_map_odom,
+                                                   const Eigen::Matrix4d& covariance,
+                                                   const Eigen::Isometry3d& T_base_body, const std::string& map_frame);
 
 /// Fields x, y, z [m] and intensity (grey level, 0 to 255), each a float.
 sensor_msgs::PointCloud2Ptr toPointCloud(const std::vector<MapPoint>& points, const ros::Time& stamp,

@@ -173,13 +173,13 @@ private:
   std::string imu_frame_;
   std::string left_frame_;
   Eigen::Isometry3d T_map_odom_ = Eigen::Isometry3d::Identity();
+  std::optional<Eigen::Matrix4d> map_covariance_;                ///< of MapStatistics; none: not localised in the map
   std::deque<std::pair<int64_t, Eigen::Isometry3d>> odom_path_;  ///< T_odom_body by stamp, of this generation
   PoseHistory odom_history_;                                     ///< T_odom_base as published, of this generation
 
   std::mutex restart_mutex_;  ///< one at a time replaces the pipeline
   std::atomic<bool> worker_waits_for_imu_{false};
   std::atomic<int64_t> last_imu_ns_{0};       ///< 0: none
-  std::atomic<int64_t> last_picture_ns_{0};   ///< likewise; newest of both cameras
   std::atomic<int64_t> last_odometry_ns_{0};  ///< likewise
   std::atomic<int64_t> delay_ns_{0};
   std::atomic<uint64_t> odometries_{0};
@@ -187,6 +187,10 @@ private:
 
   // vio_imu
   int64_t next_tf_ns_ = 0;
+
+  // vio_input
+  int64_t last_picture_ns_[2] = {0, 0};  ///< of each camera: one may lag behind the other; 0: none
+
   // vio_worker
   VioStatus status_ = VioStatus::INITIALIZING;
   bool started_ = false;  ///< there was a pose in this generation
@@ -201,6 +205,7 @@ private:
 
   tf2_ros::TransformBroadcaster tf_broadcaster_;
   ros::Publisher odometry_;
+  ros::Publisher map_pose_;
   ros::Publisher path_;
   ros::Publisher points_;
   ros::Publisher tracks_;
