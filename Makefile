@@ -28,7 +28,8 @@ endif
 
 .PHONY: help
 help:
-	@echo 'make demo         the first drive: a recording through π-OS and through TCPROS, with a report'
+	@echo 'make demo         the vehicle drives from A to B in a rendered campus, over π-OS and over TCPROS; a report'
+	@echo 'make demo-recording  a recording or a video through π-OS and through TCPROS, with a report'
 	@echo 'make check        all tests; the last line counts them'
 	@echo 'make bench        π-OS beside stock TCPROS: latency, throughput, CPU, memory'
 	@echo 'make bench-devices  the same between devices, which are network namespaces: needs root'
@@ -36,7 +37,7 @@ help:
 	@echo "make conformance  ros_comm's own tests of roscpp, plain and with π-OS preloaded"
 	@echo 'make build        missing Debian packages, Release build in build/, install space in install/'
 	@echo 'make clean        removes build/ and install/'
-	@echo 'ARGS="..." is passed on to the program that demo, a benchmark or conformance runs; JOBS=N limits the compilers.'
+	@echo 'ARGS="..." is passed on to the program that a demo, a benchmark or conformance runs; JOBS=N limits the compilers.'
 
 .PHONY: dependencies
 dependencies:
@@ -70,6 +71,10 @@ check: compile
 
 .PHONY: demo
 demo: build
+	@. $(INSTALL)/setup.sh && exec rosrun pi_bringup drive_campus --beside-tcpros $(ARGS)
+
+.PHONY: demo-recording
+demo-recording: build
 	@. $(INSTALL)/setup.sh && exec rosrun pi_bringup drive_demo $(ARGS)
 
 .PHONY: bench

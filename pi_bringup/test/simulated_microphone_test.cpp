@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 #include <pi_bringup/PlayedSound.h>
+#include <pi_bringup/SimulatorCommand.h>
 #include <pi_runtime/test_support/on_graph.h>
 #include <pi_runtime/test_support/temporary_folder.h>
 #include <pi_speech/AudioDataStamped.h>
@@ -10,6 +11,7 @@
 #include <pi_speech/ros/audio_conversions.h>
 #include <std_msgs/String.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <string>
@@ -32,6 +34,7 @@ struct Microphone
     , info("/" + name + "/audio_info")
     , played("/" + name + "/microphone/played")
     , play(ros::NodeHandle().advertise<std_msgs::String>("/" + name + "/microphone/play", 10))
+    , command_service("/" + name + "/microphone/command")
   {
   }
 
@@ -46,6 +49,27 @@ struct Microphone
     message.data = file;
     play.publish(message);
   }
+  /// @return what was wrong with it.
+  std::string command(const std::string& line) const
+  {
+    SimulatorCommand call;
+    call.request.line = line;
+    if (!ros::service::waitForService(command_service, ros::Duration(TIMEOUT_S)) ||
+        !ros::service::call(command_service, call))
+    {
+      return "no answer from " + command_service;
+    }
+    return call.response.success ? "" : call.response.message;
+  }
+  size_t messagesBetween(const ros::Time& begin, const ros::Time& end) const
+  {
+    size_t count = 0;
+    for (const auto& message : audio.messages())
+    {
+      count += message->header.stamp >= begin && message->header.stamp < end ? 1 : 0;
+    }
+    return count;
+  }
   bool waitUntilHeard(const ros::Time& time) const
   {
     return audio.waitFor([&time](const pi_speech::AudioDataStamped& message) { return message.header.stamp > time; });
@@ -55,7 +79,13 @@ struct Microphone
   Collector<pi_speech::AudioInfo> info;
   Collector<PlayedSound> played;
   ros::Publisher play;
+  std::string command_service;
 };
+
+bool isSilence(const pi_speech::AudioDataStamped& message)
+{
+  return std::all_of(message.audio.data.begin(), message.audio.data.end(), [](uint8_t byte) { return byte == 0; });
+}
 
 /// 0.5 s: a tone in the first 0.3 s, then silence.
 pi_speech::Samples word()
@@ -131,6 +161,43 @@ TEST(SimulatedMicrophone, AsANodeletPlaysAWordWhereItSays)
   ASSERT_TRUE(loadNodelet("/nodelet/microphone", "pi_bringup/simulated_microphone"));
   expectAWordWhereItSays(microphone, log);
   EXPECT_TRUE(unloadNodelet("/nodelet/microphone"));
+}
+
+TEST(SimulatedMicrophone, UnpluggedItSendsNothingAndPluggedInItGoesOnInTime)
+{
+  const Microphone microphone("node");
+  ASSERT_TRUE(microphone.connected());
+  const TemporaryFolder folder;
+  const std::string file = folder.path() + "/word.wav";
+  pi_speech::writeWav(file, word());
+  ASSERT_EQ("", microphone.command("unplug"));
+  const ros::Time unplugged = ros::Time::now();  // a message that began before may still come
+  microphone.say(file);
+  ASSERT_TRUE(microphone.played.waitFor([](const PlayedSound&) { return true; }));
+  const ros::Time end = microphone.played.last()->end;
+  // A stream that is late by more than 1 s begins anew.
+  ASSERT_TRUE(until(TIMEOUT_S, [end] { return ros::Time::now() > end + ros::Duration(1.5); }));
+  const ros::Time plugged = ros::Time::now();
+  ASSERT_EQ("", microphone.command("plug"));
+  ASSERT_TRUE(microphone.waitUntilHeard(plugged));
+  EXPECT_EQ(0u, microphone.messagesBetween(unplugged, end));
+  const auto newest = microphone.audio.last();
+  EXPECT_EQ(320u * 2u, newest->audio.data.size());
+  EXPECT_FALSE(isSilence(*newest));
+}
+
+TEST(SimulatedMicrophone, SilentItSendsZerosAndUnknownCommandsAreRefused)
+{
+  const Microphone microphone("node");
+  ASSERT_TRUE(microphone.connected());
+  ASSERT_EQ("", microphone.command("silent on"));
+  EXPECT_TRUE(microphone.audio.waitFor(isSilence));
+  ASSERT_EQ("", microphone.command("silent off"));
+  const ros::Time later = ros::Time::now() + ros::Duration(0.1);
+  EXPECT_TRUE(microphone.audio.waitFor([later](const pi_speech::AudioDataStamped& message)
+                                       { return message.header.stamp > later && !isSilence(message); }));
+  EXPECT_EQ("command \"dance\" is not understood, must be one of: unplug, plug, silent on|off",
+            microphone.command("dance"));
 }
 
 TEST(SimulatedMicrophone, RefusesWrongParametersWithOneError)

@@ -50,19 +50,19 @@ TEST(NavigationConversions, AWaypointWithoutOrientationHasNoHeading)
 TEST(NavigationConversions, DeviationIsThatOfTheWorstDirection)
 {
   nav_msgs::Odometry odometry;
-  EXPECT_EQ(0.0, positionDeviation(odometry));  // unknown
+  EXPECT_EQ(0.0, positionDeviation(odometry.pose));  // unknown
   odometry.pose.covariance[0] = 0.04;
   odometry.pose.covariance[7] = 0.25;
-  EXPECT_NEAR(0.5, positionDeviation(odometry), 1e-12);
+  EXPECT_NEAR(0.5, positionDeviation(odometry.pose), 1e-12);
   odometry.pose.covariance[0] = odometry.pose.covariance[7] = 1.0;
   odometry.pose.covariance[1] = odometry.pose.covariance[6] = 0.44;
-  EXPECT_NEAR(1.2, positionDeviation(odometry), 1e-12);
+  EXPECT_NEAR(1.2, positionDeviation(odometry.pose), 1e-12);
   odometry.pose.covariance[0] = -1.0;
   odometry.pose.covariance[7] = -1.0;
   odometry.pose.covariance[1] = odometry.pose.covariance[6] = 0.0;
-  EXPECT_EQ(0.0, positionDeviation(odometry));
+  EXPECT_EQ(0.0, positionDeviation(odometry.pose));
   odometry.pose.covariance[7] = NaN;
-  EXPECT_TRUE(std::isnan(positionDeviation(odometry)));
+  EXPECT_TRUE(std::isnan(positionDeviation(odometry.pose)));
 }
 
 TEST(NavigationConversions, NamesModesThatDoNotDrive)

@@ -164,6 +164,26 @@ TEST(Navigator, ArrivesOverWaypointsWithTheHeadingAskedFor)
   EXPECT_TRUE(sim.navigator.path().empty());
 }
 
+TEST(Navigator, KnowsWhichPointsLieBehind)
+{
+  Simulation sim;
+  const NavigationGoal goal = to({{8.0, 0.0}, {16.0, 4.0}, {24.0, 4.0}});
+  ASSERT_EQ("", sim.navigator.start(goal, sim.input()));
+  for (size_t i = 0; i < goal.waypoints.size(); ++i)
+  {
+    EXPECT_EQ(i, sim.navigator.passed());
+    const double x = goal.waypoints[i].position.x();
+    ASSERT_TRUE(sim.runUntil([&] { return sim.car.pose().x > x - 1.0; })) << sim.text();
+    EXPECT_EQ(i, sim.navigator.passed()) << sim.text();
+    if (i + 1 < goal.waypoints.size())
+    {
+      ASSERT_TRUE(sim.runUntil([&] { return sim.car.pose().x > x + 1.0; })) << sim.text();
+    }
+  }
+  ASSERT_TRUE(sim.runToEnd(DriveEnd::ARRIVED)) << sim.text();
+  EXPECT_EQ(3u, sim.navigator.goal().waypoints.size());
+}
+
 TEST(Navigator, StandsWithoutAGoal)
 {
   Simulation sim;

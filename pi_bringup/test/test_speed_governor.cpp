@@ -212,6 +212,21 @@ TEST(SpeedGovernor, GoesOnWhenTheWayHasBeenClearForLongEnough)
   EXPECT_GT(world.vehicle.speed, 2.0);
 }
 
+TEST(SpeedGovernor, DoesNotStandForAShortAlarm)
+{
+  // Somebody sets out towards the way, so that comfortable braking would not do, and stops beside it.
+  World world = cruising();
+  Mover pedestrian{{5.0, -2.3}, {0.0, 1.6}};
+  pedestrian.change_s = world.time + 0.2;
+  world.movers.push_back(pedestrian);
+  world.run(4.0);
+  EXPECT_FALSE(world.collided);
+  EXPECT_GT(world.hardest, 2.0) << "it braked";
+  EXPECT_EQ(world.stops, 0);
+  EXPECT_GT(world.least_speed, 0.8);
+  EXPECT_GT(world.vehicle.speed, 2.0);
+}
+
 TEST(SpeedGovernor, LetsAPedestrianCross)
 {
   World world = cruising();

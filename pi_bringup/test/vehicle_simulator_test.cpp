@@ -186,8 +186,22 @@ TEST_F(Simulator, DarkCamerasSendBlackPicturesAndThoseThatAreOffNone)
   EXPECT_EQ("", command("camera both on"));
   const ros::Time dark = right_.last()->header.stamp;
   EXPECT_TRUE(right_.waitFor([dark](const sensor_msgs::Image& image) { return image.header.stamp > dark; }));
-  EXPECT_EQ("", command("imu off"));
+}
+
+TEST_F(Simulator, AnImuThatIsOffSendsNothingAndGoesOnInTime)
+{
+  ASSERT_TRUE(until(TIMEOUT_S, [this] { return imu_.last() && truth_.last(); }));
   EXPECT_NE("", command("imu perhaps"));
+  ASSERT_EQ("", command("imu off"));
+  const ros::Time off = ros::Time::now();
+  ASSERT_TRUE(until(TIMEOUT_S, [&] { return truth_.last()->header.stamp > off + ros::Duration(0.5); }));
+  const ros::Time reached = truth_.last()->header.stamp;
+  ASSERT_EQ("", command("imu on"));
+  ASSERT_TRUE(imu_.waitFor([reached](const sensor_msgs::Imu& sample) { return sample.header.stamp > reached; }));
+  for (const auto& sample : imu_.messages())
+  {
+    EXPECT_FALSE(sample->header.stamp > off && sample->header.stamp < reached) << sample->header.stamp - off;
+  }
 }
 
 }  // namespace

@@ -30,6 +30,7 @@ constexpr double MOVING_SIGMAS2 = 9.0;  // squared
 constexpr double MOVING_SPEED = 0.4;    // [m/s]
 constexpr int MOVING_HITS = 4;          // measurements one after the other that say so
 constexpr double SAME_ERROR_S = 1.0;    // for which errors of a place stay about the same: they look like motion
+constexpr double GAP_S = 0.3;           // after which what is seen there may be another piece: nothing about motion
 constexpr double BULKY_M = 5.0;         // the middle of longer things says nothing about motion
 constexpr double BORDER_PX = 12.0;      // at the picture's sides
 constexpr double SAME_DEPTH_M = 1.5;    // of the pieces of one labelled object
@@ -105,7 +106,7 @@ public:
     last_ns_ = stamp_ns;
     for (Known& known : known_)
     {
-      known.filter.predict(dt_s, options_.acceleration_m_s2, options_.max_speed_m_s);
+      predict(stamp_ns, dt_s, &known);
     }
     const std::vector<int> track_of = chooseTracks(measurements, tracks);
     const std::vector<int> known_of = associate(measurements);
@@ -145,6 +146,10 @@ private:
     double z_low = 0.0;
     double z_high = 0.0;
     Eigen::Matrix2d place_covariance = Eigen::Matrix2d::Zero();  ///< of the last measurement, in odom
+    Eigen::Vector2d seen_at = Eigen::Vector2d::Zero();           ///< estimate at the last measurement, in odom
+    Eigen::Matrix2d seen_covariance = Eigen::Matrix2d::Zero();   ///< to find it there again
+    bool held = false;              ///< not seen for GAP_S, without known motion: stays where it was
+    int64_t followed_since_ns = 0;  ///< without a break: what is known of its velocity is from then on
     int hits = 0;
     double unsteady_m = 0.0;  ///< mean change of the width: large where pieces of several things come and go
     int moving_hits = 0;      ///< one after the other in which it moved
@@ -177,29 +182,61 @@ private:
     return {place - half, place + half + Eigen::Vector2d(known.size.x(), 0.0)};
   }
 
-  /// @param width       that the obstacle is known to have.
-  /// @param most_edge_m  bound for what is added for ends that are not seen or have changed.
-  Place placeOf(const ObstacleMeasurement& measurement, double width, double most_edge_m = 10.0) const
+  static bool isMoving(const Known& known) { return known.moving_hits >= MOVING_HITS; }
+
+  bool isSignificant(const Known& known) const
   {
-    const Eigen::Vector3d size = measurement.max - measurement.min;
+    const Eigen::Vector2d v = known.filter.velocity();
+    return v.norm() > MOVING_SPEED && v.dot(velocityCovariance(known).inverse() * v) > MOVING_SIGMAS2;
+  }
+
+  /// What is not seen goes on as long as it is known to move; else it stays where it was seen last: a velocity that may
+  /// as well be none takes it anywhere in memory_s, and its growing uncertainty takes hold of other things.
+  void predict(int64_t stamp_ns, double dt_s, Known* known) const
+  {
+    if (known->held)
+    {
+      return;
+    }
+    known->filter.predict(dt_s, options_.acceleration_m_s2, options_.max_speed_m_s);
+    const bool gap = 1e-9 * static_cast<double>(stamp_ns - known->last_seen_ns) > GAP_S;
+    if (gap && !(isMoving(*known) && isSignificant(*known)))
+    {
+      const bool moved = isMoving(*known);
+      known->filter.restart(moved ? known->filter.position() : known->seen_at,
+                            moved ? known->filter.positionCovariance() : known->seen_covariance, startSpeedSigma());
+      known->moving_hits = 0;
+      known->held = true;
+    }
+  }
+
+  /// @param known_size   of the obstacle so far, along the axes of base_link.
+  /// @param most_edge_m  bound for what is added for ends that are not seen or have changed.
+  Place placeOf(const ObstacleMeasurement& measurement, const Eigen::Vector2d& known_size,
+                double most_edge_m = 10.0) const
+  {
+    const Eigen::Vector2d size = (measurement.max - measurement.min).head<2>();
+    const double width = known_size.y();
+    const bool cut = measurement.cut_left || measurement.cut_right;
     Place place;
     place.position = {measurement.min.x(), 0.5 * (measurement.min.y() + measurement.max.y())};
-    double edge_sigma = EDGE_PART * size.y();
     if (measurement.cut_left != measurement.cut_right && width > size.y())
     {
       place.position.y() = measurement.cut_left ? measurement.min.y() + 0.5 * width : measurement.max.y() - 0.5 * width;
     }
-    if (measurement.cut_left || measurement.cut_right)
+    // When a piece joins or leaves, the middle moves by half of what the width changes, the near end of a side that is
+    // seen at an angle by as much as the length. A cut end may be the near one.
+    Eigen::Vector2d edge_sigma = EDGE_PART * size;
+    if (cut)
     {
-      edge_sigma = CUT_PART * std::max(size.y(), width);
+      edge_sigma = CUT_PART * size.cwiseMax(known_size);
     }
-    // When a piece joins or leaves, the middle moves by half of what the width changes.
-    edge_sigma += 0.5 * std::abs(size.y() - width);
+    edge_sigma += 0.5 * (size - known_size).cwiseAbs();
+    edge_sigma = edge_sigma.cwiseMin(most_edge_m);
     const double depth_sigma = EDGE_PART * std::min(BULKY_M, size.y());
     place.covariance = measurement.covariance.topLeftCorner<2, 2>();
     place.covariance(0, 0) += depth_sigma * depth_sigma;
-    edge_sigma = std::min(edge_sigma, most_edge_m);
-    place.covariance(1, 1) += edge_sigma * edge_sigma;
+    place.covariance.diagonal() += edge_sigma.cwiseAbs2();
     place.position = R_odom_base_ * place.position + p_odom_base_;
     place.covariance = R_odom_base_ * place.covariance * R_odom_base_.transpose();
     return place;
@@ -214,7 +251,7 @@ private:
       const Footprint measured = pi_detect::footprintOf(measurements[i]);
       for (size_t k = 0; k < known_.size(); ++k)
       {
-        const Place place = placeOf(measurements[i], known_[k].size.y(), GATE_EDGE_M);
+        const Place place = placeOf(measurements[i], known_[k].size, GATE_EDGE_M);
         const double distance2 = known_[k].filter.distance2(place.position, place.covariance);
         const double common = commonPart(measured, footprintOf(known_[k]));
         const Eigen::Vector2d size = measured.high - measured.low;
@@ -236,13 +273,15 @@ private:
 
   void begin(int64_t stamp_ns, const ObstacleMeasurement& measurement, const ObjectTrack* track)
   {
-    const double width = measurement.max.y() - measurement.min.y();
-    const Place place = placeOf(measurement, width);
+    const Eigen::Vector2d size = (measurement.max - measurement.min).head<2>();
+    const Place place = placeOf(measurement, size);
     Known known(obstacles::GroundFilter(place.position, place.covariance, startSpeedSigma()));
     known.id = ++last_id_;
-    known.size = (measurement.max - measurement.min).head<2>();
+    known.size = size;
     known.place_covariance = place.covariance;
-    known.first_seen_ns = stamp_ns;
+    known.first_seen_ns = known.followed_since_ns = stamp_ns;
+    known.seen_at = place.position;
+    known.seen_covariance = placeOf(measurement, size, GATE_EDGE_M).covariance;
     known.z_low = measurement.min.z();
     known.z_high = measurement.max.z();
     see(stamp_ns, track, &known);
@@ -261,17 +300,20 @@ private:
   void correct(int64_t stamp_ns, const ObstacleMeasurement& measurement, const ObjectTrack* track,
                const StereoGeometry& geometry, Known* known)
   {
-    const Place place = placeOf(measurement, known->size.y());
+    const Place place = placeOf(measurement, known->size);
     known->place_covariance = place.covariance;
-    const Place narrow = placeOf(measurement, known->size.y(), GATE_EDGE_M);
-    if (known->filter.distance2(narrow.position, narrow.covariance) > GATE)
+    const Place narrow = placeOf(measurement, known->size, GATE_EDGE_M);
+    if (known->held || known->filter.distance2(narrow.position, narrow.covariance) > GATE)
     {
       known->filter.restart(place.position, place.covariance, startSpeedSigma());
+      known->followed_since_ns = stamp_ns;
+      known->held = false;
     }
     else if (reachesBorder(measurement, geometry))
     {
       // What of a wall is seen moves with the view: its ends say nothing about motion.
       known->filter.moveTo(place.position, place.covariance);
+      known->followed_since_ns = isMoving(*known) ? known->followed_since_ns : stamp_ns;
     }
     else
     {
@@ -285,12 +327,11 @@ private:
     known->size.y() += gain_y * (size.y() - known->size.y());
     known->z_low += SIZE_GAIN * (measurement.min.z() - known->z_low);
     known->z_high += SIZE_GAIN * (measurement.max.z() - known->z_high);
-    const Eigen::Vector2d v = known->filter.velocity();
-    const bool steady = known->unsteady_m < STEADY_M + STEADY_PART * known->size.y();
-    const bool moves =
-        steady && v.norm() > MOVING_SPEED && v.dot(velocityCovariance(*known).inverse() * v) > MOVING_SIGMAS2;
-    known->moving_hits = moves ? known->moving_hits + 1 : 0;
+    known->seen_at = known->filter.position();
+    known->seen_covariance = narrow.covariance;
     see(stamp_ns, track, known);
+    const bool steady = known->unsteady_m < STEADY_M + STEADY_PART * known->size.y();
+    known->moving_hits = steady && isSignificant(*known) ? known->moving_hits + 1 : 0;
   }
 
   static void see(int64_t stamp_ns, const ObjectTrack* track, Known* known)
@@ -308,8 +349,8 @@ private:
   /// With what errors that stay the same for a while may look like.
   Eigen::Matrix2d velocityCovariance(const Known& known) const
   {
-    const double age_s = 1e-9 * static_cast<double>(known.last_seen_ns - known.first_seen_ns);
-    const double same_s = std::clamp(age_s, 0.1, SAME_ERROR_S);
+    const double followed_s = 1e-9 * static_cast<double>(known.last_seen_ns - known.followed_since_ns);
+    const double same_s = std::clamp(followed_s, 0.1, SAME_ERROR_S);
     // Depth that is wrong by a constant part looks like motion as the vehicle comes nearer.
     const double scale_sigma = SCALE_ERROR * vehicle_speed_;
     return known.filter.velocityCovariance() + known.place_covariance / (same_s * same_s) +
@@ -442,7 +483,7 @@ private:
     const Eigen::Matrix2d v_covariance = R_base_odom * velocityCovariance(known) * R_base_odom.transpose();
     obstacle.velocity << v_base, 0.0;
     obstacle.velocity_covariance.topLeftCorner<2, 2>() = v_covariance;
-    obstacle.moving = known.moving_hits >= MOVING_HITS && known.size.maxCoeff() < BULKY_M;
+    obstacle.moving = isMoving(known) && known.size.maxCoeff() < BULKY_M;
 
     const Eigen::Vector2d outside = box.low.cwiseMax(-box.high).cwiseMax(0.0);
     obstacle.distance_m = outside.norm();

@@ -240,9 +240,10 @@ void TraceRecorder::keep(const TaskTrace& record)
   }
   else
   {
-    ring_[written_ % capacity_] = kept;
+    ring_[next_] = kept;
+    next_ = (next_ + 1) % capacity_;
+    ++dropped_;
   }
-  ++written_;
 }
 
 std::string_view TraceRecorder::intern(std::string_view name)
@@ -259,22 +260,37 @@ std::vector<TaskTrace> TraceRecorder::snapshot() const
 {
   const std::lock_guard<std::mutex> lock(mutex_);
   std::vector<TaskTrace> records = ring_;
-  const auto oldest = static_cast<std::ptrdiff_t>(ring_.size() < capacity_ ? 0 : written_ % capacity_);
-  std::rotate(records.begin(), records.begin() + oldest, records.end());
+  std::rotate(records.begin(), records.begin() + static_cast<std::ptrdiff_t>(next_), records.end());
   return records;
 }
 
 uint64_t TraceRecorder::dropped() const
 {
   const std::lock_guard<std::mutex> lock(mutex_);
-  return written_ - ring_.size();
+  return dropped_;
 }
 
 void TraceRecorder::clear()
 {
   const std::lock_guard<std::mutex> lock(mutex_);
   ring_.clear();
-  written_ = 0;
+  next_ = 0;
+  dropped_ = 0;
+}
+
+void TraceRecorder::keepAtLeast(size_t capacity)
+{
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (capacity > capacity_)
+    {
+      std::rotate(ring_.begin(), ring_.begin() + static_cast<std::ptrdiff_t>(next_), ring_.end());
+      next_ = 0;
+      ring_.reserve(capacity);
+      capacity_ = capacity;
+    }
+  }
+  setEnabled(true);
 }
 
 void writeChromeTrace(std::ostream& stream, const std::vector<TaskTrace>& records,

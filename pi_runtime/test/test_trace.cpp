@@ -119,6 +119,31 @@ TEST(TraceRecorder, DropsTheOldestWhenFull)
   EXPECT_EQ(9U, recorder.snapshot()[0].task);
 }
 
+TEST(TraceRecorder, KeepsMoreFromThenOn)
+{
+  TraceRecorder recorder(3);
+  recorder.setEnabled(false);
+  recorder.keepAtLeast(2);  // no less than before
+  EXPECT_TRUE(recorder.enabled());
+  for (uint64_t task = 0; task < 5; ++task)
+  {
+    recorder.record(makeRecord(task));
+  }
+  recorder.keepAtLeast(6);
+  EXPECT_EQ(2u, recorder.dropped());
+  for (uint64_t task = 5; task < 9; ++task)
+  {
+    recorder.record(makeRecord(task));
+  }
+  const std::vector<TaskTrace> records = recorder.snapshot();
+  ASSERT_EQ(6u, records.size());
+  for (size_t i = 0; i < records.size(); ++i)
+  {
+    EXPECT_EQ(i + 3, records[i].task);
+  }
+  EXPECT_EQ(3u, recorder.dropped());
+}
+
 TEST(TraceRecorder, KeepsNamesThatEndedAtTheCaller)
 {
   TraceRecorder recorder(2);

@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import threading
 import time
 import uuid
@@ -10,10 +11,11 @@ from first_drive import measuring
 from first_drive.errors import DemoError
 from first_drive.processes import log_excerpt
 
-from . import words
+from . import pictures, words
 from .cpu import CpuAccount
 from .kills import Killer
 from .observer import Observer
+from .unplugs import WORD, Unplugger, sequence
 
 READY_S = 180.0  # software rendering and loading of models on a loaded machine
 FIRST_ODOMETRY = 20
@@ -23,15 +25,18 @@ MONITORED = ["/imu/data", "/left/image_raw", "/right/image_raw", "/audio_stamped
              "/obstacles", "/command", "/motion/navigation", "/motion/reaction", "/motion/command", "/motion",
              "/vehicle_state", "/power"]
 CPU_PERIOD_S = 0.5
-PASSING_M = 6.0         # from a point, within which it can be passed
 SHOT_AT = 0.45          # of the way
+TRACED_TASKS = 75       # of the runtime, the newest: some seconds
+UNPLUG_S = 15.0         # longer, for each device that is unplugged
 
 
 class CampusDrive:
     """options: those of the command line; after run() what was seen."""
 
-    def __init__(self, options, scenario, output):
+    def __init__(self, options, scenario, package, output):
+        """@param package  folder of pi_bringup"""
         self.options = options
+        self.package = package
         self.scenario = scenario
         self.output = output
         self.simulator_log = output / "simulator.jsonl"
@@ -42,15 +47,17 @@ class CampusDrive:
         self.end = ""          # why the drive ended
         self.links = []
         self.pictures = []
+        self.no_gantt = ""     # why there is none
         self.kills = []
+        self.unplugs = []
+        self.not_unplugged = []  # names of devices
         self.observer = None
         self.cpu = None
         self.began = self.ended = 0.0  # of the way, system's clock
-        self.goals_sent = 1
-        self._points = []      # of the way, in the map
-        self._next_point = 0
         self._words = []       # [due or None, entry, path]
         self._shot = None      # thread
+        self._seen = None      # pictures.SeenAhead
+        self._others = {}      # name: pid of what runs beside the launch
 
     # -------------------------------------------------------------------------------------------------------- nodes
 
@@ -63,8 +70,9 @@ class CampusDrive:
         arguments = {
             "scenario": self.scenario.path, "seed": options.seed, "link": self.output / "chassis",
             "log": self.simulator_log, "preload": options.preload or "", "together": options.together,
-            "offload": bool(edge), "edge_nodes": edge.map_file if edge else "", "rviz": screen is not None,
-            "rviz_display": screen.rviz_display if screen else "", "output": "screen"}
+            "offload": bool(edge), "edge_nodes": edge.map_file if edge else "", "rviz": False,
+            "trace_capacity": TRACED_TASKS if options.together else 0, "frame_rate": options.frame_rate,
+            "output": "screen"}
         print("  starting the nodes")
         launch = started.start(["roslaunch", "pi_bringup", "simulation.launch"] +
                                ["%s:=%s" % (key, str(value).lower() if isinstance(value, bool) else value)
@@ -76,14 +84,20 @@ class CampusDrive:
                 events.watch(process, "edge server " + name)
             self.observer = Observer(events)
             self._await_ready(events, launch, edge)
+            if screen is not None:
+                rviz = pictures.start_rviz(started, screen, self.package, self.output, options.preload)
+                self._others["rviz"] = rviz.pid
+                self._seen = pictures.SeenAhead(events.rospy)
             monitor = self._start_monitor(started, events)
+            self._others["topic_monitor"] = monitor.pid
             self._say_where(events)
             self._drive(events, launch, started, screen, edge)
         finally:
             if monitor is not None:
                 started.stop(monitor)  # it writes its report
-            if self.observer is not None:
-                self.observer.close()
+            for one in (self.observer, self._seen):
+                if one is not None:
+                    one.close()
             started.stop(launch)
 
     def _start_monitor(self, started, events):
@@ -194,13 +208,12 @@ class CampusDrive:
     # -------------------------------------------------------------------------------------------------------- drive
 
     def _goal(self, rospy):
-        """With the points that are still ahead."""
         from geometry_msgs.msg import PoseStamped
         from pi_bringup.msg import DriveActionGoal
         goal = DriveActionGoal()
         goal.header.stamp = goal.goal_id.stamp = rospy.Time.now()
         goal.goal_id.id = "drive_campus-%s" % uuid.uuid4().hex[:8]
-        for point in self._points[self._next_point:]:
+        for point in self.facts["waypoints"] + [self.facts["goal"]]:
             pose = PoseStamped()
             pose.header.frame_id = "map"
             pose.pose.position.x, pose.pose.position.y = point[0], point[1]
@@ -208,16 +221,6 @@ class CampusDrive:
                 pose.pose.orientation.z, pose.pose.orientation.w = math.sin(point[2] / 2), math.cos(point[2] / 2)
             goal.goal.waypoints.append(pose)
         return goal
-
-    def _pass_points(self, truth):
-        """A point is passed where the vehicle is beyond it, along the leg that begins there."""
-        while self._next_point + 1 < len(self._points):
-            here, ahead = self._points[self._next_point], self._points[self._next_point + 1]
-            away = (truth[1] - here[0], truth[2] - here[1])
-            if (math.hypot(*away) > PASSING_M or
-                    away[0] * (ahead[0] - here[0]) + away[1] * (ahead[1] - here[1]) < 0.0):
-                return
-            self._next_point += 1
 
     def _drive(self, events, launch, started, screen, edge):
         rospy = events.rospy
@@ -232,17 +235,20 @@ class CampusDrive:
                 raise DemoError("nobody subscribes %s" % ("drive/goal" if not goals.get_num_connections()
                                                           else "microphone/play"))
         self._words = [[None, entry, words.sound_of(entry["clip"], self.output)] for entry in self.facts["spoken"]]
-        self._points = self.facts["waypoints"] + [self.facts["goal"]]
         goal = self._goal(rospy)
-        others = {name: process.pid for name, process in (edge.processes if edge else {}).items()}
-        self.cpu = CpuAccount(launch.pid, others)
+        self._others.update({name: process.pid for name, process in (edge.processes if edge else {}).items()})
+        self._others["drive_campus"] = os.getpid()
+        self.cpu = CpuAccount(launch.pid, self._others)
         killer = Killer(self.options.kill, self.options.seed, self.observer)
+        unplugger = Unplugger(sequence(self.options.unplug, self.options.seed), self.observer, self._commander(rospy))
         self.began = time.time()
         goals.publish(goal)
         killer.begin(self.began)
+        unplugger.begin(self.began)
         print("  driving to (%.1f, %.1f) in the map" % tuple(self.facts["goal"][:2]))
         limit_s = self.options.limit or 3.0 * self.scenario.duration_s + 30.0 + 8.0 * self.options.kill
-        next_cpu = 0.0
+        limit_s += 0.0 if self.options.limit else UNPLUG_S * len(unplugger.left)
+        next_cpu, looked = 0.0, self.began
         while self.result is None:
             kind, content = events.next(lambda *_: True, "the drive")
             now = time.time()
@@ -251,14 +257,18 @@ class CampusDrive:
             elif kind == "back":
                 killer.came_back(content)
             elif kind == "truth":
-                self._pass_points(content)
-                if killer.goal_lost and goals.get_num_connections():
-                    # A navigation that died knows of no goal: its client sends it again.
-                    killer.goal_lost = False
-                    self.goals_sent += 1
-                    goal = self._goal(rospy)
-                    goals.publish(goal)
-                self._speak(mouth, content, now)
+                if self._seen is not None:
+                    self._seen.speed(content[4], now)
+                self._notice_places(content, now)
+                if unplugger.busy:
+                    self._hold_words(now - looked)
+                elif self._speak(mouth, now):
+                    unplugger.word_said(now)
+                looked = now
+                goal_x, goal_y = self.facts["goal"][:2]
+                if unplugger.tick(now, content[4], math.hypot(content[1] - goal_x, content[2] - goal_y),
+                                  self._words_wait()):
+                    self._prove_microphone(mouth, now)
                 killer.tick(now, self.cpu.pids, content[4])
                 if now >= next_cpu:
                     next_cpu = now + CPU_PERIOD_S
@@ -273,31 +283,76 @@ class CampusDrive:
         self.cpu.update()
         self.cpu.measure_memory()
         self.kills = killer.kills
+        self.unplugs, self.not_unplugged = unplugger.unplugs, unplugger.left
         if self.result is not None:
             self.end = self.result["message"] or ("arrived" if self.result["success"] else "given up")
         self._await(events, lambda kind, _: kind == "monitor", "the monitor's report")
         self._shoot(screen, started, last=True)
+        if self._seen is not None:
+            self.pictures += self._seen.draw(self.output / "campus_detections.png", self.began)
+        if self.options.together:
+            gantt, self.no_gantt = pictures.save_gantt(rospy, self.output)
+            self.pictures += gantt
         print("  %s, after %.1f s" % (self.end, self.ended - self.began))
 
-    def _speak(self, mouth, truth, now):
-        from std_msgs.msg import String
+    def _notice_places(self, truth, now):
+        """A word is due from when its place is reached."""
         for one in self._words:
-            due, entry, path = one
+            due, entry, _ = one
             if due is None:
                 near = entry.get("near")
                 here = (math.hypot(truth[1] - near[0], truth[2] - near[1]) <= entry["within"] if near
                         else now - self.began >= entry.get("time", 0.0))
                 if here:
-                    one[0] = due = now + entry["delay"]
+                    one[0] = now + entry["delay"]
+
+    def _speak(self, mouth, now):
+        """@return True: something was said."""
+        from std_msgs.msg import String
+        spoken = False
+        for due, entry, path in self._words:
             if due is not None and now >= due and not entry.get("said"):
                 entry["said"] = now
+                spoken = True
                 print("  saying \"%s\"" % entry["text"])
                 mouth.publish(String(data=str(path)))
+        return spoken
+
+    def _words_wait(self):
+        return any(due is not None and not entry.get("said") for due, entry, _ in self._words)
+
+    def _hold_words(self, seconds):
+        """What is due is said so much later."""
+        for one in self._words:
+            if one[0] is not None and not one[1].get("said"):
+                one[0] += seconds
+
+    def _prove_microphone(self, mouth, now):
+        from std_msgs.msg import String
+        self.facts["spoken"].append({"clip": WORD, "text": WORD, "delay": 0.0, "said": now})
+        mouth.publish(String(data=str(words.sound_of(WORD, self.output))))
+
+    @staticmethod
+    def _commander(rospy):
+        from pi_bringup.srv import SimulatorCommand
+
+        def command(service, line):
+            """@throws DemoError"""
+            try:
+                answer = rospy.ServiceProxy(service, SimulatorCommand)(line)
+            except rospy.ServiceException as error:
+                raise DemoError("%s: \"%s\" was not executed: %s" % (service, line, error)) from error
+            if not answer.success:
+                raise DemoError("%s: %s" % (service, answer.message))
+            print("  %s: %s" % (service.split("/")[1], line))
+        return command
 
     def _shoot(self, screen, started, last=False):
-        """Links and the screen, once on the way. Beside the drive: it takes seconds."""
+        """Links and the screen, once on the way: where it brakes for the first time, or for a person, else in the
+        middle. Beside the drive: it takes seconds."""
         progress = self.observer.records.feedback[-1][1] if self.observer.records.feedback else 0.0
-        if self._shot is None and (last or progress >= SHOT_AT):
+        brakes = self._seen is not None and self._seen.begun > 0
+        if self._shot is None and (last or brakes or progress >= SHOT_AT):
             self._shot = threading.Thread(target=self._look, args=(screen, started.environment["ROS_MASTER_URI"]))
             self._shot.start()
         if last:

@@ -4,6 +4,8 @@ import bisect
 import json
 import math
 
+from . import causes, unplugs
+
 STOP_LIMIT_S = 0.7      # from the end of "stop" until standstill is commanded
 HEARING = ("recognizer", "command", "arbiter", "chassis", "coordinator", "vehicle_manager")  # from word to brake
 LISTENS_S = 1.0         # after it is back, the recogniser knows the noise
@@ -103,7 +105,7 @@ def standstills(states, arbiter):
         moving = abs(state["speed"]) > STANDSTILL
         if moving:
             if begin is not None and moved and state["stamp"] - begin["stamp"] >= HELD_S:
-                found.append({"t": begin["t"], "seconds": state["stamp"] - begin["stamp"], "pose": begin["pose"],
+                found.append({"t": begin["t"], "stamp": begin["stamp"], "seconds": state["stamp"] - begin["stamp"], "pose": begin["pose"],
                               "reason": reason_at(arbiter, begin["stamp"], state["stamp"]),
                               "nearest": "%s %.1f m" % (begin["nearest"]["class"], begin["nearest"]["distance"])
                               if begin.get("nearest") else "nothing",
@@ -204,7 +206,7 @@ def failures(drive, result):
     for kill in result["kills"]:
         if kill["back_s"] is None:
             texts.append("%s did not come back after it was killed" % kill["node"])
-    return texts
+    return texts + unplugs.failures(result.get("unplugs", []), result.get("not_unplugged", []))
 
 
 def seconds(value):
@@ -235,7 +237,10 @@ def judge(drive):
         "commands": records.commands, "command_states": records.command_states,
         "reactions": [one for one in records.reactions if drive.began <= one["stamp"] <= drive.ended],
         "offloading": offloaded(records.decisions, drive.began, drive.ended), "kills": drive.kills,
-        "goals_sent": drive.goals_sent,
+        "not_unplugged": drive.not_unplugged,
+        "unplugs": unplugs.finish(drive.unplugs, facts.get("state", []), records, lambda begin, end: localisation(
+            [one for one in records.estimates if begin <= one[0] < end], truth, sorted(records.validity))["max_m"]),
         "errors": [one for one in records.errors if one[0] >= drive.began - 60.0]}
+    causes.add(result["standstills"], states, records, result["kills"], result["unplugs"])
     result["failures"] = failures(drive, result)
     return result

@@ -9,7 +9,6 @@ TOPICS = {"vio": "/odometry", "obstacles": "/obstacles", "ssd": "/detections", "
           "tracker": "/tracks", "navigation": "/motion/navigation", "reaction": "/motion/reaction",
           "command": "/motion/command", "arbiter": "/motion", "chassis": "/vehicle_state", "power": "/power",
           "recognizer": "/diagnostics", "vehicle_manager": "/motion"}
-KEEPS_GOAL = ("navigation", "vehicle_manager")
 SETTLING_S = 0.15  # what a killed process sent has arrived by then; no process is started again sooner
 FIRST_S = 4.0      # after the begin of the drive
 LEAST_S, MOST_S = 3.0, 6.0
@@ -23,7 +22,6 @@ class Killer:
         self._observer = observer
         self._due = None
         self._open = None
-        self.goal_lost = False  # navigation was killed, and is back
         self.kills = []
 
     @property
@@ -68,7 +66,6 @@ class Killer:
     def came_back(self, event):
         _, _, kill, arrival = event
         if kill is self._open:
-            self.goal_lost = self.goal_lost or kill["node"] in KEEPS_GOAL
             kill["back_s"] = arrival - kill["time"]
             self._close(arrival)
 

@@ -5,10 +5,13 @@ import struct
 import time
 from dataclasses import dataclass, field
 
+from .unplugs import text_of
+
 ODOMETRY_EVERY = 10  # of 200 Hz
 TRUTH_EVERY = 5      # of 50 Hz
 MAP_FRAME = b"\x03\x00\x00\x00map"
 ERROR_LEVEL = 8      # of rosgraph_msgs/Log
+VIO_STATUS = "vio: odometry"
 
 
 @dataclass
@@ -28,8 +31,11 @@ class Records:
     played: list = field(default_factory=list)       # dicts
     decisions: list = field(default_factory=list)    # dicts
     power: list = field(default_factory=list)        # dicts
+    obstacles: list = field(default_factory=list)    # messages as they came, see reported_obstacles()
+    pairs: list = field(default_factory=list)        # (time, pairs of pictures that localisation used so far)
     errors: list = field(default_factory=list)       # (time, node, text) of the log
     statuses: dict = field(default_factory=dict)     # name: (level, message, values), as last said
+    reports: list = field(default_factory=list)      # dicts: what a status says, when its level or text changes
     arrivals: dict = field(default_factory=dict)     # topic: time of the last message
 
 
@@ -71,13 +77,15 @@ class Observer:
         self._counts = {}
         self._links = {}
         self._awaited = {}      # topic: (time, mark)
+        self._said = {}         # name of a status: (level, text)
         any_message = rospy.AnyMsg
         for topic, kind, callback in (
                 ("/odometry", any_message, self._on_odometry), ("/tf", any_message, self._on_tf),
                 ("/ground_truth/odometry", any_message, self._on_truth),
                 ("/localisation", LocalisationState, lambda m: self.records.validity.append(
                     (m.header.stamp.to_sec(), bool(m.valid), m.reason))),
-                ("/obstacles", any_message, None), ("/detections", any_message, None),
+                ("/obstacles", any_message, lambda m: self.records.obstacles.append(m._buff)),
+                ("/detections", any_message, None),
                 ("/tracks", any_message, None),
                 ("/motion/navigation", any_message, None), ("/motion/reaction", any_message, None),
                 ("/motion/command", any_message, None),
@@ -227,10 +235,26 @@ class Observer:
 
     def _on_diagnostics(self, message):
         for status in message.status:
-            self.records.statuses[status.name.strip("/")] = (
-                struct.unpack("B", status.level)[0] if isinstance(status.level, bytes) else status.level,
-                status.message, {pair.key: pair.value for pair in status.values})
+            name = status.name.strip("/")
+            level = struct.unpack("B", status.level)[0] if isinstance(status.level, bytes) else status.level
+            values = {pair.key: pair.value for pair in status.values}
+            self.records.statuses[name] = (level, status.message, values)
+            said = (level, text_of(status.message, values) if level else "")
+            if self._said.get(name, (0, "")) != said:
+                self._said[name] = said
+                self.records.reports.append({"arrival": time.time(), "name": name, "level": level, "text": said[1]})
+            if status.name.strip("/") == VIO_STATUS:
+                pairs = next((pair.value for pair in status.values if pair.key == "pairs used"), None)
+                if pairs is not None:
+                    self.records.pairs.append((message.header.stamp.to_sec(), int(pairs)))
         self._events.put("diagnostics", None)
+
+    def reported_obstacles(self):
+        """[(stamp, [(x, y)])] in base_link, by stamp."""
+        from pi_detect.msg import ObstacleArray
+        messages = (ObstacleArray().deserialize(one) for one in self.records.obstacles)
+        return sorted((message.header.stamp.to_sec(), [(one.position.x, one.position.y) for one in message.obstacles])
+                      for message in messages)
 
     def _on_log(self, message):
         if message.level >= ERROR_LEVEL:

@@ -6,11 +6,11 @@ import os
 from first_drive.errors import DemoError
 from first_drive.report import number, table
 
-from . import plots
+from . import plots, unplugs
+from .beside import LIMIT_CPU
 from .cpu import group_of
-from .judge import quantile, seconds
-
-LIMIT_CPU = 1.4   # cores, of the whole vehicle
+from .judge import quantile, read_log, seconds
+from .sightings import sightings
 
 
 def percent(cores):
@@ -43,6 +43,15 @@ def camera_figures(statuses):
     return statuses.get("vehicle_simulator: cameras", (None, "", {}))[2]
 
 
+def pairs_hz(records, begin, end):
+    """Rate at which localisation used pairs of pictures, over its lives; None if it did not say."""
+    said = [one for one in records.pairs if begin <= one[0] <= end]
+    if len(said) < 2 or said[-1][0] <= said[0][0]:
+        return None
+    used = sum(after[1] - before[1] if after[1] >= before[1] else after[1] for before, after in zip(said, said[1:]))
+    return used / (said[-1][0] - said[0][0])
+
+
 def collect(drive, judged, edge_names, facts):
     """All of a drive as a tree for JSON."""
     records = drive.observer.records
@@ -56,11 +65,15 @@ def collect(drive, judged, edge_names, facts):
         if "/drive_campus" not in link[1:3]:  # rospy, which knows TCPROS only
             transports[link[3]] = transports.get(link[3], 0) + 1
     groups = by_group(drive, edge_names)
+    states = [one for one in read_log(drive.simulator_log).get("state", [])
+              if drive.began <= one["stamp"] <= drive.ended]
     return {
         "scenario": drive.scenario.name, "seed": drive.options.seed,
         "transport": "π-OS" if drive.options.preload else "TCPROS", "together": drive.options.together,
         "machine": facts, "ready_s": drive.readiness, **judged,
-        "topics": monitor["topics"], "cpu_cores": groups,
+        "pairs_hz": pairs_hz(records, drive.began, drive.ended),
+        "sightings": sightings(states, drive.observer.reported_obstacles()), "topics": monitor["topics"],
+        "cpu_cores": groups,
         "vehicle_cores": sum(groups.get("vehicle", {}).values()), "memory_mb": drive.cpu.memory,
         "services": services(power),
         "watts": sum(one["total_watts"] for one in power) / len(power) if power else None,
@@ -69,7 +82,7 @@ def collect(drive, judged, edge_names, facts):
         "cameras": camera_figures(records.statuses),
         "diagnostics": {name: {"level": level, "message": message}
                         for name, (level, message, _) in sorted(records.statuses.items())},
-        "pictures": [path.name for path in drive.pictures]}
+        "no_gantt": drive.no_gantt, "pictures": [path.name for path in drive.pictures]}
 
 
 def topic_rows(tree):
@@ -119,7 +132,7 @@ def heard_lines(tree):
 
 
 def print_report(tree):
-    facts, local = tree["machine"], tree["localisation"]
+    facts = tree["machine"]
     print("\nDrive %s, seed %d, over %s%s" % (tree["scenario"], tree["seed"], tree["transport"],
                                              ", in one process" if tree["together"] else ""))
     print("Machine: %s, %d cores, %.1f GB, Linux %s, load %.1f at the start" %
@@ -135,6 +148,16 @@ def print_report(tree):
     print(service_rows(tree))
     print("  the computer in all: %s W" % number(tree["watts"], 1))
     print("\nWhat happened")
+    print_happened(tree)
+    if tree["vehicle_cores"] > LIMIT_CPU:
+        print("  note: the vehicle takes %.0f %% of a core, more than %.0f %%" %
+              (100 * tree["vehicle_cores"], 100 * LIMIT_CPU))
+    for text in tree["failures"]:
+        print("FAILED %s" % text)
+
+
+def print_happened(tree):
+    local = tree["localisation"]
     by_tcp = sorted({link["topic"] for link in tree["links"] if link["transport"] == "TCPROS"
                      and "/drive_campus" not in (link["publisher"], link["subscriber"])})
     lines = ["transports: %s%s" % (
@@ -149,9 +172,14 @@ def print_report(tree):
     lines += ["localisation was lost: %s" % one[2] for one in tree["losses"]]
     lines += ["met %s: nearest %.2f m after %.1f s, at %.1f m/s" % (name, one["distance"], one["t"], one["speed"])
               for name, one in sorted(tree["met"].items(), key=lambda pair: pair[1]["t"]) if one["actor"]]
+    lines += ["%s was in view, %s" % (name, "never reported: MISSED" if one["first_s"] is None else
+                                      "reported after %.1f s, and in %.0f %% of that time" % (
+                                          one["first_s"], 100.0 * one["reported"] / one["in_view"]))
+              for name, one in sorted(tree["sightings"].items())]
     lines += ["collisions: %d" % len(tree["collisions"])]
-    lines += ["stood %.1f s at (%.1f, %.1f): %s; truly nearest: %s%s" % (
-        one["seconds"], *one["pose"][:2], one["reason"] or "no reason given", one["nearest"],
+    lines += ["stood %.1f s at (%.1f, %.1f), %s: %s; truly nearest: %s%s" % (
+        one["seconds"], *one["pose"][:2], "for " + one["cause"] if one["cause"] else "WITHOUT A CAUSE",
+        one["reason"] or "no reason given", one["nearest"],
         ", of the actors %s %.1f m" % (one["who"], one["nearest_actor"]) if one["who"] else "")
         for one in tree["standstills"]]
     lines += list(stop_lines(tree)) + list(heard_lines(tree))
@@ -164,19 +192,17 @@ def print_report(tree):
     lines += ["killed %s at %.1f m/s: back after %s, %s" % (
         kill["node"], kill["speed"], seconds(kill["back_s"]), "stopped" if kill["stopped"] else "went on")
         for kill in tree["kills"]]
-    if tree["goals_sent"] > 1:
-        lines.append("the goal was sent %d times: navigation forgets it when it dies" % tree["goals_sent"])
+    if tree["no_gantt"]:
+        lines.append("no chart of the runtime: %s" % tree["no_gantt"])
     counts = {}
     for _, node, text in tree["errors"]:
         counts[(node, text)] = counts.get((node, text), 0) + 1
     lines += ["error of %s%s: %s" % (node, " (%d times)" % count if count > 1 else "", text)
               for (node, text), count in counts.items()]
     print("\n".join("  " + line for line in lines))
-    if tree["vehicle_cores"] > LIMIT_CPU:
-        print("  note: the vehicle takes %.0f %% of a core, more than %.0f %%" %
-              (100 * tree["vehicle_cores"], 100 * LIMIT_CPU))
-    for text in tree["failures"]:
-        print("FAILED %s" % text)
+    if tree["unplugs"]:
+        print("\nUnplugged for %.1f s and plugged in again" % unplugs.UNPLUGGED_S)
+        print("\n".join("  " + line for line in unplugs.lines(tree["unplugs"])))
 
 
 def write(drive, tree, output):
@@ -184,9 +210,11 @@ def write(drive, tree, output):
     report = output / "drive_campus.json"
     temporary = output / "drive_campus.json.tmp"
     try:
+        drawn = plots.draw(drive, tree, output)
+        tree["pictures"] += [path.name for path in drawn]
         temporary.write_text(json.dumps(tree, indent=1, ensure_ascii=False, default=str) + "\n", encoding="utf-8")
         os.replace(temporary, report)
-        return [report] + plots.draw(drive, tree, output)
+        return [report] + drawn
     except OSError as error:
         raise DemoError("the report cannot be written to %s: %s; make room there or choose another folder with "
                         "--output" % (output, error.strerror)) from error
@@ -196,11 +224,12 @@ def summary(tree):
     """A drive in one line."""
     stops = [one["braking_s"] for one in tree["stops"]]
     nearest = min((one["distance"] for one in tree["met"].values() if one["actor"]), default=None)
-    return "seed %d: %s, %.0f s, %.0f m, B %.2f m; nearest actor %s m; stop braking after %s; localisation %s m; " \
-        "CPU %.0f %%; %d errors" % (
+    without = sum(not one["cause"] for one in tree["standstills"])
+    return "seed %d: %s, %.0f s, %.0f m, B %.2f m; nearest actor %s m; stop braking after %s; %d stops without a cause; " \
+        "localisation %s m; CPU %.0f %%; %d errors" % (
             tree["seed"], "failed" if tree["failures"] else "passed", tree["seconds"], tree["distance_m"],
             tree["goal_distance_m"] or float("nan"), number(nearest, 2),
-            ", ".join(seconds(one) for one in stops) or "-",
+            ", ".join(seconds(one) for one in stops) or "-", without,
             number(tree["localisation"]["max_m"], 2), 100 * tree["vehicle_cores"], len(tree["errors"]))
 
 

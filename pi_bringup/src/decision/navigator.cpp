@@ -17,6 +17,7 @@ constexpr double ARRIVAL_HEADING = 0.3;  // a vehicle that is there already may 
 constexpr double WAY_STEP = 0.15;        // of the way ahead [m]
 constexpr double MAX_STEP_S = 1.0;       // longest time between two updates that distance is counted for [s]
 constexpr double FUTURE_S = 0.1;         // reports may be stamped ahead by so much [s]
+constexpr double DETOUR = 0.5;           // legs of the path may be so much longer or shorter than straight ones
 constexpr double JOINED = 0.2;           // so near to a loop, in m and rad, it is driven [m]
 constexpr double REJOIN_AHEAD = 15.0;    // farthest place of a loop to join, ahead of the nearest one [m]
 
@@ -151,6 +152,28 @@ void Navigator::take(const Plan& plan)
   loop_ = plan.loop;
   follower_.setPath(plan.path);
   path_changed_ = true;
+  findPoints();
+}
+
+void Navigator::findPoints()
+{
+  point_s_.clear();
+  passed_ = 0;
+  if (path().empty() || goal_.loop)
+  {
+    return;
+  }
+  double s = 0.0;
+  Eigen::Vector2d from = path().points().front().pose().position();
+  for (size_t i = 0; i + 1 < goal_.waypoints.size(); ++i)
+  {
+    const Eigen::Vector2d& point = goal_.waypoints[i].position;
+    const double leg = (point - from).norm();
+    const double slack = DETOUR * leg + options_.route.corridor;
+    s = path().project({point.x(), point.y(), 0.0}, std::max(s, s + leg - slack), s + leg + slack).s;
+    point_s_.push_back(s);
+    from = point;
+  }
 }
 
 std::string Navigator::start(const NavigationGoal& goal, const NavigatorInput& input)
@@ -443,6 +466,11 @@ NavigatorOutput Navigator::update(const NavigatorInput& input)
       }
       else
       {
+        const double s = path().length() - followed.distance_to_goal;
+        while (followed.state == FollowerState::FOLLOWING && passed_ < point_s_.size() && s > point_s_[passed_])
+        {
+          ++passed_;
+        }
         drive(input, followed, governed, pose_problem, &output);
       }
       break;

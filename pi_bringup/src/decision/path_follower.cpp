@@ -13,6 +13,7 @@ namespace
 
 constexpr double STANDING = 0.05;       // [m/s]
 constexpr double CREEP = 0.1;           // least speed on the last bit to the goal [m/s]
+constexpr double STOP_SHORT = 0.05;     // of the goal, standstill is asked for [m]
 constexpr double SEARCH_BACK = 1.0;     // of the nearest place, behind the last one [m]
 constexpr double SEARCH_AHEAD = 3.0;    // likewise ahead [m]
 constexpr double HEADING_WEIGHT = 1.0;  // a radian turned away counts as this when the path is searched as a whole [m]
@@ -272,7 +273,8 @@ FollowerOutput PathFollower::update(const FollowerInput& input)
   located_ = true;
   s_ = projection.s;
 
-  if (!path_.closed() && (done_ || missed_ || output.distance_to_goal <= 0.25 * options_.goal_tolerance))
+  if (!path_.closed() &&
+      (done_ || missed_ || output.distance_to_goal <= std::min(STOP_SHORT, 0.25 * options_.goal_tolerance)))
   {
     const double goal_offset = (path_.points().back().pose().position() - steered_.position()).norm();
     speed_ = 0.0;

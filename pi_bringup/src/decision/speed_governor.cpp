@@ -19,6 +19,7 @@ constexpr double LEAST_MARGIN = 0.05;    // of an obstacle that is already close
 constexpr double EMERGENCY_GAP = 0.15;   // left after emergency braking, on top of the least margin [m]
 constexpr double LEAST_HALF_SIZE = 0.1;  // of obstacles [m]
 constexpr double STANDING_S = 1.0;       // the way must stay free for so long after coming to a stand [s]
+constexpr double ROLLING_S = 0.3;        // a vehicle that still rolls need not stand: clear for so long will do
 constexpr double MAX_UPDATE_S = 1.0;     // a longer pause begins anew
 
 double seconds(int64_t ns)
@@ -353,6 +354,7 @@ GovernorOutput SpeedGovernor::update(const GovernorInput& input)
   // The largest speed below which all speeds can be braked from, for each obstacle.
   double allowed = options_.max_speed;
   bool emergency = false;
+  bool for_moving = false;  // what sets the limit moves
   for (const Local& obstacle : obstacles)
   {
     const double least = std::min(obstacle.margin, LEAST_MARGIN);
@@ -395,6 +397,7 @@ GovernorOutput SpeedGovernor::update(const GovernorInput& input)
     if (own < allowed)
     {
       allowed = own;
+      for_moving = obstacle.moving;
       output.obstacle_id = obstacle.id;
     }
   }
@@ -421,7 +424,10 @@ GovernorOutput SpeedGovernor::update(const GovernorInput& input)
       clear_since_ns_ = input.now_ns;
     }
     was_clear_ = clear;
-    if (!clear || seconds(input.now_ns - clear_since_ns_) < options_.clear_persistence)
+    // What walks out of the way may stop in it: for that the braking goes on.
+    const bool rolls = speed > options_.min_speed && !for_moving;
+    const double persistence = rolls ? std::min(ROLLING_S, options_.clear_persistence) : options_.clear_persistence;
+    if (!clear || seconds(input.now_ns - clear_since_ns_) < persistence)
     {
       output.reason = clear ? "waiting until the way has been clear for long enough" : "waiting for a clear way";
       return output;

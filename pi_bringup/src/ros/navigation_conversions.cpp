@@ -94,10 +94,24 @@ Waypoint toWaypoint(const geometry_msgs::Pose& pose, const Eigen::Isometry3d& T_
   return waypoint;
 }
 
-double positionDeviation(const nav_msgs::Odometry& odometry)
+geometry_msgs::PoseStamped toMsg(const Waypoint& waypoint, const std::string& map_frame)
+{
+  geometry_msgs::PoseStamped message;
+  message.header.frame_id = map_frame;
+  message.pose.position.x = waypoint.position.x();
+  message.pose.position.y = waypoint.position.y();
+  if (waypoint.heading)
+  {
+    message.pose.orientation.z = std::sin(0.5 * *waypoint.heading);
+    message.pose.orientation.w = std::cos(0.5 * *waypoint.heading);
+  }
+  return message;
+}
+
+double positionDeviation(const geometry_msgs::PoseWithCovariance& pose)
 {
   constexpr size_t ROW = 6;
-  const auto& covariance = odometry.pose.covariance;
+  const auto& covariance = pose.covariance;
   const double xx = covariance[0];
   const double yy = covariance[ROW + 1];
   const double xy = 0.5 * (covariance[1] + covariance[ROW]);

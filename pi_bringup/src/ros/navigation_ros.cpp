@@ -1,4 +1,5 @@
 #include <pi_bringup/ros/decision_conversions.h>
+#include <pi_bringup/ros/kept_goal.h>
 #include <pi_bringup/ros/navigation_conversions.h>
 #include <pi_bringup/ros/navigation_ros.h>
 #include <pi_runtime/ros/formatting.h>
@@ -41,6 +42,7 @@ NavigationRos::NavigationRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , warnings_(options_.warning_period_s, pi_runtime::warningLog<NavigationRosOptions>("navigation"))
   , updater_(service_node_, private_node, private_node.getNamespace())
   , navigator_(options_.navigator)
+  , kept_(private_node)
   , tf_listener_(tf_buffer_, service_node_, false, ros::TransportHints().tcpNoDelay())
 {
   motion_ = service_node_.advertise<MotionCommand>("motion/navigation", 1);
@@ -55,6 +57,9 @@ NavigationRos::NavigationRos(ros::NodeHandle node, ros::NodeHandle private_node)
   odometry_subscriber_ = service_node_.subscribe<nav_msgs::Odometry>(
       "odometry", 1, [this](const nav_msgs::OdometryConstPtr& message) { odometry_ = message; }, ros::VoidConstPtr(),
       hints);
+  map_pose_subscriber_ = service_node_.subscribe<geometry_msgs::PoseWithCovarianceStamped>(
+      "map_pose", 1, [this](const geometry_msgs::PoseWithCovarianceStampedConstPtr& message) { map_pose_ = message; },
+      ros::VoidConstPtr(), hints);
   vehicle_subscriber_ = service_node_.subscribe("vehicle_state", 1, &NavigationRos::onVehicleState, this, hints);
   localisation_subscriber_ = service_node_.subscribe<LocalisationState>(
       "localisation", 1, [this](const LocalisationStateConstPtr& message) { localisation_ = message; },
@@ -66,6 +71,7 @@ NavigationRos::NavigationRos(ros::NodeHandle node, ros::NodeHandle private_node)
       service_node_, "drive", [this](GoalHandle handle) { onDrive(handle); },
       [this](GoalHandle handle) { onCancel(handle); }, false);
   server_->start();
+  resumeGoal();
   timer_ = service_node_.createSteadyTimer(ros::WallDuration(1.0 / options_.rate_hz),
                                            [this](const ros::SteadyTimerEvent&) { update(); });
   diagnostic_timer_ = service_node_.createWallTimer(ros::WallDuration(options_.diagnostic_period),
@@ -78,6 +84,7 @@ NavigationRos::~NavigationRos()
   service_thread_.stop();
   timer_.stop();
   diagnostic_timer_.stop();
+  kept_.keep(KEPT_GOAL, std::string());
   endAction(DriveEnd::FAILED, "the navigation ended; send the goal again when it is back");
 }
 
@@ -171,7 +178,14 @@ NavigatorInput NavigationRos::input(const ros::Time& now) const
   {
     input.pose = toPose2(*T_map_odom * toIsometry(odometry.pose.pose));
     input.pose_stamp_ns = toNs(odometry.header.stamp);
-    input.position_deviation = positionDeviation(odometry);
+    input.position_deviation = positionDeviation(odometry.pose);
+    // Odometry knows its way from the start only; the map also the places that it recognised since.
+    if (map_pose_ && std::abs((odometry.header.stamp - map_pose_->header.stamp).toSec()) <= options_.tf_timeout_s)
+    {
+      const double in_map = positionDeviation(map_pose_->pose);
+      const bool better = in_map > 0.0 && (input.position_deviation == 0.0 || in_map < input.position_deviation);
+      input.position_deviation = better ? in_map : input.position_deviation;
+    }
   }
   return input;
 }
@@ -191,6 +205,11 @@ void NavigationRos::update()
   {
     endAction(output_.end, output_.command.reason);
     last_end_ = output_.command.reason;
+    kept_.keep(KEPT_GOAL, std::string());
+  }
+  else if (navigator_.active())
+  {
+    keepGoal(now);
   }
   logState();
   if (++slow_count_ >= static_cast<unsigned>(std::lround(options_.rate_hz / SLOW_RATE_HZ)))

@@ -1,5 +1,6 @@
 // How goals come to NavigationRos, and how their clients learn what became of them.
 
+#include <pi_bringup/ros/kept_goal.h>
 #include <pi_bringup/ros/navigation_conversions.h>
 #include <pi_bringup/ros/navigation_ros.h>
 
@@ -9,6 +10,23 @@ namespace
 {
 
 constexpr size_t MAX_POINTS = 100;  // of a goal: planning is done between two commands
+constexpr double KEEP_PERIOD_S = 1.0;
+
+/// As its client sent it, but with points that are still ahead, in the map.
+DriveActionGoalPtr toActionGoal(const KeptGoal& kept, const std::string& map_frame)
+{
+  const auto message = boost::make_shared<DriveActionGoal>();
+  message->header.stamp = kept.stamp;
+  message->goal_id.id = kept.id;
+  message->goal_id.stamp = kept.stamp;
+  message->goal.max_speed = kept.goal.max_speed;
+  message->goal.loop = static_cast<uint8_t>(kept.goal.loop);
+  for (const Waypoint& point : kept.goal.waypoints)
+  {
+    message->goal.waypoints.push_back(toMsg(point, map_frame));
+  }
+  return message;
+}
 
 }  // namespace
 
@@ -47,9 +65,60 @@ std::string NavigationRos::begin(const NavigationGoal& goal, const std::string& 
   if (problem.empty())
   {
     endAction(DriveEnd::CANCELLED, "replaced by a later goal " + whose);
+    kept_at_ = ros::SteadyTime();  // to be kept at the next update
     ROS_INFO_STREAM_NAMED("navigation", "drives to a goal " << whose);
   }
   return problem;
+}
+
+void NavigationRos::resumeGoal()
+{
+  XmlRpc::XmlRpcValue value = std::string();
+  kept_.find(KEPT_GOAL, "a goal", &value);
+  const std::optional<KeptGoal> kept = toKeptGoal(value, private_node_.resolveName(KEPT_GOAL));
+  if (!kept)
+  {
+    return;
+  }
+  const double age_s = ros::Time::now().toSec() - kept->alive;
+  if (!(std::abs(age_s) <= options_.resume_goal_within_s))
+  {
+    ROS_INFO_STREAM_NAMED("navigation", "the goal of an earlier life, of " << age_s << " s ago, is forgotten");
+    kept_.keep(KEPT_GOAL, std::string());
+    return;
+  }
+  ROS_WARN_STREAM_NAMED("navigation", "was gone for up to " << age_s << " s; goes on to the goal that it had");
+  if (!kept->id.empty())
+  {
+    server_->goalCallback(toActionGoal(*kept, options_.map_frame));
+  }
+  else if (const std::string problem = begin(kept->goal, "of an earlier life"); !problem.empty())
+  {
+    warnings_.warn("the goal of an earlier life cannot be driven to: " + problem);
+  }
+}
+
+void NavigationRos::keepGoal(const ros::Time& now)
+{
+  const ros::SteadyTime steady = ros::SteadyTime::now();
+  if (navigator_.passed() == kept_passed_ && !kept_at_.isZero() && (steady - kept_at_).toSec() < KEEP_PERIOD_S)
+  {
+    return;
+  }
+  kept_at_ = steady;
+  kept_passed_ = navigator_.passed();
+  KeptGoal kept;
+  kept.goal = navigator_.goal();
+  kept.goal.waypoints.erase(kept.goal.waypoints.begin(),
+                            kept.goal.waypoints.begin() + static_cast<ptrdiff_t>(kept_passed_));
+  if (action_)
+  {
+    const actionlib_msgs::GoalID id = action_->getGoalID();
+    kept.id = id.id;
+    kept.stamp = id.stamp;
+  }
+  kept.alive = now.toSec();
+  kept_.keep(KEPT_GOAL, toParameter(kept));
 }
 
 void NavigationRos::onDrive(GoalHandle handle)

@@ -1,7 +1,9 @@
+#include <pi_bringup/ros/kept_goal.h>
 #include <pi_bringup/ros/navigation_ros_options.h>
 #include <pi_runtime/option_check.h>
 #include <pi_runtime/ros/parameter_tree.h>
 
+#include <algorithm>
 #include <cmath>
 
 namespace pi_bringup
@@ -93,6 +95,7 @@ static auto visitFields(Options& options, Visitor&& visit) -> decltype(options.n
   visit("abort_after_s", navigator.abort_after_s);
   visit("max_route_length", navigator.max_route_length);
   visit("places", options.places);
+  visit("resume_goal_within_s", options.resume_goal_within_s);
   visit("diagnostic_period", options.diagnostic_period);
   visit("warning_period_s", options.warning_period_s);
   group("route", navigator.route);
@@ -108,6 +111,7 @@ void NavigationRosOptions::validate() const
   pi_runtime::parameters::require(!base_link_frame.empty() && base_link_frame != map_frame, "base_link_frame",
                                   "\"" + base_link_frame + "\"", "a name other than map_frame");
   parameter_tree::requireDuration("tf_timeout_s", tf_timeout_s);
+  pi_runtime::OptionCheck("").range("resume_goal_within_s", resume_goal_within_s, 0.0, 3600.0);
   parameter_tree::requireDuration("diagnostic_period", diagnostic_period);
   parameter_tree::requireDuration("warning_period_s", warning_period_s);
 }
@@ -117,7 +121,13 @@ NavigationRosOptions NavigationRosOptions::load(const ros::NodeHandle& private_n
   XmlRpcValue tree;
   const std::string& path = private_node.getNamespace();
   private_node.getParam(path, tree);
-  return fromParameters(tree, path + "/", unknown);
+  NavigationRosOptions options = fromParameters(tree, path + "/", unknown);
+  // What the node left there itself.
+  const std::string kept = path + "/" + KEPT_GOAL;
+  unknown->erase(std::remove_if(unknown->begin(), unknown->end(),
+                                [&kept](const std::string& name) { return name.rfind(kept, 0) == 0; }),
+                 unknown->end());
+  return options;
 }
 
 NavigationRosOptions NavigationRosOptions::fromParameters(const XmlRpcValue& tree, const std::string& path,

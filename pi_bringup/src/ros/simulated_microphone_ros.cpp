@@ -4,6 +4,7 @@
 #include <pi_speech/ros/audio_conversions.h>
 #include <pthread.h>
 
+#include <algorithm>
 #include <boost/make_shared.hpp>
 #include <exception>
 #include <utility>
@@ -38,6 +39,7 @@ SimulatedMicrophoneRos::SimulatedMicrophoneRos(ros::NodeHandle node, ros::NodeHa
   played_ = service_private_node_.advertise<PlayedSound>("played", PLAY_QUEUE);
   info_.publish(pi_speech::toMsg(pi_speech::AudioFormat()));
   play_ = service_private_node_.subscribe("play", PLAY_QUEUE, &SimulatedMicrophoneRos::onPlay, this);
+  command_ = service_private_node_.advertiseService("command", &SimulatedMicrophoneRos::onCommand, this);
   thread_ = std::thread(
       [this]
       {
@@ -72,6 +74,32 @@ void SimulatedMicrophoneRos::onPlay(const std_msgs::String& message)
   {
     ROS_ERROR_STREAM_NAMED("simulated_microphone", error.what() << "; nothing is played");
   }
+}
+
+bool SimulatedMicrophoneRos::onCommand(SimulatorCommand::Request& request, SimulatorCommand::Response& response)
+{
+  response.message = execute(request.line);
+  response.success = response.message.empty();
+  if (response.success)
+  {
+    ROS_INFO_STREAM_NAMED("simulated_microphone", "command: " << request.line);
+  }
+  return true;
+}
+
+std::string SimulatedMicrophoneRos::execute(const std::string& line)
+{
+  if (line == "unplug" || line == "plug")
+  {
+    plugged_ = line == "plug";
+    return "";
+  }
+  if (line == "silent on" || line == "silent off")
+  {
+    silent_ = line == "silent on";
+    return "";
+  }
+  return "command \"" + line + "\" is not understood, must be one of: unplug, plug, silent on|off";
 }
 
 // ----------------------------------------------------------------------------------------------------- sim_microphone
@@ -155,7 +183,15 @@ void SimulatedMicrophoneRos::send()
   std_msgs::Header header;
   header.stamp = stampOf(mixer_.position());
   header.frame_id = options_.frame_id;
-  const pi_speech::Samples samples = mixer_.next(MESSAGE);
+  pi_speech::Samples samples = mixer_.next(MESSAGE);  // time goes on
+  if (!plugged_)
+  {
+    return;
+  }
+  if (silent_)
+  {
+    std::fill(samples.begin(), samples.end(), int16_t{0});
+  }
   audio_.publish(
       boost::make_shared<const pi_speech::AudioDataStamped>(pi_speech::toMsg(samples.data(), samples.size(), header)));
 }

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 PACKAGE = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(PACKAGE / "scripts"))
-from campus_drive import drive, judge, kills, scenario  # noqa: E402
+from campus_drive import judge, kills, scenario  # noqa: E402
 from campus_drive.observer import Records, compose  # noqa: E402
 from first_drive.errors import DemoError  # noqa: E402
 
@@ -135,16 +135,6 @@ class Judge(unittest.TestCase):
         self.assertEqual([True, False], [kill["stopped"] for kill in found])
 
 
-class Points(unittest.TestCase):
-    def test_points_are_passed_in_order_and_near_the_way_only(self):
-        one = object.__new__(drive.CampusDrive)
-        one._points, one._next_point = [[10.0, 0.0], [20.0, 0.0], [20.0, 10.0]], 0
-        for place, passed in (((9.0, 0.5), 0), ((12.0, 9.0), 0), ((11.0, -0.5), 1), ((19.0, 1.0), 2),
-                              ((20.0, 11.0), 2)):
-            one._pass_points((0.0, *place, 0.0, 1.0))
-            self.assertEqual(passed, one._next_point, place)
-
-
 class Files(unittest.TestCase):
     def test_the_map_begins_at_the_imu(self):
         x, y = scenario.to_map([1.0, 2.0, 0.0], (0.8, 0.0), (1.8, 2.0))
@@ -165,8 +155,9 @@ class Files(unittest.TestCase):
             scenario.find("moon", PACKAGE)
 
     def test_rounds_pass_the_other_options_on(self):
+        program = load_program()
         words = ["--rounds", "5", "--no-rviz", "--seed=3", "--output", "a", "--kill", "2"]
-        self.assertEqual(["--no-rviz", "--kill", "2"], load_program().without_rounds(words))
+        self.assertEqual(["--no-rviz", "--kill", "2"], program.without(words, program.OF_EACH_ROUND))
 
 
 if __name__ == "__main__":

@@ -85,7 +85,8 @@ void ObstaclesDiagnostics::reportObstacles(Status& status)
   else if (pair_->coverage < min_coverage_)
   {
     status.summary(DiagnosticStatus::WARN, format("%.0f %% of the picture has a disparity", 100.0 * pair_->coverage) +
-                                               ": dark, covered or dirty lenses, or another pair's calibration");
+                                               ": dark, covered or dirty lenses, or another pair's calibration; " +
+                                               "no obstacles are published");
   }
   else
   {

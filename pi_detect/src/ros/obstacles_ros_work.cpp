@@ -106,6 +106,14 @@ void ObstaclesRos::workOn(const Job& job)
   }
   PairFigures figures;
   const StereoObstacles::Result result = findObstacles(job, &figures);
+  figures.coverage = result.coverage;
+  figures.ground_measured = result.ground.measured;
+  setProblem("", false);
+  if (result.coverage < options_.min_coverage)
+  {
+    diagnostics_.addPair(figures);  // nothing is published: who sees nothing does not know that the way is free
+    return;
+  }
   const ros::Time stamp = job.header().stamp;
   const VehicleState vehicle = motionAt(stamp);
   const Clock::time_point begin = Clock::now();
@@ -116,8 +124,6 @@ void ObstaclesRos::workOn(const Job& job)
   publish(job, result, obstacles);
 
   figures.latency_s = (ros::Time::now() - stamp).toSec();
-  figures.coverage = result.coverage;
-  figures.ground_measured = result.ground.measured;
   figures.obstacles = obstacles.size();
   figures.nearest_m = figures.time_to_collision_s = std::numeric_limits<double>::infinity();
   for (const Obstacle& obstacle : obstacles)
@@ -126,7 +132,6 @@ void ObstaclesRos::workOn(const Job& job)
     figures.time_to_collision_s = std::min(figures.time_to_collision_s, obstacle.time_to_collision_s);
   }
   diagnostics_.addPair(figures);
-  setProblem("", false);
 }
 
 bool ObstaclesRos::prepare(const Job& job)

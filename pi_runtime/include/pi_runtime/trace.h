@@ -75,16 +75,19 @@ public:
   uint64_t dropped() const;
   /// Forgets the records and the count of dropped ones. Names stay.
   void clear();
+  /// Keeps at least so many records from then on, and is enabled.
+  void keepAtLeast(size_t capacity);
 
 private:
   void keep(const TaskTrace& record);
   std::string_view intern(std::string_view name);
 
-  const size_t capacity_;
   std::atomic<bool> enabled_{true};
   mutable std::mutex mutex_;  ///< guards what follows
-  std::vector<TaskTrace> ring_;
-  uint64_t written_ = 0;
+  size_t capacity_;
+  std::vector<TaskTrace> ring_;  ///< once it is full, the oldest one is written over
+  size_t next_ = 0;              ///< place of that one
+  uint64_t dropped_ = 0;
   std::set<std::string, std::less<>> names_;
 };
 

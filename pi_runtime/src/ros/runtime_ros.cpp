@@ -62,6 +62,10 @@ RuntimeRos::RuntimeRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , diagnostics_(node_, private_node_, runtime_, tasks_.get())
   , spinner_(static_cast<uint32_t>(options_.max_waiting_calls) + SPARE_THREADS, &queue_)
 {
+  if (options_.runtime.trace_capacity > 0)
+  {
+    runtime_->trace().keepAtLeast(options_.runtime.trace_capacity);  // another nodelet may have begun the runtime
+  }
   const auto queue_size = static_cast<uint32_t>(options_.max_tasks);
   results_ = private_node_.advertise<TaskReport>("results", queue_size);
   tasks_subscriber_ =

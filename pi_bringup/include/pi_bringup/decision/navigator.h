@@ -116,6 +116,10 @@ public:
   /// To be called steadily, at 10 to 100 Hz.
   NavigatorOutput update(const NavigatorInput& input);
 
+  /// Driven to; meaningful while active().
+  const NavigationGoal& goal() const { return goal_; }
+  /// So many of its points, from the first, lie behind; the last one never does, nor any of a loop.
+  size_t passed() const { return passed_; }
   /// Driven now; empty: none.
   const Path& path() const { return follower_.path(); }
   /// Poses that the vehicle will take, in base_link at the last update; empty: none.
@@ -152,6 +156,7 @@ private:
   void drive(const NavigatorInput& input, const FollowerOutput& followed, const GovernorOutput& governed,
              const std::string& pose_problem, NavigatorOutput* output);
   void changeToLoop(const FollowerOutput& followed);
+  void findPoints();
   void findLookAhead(const FollowerOutput& followed, double speed);
 
   const NavigatorOptions options_;
@@ -162,6 +167,8 @@ private:
   bool arrived_ = false;  ///< was there when the goal came
   Path loop_;             ///< driven once the way to it is
   bool path_changed_ = false;
+  std::vector<double> point_s_;  ///< of the goal's points but the last, along the path [m]
+  size_t passed_ = 0;
   std::string end_reason_;  ///< STOPPING: of the cancel
   double curvature_ = 0.0;  ///< commanded last
 

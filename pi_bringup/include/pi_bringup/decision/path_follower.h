@@ -28,7 +28,7 @@ struct PathFollowerOptions
   double rejoin_offset = 0.5;             ///< "far from the path" [m]
   double rejoin_heading = 0.6;            ///< "turned away from it" [rad]
   double max_offset = 4.0;                ///< beyond it the follower stops [m]
-  double goal_tolerance = 0.2;            ///< [m]
+  double goal_tolerance = 0.5;            ///< it drives to the goal itself and may stand so far from it [m]
   double localisation_timeout = 0.3;      ///< oldest pose to drive by [s]
   double jump_small = 0.1;                ///< between a pose and the one that speed and curvature predict [m]
   double jump_large = 1.0;                ///< from here on the vehicle stops [m]

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <geometry_msgs/Pose.h>
+#include <geometry_msgs/PoseStamped.h>
+#include <geometry_msgs/PoseWithCovariance.h>
 #include <geometry_msgs/Transform.h>
 #include <nav_msgs/Odometry.h>
 #include <nav_msgs/Path.h>
@@ -28,8 +30,11 @@ Pose2 toPose2(const Eigen::Isometry3d& pose);
 /// In the map; a quaternion of length 0 means that any heading will do.
 Waypoint toWaypoint(const geometry_msgs::Pose& pose, const Eigen::Isometry3d& T_map_pose_frame);
 
+/// The way back; without a heading its quaternion is 0.
+geometry_msgs::PoseStamped toMsg(const Waypoint& waypoint, const std::string& map_frame);
+
 /// One sigma of the position on the ground along its worst direction [m]; 0: the covariance says nothing.
-double positionDeviation(const nav_msgs::Odometry& odometry);
+double positionDeviation(const geometry_msgs::PoseWithCovariance& pose);
 /// Why the vehicle will not drive; empty: it will.
 std::string vehicleProblem(const VehicleState& state);
 std::vector<ObstacleBox> toObstacleBoxes(const pi_detect::ObstacleArray& obstacles);

@@ -3,11 +3,13 @@
 #include <actionlib/server/action_server.h>
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <geometry_msgs/PoseStamped.h>
+#include <geometry_msgs/PoseWithCovarianceStamped.h>
 #include <nav_msgs/Odometry.h>
 #include <pi_bringup/DriveAction.h>
 #include <pi_bringup/LocalisationState.h>
 #include <pi_bringup/VehicleState.h>
 #include <pi_bringup/decision/navigator.h>
+#include <pi_bringup/ros/kept_parameters.h>
 #include <pi_bringup/ros/navigation_ros_options.h>
 #include <pi_detect/ObstacleArray.h>
 #include <pi_runtime/ros/callback_thread.h>
@@ -27,11 +29,13 @@ namespace pi_bringup
 
 /// Navigation on the graph: Navigator with topics around it.
 ///
-/// Subscribes `odometry` (pose), `localisation` (LocalisationState, where there is a pose keeper), tf map -> odom,
-/// `vehicle_state` (speed, curvature, mode), `obstacles`. Goals come by the action `drive` (Drive.action) or on the
+/// Subscribes `odometry` (pose), `map_pose` (how well it is known in the map, where somebody says so), `localisation`
+/// (LocalisationState, where there is a pose keeper), tf map -> odom, `vehicle_state` (speed, curvature, mode),
+/// `obstacles`. Goals come by the action `drive` (Drive.action) or on the
 /// topic `goal` (geometry_msgs/PoseStamped in any frame that tf knows); the latest counts. Service `~cancel`
-/// (std_srvs/Trigger) ends either. Publishes `motion/navigation` (MotionCommand) at rate_hz, also without a goal;
-/// `route` (nav_msgs/Path, latched, without poses when there is none); `~markers` while somebody listens; diagnostics.
+/// (std_srvs/Trigger) ends either. The goal is kept on the parameter server: a navigation that died drives on to it.
+/// Publishes `motion/navigation` (MotionCommand) at rate_hz, also without a goal; `route` (nav_msgs/Path, latched,
+/// without poses when there is none); `~markers` while somebody listens; diagnostics.
 ///
 /// All on one thread, `navigation`; nothing there waits. Times are those of ros::Time, the rate is that of a steady
 /// clock.
@@ -40,7 +44,8 @@ class NavigationRos
 public:
   /// Advertises, and begins. @throws std::invalid_argument for wrong parameters.
   NavigationRos(ros::NodeHandle node, ros::NodeHandle private_node);
-  /// A goal that is being driven to is aborted.
+  /// A goal that is being driven to is aborted. Its client may not hear of it: roscpp can lose what a publisher sends
+  /// last.
   ~NavigationRos();
   NavigationRos(const NavigationRos&) = delete;
   NavigationRos& operator=(const NavigationRos&) = delete;
@@ -66,6 +71,10 @@ private:
   std::string addPlace(const std::string& name, NavigationGoal* goal) const;
   std::string addPose(const geometry_msgs::PoseStamped& pose, NavigationGoal* goal) const;
   std::string begin(const NavigationGoal& goal, const std::string& whose);
+  /// Goes on with the goal of an earlier life, if there was one a short time ago. A client of the action notices
+  /// nothing but a pause.
+  void resumeGoal();
+  void keepGoal(const ros::Time& now);
   /// Tells the client of the action, if it was one, how its goal ended.
   void endAction(DriveEnd end, const std::string& message);
   DriveResult result(bool success, const std::string& message) const;
@@ -88,11 +97,15 @@ private:
 
   // newest inputs
   nav_msgs::OdometryConstPtr odometry_;
+  geometry_msgs::PoseWithCovarianceStampedConstPtr map_pose_;  ///< none: nobody knows better than odometry
   VehicleStateConstPtr vehicle_;
   ros::Time vehicle_came_;
   pi_detect::ObstacleArrayConstPtr obstacles_;
   LocalisationStateConstPtr localisation_;  ///< of the pose keeper; none: there is no keeper
 
+  KeptParameters kept_;
+  ros::SteadyTime kept_at_;
+  size_t kept_passed_ = 0;
   std::optional<GoalHandle> action_;  ///< of the goal that is driven to; none: it came on the topic
   std::string last_end_;              ///< of the goal before, for diagnostics
   NavigatorOutput output_;
@@ -104,6 +117,7 @@ private:
   ros::Publisher route_;
   ros::Publisher markers_;
   ros::Subscriber odometry_subscriber_;
+  ros::Subscriber map_pose_subscriber_;
   ros::Subscriber obstacle_subscriber_;
   ros::Subscriber vehicle_subscriber_;
   ros::Subscriber localisation_subscriber_;

@@ -23,8 +23,9 @@ struct NavigationRosOptions
   std::string base_link_frame = "base_link";
   double tf_timeout_s = 2.0;  ///< oldest tf from map to the frame of odometry; what is static is never too old
   Places places;
-  double diagnostic_period = 1.0;  ///< [s]; the name is that of diagnostic_updater
-  double warning_period_s = 5.0;   ///< between two log lines of one warning [s]
+  double resume_goal_within_s = 10.0;  ///< after its death it drives on to its goal, if back within so long; 0: never
+  double diagnostic_period = 1.0;      ///< [s]; the name is that of diagnostic_updater
+  double warning_period_s = 5.0;       ///< between two log lines of one warning [s]
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;

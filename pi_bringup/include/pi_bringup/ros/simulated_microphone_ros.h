@@ -1,11 +1,13 @@
 #pragma once
 
+#include <pi_bringup/SimulatorCommand.h>
 #include <pi_bringup/ros/simulated_microphone_ros_options.h>
 #include <pi_bringup/simulation/microphone_mixer.h>
 #include <pi_runtime/ros/callback_thread.h>
 #include <ros/ros.h>
 #include <std_msgs/String.h>
 
+#include <atomic>
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
@@ -21,6 +23,9 @@ namespace pi_bringup
 /// MicrophoneRos, at SAMPLE_RATE_HZ in one channel, 20 ms in a message, each when its last sample would have been
 /// recorded. `~play` (std_msgs/String) names a sound file that is mixed in from the next message on; `~played`
 /// (PlayedSound) says when. A file that cannot be read is an error in the log.
+///
+/// Service `~command` (SimulatorCommand) makes faults: `unplug` and `plug`: nothing is published, and what is played
+/// meanwhile is lost; `silent on|off`: samples of 0, as of a muted microphone. `~played` is said in any case.
 ///
 /// After a pause of more than a second, as of a stopped process, the stream goes on with a gap in its stamps.
 ///
@@ -45,6 +50,9 @@ private:
 
   // sim_mic_ros
   void onPlay(const std_msgs::String& message);
+  bool onCommand(SimulatorCommand::Request& request, SimulatorCommand::Response& response);
+  /// @return what is wrong with the line and what would be right; empty: done.
+  std::string execute(const std::string& line);
 
   // sim_microphone
   void run();
@@ -64,6 +72,9 @@ private:
   ros::Publisher info_;
   ros::Publisher played_;
   ros::Subscriber play_;
+  ros::ServiceServer command_;
+  std::atomic<bool> plugged_{true};
+  std::atomic<bool> silent_{false};
 
   std::mutex mutex_;
   std::condition_variable changed_;

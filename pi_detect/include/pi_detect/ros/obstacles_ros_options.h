@@ -40,7 +40,7 @@ struct ObstaclesRosOptions
   StereoObstacleOptions stereo;
   ObstacleTrackerOptions tracker;
 
-  double min_coverage = 0.1;       ///< part of the pixels with a disparity, below which there is a warning
+  double min_coverage = 0.1;       ///< part of the pixels with a disparity, below which nothing is published
   double marker_lifetime_s = 0.5;  ///< after which rviz removes markers when no more come [s]
   double input_timeout_s = 2.0;    ///< without a message on an input, after which there is a warning [s]
   double diagnostic_period = 1.0;  ///< [s]; the name is that of diagnostic_updater
