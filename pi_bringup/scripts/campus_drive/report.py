@@ -233,6 +233,25 @@ def summary(tree):
             number(tree["localisation"]["max_m"], 2), 100 * tree["vehicle_cores"], len(tree["errors"]))
 
 
+def of_rounds(trees):
+    """Lines about several drives."""
+    stood = [one for tree in trees for one in tree["standstills"]]
+    braking = [one["braking_s"] for tree in trees for one in tree["stops"] if one["braking_s"] is not None]
+    nearest = [one["distance"] for tree in trees for one in tree["met"].values() if one["actor"]]
+    killed = [kill for tree in trees for kill in tree["kills"]]
+    lines = ["%d services killed, %d came back: %s" % (
+        len(killed), sum(kill["back_s"] is not None for kill in killed), back_times(killed))] if killed else []
+    farthest = [tree["localisation"]["max_m"] for tree in trees if tree["localisation"]["max_m"] is not None]
+    cores = quantile([tree["vehicle_cores"] for tree in trees], 0.5)
+    return lines + [
+        "%d collisions; nearest actor %s m; %d standstills, %d without a cause" % (
+            sum(len(tree["collisions"]) for tree in trees), number(min(nearest, default=None), 2), len(stood),
+            sum(not one["cause"] for one in stood)),
+        "\"stop\" to braking: p50 %s s, most %s s; localisation: most %s m; CPU p50 %s %%" % (
+            number(quantile(braking, 0.5), 2), number(max(braking, default=None), 2),
+            number(max(farthest, default=None), 2), number(100 * cores if cores is not None else None, 0))]
+
+
 def back_times(kills):
     times = [kill["back_s"] for kill in kills if kill["back_s"] is not None]
     return "p50 %s s, most %s s" % (number(quantile(times, 0.5), 2), number(max(times, default=None), 2))

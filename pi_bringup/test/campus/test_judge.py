@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 PACKAGE = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(PACKAGE / "scripts"))
-from campus_drive import judge, kills, scenario  # noqa: E402
+from campus_drive import judge, kills, report, scenario  # noqa: E402
 from campus_drive.observer import Records, compose  # noqa: E402
 from first_drive.errors import DemoError  # noqa: E402
 
@@ -153,6 +153,16 @@ class Files(unittest.TestCase):
     def test_an_unknown_scenario_is_named_with_the_known_ones(self):
         with self.assertRaisesRegex(DemoError, "--scenario moon: no such file, .*campus_drive"):
             scenario.find("moon", PACKAGE)
+
+    def test_rounds_are_summed_up(self):
+        tree = {"kills": [{"back_s": 1.5}, {"back_s": None}], "collisions": [], "vehicle_cores": 0.7,
+                "standstills": [{"cause": "a spoken stop"}, {"cause": None}], "stops": [{"braking_s": 0.5}],
+                "met": {"crossing": {"distance": 1.2, "actor": True}}, "localisation": {"max_m": 0.2}}
+        self.assertEqual(["4 services killed, 2 came back: p50 1.50 s, most 1.50 s",
+                          "0 collisions; nearest actor 1.20 m; 4 standstills, 2 without a cause",
+                          "\"stop\" to braking: p50 0.50 s, most 0.50 s; localisation: most 0.20 m; CPU p50 70 %"],
+                         report.of_rounds([tree, tree]))
+        self.assertEqual(2, len(report.of_rounds([])))
 
     def test_rounds_pass_the_other_options_on(self):
         program = load_program()
