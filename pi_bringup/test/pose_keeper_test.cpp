@@ -352,8 +352,7 @@ TEST_F(PoseKeeperTest, GoesOnFromItsFile)
   vehicle_.startLocalisation();
   {
     ChildNode keeper(POSE_KEEPER_NODE, "keeper_1");
-    ASSERT_TRUE(log_.waitForText("is not there yet")) << log_.text();
-    ASSERT_TRUE(waitForValid(true)) << log_.text();
+    ASSERT_TRUE(waitForValid(true)) << log_.text();  // that there is no file yet is no fault
     vehicle_.steer(2.0, 0.2);
     ASSERT_TRUE(vehicle_.waitForWay(6.0));
     vehicle_.steer(0.0, 0.0);

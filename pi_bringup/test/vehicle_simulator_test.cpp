@@ -56,7 +56,8 @@ protected:
     ASSERT_TRUE(states_.waitForPublisher());
     ASSERT_TRUE(truth_.waitForPublisher());
     ASSERT_TRUE(until(TIMEOUT_S, [this] { return commands_.getNumSubscribers() > 0; }));
-    ASSERT_TRUE(until(TIMEOUT_S, [this] { return states_.last() && states_.last()->mode == VehicleState::READY; }));
+    ASSERT_TRUE(until(
+        TIMEOUT_S, [this] { return truth_.last() && states_.last() && states_.last()->mode == VehicleState::READY; }));
   }
   void TearDown() override
   {
@@ -179,10 +180,12 @@ TEST_F(Simulator, DarkCamerasSendBlackPicturesAndThoseThatAreOffNone)
   EXPECT_TRUE(left_.waitFor([](const sensor_msgs::Image& image)
                             { return *std::max_element(image.data.begin(), image.data.end()) == 0; }));
   EXPECT_EQ("", command("camera right off"));
-  ASSERT_TRUE(until(
-      TIMEOUT_S,
-      [this]  // what was being rendered has come
-      { return right_.last() && left_.last()->header.stamp - right_.last()->header.stamp > ros::Duration(0.5); }));
+  ASSERT_TRUE(until(TIMEOUT_S,
+                    [this]  // what was being rendered has come
+                    {
+                      return left_.last() && right_.last() &&
+                             left_.last()->header.stamp - right_.last()->header.stamp > ros::Duration(0.5);
+                    }));
   EXPECT_EQ("", command("camera both on"));
   const ros::Time dark = right_.last()->header.stamp;
   EXPECT_TRUE(right_.waitFor([dark](const sensor_msgs::Image& image) { return image.header.stamp > dark; }));

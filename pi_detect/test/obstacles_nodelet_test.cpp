@@ -227,7 +227,7 @@ TEST_F(ObstaclesNodelet, PublishesNothingWhileTheCamerasSeeNothing)
   ASSERT_TRUE(graph_.waitForPairListeners());
   ASSERT_TRUE(showUntil([this] { return graph_.showPair(street_); }, hasBox));
   RenderedStreet dark = street_;
-  dark.left = cv::Mat::zeros(street_.left.size(), CV_8UC1);
+  dark.left = cv::Mat(street_.left.size(), CV_8UC1, cv::Scalar(0));  // not zeros(): that would fill the street's
   dark.right = dark.left.clone();
   const ros::Time first_dark = graph_.showPair(dark);
   ASSERT_TRUE(diagnostics_.waitForSummary("obstacles: obstacles", WARN, "dark, covered or dirty lenses")) << text();
