@@ -363,7 +363,7 @@ TEST_F(PoseKeeperTest, GoesOnFromItsFile)
       return content.find("speed: 0\n") != std::string::npos;
     };
     ASSERT_TRUE(until(TIMEOUT_S, written)) << log_.text();
-    EXPECT_EQ(0, keeper.end(SIGTERM));
+    EXPECT_EQ(0, keeper.end(SIGINT));
   }
   EXPECT_EQ(0u, initial_poses_.messages().size());
   vehicle_.killLocalisation();
@@ -388,7 +388,7 @@ TEST_F(PoseKeeperTest, GoesOnFromItsFile)
     ASSERT_TRUE(log_.waitForText("not gone on from it")) << log_.text();
     ASSERT_TRUE(waitForValid(true)) << log_.text();
     EXPECT_EQ(0u, initial_poses_.messages().size());
-    EXPECT_EQ(0, keeper.end(SIGTERM));
+    EXPECT_EQ(0, keeper.end(SIGINT));
   }
   ros::param::set("/keeper_1/file", "pose.yaml");
   ChildNode keeper(POSE_KEEPER_NODE, "keeper_1");
