@@ -46,6 +46,9 @@ public:
     return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
   }
 
+  /// Waits until it ends by itself. @return what it ended with; -1: by a signal.
+  int wait() { return end(0); }
+
 private:
   pid_t child_ = -1;
 };

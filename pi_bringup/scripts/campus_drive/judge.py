@@ -11,7 +11,7 @@ HEARING = ("recognizer", "command", "arbiter", "chassis", "coordinator", "vehicl
 LISTENS_S = 1.0         # after it is back, the recogniser knows the noise
 STANDSTILL = 0.05       # [m/s]
 NEAR_GOAL_M = 1.0
-BRAKING = 0.06          # [m/s] slower than at the command: it brakes
+BRAKING = 0.06          # [m/s] slower than at most since the command: it brakes
 HELD_S = 1.0            # a standstill of so long is one
 MET_M = 8.0             # a thing so near was met
 
@@ -154,8 +154,12 @@ def stops(played, words, records, truth, kills=()):
         braking = still = None
         if at_latch is not None and latched is not None:
             later = [one for one in truth.states if one["stamp"] >= latched]
-            braking = next((one["stamp"] for one in later if one["speed"] < at_latch["speed"] - BRAKING
-                            or abs(one["speed"]) <= STANDSTILL), None)
+            fastest = at_latch["speed"]  # since then: a vehicle that was speeding up brakes when it is slower again
+            for one in later:
+                fastest = max(fastest, one["speed"])
+                if one["speed"] < fastest - BRAKING or abs(one["speed"]) <= STANDSTILL:
+                    braking = one["stamp"]
+                    break
             still = next((one["stamp"] for one in later if abs(one["speed"]) <= STANDSTILL), None)
 
         def since(stamp):

@@ -10,6 +10,7 @@ from .unplugs import text_of
 ODOMETRY_EVERY = 10  # of 200 Hz
 TRUTH_EVERY = 5      # of 50 Hz
 MAP_FRAME = b"\x03\x00\x00\x00map"
+TRANSFORM_BYTES = len(MAP_FRAME) + 4 + len("odom") + 7 * 8  # of a transform, from the parent's name on
 ERROR_LEVEL = 8      # of rosgraph_msgs/Log
 VIO_STATUS = "vio: odometry"
 
@@ -75,6 +76,7 @@ class Observer:
         self._events = events
         self._odometry_type, self._tf_type = Odometry, TFMessage
         self._counts = {}
+        self._map_transform = b""
         self._links = {}
         self._awaited = {}      # topic: (time, mark)
         self._said = {}         # name of a status: (level, text)
@@ -148,9 +150,13 @@ class Observer:
         self.records.estimates.append(self.estimate)
 
     def _on_tf(self, message):
-        # Messages come at the rate of the IMU; map to odom is in some of them, and changes rarely.
-        if MAP_FRAME not in message._buff or self.map_odom is not None and not self._every("tf", ODOMETRY_EVERY):
+        # Messages come at the rate of the IMU; map to odom is in some of them, and changes rarely: what is behind the
+        # frame's name is compared before it is read.
+        begin = message._buff.find(MAP_FRAME)
+        content = message._buff[begin:begin + TRANSFORM_BYTES] if begin >= 0 else None
+        if content is None or content == self._map_transform:
             return
+        self._map_transform = content
         for one in self._tf_type().deserialize(message._buff).transforms:
             if one.header.frame_id.strip("/") == "map" and one.child_frame_id.strip("/") == "odom":
                 t = one.transform
