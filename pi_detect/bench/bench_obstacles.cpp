@@ -214,6 +214,7 @@ void run(const std::string& folder, const CommandLine& line)
       tracker_ms.push_back(processorMs() - start);
       score.addMeasured(*truth, toBoxes(result.obstacles));
       score.addPublished(*truth, obstacles, pair.stamp_ns);
+      score.addShapes(*truth, obstacles);
       if (line.baseline)
       {
         start = processorMs();

@@ -5,12 +5,19 @@
 #include <optional>
 #include <utility>
 
+#include "obstacles/carried_outline.h"
 #include "obstacles/ground_filter.h"
+#include "obstacles/obstacle_labels.h"
+#include "obstacles/obstacle_place.h"
+#include "obstacles/obstacle_view.h"
 #include "pi_detect/assignment.h"
 #include "pi_runtime/option_check.h"
 
 namespace pi_detect
 {
+
+using obstacles::Footprint;
+using obstacles::Place;
 
 namespace
 {
@@ -23,48 +30,14 @@ constexpr double SIZE_GAIN = 0.2;          // of a new measurement of the size
 constexpr double STEADY_M = 0.25;          // by which the width of one thing that moves may change on average, ...
 constexpr double STEADY_PART = 0.1;        // and this part of it
 constexpr double GATE_EDGE_M = 0.3;        // of the middle's uncertainty, counts to tell one obstacle from the next
-constexpr double EDGE_PART = 0.06;    // of its extent by which a box's middle may be wrong: seen from another side, ...
-constexpr double CUT_PART = 0.25;     // likewise where one end is not seen
-constexpr double SCALE_ERROR = 0.04;  // of depth: what stands seems to move by this part of the vehicle's speed
-constexpr double MOVING_SIGMAS2 = 9.0;  // squared
-constexpr double MOVING_SPEED = 0.4;    // [m/s]
-constexpr int MOVING_HITS = 4;          // measurements one after the other that say so
-constexpr double SAME_ERROR_S = 1.0;    // for which errors of a place stay about the same: they look like motion
-constexpr double GAP_S = 0.3;           // after which what is seen there may be another piece: nothing about motion
-constexpr double BULKY_M = 5.0;         // the middle of longer things says nothing about motion
-constexpr double BORDER_PX = 12.0;      // at the picture's sides
-constexpr double SAME_DEPTH_M = 1.5;    // of the pieces of one labelled object
-
-/// What a measurement says about an obstacle's place, in base_link: the middle of the side that faces the vehicle.
-struct Place
-{
-  Eigen::Vector2d position;
-  Eigen::Matrix2d covariance;
-};
-
-/// Box on the ground.
-struct Footprint
-{
-  Eigen::Vector2d low;
-  Eigen::Vector2d high;
-
-  double area() const { return (high - low).cwiseMax(0.05).prod(); }
-};
-
-double commonPart(const Footprint& a, const Footprint& b)
-{
-  const Eigen::Vector2d size = a.high.cwiseMin(b.high) - a.low.cwiseMax(b.low);
-  if (size.minCoeff() <= 0.0)
-  {
-    return 0.0;
-  }
-  return size.cwiseMax(0.05).prod() / std::min(a.area(), b.area());
-}
-
-Footprint footprintOf(const ObstacleMeasurement& measurement)
-{
-  return {measurement.min.head<2>(), measurement.max.head<2>()};
-}
+constexpr double SCALE_ERROR = 0.04;       // of depth: what stands seems to move by this part of the vehicle's speed
+constexpr double MOVING_SIGMAS2 = 9.0;     // squared
+constexpr double MOVING_SPEED = 0.4;       // [m/s]
+constexpr int MOVING_HITS = 4;             // measurements one after the other that say so
+constexpr double MOVING_AFTER_S = 0.3;     // without a class, of being followed: what appears may be a piece of another
+constexpr double SAME_ERROR_S = 1.0;       // for which errors of a place stay about the same: they look like motion
+constexpr double GAP_S = 0.3;              // after which what is seen there may be another piece: nothing about motion
+constexpr double BORDER_PX = 12.0;         // at the picture's sides
 
 }  // namespace
 
@@ -108,7 +81,7 @@ public:
     {
       predict(stamp_ns, dt_s, &known);
     }
-    const std::vector<int> track_of = chooseTracks(measurements, tracks);
+    const std::vector<int> track_of = obstacles::chooseTracks(measurements, tracks, options_.min_label_overlap);
     const std::vector<int> known_of = associate(measurements);
     for (size_t i = 0; i < measurements.size(); ++i)
     {
@@ -143,6 +116,7 @@ private:
     int64_t id = 0;
     obstacles::GroundFilter filter;
     Eigen::Vector2d size = Eigen::Vector2d::Zero();
+    obstacles::CarriedOutline outline;  ///< by the filter's position
     double z_low = 0.0;
     double z_high = 0.0;
     Eigen::Matrix2d place_covariance = Eigen::Matrix2d::Zero();  ///< of the last measurement, in odom
@@ -165,24 +139,30 @@ private:
     const Eigen::Matrix3d R = vehicle.T_odom_base.linear();
     // The ground plane of odom and base_link are taken as parallel: only the heading turns.
     const double heading = std::atan2(R(1, 0), R(0, 0));
-    R_odom_base_ = Eigen::Rotation2Dd(heading).toRotationMatrix();
-    p_odom_base_ = vehicle.T_odom_base.translation().head<2>();
+    vehicle_.R_odom_base = Eigen::Rotation2Dd(heading).toRotationMatrix();
+    vehicle_.p_odom_base = vehicle.T_odom_base.translation().head<2>();
     vehicle_speed_ = vehicle.velocity.head<2>().norm();
-  }
-
-  Eigen::Vector2d toBase(const Eigen::Vector2d& p_odom) const
-  {
-    return R_odom_base_.transpose() * (p_odom - p_odom_base_);
   }
 
   Footprint footprintOf(const Known& known) const
   {
-    const Eigen::Vector2d place = toBase(known.filter.position());
+    if (known.held && !known.outline.empty())
+    {
+      // Its size was measured along axes that have turned since.
+      const OutlineBounds bounds = boundsOf(known.outline.at(known.filter.position(), vehicle_));
+      return {bounds.low, bounds.high};
+    }
+    const Eigen::Vector2d place = vehicle_.toBase(known.filter.position());
     const Eigen::Vector2d half(0.0, 0.5 * known.size.y());
     return {place - half, place + half + Eigen::Vector2d(known.size.x(), 0.0)};
   }
 
   static bool isMoving(const Known& known) { return known.moving_hits >= MOVING_HITS; }
+
+  static double followedS(const Known& known)
+  {
+    return 1e-9 * static_cast<double>(known.last_seen_ns - known.followed_since_ns);
+  }
 
   bool isSignificant(const Known& known) const
   {
@@ -190,8 +170,9 @@ private:
     return v.norm() > MOVING_SPEED && v.dot(velocityCovariance(known).inverse() * v) > MOVING_SIGMAS2;
   }
 
-  /// What is not seen goes on as long as it is known to move; else it stays where it was seen last: a velocity that may
-  /// as well be none takes it anywhere in memory_s, and its growing uncertainty takes hold of other things.
+  /// What is not seen goes on as long as it is known to move, but not longer than it was followed; else it stays where
+  /// it was seen last: a velocity that may as well be none takes it anywhere in memory_s, and its growing uncertainty
+  /// takes hold of other things.
   void predict(int64_t stamp_ns, double dt_s, Known* known) const
   {
     if (known->held)
@@ -199,8 +180,9 @@ private:
       return;
     }
     known->filter.predict(dt_s, options_.acceleration_m_s2, options_.max_speed_m_s);
-    const bool gap = 1e-9 * static_cast<double>(stamp_ns - known->last_seen_ns) > GAP_S;
-    if (gap && !(isMoving(*known) && isSignificant(*known)))
+    const double unseen_s = 1e-9 * static_cast<double>(stamp_ns - known->last_seen_ns);
+    const bool goes_on = isMoving(*known) && isSignificant(*known) && unseen_s <= followedS(*known);
+    if (unseen_s > GAP_S && !goes_on)
     {
       const bool moved = isMoving(*known);
       known->filter.restart(moved ? known->filter.position() : known->seen_at,
@@ -210,50 +192,18 @@ private:
     }
   }
 
-  /// @param known_size   of the obstacle so far, along the axes of base_link.
-  /// @param most_edge_m  bound for what is added for ends that are not seen or have changed.
-  Place placeOf(const ObstacleMeasurement& measurement, const Eigen::Vector2d& known_size,
-                double most_edge_m = 10.0) const
-  {
-    const Eigen::Vector2d size = (measurement.max - measurement.min).head<2>();
-    const double width = known_size.y();
-    const bool cut = measurement.cut_left || measurement.cut_right;
-    Place place;
-    place.position = {measurement.min.x(), 0.5 * (measurement.min.y() + measurement.max.y())};
-    if (measurement.cut_left != measurement.cut_right && width > size.y())
-    {
-      place.position.y() = measurement.cut_left ? measurement.min.y() + 0.5 * width : measurement.max.y() - 0.5 * width;
-    }
-    // When a piece joins or leaves, the middle moves by half of what the width changes, the near end of a side that is
-    // seen at an angle by as much as the length. A cut end may be the near one.
-    Eigen::Vector2d edge_sigma = EDGE_PART * size;
-    if (cut)
-    {
-      edge_sigma = CUT_PART * size.cwiseMax(known_size);
-    }
-    edge_sigma += 0.5 * (size - known_size).cwiseAbs();
-    edge_sigma = edge_sigma.cwiseMin(most_edge_m);
-    const double depth_sigma = EDGE_PART * std::min(BULKY_M, size.y());
-    place.covariance = measurement.covariance.topLeftCorner<2, 2>();
-    place.covariance(0, 0) += depth_sigma * depth_sigma;
-    place.covariance.diagonal() += edge_sigma.cwiseAbs2();
-    place.position = R_odom_base_ * place.position + p_odom_base_;
-    place.covariance = R_odom_base_ * place.covariance * R_odom_base_.transpose();
-    return place;
-  }
-
   /// @return known obstacle of each measurement, or -1.
   std::vector<int> associate(const std::vector<ObstacleMeasurement>& measurements) const
   {
     Eigen::MatrixXd cost(static_cast<Eigen::Index>(measurements.size()), static_cast<Eigen::Index>(known_.size()));
     for (size_t i = 0; i < measurements.size(); ++i)
     {
-      const Footprint measured = pi_detect::footprintOf(measurements[i]);
+      const Footprint measured = obstacles::footprintOf(measurements[i]);
       for (size_t k = 0; k < known_.size(); ++k)
       {
-        const Place place = placeOf(measurements[i], known_[k].size, GATE_EDGE_M);
+        const Place place = obstacles::placeOf(measurements[i], known_[k].size, vehicle_, GATE_EDGE_M);
         const double distance2 = known_[k].filter.distance2(place.position, place.covariance);
-        const double common = commonPart(measured, footprintOf(known_[k]));
+        const double common = obstacles::commonPart(measured, footprintOf(known_[k]));
         const Eigen::Vector2d size = measured.high - measured.low;
         const double unlike = (size - known_[k].size).norm() / (0.5 + size.norm() + known_[k].size.norm());
         double value = 2.0 * GATE;
@@ -274,16 +224,17 @@ private:
   void begin(int64_t stamp_ns, const ObstacleMeasurement& measurement, const ObjectTrack* track)
   {
     const Eigen::Vector2d size = (measurement.max - measurement.min).head<2>();
-    const Place place = placeOf(measurement, size);
+    const Place place = obstacles::placeOf(measurement, size, vehicle_);
     Known known(obstacles::GroundFilter(place.position, place.covariance, startSpeedSigma()));
     known.id = ++last_id_;
     known.size = size;
     known.place_covariance = place.covariance;
     known.first_seen_ns = known.followed_since_ns = stamp_ns;
     known.seen_at = place.position;
-    known.seen_covariance = placeOf(measurement, size, GATE_EDGE_M).covariance;
+    known.seen_covariance = obstacles::placeOf(measurement, size, vehicle_, GATE_EDGE_M).covariance;
     known.z_low = measurement.min.z();
     known.z_high = measurement.max.z();
+    known.outline.take(stamp_ns, measurement.outline, vehicle_, place.position);
     see(stamp_ns, track, &known);
     known_.push_back(known);
   }
@@ -300,26 +251,42 @@ private:
   void correct(int64_t stamp_ns, const ObstacleMeasurement& measurement, const ObjectTrack* track,
                const StereoGeometry& geometry, Known* known)
   {
-    const Place place = placeOf(measurement, known->size);
+    const Place place = obstacles::placeOf(measurement, known->size, vehicle_);
     known->place_covariance = place.covariance;
-    const Place narrow = placeOf(measurement, known->size, GATE_EDGE_M);
+    const Place narrow = obstacles::placeOf(measurement, known->size, vehicle_, GATE_EDGE_M);
+    // Where it is known not to have moved, only what is seen of it has changed: its outline stays where it was.
+    const Eigen::Vector2d expected = known->filter.position();
+    const bool cut = measurement.cut_left || measurement.cut_right;
+    const bool anew = known->held;
+    bool stays = cut;
     if (known->held || known->filter.distance2(narrow.position, narrow.covariance) > GATE)
     {
       known->filter.restart(place.position, place.covariance, startSpeedSigma());
       known->followed_since_ns = stamp_ns;
       known->held = false;
+      stays = true;
     }
     else if (reachesBorder(measurement, geometry))
     {
       // What of a wall is seen moves with the view: its ends say nothing about motion.
       known->filter.moveTo(place.position, place.covariance);
       known->followed_since_ns = isMoving(*known) ? known->followed_since_ns : stamp_ns;
+      stays = true;
     }
     else
     {
       known->filter.correct(place.position, place.covariance);
     }
-    const bool cut = measurement.cut_left || measurement.cut_right;
+    const Eigen::Vector2d position = known->filter.position();
+    if (anew)
+    {
+      known->outline.take(stamp_ns, measurement.outline, vehicle_, position);
+    }
+    else
+    {
+      const Eigen::Vector2d moved = stays ? Eigen::Vector2d(position - expected) : Eigen::Vector2d::Zero();
+      known->outline.correct(stamp_ns, measurement.outline, vehicle_, position, moved, cut);
+    }
     const Eigen::Vector3d size = measurement.max - measurement.min;
     const double gain_y = cut && size.y() < known->size.y() ? 0.25 * SIZE_GAIN : SIZE_GAIN;
     known->unsteady_m += SIZE_GAIN * (std::abs(size.y() - known->size.y()) - known->unsteady_m);
@@ -331,7 +298,9 @@ private:
     known->seen_covariance = narrow.covariance;
     see(stamp_ns, track, known);
     const bool steady = known->unsteady_m < STEADY_M + STEADY_PART * known->size.y();
-    known->moving_hits = steady && isSignificant(*known) ? known->moving_hits + 1 : 0;
+    const bool long_enough = known->class_id >= 0 || followedS(*known) > MOVING_AFTER_S;
+    const bool tells = isMoving(*known) || (long_enough && !measurement.piece);
+    known->moving_hits = steady && tells && isSignificant(*known) ? known->moving_hits + 1 : 0;
   }
 
   static void see(int64_t stamp_ns, const ObjectTrack* track, Known* known)
@@ -349,56 +318,17 @@ private:
   /// With what errors that stay the same for a while may look like.
   Eigen::Matrix2d velocityCovariance(const Known& known) const
   {
-    const double followed_s = 1e-9 * static_cast<double>(known.last_seen_ns - known.followed_since_ns);
-    const double same_s = std::clamp(followed_s, 0.1, SAME_ERROR_S);
+    const double same_s = std::clamp(followedS(known), 0.1, SAME_ERROR_S);
     // Depth that is wrong by a constant part looks like motion as the vehicle comes nearer.
     const double scale_sigma = SCALE_ERROR * vehicle_speed_;
     return known.filter.velocityCovariance() + known.place_covariance / (same_s * same_s) +
            scale_sigma * scale_sigma * Eigen::Matrix2d::Identity();
   }
 
-  /// The detector's track of each measurement, or -1. A track's box may hold several pieces of its object, but not what
-  /// stands behind.
-  std::vector<int> chooseTracks(const std::vector<ObstacleMeasurement>& measurements,
-                                const std::vector<ObjectTrack>& tracks) const
-  {
-    std::vector<int> chosen(measurements.size(), -1);
-    std::vector<float> best_overlap(measurements.size(), 0.0F);
-    for (size_t t = 0; t < tracks.size(); ++t)
-    {
-      std::optional<size_t> main;
-      float largest = 0.0F;
-      const auto fits = [&](size_t i)
-      {
-        const float common = intersection(measurements[i].box, tracks[t].box);
-        return common > 0.0F && common >= options_.min_label_overlap * measurements[i].box.area();
-      };
-      for (size_t i = 0; i < measurements.size(); ++i)
-      {
-        const float common = intersection(measurements[i].box, tracks[t].box);
-        if (fits(i) && common > largest)
-        {
-          largest = common;
-          main = i;
-        }
-      }
-      for (size_t i = 0; main && i < measurements.size(); ++i)
-      {
-        const double step = measurements[i].nearest.head<2>().norm() - measurements[*main].nearest.head<2>().norm();
-        const float same = overlap(measurements[i].box, tracks[t].box);
-        if (fits(i) && std::abs(step) < SAME_DEPTH_M && same > best_overlap[i])
-        {
-          best_overlap[i] = same;
-          chosen[i] = static_cast<int>(t);
-        }
-      }
-    }
-    return chosen;
-  }
-
   void forget(int64_t stamp_ns, const std::vector<ObstacleMeasurement>& measurements, const StereoGeometry& geometry,
               const Eigen::Isometry3d& T_base_left)
   {
+    const obstacles::ObstacleView view(measurements, geometry, T_base_left, options_.min_depth_m);
     const auto isOver = [&](Known& known)
     {
       if (known.last_seen_ns == stamp_ns)
@@ -414,36 +344,29 @@ private:
       {
         return true;
       }
-      return unseen_s > options_.time_to_live_s && isExposed(known, measurements, geometry, T_base_left);
+      return unseen_s > options_.time_to_live_s && !keepHidden(view, &known);
     };
     known_.erase(std::remove_if(known_.begin(), known_.end(), isOver), known_.end());
   }
 
-  /// It should be seen: inside the picture, and nothing measured lies before it.
-  bool isExposed(const Known& known, const std::vector<ObstacleMeasurement>& measurements,
-                 const StereoGeometry& geometry, const Eigen::Isometry3d& T_base_left) const
+  /// Takes away what should be seen of it. @return false if nothing is left.
+  bool keepHidden(const obstacles::ObstacleView& view, Known* known) const
   {
-    const Eigen::Vector2d place = toBase(known.filter.position());
-    const Eigen::Vector3d p_base(place.x(), place.y(), 0.5 * (known.z_low + known.z_high));
-    const Eigen::Vector3d p = T_base_left.inverse() * p_base;
-    if (p.z() < std::max(1e-3, options_.min_depth_m))
+    const Eigen::Vector2d place = vehicle_.toBase(known->filter.position());
+    const double z = 0.5 * (known->z_low + known->z_high);
+    if (view.isExposed({place.x(), place.y(), z}))
     {
       return false;
     }
-    const double u = geometry.fx * p.x() / p.z() + geometry.cx;
-    const double v = geometry.fy * p.y() / p.z() + geometry.cy;
-    // What is left of this has no partner in the right picture.
-    const double left = geometry.fx * geometry.baseline_m / p.z();
-    if (u < left || u >= geometry.width || v < 0.0 || v >= geometry.height)
+    if (known->outline.empty())
     {
-      return false;
+      return true;
     }
-    return std::none_of(measurements.begin(), measurements.end(),
-                        [&](const ObstacleMeasurement& other)
-                        {
-                          return other.box.x1 <= u && u <= other.box.x2 && other.box.y1 <= v && v <= other.box.y2 &&
-                                 other.nearest.head<2>().norm() < 0.9 * p_base.head<2>().norm();
-                        });
+    const Eigen::Vector2d position = known->filter.position();
+    Outline hidden = view.hiddenPart(known->outline.at(position, vehicle_), z);
+    limitCorners(&hidden);
+    known->outline.take(known->last_seen_ns, hidden, vehicle_, position);
+    return !hidden.empty();
   }
 
   std::vector<Obstacle> report(const VehicleState& vehicle) const
@@ -463,7 +386,7 @@ private:
 
   Obstacle describe(const Known& known, const VehicleState& vehicle) const
   {
-    const Eigen::Matrix2d R_base_odom = R_odom_base_.transpose();
+    const Eigen::Matrix2d R_base_odom = vehicle_.R_odom_base.transpose();
     const Footprint box = footprintOf(known);
     Obstacle obstacle;
     obstacle.id = known.id;
@@ -473,7 +396,8 @@ private:
     obstacle.first_seen_ns = known.first_seen_ns;
     obstacle.last_seen_ns = known.last_seen_ns;
     obstacle.position << 0.5 * (box.low + box.high), 0.5 * (known.z_low + known.z_high);
-    obstacle.size << known.size, known.z_high - known.z_low;
+    obstacle.size << box.size(), known.z_high - known.z_low;
+    obstacle.outline = known.outline.at(known.filter.position(), vehicle_);
     obstacle.position_covariance.topLeftCorner<2, 2>() =
         R_base_odom * known.filter.positionCovariance() * R_base_odom.transpose();
     obstacle.position_covariance(2, 2) = obstacle.position_covariance.topLeftCorner<2, 2>().maxCoeff();
@@ -483,18 +407,17 @@ private:
     const Eigen::Matrix2d v_covariance = R_base_odom * velocityCovariance(known) * R_base_odom.transpose();
     obstacle.velocity << v_base, 0.0;
     obstacle.velocity_covariance.topLeftCorner<2, 2>() = v_covariance;
-    obstacle.moving = isMoving(known) && known.size.maxCoeff() < BULKY_M;
+    obstacle.moving = isMoving(known) && known.size.maxCoeff() < obstacles::BULKY_M;
 
     const Eigen::Vector2d outside = box.low.cwiseMax(-box.high).cwiseMax(0.0);
     obstacle.distance_m = outside.norm();
     const Eigen::Vector2d v_relative = (obstacle.moving ? v_base : Eigen::Vector2d::Zero().eval()) - v_vehicle;
-    obstacle.time_to_collision_s = timeToCollision(obstacle.position.head<2>(), v_relative, 0.5 * known.size, options_);
+    obstacle.time_to_collision_s = timeToCollision(obstacle.position.head<2>(), v_relative, 0.5 * box.size(), options_);
     return obstacle;
   }
 
   const ObstacleTrackerOptions options_;
-  Eigen::Matrix2d R_odom_base_ = Eigen::Matrix2d::Identity();
-  Eigen::Vector2d p_odom_base_ = Eigen::Vector2d::Zero();
+  obstacles::VehiclePlace vehicle_;
   double vehicle_speed_ = 0.0;
   std::vector<Known> known_;
   std::vector<Obstacle> last_result_;

@@ -171,6 +171,18 @@ TEST(RosConversions, ObstaclesComeBackAsTheyWere)
   EXPECT_EQ(obstacle.first_seen_ns, again[0].first_seen_ns);
 }
 
+TEST(RosConversions, OutlinesComeBackAsTheyWere)
+{
+  Obstacle obstacle = makeObstacle(3);
+  EXPECT_TRUE(toMsg({obstacle}, LABELS, makeHeader())->obstacles[0].outline.empty());
+  obstacle.outline = {{4.75, -1.5}, {5.25, -1.0}, {5.0, 0.5}};
+  const ObstacleArrayPtr message = toMsg({obstacle}, LABELS, makeHeader());
+  ASSERT_EQ(3u, message->obstacles[0].outline.size());
+  EXPECT_EQ(5.25F, message->obstacles[0].outline[1].x);
+  EXPECT_NEAR(0.0, message->obstacles[0].outline[1].z, 1e-6) << "the bottom of the box";
+  EXPECT_EQ(obstacle.outline, fromMsg(*message)[0].outline);
+}
+
 TEST(RosConversions, ObstaclesWithoutClassHaveNoLabel)
 {
   Obstacle obstacle = makeObstacle(3);
@@ -357,6 +369,28 @@ TEST(ObstacleMarkers, ShowBoxTextAndArrow)
   ASSERT_EQ(2u, arrow.points.size());
   EXPECT_EQ(6.5, arrow.points[1].x);
   EXPECT_EQ(-0.5, arrow.points[1].y);
+}
+
+TEST(ObstacleMarkers, ShowTheOutlineAsAPrism)
+{
+  Obstacle obstacle = makeObstacle(3);
+  obstacle.outline = {{4.0, 0.0}, {6.0, -1.0}, {6.0, 1.0}};
+  ObstacleMarkers markers(0.5);
+  const Marker body = markers.update(*toMsg({obstacle}, LABELS, makeHeader()))->markers[0];
+  EXPECT_EQ(Marker::TRIANGLE_LIST, body.type);
+  ASSERT_EQ(3u * (3 * 2 + 1), body.points.size()) << "two triangles for each side, one for the top";
+  double low = 1e9;
+  double high = -1e9;
+  for (const geometry_msgs::Point& point : body.points)
+  {
+    EXPECT_TRUE(pi_detect::contains(obstacle.outline, Eigen::Vector2d(point.x, point.y), 1e-6));
+    low = std::min(low, point.z);
+    high = std::max(high, point.z);
+  }
+  EXPECT_NEAR(obstacle.position.z() - 0.5 * obstacle.size.z(), low, 1e-6);
+  EXPECT_NEAR(obstacle.position.z() + 0.5 * obstacle.size.z(), high, 1e-6);
+  EXPECT_EQ(0.0, body.pose.position.x);
+  EXPECT_EQ(1.0, body.scale.x);
 }
 
 TEST(ObstacleMarkers, WithoutClassAreGreyAndWithoutCollisionHaveNoTime)

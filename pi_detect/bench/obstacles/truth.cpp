@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <set>
+#include <utility>
 
 namespace pi_detect::bench
 {
@@ -22,6 +24,10 @@ constexpr double LARGE_M = 0.5;
 constexpr size_t REAL_POINTS = 4;
 constexpr double MOVING_M_S = 0.5;
 constexpr double SETTLED_S = 1.0;
+constexpr double FREE_M = 15.0;        // bare ground so far away counts, ...
+constexpr double BARE_M = 0.03;        // and ground so low
+constexpr double SHAPE_M = 0.1;        // by which a point may be outside of the shape that holds it, ...
+constexpr double SHAPE_PART = 0.05;    // and by this part of its distance
 constexpr double SAME_MIDDLE_M = 0.4;  // of what is seen and what is published, to be compared at all
 
 double quantile(std::vector<double> values, double part)
@@ -51,6 +57,7 @@ TruthCloud::TruthCloud(const Pair& pair, const StereoGeometry& geometry, const E
 {
   const Eigen::Isometry3d T_body_base = T_base_body.inverse();
   const double fb = geometry.fx * geometry.baseline_m;
+  std::set<std::pair<int, int>> tiles;
   for (const TrueObject& object : pair.objects)
   {
     Seen seen;
@@ -73,6 +80,10 @@ TruthCloud::TruthCloud(const Pair& pair, const StereoGeometry& geometry, const E
       const Eigen::Vector3d p = T_base_left * (z * ray);
       const Eigen::Vector3d p_body = T_body_base * p;
       const double height = (pair.T_world_body * p_body).z();  // rendered ground is at 0
+      if (std::abs(height) < BARE_M && p.head<2>().norm() < FREE_M)
+      {
+        tiles.emplace(static_cast<int>(std::floor(p.x() / TILE_M)), static_cast<int>(std::floor(p.y() / TILE_M)));
+      }
       if (height > 0.05 && height < options.max_height_m + 0.3)
       {
         raised_.push_back(p);
@@ -98,6 +109,10 @@ TruthCloud::TruthCloud(const Pair& pair, const StereoGeometry& geometry, const E
         }
       }
     }
+  }
+  for (const auto& [x, y] : tiles)
+  {
+    free_tiles_.emplace_back((x + 0.5) * TILE_M, (y + 0.5) * TILE_M);
   }
   for (Seen& seen : objects_)
   {
@@ -210,6 +225,47 @@ void Score::addMeasured(const TruthCloud& truth, const std::vector<FoundBox>& bo
   }
 }
 
+void Score::addShapes(const TruthCloud& truth, const std::vector<Obstacle>& obstacles)
+{
+  const auto boxHas = [](const Obstacle& obstacle, const Eigen::Vector2d& p, double tolerance)
+  { return ((p - obstacle.position.head<2>()).cwiseAbs() - 0.5 * obstacle.size.head<2>()).maxCoeff() <= tolerance; };
+  const auto outlineHas = [&boxHas](const Obstacle& obstacle, const Eigen::Vector2d& p, double tolerance)
+  { return obstacle.outline.empty() ? boxHas(obstacle, p, tolerance) : contains(obstacle.outline, p, tolerance); };
+  const auto count = [&obstacles](const Eigen::Vector2d& p, double tolerance, const auto& has, size_t* number)
+  {
+    *number += std::any_of(obstacles.begin(), obstacles.end(),
+                           [&](const Obstacle& obstacle) { return has(obstacle, p, tolerance); })
+                   ? 1
+                   : 0;
+  };
+  ++shape_pairs_;
+  for (const TruthCloud::Seen& seen : truth.objects())
+  {
+    // What is not found at all is counted elsewhere.
+    const double tolerance = SHAPE_M + SHAPE_PART * seen.distance_m;
+    const auto found = [&](const Obstacle& obstacle)
+    {
+      return std::any_of(seen.points.begin(), seen.points.end(),
+                         [&](const Eigen::Vector3d& p) { return boxHas(obstacle, p.head<2>(), tolerance); });
+    };
+    if (!seen.counts || seen.distance_m > FREE_M || std::none_of(obstacles.begin(), obstacles.end(), found))
+    {
+      continue;
+    }
+    points_ += seen.points.size();
+    for (const Eigen::Vector3d& p : seen.points)
+    {
+      count(p.head<2>(), tolerance, boxHas, &of_boxes_.held);
+      count(p.head<2>(), tolerance, outlineHas, &of_outlines_.held);
+    }
+  }
+  for (const Eigen::Vector2d& tile : truth.freeTiles())
+  {
+    count(tile, 0.0, boxHas, &of_boxes_.tiles);
+    count(tile, 0.0, outlineHas, &of_outlines_.tiles);
+  }
+}
+
 void Score::addPublished(const TruthCloud& truth, const std::vector<Obstacle>& obstacles, int64_t stamp_ns)
 {
   for (const Obstacle& obstacle : obstacles)
@@ -311,6 +367,15 @@ void Score::print(const std::string& name, double minutes) const
       "taken for moving\n",
       moving_found_, moving_wanted_, quantile(speed_errors_, 0.5), quantile(speed_errors_, 0.95), standing_moving_,
       standing_);
+  const auto shapes = [this](const char* shape, const Shapes& of)
+  {
+    std::printf("  %s hold %.1f %% of the objects' points and cover %.2f m^2 of bare ground per pair\n", shape,
+                100.0 * static_cast<double>(of.held) / static_cast<double>(std::max<size_t>(1, points_)),
+                TruthCloud::TILE_M * TruthCloud::TILE_M * static_cast<double>(of.tiles) /
+                    static_cast<double>(std::max<size_t>(1, shape_pairs_)));
+  };
+  shapes("boxes", of_boxes_);
+  shapes("outlines", of_outlines_);
 }
 
 }  // namespace pi_detect::bench

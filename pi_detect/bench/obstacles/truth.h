@@ -44,9 +44,14 @@ public:
   /// Whether there is a surface above the ground at the box's place.
   bool isReal(const FoundBox& box) const;
 
+  static constexpr double TILE_M = 0.25;
+  /// Middles of the tiles on which bare ground is seen, within FREE_M.
+  const std::vector<Eigen::Vector2d>& freeTiles() const { return free_tiles_; }
+
 private:
   std::vector<Seen> objects_;
   std::vector<Eigen::Vector3d> raised_;  ///< every surface above the ground
+  std::vector<Eigen::Vector2d> free_tiles_;
 };
 
 /// Counts over a recording.
@@ -57,6 +62,8 @@ public:
   static constexpr int BANDS = 3;
 
   void addMeasured(const TruthCloud& truth, const std::vector<FoundBox>& boxes);
+  /// How much of what is seen the published boxes and outlines hold, and how much of the bare ground they cover.
+  void addShapes(const TruthCloud& truth, const std::vector<Obstacle>& obstacles);
   void addPublished(const TruthCloud& truth, const std::vector<Obstacle>& obstacles, int64_t stamp_ns);
   void print(const std::string& name, double minutes) const;
 
@@ -89,6 +96,15 @@ private:
   int moving_found_ = 0;
   int standing_ = 0;
   int standing_moving_ = 0;
+  struct Shapes
+  {
+    size_t held = 0;   ///< points of objects
+    size_t tiles = 0;  ///< of bare ground
+  };
+  Shapes of_boxes_;
+  Shapes of_outlines_;
+  size_t points_ = 0;
+  size_t shape_pairs_ = 0;
   std::vector<int> missed_;
   std::set<size_t> false_boxes_;
 };

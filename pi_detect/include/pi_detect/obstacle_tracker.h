@@ -1,6 +1,7 @@
 #pragma once
 
 #include <pi_detect/object_tracker.h>
+#include <pi_detect/outline.h>
 #include <pi_detect/stereo_obstacles.h>
 
 #include <Eigen/Geometry>
@@ -39,6 +40,7 @@ struct Obstacle
   int64_t track_id = -1;                               ///< of the ObjectTrack it was seen with last
   Eigen::Vector3d position = Eigen::Vector3d::Zero();  ///< centre of its box [m]
   Eigen::Vector3d size = Eigen::Vector3d::Zero();      ///< along the axes of base_link [m]
+  Outline outline;                                     ///< on the ground; empty: its box is all that is known [m]
   Eigen::Matrix3d position_covariance = Eigen::Matrix3d::Zero();
   Eigen::Vector3d velocity = Eigen::Vector3d::Zero();  ///< over the ground, in the axes of base_link [m/s]
   Eigen::Matrix3d velocity_covariance = Eigen::Matrix3d::Zero();
@@ -57,7 +59,8 @@ struct VehicleState
 };
 
 /// Follows obstacles in odom: Kalman filter with constant velocity on the ground plane, Hungarian assignment, labels
-/// from the detector's tracks. Not thread safe.
+/// from the detector's tracks. Outlines keep the axes of odom; what should be seen of a remembered one and is not, is
+/// taken away. Not thread safe.
 class ObstacleTracker
 {
 public:

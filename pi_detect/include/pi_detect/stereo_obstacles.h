@@ -1,6 +1,7 @@
 #pragma once
 
 #include <pi_detect/detection.h>
+#include <pi_detect/outline.h>
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -62,10 +63,13 @@ struct ObstacleMeasurement
   Eigen::Vector3d max = Eigen::Vector3d::Zero();
   Eigen::Vector3d nearest = Eigen::Vector3d::Zero();         ///< robust nearest point (by distance on the ground) [m]
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Identity();  ///< of nearest [m^2]
-  Box box;                                                   ///< in the left rectified picture [px]
-  int points = 0;                                            ///< pixels that see it
+  /// Around what is seen of it, in base_link [m]; empty: unknown. No smaller than what is seen, but for single points.
+  Outline outline;
+  Box box;                 ///< in the left rectified picture [px]
+  int points = 0;          ///< pixels that see it
   bool cut_left = false;   ///< it may go on beyond max.y: the picture ends there, or something nearer hides the rest
   bool cut_right = false;  ///< likewise beyond min.y
+  bool piece = false;      ///< of a surface that was taken apart: where its ends are seen shifts with the view
 };
 
 /// Finds obstacles in stereo pairs: disparity, ground plane, what stands out of it, clusters. No classes.

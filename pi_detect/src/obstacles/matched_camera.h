@@ -38,5 +38,7 @@ struct MatchedCamera
 
 /// Noise of a matched disparity, standard deviation [px]. Measured with bench_obstacles: 0.2 to 0.3 on surfaces.
 constexpr double DISPARITY_SIGMA_PX = 0.25;
+/// Of this the part that does not average out [px].
+constexpr double DISPARITY_FLOOR_PX = 0.08;
 
 }  // namespace pi_detect::obstacles

@@ -4,12 +4,15 @@
 #include <cmath>
 #include <set>
 
+#include "split_view.h"
+
 namespace pi_detect::obstacles
 {
 
 namespace
 {
 
+constexpr double LARGE_M = 1.5;        // larger things may hold ground that is free
 constexpr double BULKY_M = 4.0;        // longer things are looked at: a box around a bent wall covers what is free
 constexpr double THIN_M = 1.5;         // a box that is this thin covers little
 constexpr double TILE_M = 0.5;         // to see how full a box is
@@ -21,7 +24,6 @@ constexpr double NEAREST_FROM = 0.02;  // part of the points, by distance: those
 constexpr double NEAREST_TO = 0.10;
 constexpr size_t MOST_BEFORE = 12;  // likewise in cells: of a long wall, 2 % may be metres
 constexpr size_t MOST_NEAREST = 24;
-constexpr double DISPARITY_FLOOR_PX = 0.08;  // errors that do not average out
 
 struct Range
 {
@@ -64,6 +66,9 @@ SurfaceMeter::SurfaceMeter(const MatchedCamera& camera, const StereoGeometry& ge
                            const Eigen::Isometry3d& T_base_left, const StereoObstacleOptions& options)
   : camera_(camera), geometry_(geometry), T_base_left_(T_base_left), options_(options)
 {
+  outline_scale_.camera = T_base_left.translation().head<2>();
+  outline_scale_.cell_rad = SurfaceFinder::CELL_PX / camera.fx;
+  outline_scale_.fb = camera.fb;
 }
 
 void SurfaceMeter::add(const Surface& surface, std::vector<ObstacleMeasurement>* obstacles,
@@ -83,10 +88,10 @@ void SurfaceMeter::add(const Surface& surface, std::vector<ObstacleMeasurement>*
       part.push_back({p.cast<float>(), cell.column, cell.row, cell.pixels});
     }
   }
-  split(std::move(part), surface.cut_left, surface.cut_right, obstacles, points);
+  split(std::move(part), surface.cut_left, surface.cut_right, false, obstacles, points);
 }
 
-void SurfaceMeter::split(std::vector<SurfacePoint> part, bool cut_left, bool cut_right,
+void SurfaceMeter::split(std::vector<SurfacePoint> part, bool cut_left, bool cut_right, bool piece,
                          std::vector<ObstacleMeasurement>* obstacles, std::vector<Eigen::Vector3f>* points) const
 {
   if (part.size() < MIN_CELLS)
@@ -95,6 +100,19 @@ void SurfaceMeter::split(std::vector<SurfacePoint> part, bool cut_left, bool cut
   }
   const Range x = rangeOf(part, 0, EDGE_PART);
   const Range y = rangeOf(part, 1, EDGE_PART);
+  if (std::max(x.size(), y.size()) > LARGE_M)
+  {
+    if (const std::optional<ViewSplit> at = splitView(part, outline_scale_))
+    {
+      const auto right = std::partition(part.begin(), part.end(),
+                                        [&at](const SurfacePoint& point) { return point.column < at->column; });
+      const std::vector<SurfacePoint> rest(right, part.end());
+      part.erase(right, part.end());
+      split(std::move(part), cut_left, cut_right || at->left_goes_on, true, obstacles, points);
+      split(rest, cut_left || at->right_goes_on, cut_right, true, obstacles, points);
+      return;
+    }
+  }
   const bool along_x = x.size() > y.size();
   if (std::max(x.size(), y.size()) > BULKY_M && std::min(x.size(), y.size()) > THIN_M &&
       fullness(part, x, y) < MIN_FULL)
@@ -106,8 +124,8 @@ void SurfaceMeter::split(std::vector<SurfacePoint> part, bool cut_left, bool cut
     const std::vector<SurfacePoint> rest(upper, part.end());
     part.erase(upper, part.end());
     // Cut ends in y: both pieces go on in the other, whichever way the wall runs.
-    split(std::move(part), true, true, obstacles, points);
-    split(rest, true, true, obstacles, points);
+    split(std::move(part), true, true, piece, obstacles, points);
+    split(rest, true, true, piece, obstacles, points);
     return;
   }
   ObstacleMeasurement obstacle;
@@ -117,7 +135,9 @@ void SurfaceMeter::split(std::vector<SurfacePoint> part, bool cut_left, bool cut
   }
   obstacle.cut_left = cut_left;
   obstacle.cut_right = cut_right;
-  obstacles->push_back(obstacle);
+  obstacle.piece = piece;
+  obstacle.outline = measureOutline(part, outline_scale_);
+  obstacles->push_back(std::move(obstacle));
   for (const SurfacePoint& point : part)
   {
     points->push_back(point.position);

@@ -6,19 +6,12 @@
 #include <vector>
 
 #include "matched_camera.h"
+#include "measure_outline.h"
+#include "surface_point.h"
 #include "surfaces.h"
 
 namespace pi_detect::obstacles
 {
-
-/// What one cell sees, in base_link.
-struct SurfacePoint
-{
-  Eigen::Vector3f position;
-  int column = 0;  ///< of the cell
-  int row = 0;
-  int pixels = 0;
-};
 
 /// Turns surfaces into obstacles.
 class SurfaceMeter
@@ -32,8 +25,8 @@ public:
            std::vector<Eigen::Vector3f>* points) const;
 
 private:
-  void split(std::vector<SurfacePoint> part, bool cut_left, bool cut_right, std::vector<ObstacleMeasurement>* obstacles,
-             std::vector<Eigen::Vector3f>* points) const;
+  void split(std::vector<SurfacePoint> part, bool cut_left, bool cut_right, bool piece,
+             std::vector<ObstacleMeasurement>* obstacles, std::vector<Eigen::Vector3f>* points) const;
   bool measure(const std::vector<SurfacePoint>& part, ObstacleMeasurement* obstacle) const;
   void measureNearest(const std::vector<SurfacePoint>& part, ObstacleMeasurement* obstacle) const;
 
@@ -41,6 +34,7 @@ private:
   StereoGeometry geometry_;
   Eigen::Isometry3d T_base_left_;
   StereoObstacleOptions options_;
+  OutlineScale outline_scale_;
 };
 
 }  // namespace pi_detect::obstacles

@@ -194,6 +194,14 @@ ObstacleArrayPtr toMsg(const std::vector<Obstacle>& obstacles, const Labels& lab
     to.track_id = from.track_id;
     to.position = toPoint(from.position);
     to.size = toVector(from.size);
+    for (const Eigen::Vector2d& corner : from.outline)
+    {
+      geometry_msgs::Point32 point;
+      point.x = static_cast<float>(corner.x());
+      point.y = static_cast<float>(corner.y());
+      point.z = static_cast<float>(from.position.z() - 0.5 * from.size.z());
+      to.outline.push_back(point);
+    }
     Eigen::Map<RowMajor3d>(to.position_covariance.data()) = from.position_covariance;
     to.velocity = toVector(from.velocity);
     Eigen::Map<RowMajor3d>(to.velocity_covariance.data()) = from.velocity_covariance;
@@ -220,6 +228,10 @@ std::vector<Obstacle> fromMsg(const ObstacleArray& message)
     to.track_id = from.track_id;
     to.position = fromVector(from.position);
     to.size = fromVector(from.size);
+    for (const geometry_msgs::Point32& corner : from.outline)
+    {
+      to.outline.emplace_back(corner.x, corner.y);
+    }
     to.position_covariance = Eigen::Map<const RowMajor3d>(from.position_covariance.data());
     to.velocity = fromVector(from.velocity);
     to.velocity_covariance = Eigen::Map<const RowMajor3d>(from.velocity_covariance.data());

@@ -56,6 +56,44 @@ Marker makeMarker(const std_msgs::Header& header, const char* group, int32_t id,
   return marker;
 }
 
+/// The outline, as high as the box; the box where there is none.
+Marker makeBody(const std_msgs::Header& header, int32_t id, const Obstacle3D& obstacle)
+{
+  const size_t corners = obstacle.outline.size();
+  if (corners < 3)
+  {
+    Marker box = makeMarker(header, BOXES, id, Marker::CUBE);
+    box.pose.position = obstacle.position;
+    box.scale.x = std::max(MIN_SIZE_M, obstacle.size.x);
+    box.scale.y = std::max(MIN_SIZE_M, obstacle.size.y);
+    box.scale.z = std::max(MIN_SIZE_M, obstacle.size.z);
+    return box;
+  }
+  Marker prism = makeMarker(header, BOXES, id, Marker::TRIANGLE_LIST);
+  prism.scale.x = prism.scale.y = prism.scale.z = 1.0;
+  const auto at = [&](size_t corner, double height)
+  {
+    const geometry_msgs::Point32& from = obstacle.outline[corner % corners];
+    geometry_msgs::Point point;
+    point.x = from.x;
+    point.y = from.y;
+    point.z = from.z + height;
+    return point;
+  };
+  const double height = std::max(MIN_SIZE_M, obstacle.size.z);
+  for (size_t i = 0; i < corners; ++i)
+  {
+    // A side of two triangles, and one of the top.
+    prism.points.insert(prism.points.end(), {at(i, 0.0), at(i + 1, 0.0), at(i + 1, height)});
+    prism.points.insert(prism.points.end(), {at(i, 0.0), at(i + 1, height), at(i, height)});
+    if (i >= 1 && i + 1 < corners)
+    {
+      prism.points.insert(prism.points.end(), {at(0, height), at(i, height), at(i + 1, height)});
+    }
+  }
+  return prism;
+}
+
 void deleteVanished(const std_msgs::Header& header, const char* group, const std::set<int32_t>& before,
                     const std::set<int32_t>& now, visualization_msgs::MarkerArray* array)
 {
@@ -83,11 +121,7 @@ visualization_msgs::MarkerArrayPtr ObstacleMarkers::update(const ObstacleArray& 
   {
     const int32_t id = markerId(obstacle.id);
     boxes.insert(id);
-    Marker box = makeMarker(obstacles.header, BOXES, id, Marker::CUBE);
-    box.pose.position = obstacle.position;
-    box.scale.x = std::max(MIN_SIZE_M, obstacle.size.x);
-    box.scale.y = std::max(MIN_SIZE_M, obstacle.size.y);
-    box.scale.z = std::max(MIN_SIZE_M, obstacle.size.z);
+    Marker box = makeBody(obstacles.header, id, obstacle);
     box.color = colour(obstacle.class_id, 0.5F);
     box.lifetime = lifetime;
     array->markers.push_back(box);

@@ -9,9 +9,10 @@
 namespace pi_detect
 {
 
-/// Obstacles as rviz shows them: a box coloured by class (grey without), a text "#id label 4.2 m 3.1 s" with distance
-/// and time to collision, an arrow for the velocity of what moves (its end is where the obstacle is in one second).
-/// Markers keep the obstacle's id; those of vanished obstacles are deleted. Not thread safe.
+/// Obstacles as rviz shows them: the outline as high as the box (the box where there is none), coloured by class (grey
+/// without), a text "#id label 4.2 m 3.1 s" with distance and time to collision, an arrow for the velocity of what
+/// moves (its end is where the obstacle is in one second). Markers keep the obstacle's id; those of vanished obstacles
+/// are deleted. Not thread safe.
 class ObstacleMarkers
 {
 public:

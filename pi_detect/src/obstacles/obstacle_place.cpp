@@ -1,0 +1,61 @@
+#include "obstacle_place.h"
+
+#include <algorithm>
+
+namespace pi_detect::obstacles
+{
+
+namespace
+{
+
+constexpr double EDGE_PART = 0.06;  // of its extent by which a box's middle may be wrong: seen from another side, ...
+constexpr double CUT_PART = 0.25;   // likewise where one end is not seen
+
+}  // namespace
+
+Place placeOf(const ObstacleMeasurement& measurement, const Eigen::Vector2d& known_size, const VehiclePlace& vehicle,
+              double most_edge_m)
+{
+  const Eigen::Vector2d size = (measurement.max - measurement.min).head<2>();
+  const double width = known_size.y();
+  const bool cut = measurement.cut_left || measurement.cut_right;
+  Place place;
+  place.position = {measurement.min.x(), 0.5 * (measurement.min.y() + measurement.max.y())};
+  if (measurement.cut_left != measurement.cut_right && width > size.y())
+  {
+    place.position.y() = measurement.cut_left ? measurement.min.y() + 0.5 * width : measurement.max.y() - 0.5 * width;
+  }
+  // When a piece joins or leaves, the middle moves by half of what the width changes, the near end of a side that is
+  // seen at an angle by as much as the length. A cut end may be the near one.
+  Eigen::Vector2d edge_sigma = EDGE_PART * size;
+  if (cut)
+  {
+    edge_sigma = CUT_PART * size.cwiseMax(known_size);
+  }
+  edge_sigma += 0.5 * (size - known_size).cwiseAbs();
+  edge_sigma = edge_sigma.cwiseMin(most_edge_m);
+  const double depth_sigma = EDGE_PART * std::min(BULKY_M, size.y());
+  place.covariance = measurement.covariance.topLeftCorner<2, 2>();
+  place.covariance(0, 0) += depth_sigma * depth_sigma;
+  place.covariance.diagonal() += edge_sigma.cwiseAbs2();
+  place.position = vehicle.toOdom(place.position);
+  place.covariance = vehicle.R_odom_base * place.covariance * vehicle.R_odom_base.transpose();
+  return place;
+}
+
+Footprint footprintOf(const ObstacleMeasurement& measurement)
+{
+  return {measurement.min.head<2>(), measurement.max.head<2>()};
+}
+
+double commonPart(const Footprint& a, const Footprint& b)
+{
+  const Eigen::Vector2d size = a.high.cwiseMin(b.high) - a.low.cwiseMax(b.low);
+  if (size.minCoeff() <= 0.0)
+  {
+    return 0.0;
+  }
+  return size.cwiseMax(0.05).prod() / std::min(a.area(), b.area());
+}
+
+}  // namespace pi_detect::obstacles

@@ -1,0 +1,52 @@
+#pragma once
+
+#include <pi_detect/stereo_obstacles.h>
+
+#include <Eigen/Core>
+
+namespace pi_detect::obstacles
+{
+
+/// Where the vehicle is, on the ground plane of odom.
+struct VehiclePlace
+{
+  Eigen::Matrix2d R_odom_base = Eigen::Matrix2d::Identity();
+  Eigen::Vector2d p_odom_base = Eigen::Vector2d::Zero();
+
+  Eigen::Vector2d toBase(const Eigen::Vector2d& p_odom) const
+  {
+    return R_odom_base.transpose() * (p_odom - p_odom_base);
+  }
+  Eigen::Vector2d toOdom(const Eigen::Vector2d& p_base) const { return R_odom_base * p_base + p_odom_base; }
+};
+
+/// What a measurement says about an obstacle's place, in odom: the middle of the side that faces the vehicle.
+struct Place
+{
+  Eigen::Vector2d position;
+  Eigen::Matrix2d covariance;
+};
+
+constexpr double BULKY_M = 5.0;  ///< the middle of longer things says nothing about motion
+
+/// @param known_size   of the obstacle so far, along the axes of base_link.
+/// @param most_edge_m  bound for what is added for ends that are not seen or have changed.
+Place placeOf(const ObstacleMeasurement& measurement, const Eigen::Vector2d& known_size, const VehiclePlace& vehicle,
+              double most_edge_m = 10.0);
+
+/// Box on the ground, along the axes of base_link.
+struct Footprint
+{
+  Eigen::Vector2d low;
+  Eigen::Vector2d high;
+
+  Eigen::Vector2d size() const { return high - low; }
+  double area() const { return size().cwiseMax(0.05).prod(); }
+};
+
+Footprint footprintOf(const ObstacleMeasurement& measurement);
+
+/// What two have in common, as part of the smaller one.
+double commonPart(const Footprint& a, const Footprint& b);
+
+}  // namespace pi_detect::obstacles
