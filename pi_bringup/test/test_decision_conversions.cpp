@@ -67,6 +67,23 @@ TEST(DecisionConversions, ObstaclesThatAreSeenBecomeThings)
   EXPECT_EQ(things[1].score, 1.0) << "without a class it is there all the same";
 }
 
+TEST(DecisionConversions, SeenThingsAreWhereTheirOutlinesAre)
+{
+  pi_detect::ObstacleArray message;
+  message.obstacles.resize(1);
+  message.obstacles[0].position.x = 5.0;
+  message.obstacles[0].outline.resize(3);
+  message.obstacles[0].outline[0].x = 3.0F;
+  message.obstacles[0].outline[1].x = 6.0F;
+  message.obstacles[0].outline[2].y = 3.0F;
+  const std::vector<SeenThing> things = toSeenThings(message, 0.25);
+  ASSERT_EQ(1u, things.size());
+  EXPECT_NEAR(3.0, things[0].position.x(), 1e-6);
+  EXPECT_NEAR(1.0, things[0].position.y(), 1e-6);
+  message.obstacles[0].outline.pop_back();
+  EXPECT_NEAR(5.0, toSeenThings(message, 0.25)[0].position.x(), 1e-6) << "its box";
+}
+
 TEST(DecisionConversions, EventsNameRuleActionAndThing)
 {
   RuleEvent event;

@@ -102,6 +102,47 @@ TEST(NavigationConversions, ObstaclesBecomeBoxes)
   EXPECT_EQ(Eigen::Vector2d(0.4, 0.6), boxes[0].size);
   EXPECT_EQ(Eigen::Vector2d(0.0, 1.2), boxes[0].velocity);
   EXPECT_TRUE(boxes[0].moving);
+  EXPECT_TRUE(boxes[0].outline.empty());
+}
+
+geometry_msgs::Point32 makeCorner(float x, float y)
+{
+  geometry_msgs::Point32 corner;
+  corner.x = x;
+  corner.y = y;
+  return corner;
+}
+
+TEST(NavigationConversions, OutlinesGoWithTheirBoxes)
+{
+  pi_detect::ObstacleArray array;
+  array.obstacles.resize(2);
+  array.obstacles[1].outline = {makeCorner(4.0F, -1.5F), makeCorner(5.5F, -1.0F), makeCorner(4.5F, 0.25F)};
+  const std::vector<ObstacleBox> boxes = toObstacleBoxes(array);
+  ASSERT_EQ(2u, boxes.size());
+  EXPECT_TRUE(boxes[0].outline.empty());
+  const std::vector<Eigen::Vector2d> expected = {{4.0, -1.5}, {5.5, -1.0}, {4.5, 0.25}};
+  EXPECT_EQ(expected, boxes[1].outline);
+  EXPECT_TRUE(GroundPolygon::isOutline(boxes[1].outline));
+}
+
+TEST(NavigationConversions, MarkersShowTheOutlineOfTheObstacleThatLimits)
+{
+  NavigationView view;
+  view.base_link_frame = "base_link";
+  auto obstacles = boost::make_shared<pi_detect::ObstacleArray>();
+  obstacles->obstacles.resize(1);
+  obstacles->obstacles[0].id = 9;
+  obstacles->obstacles[0].size.z = 1.5;
+  obstacles->obstacles[0].outline = {makeCorner(4.0F, -1.5F), makeCorner(5.5F, -1.0F), makeCorner(4.5F, 0.25F)};
+  view.obstacles = obstacles;
+  view.output.obstacle_id = 9;
+  const visualization_msgs::MarkerArray array = toMarkers(view);
+  ASSERT_EQ(1u, array.markers.size());
+  EXPECT_EQ(visualization_msgs::Marker::LINE_LIST, array.markers[0].type);
+  ASSERT_EQ(3u * 3 * 2, array.markers[0].points.size()) << "below, above and at each corner";
+  EXPECT_EQ(1.5, array.markers[0].points[2].z);
+  EXPECT_EQ(0.0, array.markers[0].pose.position.x);
 }
 
 TEST(NavigationConversions, ARouteHasEvenPosesAndBothEnds)

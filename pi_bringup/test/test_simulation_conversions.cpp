@@ -50,6 +50,12 @@ TEST(SimulationConversions, TurnedBoxesAreWider)
 {
   const auto message = convert({{6.0, 0.0}, M_PI_4, {1.0, 1.0}}, Eigen::Vector2d::Zero(), 0.0);
   EXPECT_NEAR(2.0 * std::sqrt(2.0), message.size.x, 1e-9);
+  ASSERT_EQ(4u, message.outline.size());
+  for (const geometry_msgs::Point32& corner : message.outline)
+  {
+    EXPECT_NEAR(std::sqrt(2.0), std::hypot(corner.x - 6.0, corner.y), 1e-5);
+    EXPECT_NEAR(0.0, (corner.x - 6.0) * corner.y, 1e-5) << "ahead, behind and beside its middle";
+  }
   EXPECT_TRUE(std::isinf(message.time_to_collision));
 }
 

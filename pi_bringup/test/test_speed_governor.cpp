@@ -69,6 +69,7 @@ struct World
   std::vector<Mover> movers;
   SpeedGovernor governor;
   double cruise = 3.0;
+  bool outlines = false;          ///< reported, beside boxes that are far too large
   double miss = 0.0;              ///< chance that an obstacle is not reported
   double noise = 0.0;             ///< of positions [m]; of velocities 3 times as much [m/s]
   int64_t latency_ns = 150 * MS;  ///< of reports
@@ -118,6 +119,12 @@ struct World
         const Eigen::Vector2d v = time >= movers[i].change_s ? movers[i].then : movers[i].velocity;
         box.velocity = Pose2{0.0, 0.0, -vehicle.pose.heading} * v + 3.0 * noise * error_v;
         box.moving = v.norm() > 0.1;
+        if (outlines)
+        {
+          const Pose2 axes{box.position.x(), box.position.y(), -vehicle.pose.heading};
+          box.outline = GroundPolygon::box(axes, 0.5 * box.size).corners();
+          box.size *= 4.0;
+        }
         boxes.push_back(box);
       }
       reports_.push_back({now_ns, boxes});
@@ -286,6 +293,25 @@ TEST(SpeedGovernor, PassesOneThatIsBesideTheWayInABend)
   EXPECT_GT(world.vehicle.speed, 1.9);
 }
 
+TEST(SpeedGovernor, BrakesForOutlinesAsForBoxes)
+{
+  World world = cruising();
+  world.outlines = true;
+  world.movers.push_back({{14.0, 0.2}});
+  world.run(15.0);
+  const double gap = 14.0 - 0.25 - 1.0 - world.vehicle.pose.x;
+  EXPECT_GT(gap, 0.6);
+  EXPECT_LT(gap, 1.8);
+  EXPECT_LT(world.hardest, 1.05);
+  World crossing = cruising();
+  crossing.outlines = true;
+  crossing.movers.push_back({{12.0, -5.0}, {0.0, 1.2}});
+  crossing.run(14.0);
+  EXPECT_FALSE(crossing.collided);
+  EXPECT_LT(crossing.hardest, 1.3);
+  EXPECT_GT(crossing.vehicle.speed, 2.0);
+}
+
 TEST(SpeedGovernor, FollowsASlowerOneAndKeepsItsDistanceWhenThatStops)
 {
   World world = cruising();
@@ -413,6 +439,7 @@ TEST(SpeedGovernor, NeverCollidesInAThousandScenesWhereBrakingCouldAvoidIt)
     { return std::uniform_real_distribution<double>(from, to)(random); };
     World world;
     world.random.seed(seed + 5000);
+    world.outlines = seed % 2 == 0;
     world.miss = 0.15;
     world.noise = 0.03;
     world.cruise = uniform(1.0, 3.0);

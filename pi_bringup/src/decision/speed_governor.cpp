@@ -21,32 +21,11 @@ constexpr double LEAST_HALF_SIZE = 0.1;  // of obstacles [m]
 constexpr double STANDING_S = 1.0;       // the way must stay free for so long after coming to a stand [s]
 constexpr double ROLLING_S = 0.3;        // a vehicle that still rolls need not stand: clear for so long will do
 constexpr double MAX_UPDATE_S = 1.0;     // a longer pause begins anew
+constexpr double REACH_STEP = 0.5;       // along the way, to see which obstacles are far from it [m]
 
 double seconds(int64_t ns)
 {
   return 1e-9 * static_cast<double>(ns);
-}
-
-/// Do two boxes overlap? Separating axes.
-bool overlap(const Pose2& a, const Eigen::Vector2d& half_a, const Pose2& b, const Eigen::Vector2d& half_b)
-{
-  const double dx = b.x - a.x;
-  const double dy = b.y - a.y;
-  const double radius = half_a.norm() + half_b.norm();
-  if (dx * dx + dy * dy > radius * radius)
-  {
-    return false;
-  }
-  const double ca = std::cos(a.heading);
-  const double sa = std::sin(a.heading);
-  const double cb = std::cos(b.heading);
-  const double sb = std::sin(b.heading);
-  const double c = std::abs(ca * cb + sa * sb);  // cosine and sine of the angle between them
-  const double s = std::abs(ca * sb - sa * cb);
-  return std::abs(dx * ca + dy * sa) <= half_a.x() + half_b.x() * c + half_b.y() * s &&
-         std::abs(-dx * sa + dy * ca) <= half_a.y() + half_b.x() * s + half_b.y() * c &&
-         std::abs(dx * cb + dy * sb) <= half_b.x() + half_a.x() * c + half_a.y() * s &&
-         std::abs(-dx * sb + dy * cb) <= half_b.y() + half_a.x() * s + half_a.y() * c;
 }
 
 /// Way made by driving `speed` for `reaction` and then braking.
@@ -146,9 +125,20 @@ bool SpeedGovernor::setObstacles(int64_t stamp_ns, const std::vector<ObstacleBox
     Known known;
     known.id = box.id;
     known.seen_ns = stamp_ns;
-    const Eigen::Vector2d p = pose * box.position;
-    known.pose = {p.x(), p.y(), pose.heading};
-    known.half_size = (0.5 * box.size).cwiseMax(LEAST_HALF_SIZE);
+    if (GroundPolygon::isOutline(box.outline))
+    {
+      known.outline = GroundPolygon(box.outline).in(pose);
+    }
+    else
+    {
+      if (!box.outline.empty())
+      {
+        ++left_out_;
+        all = false;
+      }
+      const Eigen::Vector2d p = pose * box.position;
+      known.outline = GroundPolygon::box({p.x(), p.y(), pose.heading}, (0.5 * box.size).cwiseMax(LEAST_HALF_SIZE));
+    }
     known.moving = box.moving;
     known.velocity = Pose2{0.0, 0.0, pose.heading} * box.velocity;
     const auto same =
@@ -165,44 +155,115 @@ bool SpeedGovernor::setObstacles(int64_t stamp_ns, const std::vector<ObstacleBox
   return all;
 }
 
-Pose2 SpeedGovernor::alongWay(double s) const
+SpeedGovernor::Placed SpeedGovernor::alongWay(double s) const
 {
+  const auto placed = [](const Pose2& pose) {
+    return Placed{pose.position(), {std::cos(pose.heading), std::sin(pose.heading)}};
+  };
   if (s >= way_s_.back())
   {
-    return way_.back().moved(s - way_s_.back(), 0.0);
+    return placed(way_.back().moved(s - way_s_.back(), 0.0));
   }
   const auto after = std::upper_bound(way_s_.begin() + 1, way_s_.end() - 1, s);
   const auto i = static_cast<size_t>(after - way_s_.begin());
   const double part = std::clamp((s - way_s_[i - 1]) / (way_s_[i] - way_s_[i - 1]), 0.0, 1.0);
   const Pose2& a = way_[i - 1];
   const Pose2& b = way_[i];
-  return {a.x + part * (b.x - a.x), a.y + part * (b.y - a.y), a.heading + part * wrapAngle(b.heading - a.heading)};
+  return placed(
+      {a.x + part * (b.x - a.x), a.y + part * (b.y - a.y), a.heading + part * wrapAngle(b.heading - a.heading)});
 }
 
-bool SpeedGovernor::touches(const Local& obstacle, double t, const Pose2& vehicle, double extra_front,
+void SpeedGovernor::setWay(const GovernorInput& input)
+{
+  way_ = input.way;
+  if (way_.size() < 2)
+  {
+    way_.clear();
+    for (double s = 0.0; s < options_.max_speed * options_.horizon; s += WAY_STEP)
+    {
+      way_.push_back(Pose2().moved(s, input.curvature));
+    }
+  }
+  way_s_.assign(1, 0.0);
+  for (size_t i = 1; i < way_.size(); ++i)
+  {
+    way_s_.push_back(way_s_.back() + std::max(1e-6, (way_[i].position() - way_[i - 1].position()).norm()));
+  }
+  const double speed = std::max(0.0, input.speed);
+  at_speed_.clear();
+  for (double t = 0.0; t <= options_.horizon; t += TIME_STEP)
+  {
+    at_speed_.push_back(alongWay(speed * t));
+  }
+  const double fastest = std::max(speed, options_.max_speed);
+  const double most = std::max(speed * options_.horizon,
+                               fastest * options_.reaction_time + 0.5 * fastest * fastest / options_.deceleration);
+  reach_.clear();
+  for (double s = 0.0; s < most + REACH_STEP; s += REACH_STEP)
+  {
+    reach_.push_back(alongWay(s));
+  }
+  const auto steps = static_cast<size_t>(options_.max_speed / SPEED_STEP) + 2;
+  comfortable_.assign(steps, {});
+  emergency_.assign(steps, {});
+}
+
+std::vector<SpeedGovernor::Placed> SpeedGovernor::makeBrakingPlaces(double speed, double deceleration) const
+{
+  const double standing = options_.reaction_time + speed / deceleration;
+  std::vector<Placed> places;
+  for (double t = 0.0; t <= standing + STANDING_S; t += TIME_STEP)
+  {
+    places.push_back(alongWay(brakingWay(speed, deceleration, options_.reaction_time, t)));
+  }
+  return places;
+}
+
+const std::vector<SpeedGovernor::Placed>& SpeedGovernor::brakingPlaces(size_t speed_steps, bool emergency)
+{
+  std::vector<Placed>& places = (emergency ? emergency_ : comfortable_)[speed_steps];
+  if (places.empty())
+  {
+    places = makeBrakingPlaces(SPEED_STEP * static_cast<double>(speed_steps),
+                               emergency ? options_.emergency_deceleration : options_.deceleration);
+  }
+  return places;
+}
+
+bool SpeedGovernor::isFar(const Local& obstacle) const
+{
+  const double ahead =
+      std::max(options_.vehicle_front + options_.margin + options_.stop_gap + options_.headway * options_.max_speed,
+               options_.vehicle_rear + LEAST_MARGIN);
+  const double vehicle = std::hypot(std::max(ahead, options_.vehicle_front + options_.margin + EMERGENCY_GAP),
+                                    options_.vehicle_half_width + options_.margin);
+  const double moves = obstacle.velocity.norm() * (options_.horizon + options_.pass_time_margin);
+  const double reach = vehicle + moves + obstacle.outline.radius() + 0.5 * REACH_STEP;
+  return std::all_of(reach_.begin(), reach_.end(),
+                     [&](const Placed& place)
+                     { return (place.position - obstacle.outline.middle()).squaredNorm() > reach * reach; });
+}
+
+bool SpeedGovernor::touches(const Local& obstacle, double t, const Placed& vehicle, double extra_front,
                             double margin) const
 {
   const double front = options_.vehicle_front + margin + extra_front;
   const double rear = options_.vehicle_rear + LEAST_MARGIN;
-  const Eigen::Vector2d half{0.5 * (front + rear), options_.vehicle_half_width + margin};
-  const Eigen::Vector2d centre = vehicle * Eigen::Vector2d(0.5 * (front - rear), 0.0);
-  Pose2 box = obstacle.pose;
-  box.x += t * obstacle.velocity.x();
-  box.y += t * obstacle.velocity.y();
-  return overlap({centre.x(), centre.y(), vehicle.heading}, half, box, obstacle.half_size);
+  const GroundRectangle rectangle{vehicle.position + 0.5 * (front - rear) * vehicle.along,
+                                  vehicle.along,
+                                  {0.5 * (front + rear), options_.vehicle_half_width + margin}};
+  return obstacle.outline.overlaps(rectangle, t * obstacle.velocity);
 }
 
-bool SpeedGovernor::brakes(const Local& obstacle, double speed, double deceleration, double gap, double margin,
-                           bool frozen) const
+bool SpeedGovernor::brakes(const Local& obstacle, const std::vector<Placed>& places, double standing_s, double gap,
+                           double margin, bool frozen) const
 {
-  const double standing = options_.reaction_time + speed / deceleration;
   const bool moving = obstacle.moving && !frozen;
   // Who walks up to a vehicle that has been standing for a while is no reason to stop elsewhere.
-  const double end = moving ? std::min(options_.horizon, standing + STANDING_S) : standing + TIME_STEP;
-  for (double t = 0.0; t <= end; t += TIME_STEP)
+  const double end = moving ? std::min(options_.horizon, standing_s + STANDING_S) : standing_s + TIME_STEP;
+  for (size_t i = 0; i < places.size() && TIME_STEP * static_cast<double>(i) <= end; ++i)
   {
-    const double s = brakingWay(speed, deceleration, options_.reaction_time, t);
-    if (touches(obstacle, moving ? t : 0.0, alongWay(s), gap, margin))
+    if (touches(obstacle, moving ? TIME_STEP * static_cast<double>(i) : 0.0, places[i], gap, margin))
     {
       return false;
     }
@@ -210,15 +271,15 @@ bool SpeedGovernor::brakes(const Local& obstacle, double speed, double decelerat
   return true;
 }
 
-bool SpeedGovernor::passes(const Local& obstacle, double speed) const
+bool SpeedGovernor::passes(const Local& obstacle) const
 {
-  for (double t = 0.0; t <= options_.horizon; t += TIME_STEP)
+  for (size_t i = 0; i < at_speed_.size(); ++i)
   {
-    const Pose2 vehicle = alongWay(speed * t);
+    const double t = TIME_STEP * static_cast<double>(i);
     const double times[] = {t, std::max(0.0, t - options_.pass_time_margin), t + options_.pass_time_margin};
     for (const double at : times)
     {
-      if (touches(obstacle, obstacle.moving ? at : 0.0, vehicle, 0.0, obstacle.margin))
+      if (touches(obstacle, obstacle.moving ? at : 0.0, at_speed_[i], 0.0, obstacle.margin))
       {
         return false;
       }
@@ -227,11 +288,12 @@ bool SpeedGovernor::passes(const Local& obstacle, double speed) const
   return true;
 }
 
-double SpeedGovernor::timeToCollision(const Local& obstacle, double speed) const
+double SpeedGovernor::timeToCollision(const Local& obstacle) const
 {
-  for (double t = 0.0; t <= options_.horizon; t += TIME_STEP)
+  for (size_t i = 0; i < at_speed_.size(); ++i)
   {
-    if (touches(obstacle, obstacle.moving ? t : 0.0, alongWay(speed * t), 0.0, 0.0))
+    const double t = TIME_STEP * static_cast<double>(i);
+    if (touches(obstacle, obstacle.moving ? t : 0.0, at_speed_[i], 0.0, 0.0))
     {
       return t;
     }
@@ -241,9 +303,10 @@ double SpeedGovernor::timeToCollision(const Local& obstacle, double speed) const
 
 double SpeedGovernor::clearance(const Local& obstacle) const
 {
+  const Placed HERE{Eigen::Vector2d::Zero(), Eigen::Vector2d::UnitX()};
   for (double margin = 0.0; margin < options_.margin; margin += 0.02)
   {
-    if (touches(obstacle, 0.0, Pose2(), 0.0, margin))
+    if (touches(obstacle, 0.0, HERE, 0.0, margin))
     {
       return margin;
     }
@@ -292,21 +355,7 @@ GovernorOutput SpeedGovernor::update(const GovernorInput& input)
     return stop(text);
   }
 
-  // The way.
-  way_ = input.way;
-  if (way_.size() < 2)
-  {
-    way_.clear();
-    for (double s = 0.0; s < options_.max_speed * options_.horizon; s += WAY_STEP)
-    {
-      way_.push_back(Pose2().moved(s, input.curvature));
-    }
-  }
-  way_s_.assign(1, 0.0);
-  for (size_t i = 1; i < way_.size(); ++i)
-  {
-    way_s_.push_back(way_s_.back() + std::max(1e-6, (way_[i].position() - way_[i - 1].position()).norm()));
-  }
+  setWay(input);
 
   // Obstacles, in base_link now.
   known_.erase(
@@ -324,23 +373,14 @@ GovernorOutput SpeedGovernor::update(const GovernorInput& input)
     local.moving = known.moving && known.velocity.norm() >= options_.min_moving_speed;
     local.velocity = Pose2{0.0, 0.0, T_base_reckoned.heading} * known.velocity;
     const double age = std::max(0.0, seconds(input.now_ns - known.seen_ns));
-    Pose2 pose = known.pose;
-    if (local.moving)
-    {
-      pose.x += age * known.velocity.x();
-      pose.y += age * known.velocity.y();
-    }
-    else
+    if (!local.moving)
     {
       local.velocity.setZero();
     }
-    local.pose = T_base_reckoned * pose;
-    local.half_size = known.half_size;
-    const double reach = std::abs(std::cos(local.pose.heading)) * local.half_size.x() +
-                         std::abs(std::sin(local.pose.heading)) * local.half_size.y();
-    if (local.pose.x + reach < -options_.vehicle_rear)
+    local.outline = known.outline.in(T_base_reckoned, age * local.velocity);
+    if (local.outline.mostX() < -options_.vehicle_rear || isFar(local))
     {
-      continue;  // behind
+      continue;  // behind, or nowhere near the way
     }
     local.margin = options_.margin;
     const double clear = clearance(local);
@@ -351,6 +391,8 @@ GovernorOutput SpeedGovernor::update(const GovernorInput& input)
     obstacles.push_back(local);
   }
 
+  const std::vector<Placed> braking_now = makeBrakingPlaces(speed, options_.deceleration);
+
   // The largest speed below which all speeds can be braked from, for each obstacle.
   double allowed = options_.max_speed;
   bool emergency = false;
@@ -360,12 +402,15 @@ GovernorOutput SpeedGovernor::update(const GovernorInput& input)
     const double least = std::min(obstacle.margin, LEAST_MARGIN);
     double own = 0.0;
     bool at_all = false;
-    for (double v = 0.0; v <= allowed + 1e-9; v += SPEED_STEP)
+    for (size_t step = 0; SPEED_STEP * static_cast<double>(step) <= allowed + 1e-9; ++step)
     {
-      const double gap = options_.stop_gap + options_.headway * v;
-      if (!brakes(obstacle, v, options_.deceleration, obstacle.moving ? gap : options_.stop_gap, obstacle.margin,
+      const double v = SPEED_STEP * static_cast<double>(step);
+      const double gap = options_.stop_gap + (obstacle.moving ? options_.headway * v : 0.0);
+      const double reaction = options_.reaction_time;
+      if (!brakes(obstacle, brakingPlaces(step, false), reaction + v / options_.deceleration, gap, obstacle.margin,
                   false) ||
-          (obstacle.moving && !brakes(obstacle, v, options_.emergency_deceleration, 0.0, least, true)))
+          (obstacle.moving && !brakes(obstacle, brakingPlaces(step, true),
+                                      reaction + v / options_.emergency_deceleration, 0.0, least, true)))
       {
         break;
       }
@@ -380,17 +425,18 @@ GovernorOutput SpeedGovernor::update(const GovernorInput& input)
     {
       own = std::min(own, options_.close_speed);
     }
-    output.time_to_collision = std::min(output.time_to_collision, timeToCollision(obstacle, speed));
+    output.time_to_collision = std::min(output.time_to_collision, timeToCollision(obstacle));
     if (own >= allowed)
     {
       continue;
     }
-    if (own < speed && obstacle.moving && speed > options_.resume_speed && passes(obstacle, speed))
+    if (own < speed && obstacle.moving && speed > options_.resume_speed && passes(obstacle))
     {
       own = std::min(speed, allowed);
     }
     else if (speed > options_.min_speed && own < speed &&
-             !brakes(obstacle, speed, options_.deceleration, EMERGENCY_GAP, least, false))
+             !brakes(obstacle, braking_now, options_.reaction_time + speed / options_.deceleration, EMERGENCY_GAP,
+                     least, false))
     {
       emergency = true;
     }

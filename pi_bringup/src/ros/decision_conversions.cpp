@@ -48,6 +48,33 @@ MotionCommand toMotionCommand(const DriveCommand& command, const ros::Time& stam
   return message;
 }
 
+namespace
+{
+
+/// Of the area of its outline; of its box, where there is none.
+Eigen::Vector2d middleOf(const pi_detect::Obstacle3D& obstacle)
+{
+  const auto& outline = obstacle.outline;
+  Eigen::Vector2d sum = Eigen::Vector2d::Zero();
+  double area = 0.0;
+  for (size_t i = 1; i + 1 < outline.size(); ++i)
+  {
+    // Triangles about the first corner.
+    const Eigen::Vector2d a(outline[i].x - outline[0].x, outline[i].y - outline[0].y);
+    const Eigen::Vector2d b(outline[i + 1].x - outline[0].x, outline[i + 1].y - outline[0].y);
+    const double twice = a.x() * b.y() - a.y() * b.x();
+    sum += twice / 3.0 * (a + b);
+    area += twice;
+  }
+  if (!(area > 1e-6))
+  {
+    return {obstacle.position.x, obstacle.position.y};
+  }
+  return Eigen::Vector2d(outline[0].x, outline[0].y) + sum / area;
+}
+
+}  // namespace
+
 std::vector<SeenThing> toSeenThings(const pi_detect::ObstacleArray& message, double max_unseen_s)
 {
   std::vector<SeenThing> things;
@@ -57,10 +84,7 @@ std::vector<SeenThing> toSeenThings(const pi_detect::ObstacleArray& message, dou
     {
       continue;
     }
-    things.push_back({obstacle.id,
-                      obstacle.label,
-                      obstacle.label.empty() ? 1.0 : obstacle.score,
-                      {obstacle.position.x, obstacle.position.y}});
+    things.push_back({obstacle.id, obstacle.label, obstacle.label.empty() ? 1.0 : obstacle.score, middleOf(obstacle)});
   }
   return things;
 }

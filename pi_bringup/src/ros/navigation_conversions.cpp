@@ -64,6 +64,35 @@ Marker makeMarker(const std::string& frame, const char* group, int32_t type, dou
   return marker;
 }
 
+Marker boxOf(const pi_detect::Obstacle3D& obstacle, const NavigationView& view)
+{
+  Marker box = makeMarker(view.base_link_frame, "obstacle", Marker::CUBE, 0.1, view.output);
+  box.pose.position = obstacle.position;
+  box.scale.x = std::max(0.1, obstacle.size.x);
+  box.scale.y = std::max(0.1, obstacle.size.y);
+  box.scale.z = std::max(0.1, obstacle.size.z);
+  return box;
+}
+
+/// Of the outline as a prism: below, above, and at each corner.
+Marker edgesOf(const pi_detect::Obstacle3D& obstacle, const NavigationView& view)
+{
+  Marker edges = makeMarker(view.base_link_frame, "obstacle", Marker::LINE_LIST, 0.05, view.output);
+  for (size_t i = 0; i < obstacle.outline.size(); ++i)
+  {
+    const geometry_msgs::Point32& from = obstacle.outline[i];
+    const geometry_msgs::Point32& to = obstacle.outline[(i + 1) % obstacle.outline.size()];
+    for (const double height : {0.0, obstacle.size.z})
+    {
+      edges.points.push_back(toPoint(from.x, from.y, from.z + height));
+      edges.points.push_back(toPoint(to.x, to.y, to.z + height));
+    }
+    edges.points.push_back(toPoint(from.x, from.y, from.z));
+    edges.points.push_back(toPoint(from.x, from.y, from.z + obstacle.size.z));
+  }
+  return edges;
+}
+
 }  // namespace
 
 Eigen::Isometry3d toIsometry(const geometry_msgs::Transform& transform)
@@ -147,6 +176,10 @@ std::vector<ObstacleBox> toObstacleBoxes(const pi_detect::ObstacleArray& obstacl
     box.size = {obstacle.size.x, obstacle.size.y};
     box.velocity = {obstacle.velocity.x, obstacle.velocity.y};
     box.moving = obstacle.moving != 0;
+    for (const geometry_msgs::Point32& corner : obstacle.outline)
+    {
+      box.outline.emplace_back(corner.x, corner.y);
+    }
     boxes.push_back(box);
   }
   return boxes;
@@ -211,13 +244,8 @@ visualization_msgs::MarkerArray toMarkers(const NavigationView& view)
                      [&view](const pi_detect::Obstacle3D& obstacle) { return obstacle.id == view.output.obstacle_id; });
     if (found != obstacles.end())
     {
-      Marker box = makeMarker(view.base_link_frame, "obstacle", Marker::CUBE, 0.1, view.output);
-      box.header = view.obstacles->header;
-      box.pose.position = found->position;
-      box.scale.x = std::max(0.1, found->size.x);
-      box.scale.y = std::max(0.1, found->size.y);
-      box.scale.z = std::max(0.1, found->size.z);
-      array.markers.push_back(box);
+      array.markers.push_back(found->outline.empty() ? boxOf(*found, view) : edgesOf(*found, view));
+      array.markers.back().header = view.obstacles->header;
     }
   }
   if (view.output.state != NavigatorState::IDLE)

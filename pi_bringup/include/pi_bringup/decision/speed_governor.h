@@ -1,5 +1,6 @@
 #pragma once
 
+#include <pi_bringup/decision/ground_polygon.h>
 #include <pi_bringup/decision/pose2.h>
 
 #include <cstdint>
@@ -71,6 +72,8 @@ struct ObstacleBox
   Eigen::Vector2d size = Eigen::Vector2d::Zero();      ///< along the axes of base_link [m]
   Eigen::Vector2d velocity = Eigen::Vector2d::Zero();  ///< over the ground, in the axes of base_link [m/s]
   bool moving = true;                                  ///< the velocity means something; false: taken as standing
+  /// Around it, as GroundPolygon::isOutline() wants it, in base_link at the stamp [m]; empty: the box.
+  std::vector<Eigen::Vector2d> outline;
 };
 
 struct GovernorInput
@@ -94,14 +97,14 @@ struct GovernorOutput
 
 /// Limits the speed along the way ahead so that the vehicle hits nothing.
 ///
-/// Every obstacle is predicted with constant velocity from its stamp on; the outline with margin is moved along the
-/// way. A speed is allowed if driving it for the reaction time and then braking comfortably touches no prediction, with
-/// a gap ahead that grows with the speed (this stops before standing things, follows slower ones, lets crossing ones
-/// pass and waits for oncoming ones), and if emergency braking also suffices should a moving obstacle stop dead where
-/// it is. Otherwise the present speed is kept if that passes clear of all predictions with pass_time_margin. Emergency:
-/// the time to collision is below what comfortable braking takes, that is, it would end in contact. An obstacle is
-/// remembered for `memory` when reports miss it, moving on as last seen. What is wholly behind the vehicle is no
-/// concern: it only drives forwards.
+/// Every obstacle is its outline, or its box if it has none, predicted with constant velocity from its stamp on; the
+/// vehicle's outline with margin is moved along the way. A speed is allowed if driving it for the reaction time and
+/// then braking comfortably touches no prediction, with a gap ahead that grows with the speed (this stops before
+/// standing things, follows slower ones, lets crossing ones pass and waits for oncoming ones), and if emergency braking
+/// also suffices should a moving obstacle stop dead where it is. Otherwise the present speed is kept if that passes
+/// clear of all predictions with pass_time_margin. Emergency: the time to collision is below what comfortable braking
+/// takes, that is, it would end in contact. An obstacle is remembered for `memory` when reports miss it, moving on as
+/// last seen. What is wholly behind the vehicle is no concern: it only drives forwards.
 ///
 /// Obstacles are carried along by dead reckoning from measured speed and curvature, so that their latency is made up
 /// for. Not thread safe; time comes in as numbers only.
@@ -112,7 +115,8 @@ public:
   explicit SpeedGovernor(const SpeedGovernorOptions& options = SpeedGovernorOptions());
 
   /// Takes a report, also an empty one, of all obstacles known at the stamp. Odd numbers and stamps that are not newer
-  /// than the last are left out and counted. A stamp more than a second back begins anew.
+  /// than the last are left out and counted; of an odd outline only that, so that the box counts. A stamp more than a
+  /// second back begins anew.
   /// @return false if the report, or a part of it, was left out.
   bool setObstacles(int64_t stamp_ns, const std::vector<ObstacleBox>& obstacles);
 
@@ -120,34 +124,43 @@ public:
   /// obstacles are reported again.
   GovernorOutput update(const GovernorInput& input);
 
-  size_t leftOut() const { return left_out_; }  ///< reports and boxes
+  size_t leftOut() const { return left_out_; }  ///< reports, boxes and outlines
 
 private:
   struct Known  // in the frame of dead reckoning
   {
     int64_t id;
     int64_t seen_ns;
-    Pose2 pose;  // centre, heading of the box's axes
-    Eigen::Vector2d half_size;
+    GroundPolygon outline;
     Eigen::Vector2d velocity;
     bool moving;
+  };
+  struct Placed  // a pose of the vehicle
+  {
+    Eigen::Vector2d position;
+    Eigen::Vector2d along;  // unit vector
   };
   struct Local  // in base_link now
   {
     int64_t id;
-    Pose2 pose;
-    Eigen::Vector2d half_size;
+    GroundPolygon outline;
     Eigen::Vector2d velocity;
     bool moving;
     double margin;
   };
 
   Pose2 poseAt(int64_t stamp_ns) const;
-  bool touches(const Local& obstacle, double at_s, const Pose2& vehicle, double extra_front, double margin) const;
-  Pose2 alongWay(double s) const;
-  bool brakes(const Local& obstacle, double speed, double deceleration, double gap, double margin, bool frozen) const;
-  bool passes(const Local& obstacle, double speed) const;
-  double timeToCollision(const Local& obstacle, double speed) const;
+  bool touches(const Local& obstacle, double at_s, const Placed& vehicle, double extra_front, double margin) const;
+  Placed alongWay(double s) const;
+  /// Along the way, every TIME_STEP, while braking from a multiple of SPEED_STEP until a while after standing.
+  const std::vector<Placed>& brakingPlaces(size_t speed_steps, bool emergency);
+  std::vector<Placed> makeBrakingPlaces(double speed, double deceleration) const;
+  bool brakes(const Local& obstacle, const std::vector<Placed>& places, double standing_s, double gap, double margin,
+              bool frozen) const;
+  bool isFar(const Local& obstacle) const;
+  bool passes(const Local& obstacle) const;
+  double timeToCollision(const Local& obstacle) const;
+  void setWay(const GovernorInput& input);
   double clearance(const Local& obstacle) const;
   void reset();
 
@@ -156,6 +169,10 @@ private:
   std::deque<std::pair<int64_t, Pose2>> track_;  // dead reckoning of the last seconds
   std::vector<Pose2> way_;
   std::vector<double> way_s_;
+  std::vector<Placed> at_speed_;                  // along the way at the present speed, every TIME_STEP
+  std::vector<Placed> reach_;                     // along all of the way that counts
+  std::vector<std::vector<Placed>> comfortable_;  // brakingPlaces(), as far as they were asked for
+  std::vector<std::vector<Placed>> emergency_;
   bool reported_ = false;
   int64_t report_ns_ = 0;
   int64_t last_ns_ = 0;

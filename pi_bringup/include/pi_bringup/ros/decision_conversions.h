@@ -28,7 +28,8 @@ DriveCommand toDriveCommand(const MotionCommand& message, const std::string& sou
 DriveCommand toDriveCommand(const geometry_msgs::Twist& message, const std::string& source);
 MotionCommand toMotionCommand(const DriveCommand& command, const ros::Time& stamp);
 
-/// Obstacles seen within max_unseen_s, by the centres of their boxes. What has no class has score 1: it is there.
+/// Obstacles seen within max_unseen_s, by the middles of their outlines, or of their boxes where they have none. What
+/// has no class has score 1: it is there.
 std::vector<SeenThing> toSeenThings(const pi_detect::ObstacleArray& message, double max_unseen_s);
 /// @param said  the text that was said, if any.
 ReactionEvent toMsg(const RuleEvent& event, const std_msgs::Header& header, const std::string& said);

@@ -37,6 +37,7 @@ geometry_msgs::PoseStamped toMsg(const Waypoint& waypoint, const std::string& ma
 double positionDeviation(const geometry_msgs::PoseWithCovariance& pose);
 /// Why the vehicle will not drive; empty: it will.
 std::string vehicleProblem(const VehicleState& state);
+/// With their outlines, where they have one.
 std::vector<ObstacleBox> toObstacleBoxes(const pi_detect::ObstacleArray& obstacles);
 
 /// A pose about every `step` [m]; of a closed path the first comes again at the end. Empty paths have no poses.
