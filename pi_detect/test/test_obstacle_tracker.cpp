@@ -5,6 +5,8 @@
 #include <random>
 #include <set>
 
+#include "stereo_on_mast.h"
+
 namespace pi_detect
 {
 namespace
@@ -13,26 +15,6 @@ namespace
 constexpr int64_t SECOND_NS = 1000000000;
 constexpr int64_t STEP_NS = SECOND_NS / 10;
 constexpr double STEP_S = 0.1;
-
-StereoGeometry makeGeometry()
-{
-  StereoGeometry geometry;
-  geometry.width = 640;
-  geometry.height = 480;
-  geometry.fx = geometry.fy = 320.0;
-  geometry.cx = 319.5;
-  geometry.cy = 239.5;
-  geometry.baseline_m = 0.12;
-  return geometry;
-}
-
-Eigen::Isometry3d makeMounting()
-{
-  Eigen::Isometry3d T_base_left = Eigen::Isometry3d::Identity();
-  T_base_left.linear() << 0, 0, 1, -1, 0, 0, 0, -1, 0;
-  T_base_left.translation().z() = 1.0;
-  return T_base_left;
-}
 
 /// A thing 0.6 m wide and 1.6 m high, its near side at x, y of base_link.
 ObstacleMeasurement makeMeasurement(double x, double y, double noise_m = 0.05)
@@ -363,6 +345,62 @@ TEST(ObstacleTracker, TakesLabelsFromTracksAndKeepsThem)
   obstacles = drive.step({person, behind, other}, {makeTrack(9, 2, person.box)});
   EXPECT_EQ(obstacles[0].class_id, 2);
   EXPECT_EQ(obstacles[0].track_id, 9) << "a new track takes over";
+}
+
+TEST(ObstacleTracker, BelievesTheVelocityOfWhatJustAppearedOnlyIfItHasAClass)
+{
+  constexpr int64_t PICTURE_NS = 50000000;
+  constexpr double SPEED = 3.0;
+  const auto pictureOfMotion = [](bool labelled)
+  {
+    Drive drive;
+    for (int i = 0; i < 20; ++i)
+    {
+      const ObstacleMeasurement measurement = makeMeasurement(7.0, -1.5 + SPEED * 0.05 * i, 0.02);
+      const auto tracks =
+          labelled ? std::vector<ObjectTrack>{makeTrack(7, 1, measurement.box)} : std::vector<ObjectTrack>();
+      const auto obstacles = drive.at(drive.stamp_ns + i * PICTURE_NS, {measurement}, tracks);
+      if (!obstacles.empty() && obstacles[0].moving)
+      {
+        return i;
+      }
+    }
+    return 20;
+  };
+  EXPECT_LT(pictureOfMotion(true), 7);
+  EXPECT_GE(pictureOfMotion(false), 9) << "0.3 s, and four pictures";
+  EXPECT_LT(pictureOfMotion(false), 14);
+}
+
+TEST(ObstacleTracker, GoesOnWithWhatMovedNotLongerThanItWasFollowed)
+{
+  Drive drive;
+  std::vector<Obstacle> obstacles;
+  for (int i = 0; i < 10; ++i)
+  {
+    obstacles = drive.step({makeMeasurement(8.0, -2.0 + 1.4 * STEP_S * i, 0.02)});
+  }
+  ASSERT_EQ(obstacles.size(), 1U);
+  ASSERT_TRUE(obstacles[0].moving);
+  // A wall before it hides it.
+  ObstacleMeasurement wall = makeMeasurement(4.0, 0.0, 0.02);
+  wall.min.y() = -4.0;
+  wall.max.y() = 4.0;
+  wall.box = {0.0F, 0.0F, 640.0F, 400.0F};
+  std::vector<double> seen_at;
+  for (int i = 0; i < 14; ++i)
+  {
+    for (const Obstacle& obstacle : drive.step({wall}))
+    {
+      if (obstacle.id == obstacles[0].id)
+      {
+        seen_at.push_back(obstacle.position.y());
+      }
+    }
+  }
+  ASSERT_EQ(seen_at.size(), 14U) << "it is remembered";
+  EXPECT_NEAR(seen_at[8] - seen_at[0], 8 * 1.4 * STEP_S, 0.2) << "it was followed for 0.9 s";
+  EXPECT_DOUBLE_EQ(seen_at[13], seen_at[11]);
 }
 
 TEST(ObstacleTracker, LeavesOutStampsThatAreNotNewer)

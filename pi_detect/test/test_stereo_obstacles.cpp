@@ -8,32 +8,12 @@
 #include <opencv2/core.hpp>
 #include <random>
 
+#include "stereo_on_mast.h"
+
 namespace pi_detect
 {
 namespace
 {
-
-constexpr double CAMERA_HEIGHT_M = 1.0;
-
-StereoGeometry makeGeometry()
-{
-  StereoGeometry geometry;
-  geometry.width = 640;
-  geometry.height = 480;
-  geometry.fx = geometry.fy = 320.0;
-  geometry.cx = 319.5;
-  geometry.cy = 239.5;
-  geometry.baseline_m = 0.12;
-  return geometry;
-}
-
-Eigen::Isometry3d makeMounting()
-{
-  Eigen::Isometry3d T_base_left = Eigen::Isometry3d::Identity();
-  T_base_left.linear() << 0, 0, 1, -1, 0, 0, 0, -1, 0;
-  T_base_left.translation().z() = CAMERA_HEIGHT_M;
-  return T_base_left;
-}
 
 /// A block whose front is at x; base_link, as if the ground were level.
 struct Block

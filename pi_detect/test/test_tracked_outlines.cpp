@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "stereo_on_mast.h"
+
 namespace pi_detect
 {
 namespace
@@ -12,26 +14,6 @@ namespace
 
 constexpr int64_t STEP_NS = 50000000;
 constexpr double STEP_S = 0.05;
-
-StereoGeometry makeGeometry()
-{
-  StereoGeometry geometry;
-  geometry.width = 640;
-  geometry.height = 480;
-  geometry.fx = geometry.fy = 320.0;
-  geometry.cx = 319.5;
-  geometry.cy = 239.5;
-  geometry.baseline_m = 0.12;
-  return geometry;
-}
-
-Eigen::Isometry3d makeMounting()
-{
-  Eigen::Isometry3d T_base_left = Eigen::Isometry3d::Identity();
-  T_base_left.linear() << 0, 0, 1, -1, 0, 0, 0, -1, 0;
-  T_base_left.translation().z() = 1.0;
-  return T_base_left;
-}
 
 /// A thing 1.5 m high with that outline.
 ObstacleMeasurement makeMeasurement(const Outline& outline)
