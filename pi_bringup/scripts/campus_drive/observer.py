@@ -131,9 +131,6 @@ class Observer:
         for link in self._links.values():
             link.unregister()
 
-    def is_linked(self, topic):
-        return self._links[topic].get_num_connections() > 0
-
     def _every(self, name, count):
         self._counts[name] = self._counts.get(name, -1) + 1
         return self._counts[name] % count == 0
