@@ -11,10 +11,11 @@ from first_drive import measuring
 from first_drive.errors import DemoError
 from first_drive.processes import log_excerpt
 
-from . import pictures, words
+from . import pictures
 from .cpu import CpuAccount
 from .kills import Killer
 from .observer import Observer
+from .speaker import Speaker
 from .unplugs import WORD, Unplugger, sequence
 
 READY_S = 180.0  # software rendering and loading of models on a loaded machine
@@ -54,7 +55,6 @@ class CampusDrive:
         self.observer = None
         self.cpu = None
         self.began = self.ended = 0.0  # of the way, system's clock
-        self._words = []       # [due or None, entry, path]
         self._shot = None      # thread
         self._seen = None      # pictures.SeenAhead
         self._others = {}      # name: pid of what runs beside the launch
@@ -234,7 +234,8 @@ class CampusDrive:
             if time.monotonic() > limit:
                 raise DemoError("nobody subscribes %s" % ("drive/goal" if not goals.get_num_connections()
                                                           else "microphone/play"))
-        self._words = [[None, entry, words.sound_of(entry["clip"], self.output)] for entry in self.facts["spoken"]]
+        speaker = Speaker(self.facts["spoken"], self.output, self.observer.records,
+                          lambda path: mouth.publish(String(data=str(path))))
         goal = self._goal(rospy)
         self._others.update({name: process.pid for name, process in (edge.processes if edge else {}).items()})
         self._others["drive_campus"] = os.getpid()
@@ -259,16 +260,16 @@ class CampusDrive:
             elif kind == "truth":
                 if self._seen is not None:
                     self._seen.speed(content[4], now)
-                self._notice_places(content, now)
+                speaker.notice(content[1], content[2], now - self.began, now)
                 if unplugger.busy:
-                    self._hold_words(now - looked)
-                elif self._speak(mouth, now):
+                    speaker.hold(now - looked)
+                elif speaker.speak(now):
                     unplugger.word_said(now)
                 looked = now
                 goal_x, goal_y = self.facts["goal"][:2]
                 if unplugger.tick(now, content[4], math.hypot(content[1] - goal_x, content[2] - goal_y),
-                                  self._words_wait()):
-                    self._prove_microphone(mouth, now)
+                                  speaker.waits()):
+                    speaker.prove(WORD, now)
                 killer.tick(now, self.cpu.pids, content[4])
                 if now >= next_cpu:
                     next_cpu = now + CPU_PERIOD_S
@@ -294,43 +295,6 @@ class CampusDrive:
             gantt, self.no_gantt = pictures.save_gantt(rospy, self.output)
             self.pictures += gantt
         print("  %s, after %.1f s" % (self.end, self.ended - self.began))
-
-    def _notice_places(self, truth, now):
-        """A word is due from when its place is reached."""
-        for one in self._words:
-            due, entry, _ = one
-            if due is None:
-                near = entry.get("near")
-                here = (math.hypot(truth[1] - near[0], truth[2] - near[1]) <= entry["within"] if near
-                        else now - self.began >= entry.get("time", 0.0))
-                if here:
-                    one[0] = now + entry["delay"]
-
-    def _speak(self, mouth, now):
-        """@return True: something was said."""
-        from std_msgs.msg import String
-        spoken = False
-        for due, entry, path in self._words:
-            if due is not None and now >= due and not entry.get("said"):
-                entry["said"] = now
-                spoken = True
-                print("  saying \"%s\"" % entry["text"])
-                mouth.publish(String(data=str(path)))
-        return spoken
-
-    def _words_wait(self):
-        return any(due is not None and not entry.get("said") for due, entry, _ in self._words)
-
-    def _hold_words(self, seconds):
-        """What is due is said so much later."""
-        for one in self._words:
-            if one[0] is not None and not one[1].get("said"):
-                one[0] += seconds
-
-    def _prove_microphone(self, mouth, now):
-        from std_msgs.msg import String
-        self.facts["spoken"].append({"clip": WORD, "text": WORD, "delay": 0.0, "said": now})
-        mouth.publish(String(data=str(words.sound_of(WORD, self.output))))
 
     @staticmethod
     def _commander(rospy):

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 PACKAGE = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(PACKAGE / "scripts"))
-from campus_drive import drive, unplugs  # noqa: E402
+from campus_drive import unplugs  # noqa: E402
 from campus_drive.observer import Records  # noqa: E402
 
 PAGE = PACKAGE.parent / "docs" / "design" / "vehicle_simulator.md"
@@ -116,14 +116,6 @@ class WhenItIsDone(unittest.TestCase):
         ride.tick(111.0)
         self.assertFalse(ride.unplugger.busy)
         self.assertAlmostEqual(4.5, ride.unplugger.unplugs[0]["back"]["hearing"])
-
-    def test_words_wait_while_something_is_unplugged(self):
-        one = object.__new__(drive.CampusDrive)
-        one._words = [[10.0, {"text": "stop"}, ""], [15.0, {"text": "go"}, ""], [9.0, {"text": "no", "said": 9.0}, ""],
-                      [None, {"text": "yes"}, ""]]
-        self.assertTrue(one._words_wait())
-        one._hold_words(0.5)
-        self.assertEqual([10.5, 15.5, 9.0, None], [word[0] for word in one._words])
 
     def test_devices_are_chosen_by_name_and_ordered_by_the_seed(self):
         self.assertEqual(list(unplugs.DEVICES), unplugs.devices_of("all"))
