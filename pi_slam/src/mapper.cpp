@@ -1,3 +1,4 @@
+#include <malloc.h>
 #include <pi_slam/mapper.h>
 #include <pthread.h>
 
@@ -629,6 +630,9 @@ void Mapper::Impl::correct()
     // What odometry did since the newest node goes on from there.
     filter.move(data.nodes[static_cast<size_t>(last_node)].T_map_odom());
   }
+  // Solving takes several times the memory of the map, in small pieces between which the map's own stay: glibc would
+  // keep the most that was ever needed.
+  malloc_trim(0);
   nodes_since_correction = 0;
   loops_pending = false;
   large_correction = false;
