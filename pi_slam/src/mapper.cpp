@@ -7,6 +7,7 @@
 #include <cmath>
 #include <condition_variable>
 #include <functional>
+#include <future>
 #include <map>
 #include <mutex>
 #include <thread>
@@ -625,14 +626,17 @@ void Mapper::Impl::addLoop(uint32_t to, const RecognizedPlace& place)
 
 void Mapper::Impl::correct()
 {
-  if (optimizePoseGraph(&data).usable && last_node >= 0)
+  // On a thread of its own: solving takes several times the memory of the map in small pieces, which glibc then takes
+  // from another arena than what the map keeps. Given back after each time, or the most that was ever needed would
+  // stay.
+  auto solved = std::async(std::launch::async, [this] { return optimizePoseGraph(&data).usable; });
+  const bool usable = solved.get();
+  malloc_trim(0);
+  if (usable && last_node >= 0)
   {
     // What odometry did since the newest node goes on from there.
     filter.move(data.nodes[static_cast<size_t>(last_node)].T_map_odom());
   }
-  // Solving takes several times the memory of the map, in small pieces between which the map's own stay: glibc would
-  // keep the most that was ever needed.
-  malloc_trim(0);
   nodes_since_correction = 0;
   loops_pending = false;
   large_correction = false;
