@@ -60,6 +60,7 @@ constexpr double AT_REST_RAD = 0.01;
 constexpr int64_t AT_REST_NS = 300000000;  ///< only so often
 constexpr int MAX_PER_PLACE = 3;           ///< keyframes that look the same way
 constexpr double WELL_KNOWN = 2.0;         ///< times the least inliers: needs no further keyframe
+constexpr size_t PLAIN_NODES = 100;        ///< without features, that any map may have; else as many as keyframes
 
 double angleBetween(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b)
 {
@@ -650,7 +651,9 @@ void Mapper::Impl::boundMap()
     recognizer.remove(data.nodes[node]);
     data.nodes[node].features.reset();
   }
-  if (const auto moved = thinOut(&data, 2 * options.max_keyframes))
+  // So that the map grows with the ground that was seen, not with the time spent on it.
+  const size_t keyframes = countKeyframes(data);
+  if (const auto moved = thinOut(&data, keyframes + std::max(keyframes, PLAIN_NODES)))
   {
     last_node = last_node >= 0 ? (*moved)[static_cast<size_t>(last_node)] : -1;
   }

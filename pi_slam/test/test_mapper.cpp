@@ -426,6 +426,31 @@ TEST_F(Street, StaysWithinItsBound)
   EXPECT_LE(mapper.path().size(), frames_.size());
 }
 
+TEST_F(Street, GrowsWithTheGroundAndNotWithTheTimeOnIt)
+{
+  constexpr size_t PLAIN_NODES = 100;  // without features, that any map may have
+  Mapper mapper(calibration_, testOptions());
+  size_t added = 0;
+  for (int64_t round = 0; round < 12; ++round)
+  {
+    for (MapFrame frame : frames_)
+    {
+      frame.stamp_ns += round * SECOND_ROUND_NS;
+      mapper.add(frame);
+      ++added;
+    }
+  }
+  const MapStatistics statistics = mapper.statistics();
+  EXPECT_LE(statistics.keyframes, frames_.size() + 3);
+  const size_t nodes = mapper.path().size();
+  EXPECT_LE(nodes, statistics.keyframes + PLAIN_NODES);
+  EXPECT_GT(added, 2 * nodes) << "so little was driven that nothing is shown";
+  // What went is missing nowhere: odometry was right, and the map says so.
+  EXPECT_LT((mapper.T_map_odom() * frames_.back().T_odom_body.translation() - frames_.back().T_odom_body.translation())
+                .norm(),
+            0.05);
+}
+
 TEST_F(Street, GivesTheSameTwiceAndOnItsThread)
 {
   const auto run = [&](bool threaded, std::shared_ptr<pi_runtime::Runtime> runtime)
