@@ -61,6 +61,11 @@ void checkModel(const ModelDescription& model, const ModelCheckOptions& options)
   }
   const int status = result.status;
   std::string& message = result.output;
+  if (result.wasInterrupted())
+  {
+    throw ModelError(model.weights.path + ": the check of it was ended from outside (" + strsignal(WTERMSIG(status)) +
+                     "); load it again");
+  }
   if (WIFSIGNALED(status))
   {
     throw ModelError(model.weights.path + ": OpenCV crashes on it (" + strsignal(WTERMSIG(status)) +

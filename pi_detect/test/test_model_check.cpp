@@ -147,6 +147,15 @@ TEST_F(ModelCheck, ACrashOfTheChildIsAnError)
   EXPECT_TRUE(contains(errorOf(tiny(), options), "OpenCV crashes on it (Segmentation fault)"));
 }
 
+TEST_F(ModelCheck, TheFileIsNotBlamedForAnInterruption)
+{
+  ModelCheckOptions options;
+  options.program = script("kill -TERM $$");
+  const std::string error = errorOf(tiny(), options);
+  EXPECT_TRUE(contains(error, "the check of it was ended from outside (Terminated)")) << error;
+  EXPECT_FALSE(contains(error, "damaged")) << error;
+}
+
 TEST_F(ModelCheck, AChildThatHangsIsEnded)
 {
   ModelCheckOptions options;

@@ -162,6 +162,12 @@ bool readAll(int input, double timeout_s, std::string* text)
 
 }  // namespace
 
+bool ChildResult::wasInterrupted() const
+{
+  const int signal = WIFSIGNALED(status) ? WTERMSIG(status) : 0;
+  return signal == SIGINT || signal == SIGTERM || signal == SIGHUP;
+}
+
 ChildResult runChild(const std::string& program, std::vector<std::string> arguments, const ChildOptions& options)
 {
   ChildResult result;

@@ -79,6 +79,19 @@ TEST(ChildProcess, GetsNoLibraryToPreload)
   unsetenv("LD_PRELOAD");
 }
 
+TEST(ChildProcess, TellsAnInterruptionFromACrash)
+{
+  EXPECT_TRUE(shell("kill -TERM $$").wasInterrupted());
+  EXPECT_FALSE(shell("kill -SEGV $$").wasInterrupted());
+  EXPECT_FALSE(shell("exit 2").wasInterrupted());
+  ChildResult result;
+  for (const int signal : {SIGINT, SIGHUP})  // which the program may ignore, as this one's parent did
+  {
+    result.status = signal;
+    EXPECT_TRUE(result.wasInterrupted()) << signal;
+  }
+}
+
 TEST(ChildProcess, NamesAProgramThatCannotBeStarted)
 {
   try

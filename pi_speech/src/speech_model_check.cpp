@@ -98,6 +98,11 @@ void checkSpeechModel(const SphinxModel& model, const std::string& dictionary, c
     throw std::runtime_error(text.str());
   }
   const std::string said = lastLine(result.output);
+  if (result.wasInterrupted())
+  {
+    throw std::runtime_error(model.acoustic_model + ": the check of it was ended from outside (" +
+                             strsignal(WTERMSIG(result.status)) + "); load it again");
+  }
   if (WIFSIGNALED(result.status))
   {
     throw std::runtime_error(model.acoustic_model + ": PocketSphinx crashes on this model (" +

@@ -89,6 +89,14 @@ TEST_F(SpeechModelCheck, ACrashIsNamed)
   EXPECT_TRUE(contains(error, "install it again")) << error;
 }
 
+TEST_F(SpeechModelCheck, TheModelIsNotBlamedForAnInterruption)
+{
+  const std::string error = errorWith("kill -TERM $$");
+
+  EXPECT_TRUE(contains(error, "the check of it was ended from outside (Terminated)")) << error;
+  EXPECT_FALSE(contains(error, "damaged")) << error;
+}
+
 TEST_F(SpeechModelCheck, TheEndByPocketSphinxIsNamedWithItsLastWords)
 {
   const std::string error = errorWith("echo said before; echo 'bio_fread failed' >&2; exit 1");

@@ -12,6 +12,9 @@ struct ChildResult
   bool in_time = true;  ///< else it was killed
   int status = 0;       ///< as waitpid() says
   std::string output;   ///< the first 4096 bytes
+
+  /// Whether somebody ended it (Ctrl-C, roslaunch), which says nothing about what it worked on.
+  bool wasInterrupted() const;
 };
 
 struct ChildOptions
