@@ -47,8 +47,9 @@ def cpu_seconds(pid):
 
 
 def memory_mb(pid):
-    """Resident, proportional and private memory; the pool of π-OS counts in the first two. None if it has ended."""
-    totals = {"Rss": 0, "Pss": 0, "Private_Clean": 0, "Private_Dirty": 0}
+    """Resident, proportional and private memory; the pool of π-OS counts in the first two. "kept" is the proportional
+    one without pages of files, which depend on who else maps them and can be taken away. None if it has ended."""
+    totals = {"Rss": 0, "Pss": 0, "Pss_Anon": 0, "Pss_Shmem": 0, "Private_Clean": 0, "Private_Dirty": 0}
     try:
         with open("/proc/%d/smaps_rollup" % pid) as file:
             for line in file:
@@ -58,6 +59,7 @@ def memory_mb(pid):
     except OSError:
         return None
     return {"rss": totals["Rss"] / 1024, "pss": totals["Pss"] / 1024,
+            "kept": (totals["Pss_Anon"] + totals["Pss_Shmem"]) / 1024,
             "private": (totals["Private_Clean"] + totals["Private_Dirty"]) / 1024}
 
 

@@ -2,7 +2,8 @@
 
 A rendered drive once around the campus, which ends where it began, is played round after round as cameras and IMU,
 spoken commands as microphone, in real time, with localisation, detection, obstacles, speech, power and diagnostics of
-vehicle.launch. Memory is proportional set size (PSS), so that what is shared counts once.
+vehicle.launch. Memory is proportional set size (PSS), so that what is shared counts once, without pages of files:
+how much of those a process has depends on who else maps them.
 
 Exit status: 0 if memory grew by less than 2 % after the first five minutes, no IMU message was lost and no latency
 drifted; 1 if not, or if something is missing.
@@ -236,7 +237,7 @@ class Replay:
                 next_sample = now + SAMPLE_S
                 pids = measuring.node_processes(launch.pid)
                 restarted |= {name for name, pid in first.items() if pids.get(name) != pid}
-                one = {name: (measuring.memory_mb(pid) or {}).get("pss") for name, pid in pids.items()
+                one = {name: (measuring.memory_mb(pid) or {}).get("kept") for name, pid in pids.items()
                        if name in SERVICES}
                 for name, value in one.items():
                     if value is not None:
@@ -269,7 +270,7 @@ class Replay:
 
 def report(result):
     """As text."""
-    rows = [["service", "PSS/MB", "at the end/MB", "growth %", "CPU %"]]
+    rows = [["service", "memory/MB", "at the end/MB", "growth %", "CPU %"]]
     lines = {**{name: result["memory_mb"][name] for name in sorted(result["memory_mb"])},
              "all": result["total_mb"]}
     for name, samples in lines.items():

@@ -1,11 +1,14 @@
-"""The verdict of bench_replay, without a graph."""
+"""The verdict of bench_replay, without a graph, and what it counts as memory."""
 
+import mmap
+import os
 import sys
 import unittest
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(PACKAGE / "scripts"))  # the helpers of the drives
+from first_drive import measuring  # noqa: E402
 from pi_bringup import bench_replay  # noqa: E402
 
 
@@ -68,6 +71,18 @@ class Judge(unittest.TestCase):
         result["restarted"], result["resets"] = ["ssd"], 2
         self.assertEqual(["ssd ended and was started again", "localisation began anew 2 times"],
                          bench_replay.judge(result))
+
+    def test_pages_of_files_are_no_memory_that_is_kept(self):
+        size = 32 << 20
+        before = measuring.memory_mb(os.getpid())
+        with open(sys.executable, "rb") as file, mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS) as kept:
+            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as pages:
+                kept.write(b"x" * size)
+                self.assertEqual(len(pages), len(pages[:]))  # all of them are read
+                during = measuring.memory_mb(os.getpid())
+        self.assertGreater(during["rss"] - before["rss"], 32.0)
+        self.assertAlmostEqual(32.0, during["kept"] - before["kept"], delta=8.0)  # and what the test copies
+        self.assertGreater(during["pss"], during["kept"])
 
     def test_report(self):
         text = bench_replay.report({**good(), "failures": ["nothing works"]})
