@@ -16,7 +16,6 @@
 namespace pi_detect
 {
 
-using obstacles::Footprint;
 using obstacles::Place;
 
 namespace
@@ -144,13 +143,12 @@ private:
     vehicle_speed_ = vehicle.velocity.head<2>().norm();
   }
 
-  Footprint footprintOf(const Known& known) const
+  OutlineBounds footprintOf(const Known& known) const
   {
     if (known.held && !known.outline.empty())
     {
       // Its size was measured along axes that have turned since.
-      const OutlineBounds bounds = boundsOf(known.outline.at(known.filter.position(), vehicle_));
-      return {bounds.low, bounds.high};
+      return boundsOf(known.outline.at(known.filter.position(), vehicle_));
     }
     const Eigen::Vector2d place = vehicle_.toBase(known.filter.position());
     const Eigen::Vector2d half(0.0, 0.5 * known.size.y());
@@ -198,7 +196,7 @@ private:
     Eigen::MatrixXd cost(static_cast<Eigen::Index>(measurements.size()), static_cast<Eigen::Index>(known_.size()));
     for (size_t i = 0; i < measurements.size(); ++i)
     {
-      const Footprint measured = obstacles::footprintOf(measurements[i]);
+      const OutlineBounds measured = obstacles::footprintOf(measurements[i]);
       for (size_t k = 0; k < known_.size(); ++k)
       {
         const Place place = obstacles::placeOf(measurements[i], known_[k].size, vehicle_, GATE_EDGE_M);
@@ -387,7 +385,7 @@ private:
   Obstacle describe(const Known& known, const VehicleState& vehicle) const
   {
     const Eigen::Matrix2d R_base_odom = vehicle_.R_odom_base.transpose();
-    const Footprint box = footprintOf(known);
+    const OutlineBounds box = footprintOf(known);
     Obstacle obstacle;
     obstacle.id = known.id;
     obstacle.class_id = known.class_id;

@@ -79,6 +79,17 @@ public:
 
   VehicleState vehicle;
 
+  /// @return obstacles after so many pictures of one measurement.
+  std::vector<Obstacle> look(int pictures, const ObstacleMeasurement& measurement)
+  {
+    std::vector<Obstacle> obstacles;
+    for (int i = 0; i < pictures; ++i)
+    {
+      obstacles = step({measurement});
+    }
+    return obstacles;
+  }
+
 private:
   int64_t stamp_ns_ = 100000000000;
   ObstacleTracker tracker_;
@@ -100,11 +111,7 @@ void expectSame(const Outline& expected, const Outline& found, double tolerance)
 TEST(TrackedOutlines, AreThoseThatWereMeasured)
 {
   Drive drive;
-  std::vector<Obstacle> obstacles;
-  for (int i = 0; i < 5; ++i)
-  {
-    obstacles = drive.step({makeMeasurement(OBLIQUE)});
-  }
+  std::vector<Obstacle> obstacles = drive.look(5, makeMeasurement(OBLIQUE));
   ASSERT_EQ(obstacles.size(), 1U);
   expectSame(OBLIQUE, obstacles[0].outline, 0.02);
   EXPECT_FALSE(contains(obstacles[0].outline, {5.5, -1.5})) << "in its box, but not in the car";
@@ -116,11 +123,7 @@ TEST(TrackedOutlines, AreThoseThatWereMeasured)
 TEST(TrackedOutlines, OfWhatIsRememberedDoNotTurnWithTheVehicle)
 {
   Drive drive;
-  std::vector<Obstacle> obstacles;
-  for (int i = 0; i < 10; ++i)
-  {
-    obstacles = drive.step({makeMeasurement(OBLIQUE)});
-  }
+  std::vector<Obstacle> obstacles = drive.look(10, makeMeasurement(OBLIQUE));
   ASSERT_EQ(obstacles.size(), 1U);
   // A sharp turn to the left: the car leaves the view on the right.
   for (int i = 1; i <= 30; ++i)
@@ -209,11 +212,8 @@ TEST(TrackedOutlines, DoNotShrinkByWhatASinglePictureLeavesOut)
 {
   Drive drive;
   const Outline whole = makeBox(6.0, 0.0, 0.5, 2.0);
-  std::vector<Obstacle> obstacles;
-  for (int i = 0; i < 10; ++i)
-  {
-    obstacles = drive.step({makeMeasurement(i == 9 ? makeBox(6.0, 0.5, 0.5, 1.0) : whole)});
-  }
+  drive.look(9, makeMeasurement(whole));
+  const std::vector<Obstacle> obstacles = drive.step({makeMeasurement(makeBox(6.0, 0.5, 0.5, 1.0))});
   ASSERT_FALSE(obstacles.empty());
   EXPECT_TRUE(contains(obstacles[0].outline, {6.2, -0.8}));
 }

@@ -18,7 +18,6 @@ class Speaker:
         self._records = records
         self._say = say
         self._words = [[None, entry, words.sound_of(entry["clip"], output)] for entry in spoken]
-        self._releases = {id(entry): path for _, entry, path in self._words if entry["text"] == RELEASE}
 
     def notice(self, x, y, since_begin, now):
         """A word is due from when its place is reached."""
@@ -41,17 +40,18 @@ class Speaker:
         return spoken or self._repeat(now)
 
     def _repeat(self, now):
-        last = next((entry for entry in reversed(self._spoken) if entry.get("said") is not None and id(entry) in self._releases),
-                    None)
+        said = [entry for entry in self._spoken if entry["text"] == RELEASE and entry.get("said") is not None]
         states = self._records.command_states
-        if last is None or now < last["said"] + REPEAT_S or not (states and states[-1]["stopped"]):
+        if not said or now < said[-1]["said"] + REPEAT_S or not (states and states[-1]["stopped"]):
             return False
-        again = {key: last[key] for key in ("clip", "text")}
-        again["delay"] = 0.0
-        self._spoken.append(again)
-        self._releases[id(again)] = self._releases[id(last)]
-        self._utter(again, self._releases[id(again)], now, " again")
+        self._utter(self._one_more(said[-1]["clip"], RELEASE), words.sound_of(said[-1]["clip"], self._output), now,
+                    " again")
         return True
+
+    def _one_more(self, clip, text):
+        entry = {"clip": clip, "text": text, "delay": 0.0}
+        self._spoken.append(entry)
+        return entry
 
     def _utter(self, entry, path, now, how=""):
         entry["said"] = now
@@ -70,6 +70,4 @@ class Speaker:
 
     def prove(self, word, now):
         """Says a word that changes nothing."""
-        entry = {"clip": word, "text": word, "delay": 0.0, "said": now}
-        self._spoken.append(entry)
-        self._say(words.sound_of(word, self._output))
+        self._utter(self._one_more(word, word), words.sound_of(word, self._output), now)

@@ -1,14 +1,13 @@
+#include <pi_bringup/decision/ground_polygon.h>
 #include <pi_bringup/ros/simulation_conversions.h>
 #include <sensor_msgs/image_encodings.h>
 
-#include <Eigen/Geometry>
 #include <boost/make_shared.hpp>
 
 #include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <limits>
-#include <utility>
 
 namespace pi_bringup
 {
@@ -99,11 +98,10 @@ pi_detect::ObstacleArray toObstacles(const std::vector<simulation::TrueObstacle>
     set(&message.size, {2.0 * half.x(), 2.0 * half.y(), obstacle.height});
     set(&message.velocity, {obstacle.velocity.x(), obstacle.velocity.y(), 0.0});
     message.moving = obstacle.velocity.norm() > 0.0;
-    const Eigen::Rotation2Dd turn(obstacle.box.heading);
-    for (const auto& [x, y] : {std::make_pair(-1, -1), {1, -1}, {1, 1}, {-1, 1}})
+    const Pose2 place{obstacle.box.center.x(), obstacle.box.center.y(), obstacle.box.heading};
+    const GroundPolygon ground = GroundPolygon::box(place, obstacle.box.half);
+    for (const Eigen::Vector2d& corner : ground.corners())
     {
-      const Eigen::Vector2d corner =
-          obstacle.box.center + turn * Eigen::Vector2d(x * obstacle.box.half.x(), y * obstacle.box.half.y());
       geometry_msgs::Point32 point;
       point.x = static_cast<float>(corner.x());
       point.y = static_cast<float>(corner.y());

@@ -17,6 +17,8 @@ struct OutlineBounds
 {
   Eigen::Vector2d low;
   Eigen::Vector2d high;
+
+  Eigen::Vector2d size() const { return high - low; }
 };
 
 /// The least one around finite points, with as many corners as it takes; empty if they lie on a line.

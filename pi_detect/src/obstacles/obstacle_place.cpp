@@ -10,6 +10,7 @@ namespace
 
 constexpr double EDGE_PART = 0.06;  // of its extent by which a box's middle may be wrong: seen from another side, ...
 constexpr double CUT_PART = 0.25;   // likewise where one end is not seen
+constexpr double LEAST_SIDE_M = 0.05;
 
 }  // namespace
 
@@ -43,19 +44,20 @@ Place placeOf(const ObstacleMeasurement& measurement, const Eigen::Vector2d& kno
   return place;
 }
 
-Footprint footprintOf(const ObstacleMeasurement& measurement)
+OutlineBounds footprintOf(const ObstacleMeasurement& measurement)
 {
   return {measurement.min.head<2>(), measurement.max.head<2>()};
 }
 
-double commonPart(const Footprint& a, const Footprint& b)
+double commonPart(const OutlineBounds& a, const OutlineBounds& b)
 {
   const Eigen::Vector2d size = a.high.cwiseMin(b.high) - a.low.cwiseMax(b.low);
   if (size.minCoeff() <= 0.0)
   {
     return 0.0;
   }
-  return size.cwiseMax(0.05).prod() / std::min(a.area(), b.area());
+  const auto area = [](const Eigen::Vector2d& sides) { return sides.cwiseMax(LEAST_SIDE_M).prod(); };
+  return area(size) / std::min(area(a.size()), area(b.size()));
 }
 
 }  // namespace pi_detect::obstacles

@@ -34,19 +34,10 @@ constexpr double BULKY_M = 5.0;  ///< the middle of longer things says nothing a
 Place placeOf(const ObstacleMeasurement& measurement, const Eigen::Vector2d& known_size, const VehiclePlace& vehicle,
               double most_edge_m = 10.0);
 
-/// Box on the ground, along the axes of base_link.
-struct Footprint
-{
-  Eigen::Vector2d low;
-  Eigen::Vector2d high;
-
-  Eigen::Vector2d size() const { return high - low; }
-  double area() const { return size().cwiseMax(0.05).prod(); }
-};
-
-Footprint footprintOf(const ObstacleMeasurement& measurement);
+/// On the ground, along the axes of base_link.
+OutlineBounds footprintOf(const ObstacleMeasurement& measurement);
 
 /// What two have in common, as part of the smaller one.
-double commonPart(const Footprint& a, const Footprint& b);
+double commonPart(const OutlineBounds& a, const OutlineBounds& b);
 
 }  // namespace pi_detect::obstacles

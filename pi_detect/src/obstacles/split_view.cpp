@@ -124,7 +124,11 @@ std::optional<ViewSplit> splitView(const std::vector<SurfacePoint>& part, const 
     return std::nullopt;
   }
   const double step = columns[boundary].range - columns[boundary - 1].range;
-  return ViewSplit{columns[boundary].column, step<JOINED_M, step> - JOINED_M};
+  ViewSplit split;
+  split.column = columns[boundary].column;
+  split.left_goes_on = step < JOINED_M;
+  split.right_goes_on = -step < JOINED_M;
+  return split;
 }
 
 }  // namespace pi_detect::obstacles

@@ -128,6 +128,7 @@ class Vehicle:
                 self._decisions.append(decision)
             if message.kind == "detection":
                 self._count += 1
+            if message.kind == "detection" and self._of_phase(decision["stamp"]):
                 before, row = self._remote_row
                 remote = message.node if message.how == "remote" else None
                 self._remote_row = (remote, row + 1 if remote == before else 1)
@@ -173,7 +174,7 @@ class Vehicle:
         self._await(lambda: self._count >= goal, f"{count} detections")
 
     def await_remote(self, count):
-        """Until the last so many pictures were done by one node. @return it"""
+        """Until the last so many pictures of the phase were done by one node. @return it"""
         self._await(lambda: self._remote_row[0] and self._remote_row[1] >= count,
                     f"{count} detections in a row by a node; the last decisions: {self._decisions[-3:]}")
         return self._remote_row[0]
@@ -199,6 +200,7 @@ class Vehicle:
         with self._changed:
             self._taken, self._results, self._decisions, self._commands = [], [], [], []
             self._recording, self._phase_ns = True, [rospy.Time.now().to_nsec(), sys.maxsize]
+            self._remote_row = (None, 0)
 
     def await_pictures(self, count):
         """Until so many were taken in the phase."""
