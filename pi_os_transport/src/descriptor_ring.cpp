@@ -45,7 +45,7 @@ RingProducer::Push RingProducer::push(const Descriptor& descriptor, uint32_t* do
 uint32_t RingProducer::inFlight() const
 {
   const uint32_t untaken = tail_ - layout_->head.load(std::memory_order_acquire);
-  return untaken <= CAPACITY ? untaken : CAPACITY + 1;
+  return untaken <= tail_ - oldest_ ? untaken : CAPACITY + 1;  // the head never falls behind what was vacated
 }
 
 int RingProducer::dropOldest()
@@ -53,6 +53,10 @@ int RingProducer::dropOldest()
   uint32_t head = layout_->head.load(std::memory_order_acquire);
   while (tail_ - head - 1 < CAPACITY)  // 1 .. CAPACITY in flight
   {
+    if (!occupied_[head % CAPACITY])
+    {
+      return -1;  // a peer that moved the head back or released what it never took: its memory was given back already
+    }
     if (layout_->head.compare_exchange_weak(head, head + 1, std::memory_order_acq_rel))
     {
       vacate(head % CAPACITY);

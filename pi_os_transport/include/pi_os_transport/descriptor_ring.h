@@ -65,7 +65,7 @@ public:
   uint32_t inFlight() const;
 
   /// Takes back the oldest message that the subscriber has not taken.
-  /// @return its place, or -1 if there is none left.
+  /// @return its place, or -1 if there is none left, or none that the peer's nonsense leaves in question.
   int dropOldest();
 
   /// Calls `done(place)` once for every message that the subscriber took and has since released.

@@ -183,6 +183,30 @@ TEST_F(DescriptorRing, NoticesAPeerThatWritesNonsense)
   EXPECT_EQ(-1, producer_.dropOldest());
 }
 
+TEST_F(DescriptorRing, GivesNoPlaceBackTwiceToAPeerThatMovesTheHeadBack)
+{
+  push(numbered(0));
+  push(numbered(1));
+  ASSERT_EQ(RingConsumer::Take::TAKEN, take());
+  consumer_.release(place_);
+  producer_.collect([](uint32_t) {});
+  layout_->head.store(0);
+  EXPECT_GT(producer_.inFlight(), CAPACITY);
+  EXPECT_EQ(-1, producer_.dropOldest());
+}
+
+TEST_F(DescriptorRing, GivesNoPlaceBackTwiceToAPeerThatReleasesWhatItNeverTook)
+{
+  push(numbered(0));
+  push(numbered(1));
+  consumer_.release(1);
+  consumer_.release(0);
+  std::vector<uint32_t> places;
+  producer_.collect([&](uint32_t place) { places.push_back(place); });
+  EXPECT_EQ((std::vector<uint32_t>{0, 1}), places);
+  EXPECT_EQ(-1, producer_.dropOldest());
+}
+
 TEST_F(DescriptorRing, IndicesMayWrapAround)
 {
   for (uint32_t i = 0; i < 10 * CAPACITY + 3; ++i)
