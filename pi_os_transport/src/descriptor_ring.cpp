@@ -80,14 +80,28 @@ bool RingConsumer::peek(Descriptor* descriptor, uint32_t* index)
   uint32_t head = layout_->head.load(std::memory_order_acquire);
   for (;;)
   {
-    if (head == layout_->tail.load(std::memory_order_acquire))
+    uint32_t tail = layout_->tail.load(std::memory_order_acquire);
+    if (head == tail)
     {
       layout_->armed.store(doorbell_, std::memory_order_seq_cst);
-      if (head == layout_->tail.load(std::memory_order_seq_cst))
+      tail = layout_->tail.load(std::memory_order_seq_cst);
+      if (head == tail)
       {
         return false;
       }
       layout_->armed.store(0, std::memory_order_relaxed);
+    }
+    if (tail - head > CAPACITY)
+    {
+      // Either the publisher has dropped messages since the head was read, or the tail is none of its making.
+      const uint32_t now = layout_->head.load(std::memory_order_relaxed);
+      if (now == head)
+      {
+        broken_ = true;
+        return false;
+      }
+      head = now;
+      continue;
     }
     // The publisher may drop this message and write the place anew while it is read here; then the head has moved and
     // what was read is thrown away.

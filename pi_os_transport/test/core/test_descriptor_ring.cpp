@@ -207,6 +207,25 @@ TEST_F(DescriptorRing, GivesNoPlaceBackTwiceToAPeerThatReleasesWhatItNeverTook)
   EXPECT_EQ(-1, producer_.dropOldest());
 }
 
+TEST_F(DescriptorRing, TakesNothingFromAPublisherThatLiesAboutItsTail)
+{
+  push(numbered(0));
+  layout_->tail.store(CAPACITY + 1);
+  EXPECT_EQ(RingConsumer::Take::EMPTY, take());
+  EXPECT_TRUE(consumer_.broken());
+  EXPECT_LE(consumer_.available(), CAPACITY);
+}
+
+TEST_F(DescriptorRing, AFullRingIsNotBroken)
+{
+  for (uint32_t i = 0; i < CAPACITY; ++i)
+  {
+    push(numbered(i));
+  }
+  EXPECT_EQ(RingConsumer::Take::TAKEN, take());
+  EXPECT_FALSE(consumer_.broken());
+}
+
 TEST_F(DescriptorRing, IndicesMayWrapAround)
 {
   for (uint32_t i = 0; i < 10 * CAPACITY + 3; ++i)
