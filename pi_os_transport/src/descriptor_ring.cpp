@@ -26,6 +26,8 @@ RingProducer::Push RingProducer::push(const Descriptor& descriptor, uint32_t* do
   {
     return Push::FULL;
   }
+  // Who sees what is written here of a place used again must also see that its last message was dropped, see peek().
+  std::atomic_thread_fence(std::memory_order_release);
   RingLayout::Entry& entry = layout_->entries[place];
   entry.segment_length.store(uint64_t{descriptor.segment} << 32 | descriptor.length, std::memory_order_relaxed);
   entry.offset_after.store((descriptor.offset / OFFSET_UNIT) << 32 | descriptor.after_tcp, std::memory_order_relaxed);
