@@ -45,6 +45,7 @@ class Chaos(kill_campaign.Campaign):
         super().__init__(preload, options.kills, options.seed, say)
         self.deadline = time.monotonic() + 60 * options.minutes
         self.nodes = options.nodes
+        self.verbose = options.verbose
         self.sizes = [size for size in chaos_disturbances.SIZES if size <= options.largest_mb << 20]
         self.disturbed = {}    # kind -> how often
         self.hostile = {}      # kind of hostile peer -> how often
@@ -52,6 +53,7 @@ class Chaos(kill_campaign.Campaign):
         self.topics_made = 0
         self.warned = []
         self.rounds = 0
+        self.dead = []
         self.clock = tempfile.NamedTemporaryFile(prefix='pi_os_chaos_clock_')
         self.set_clock(0)
 
@@ -99,9 +101,15 @@ class Chaos(kill_campaign.Campaign):
 
     def kill(self, peer):
         super().kill(peer)
-        self.warned += peer.warnings()
-        peer.close()
-        self.processes.remove(peer)
+        self.dead.append(peer)
+
+    def bury(self):
+        """Closes the pipes of the dead. Not as they die: a child that one has left would keep who closes them."""
+        for peer in self.dead:
+            self.warned += peer.warnings()
+            peer.close()
+            self.processes.remove(peer)
+        self.dead = []
 
     def strike(self, role, index, kind):
         peer = self.peers(role)[index]
@@ -156,12 +164,15 @@ class Chaos(kill_campaign.Campaign):
         self.rounds += 1
 
     def judge_survivors(self):
+        self.bury()
         self.await_flow_from_everybody()
         for index in self.subscribers:
             self.reports(index)
 
     def disturb(self, kind):
         function = chaos_disturbances.DISTURBANCES.get(kind) or chaos_disturbances.RARE[kind]
+        if self.verbose:
+            self.say('%6.0f s, %d kills: %s' % (time.monotonic() - self.begun, self.killed(), kind))
         self.disturbed[kind] = self.disturbed.get(kind, 0) + function(self)
         self.judge_survivors()
 
@@ -278,6 +289,7 @@ def main():
     parser.add_argument('--minutes', type=float, default=60, help='ends after that, however many kills it has been')
     parser.add_argument('--nodes', type=int, default=200, help='of the largest graph')
     parser.add_argument('--largest-mb', type=int, default=256, help='of a message')
+    parser.add_argument('--verbose', action='store_true', help='says what it does next')
     options, _ = parser.parse_known_args()
     if options.preload == harness.BUILT:
         options.preload = harness.built_library()
