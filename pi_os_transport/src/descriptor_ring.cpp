@@ -26,6 +26,8 @@ RingProducer::Push RingProducer::push(const Descriptor& descriptor, uint32_t* do
   {
     return Push::FULL;
   }
+  // Who sees what is written here of a place used again must also see that its last message was dropped, see peek().
+  std::atomic_thread_fence(std::memory_order_release);
   RingLayout::Entry& entry = layout_->entries[place];
   entry.segment_length.store(uint64_t{descriptor.segment} << 32 | descriptor.length, std::memory_order_relaxed);
   entry.offset_after.store((descriptor.offset / OFFSET_UNIT) << 32 | descriptor.after_tcp, std::memory_order_relaxed);
@@ -45,7 +47,7 @@ RingProducer::Push RingProducer::push(const Descriptor& descriptor, uint32_t* do
 uint32_t RingProducer::inFlight() const
 {
   const uint32_t untaken = tail_ - layout_->head.load(std::memory_order_acquire);
-  return untaken <= CAPACITY ? untaken : CAPACITY + 1;
+  return untaken <= tail_ - oldest_ ? untaken : CAPACITY + 1;  // the head never falls behind what was vacated
 }
 
 int RingProducer::dropOldest()
@@ -53,6 +55,10 @@ int RingProducer::dropOldest()
   uint32_t head = layout_->head.load(std::memory_order_acquire);
   while (tail_ - head - 1 < CAPACITY)  // 1 .. CAPACITY in flight
   {
+    if (!occupied_[head % CAPACITY])
+    {
+      return -1;  // a peer that moved the head back or released what it never took: its memory was given back already
+    }
     if (layout_->head.compare_exchange_weak(head, head + 1, std::memory_order_acq_rel))
     {
       vacate(head % CAPACITY);
@@ -76,14 +82,28 @@ bool RingConsumer::peek(Descriptor* descriptor, uint32_t* index)
   uint32_t head = layout_->head.load(std::memory_order_acquire);
   for (;;)
   {
-    if (head == layout_->tail.load(std::memory_order_acquire))
+    uint32_t tail = layout_->tail.load(std::memory_order_acquire);
+    if (head == tail)
     {
       layout_->armed.store(doorbell_, std::memory_order_seq_cst);
-      if (head == layout_->tail.load(std::memory_order_seq_cst))
+      tail = layout_->tail.load(std::memory_order_seq_cst);
+      if (head == tail)
       {
         return false;
       }
       layout_->armed.store(0, std::memory_order_relaxed);
+    }
+    if (tail - head > CAPACITY)
+    {
+      // Either the publisher has dropped messages since the head was read, or the tail is none of its making.
+      const uint32_t now = layout_->head.load(std::memory_order_relaxed);
+      if (now == head)
+      {
+        broken_ = true;
+        return false;
+      }
+      head = now;
+      continue;
     }
     // The publisher may drop this message and write the place anew while it is read here; then the head has moved and
     // what was read is thrown away.

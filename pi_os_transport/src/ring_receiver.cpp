@@ -1,5 +1,6 @@
 #include "pi_os_transport/ring_receiver.h"
 
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -13,7 +14,8 @@ namespace pi_os_transport
 namespace
 {
 
-/// The mapped segments of this process by pool and id, so that several links to one publisher map its memory once.
+/// The mapped segments of this process, so that several links to one publisher map its memory once. Known by the memory
+/// itself: what a peer says of it could be said by another one, to put its memory in the place of the first one's.
 class SegmentTable
 {
 public:
@@ -23,16 +25,22 @@ public:
     return *table;
   }
 
-  std::shared_ptr<MappedSegment> map(const Token& pool, uint32_t id, FileDescriptor memory, uint64_t length)
+  /// @return null if `memory` is none.
+  std::shared_ptr<MappedSegment> map(FileDescriptor memory, uint64_t length)
   {
+    struct stat file;
+    if (fstat(memory.get(), &file) != 0)
+    {
+      return nullptr;
+    }
     std::lock_guard<std::mutex> lock(mutex_);
     for (auto entry = segments_.begin(); entry != segments_.end();)
     {
       entry = entry->second.expired() ? segments_.erase(entry) : std::next(entry);
     }
-    std::weak_ptr<MappedSegment>& known = segments_[std::make_pair(pool, id)];
+    std::weak_ptr<MappedSegment>& known = segments_[std::make_pair(file.st_dev, file.st_ino)];
     std::shared_ptr<MappedSegment> segment = known.lock();
-    if (!segment)
+    if (!segment || segment->length() < length)
     {
       segment = std::make_shared<MappedSegment>(std::move(memory), length);
       known = segment;
@@ -42,7 +50,7 @@ public:
 
 private:
   std::mutex mutex_;
-  std::map<std::pair<Token, uint32_t>, std::weak_ptr<MappedSegment>> segments_;
+  std::map<std::pair<dev_t, ino_t>, std::weak_ptr<MappedSegment>> segments_;
 };
 
 }  // namespace
@@ -97,7 +105,7 @@ SideChannel::Receive RingReceiver::readPackets()
     else if (packet.type == Packet::SEGMENT && isSealed(descriptors[0].get(), packet.values[1]))
     {
       const uint32_t id = static_cast<uint32_t>(packet.values[0]);
-      segments_[id] = SegmentTable::instance().map(pool_, id, std::move(descriptors[0]), packet.values[1]);
+      segments_[id] = SegmentTable::instance().map(std::move(descriptors[0]), packet.values[1]);
     }
     else if (packet.type == Packet::RETIRED)
     {
@@ -130,7 +138,6 @@ void RingReceiver::onOffer(const Packet& packet, std::array<FileDescriptor, Side
   }
   ring_ = std::make_unique<RingConsumer>(layout);
   nonce_ = layout->nonce;
-  pool_ = Token{packet.values[0], packet.values[1]};
   lease_budget_ = packet.values[2];
   doorbells_ = {std::move(descriptors[1]), std::move(descriptors[2])};
 }
@@ -151,7 +158,7 @@ std::shared_ptr<MappedSegment> RingReceiver::find(const Descriptor& descriptor)
     readPackets();  // a segment's memory is always sent before the first message in it
     found = segments_.find(descriptor.segment);
   }
-  if (found == segments_.end() || descriptor.offset + descriptor.length > found->second->length())
+  if (found == segments_.end() || !found->second || descriptor.offset + descriptor.length > found->second->length())
   {
     return nullptr;
   }

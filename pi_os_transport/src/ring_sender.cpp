@@ -165,6 +165,10 @@ RingSender::Push RingSender::push(const uint8_t* buffer, uint32_t length, size_t
     const int place = ring_->dropOldest();
     if (place < 0)
     {
+      if (ring_->inFlight() != 0)
+      {
+        return Push::BROKEN;
+      }
       break;  // the subscriber has just taken all of them
     }
     give(static_cast<uint32_t>(place));

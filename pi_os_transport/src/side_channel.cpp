@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <charconv>
 #include <cinttypes>
 #include <cstdio>
 #include <cstring>
@@ -69,10 +70,14 @@ std::string Token::toString() const
 
 std::optional<Token> Token::fromString(const std::string& text)
 {
+  if (text.size() != 32)
+  {
+    return std::nullopt;
+  }
   Token token;
-  int read = 0;
-  if (text.size() != 32 ||
-      std::sscanf(text.c_str(), "%16" SCNx64 "%16" SCNx64 "%n", &token.high, &token.low, &read) != 2 || read != 32)
+  const char* const middle = text.data() + 16;
+  if (std::from_chars(text.data(), middle, token.high, 16).ptr != middle ||
+      std::from_chars(middle, middle + 16, token.low, 16).ptr != middle + 16)
   {
     return std::nullopt;
   }
@@ -144,11 +149,11 @@ SideChannel::Receive SideChannel::receiveInto(void* bytes, size_t* length,
   {
     return Receive::NOTHING;
   }
-  if (received <= 0)
+  if (received < 0)
   {
     return Receive::CLOSED;
   }
-  size_t count = 0;
+  size_t count = 0;  // descriptors may come with an empty packet as well, and have to be closed then
   for (cmsghdr* part = CMSG_FIRSTHDR(&message); part != nullptr; part = CMSG_NXTHDR(&message, part))
   {
     if (part->cmsg_level == SOL_SOCKET && part->cmsg_type == SCM_RIGHTS)
@@ -164,6 +169,11 @@ SideChannel::Receive SideChannel::receiveInto(void* bytes, size_t* length,
         }
       }
     }
+  }
+  if (received == 0)
+  {
+    *descriptors = {};
+    return Receive::CLOSED;
   }
   *length = static_cast<size_t>(received);
   return (message.msg_flags & (MSG_TRUNC | MSG_CTRUNC)) != 0 ? Receive::MALFORMED : Receive::PACKET;

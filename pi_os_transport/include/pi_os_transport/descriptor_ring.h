@@ -65,7 +65,7 @@ public:
   uint32_t inFlight() const;
 
   /// Takes back the oldest message that the subscriber has not taken.
-  /// @return its place, or -1 if there is none left.
+  /// @return its place, or -1 if there is none left, or none that the peer's nonsense leaves in question.
   int dropOldest();
 
   /// Calls `done(place)` once for every message that the subscriber took and has since released.
@@ -134,7 +134,7 @@ public:
   {
     TAKEN,    ///< `descriptor` and `place` are set; the memory stays valid until release(place)
     WAITING,  ///< the oldest message has to wait for one that comes over TCPROS; the doorbell is not armed
-    EMPTY,    ///< nothing there; the doorbell is armed
+    EMPTY,    ///< nothing there; the doorbell is armed, or broken() says why nothing will come
   };
   /// Which doorbell is to be rung from now on when the ring was empty, 1 or 2. Takes effect with the next take().
   void useDoorbell(uint32_t doorbell) { doorbell_ = doorbell; }
@@ -152,12 +152,16 @@ public:
   /// Messages that wait to be taken.
   uint32_t available() const;
 
+  /// True once the publisher wrote indices that cannot be: nothing more is taken.
+  bool broken() const { return broken_; }
+
   /// Any thread.
   void release(uint32_t place);
 
 private:
   RingLayout* layout_;
   uint32_t doorbell_ = 1;
+  bool broken_ = false;
 };
 
 }  // namespace pi_os_transport

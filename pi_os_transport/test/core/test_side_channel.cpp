@@ -53,6 +53,15 @@ TEST(Token, RefusesAnythingElse)
   }
 }
 
+TEST(Token, RefusesWhatScanfWouldTake)
+{
+  for (const char* text : {" 123456789abcde0123456789abcdef0", "-123456789abcde00123456789abcdef",
+                           "0x23456789abcde00123456789abcdef", "0123456789abcdef 123456789abcdef"})
+  {
+    EXPECT_FALSE(Token::fromString(text).has_value()) << text;
+  }
+}
+
 TEST(SideChannel, ConnectFindsNobodyUnderAnUnknownName)
 {
   EXPECT_FALSE(static_cast<bool>(SideChannel::connect("pi_os_test/" + Token::random().toString())));
@@ -104,6 +113,19 @@ TEST_F(SideChannelPair, RefusesPacketsOfAnotherSize)
   EXPECT_EQ(SideChannel::Receive::MALFORMED, server_.receive(&packet_, &descriptors_));
   ASSERT_EQ(3, write(client_.fd(), oversized, 3));
   EXPECT_EQ(SideChannel::Receive::MALFORMED, server_.receive(&packet_, &descriptors_));
+}
+
+TEST_F(SideChannelPair, ClosesTheDescriptorsOfAnEmptyPacket)
+{
+  int pipe_ends[2];
+  ASSERT_EQ(0, pipe(pipe_ends));
+  FileDescriptor read_end(pipe_ends[0]);
+  FileDescriptor write_end(pipe_ends[1]);
+  ASSERT_TRUE(client_.sendBytes(nullptr, 0, {write_end.get()}));
+  EXPECT_EQ(SideChannel::Receive::CLOSED, server_.receive(&packet_, &descriptors_));
+  write_end.reset();
+  char byte = 0;
+  EXPECT_EQ(0, read(read_end.get(), &byte, 1)) << "somebody still holds the other end";
 }
 
 TEST_F(SideChannelPair, RefusesOtherUsers)
