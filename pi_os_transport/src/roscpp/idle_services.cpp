@@ -75,9 +75,9 @@ void IdleServices::dropOld()
   {
     std::lock_guard<std::mutex> lock(mutex_);
     const Clock::time_point now = Clock::now();
-    const auto first_kept = std::find_if(idle_.begin(), idle_.end(),
-                                         [now](const Idle& idle)
-                                         { return idle.link->isValid() && now - idle.since < LONGEST; });
+    const auto first_kept =
+        std::find_if(idle_.begin(), idle_.end(),
+                     [now](const Idle& idle) { return idle.link->isValid() && now - idle.since < LONGEST; });
     std::move(idle_.begin(), first_kept, std::back_inserter(old));
     idle_.erase(idle_.begin(), first_kept);
   }

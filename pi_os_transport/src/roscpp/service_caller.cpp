@@ -85,8 +85,7 @@ bool ServiceCaller::meet(const std::string& field)
 {
   Runtime& runtime = Runtime::instance();
   const std::optional<HeaderOffer> offer = HeaderOffer::parse(field);
-  SideChannel answers =
-      offer && wake_ ? SideChannel::connect(HeaderOffer::socketName(offer->socket)) : SideChannel();
+  SideChannel answers = offer && wake_ ? SideChannel::connect(HeaderOffer::socketName(offer->socket)) : SideChannel();
   std::array<int, 2> ends{-1, -1};
   if (!answers || socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC | SOCK_NONBLOCK, 0, ends.data()) != 0)
   {

@@ -202,23 +202,23 @@ bool handleHeader(ros::ServiceClientLink* self, const ros::Header& header)
   std::string version;
   const bool asked = fields.getValue(HEADER_FIELD, version) && fields.getValue("service", service);
   fields.getValues()->erase(HEADER_FIELD);  // callbacks see the header that TCPROS would have given them
-  if (!asked || !runtime.active() || version != std::to_string(PROTOCOL_VERSION) ||
-      !runtime.options.carries(service) || runtime.service_responders.size() >= MAX_RESPONDERS)
+  if (!asked || !runtime.active() || version != std::to_string(PROTOCOL_VERSION) || !runtime.options.carries(service) ||
+      runtime.service_responders.size() >= MAX_RESPONDERS)
   {
     return runtime.original.service_handle_header(self, header);
   }
   const ros::ConnectionPtr connection = self->getConnection();
   const auto responder = std::make_shared<ServiceResponder>(self->shared_from_this(), connection);
-  const std::string offer = runtime.expect(
-      responder->token(),
-      [weak = std::weak_ptr<ServiceResponder>(responder)](SideChannel channel, const Packet&,
-                                                          Runtime::Descriptors* descriptors)
-      {
-        if (const std::shared_ptr<ServiceResponder> expected = weak.lock())
-        {
-          expected->meet(std::move(channel), SideChannel(std::move(descriptors->front())));
-        }
-      });
+  const std::string offer =
+      runtime.expect(responder->token(),
+                     [weak = std::weak_ptr<ServiceResponder>(responder)](SideChannel channel, const Packet&,
+                                                                         Runtime::Descriptors* descriptors)
+                     {
+                       if (const std::shared_ptr<ServiceResponder> expected = weak.lock())
+                       {
+                         expected->meet(std::move(channel), SideChannel(std::move(descriptors->front())));
+                       }
+                     });
   if (offer.empty())
   {
     return runtime.original.service_handle_header(self, header);

@@ -165,9 +165,8 @@ void ServiceResponder::takeRequests(const Doorbell* doorbell)
       {
         return;
       }
-      body = descriptor.segment != Descriptor::LINK_START
-                 ? ReceiveLink::fetch(requests_, descriptor, place, &copied_)
-                 : nullptr;
+      body = descriptor.segment != Descriptor::LINK_START ? ReceiveLink::fetch(requests_, descriptor, place, &copied_)
+                                                          : nullptr;
       pending_ = descriptor.serial;
     }
     // Not under the lock: a queue may run the callback in place, and that may end the connection.
@@ -209,8 +208,8 @@ bool ServiceResponder::respond(const ros::SerializedMessage& response)
     const uint64_t serial = std::exchange(pending_, 0) << 1 | (framed && response.buf[0] != 0 ? 1 : 0);
     if (answers_ && (answers_proven_ || (readProof() && answers_proven_)))
     {
-      written = buffer != nullptr && answers_->push(buffer, static_cast<uint32_t>(length), 0, 0, serial) ==
-                                         RingSender::Push::WRITTEN;
+      written = buffer != nullptr &&
+                answers_->push(buffer, static_cast<uint32_t>(length), 0, 0, serial) == RingSender::Push::WRITTEN;
       announced = written || answers_->pushStart(0, false, 0);
     }
   }
