@@ -28,6 +28,7 @@ public:
     , answer_(static_cast<uint32_t>(c.integer("answer", 20)))
     , persistent_(c.integer("persistent", 0) != 0)
     , rate_hz_(c.real("rate", 0))
+    , renew_(c.integer("renew", 0) != 0)
     , thread_([this] { run(); })
   {
   }
@@ -81,10 +82,11 @@ private:
   {
     ros::NodeHandle node;
     ros::ServiceClient client;
+    bool answered = true;
     auto next = Clock::now();
     for (long done = 0; !stopped_ && ros::ok() && (count_ == 0 || done < count_); ++done)
     {
-      if (!client || (persistent_ && !client.isValid()))
+      if (!client || (persistent_ && (!client.isValid() || (renew_ && !answered))))
       {
         // A persistent client whose connection has ended has to be made anew, says roscpp's documentation.
         std::lock_guard<std::mutex> lock(mutex_);
@@ -92,7 +94,7 @@ private:
         client = node.serviceClient<sensor_msgs::SetCameraInfo>(service_, persistent_);
         client_ = client;
       }
-      callOnce(static_cast<uint32_t>(done + 1), &client);
+      answered = callOnce(static_cast<uint32_t>(done + 1), &client);
       if (rate_hz_ > 0)
       {
         next += std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(1.0 / rate_hz_));
@@ -101,7 +103,8 @@ private:
     }
   }
 
-  void callOnce(uint32_t number, ros::ServiceClient* client)
+  /// @return true if the call came back with an answer.
+  bool callOnce(uint32_t number, ros::ServiceClient* client)
   {
     sensor_msgs::SetCameraInfo service;
     fillRequest(number, size_, answer_, &service.request.camera_info);
@@ -119,6 +122,7 @@ private:
     wrong_ += ok && !right ? 1 : 0;
     succeeded_ += ok ? 1 : 0;
     changed_.notify_all();
+    return ok;
   }
 
   const std::string service_;
@@ -127,6 +131,7 @@ private:
   const uint32_t answer_;
   const bool persistent_;
   const double rate_hz_;
+  const bool renew_;
   std::mutex mutex_;  ///< guards the counters
   std::condition_variable changed_;
   uint64_t succeeded_ = 0;

@@ -32,7 +32,7 @@ class ServicesKilled(services_judge.ServiceTest):
         for client in (persistent, single):
             client.call('await_service', service=self.service)
             client.call('call', service=self.service, count=0, size=2000, answer=3000, persistent=client is persistent,
-                        background=True)
+                        renew=True, background=True)
         for life in range(ROUNDS):
             for client in (persistent, single):
                 client.call('await_calls', n=chosen.randrange(1, 40))
