@@ -1,7 +1,7 @@
 #!/usr/bin/python3 -B
-"""A plain rospy node that understands the commands of test_peer.cpp that a rospy test needs.
+"""A plain rospy node that understands the commands of test_peer.cpp and test_service_peer.cpp that a rospy test needs.
 
-See there for the protocol and the message pattern.
+See there for the protocol and the patterns.
 """
 import json
 import sys
@@ -11,6 +11,7 @@ import time
 import numpy
 import rospy
 from sensor_msgs.msg import Image
+from sensor_msgs.srv import SetCameraInfo, SetCameraInfoRequest, SetCameraInfoResponse
 
 MASK = (1 << 64) - 1
 
@@ -94,6 +95,30 @@ class Outbox:
                 time.sleep(max(0.0, due - time.monotonic()))
 
 
+def request_values(call, count):
+    index = numpy.arange(count, dtype=numpy.uint64)
+    return (((call * 2654435761 + index * 40503) & 0xFFFFFFFF) % 1000003).astype(float)
+
+
+def answer_text(call, count, size):
+    text = '%d:%d:' % (call, count)
+    return text + ''.join(chr(ord('a') + (call + position) % 26) for position in range(len(text), size))
+
+
+class Server:
+    def __init__(self, service):
+        self.calls = 0
+        self.wrong = 0
+        self.service = rospy.Service(service, SetCameraInfo, self.serve)
+
+    def serve(self, request):
+        info = request.camera_info
+        intact = bool(numpy.array_equal(request_values(info.width, len(info.D)), numpy.array(info.D)))
+        self.calls += 1
+        self.wrong += not intact
+        return SetCameraInfoResponse(success=intact, status_message=answer_text(info.width, len(info.D), info.height))
+
+
 def await_state(reached, values):
     deadline = time.monotonic() + float(values.get('timeout', 30))
     while not reached():
@@ -107,6 +132,7 @@ class Peer:
     def __init__(self):
         self.inbox = None
         self.outbox = None
+        self.servers = {}
 
     def execute(self, verb, values):
         return getattr(self, verb)(values)
@@ -138,6 +164,32 @@ class Peer:
     def await_publishers(self, values):
         ok = await_state(lambda: self.inbox.subscriber.get_num_connections() == int(values.get('n', 1)), values)
         return dict(self.inbox.report(), ok=ok)
+
+    def serve(self, values):
+        self.servers[values['service']] = Server(values['service'])
+        return {'ok': True}
+
+    def served(self, values):
+        server = self.servers[values['service']]
+        return {'ok': True, 'calls': server.calls, 'wrong': server.wrong}
+
+    def call(self, values):
+        rospy.wait_for_service(values['service'], 30)
+        proxy = rospy.ServiceProxy(values['service'], SetCameraInfo, persistent=values.get('persistent', '0') != '0')
+        report = {'ok': True, 'calls': 0, 'failed': 0, 'wrong': 0}
+        for number in range(1, int(values.get('count', 1)) + 1):
+            request = SetCameraInfoRequest()
+            request.camera_info.width = number
+            request.camera_info.height = int(values.get('answer', 20))
+            request.camera_info.D = request_values(number, int(values.get('size', 80)) // 8)
+            report['calls'] += 1
+            try:
+                response = proxy(request)
+                report['wrong'] += response.status_message != answer_text(number, len(request.camera_info.D),
+                                                                          request.camera_info.height)
+            except rospy.ServiceException:
+                report['failed'] += 1
+        return report
 
     def unsubscribe(self, _values):
         self.inbox.subscriber.unregister()

@@ -1,16 +1,28 @@
 // A plain roscpp node with services and actions that the rostests of pi_os_transport steer, as test_peer.cpp is one
 // with topics: it reads commands from stdin and answers each with one line of JSON on stdout that starts with '@'.
 //
-//   serve service=/x                       a server; the request says how large the answer has to be
-//   served service=/x                      -> calls, wrong (requests that came damaged)
+//   serve service=/x mode= to=             a server; the request says how large the answer has to be. mode: answer
+//                                          (default), throw, refuse, hold (until release), forward (calls service to=)
+//   served service=/x                      -> calls, wrong (requests that came damaged), header (keys of the last)
+//   await_served service=/x n= timeout=    n calls have come
+//   release service=/x                     mode=hold: lets callbacks end
 //   unserve service=/x
 //   await_service service=/x timeout=
 //   call service=/x count= size= answer= persistent=0|1 rate=    calls one after another; count=0: until stop_calls
-//        background=0|1                    -> calls, failed, wrong, slowest_us (of one call), reconnected
+//        renew=0|1 (a persistent client is made anew after each failure: roscpp calls one valid for ever whose
+//        connection was refused at once) background=0|1       -> calls, failed, wrong, slowest_us (of one call), reconnected, valid
 //   await_calls n= timeout=                n further successful calls of the background caller
+//   await_failed n= timeout=               n failed calls of it in all
 //   stop_calls                             -> as call
+//   shutdown_client                        of the background caller, also while it waits
+//   share service=/x threads= count= size= answer= handles=1    several threads on the same persistent handles, in turn
+//                                          -> failed, wrong
+//   call_as_empty service=/x persistent=0|1    with another type -> called
+//   fork                                   a child that only waits -> pid
 //   serve_action action=/x                 an action server: goals count down, with feedback
+//   await_goal action=/x timeout=          a goal is at work
 //   act action=/x goal= timeout=           -> state, result, feedback (number of messages)
+//       cancel=n                           after the n-th feedback the goal is cancelled
 //
 // The node ends at "exit", at the end of stdin (the judge died) and at a signal.
 
@@ -19,255 +31,33 @@
 #include <actionlib/server/simple_action_server.h>
 #include <ros/ros.h>
 #include <sensor_msgs/SetCameraInfo.h>
+#include <std_srvs/Empty.h>
+#include <unistd.h>
 
-#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
-#include <functional>
 #include <iostream>
 #include <map>
 #include <memory>
 #include <mutex>
-#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <thread>
+#include <vector>
+
+#include "peer_command.h"
+#include "service_pattern.h"
+#include "service_peer_caller.h"
+#include "service_peer_server.h"
 
 namespace
 {
-using Clock = std::chrono::steady_clock;
 using ActionServer = actionlib::SimpleActionServer<actionlib::TestAction>;
 using ActionClient = actionlib::SimpleActionClient<actionlib::TestAction>;
 
 constexpr auto ACTION_STEP = std::chrono::milliseconds(10);
-
-// ------------------------------------------------------------------------------------------------------------ pattern
-
-double patternValue(uint32_t call, size_t index)
-{
-  return static_cast<double>((call * 2654435761u + static_cast<uint32_t>(index) * 40503u) % 1000003u);
-}
-
-/// Request of `bytes` bytes (rounded down to whole doubles) that asks for an answer of `answer` bytes.
-void fillRequest(uint32_t call, size_t bytes, uint32_t answer, sensor_msgs::CameraInfo* request)
-{
-  request->width = call;
-  request->height = answer;
-  request->D.resize(bytes / sizeof(double));
-  for (size_t i = 0; i < request->D.size(); ++i)
-  {
-    request->D[i] = patternValue(call, i);
-  }
-}
-
-bool requestIntact(const sensor_msgs::CameraInfo& request)
-{
-  for (size_t i = 0; i < request.D.size(); ++i)
-  {
-    if (request.D[i] != patternValue(request.width, i))
-    {
-      return false;
-    }
-  }
-  return true;
-}
-
-/// The answer to a call depends on the call, so that a late answer to another one is seen.
-std::string answerText(uint32_t call, size_t request_values, size_t bytes)
-{
-  std::string text = std::to_string(call) + ":" + std::to_string(request_values) + ":";
-  while (text.size() < bytes)
-  {
-    text.push_back(static_cast<char>('a' + (call + text.size()) % 26));
-  }
-  return text;
-}
-
-// ----------------------------------------------------------------------------------------------------------- commands
-
-class Command
-{
-public:
-  explicit Command(const std::string& line)
-  {
-    std::istringstream in(line);
-    in >> verb_;
-    for (std::string token; in >> token;)
-    {
-      const size_t equal = token.find('=');
-      if (equal == std::string::npos)
-      {
-        throw std::invalid_argument("argument \"" + token + "\" of " + verb_ + " is not key=value");
-      }
-      values_[token.substr(0, equal)] = token.substr(equal + 1);
-    }
-  }
-  const std::string& verb() const { return verb_; }
-  std::string text(const std::string& key) const
-  {
-    const auto it = values_.find(key);
-    if (it == values_.end())
-    {
-      throw std::invalid_argument(verb_ + " needs " + key + "=");
-    }
-    return it->second;
-  }
-  long integer(const std::string& key, long fallback) const
-  {
-    return values_.count(key) != 0 ? std::stol(text(key)) : fallback;
-  }
-  double real(const std::string& key, double fallback) const
-  {
-    return values_.count(key) != 0 ? std::stod(text(key)) : fallback;
-  }
-  std::chrono::milliseconds timeout() const
-  {
-    return std::chrono::milliseconds(static_cast<int64_t>(1000 * real("timeout", 30)));
-  }
-
-private:
-  std::string verb_;
-  std::map<std::string, std::string> values_;
-};
-
-std::string field(const std::string& key, const std::string& json)
-{
-  return ",\"" + key + "\":" + json;
-}
-
-// ------------------------------------------------------------------------------------------------------------- server
-
-class Server
-{
-public:
-  Server(ros::NodeHandle* node, const std::string& name)
-    : service_(node->advertiseService<Server, sensor_msgs::SetCameraInfoRequest, sensor_msgs::SetCameraInfoResponse>(
-          name, &Server::serve, this))
-  {
-  }
-  std::string report() const { return field("calls", std::to_string(calls_)) + field("wrong", std::to_string(wrong_)); }
-
-private:
-  bool serve(sensor_msgs::SetCameraInfoRequest& request, sensor_msgs::SetCameraInfoResponse& response)
-  {
-    ++calls_;
-    const sensor_msgs::CameraInfo& info = request.camera_info;
-    response.success = requestIntact(info);
-    wrong_ += response.success ? 0 : 1;
-    response.status_message = answerText(info.width, info.D.size(), info.height);
-    return true;
-  }
-
-  std::atomic<uint64_t> calls_{0};
-  std::atomic<uint64_t> wrong_{0};
-  ros::ServiceServer service_;
-};
-
-// ------------------------------------------------------------------------------------------------------------- client
-
-class Caller
-{
-public:
-  explicit Caller(const Command& c)
-    : service_(c.text("service"))
-    , count_(c.integer("count", 1))
-    , size_(static_cast<size_t>(c.integer("size", 80)))
-    , answer_(static_cast<uint32_t>(c.integer("answer", 20)))
-    , persistent_(c.integer("persistent", 0) != 0)
-    , rate_hz_(c.real("rate", 0))
-    , thread_([this] { run(); })
-  {
-  }
-  ~Caller() { stop(); }
-
-  void join()
-  {
-    if (thread_.joinable())
-    {
-      thread_.join();
-    }
-  }
-  void stop()
-  {
-    stopped_ = true;
-    join();
-  }
-
-  bool awaitCalls(uint64_t further, std::chrono::milliseconds timeout)
-  {
-    std::unique_lock<std::mutex> lock(mutex_);
-    const uint64_t wanted = succeeded_ + further;
-    return changed_.wait_for(lock, timeout, [&] { return succeeded_ >= wanted; });
-  }
-
-  std::string report()
-  {
-    std::lock_guard<std::mutex> lock(mutex_);
-    return field("calls", std::to_string(succeeded_ + failed_)) + field("failed", std::to_string(failed_)) +
-           field("wrong", std::to_string(wrong_)) + field("slowest_us", std::to_string(slowest_us_)) +
-           field("reconnected", std::to_string(reconnected_));
-  }
-
-private:
-  void run()
-  {
-    ros::NodeHandle node;
-    ros::ServiceClient client;
-    auto next = Clock::now();
-    for (long done = 0; !stopped_ && ros::ok() && (count_ == 0 || done < count_); ++done)
-    {
-      if (!client || (persistent_ && !client.isValid()))
-      {
-        // A persistent client whose connection has ended has to be made anew, says roscpp's documentation.
-        std::lock_guard<std::mutex> lock(mutex_);
-        reconnected_ += client ? 1 : 0;
-        client = node.serviceClient<sensor_msgs::SetCameraInfo>(service_, persistent_);
-      }
-      callOnce(static_cast<uint32_t>(done + 1), &client);
-      if (rate_hz_ > 0)
-      {
-        next += std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(1.0 / rate_hz_));
-        std::this_thread::sleep_until(next);
-      }
-    }
-  }
-
-  void callOnce(uint32_t number, ros::ServiceClient* client)
-  {
-    sensor_msgs::SetCameraInfo service;
-    fillRequest(number, size_, answer_, &service.request.camera_info);
-    const auto start = Clock::now();
-    const bool ok = client->call(service);
-    const int64_t took = std::chrono::duration_cast<std::chrono::microseconds>(Clock::now() - start).count();
-    const bool right =
-        ok && service.response.success &&
-        service.response.status_message == answerText(number, service.request.camera_info.D.size(), answer_);
-    std::lock_guard<std::mutex> lock(mutex_);
-    slowest_us_ = std::max(slowest_us_, took);
-    failed_ += ok ? 0 : 1;
-    wrong_ += ok && !right ? 1 : 0;
-    succeeded_ += ok ? 1 : 0;
-    changed_.notify_all();
-  }
-
-  const std::string service_;
-  const long count_;
-  const size_t size_;
-  const uint32_t answer_;
-  const bool persistent_;
-  const double rate_hz_;
-  std::mutex mutex_;  ///< guards the counters
-  std::condition_variable changed_;
-  uint64_t succeeded_ = 0;
-  uint64_t failed_ = 0;
-  uint64_t wrong_ = 0;
-  uint64_t reconnected_ = 0;
-  int64_t slowest_us_ = 0;
-  std::atomic<bool> stopped_{false};
-  std::thread thread_;
-};
 
 // ------------------------------------------------------------------------------------------------------------- action
 
@@ -280,10 +70,20 @@ public:
   {
     server_.start();
   }
+  bool awaitGoal(std::chrono::milliseconds timeout)
+  {
+    std::unique_lock<std::mutex> lock(mutex_);
+    return changed_.wait_for(lock, timeout, [this] { return started_; });
+  }
 
 private:
   void execute(const actionlib::TestGoal& goal)
   {
+    {
+      std::lock_guard<std::mutex> lock(mutex_);
+      started_ = true;
+      changed_.notify_all();
+    }
     actionlib::TestFeedback feedback;
     for (feedback.feedback = goal.goal; feedback.feedback > 0; --feedback.feedback)
     {
@@ -300,6 +100,9 @@ private:
     server_.setSucceeded(result);
   }
 
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  bool started_ = false;
   ActionServer server_;
 };
 
@@ -313,12 +116,20 @@ public:
     static const std::map<std::string, bool (Peer::*)(const Command&, std::string*)> VERBS = {
         {"serve", &Peer::serve},
         {"served", &Peer::served},
+        {"await_served", &Peer::awaitServed},
+        {"release", &Peer::release},
         {"unserve", &Peer::unserve},
         {"await_service", &Peer::awaitService},
         {"call", &Peer::call},
         {"await_calls", &Peer::awaitCalls},
+        {"await_failed", &Peer::awaitFailed},
         {"stop_calls", &Peer::stopCalls},
+        {"shutdown_client", &Peer::shutdownClient},
+        {"share", &Peer::share},
+        {"call_as_empty", &Peer::callAsEmpty},
+        {"fork", &Peer::forkChild},
         {"serve_action", &Peer::serveAction},
+        {"await_goal", &Peer::awaitGoal},
         {"act", &Peer::act},
     };
     const auto it = VERBS.find(c.verb());
@@ -334,12 +145,21 @@ public:
 private:
   bool serve(const Command& c, std::string*)
   {
-    servers_[c.text("service")] = std::make_unique<Server>(&node_, c.text("service"));
+    servers_[c.text("service")] = std::make_unique<Server>(&node_, c);
     return true;
   }
   bool served(const Command& c, std::string* fields)
   {
     *fields = servers_.at(c.text("service"))->report();
+    return true;
+  }
+  bool awaitServed(const Command& c, std::string*)
+  {
+    return servers_.at(c.text("service"))->awaitCalls(static_cast<uint64_t>(c.integer("n", 1)), c.timeout());
+  }
+  bool release(const Command& c, std::string*)
+  {
+    servers_.at(c.text("service"))->release();
     return true;
   }
   bool unserve(const Command& c, std::string*) { return servers_.erase(c.text("service")) == 1; }
@@ -369,15 +189,89 @@ private:
     *fields = caller_->report();
     return true;
   }
+  bool awaitFailed(const Command& c, std::string* fields)
+  {
+    const bool ok = caller_->awaitFailed(static_cast<uint64_t>(c.integer("n", 1)), c.timeout());
+    *fields = caller_->report();
+    return ok;
+  }
+  bool shutdownClient(const Command&, std::string*)
+  {
+    caller_->shutdownClient();
+    return true;
+  }
+  bool share(const Command& c, std::string* fields)
+  {
+    std::vector<ros::ServiceClient> shared(static_cast<size_t>(c.integer("handles", 1)));
+    for (ros::ServiceClient& handle : shared)
+    {
+      handle = node_.serviceClient<sensor_msgs::SetCameraInfo>(c.text("service"), true);
+    }
+    const auto count = static_cast<uint32_t>(c.integer("count", 100));
+    const auto size = static_cast<size_t>(c.integer("size", 80));
+    const auto answer_bytes = static_cast<uint32_t>(c.integer("answer", 20));
+    std::atomic<uint64_t> failed{0};
+    std::atomic<uint64_t> wrong{0};
+    std::vector<std::thread> threads;
+    for (uint32_t thread = 0; thread < static_cast<uint32_t>(c.integer("threads", 4)); ++thread)
+    {
+      threads.emplace_back(
+          [&, thread]
+          {
+            for (uint32_t call = 0; call < count; ++call)
+            {
+              ros::ServiceClient client = shared[call % shared.size()];
+              const uint32_t number = 1 + thread * count + call;
+              sensor_msgs::SetCameraInfo service;
+              fillRequest(number, size, answer_bytes, &service.request.camera_info);
+              const bool ok = client.call(service);
+              failed += ok ? 0 : 1;
+              wrong += ok && service.response.status_message !=
+                                   answerText(number, service.request.camera_info.D.size(), answer_bytes)
+                           ? 1
+                           : 0;
+            }
+          });
+    }
+    for (std::thread& thread : threads)
+    {
+      thread.join();
+    }
+    *fields = field("failed", std::to_string(failed)) + field("wrong", std::to_string(wrong));
+    return true;
+  }
+  bool callAsEmpty(const Command& c, std::string* fields)
+  {
+    ros::ServiceClient client =
+        node_.serviceClient<std_srvs::Empty>(c.text("service"), c.integer("persistent", 0) != 0);
+    std_srvs::Empty service;
+    *fields = field("called", client.call(service) ? "true" : "false");
+    return true;
+  }
+  bool forkChild(const Command&, std::string* fields)
+  {
+    const pid_t child = fork();
+    if (child == 0)
+    {
+      for (;;)
+      {
+        pause();
+      }
+    }
+    *fields = field("pid", std::to_string(child));
+    return child > 0;
+  }
   bool serveAction(const Command& c, std::string*)
   {
     actions_[c.text("action")] = std::make_unique<Action>(node_, c.text("action"));
     return true;
   }
+  bool awaitGoal(const Command& c, std::string*) { return actions_.at(c.text("action"))->awaitGoal(c.timeout()); }
   bool act(const Command& c, std::string* fields)
   {
     ActionClient client(c.text("action"), false);
     const ros::Duration timeout(static_cast<double>(c.timeout().count()) / 1000.0);
+    const long cancel = c.integer("cancel", 0);
     std::atomic<int> feedback{0};
     bool ok = client.waitForServer(timeout);
     if (ok)
@@ -385,7 +279,13 @@ private:
       actionlib::TestGoal goal;
       goal.goal = static_cast<int>(c.integer("goal", 5));
       client.sendGoal(goal, ActionClient::SimpleDoneCallback(), ActionClient::SimpleActiveCallback(),
-                      [&feedback](const actionlib::TestFeedbackConstPtr&) { ++feedback; });
+                      [&](const actionlib::TestFeedbackConstPtr&)
+                      {
+                        if (++feedback == cancel)
+                        {
+                          client.cancelGoal();
+                        }
+                      });
       ok = client.waitForResult(timeout);
     }
     const actionlib::TestResultConstPtr result = client.getResult();

@@ -62,6 +62,25 @@
   HOOK(SERVICE_LOOKUP, bool, \
       _ZN3ros14ServiceManager13lookupServiceERKNSt7__cxx1112basic_stringIcSt11char_traitsIcESaIcEEERS6_Rj, \
       (void* self, const void* service, void* host, void* port), (self, service, host, port)) \
+  HOOK(SERVICE_CREATE_LINK, ReturnedPointer, \
+      _ZN3ros14ServiceManager23createServiceServerLinkERKNSt7__cxx1112basic_stringIcSt11char_traitsIcESaIcEEEbS8_S8_RKSt3mapIS6_S6_St4lessIS6_ESaISt4pairIS7_S6_EEE, \
+      (void* self, const void* service, bool persistent, const void* request_md5, const void* response_md5, const void* fields), \
+      (self, service, persistent, request_md5, response_md5, fields)) \
+  HOOK(SERVICE_INITIALIZE, bool, \
+      _ZN3ros17ServiceServerLink10initializeERKN5boost10shared_ptrINS_10ConnectionEEE, \
+      (void* self, const void* connection), (self, connection)) \
+  HOOK(SERVICE_HEADER_RECEIVED, bool, \
+      _ZN3ros17ServiceServerLink16onHeaderReceivedERKN5boost10shared_ptrINS_10ConnectionEEERKNS_6HeaderE, \
+      (void* self, const void* connection, const void* header), (self, connection, header)) \
+  HOOK(SERVICE_CALL, bool, \
+      _ZN3ros17ServiceServerLink4callERKNS_17SerializedMessageERS1_, \
+      (void* self, const void* request, void* response), (self, request, response)) \
+  HOOK(SERVICE_HANDLE_HEADER, bool, \
+      _ZN3ros17ServiceClientLink12handleHeaderERKNS_6HeaderE, \
+      (void* self, const void* header), (self, header)) \
+  HOOK(SERVICE_PROCESS_RESPONSE, void, \
+      _ZN3ros17ServiceClientLink15processResponseEbRKNS_17SerializedMessageE, \
+      (void* self, bool ok, const void* response), (self, ok, response)) \
   HOOK(TCP_CONNECT, bool, \
       _ZN3ros12TransportTCP7connectERKNSt7__cxx1112basic_stringIcSt11char_traitsIcESaIcEEEi, \
       (void* self, const void* host, int port), (self, host, port))
@@ -75,7 +94,7 @@ enum PiOsHook
       PI_OS_HOOK_COUNT
 };
 
-#define PI_OS_SHIM_VERSION 2
+#define PI_OS_SHIM_VERSION 3
 
 /// Handed to the companion once, before any replaced function runs.
 struct PiOsShim

@@ -223,6 +223,14 @@ struct ReturnedString
   void* words[4];
 };
 
+/// A boost::shared_ptr, likewise.
+struct ReturnedPointer
+{
+  ReturnedPointer(const ReturnedPointer&);
+  ~ReturnedPointer();
+  void* words[2];
+};
+
 /// The next implementation of an allocation function: that of the C++ runtime or of an allocator loaded after us.
 void* nextImplementation(const char* symbol)
 {

@@ -10,8 +10,6 @@
 #include <shared_mutex>
 #include <unordered_map>
 
-#include "receive_link.h"
-
 namespace pi_os_transport
 {
 namespace
@@ -79,7 +77,7 @@ QueueWaiter::QueueWaiter() : epoll_(epoll_create1(EPOLL_CLOEXEC)), changed_(even
   epoll_ctl(epoll_.get(), EPOLL_CTL_ADD, changed_.get(), &event);
 }
 
-void QueueWaiter::add(const std::shared_ptr<ReceiveLink>& link, int doorbell)
+void QueueWaiter::add(const std::shared_ptr<QueueSource>& link, int doorbell)
 {
   epoll_event event{};
   event.events = EPOLLIN | EPOLLET;
@@ -91,7 +89,7 @@ void QueueWaiter::add(const std::shared_ptr<ReceiveLink>& link, int doorbell)
   notify();
 }
 
-void QueueWaiter::remove(const std::shared_ptr<ReceiveLink>& link, int doorbell)
+void QueueWaiter::remove(const std::shared_ptr<QueueSource>& link, int doorbell)
 {
   epoll_ctl(epoll_.get(), EPOLL_CTL_DEL, doorbell, nullptr);
   std::lock_guard<std::mutex> lock(mutex_);
@@ -112,7 +110,7 @@ void QueueWaiter::notify()
 
 void QueueWaiter::serveAll(Doorbell doorbell)
 {
-  for (const std::shared_ptr<ReceiveLink>& link : serving_)
+  for (const std::shared_ptr<QueueSource>& link : serving_)
   {
     link->serve(doorbell);
   }

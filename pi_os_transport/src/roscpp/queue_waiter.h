@@ -11,6 +11,15 @@
 namespace pi_os_transport
 {
 
+/// What a thread that waits for callbacks can serve meanwhile.
+class QueueSource
+{
+public:
+  virtual ~QueueSource() = default;
+  /// Hands over what is due, and has `doorbell` rung for what comes next. Any thread.
+  virtual void serve(Doorbell doorbell) = 0;
+};
+
 /// Lets a thread that waits for callbacks wait for shared memory as well.
 ///
 /// roscpp's network thread takes messages and wakes a thread in CallbackQueue::callAvailable or callOne through a
@@ -31,8 +40,8 @@ public:
   QueueWaiter();
 
   /// @param doorbell  the link's SPINNER doorbell; must stay open until remove().
-  void add(const std::shared_ptr<ReceiveLink>& link, int doorbell);
-  void remove(const std::shared_ptr<ReceiveLink>& link, int doorbell);
+  void add(const std::shared_ptr<QueueSource>& link, int doorbell);
+  void remove(const std::shared_ptr<QueueSource>& link, int doorbell);
 
   /// Waits until `queue` has callbacks or the time is up.
   /// @return false if the caller has to wait as roscpp does: there is a leader already, or nothing to wait for here.
@@ -50,8 +59,8 @@ private:
   std::atomic<bool> led_{false};       ///< a thread is in wait()
   std::atomic<bool> sleeping_{false};  ///< it wants to hear of added callbacks
   std::mutex mutex_;
-  std::vector<std::shared_ptr<ReceiveLink>> links_;
-  std::vector<std::shared_ptr<ReceiveLink>> serving_;  ///< the leader's copy of links_
+  std::vector<std::shared_ptr<QueueSource>> links_;
+  std::vector<std::shared_ptr<QueueSource>> serving_;  ///< the leader's copy of links_
 };
 
 }  // namespace pi_os_transport

@@ -8,11 +8,10 @@
 
 #include <cerrno>
 #include <cstring>
-#include <sstream>
 #include <utility>
 
 #include "bridge_client.h"
-#include "queue_waiter.h"
+#include "header_offer.h"
 
 namespace pi_os_transport
 {
@@ -49,24 +48,18 @@ struct ReceiveLink::Lease
 
 void ReceiveLink::meet(const std::string& header_field)
 {
-  std::istringstream fields(header_field);
-  uint32_t version = 0;
-  std::string socket_token;
-  std::string link_token;
-  fields >> version >> socket_token >> link_token;
-  const std::optional<Token> socket = Token::fromString(socket_token);
-  const std::optional<Token> token = Token::fromString(link_token);
-  if (version != PROTOCOL_VERSION || !socket || !token)
+  const std::optional<HeaderOffer> offer = HeaderOffer::parse(header_field);
+  if (!offer)
   {
     return;
   }
   std::lock_guard<std::recursive_mutex> lock(mutex_);
-  socket_token_ = *socket;
-  link_token_ = *token;
-  SideChannel channel = SideChannel::connect("pi_os/" + socket_token);
+  socket_token_ = offer->socket;
+  link_token_ = offer->link;
+  SideChannel channel = SideChannel::connect(HeaderOffer::socketName(offer->socket));
   Packet hello;
   hello.type = Packet::HELLO;
-  hello.values = {token->high, token->low, 0};
+  hello.values = {offer->link.high, offer->link.low, 0};
   if (channel && channel.send(hello))
   {
     use(std::move(channel));
@@ -330,7 +323,7 @@ void ReceiveLink::drain(Drain extent)
 
 void ReceiveLink::deliver(const ros::TransportPublisherLinkPtr& link, const Descriptor& descriptor, uint32_t place)
 {
-  boost::shared_array<uint8_t> buffer = fetch(descriptor, place);
+  boost::shared_array<uint8_t> buffer = fetch(ring_, descriptor, place, &copied_);
   if (!buffer)
   {
     ROS_ERROR_ONCE("pi_os_transport: lost a message of %u bytes from [%s]: its shared memory cannot be read",
@@ -342,12 +335,13 @@ void ReceiveLink::deliver(const ros::TransportPublisherLinkPtr& link, const Desc
                                               false);
 }
 
-boost::shared_array<uint8_t> ReceiveLink::fetch(const Descriptor& descriptor, uint32_t place)
+boost::shared_array<uint8_t> ReceiveLink::fetch(const std::shared_ptr<RingReceiver>& ring, const Descriptor& descriptor,
+                                                uint32_t place, uint64_t* copied)
 {
-  const std::shared_ptr<MappedSegment> segment = ring_->find(descriptor);
+  const std::shared_ptr<MappedSegment> segment = ring->find(descriptor);
   if (!segment)
   {
-    ring_->release(place);
+    ring->release(place);
     return boost::shared_array<uint8_t>();
   }
   if (segment->data() == nullptr)
@@ -357,18 +351,18 @@ boost::shared_array<uint8_t> ReceiveLink::fetch(const Descriptor& descriptor, ui
         "Raise the address space limit of this process (ulimit -v)",
         static_cast<unsigned long long>(segment->length()), std::strerror(ENOMEM));
   }
-  else if (ring_->leases() < MAX_LEASES &&
-           (ring_->leases() < 2 || ring_->leasedBytes() + descriptor.length <= ring_->leaseBudget()))
+  else if (ring->leases() < MAX_LEASES &&
+           (ring->leases() < 2 || ring->leasedBytes() + descriptor.length <= ring->leaseBudget()))
   {
-    ring_->lease(descriptor.length);
+    ring->lease(descriptor.length);
     return boost::shared_array<uint8_t>(const_cast<uint8_t*>(segment->data() + descriptor.offset),
-                                        Lease{ring_, segment, place, descriptor.length});
+                                        Lease{ring, segment, place, descriptor.length});
   }
   boost::shared_array<uint8_t> copy(new uint8_t[descriptor.length]);
-  const bool copied = segment->copy(descriptor.offset, copy.get(), descriptor.length);
-  ring_->release(place);
-  ++copied_;
-  return copied ? copy : boost::shared_array<uint8_t>();
+  const bool intact = segment->copy(descriptor.offset, copy.get(), descriptor.length);
+  ring->release(place);
+  ++*copied;
+  return intact ? copy : boost::shared_array<uint8_t>();
 }
 
 std::string ReceiveLink::info()

@@ -8,12 +8,11 @@
 
 #include "pi_os_transport/ring_receiver.h"
 #include "pi_os_transport/side_channel.h"
+#include "queue_waiter.h"
 #include "runtime.h"
 
 namespace pi_os_transport
 {
-
-class QueueWaiter;
 
 /// The subscribing end of one link: merges what comes through the ring and over TCPROS into the publisher's order and
 /// hands it to roscpp. A message lies in shared memory, leased, until roscpp has deserialised it; beyond the lease
@@ -23,7 +22,7 @@ class QueueWaiter;
 ///
 /// Lifetime: shared by the tables, the watchers and every lease; the side channel stays open as long as a lease lives,
 /// which tells the publisher that its memory is still being read.
-class ReceiveLink : public std::enable_shared_from_this<ReceiveLink>
+class ReceiveLink : public QueueSource, public std::enable_shared_from_this<ReceiveLink>
 {
 public:
   ReceiveLink(const ros::TransportPublisherLinkPtr& link, const ros::ConnectionPtr& connection)
@@ -53,8 +52,7 @@ public:
   /// The TCPROS connection has ended. @param deliver_rest  hand over what the publisher left in the ring.
   void disconnect(bool deliver_rest);
 
-  /// Hands over what is due, and has `doorbell` rung for what comes next. Any thread.
-  void serve(Doorbell doorbell);
+  void serve(Doorbell doorbell) override;
 
   /// True once the shared memory is mapped. Any thread.
   bool active() const { return active_.load(std::memory_order_acquire); }
@@ -62,6 +60,11 @@ public:
   const char* transportName() const { return bridged_ ? BRIDGED_TRANSPORT_NAME : TRANSPORT_NAME; }
   /// One line for getBusInfo.
   std::string info();
+
+  /// A message taken from `ring`: where it lies, leased, or beyond the lease budget as a copy, which `*copied` counts.
+  /// The caller serialises it with the other calls of `ring`. @return null if its memory cannot be read.
+  static boost::shared_array<uint8_t> fetch(const std::shared_ptr<RingReceiver>& ring, const Descriptor& descriptor,
+                                            uint32_t place, uint64_t* copied);
 
 private:
   struct Lease;
@@ -82,7 +85,6 @@ private:
   };
   void drain(Drain extent);
   void deliver(const ros::TransportPublisherLinkPtr& link, const Descriptor& descriptor, uint32_t place);
-  boost::shared_array<uint8_t> fetch(const Descriptor& descriptor, uint32_t place);
 
   const boost::weak_ptr<ros::TransportPublisherLink> link_;
   const boost::weak_ptr<ros::Connection> connection_;

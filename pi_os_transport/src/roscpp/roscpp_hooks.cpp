@@ -13,12 +13,13 @@
 #include <cstdlib>
 #include <cstring>
 
-#include "bridge_client.h"
+#include "header_offer.h"
 #include "outbox_writer.h"
 #include "queue_waiter.h"
 #include "receive_link.h"
 #include "roscpp_version.h"
 #include "runtime.h"
+#include "service_hooks.h"
 #include "transmit_link.h"
 
 namespace pi_os_transport
@@ -26,21 +27,8 @@ namespace pi_os_transport
 namespace
 {
 
-/// The field that the next connection header written by this thread carries; empty for none.
-thread_local std::string header_offer;
-
 /// Descriptor::serial of what this thread is publishing; 0 if a message goes to single links.
 thread_local uint64_t publish_serial = 0;
-
-/// Adds the field to the one header that roscpp writes during its life.
-class HeaderOffer
-{
-public:
-  explicit HeaderOffer(std::string value) { header_offer = std::move(value); }
-  ~HeaderOffer() { header_offer.clear(); }
-  HeaderOffer(const HeaderOffer&) = delete;
-  HeaderOffer& operator=(const HeaderOffer&) = delete;
-};
 
 void* allocateFromPool(size_t bytes)
 {
@@ -225,14 +213,8 @@ void publish(ros::TopicManager* self, const std::string& topic,
 void writeHeader(ros::Connection* self, const ros::M_string& fields, const ros::WriteFinishedFunc& written)
 {
   Runtime& runtime = Runtime::instance();
-  if (header_offer.empty() || fields.count("error") != 0)
-  {
-    runtime.original.write_header(self, fields, written);
-    return;
-  }
   ros::M_string extended = fields;
-  extended[HEADER_FIELD] = std::exchange(header_offer, std::string());
-  runtime.original.write_header(self, extended, written);
+  runtime.original.write_header(self, OfferScope::extend(&extended) ? extended : fields, written);
 }
 
 bool handleHeader(ros::TransportSubscriberLink* self, const ros::Header& header)
@@ -248,7 +230,15 @@ bool handleHeader(ros::TransportSubscriberLink* self, const ros::Header& header)
   }
   const auto link = std::make_shared<TransmitLink>(
       topic, boost::static_pointer_cast<ros::TransportSubscriberLink>(self->shared_from_this()), self->connection_);
-  const std::string offer = runtime.expect(link);
+  const std::string offer = runtime.expect(
+      link->token(),
+      [weak = std::weak_ptr<TransmitLink>(link)](SideChannel channel, const Packet& hello, Runtime::Descriptors*)
+      {
+        if (const std::shared_ptr<TransmitLink> expected = weak.lock())
+        {
+          expected->meet(std::move(channel), hello.values[2] != 0);
+        }
+      });
   if (offer.empty())
   {
     return runtime.original.handle_header(self, header);
@@ -261,7 +251,7 @@ bool handleHeader(ros::TransportSubscriberLink* self, const ros::Header& header)
         Runtime::instance().transmit_links.erase(connection);
         link->disconnect();
       });
-  HeaderOffer scope(offer);
+  OfferScope scope(offer);
   return runtime.original.handle_header(self, header);
 }
 
@@ -320,7 +310,7 @@ bool initialize(ros::TransportPublisherLink* self, const ros::ConnectionPtr& con
         Runtime::instance().receive_links.erase(key);
         link->disconnect(reason == ros::Connection::TransportDisconnect);
       });
-  HeaderOffer scope(std::to_string(PROTOCOL_VERSION));
+  OfferScope scope(std::to_string(PROTOCOL_VERSION));
   return runtime.original.initialize(self, connection);
 }
 
@@ -411,44 +401,6 @@ void disable(ros::CallbackQueue* self)
   }
 }
 
-/// The service that this thread has looked up last: the connection to it comes next.
-struct LookedUpService
-{
-  std::string name;
-  std::string host;
-  uint32_t port = 0;
-};
-thread_local LookedUpService looked_up;
-
-bool lookupService(ros::ServiceManager* self, const std::string& name, std::string& host, uint32_t& port)
-{
-  const bool found = Runtime::instance().original.lookup_service(self, name, host, port);
-  looked_up = found ? LookedUpService{name, host, port} : LookedUpService{};
-  return found;
-}
-
-/// A client's connection to a service on another device goes through the bridges, if they are there. A synchronous one
-/// only asks whether the server lives, which the bridge of this device cannot tell.
-bool connectTcp(ros::TransportTCP* self, const std::string& host, int port)
-{
-  Runtime& runtime = Runtime::instance();
-  const LookedUpService service = std::exchange(looked_up, LookedUpService{});
-  if (runtime.active() && service.port != 0 && service.host == host && static_cast<int>(service.port) == port &&
-      (self->flags_ & ros::TransportTCP::SYNCHRONOUS) == 0 && runtime.options.carries(service.name))
-  {
-    FileDescriptor socket = BridgeClient::instance().openTunnel(host, static_cast<uint16_t>(port), service.name);
-    if (socket)
-    {
-      self->connected_host_ = host;
-      self->connected_port_ = port;
-      self->cached_remote_host_ = host + ":" + std::to_string(port) + " through the bridge";
-      BridgeClient::instance().guard(boost::static_pointer_cast<ros::TransportTCP>(self->shared_from_this()));
-      return self->setSocket(socket.release());
-    }
-  }
-  return runtime.original.tcp_connect(self, host, port);
-}
-
 /// True if `path` is the libroscpp that this file was compiled for: private members are reached through its headers.
 bool isKnownRoscpp(const char* path)
 {
@@ -463,13 +415,6 @@ bool isKnownRoscpp(const char* path)
 
 static_assert(sizeof(ros::WallDuration) == sizeof(uint64_t) && std::is_trivially_copyable<ros::WallDuration>::value,
               "the hooks pass a WallDuration as one register");
-
-template <typename Function>
-void takeOver(PiOsShim* shim, PiOsHook hook, Function** original, Function* replacement)
-{
-  *original = reinterpret_cast<Function*>(shim->original[hook]);
-  shim->replacement[hook] = reinterpret_cast<void*>(replacement);
-}
 
 int attach(PiOsShim* shim)
 {
@@ -507,8 +452,7 @@ int attach(PiOsShim* shim)
   takeOver(shim, PI_OS_QUEUE_CALL_AVAILABLE, &original.call_available, callAvailable);
   takeOver(shim, PI_OS_QUEUE_CALL_ONE, &original.call_one, callOne);
   takeOver(shim, PI_OS_QUEUE_DISABLE, &original.disable, disable);
-  takeOver(shim, PI_OS_SERVICE_LOOKUP, &original.lookup_service, lookupService);
-  takeOver(shim, PI_OS_TCP_CONNECT, &original.tcp_connect, connectTcp);
+  attachServiceHooks(shim);
   return 0;
 }
 

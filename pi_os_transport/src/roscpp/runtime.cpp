@@ -7,19 +7,15 @@
 #include <sys/socket.h>
 
 #include <cstring>
+#include <utility>
 #include <vector>
 
-#include "transmit_link.h"
+#include "header_offer.h"
 
 namespace pi_os_transport
 {
 namespace
 {
-
-std::string socketName(const Token& token)
-{
-  return "pi_os/" + token.toString();
-}
 
 void releaseToPool(void* payload)
 {
@@ -79,7 +75,7 @@ bool Runtime::listen()
     return true;
   }
   socket_token_ = Token::random();
-  listener_ = SideChannel::listen(socketName(socket_token_));
+  listener_ = SideChannel::listen(HeaderOffer::socketName(socket_token_));
   if (!listener_)
   {
     ROS_WARN_ONCE(
@@ -92,21 +88,21 @@ bool Runtime::listen()
   return true;
 }
 
-std::string Runtime::expect(const std::shared_ptr<TransmitLink>& link)
+std::string Runtime::expect(const Token& link, Claim claim)
 {
   std::lock_guard<std::mutex> lock(listen_mutex_);
   if (!listen())
   {
     return "";
   }
-  expected_[link->token()] = link;
-  return std::to_string(PROTOCOL_VERSION) + " " + socket_token_.toString() + " " + link->token().toString();
+  expected_[link] = std::move(claim);
+  return HeaderOffer{socket_token_, link}.toString();
 }
 
-void Runtime::forget(const TransmitLink& link)
+void Runtime::forget(const Token& link)
 {
   std::lock_guard<std::mutex> lock(listen_mutex_);
-  expected_.erase(link.token());
+  expected_.erase(link);
 }
 
 void Runtime::acceptAll()
@@ -119,14 +115,14 @@ void Runtime::acceptAll()
           [this, channel, fd](int)
           {
             Packet packet;
-            std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors;
+            Descriptors descriptors;
             const SideChannel::Receive result = channel->receive(&packet, &descriptors);
             if (result == SideChannel::Receive::NOTHING)
             {
               return;
             }
             unwatch(fd);
-            std::shared_ptr<TransmitLink> link;
+            Claim claim;
             const bool bridge = packet.values[2] != 0;
             if (result == SideChannel::Receive::PACKET && packet.type == Packet::HELLO &&
                 !(bridge && options.bridge.empty()))
@@ -135,25 +131,25 @@ void Runtime::acceptAll()
               const auto found = expected_.find(Token{packet.values[0], packet.values[1]});
               if (found != expected_.end())
               {
-                link = found->second.lock();  // stays known: a bridge may come again
+                claim = found->second;  // stays known: a bridge may come again
               }
             }
-            if (link)
+            if (claim)
             {
-              link->meet(std::move(*channel), bridge);
+              claim(std::move(*channel), packet, &descriptors);
             }
             channel->close();
           });
   }
 }
 
-void Runtime::addChannel(const std::shared_ptr<TransmitLink>& link)
+void Runtime::addChannel(const std::shared_ptr<PoolLink>& link)
 {
   std::lock_guard<std::mutex> lock(channels_mutex_);
   channels_.insert(link);
 }
 
-void Runtime::removeChannel(const std::shared_ptr<TransmitLink>& link)
+void Runtime::removeChannel(const std::shared_ptr<PoolLink>& link)
 {
   {
     std::lock_guard<std::mutex> lock(channels_mutex_);
@@ -166,15 +162,15 @@ void Runtime::removeChannel(const std::shared_ptr<TransmitLink>& link)
   pool().trim();  // nobody is left to send to
 }
 
-std::vector<std::shared_ptr<TransmitLink>> Runtime::channels() const
+std::vector<std::shared_ptr<PoolLink>> Runtime::channels() const
 {
   std::lock_guard<std::mutex> lock(channels_mutex_);
-  return std::vector<std::shared_ptr<TransmitLink>>(channels_.begin(), channels_.end());
+  return std::vector<std::shared_ptr<PoolLink>>(channels_.begin(), channels_.end());
 }
 
 void Runtime::collectReleased()
 {
-  for (const std::shared_ptr<TransmitLink>& link : channels())
+  for (const std::shared_ptr<PoolLink>& link : channels())
   {
     link->collectReleased();
   }
@@ -185,7 +181,7 @@ void Runtime::announceRetired()
   const std::vector<uint32_t> retired = pool().takeRetired();
   if (!retired.empty())
   {
-    for (const std::shared_ptr<TransmitLink>& link : channels())
+    for (const std::shared_ptr<PoolLink>& link : channels())
     {
       link->retire(retired);
     }

@@ -3,12 +3,16 @@
 #include <ros/callback_queue.h>
 #include <ros/connection.h>
 #include <ros/poll_set.h>
+#include <ros/service_client_link.h>
 #include <ros/service_manager.h>
+#include <ros/service_server_link.h>
 #include <ros/topic_manager.h>
 #include <ros/transport/transport_tcp.h>
 #include <ros/transport_publisher_link.h>
 #include <ros/transport_subscriber_link.h>
 
+#include <array>
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -16,6 +20,7 @@
 #include <shared_mutex>
 #include <string>
 #include <unordered_map>
+#include <vector>
 
 #include "pi_os_transport/options.h"
 #include "pi_os_transport/ring_sender.h"
@@ -27,8 +32,10 @@
 namespace pi_os_transport
 {
 
-class TransmitLink;
 class ReceiveLink;
+class ServiceCaller;
+class ServiceResponder;
+class TransmitLink;
 
 /// Field of the TCPROS connection header. A subscriber asks with the protocol version; a publisher that can answers
 /// with "<version> <socket token> <link token>". Peers without the library ignore it.
@@ -60,7 +67,22 @@ struct Originals
   void (*disable)(ros::CallbackQueue*);
   bool (*lookup_service)(ros::ServiceManager*, const std::string&, std::string&, uint32_t&);
   bool (*tcp_connect)(ros::TransportTCP*, const std::string&, int);
+  ros::ServiceServerLinkPtr (*service_create_link)(ros::ServiceManager*, const std::string&, bool, const std::string&,
+                                                   const std::string&, const ros::M_string&);
+  bool (*service_initialize)(ros::ServiceServerLink*, const ros::ConnectionPtr&);
+  bool (*service_header_received)(ros::ServiceServerLink*, const ros::ConnectionPtr&, const ros::Header&);
+  bool (*service_call)(ros::ServiceServerLink*, const ros::SerializedMessage&, ros::SerializedMessage&);
+  bool (*service_handle_header)(ros::ServiceClientLink*, const ros::Header&);
+  void (*service_process_response)(ros::ServiceClientLink*, bool, const ros::SerializedMessage&);
 };
+
+/// Lets `replacement` stand in for one function of libroscpp.
+template <typename Function>
+void takeOver(PiOsShim* shim, PiOsHook hook, Function** original, Function* replacement)
+{
+  *original = reinterpret_cast<Function*>(shim->original[hook]);
+  shim->replacement[hook] = reinterpret_cast<void*>(replacement);
+}
 
 /// The peer's process has ended, or has at least closed its side channel. Normally the TCPROS connection reports that
 /// too, behind its last bytes; but a forked child of the peer may hold a copy of that socket. Drops the connection if
@@ -89,10 +111,26 @@ public:
     std::unique_lock<std::shared_mutex> lock(mutex_);
     links_.erase(connection);
   }
+  size_t size() const
+  {
+    std::shared_lock<std::shared_mutex> lock(mutex_);
+    return links_.size();
+  }
 
 private:
   mutable std::shared_mutex mutex_;
   std::unordered_map<const ros::Connection*, std::shared_ptr<Link>> links_;
+};
+
+/// A link whose peer reads messages out of this process's pool. All methods may be called from any thread.
+class PoolLink
+{
+public:
+  virtual ~PoolLink() = default;
+  /// Takes back what the peer has released, unless the link is busy.
+  virtual void collectReleased() = 0;
+  /// Tells the peer that these segments are not used any more.
+  virtual void retire(const std::vector<uint32_t>& segments) = 0;
 };
 
 /// What the library keeps for one process. Made when roscpp is first used, never destroyed: messages in the pool may
@@ -111,6 +149,8 @@ public:
 
   LinkTable<TransmitLink> transmit_links;
   LinkTable<ReceiveLink> receive_links;
+  LinkTable<ServiceCaller> service_callers;
+  LinkTable<ServiceResponder> service_responders;
 
   /// The pool of outgoing messages; reserved at the first call.
   SlotPool& pool();
@@ -121,14 +161,18 @@ public:
   /// The number of links that publish through shared memory now.
   std::atomic<int> active_transmit_links{0};
 
-  /// Announces a link whose subscriber may come to fetch its shared memory.
-  /// @return the header field to answer with; empty if this process cannot listen.
-  std::string expect(const std::shared_ptr<TransmitLink>& link);
-  void forget(const TransmitLink& link);
+  using Descriptors = std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS>;
+  /// Gets a connection whose first packet was HELLO with the link's token. Network thread.
+  using Claim = std::function<void(SideChannel channel, const Packet& hello, Descriptors* descriptors)>;
 
-  /// Links with an open side channel: those in use, and those whose subscriber still reads what it got before.
-  void addChannel(const std::shared_ptr<TransmitLink>& link);
-  void removeChannel(const std::shared_ptr<TransmitLink>& link);
+  /// Announces a link whose peer may come to fetch its shared memory, more than once.
+  /// @return the header field to answer with; empty if this process cannot listen.
+  std::string expect(const Token& link, Claim claim);
+  void forget(const Token& link);
+
+  /// Links with an open side channel: those in use, and those whose peer still reads what it got before.
+  void addChannel(const std::shared_ptr<PoolLink>& link);
+  void removeChannel(const std::shared_ptr<PoolLink>& link);
 
   /// Tells peers about segments that the pool gave back.
   void announceRetired();
@@ -142,7 +186,7 @@ private:
   bool listen();
   void acceptAll();
   void collectReleased();
-  std::vector<std::shared_ptr<TransmitLink>> channels() const;
+  std::vector<std::shared_ptr<PoolLink>> channels() const;
 
   std::once_flag pool_made_;
   std::unique_ptr<SlotPool> pool_;
@@ -151,10 +195,10 @@ private:
   std::mutex listen_mutex_;
   Token socket_token_;
   SideChannel listener_;
-  std::map<Token, std::weak_ptr<TransmitLink>> expected_;
+  std::map<Token, Claim> expected_;
 
   mutable std::mutex channels_mutex_;
-  std::set<std::shared_ptr<TransmitLink>> channels_;
+  std::set<std::shared_ptr<PoolLink>> channels_;
 };
 
 }  // namespace pi_os_transport

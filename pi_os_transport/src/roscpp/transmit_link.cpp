@@ -149,7 +149,7 @@ void TransmitLink::onPeerGone()
 
 void TransmitLink::disconnect()
 {
-  Runtime::instance().forget(*this);
+  Runtime::instance().forget(token_);
   std::lock_guard<std::recursive_mutex> lock(mutex_);
   ended_ = true;
   setActive(false);

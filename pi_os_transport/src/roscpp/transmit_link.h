@@ -23,14 +23,14 @@ namespace pi_os_transport
 ///
 /// Lifetime: the connection's drop listener, the side channel's watcher and the tables share it. What the subscriber
 /// still reads when the connection ends stays allocated until it closes the side channel, which its death does too.
-class TransmitLink : public std::enable_shared_from_this<TransmitLink>
+class TransmitLink : public PoolLink, public std::enable_shared_from_this<TransmitLink>
 {
 public:
   TransmitLink(std::string topic, const ros::TransportSubscriberLinkPtr& link, const ros::ConnectionPtr& connection)
     : topic_(std::move(topic)), link_(link), connection_(connection)
   {
   }
-  ~TransmitLink();
+  ~TransmitLink() override;
 
   const Token& token() const { return token_; }
 
@@ -49,8 +49,8 @@ public:
   void disconnect();
 
   /// Takes back what the subscriber has released, unless the link is busy. Any thread.
-  void collectReleased();
-  void retire(const std::vector<uint32_t>& segments);
+  void collectReleased() override;
+  void retire(const std::vector<uint32_t>& segments) override;
 
   /// One line for getBusInfo.
   std::string info();

@@ -1,0 +1,97 @@
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "pi_os_transport/file_descriptor.h"
+#include "pi_os_transport/ring_receiver.h"
+#include "pi_os_transport/ring_sender.h"
+#include "runtime.h"
+
+namespace pi_os_transport
+{
+
+/// The client's end of one connection to a service: requests go out through a ring in shared memory, answers come back
+/// through another, and the thread that calls waits for its answer itself.
+///
+/// The TCPROS connection stays: for the header, for the server's death and for every call that finds no shared memory.
+/// One call is under way at a time, as in roscpp, so the answers need no order. All methods may be called from any
+/// thread unless they say otherwise.
+class ServiceCaller : public PoolLink, public std::enable_shared_from_this<ServiceCaller>
+{
+public:
+  /// @param single_shot  the client wants the connection for one call.
+  ServiceCaller(const ros::ConnectionPtr& connection, bool single_shot);
+  ~ServiceCaller() override;
+
+  /// The server's header has come. Network thread, once.
+  /// @param field  what it offers; empty: nothing.
+  /// @return true if the server was reached, so that calls may soon go through shared memory.
+  bool meet(const std::string& field);
+  /// The TCPROS connection has ended: a call under way fails.
+  void disconnect();
+
+  enum class Outcome
+  {
+    SUCCESS,
+    FAILURE,
+    NOT_TAKEN,  ///< the connection ended before the server took the request
+  };
+  /// Replaces ServiceServerLink::call.
+  Outcome call(ros::ServiceServerLink* link, const ros::SerializedMessage& request, ros::SerializedMessage& response);
+
+  bool singleShot() const { return single_shot_; }
+  /// Under which IdleServices keeps a single-shot connection. Set before the first call, constant afterwards.
+  void setKey(const std::string& key) { key_ = key; }
+  const std::string& key() const { return key_; }
+  /// True while calls go through shared memory, or may soon do so.
+  bool promising() const;
+
+  void collectReleased() override;
+  void retire(const std::vector<uint32_t>& segments) override;
+
+private:
+  enum class State
+  {
+    NEGOTIATING,
+    READY,
+    REFUSED,  ///< for good
+    ENDED,
+  };
+
+  void onAnswerChannel();
+  void onRequestChannel();
+  void settle();
+  void fail();
+  void wake();
+  void awaitWake(int doorbell);
+  void leaveAnswers();
+  void closeRequests();
+  bool send(const ros::SerializedMessage& request, uint64_t number);
+  Outcome awaitAnswer(ros::ServiceServerLink* link, const std::shared_ptr<RingReceiver>& answers, uint64_t number,
+                      ros::SerializedMessage& response);
+  Outcome awaitTcpAnswer(ros::ServiceServerLink* link, ros::SerializedMessage& response);
+  Outcome giveUp();
+
+  const boost::weak_ptr<ros::Connection> connection_;
+  const bool single_shot_;
+  std::string key_;
+  const FileDescriptor wake_;  ///< an eventfd: state_ has changed
+
+  std::mutex call_mutex_;  ///< held during a call
+  uint64_t calls_ = 0;     ///< number of the last call; with call_mutex_ held
+
+  std::mutex mutex_;  ///< guards what follows, but for changes of state_
+  std::atomic<State> state_;
+  std::unique_ptr<RingSender> requests_;
+  std::shared_ptr<RingReceiver> answers_;  ///< shared with leases; null once the connection has ended
+  bool requests_proven_ = false;
+  bool answers_proven_ = false;
+  uint64_t copied_ = 0;
+};
+
+}  // namespace pi_os_transport

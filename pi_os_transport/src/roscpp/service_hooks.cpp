@@ -1,0 +1,269 @@
+// What stands in for the functions of roscpp that look for services, connect to them, call and answer. This file is
+// compiled without access control, as roscpp_hooks.cpp is.
+
+#include "service_hooks.h"
+
+#include <ros/transport/transport.h>
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "bridge_client.h"
+#include "header_offer.h"
+#include "idle_services.h"
+#include "runtime.h"
+#include "service_caller.h"
+#include "service_responder.h"
+
+namespace pi_os_transport
+{
+namespace
+{
+
+/// More clients than this use TCPROS: each takes some descriptors, and a process may have 1024.
+constexpr size_t MAX_RESPONDERS = 64;
+
+/// Where a service is.
+struct ServiceAddress
+{
+  std::string name;
+  std::string host;
+  uint32_t port = 0;
+};
+
+/// What this thread has looked up last: the connection to it comes next.
+thread_local ServiceAddress looked_up;
+
+/// What the next lookup of this thread finds without asking the master; port 0: nothing.
+thread_local ServiceAddress known_address;
+
+bool lookupService(ros::ServiceManager* self, const std::string& name, std::string& host, uint32_t& port)
+{
+  ServiceAddress known = std::exchange(known_address, ServiceAddress{});
+  if (known.port != 0 && known.name == name)
+  {
+    host = known.host;
+    port = known.port;
+    looked_up = std::move(known);
+    return true;
+  }
+  const bool found = Runtime::instance().original.lookup_service(self, name, host, port);
+  looked_up = found ? ServiceAddress{name, host, port} : ServiceAddress{};
+  return found;
+}
+
+/// A client's connection to a service on another device goes through the bridges, if they are there. A synchronous one
+/// only asks whether the server lives, which the bridge of this device cannot tell.
+bool connectTcp(ros::TransportTCP* self, const std::string& host, int port)
+{
+  Runtime& runtime = Runtime::instance();
+  const ServiceAddress service = std::exchange(looked_up, ServiceAddress{});
+  if (runtime.active() && service.port != 0 && service.host == host && static_cast<int>(service.port) == port &&
+      (self->flags_ & ros::TransportTCP::SYNCHRONOUS) == 0 && runtime.options.carries(service.name))
+  {
+    FileDescriptor socket = BridgeClient::instance().openTunnel(host, static_cast<uint16_t>(port), service.name);
+    if (socket)
+    {
+      self->connected_host_ = host;
+      self->connected_port_ = port;
+      self->cached_remote_host_ = host + ":" + std::to_string(port) + " through the bridge";
+      BridgeClient::instance().guard(boost::static_pointer_cast<ros::TransportTCP>(self->shared_from_this()));
+      return self->setSocket(socket.release());
+    }
+  }
+  return runtime.original.tcp_connect(self, host, port);
+}
+
+/// A connection to the same server for the same kind of call has the same key.
+std::string keyOf(const std::string& service, const std::string& md5, const ros::M_string& fields,
+                  const ServiceAddress& address)
+{
+  std::string key = address.host + ":" + std::to_string(address.port) + "\n" + service + "\n" + md5;
+  for (const auto& field : fields)
+  {
+    key += "\n" + field.first + "=" + field.second;
+  }
+  return key;
+}
+
+ros::ServiceServerLinkPtr createLink(ros::ServiceManager* self, const std::string& service, bool persistent,
+                                     const std::string& request_md5, const std::string& response_md5,
+                                     const ros::M_string& fields)
+{
+  Runtime& runtime = Runtime::instance();
+  const auto create = [&]()
+  { return runtime.original.service_create_link(self, service, persistent, request_md5, response_md5, fields); };
+  if (persistent || !runtime.active() || !runtime.options.carries(service))
+  {
+    return create();
+  }
+  boost::recursive_mutex::scoped_lock shutdown_lock(self->shutting_down_mutex_);
+  ServiceAddress address{service, "", 0};
+  if (self->shutting_down_ || !self->lookupService(service, address.host, address.port))
+  {
+    return ros::ServiceServerLinkPtr();
+  }
+  const std::string key = keyOf(service, request_md5, fields, address);
+  if (const ros::ServiceServerLinkPtr idle = IdleServices::instance().take(key))
+  {
+    return idle;
+  }
+  known_address = address;
+  const ros::ServiceServerLinkPtr link = create();
+  known_address = ServiceAddress{};
+  const std::shared_ptr<ServiceCaller> caller =
+      link ? runtime.service_callers.find(link->getConnection().get()) : nullptr;
+  if (caller)
+  {
+    caller->setKey(key);
+  }
+  return link;
+}
+
+bool initialize(ros::ServiceServerLink* self, const ros::ConnectionPtr& connection)
+{
+  Runtime& runtime = Runtime::instance();
+  if (!runtime.active() || !connection->getTransport()->requiresHeader() ||
+      !runtime.options.carries(self->getServiceName()))
+  {
+    return runtime.original.service_initialize(self, connection);
+  }
+  const auto caller = std::make_shared<ServiceCaller>(connection, !self->isPersistent());
+  ros::Connection* const key = connection.get();
+  runtime.service_callers.insert(key, caller);
+  connection->addDropListener(
+      [caller, key](const ros::ConnectionPtr&, ros::Connection::DropReason)
+      {
+        Runtime::instance().service_callers.erase(key);
+        caller->disconnect();
+      });
+  OfferScope scope(std::to_string(PROTOCOL_VERSION));
+  return runtime.original.service_initialize(self, connection);
+}
+
+bool headerReceived(ros::ServiceServerLink* self, const ros::ConnectionPtr& connection, const ros::Header& header)
+{
+  Runtime& runtime = Runtime::instance();
+  const std::shared_ptr<ServiceCaller> caller =
+      runtime.active() ? runtime.service_callers.find(connection.get()) : nullptr;
+  if (caller)
+  {
+    std::string offer;
+    header.getValue(HEADER_FIELD, offer);
+    if (caller->meet(offer))
+    {
+      self->persistent_ = true;  // whether it ends with the call is decided in callService()
+    }
+  }
+  return runtime.original.service_header_received(self, connection, header);
+}
+
+bool callService(ros::ServiceServerLink* self, const ros::SerializedMessage& request, ros::SerializedMessage& response)
+{
+  Runtime& runtime = Runtime::instance();
+  const ros::ConnectionPtr connection = self->getConnection();
+  const std::shared_ptr<ServiceCaller> caller =
+      runtime.active() ? runtime.service_callers.find(connection.get()) : nullptr;
+  if (!caller)
+  {
+    return runtime.original.service_call(self, request, response);
+  }
+  const ServiceCaller::Outcome outcome = caller->call(self, request, response);
+  if (!caller->singleShot())
+  {
+    return outcome == ServiceCaller::Outcome::SUCCESS;
+  }
+  if (!caller->promising())
+  {
+    connection->drop(ros::Connection::Destructing);
+  }
+  else
+  {
+    IdleServices::instance().put(caller->key(), self->shared_from_this());
+  }
+  if (outcome != ServiceCaller::Outcome::NOT_TAKEN)
+  {
+    return outcome == ServiceCaller::Outcome::SUCCESS;
+  }
+  // The connection was kept from an earlier call and the server left it meanwhile; TCPROS would have made one now.
+  const ros::ServiceServerLinkPtr fresh = ros::ServiceManager::instance()->createServiceServerLink(
+      self->getServiceName(), false, self->getRequestMD5Sum(), self->getResponseMD5Sum(),
+      self->extra_outgoing_header_values_);
+  return fresh && fresh->call(request, response);
+}
+
+bool handleHeader(ros::ServiceClientLink* self, const ros::Header& header)
+{
+  Runtime& runtime = Runtime::instance();
+  ros::Header& fields = const_cast<ros::Header&>(header);
+  std::string service;
+  std::string version;
+  const bool asked = fields.getValue(HEADER_FIELD, version) && fields.getValue("service", service);
+  fields.getValues()->erase(HEADER_FIELD);  // callbacks see the header that TCPROS would have given them
+  if (!asked || !runtime.active() || version != std::to_string(PROTOCOL_VERSION) || !runtime.options.carries(service) ||
+      runtime.service_responders.size() >= MAX_RESPONDERS)
+  {
+    return runtime.original.service_handle_header(self, header);
+  }
+  const ros::ConnectionPtr connection = self->getConnection();
+  const auto responder = std::make_shared<ServiceResponder>(self->shared_from_this(), connection);
+  const std::string offer =
+      runtime.expect(responder->token(),
+                     [weak = std::weak_ptr<ServiceResponder>(responder)](SideChannel channel, const Packet&,
+                                                                         Runtime::Descriptors* descriptors)
+                     {
+                       if (const std::shared_ptr<ServiceResponder> expected = weak.lock())
+                       {
+                         expected->meet(std::move(channel), SideChannel(std::move(descriptors->front())));
+                       }
+                     });
+  if (offer.empty())
+  {
+    return runtime.original.service_handle_header(self, header);
+  }
+  ros::Connection* const key = connection.get();
+  runtime.service_responders.insert(key, responder);
+  connection->addDropListener(
+      [responder, key](const ros::ConnectionPtr&, ros::Connection::DropReason)
+      {
+        Runtime::instance().service_responders.erase(key);
+        responder->disconnect();
+      });
+  OfferScope scope(offer);
+  const bool accepted = runtime.original.service_handle_header(self, header);
+  if (accepted)
+  {
+    self->persistent_ = true;  // the client ends the connection, see callService()
+  }
+  return accepted;
+}
+
+void processResponse(ros::ServiceClientLink* self, bool ok, const ros::SerializedMessage& response)
+{
+  Runtime& runtime = Runtime::instance();
+  const std::shared_ptr<ServiceResponder> responder =
+      runtime.active() ? runtime.service_responders.find(self->getConnection().get()) : nullptr;
+  if (!responder || !responder->respond(response))
+  {
+    runtime.original.service_process_response(self, ok, response);
+  }
+}
+
+}  // namespace
+
+void attachServiceHooks(PiOsShim* shim)
+{
+  Originals& original = Runtime::instance().original;
+  takeOver(shim, PI_OS_SERVICE_LOOKUP, &original.lookup_service, lookupService);
+  takeOver(shim, PI_OS_TCP_CONNECT, &original.tcp_connect, connectTcp);
+  takeOver(shim, PI_OS_SERVICE_CREATE_LINK, &original.service_create_link, createLink);
+  takeOver(shim, PI_OS_SERVICE_INITIALIZE, &original.service_initialize, initialize);
+  takeOver(shim, PI_OS_SERVICE_HEADER_RECEIVED, &original.service_header_received, headerReceived);
+  takeOver(shim, PI_OS_SERVICE_CALL, &original.service_call, callService);
+  takeOver(shim, PI_OS_SERVICE_HANDLE_HEADER, &original.service_handle_header, handleHeader);
+  takeOver(shim, PI_OS_SERVICE_PROCESS_RESPONSE, &original.service_process_response, processResponse);
+}
+
+}  // namespace pi_os_transport
