@@ -34,7 +34,7 @@ help:
 	@echo 'make bench        π-OS beside stock TCPROS: latency, throughput, CPU, memory'
 	@echo 'make bench-devices  the same between devices, which are network namespaces: needs root'
 	@echo 'make bench-runtime  the runtime beside StarPU, plain OpenCL and a static map: latency, idle cost, deadlines'
-	@echo "make conformance  ros_comm's own tests of roscpp, plain and with π-OS preloaded"
+	@echo "make conformance  ros_comm's own tests of roscpp and rosmaster, with π-OS preloaded, with pi_master in its place"
 	@echo 'make build        missing Debian packages, Release build in build/, install space in install/'
 	@echo 'make clean        removes build/ and install/'
 	@echo 'ARGS="..." is passed on to the program that a demo, a benchmark or conformance runs; JOBS=N limits the compilers.'
@@ -92,7 +92,7 @@ bench-runtime: build
 .PHONY: conformance
 conformance: build
 	@exec pi_os_transport/test/conformance/run --work $(BUILD)/conformance --jobs $(JOBS) \
-	  --library $(INSTALL)/lib/libpi_os_transport.so $(ARGS)
+	  --library $(INSTALL)/lib/libpi_os_transport.so --master $(INSTALL)/lib/pi_os_transport/pi_master $(ARGS)
 
 .PHONY: clean
 clean:
