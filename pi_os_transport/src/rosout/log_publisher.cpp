@@ -94,15 +94,19 @@ void LogPublisher::receive(const SubscriberPtr& subscriber)
     return;
   }
   // A subscriber that has introduced itself has nothing more to say.
-  if (size <= 0 || !subscriber->node.empty() || subscriber->closes ||
-      !subscriber->reader.feed(std::string_view(chunk.data(), static_cast<size_t>(size))))
+  if (size <= 0 || !subscriber->node.empty() || subscriber->closes)
   {
     drop(subscriber);
     return;
   }
+  subscriber->reader.feed(std::string_view(chunk.data(), static_cast<size_t>(size)));
   if (const std::optional<std::string_view> part = subscriber->reader.next())
   {
     welcome(subscriber, decodeTcprosHeader(*part).value_or(TcprosHeader()));
+  }
+  else if (subscriber->reader.isBroken())
+  {
+    drop(subscriber);
   }
 }
 

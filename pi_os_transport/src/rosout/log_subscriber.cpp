@@ -198,14 +198,17 @@ void LogSubscriber::receive(const PublisherPtr& publisher)
   {
     return;
   }
-  if (size <= 0 || !publisher->reader.feed(std::string_view(chunk.data(), static_cast<size_t>(size))) ||
-      !takeParts(publisher))
+  if (size > 0)
+  {
+    publisher->reader.feed(std::string_view(chunk.data(), static_cast<size_t>(size)));
+  }
+  if (size <= 0 || !takeParts(publisher))
   {
     tryAgain(publisher);
   }
 }
 
-/// @return false if the publisher does not want this subscriber.
+/// @return false if the publisher does not want this subscriber, or says what cannot be understood.
 bool LogSubscriber::takeParts(const PublisherPtr& publisher)
 {
   while (const std::optional<std::string_view> part = publisher->reader.next())
@@ -226,7 +229,7 @@ bool LogSubscriber::takeParts(const PublisherPtr& publisher)
     publisher->failures = 0;
     loop_->cancel(std::exchange(publisher->timer, 0));
   }
-  return true;
+  return !publisher->reader.isBroken();
 }
 
 void LogSubscriber::tryAgain(const PublisherPtr& publisher)

@@ -60,18 +60,18 @@ std::optional<TcprosHeader> decodeTcprosHeader(std::string_view fields)
   return header;
 }
 
-bool TcprosReader::feed(std::string_view bytes)
+void TcprosReader::feed(std::string_view bytes)
 {
   buffer_.erase(0, at_);
   at_ = 0;
   buffer_.append(bytes);
-  return buffer_.size() < LENGTH_BYTES || lengthAt(buffer_) <= most_bytes_;
 }
 
 std::optional<std::string_view> TcprosReader::next()
 {
   const std::string_view rest = std::string_view(buffer_).substr(at_);
-  if (rest.size() < LENGTH_BYTES || lengthAt(rest) > rest.size() - LENGTH_BYTES)
+  is_broken_ = rest.size() >= LENGTH_BYTES && lengthAt(rest) > most_bytes_;
+  if (is_broken_ || rest.size() < LENGTH_BYTES || lengthAt(rest) > rest.size() - LENGTH_BYTES)
   {
     if (rest.empty())
     {

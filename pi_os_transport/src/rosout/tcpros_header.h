@@ -24,15 +24,17 @@ public:
   /// @param most_bytes  of one part
   explicit TcprosReader(size_t most_bytes) : most_bytes_(most_bytes) {}
 
-  /// @return false if a part is announced that is longer than allowed: nothing can be read any more.
-  bool feed(std::string_view bytes);
+  void feed(std::string_view bytes);
   /// @return the next part, valid until feed(); nothing if it is not complete.
   std::optional<std::string_view> next();
+  /// A part was announced that is longer than allowed: nothing can be read any more. To be asked after next().
+  bool isBroken() const { return is_broken_; }
 
 private:
   size_t most_bytes_;
   std::string buffer_;
   size_t at_ = 0;
+  bool is_broken_ = false;
 };
 
 }  // namespace pi_os_transport

@@ -75,12 +75,12 @@ public:
                          [&]
                          {
                            std::array<char, 65536> chunk;
-                           const ssize_t size = recv(socket_.get(), chunk.data(), chunk.size(), MSG_DONTWAIT);
-                           if (size > 0)
+                           ssize_t size = 0;
+                           while ((size = recv(socket_.get(), chunk.data(), chunk.size(), MSG_DONTWAIT)) > 0)
                            {
                              received.append(chunk.data(), static_cast<size_t>(size));
                            }
-                           return size == 0 || (size < 0 && errno != EAGAIN) || enough(received);
+                           return size == 0 || errno != EAGAIN || enough(received);
                          }))
         << received;
     return received;

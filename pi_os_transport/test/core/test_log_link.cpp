@@ -43,16 +43,22 @@ TEST(TcprosReader, CutsPartsHoweverTheyCome)
     std::vector<std::string> parts;
     for (size_t at = 0; at < bytes.size(); at += step)
     {
-      ASSERT_TRUE(reader.feed(bytes.substr(at, step)));
+      reader.feed(bytes.substr(at, step));
       while (const auto part = reader.next())
       {
         parts.emplace_back(*part);
       }
     }
     EXPECT_EQ((std::vector<std::string>{"ab", "", "c"}), parts) << step;
+    EXPECT_FALSE(reader.isBroken());
   }
-  TcprosReader reader(1);
-  EXPECT_FALSE(reader.feed(bytes));
+  TcprosReader reader(2);
+  reader.feed(bytes + std::string("\x03\0\0\0", 4));
+  while (reader.next())
+  {
+    EXPECT_FALSE(reader.isBroken());
+  }
+  EXPECT_TRUE(reader.isBroken());
 }
 
 /// A publisher and a subscriber on one loop; the node call that asks for the port is answered here.
