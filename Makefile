@@ -34,7 +34,7 @@ help:
 	@echo 'make bench        π-OS beside stock TCPROS: latency, throughput, CPU, memory'
 	@echo 'make bench-devices  the same between devices, which are network namespaces: needs root'
 	@echo 'make bench-runtime  the runtime beside StarPU, plain OpenCL and a static map: latency, idle cost, deadlines'
-	@echo "make conformance  ros_comm's own tests of roscpp, plain and with π-OS preloaded"
+	@echo "make conformance  ros_comm's own tests of roscpp and rosmaster, with π-OS preloaded, with pi_master in its place"
 	@echo 'make chaos        kills nodes by the thousand and does worse to them; ARGS="--kills 10000 --seed 1 --minutes 60"'
 	@echo 'make sanitize     tests of π-OS with SANITIZER=thread or address (with undefined behaviour); ARGS="<pattern>"'
 	@echo 'make fuzz         fuzzes every decoder of what peers supply, ARGS="10" minutes each; needs clang'
@@ -95,7 +95,7 @@ bench-runtime: build
 .PHONY: conformance
 conformance: build
 	@exec pi_os_transport/test/conformance/run --work $(BUILD)/conformance --jobs $(JOBS) \
-	  --library $(INSTALL)/lib/libpi_os_transport.so $(ARGS)
+	  --library $(INSTALL)/lib/libpi_os_transport.so --master $(INSTALL)/lib/pi_os_transport/pi_master $(ARGS)
 
 # From the build space: the nodes are test programs.
 .PHONY: chaos

@@ -67,7 +67,7 @@ def await_state(reached, what, timeout=DEADLINE_S):
 class Process:
     """A child process whose output is collected; lines that start with '@' are answers."""
 
-    def __init__(self, command, preload='', env=None, prefix=()):
+    def __init__(self, command, preload='', env=None, prefix=(), pass_fds=()):
         environment = dict(os.environ)
         environment.pop('LD_PRELOAD', None)
         for key in [k for k in environment if k.startswith('PI_OS_')]:
@@ -77,7 +77,7 @@ class Process:
         environment.update(env or {})
         self.command = list(prefix) + list(command)
         self.popen = subprocess.Popen(self.command, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                                      stderr=subprocess.PIPE, env=environment)
+                                      stderr=subprocess.PIPE, env=environment, pass_fds=pass_fds)
         self.pid = self.popen.pid
         self.lines = []
         self._answers = queue.Queue()

@@ -1,0 +1,259 @@
+#include "core_program.h"
+
+#include <malloc.h>
+#include <signal.h>
+#include <sys/epoll.h>
+#include <sys/resource.h>
+#include <sys/signalfd.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cctype>
+#include <cerrno>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <exception>
+#include <memory>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+
+#include "core_options.h"
+#include "event_loop.h"
+#include "http_server.h"
+#include "log_folder.h"
+#include "log_type.h"
+#include "master_api.h"
+#include "network_address.h"
+#include "node_caller.h"
+#include "pi_os_transport/file_descriptor.h"
+#include "ros_version.h"
+#include "rosout_node.h"
+#include "rotating_file.h"
+
+namespace pi_os_transport
+{
+namespace
+{
+
+constexpr rlim_t WANTED_DESCRIPTORS = 16384;
+constexpr size_t OWN_DESCRIPTORS = 64;  // files, sockets that listen, the loop, and some to spare
+
+void say(const std::string& line)
+{
+  std::fprintf(stdout, "%s\n", line.c_str());
+  std::fflush(stdout);
+}
+
+/// Raises the limit of descriptors as far as may be. @return how many there are.
+size_t raiseDescriptorLimit()
+{
+  rlimit limit{};
+  getrlimit(RLIMIT_NOFILE, &limit);
+  if (limit.rlim_cur < WANTED_DESCRIPTORS)
+  {
+    limit.rlim_cur = std::min(limit.rlim_max, WANTED_DESCRIPTORS);
+    setrlimit(RLIMIT_NOFILE, &limit);
+    getrlimit(RLIMIT_NOFILE, &limit);
+  }
+  return static_cast<size_t>(limit.rlim_cur);
+}
+
+/// Long-lived and small: one arena for all threads, and what a big request took goes back.
+void keepMemorySmall()
+{
+  mallopt(M_ARENA_MAX, 1);
+  mallopt(M_MMAP_THRESHOLD, 128 * 1024);
+  mallopt(M_TRIM_THRESHOLD, 128 * 1024);
+}
+
+/// The signals that end this program, as something to wait for.
+FileDescriptor endSignals()
+{
+  sigset_t signals;
+  sigemptyset(&signals);
+  sigaddset(&signals, SIGINT);
+  sigaddset(&signals, SIGTERM);
+  sigprocmask(SIG_BLOCK, &signals, nullptr);
+  signal(SIGPIPE, SIG_IGN);
+  return FileDescriptor(signalfd(-1, &signals, SFD_CLOEXEC | SFD_NONBLOCK));
+}
+
+bool isFileLoggingDisabled()
+{
+  const char* const variable = std::getenv("ROSOUT_DISABLE_FILE_LOGGING");
+  std::string value = variable != nullptr ? variable : "";
+  std::transform(value.begin(), value.end(), value.begin(),
+                 [](unsigned char letter) { return static_cast<char>(std::tolower(letter)); });
+  return !(value.empty() || value == "0" || value == "false" || value == "off" || value == "no");
+}
+
+/// The file for what nodes log. A computer whose disk is full still has to drive: without one it goes on.
+std::unique_ptr<RotatingFile> openRosoutFile(const std::string& run_id, const Log& log)
+{
+  if (isFileLoggingDisabled())
+  {
+    return nullptr;
+  }
+  try
+  {
+    auto file = std::make_unique<RotatingFile>(makeLogFolder(run_id) + "/rosout.log", log, RotatingFile::Limits());
+    say("... logging to " + file->path());
+    return file;
+  }
+  catch (const std::runtime_error& error)
+  {
+    log("/rosout is not written to a file: " + std::string(error.what()));
+    return nullptr;
+  }
+}
+
+void announce(int descriptor, const std::string& uri)
+{
+  const std::string line = uri + "\n";
+  if (write(descriptor, line.data(), line.size()) != static_cast<ssize_t>(line.size()))
+  {
+    throw std::runtime_error("--announce = " + std::to_string(descriptor) +
+                             " cannot be written to: " + std::strerror(errno));
+  }
+  if (descriptor > STDERR_FILENO)
+  {
+    close(descriptor);  // who reads it sees the end
+  }
+}
+
+void warnOfOtherMaster(uint16_t port)
+{
+  const char* const uri = std::getenv("ROS_MASTER_URI");
+  if (uri == nullptr)
+  {
+    return;
+  }
+  try
+  {
+    if (parseHttpUri(uri).port != port)
+    {
+      std::fprintf(stderr, "WARNING: ROS_MASTER_URI port [%u] does not match this master [%u]\n",
+                   static_cast<unsigned>(parseHttpUri(uri).port), static_cast<unsigned>(port));
+    }
+  }
+  catch (const std::invalid_argument& error)
+  {
+    std::fprintf(stderr, "WARNING: ROS_MASTER_URI: %s\n", error.what());
+  }
+}
+
+/// roscore's own parameters.
+void setCoreParameters(MasterApi* api, const std::string& run_id)
+{
+  const std::string caller = "/roslaunch";
+  const char* const distribution = std::getenv("ROS_DISTRO");
+  api->setParameter("/run_id", run_id, caller);
+  // With the line ends that roscore has there, too: it puts in what commands print.
+  api->setParameter("/rosversion", std::string(ROS_VERSION) + "\n", caller);
+  api->setParameter("/rosdistro", std::string(distribution != nullptr ? distribution : ROS_DISTRIBUTION) + "\n",
+                    caller);
+}
+
+void run(CoreProgram program, const CoreOptions& options)
+{
+  const std::string name = program == CoreProgram::CORE ? "pi_core" : "pi_master";
+  const Log log = [&name](const std::string& line) { std::fprintf(stderr, "%s: %s\n", name.c_str(), line.c_str()); };
+  const FileDescriptor signals = endSignals();
+  const size_t descriptors = raiseDescriptorLimit();
+  if (descriptors < 4 * OWN_DESCRIPTORS)
+  {
+    throw std::runtime_error("only " + std::to_string(descriptors) + " descriptors are allowed, at least " +
+                             std::to_string(4 * OWN_DESCRIPTORS) + " are needed: raise them with ulimit -n");
+  }
+  const NetworkAddress network = networkAddress(options.host);
+  EventLoop loop;
+  NodeCallerLimits call_limits;
+  call_limits.connections = std::min(call_limits.connections, descriptors / 4);
+  call_limits.reply = options.timeout.value_or(call_limits.reply);
+  NodeCaller calls(&loop, call_limits);
+  HttpServerLimits server_limits;
+  server_limits.connections = std::min(server_limits.connections, descriptors / 4);
+
+  // The master knows its URI once it has its port.
+  std::optional<MasterApi> api;
+  HttpServer server(
+      &loop, network.bind, options.port, [&api](std::string_view request) { return api->answer(request); },
+      server_limits);
+  const std::string uri = httpUri(network.host, server.port());
+  api.emplace(
+      uri, &calls,
+      [&](const std::string& reason)
+      {
+        log(reason);
+        loop.stop();
+      },
+      options.is_verbose ? log : Log());
+
+  std::unique_ptr<RotatingFile> file;
+  std::optional<RosoutNode> rosout;
+  if (program == CoreProgram::CORE)
+  {
+    const std::string run_id = newRunId();
+    setCoreParameters(&*api, run_id);
+    file = openRosoutFile(run_id, log);
+    RosoutNode::Environment environment;
+    environment.network = network;
+    environment.master_uri = uri;
+    environment.calls = &calls;
+    environment.file = file.get();
+    environment.omits_topics = [&api]
+    {
+      const RpcValue* value = api->parameter("/rosout/omit_topics");
+      return value != nullptr && *value == RpcValue(true);
+    };
+    rosout.emplace(&loop, environment);
+    api->addPublisher(RosoutNode::NAME, RosoutNode::PUBLISHED, LogType::name(), rosout->uri());
+    api->addSubscriber(RosoutNode::NAME, RosoutNode::SUBSCRIBED, LogType::name(), rosout->uri());
+  }
+  loop.add(signals.get(), EPOLLIN, [&loop](uint32_t) { loop.stop(); });
+
+  if (options.announce >= 0)
+  {
+    announce(options.announce, uri);
+  }
+  else
+  {
+    warnOfOtherMaster(server.port());
+  }
+  say("ROS_MASTER_URI=" + uri);
+  if (program == CoreProgram::CORE)
+  {
+    say("started core service [/rosout]");
+  }
+  loop.run();
+  loop.remove(signals.get());
+}
+
+}  // namespace
+
+int runCore(CoreProgram program, int argc, char** argv)
+{
+  const std::string name = program == CoreProgram::CORE ? "pi_core" : "pi_master";
+  try
+  {
+    keepMemorySmall();
+    const std::optional<CoreOptions> options = CoreOptions::parse(argc, argv);
+    if (!options)
+    {
+      std::fputs(CoreOptions::usage(name).c_str(), stdout);
+      return EXIT_SUCCESS;
+    }
+    run(program, *options);
+    return EXIT_SUCCESS;
+  }
+  catch (const std::exception& error)
+  {
+    std::fprintf(stderr, "%s: %s\n", name.c_str(), error.what());
+    return EXIT_FAILURE;
+  }
+}
+
+}  // namespace pi_os_transport

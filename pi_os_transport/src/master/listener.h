@@ -1,0 +1,44 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string>
+
+#include "event_loop.h"
+#include "pi_os_transport/file_descriptor.h"
+
+namespace pi_os_transport
+{
+
+/// Accepts connections of TCP on a loop. Has to outlive the loop's run.
+class Listener
+{
+public:
+  using Accepted = std::function<void(FileDescriptor connection)>;
+  /// Frees a descriptor because there are no more. @return false if it cannot.
+  using MakeRoom = std::function<bool()>;
+
+  /// @param address  numeric. @param port  0: any that is free.
+  /// @throws std::runtime_error naming address and port, and what to do if the port is in use
+  Listener(EventLoop* loop, const std::string& address, uint16_t port);
+  ~Listener();
+  Listener(const Listener&) = delete;
+  Listener& operator=(const Listener&) = delete;
+
+  uint16_t port() const { return port_; }
+  /// Connections come non-blocking, with TCP_NODELAY, and with keep-alive, so that those of vanished computers end.
+  void start(Accepted accepted, MakeRoom make_room);
+
+private:
+  void accept();
+  void pause();
+
+  EventLoop* loop_;
+  FileDescriptor socket_;
+  uint16_t port_ = 0;
+  Accepted accepted_;
+  MakeRoom make_room_;
+  EventLoop::TimerId resume_ = 0;
+};
+
+}  // namespace pi_os_transport

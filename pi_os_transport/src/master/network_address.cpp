@@ -1,0 +1,148 @@
+#include "network_address.h"
+
+#include <ifaddrs.h>
+#include <netdb.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cstdlib>
+#include <stdexcept>
+#include <string_view>
+#include <system_error>
+
+namespace pi_os_transport
+{
+namespace
+{
+
+constexpr uint16_t HTTP_PORT = 80;
+
+bool isLoopback(const std::string& host)
+{
+  return host == "localhost" || host.rfind("127.", 0) == 0 || host == "::1";
+}
+
+/// An address of this computer in numbers; a loopback's if there is no other.
+std::string ownAddress(bool ipv6)
+{
+  std::string found = ipv6 ? "::1" : "127.0.0.1";
+  ifaddrs* interfaces = nullptr;
+  if (getifaddrs(&interfaces) != 0)
+  {
+    return found;
+  }
+  for (const ifaddrs* one = interfaces; one != nullptr; one = one->ifa_next)
+  {
+    if (one->ifa_addr == nullptr || one->ifa_addr->sa_family != (ipv6 ? AF_INET6 : AF_INET))
+    {
+      continue;
+    }
+    std::array<char, NI_MAXHOST> text;
+    const socklen_t size = ipv6 ? sizeof(sockaddr_in6) : sizeof(sockaddr_in);
+    if (getnameinfo(one->ifa_addr, size, text.data(), text.size(), nullptr, 0, NI_NUMERICHOST) == 0 &&
+        !isLoopback(text.data()))
+    {
+      found = text.data();
+      break;
+    }
+  }
+  freeifaddrs(interfaces);
+  return found;
+}
+
+void checkHost(const std::string& variable, const std::string& host)
+{
+  const size_t colons = static_cast<size_t>(std::count(host.begin(), host.end(), ':'));
+  if (host.empty() || host.find('/') != std::string::npos || colons == 1)
+  {
+    throw std::invalid_argument(variable + " = \"" + host +
+                                "\", must be a host name or address without protocol and port");
+  }
+}
+
+}  // namespace
+
+NetworkAddress networkAddress(const std::string& remapped)
+{
+  const char* const ipv6_variable = std::getenv("ROS_IPV6");
+  const bool ipv6 = ipv6_variable != nullptr && std::string_view(ipv6_variable) == "on";
+  std::string host = remapped;
+  if (!host.empty())
+  {
+    checkHost("__hostname or __ip", host);
+  }
+  for (const char* variable : {"ROS_HOSTNAME", "ROS_IP"})
+  {
+    const char* const value = std::getenv(variable);
+    if (host.empty() && value != nullptr)
+    {
+      host = value;
+      checkHost(variable, host);
+    }
+  }
+  const bool is_given = !host.empty();
+  if (!is_given)
+  {
+    std::array<char, 256> name{};
+    if (gethostname(name.data(), name.size() - 1) == 0)
+    {
+      host = name.data();
+    }
+    if (host.empty() || isLoopback(host))
+    {
+      host = ownAddress(ipv6);
+    }
+  }
+  NetworkAddress address;
+  address.host = host;
+  if (is_given && isLoopback(host))
+  {
+    address.bind = ipv6 ? "::1" : host.rfind("127.", 0) == 0 ? host : "127.0.0.1";
+  }
+  else
+  {
+    address.bind = ipv6 ? "::" : "0.0.0.0";
+  }
+  return address;
+}
+
+std::string httpUri(const std::string& host, uint16_t port)
+{
+  const bool is_ipv6 = host.find(':') != std::string::npos;
+  return "http://" + (is_ipv6 ? "[" + host + "]" : host) + ":" + std::to_string(port) + "/";
+}
+
+HostAndPort parseHttpUri(const std::string& uri)
+{
+  const std::string scheme = "http://";
+  HostAndPort result;
+  if (uri.rfind(scheme, 0) == 0)
+  {
+    const std::string_view authority =
+        std::string_view(uri).substr(scheme.size(), uri.find_first_of("/?#", scheme.size()) - scheme.size());
+    const size_t bracket = authority.rfind(']');
+    const size_t colon = authority.rfind(':');
+    const bool has_port = colon != std::string_view::npos && (bracket == std::string_view::npos || colon > bracket);
+    std::string_view host = authority.substr(0, has_port ? colon : authority.size());
+    if (bracket != std::string_view::npos && host.size() > 2)
+    {
+      host = host.substr(1, host.size() - 2);
+    }
+    const std::string_view port = has_port ? authority.substr(colon + 1) : std::string_view();
+    result.host = host;
+    result.port = HTTP_PORT;
+    const auto parsed = std::from_chars(port.data(), port.data() + port.size(), result.port);
+    if (!result.host.empty() &&
+        (!has_port || (parsed.ec == std::errc() && parsed.ptr == port.data() + port.size() && result.port != 0)))
+    {
+      return result;
+    }
+  }
+  throw std::invalid_argument("\"" + uri + "\" is no URI like http://host:11311/");
+}
+
+}  // namespace pi_os_transport

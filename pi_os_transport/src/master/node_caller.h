@@ -1,0 +1,100 @@
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <list>
+#include <memory>
+#include <string>
+#include <unordered_map>
+
+#include "event_loop.h"
+#include "host_resolver.h"
+#include "http_reader.h"
+#include "network_address.h"
+#include "node_calls.h"
+#include "pi_os_transport/file_descriptor.h"
+
+namespace pi_os_transport
+{
+
+struct NodeCallerLimits
+{
+  size_t connections = 256;
+  std::chrono::milliseconds connect{10000};  ///< for the node's computer to answer
+  /// For the node itself. Long: a node that is stopped in a debugger gets what it missed when it goes on, as a call
+  /// waits in its socket.
+  std::chrono::milliseconds reply{60000};
+  std::chrono::milliseconds patience{1000};  ///< with a node that does not answer while others wait for a connection
+  std::chrono::milliseconds idle{2000};      ///< for which a connection is kept after the last call
+};
+
+/// Calls the slave APIs of nodes on a loop: of all nodes at the same time, of each one call after the other over one
+/// connection. A node that hangs or is gone delays nobody. Has to outlive the loop's run.
+class NodeCaller : public NodeCalls
+{
+public:
+  NodeCaller(EventLoop* loop, const NodeCallerLimits& limits = NodeCallerLimits());
+  ~NodeCaller() override;
+  NodeCaller(const NodeCaller&) = delete;
+  NodeCaller& operator=(const NodeCaller&) = delete;
+
+  void call(const std::string& api, NodeCall call) override;
+  /// Nodes that a call waits for or a connection is open to.
+  size_t nodes() const { return nodes_.size(); }
+
+private:
+  enum class Step
+  {
+    WAITING,  ///< for a connection to be free
+    RESOLVING,
+    CONNECTING,
+    CALLING,
+    IDLE,  ///< connected, nothing to do
+  };
+  struct Node
+  {
+    std::string api;
+    HostAndPort at;
+    std::list<NodeCall> calls;  ///< the first one is under way
+    std::unordered_map<std::string, std::list<NodeCall>::iterator> subjects;
+    Step step = Step::WAITING;
+    FileDescriptor socket;
+    bool is_used = false;  ///< the connection has carried an answer: it may have ended since, which is no fault
+    std::string out;
+    size_t sent = 0;
+    HttpReader reader{HttpReader::Kind::RESPONSE};
+    EventLoop::TimerId deadline = 0;
+    SteadyTime since;  ///< of the current step
+  };
+  using NodePtr = std::shared_ptr<Node>;
+
+  void queue(const NodePtr& node);
+  void startSoon();
+  void startWaiting();
+  bool makeRoom();
+  void connect(const NodePtr& node);
+  void open(const NodePtr& node, const SocketAddress& address);
+  void sendCall(const NodePtr& node);
+  void sendRest(const NodePtr& node);
+  void onReady(const NodePtr& node, uint32_t events);
+  void receive(const NodePtr& node);
+  void finish(const NodePtr& node, const RpcResponse* response);
+  void next(const NodePtr& node);
+  void onBroken(const NodePtr& node);
+  void disconnect(const NodePtr& node);
+  void forget(const NodePtr& node);
+  void allow(const NodePtr& node, std::chrono::milliseconds time);
+
+  EventLoop* loop_;
+  NodeCallerLimits limits_;
+  HostResolver resolver_;
+  std::unordered_map<std::string, NodePtr> nodes_;
+  std::deque<NodePtr> waiting_;
+  size_t busy_ = 0;  ///< nodes in a step other than WAITING
+  EventLoop::TimerId look_again_ = 0;
+  bool is_starting_ = false;
+};
+
+}  // namespace pi_os_transport

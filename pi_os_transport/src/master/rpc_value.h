@@ -1,0 +1,71 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <string>
+#include <utility>
+#include <variant>
+#include <vector>
+
+namespace pi_os_transport
+{
+
+/// A value of XML-RPC, as parameters, arguments and results are made of. A plain value: copies are deep.
+struct RpcValue
+{
+  using Array = std::vector<RpcValue>;
+  using Struct = std::map<std::string, RpcValue, std::less<>>;
+  /// Carried as they came: a master only hands them on.
+  struct Binary
+  {
+    std::string base64;
+    bool operator==(const Binary& other) const { return base64 == other.base64; }
+  };
+  struct DateTime
+  {
+    std::string iso8601;
+    bool operator==(const DateTime& other) const { return iso8601 == other.iso8601; }
+  };
+  using Nil = std::monostate;
+
+  RpcValue() = default;
+  RpcValue(bool value) : data(value) {}
+  RpcValue(int32_t value) : data(value) {}
+  RpcValue(double value) : data(value) {}
+  RpcValue(const char* value) : data(std::string(value)) {}
+  RpcValue(std::string value) : data(std::move(value)) {}
+  RpcValue(Binary value) : data(std::move(value)) {}
+  RpcValue(DateTime value) : data(std::move(value)) {}
+  RpcValue(Array value) : data(std::move(value)) {}
+  RpcValue(Struct value) : data(std::move(value)) {}
+
+  template <typename Type>
+  bool is() const
+  {
+    return std::holds_alternative<Type>(data);
+  }
+  /// The caller has asked is().
+  template <typename Type>
+  const Type& as() const
+  {
+    return std::get<Type>(data);
+  }
+  template <typename Type>
+  Type& as()
+  {
+    return std::get<Type>(data);
+  }
+  /// What Python takes for false, as ROS's own master does when it looks whether an argument was given: zero, false and
+  /// all that is empty.
+  bool isFalsy() const;
+  /// Whether it or anything in it is nil, which XML-RPC proper does not know.
+  bool containsNil() const;
+
+  bool operator==(const RpcValue& other) const { return data == other.data; }
+  bool operator!=(const RpcValue& other) const { return !(*this == other); }
+
+  std::variant<Nil, bool, int32_t, double, std::string, Binary, DateTime, Array, Struct> data;
+};
+
+}  // namespace pi_os_transport

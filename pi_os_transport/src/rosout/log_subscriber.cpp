@@ -1,0 +1,285 @@
+#include "log_subscriber.h"
+
+#include <netinet/in.h>
+#include <sys/epoll.h>
+#include <sys/socket.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <chrono>
+#include <optional>
+#include <utility>
+
+#include "log_type.h"
+#include "rpc_encoder.h"
+
+namespace pi_os_transport
+{
+namespace
+{
+
+constexpr size_t CHUNK_BYTES = 16 * 1024;
+constexpr size_t MOST_MESSAGE_BYTES = 16 * 1024 * 1024;  // of a message of the log; a longer one ends the connection
+constexpr std::chrono::milliseconds CONNECTING{20000};   // to the end of the introduction
+constexpr std::chrono::milliseconds FIRST_PAUSE{100};    // before another try, doubled with each one that fails
+constexpr std::chrono::milliseconds LONGEST_PAUSE{20000};
+
+}  // namespace
+
+LogSubscriber::LogSubscriber(EventLoop* loop, NodeCalls* calls, std::string node, std::string topic, Received received)
+  : loop_(loop)
+  , calls_(calls)
+  , resolver_(loop)
+  , node_(std::move(node))
+  , topic_(std::move(topic))
+  , received_(std::move(received))
+{
+}
+
+LogSubscriber::~LogSubscriber()
+{
+  for (const auto& [api, publisher] : publishers_)
+  {
+    close(publisher);
+  }
+}
+
+void LogSubscriber::setPublishers(const std::set<std::string>& apis)
+{
+  for (auto at = publishers_.begin(); at != publishers_.end();)
+  {
+    if (apis.count(at->first) == 0)
+    {
+      close(at->second);
+      at = publishers_.erase(at);
+    }
+    else
+    {
+      ++at;
+    }
+  }
+  for (const std::string& api : apis)
+  {
+    PublisherPtr& publisher = publishers_[api];
+    if (publisher == nullptr)
+    {
+      publisher = std::make_shared<Publisher>();
+      publisher->api = api;
+      publisher->id = next_id_++;
+      ask(publisher);
+    }
+  }
+}
+
+/// Asks the publisher for the port of its TCPROS server.
+void LogSubscriber::ask(const PublisherPtr& publisher)
+{
+  const auto body = std::make_shared<const std::string>(
+      encodeRpcCall("requestTopic", {node_, topic_, RpcValue::Array{RpcValue(RpcValue::Array{RpcValue("TCPROS")})}}));
+  calls_->call(publisher->api, {body, "",
+                                [this, weak = std::weak_ptr<Publisher>(publisher)](const RpcResponse* response)
+                                {
+                                  const PublisherPtr asked = weak.lock();
+                                  if (asked != nullptr)
+                                  {
+                                    onAnswer(asked, response);
+                                  }
+                                }});
+}
+
+void LogSubscriber::onAnswer(const PublisherPtr& publisher, const RpcResponse* response)
+{
+  // [1, message, ["TCPROS", host, port]]
+  if (response == nullptr || !response->value.is<RpcValue::Array>() ||
+      response->value.as<RpcValue::Array>().size() != 3)
+  {
+    tryAgain(publisher);
+    return;
+  }
+  const RpcValue& protocol = response->value.as<RpcValue::Array>()[2];
+  if (!protocol.is<RpcValue::Array>() || protocol.as<RpcValue::Array>().size() != 3 ||
+      !protocol.as<RpcValue::Array>()[1].is<std::string>() || !protocol.as<RpcValue::Array>()[2].is<int32_t>())
+  {
+    tryAgain(publisher);
+    return;
+  }
+  publisher->timer = loop_->after(CONNECTING,
+                                  [this, weak = std::weak_ptr<Publisher>(publisher)]
+                                  {
+                                    const PublisherPtr late = weak.lock();
+                                    if (late != nullptr)
+                                    {
+                                      late->timer = 0;
+                                      tryAgain(late);
+                                    }
+                                  });
+  resolver_.resolve(protocol.as<RpcValue::Array>()[1].as<std::string>(),
+                    static_cast<uint16_t>(protocol.as<RpcValue::Array>()[2].as<int32_t>()),
+                    [this, weak = std::weak_ptr<Publisher>(publisher)](const SocketAddress& address)
+                    {
+                      const PublisherPtr found = weak.lock();
+                      if (found != nullptr && !found->socket)
+                      {
+                        connect(found, address);
+                      }
+                    });
+}
+
+void LogSubscriber::connect(const PublisherPtr& publisher, const SocketAddress& address)
+{
+  if (address.size != 0)
+  {
+    publisher->socket =
+        FileDescriptor(socket(address.storage.ss_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, IPPROTO_TCP));
+  }
+  if (!publisher->socket ||
+      (::connect(publisher->socket.get(), reinterpret_cast<const sockaddr*>(&address.storage), address.size) != 0 &&
+       errno != EINPROGRESS))
+  {
+    publisher->socket.reset();
+    tryAgain(publisher);
+    return;
+  }
+  const int on = 1;
+  setsockopt(publisher->socket.get(), SOL_SOCKET, SO_KEEPALIVE, &on, sizeof(on));
+  publisher->reader = TcprosReader(MOST_MESSAGE_BYTES);
+  publisher->out = encodeTcprosHeader({{"callerid", node_},
+                                       {"topic", topic_},
+                                       {"type", LogType::name()},
+                                       {"md5sum", LogType::md5sum()},
+                                       {"tcp_nodelay", "0"}});
+  loop_->add(publisher->socket.get(), EPOLLOUT,
+             [this, weak = std::weak_ptr<Publisher>(publisher)](uint32_t events)
+             {
+               const PublisherPtr ready = weak.lock();
+               if (ready != nullptr)
+               {
+                 onReady(ready, events);
+               }
+             });
+}
+
+void LogSubscriber::onReady(const PublisherPtr& publisher, uint32_t events)
+{
+  if (!publisher->out.empty() && (events & (EPOLLERR | EPOLLHUP)) == 0)
+  {
+    introduce(publisher);
+  }
+  else
+  {
+    receive(publisher);
+  }
+}
+
+void LogSubscriber::introduce(const PublisherPtr& publisher)
+{
+  const ssize_t size = send(publisher->socket.get(), publisher->out.data(), publisher->out.size(), MSG_NOSIGNAL);
+  if (size >= 0)
+  {
+    publisher->out.erase(0, static_cast<size_t>(size));
+  }
+  else if (errno != EAGAIN && errno != EINTR)
+  {
+    tryAgain(publisher);
+    return;
+  }
+  if (publisher->out.empty())
+  {
+    loop_->change(publisher->socket.get(), EPOLLIN);
+  }
+}
+
+void LogSubscriber::receive(const PublisherPtr& publisher)
+{
+  std::array<char, CHUNK_BYTES> chunk;
+  const ssize_t size = recv(publisher->socket.get(), chunk.data(), chunk.size(), 0);
+  if (size < 0 && (errno == EAGAIN || errno == EINTR))
+  {
+    return;
+  }
+  if (size > 0)
+  {
+    publisher->reader.feed(std::string_view(chunk.data(), static_cast<size_t>(size)));
+  }
+  if (size <= 0 || !takeParts(publisher))
+  {
+    tryAgain(publisher);
+  }
+}
+
+/// @return false if the publisher does not want this subscriber, or says what cannot be understood.
+bool LogSubscriber::takeParts(const PublisherPtr& publisher)
+{
+  while (const std::optional<std::string_view> part = publisher->reader.next())
+  {
+    if (publisher->is_connected)
+    {
+      publisher->bytes += static_cast<double>(part->size());
+      ++publisher->messages;
+      received_(*part);
+      continue;
+    }
+    const std::optional<TcprosHeader> header = decodeTcprosHeader(*part);
+    if (!header || header->count("error") != 0)
+    {
+      return false;
+    }
+    publisher->is_connected = true;
+    publisher->failures = 0;
+    loop_->cancel(std::exchange(publisher->timer, 0));
+  }
+  return !publisher->reader.isBroken();
+}
+
+void LogSubscriber::tryAgain(const PublisherPtr& publisher)
+{
+  close(publisher);
+  const auto pause = std::min(FIRST_PAUSE * (1 << std::min(publisher->failures, 10)), LONGEST_PAUSE);
+  ++publisher->failures;
+  publisher->timer = loop_->after(pause,
+                                  [this, weak = std::weak_ptr<Publisher>(publisher)]
+                                  {
+                                    const PublisherPtr again = weak.lock();
+                                    if (again != nullptr)
+                                    {
+                                      again->timer = 0;
+                                      ask(again);
+                                    }
+                                  });
+}
+
+void LogSubscriber::close(const PublisherPtr& publisher)
+{
+  loop_->cancel(std::exchange(publisher->timer, 0));
+  if (publisher->socket)
+  {
+    loop_->remove(publisher->socket.get());
+    publisher->socket.reset();
+  }
+  publisher->is_connected = false;
+}
+
+RpcValue::Array LogSubscriber::busInfo() const
+{
+  RpcValue::Array info;
+  for (const auto& [api, publisher] : publishers_)
+  {
+    info.emplace_back(
+        RpcValue::Array{publisher->id, publisher->api, "i", "TCPROS", topic_, publisher->is_connected ? 1 : 0});
+  }
+  return info;
+}
+
+RpcValue LogSubscriber::busStats() const
+{
+  RpcValue::Array links;
+  for (const auto& [api, publisher] : publishers_)
+  {
+    links.emplace_back(
+        RpcValue::Array{publisher->id, publisher->bytes, publisher->messages, 0, publisher->is_connected ? 1 : 0});
+  }
+  return RpcValue::Array{topic_, std::move(links)};
+}
+
+}  // namespace pi_os_transport

@@ -1,0 +1,14 @@
+#pragma once
+
+namespace pi_os_transport
+{
+
+/// What TCPROS says of rosgraph_msgs/Log, the type of /rosout and /rosout_agg.
+struct LogType
+{
+  static const char* name();
+  static const char* md5sum();
+  static const char* definition();
+};
+
+}  // namespace pi_os_transport

@@ -1,0 +1,47 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <string_view>
+
+#include "pi_os_transport/file_descriptor.h"
+
+namespace pi_os_transport
+{
+
+/// A log file that is put aside when it is full: file, file.1 (the one before), ... Not thread safe.
+class RotatingFile
+{
+public:
+  struct Limits
+  {
+    uint64_t bytes = 100 * 1024 * 1024;  ///< of one file
+    int backups = 10;
+  };
+  using Log = std::function<void(const std::string& line)>;
+
+  /// Starts an empty file. @param log  told once when writing or rotating fails, and again when it has worked in
+  /// between.
+  /// @throws std::runtime_error naming the file and the way out
+  RotatingFile(std::string path, Log log, const Limits& limits);
+
+  /// What cannot be written is lost, and counted.
+  void write(std::string_view text);
+  uint64_t lost() const { return lost_; }
+  const std::string& path() const { return path_; }
+
+private:
+  void rotate();
+  void report(const std::string& what);
+
+  std::string path_;
+  Log log_;
+  Limits limits_;
+  FileDescriptor file_;
+  uint64_t size_ = 0;
+  uint64_t lost_ = 0;
+  bool is_broken_ = false;
+};
+
+}  // namespace pi_os_transport
