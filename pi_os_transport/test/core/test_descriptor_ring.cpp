@@ -48,7 +48,7 @@ TEST_F(DescriptorRing, LayoutIsPinned)
   EXPECT_EQ(192U, offsetof(RingLayout, release_count));
   EXPECT_EQ(256U, offsetof(RingLayout, released));
   EXPECT_EQ(512U, offsetof(RingLayout, entries));
-  EXPECT_EQ(512U + 24U * CAPACITY, sizeof(RingLayout));
+  EXPECT_EQ(512U + 32U * CAPACITY, sizeof(RingLayout));
 }
 
 TEST_F(DescriptorRing, HandsDescriptorsOverUnchangedAndInOrder)
