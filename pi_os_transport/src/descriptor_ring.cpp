@@ -32,6 +32,7 @@ RingProducer::Push RingProducer::push(const Descriptor& descriptor, uint32_t* do
   entry.segment_length.store(uint64_t{descriptor.segment} << 32 | descriptor.length, std::memory_order_relaxed);
   entry.offset_after.store((descriptor.offset / OFFSET_UNIT) << 32 | descriptor.after_tcp, std::memory_order_relaxed);
   entry.serial.store(descriptor.serial, std::memory_order_relaxed);
+  entry.stamp_ns.store(descriptor.stamp_ns, std::memory_order_relaxed);
   occupied_[place] = true;
   ++tail_;
   // Sequentially consistent together with the load below: either the subscriber, about to sleep, sees the new tail,
@@ -111,6 +112,7 @@ bool RingConsumer::peek(Descriptor* descriptor, uint32_t* index)
     const uint64_t segment_length = entry.segment_length.load(std::memory_order_relaxed);
     const uint64_t offset_after = entry.offset_after.load(std::memory_order_relaxed);
     descriptor->serial = entry.serial.load(std::memory_order_relaxed);
+    descriptor->stamp_ns = entry.stamp_ns.load(std::memory_order_relaxed);
     std::atomic_thread_fence(std::memory_order_acquire);
     const uint32_t now = layout_->head.load(std::memory_order_relaxed);
     if (now == head)

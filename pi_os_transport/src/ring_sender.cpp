@@ -1,5 +1,7 @@
 #include "pi_os_transport/ring_sender.h"
 
+#include "pi_os_transport/latency_histogram.h"
+
 #include <sys/eventfd.h>
 #include <unistd.h>
 
@@ -182,7 +184,8 @@ RingSender::Push RingSender::push(const uint8_t* buffer, uint32_t length, size_t
   }
   const SlotPool::Location location = pool_->locate(buffer);
   if (!announce(location.segment) ||
-      !write(Descriptor{location.segment, length, location.offset + LENGTH_PREFIX, after_tcp, serial}, buffer, length))
+      !write(Descriptor{location.segment, length, location.offset + LENGTH_PREFIX, after_tcp, serial, monotonicNs()},
+             buffer, length))
   {
     return Push::FULL;
   }
@@ -192,7 +195,8 @@ RingSender::Push RingSender::push(const uint8_t* buffer, uint32_t length, size_t
 
 bool RingSender::pushStart(size_t max_queue, bool latched, uint32_t after_tcp)
 {
-  return write(Descriptor{Descriptor::LINK_START, static_cast<uint32_t>(max_queue), 0, after_tcp, latched ? 1u : 0u},
+  return write(Descriptor{Descriptor::LINK_START, static_cast<uint32_t>(max_queue), 0, after_tcp, latched ? 1u : 0u,
+                          monotonicNs()},
                nullptr, 0);
 }
 

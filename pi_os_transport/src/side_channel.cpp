@@ -102,8 +102,14 @@ SideChannel SideChannel::connect(const std::string& name)
   FileDescriptor socket = makeSocket();
   sockaddr_un address;
   const socklen_t length = abstractAddress(name, &address);
-  if (!socket || ::connect(socket.get(), reinterpret_cast<sockaddr*>(&address), length) != 0 || !sameUser(socket.get()))
+  if (!socket || ::connect(socket.get(), reinterpret_cast<sockaddr*>(&address), length) != 0)
   {
+    return SideChannel();
+  }
+  if (!sameUser(socket.get()))
+  {
+    socket.reset();
+    errno = EPERM;
     return SideChannel();
   }
   return SideChannel(std::move(socket));

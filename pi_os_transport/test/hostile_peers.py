@@ -15,19 +15,20 @@ import random
 import socket
 import struct
 import threading
+import time
 import xmlrpc.client
 import xmlrpc.server
 
 import rosgraph
 
-PROTOCOL_VERSION = 2
+PROTOCOL_VERSION = 3
 PACKET = struct.Struct('<IIQQQ')
 HELLO, OFFER, PROOF, SEGMENT, RETIRED, ENDED, WAITING, SPACE = range(1, 9)
 MAX_UINT64 = (1 << 64) - 1
 
-RING_BYTES = 512 + 24 * 256
+RING_BYTES = 512 + 32 * 256
 CAPACITY = 256
-RING_MAGIC = 0x32676e69724f5350
+RING_MAGIC = 0x33676e69724f5350
 TAIL, HEAD, ARMED, RELEASE_COUNT, RELEASED, ENTRIES = 64, 128, 132, 192, 256, 512
 
 F_ADD_SEALS = 1033
@@ -409,8 +410,8 @@ class HostilePublisher:
         send(channel, packet(SEGMENT, number, length if says is None else says), [self.memory(length, **options)])
 
     def write(self, ring, index, segment, offset, length, after_tcp=0):
-        struct.pack_into('<QQQ', ring, ENTRIES + 24 * (index % CAPACITY), segment << 32 | length,
-                         (offset // 4) << 32 | after_tcp, index)
+        struct.pack_into('<QQQQ', ring, ENTRIES + 32 * (index % CAPACITY), segment << 32 | length,
+                         (offset // 4) << 32 | after_tcp, index, time.monotonic_ns())
 
     def publish(self, channel, ring, tail):
         """The subscriber looks into its ring when the channel ends, if no doorbell has woken it before."""

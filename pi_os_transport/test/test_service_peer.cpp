@@ -9,8 +9,9 @@
 //   unserve service=/x
 //   await_service service=/x timeout=
 //   call service=/x count= size= answer= persistent=0|1 rate=    calls one after another; count=0: until stop_calls
-//        renew=0|1 (a persistent client is made anew after each failure: roscpp calls one valid for ever whose
-//        connection was refused at once) background=0|1       -> calls, failed, wrong, slowest_us (of one call), reconnected, valid
+//        background=0|1 renew=0|1          -> calls, failed, wrong, slowest_us (of one call), reconnected, valid
+//        renew: a persistent client is made anew after each failure, since roscpp calls one valid for ever whose
+//        connection was refused at once
 //   await_calls n= timeout=                n further successful calls of the background caller
 //   await_failed n= timeout=               n failed calls of it in all
 //   stop_calls                             -> as call

@@ -15,6 +15,7 @@ struct Descriptor
   uint64_t offset = 0;     ///< of the payload from the start of the segment [B]; a multiple of 4, below 16 GiB
   uint32_t after_tcp = 0;  ///< number of messages (modulo 2^32) that the link carried over TCPROS before this one
   uint64_t serial = 0;     ///< the same for all links that one publish() serves, else different; 0: unknown
+  uint64_t stamp_ns = 0;   ///< when it was written into the ring, on the monotonic clock of the device [ns]
 
   /// Segment of the first descriptor on a link through bridges: from here on nothing goes over TCPROS. `length` is the
   /// publisher's queue size then, and `serial` is 1 if the topic is latched.
@@ -27,7 +28,7 @@ struct Descriptor
 struct RingLayout
 {
   static constexpr uint32_t CAPACITY = 256;
-  static constexpr uint64_t MAGIC = 0x32676e69724f5350;  // "PSOring2"
+  static constexpr uint64_t MAGIC = 0x33676e69724f5350;  // "PSOring3"
 
   uint64_t magic;  ///< MAGIC, written by the publisher before the memory is handed over
   uint64_t nonce;  ///< random; the subscriber proves that it mapped this memory by sending it back
@@ -41,6 +42,7 @@ struct RingLayout
     std::atomic<uint64_t> segment_length;
     std::atomic<uint64_t> offset_after;
     std::atomic<uint64_t> serial;
+    std::atomic<uint64_t> stamp_ns;
   };
   alignas(64) Entry entries[CAPACITY];
 };

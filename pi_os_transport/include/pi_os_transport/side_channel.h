@@ -14,7 +14,7 @@ namespace pi_os_transport
 
 /// Version of everything two processes share: packets, ring and descriptor layout. Peers with another version use
 /// TCPROS.
-constexpr uint32_t PROTOCOL_VERSION = 2;
+constexpr uint32_t PROTOCOL_VERSION = 3;
 
 /// 128 random bits: names sockets, links and pools so that they can neither clash nor be guessed.
 struct Token
@@ -52,6 +52,8 @@ struct Packet
     ENDED = 6,    ///< either, between a node and a bridge: values = LinkEnd; nothing follows
     WAITING = 7,  ///< publisher to bridge: more messages wait for a place in the ring
     SPACE = 8,    ///< bridge to publisher: there is place again
+    QUERY = 9,    ///< anybody of this user: asks a process for its state
+    STATE = 10,   ///< the answer: values = length [B]; descriptor = memory with JSON, see process_state.h
   };
 
   uint32_t version = PROTOCOL_VERSION;
@@ -69,7 +71,8 @@ public:
 
   /// Listens under `name`. Empty on failure, with errno set.
   static SideChannel listen(const std::string& name);
-  /// Empty if nobody listens there, or only a process of another user does.
+  /// Empty on failure, with errno set: ECONNREFUSED if nobody in this network namespace listens there, EPERM if a
+  /// process of another user does.
   static SideChannel connect(const std::string& name);
   /// Accepts one waiting connection of the same user; those of other users are closed. Empty if none is left.
   SideChannel accept();

@@ -12,6 +12,7 @@
 
 #include "bridge_client.h"
 #include "header_offer.h"
+#include "process_state.h"
 
 namespace pi_os_transport
 {
@@ -49,14 +50,19 @@ struct ReceiveLink::Lease
 void ReceiveLink::meet(const std::string& header_field)
 {
   const std::optional<HeaderOffer> offer = HeaderOffer::parse(header_field);
+  std::lock_guard<std::recursive_mutex> lock(mutex_);
+  fallback_ = offer ? Fallback::NEGOTIATING : Fallback::PEER_VERSION;
   if (!offer)
   {
     return;
   }
-  std::lock_guard<std::recursive_mutex> lock(mutex_);
   socket_token_ = offer->socket;
   link_token_ = offer->link;
   SideChannel channel = SideChannel::connect(HeaderOffer::socketName(offer->socket));
+  if (!channel)
+  {
+    fallback_ = errno == EPERM ? Fallback::OTHER_USER : Fallback::UNREACHABLE;
+  }
   Packet hello;
   hello.type = Packet::HELLO;
   hello.values = {offer->link.high, offer->link.low, 0};
@@ -331,6 +337,7 @@ void ReceiveLink::deliver(const ros::TransportPublisherLinkPtr& link, const Desc
     return;
   }
   ++received_;
+  latencies_.addSince(descriptor.stamp_ns);
   Runtime::instance().original.handle_message(link.get(), ros::SerializedMessage(buffer, descriptor.length), true,
                                               false);
 }
@@ -363,6 +370,19 @@ boost::shared_array<uint8_t> ReceiveLink::fetch(const std::shared_ptr<RingReceiv
   ring->release(place);
   ++*copied;
   return intact ? copy : boost::shared_array<uint8_t>();
+}
+
+Fallback ReceiveLink::describe(JsonObject* object)
+{
+  std::lock_guard<std::recursive_mutex> lock(mutex_);
+  object->number("memory", received_)
+      .number("tcp", tcp_delivered_)
+      .number("copied", copied_)
+      .number("late", late_)
+      .number("waiting", in_use_ ? ring_->ring().available() : 0)
+      .number("leased_bytes", ring_ ? ring_->leasedBytes() : 0)
+      .raw("latencies", toJson(latencies_.counts()));
+  return active() ? Fallback::NONE : fallback_;
 }
 
 std::string ReceiveLink::info()

@@ -6,6 +6,9 @@
 #include <mutex>
 #include <string>
 
+#include "fallback.h"
+#include "pi_os_transport/json.h"
+#include "pi_os_transport/latency_histogram.h"
 #include "pi_os_transport/ring_receiver.h"
 #include "pi_os_transport/side_channel.h"
 #include "queue_waiter.h"
@@ -60,6 +63,8 @@ public:
   const char* transportName() const { return bridged_ ? BRIDGED_TRANSPORT_NAME : TRANSPORT_NAME; }
   /// One line for getBusInfo.
   std::string info();
+  /// Adds its counters to the state of the process. @return why it is on TCPROS, if it is.
+  Fallback describe(JsonObject* object);
 
   /// A message taken from `ring`: where it lies, leased, or beyond the lease budget as a copy, which `*copied` counts.
   /// The caller serialises it with the other calls of `ring`. @return null if its memory cannot be read.
@@ -104,7 +109,9 @@ private:
   uint32_t tcp_delivered_ = 0;     ///< messages delivered from TCPROS on this connection, modulo 2^32
   uint64_t received_ = 0;          ///< messages from the ring
   uint64_t copied_ = 0;            ///< of those, copied because too much was leased already
-  uint64_t late_ = 0;              ///< messages from a bridge that newer ones over TCPROS had overtaken; not delivered
+  LatencyHistogram latencies_;     ///< from the ring's writing to the taking
+  Fallback fallback_ = Fallback::PEER_SILENT;
+  uint64_t late_ = 0;  ///< messages from a bridge that newer ones over TCPROS had overtaken; not delivered
 };
 
 }  // namespace pi_os_transport

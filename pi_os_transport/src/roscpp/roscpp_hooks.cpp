@@ -106,7 +106,12 @@ void start(ros::TopicManager* self)
   if (runtime.active())
   {
     static std::once_flag once;
-    std::call_once(once, [&runtime]() { loadParameters(&runtime.options); });
+    std::call_once(once,
+                   [&runtime]()
+                   {
+                     loadParameters(&runtime.options);
+                     runtime.listen();
+                   });
   }
 }
 

@@ -5,17 +5,35 @@
 #include <ros/poll_manager.h>
 #include <ros/transport/transport_tcp.h>
 #include <sys/socket.h>
+#include <unistd.h>
 
 #include <cstring>
 #include <utility>
 #include <vector>
 
 #include "header_offer.h"
+#include "pi_os_transport/shared_memory.h"
+#include "process_state.h"
 
 namespace pi_os_transport
 {
 namespace
 {
+
+/// Sends this process's state; a peer that has left, or no memory for it, leaves the question without an answer.
+void answerQuery(SideChannel* channel)
+{
+  const std::string state = describeProcess();
+  std::string error;
+  const FileDescriptor memory = makeSharedMemory("pi_os_state", state.size(), &error);
+  Packet answer;
+  answer.type = Packet::STATE;
+  answer.values[0] = state.size();
+  if (memory && pwrite(memory.get(), state.data(), state.size(), 0) == static_cast<ssize_t>(state.size()))
+  {
+    channel->send(answer, {memory.get()});
+  }
+}
 
 void releaseToPool(void* payload)
 {
@@ -70,6 +88,12 @@ void Runtime::unwatch(int fd)
 
 bool Runtime::listen()
 {
+  std::lock_guard<std::mutex> lock(listen_mutex_);
+  return listenLocked();
+}
+
+bool Runtime::listenLocked()
+{
   if (listener_)
   {
     return true;
@@ -91,7 +115,7 @@ bool Runtime::listen()
 std::string Runtime::expect(const Token& link, Claim claim)
 {
   std::lock_guard<std::mutex> lock(listen_mutex_);
-  if (!listen())
+  if (!listenLocked())
   {
     return "";
   }
@@ -122,6 +146,10 @@ void Runtime::acceptAll()
               return;
             }
             unwatch(fd);
+            if (result == SideChannel::Receive::PACKET && packet.type == Packet::QUERY)
+            {
+              answerQuery(channel.get());
+            }
             Claim claim;
             const bool bridge = packet.values[2] != 0;
             if (result == SideChannel::Receive::PACKET && packet.type == Packet::HELLO &&

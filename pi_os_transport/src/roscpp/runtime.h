@@ -28,6 +28,7 @@
 #include "pi_os_transport/slot_pool.h"
 
 #include "../preload/hooks.h"
+#include "service_statistics.h"
 
 namespace pi_os_transport
 {
@@ -151,6 +152,8 @@ public:
   LinkTable<ReceiveLink> receive_links;
   LinkTable<ServiceCaller> service_callers;
   LinkTable<ServiceResponder> service_responders;
+  ServiceStatisticsTable called_services;
+  ServiceStatisticsTable served_services;
 
   /// The pool of outgoing messages; reserved at the first call.
   SlotPool& pool();
@@ -160,6 +163,9 @@ public:
 
   /// The number of links that publish through shared memory now.
   std::atomic<int> active_transmit_links{0};
+
+  /// Makes this process answer questions about its state, and fetches of shared memory. False if it cannot.
+  bool listen();
 
   using Descriptors = std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS>;
   /// Gets a connection whose first packet was HELLO with the link's token. Network thread.
@@ -183,7 +189,7 @@ public:
 
 private:
   Runtime() = default;
-  bool listen();
+  bool listenLocked();  // with listen_mutex_ held
   void acceptAll();
   void collectReleased();
   std::vector<std::shared_ptr<PoolLink>> channels() const;

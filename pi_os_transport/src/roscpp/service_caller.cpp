@@ -44,9 +44,10 @@ bool isFramed(const ros::SerializedMessage& request)
 
 }  // namespace
 
-ServiceCaller::ServiceCaller(const ros::ConnectionPtr& connection, bool single_shot)
+ServiceCaller::ServiceCaller(const std::string& service, const ros::ConnectionPtr& connection, bool single_shot)
   : connection_(connection)
   , single_shot_(single_shot)
+  , statistics_(Runtime::instance().called_services.of(service))
   , wake_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK))
   , state_(wake_ ? State::NEGOTIATING : State::REFUSED)
 {
@@ -86,6 +87,14 @@ bool ServiceCaller::meet(const std::string& field)
   Runtime& runtime = Runtime::instance();
   const std::optional<HeaderOffer> offer = HeaderOffer::parse(field);
   SideChannel answers = offer && wake_ ? SideChannel::connect(HeaderOffer::socketName(offer->socket)) : SideChannel();
+  if (!answers)
+  {
+    fallback_ = field.empty()    ? Fallback::PEER_SILENT
+                : !offer         ? Fallback::PEER_VERSION
+                : !wake_         ? Fallback::NO_MEMORY
+                : errno == EPERM ? Fallback::OTHER_USER
+                                 : Fallback::UNREACHABLE;
+  }
   std::array<int, 2> ends{-1, -1};
   if (!answers || socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC | SOCK_NONBLOCK, 0, ends.data()) != 0)
   {
@@ -103,6 +112,7 @@ bool ServiceCaller::meet(const std::string& field)
   {
     if (!error.empty())
     {
+      fallback_ = Fallback::NO_MEMORY;
       ROS_WARN("pi_os_transport: no shared memory for a service (%s); its calls stay on TCPROS", error.c_str());
     }
     fail();
@@ -187,6 +197,8 @@ void ServiceCaller::fail()
 {
   State expected = State::NEGOTIATING;
   const bool refused = state_.compare_exchange_strong(expected, State::REFUSED);
+  Fallback unexplained = Fallback::NEGOTIATING;
+  fallback_.compare_exchange_strong(unexplained, Fallback::BROKEN);
   const bool ended = expected == State::READY && state_.compare_exchange_strong(expected, State::ENDED);
   leaveAnswers();
   wake();
@@ -286,13 +298,36 @@ ServiceCaller::Outcome ServiceCaller::call(ros::ServiceServerLink* link, const r
     std::lock_guard<std::mutex> lock(mutex_);
     answers = answers_;
   }
+  const uint64_t start_ns = answers ? monotonicNs() : 0;
   if (!answers || !send(request, ++calls_))
   {
-    return runtime.original.service_call(link, request, response) ? Outcome::SUCCESS : Outcome::FAILURE;
+    return callOverTcp(link, request, response, answers != nullptr);
   }
   const Outcome outcome = awaitAnswer(link, answers, calls_, response);
+  statistics_->update(
+      [&](ServiceCounts* counts)
+      {
+        ++counts->memory;
+        counts->failed += outcome != Outcome::SUCCESS ? 1 : 0;
+        counts->durations.addSince(start_ns);
+      });
   runtime.announceRetired();
   return outcome;
+}
+
+ServiceCaller::Outcome ServiceCaller::callOverTcp(ros::ServiceServerLink* link, const ros::SerializedMessage& request,
+                                                  ros::SerializedMessage& response, bool pool_full)
+{
+  const bool ok = Runtime::instance().original.service_call(link, request, response);
+  statistics_->update(
+      [&](ServiceCounts* counts)
+      {
+        ++counts->tcp;
+        counts->failed += ok ? 0 : 1;
+        counts->pool_full += pool_full ? 1 : 0;
+        counts->fallback = pool_full || state_ == State::READY ? Fallback::NONE : fallback_.load();
+      });
+  return ok ? Outcome::SUCCESS : Outcome::FAILURE;
 }
 
 ServiceCaller::Outcome ServiceCaller::awaitAnswer(ros::ServiceServerLink* link,

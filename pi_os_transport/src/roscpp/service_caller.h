@@ -7,10 +7,12 @@
 #include <string>
 #include <vector>
 
+#include "fallback.h"
 #include "pi_os_transport/file_descriptor.h"
 #include "pi_os_transport/ring_receiver.h"
 #include "pi_os_transport/ring_sender.h"
 #include "runtime.h"
+#include "service_statistics.h"
 
 namespace pi_os_transport
 {
@@ -25,7 +27,7 @@ class ServiceCaller : public PoolLink, public std::enable_shared_from_this<Servi
 {
 public:
   /// @param single_shot  the client wants the connection for one call.
-  ServiceCaller(const ros::ConnectionPtr& connection, bool single_shot);
+  ServiceCaller(const std::string& service, const ros::ConnectionPtr& connection, bool single_shot);
   ~ServiceCaller() override;
 
   /// The server's header has come. Network thread, once.
@@ -75,12 +77,16 @@ private:
   Outcome awaitAnswer(ros::ServiceServerLink* link, const std::shared_ptr<RingReceiver>& answers, uint64_t number,
                       ros::SerializedMessage& response);
   Outcome awaitTcpAnswer(ros::ServiceServerLink* link, ros::SerializedMessage& response);
+  Outcome callOverTcp(ros::ServiceServerLink* link, const ros::SerializedMessage& request,
+                      ros::SerializedMessage& response, bool pool_full);
   Outcome giveUp();
 
   const boost::weak_ptr<ros::Connection> connection_;
   const bool single_shot_;
   std::string key_;
-  const FileDescriptor wake_;  ///< an eventfd: state_ has changed
+  const std::shared_ptr<ServiceStatistics> statistics_;
+  std::atomic<Fallback> fallback_{Fallback::NEGOTIATING};  ///< why calls would go over TCPROS now
+  const FileDescriptor wake_;                              ///< an eventfd: state_ has changed
 
   std::mutex call_mutex_;  ///< held during a call
   uint64_t calls_ = 0;     ///< number of the last call; with call_mutex_ held

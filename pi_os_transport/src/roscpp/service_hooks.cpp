@@ -130,7 +130,7 @@ bool initialize(ros::ServiceServerLink* self, const ros::ConnectionPtr& connecti
   {
     return runtime.original.service_initialize(self, connection);
   }
-  const auto caller = std::make_shared<ServiceCaller>(connection, !self->isPersistent());
+  const auto caller = std::make_shared<ServiceCaller>(self->getServiceName(), connection, !self->isPersistent());
   ros::Connection* const key = connection.get();
   runtime.service_callers.insert(key, caller);
   connection->addDropListener(
@@ -208,7 +208,7 @@ bool handleHeader(ros::ServiceClientLink* self, const ros::Header& header)
     return runtime.original.service_handle_header(self, header);
   }
   const ros::ConnectionPtr connection = self->getConnection();
-  const auto responder = std::make_shared<ServiceResponder>(self->shared_from_this(), connection);
+  const auto responder = std::make_shared<ServiceResponder>(service, self->shared_from_this(), connection);
   const std::string offer =
       runtime.expect(responder->token(),
                      [weak = std::weak_ptr<ServiceResponder>(responder)](SideChannel channel, const Packet&,

@@ -168,6 +168,7 @@ void ServiceResponder::takeRequests(const Doorbell* doorbell)
       body = descriptor.segment != Descriptor::LINK_START ? ReceiveLink::fetch(requests_, descriptor, place, &copied_)
                                                           : nullptr;
       pending_ = descriptor.serial;
+      taken_ns_ = monotonicNs();
     }
     // Not under the lock: a queue may run the callback in place, and that may end the connection.
     const ros::ServiceClientLinkPtr link = link_.lock();
@@ -191,6 +192,7 @@ bool ServiceResponder::respond(const ros::SerializedMessage& response)
     std::lock_guard<std::mutex> lock(mutex_);
     if (pending_ == 0)
     {
+      statistics_->update([](ServiceCounts* counts) { ++counts->tcp; });
       return false;
     }
   }
@@ -203,8 +205,10 @@ bool ServiceResponder::respond(const ros::SerializedMessage& response)
   }
   bool written = false;
   bool announced = false;
+  uint64_t taken_ns = 0;
   {
     std::lock_guard<std::mutex> lock(mutex_);
+    taken_ns = taken_ns_;
     const uint64_t serial = std::exchange(pending_, 0) << 1 | (framed && response.buf[0] != 0 ? 1 : 0);
     if (answers_ && (answers_proven_ || (readProof() && answers_proven_)))
     {
@@ -217,6 +221,14 @@ bool ServiceResponder::respond(const ros::SerializedMessage& response)
   {
     pool.release(buffer);
   }
+  statistics_->update(
+      [&](ServiceCounts* counts)
+      {
+        ++counts->memory;
+        counts->failed += framed && response.buf[0] != 0 ? 0 : 1;
+        counts->pool_full += buffer == nullptr ? 1 : 0;
+        counts->durations.addSince(taken_ns);
+      });
   const ros::ConnectionPtr connection = connection_.lock();
   if (!announced)
   {

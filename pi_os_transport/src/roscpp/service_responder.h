@@ -3,12 +3,14 @@
 #include <cstdint>
 #include <memory>
 #include <mutex>
+#include <string>
 #include <vector>
 
 #include "pi_os_transport/ring_receiver.h"
 #include "pi_os_transport/ring_sender.h"
 #include "queue_waiter.h"
 #include "runtime.h"
+#include "service_statistics.h"
 
 namespace pi_os_transport
 {
@@ -20,8 +22,9 @@ namespace pi_os_transport
 class ServiceResponder : public QueueSource, public PoolLink, public std::enable_shared_from_this<ServiceResponder>
 {
 public:
-  ServiceResponder(const ros::ServiceClientLinkPtr& link, const ros::ConnectionPtr& connection)
-    : link_(link), connection_(connection)
+  ServiceResponder(const std::string& service, const ros::ServiceClientLinkPtr& link,
+                   const ros::ConnectionPtr& connection)
+    : link_(link), connection_(connection), statistics_(Runtime::instance().served_services.of(service))
   {
   }
 
@@ -54,6 +57,7 @@ private:
 
   const boost::weak_ptr<ros::ServiceClientLink> link_;
   const boost::weak_ptr<ros::Connection> connection_;
+  const std::shared_ptr<ServiceStatistics> statistics_;
   const Token token_ = Token::random();
 
   std::mutex mutex_;
@@ -63,7 +67,8 @@ private:
   std::shared_ptr<RingReceiver> requests_;  ///< shared with leases; null once the connection has ended
   bool in_use_ = false;                     ///< the doorbells of requests_ are watched
   std::shared_ptr<QueueWaiter> waiter_;
-  uint64_t pending_ = 0;  ///< number of the request that waits for its answer; 0: none that came through shared memory
+  uint64_t pending_ = 0;   ///< number of the request that waits for its answer; 0: none that came through shared memory
+  uint64_t taken_ns_ = 0;  ///< when it was taken
   uint64_t copied_ = 0;
 };
 

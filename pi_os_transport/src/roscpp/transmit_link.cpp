@@ -74,6 +74,7 @@ void TransmitLink::meet(SideChannel channel, bool bridge)
   {
     if (!error.empty())
     {
+      fallback_ = Fallback::NO_MEMORY;
       ROS_WARN("pi_os_transport: no shared memory for a subscriber of %s (%s); this link stays on TCPROS",
                topic_.c_str(), error.c_str());
     }
@@ -412,6 +413,7 @@ void TransmitLink::enqueue(ros::TransportSubscriberLink* link, const ros::Serial
           ROS_ERROR("pi_os_transport: a subscriber of %s broke the shared ring; the link goes back to TCPROS",
                     topic_.c_str());
           setActive(false);
+          fallback_ = Fallback::BROKEN;
         }
         if (!by_ring)
         {
@@ -420,7 +422,9 @@ void TransmitLink::enqueue(ros::TransportSubscriberLink* link, const ros::Serial
       }
       if (!by_ring)
       {
-        warn = wanted && link->outbox_.empty() && buffer == nullptr && !std::exchange(pool_warned_, true);
+        const bool pool_full = wanted && link->outbox_.empty() && buffer == nullptr;
+        pool_full_ += pool_full ? 1 : 0;
+        warn = pool_full && !std::exchange(pool_warned_, true);
         const bool copy = link->outbox_.size() >= MAX_POOLED_OUTBOX && pool.contains(message.buf.get());
         pushToTcp(link, copy ? heapCopy(message) : message, max_queue);
       }
@@ -441,6 +445,25 @@ void TransmitLink::enqueue(ros::TransportSubscriberLink* link, const ros::Serial
   link->stats_.messages_sent_++;
   link->stats_.bytes_sent_ += message.num_bytes;
   link->stats_.message_data_sent_ += message.num_bytes;
+}
+
+Fallback TransmitLink::describe(JsonObject* object)
+{
+  const ros::TransportSubscriberLinkPtr link = link_.lock();
+  size_t outbox = 0;
+  if (link)
+  {
+    boost::mutex::scoped_lock lock(link->outbox_mutex_);
+    outbox = link->outbox_.size();
+  }
+  std::lock_guard<std::recursive_mutex> lock(mutex_);
+  object->number("memory", sent_before_ + (ring_ ? ring_->sent() : 0))
+      .number("tcp", tcp_pushed_)
+      .number("dropped", dropped_before_ + (ring_ ? ring_->dropped() : 0) + tcp_dropped_)
+      .number("waiting", (ring_ ? ring_->untaken() : 0) + overflow_.size() + outbox)
+      .number("queue_size", link ? maxQueue(link.get()) : 0)
+      .number("pool_full", pool_full_);
+  return active() ? Fallback::NONE : fallback_;
 }
 
 std::string TransmitLink::info()

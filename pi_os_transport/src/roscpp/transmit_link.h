@@ -7,6 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "fallback.h"
+#include "pi_os_transport/json.h"
 #include "pi_os_transport/ring_sender.h"
 #include "pi_os_transport/side_channel.h"
 #include "runtime.h"
@@ -54,6 +56,8 @@ public:
 
   /// One line for getBusInfo.
   std::string info();
+  /// Adds its counters to the state of the process. @return why it is on TCPROS, if it is.
+  Fallback describe(JsonObject* object);
 
 private:
   void onSocket();
@@ -92,6 +96,8 @@ private:
   uint64_t sent_before_ = 0;     ///< messages through earlier rings of this link
   uint64_t dropped_before_ = 0;  ///< of those, dropped because the subscriber did not take them in time
   bool pool_warned_ = false;
+  uint64_t pool_full_ = 0;  ///< messages that found no memory in the pool
+  Fallback fallback_ = Fallback::NEGOTIATING;
 };
 
 }  // namespace pi_os_transport

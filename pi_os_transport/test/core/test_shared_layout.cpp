@@ -19,7 +19,7 @@ namespace pi_os_transport
 namespace
 {
 
-constexpr uint32_t PINNED_VERSION = 2;
+constexpr uint32_t PINNED_VERSION = 3;
 
 template <typename Object>
 std::vector<uint8_t> bytesOf(const Object& object, size_t offset, size_t count)
@@ -38,7 +38,7 @@ TEST(SharedLayout, RingHasItsFieldsInPlace)
 {
   EXPECT_TRUE(std::is_standard_layout_v<RingLayout>);
   EXPECT_EQ(256U, RingLayout::CAPACITY);
-  EXPECT_EQ(0x32676e69724f5350U, RingLayout::MAGIC);
+  EXPECT_EQ(0x33676e69724f5350U, RingLayout::MAGIC);
   EXPECT_EQ(0U, offsetof(RingLayout, magic));
   EXPECT_EQ(8U, offsetof(RingLayout, nonce));
   EXPECT_EQ(64U, offsetof(RingLayout, tail));
@@ -47,8 +47,8 @@ TEST(SharedLayout, RingHasItsFieldsInPlace)
   EXPECT_EQ(192U, offsetof(RingLayout, release_count));
   EXPECT_EQ(256U, offsetof(RingLayout, released));
   EXPECT_EQ(512U, offsetof(RingLayout, entries));
-  EXPECT_EQ(24U, sizeof(RingLayout::Entry));
-  EXPECT_EQ(6656U, sizeof(RingLayout));
+  EXPECT_EQ(32U, sizeof(RingLayout::Entry));
+  EXPECT_EQ(8704U, sizeof(RingLayout));
   EXPECT_EQ(64U, alignof(RingLayout));
 }
 
@@ -62,15 +62,17 @@ TEST(SharedLayout, DescriptorsHaveTheirBits)
   descriptor.offset = uint64_t{4} * 0x090a0b0c;
   descriptor.after_tcp = 0x0d0e0f10;
   descriptor.serial = 0x1112131415161718;
+  descriptor.stamp_ns = 0x191a1b1c1d1e1f20;
   uint32_t doorbell = 0;
   producer.push(descriptor, &doorbell);
   // On little-endian machines, the only ones that both ends can run on: they are one machine.
-  EXPECT_EQ((std::vector<uint8_t>{0x50, 0x53, 0x4f, 0x72, 0x69, 0x6e, 0x67, 0x32, 0x88, 0x77, 0x66, 0x55, 0x44, 0x33,
+  EXPECT_EQ((std::vector<uint8_t>{0x50, 0x53, 0x4f, 0x72, 0x69, 0x6e, 0x67, 0x33, 0x88, 0x77, 0x66, 0x55, 0x44, 0x33,
                                   0x22, 0x11}),
             bytesOf(*layout, 0, 16));
   EXPECT_EQ((std::vector<uint8_t>{0x08, 0x07, 0x06, 0x05, 0x04, 0x03, 0x02, 0x01, 0x10, 0x0f, 0x0e, 0x0d,
-                                  0x0c, 0x0b, 0x0a, 0x09, 0x18, 0x17, 0x16, 0x15, 0x14, 0x13, 0x12, 0x11}),
-            bytesOf(*layout, offsetof(RingLayout, entries), 24));
+                                  0x0c, 0x0b, 0x0a, 0x09, 0x18, 0x17, 0x16, 0x15, 0x14, 0x13, 0x12, 0x11,
+                                  0x20, 0x1f, 0x1e, 0x1d, 0x1c, 0x1b, 0x1a, 0x19}),
+            bytesOf(*layout, offsetof(RingLayout, entries), 32));
   EXPECT_EQ((std::vector<uint8_t>{1, 0, 0, 0}), bytesOf(*layout, offsetof(RingLayout, tail), 4));
   EXPECT_EQ(0U, Descriptor::LINK_START);
 }

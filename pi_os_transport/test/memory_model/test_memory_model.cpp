@@ -157,6 +157,7 @@ private:
       model().name(&layout->entries[i].segment_length, "segment_length");
       model().name(&layout->entries[i].offset_after, "offset_after");
       model().name(&layout->entries[i].serial, "serial");
+      model().name(&layout->entries[i].stamp_ns, "stamp_ns");
       model().name(&payloads[i], "payload");
     }
   }
