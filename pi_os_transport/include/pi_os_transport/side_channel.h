@@ -14,7 +14,7 @@ namespace pi_os_transport
 
 /// Version of everything two processes share: packets, ring and descriptor layout. Peers with another version use
 /// TCPROS.
-constexpr uint32_t PROTOCOL_VERSION = 2;
+constexpr uint32_t PROTOCOL_VERSION = 3;
 
 /// 128 random bits: names sockets, links and pools so that they can neither clash nor be guessed.
 struct Token
