@@ -81,8 +81,8 @@ private:
     REST,     ///< everything: nothing will come over TCPROS any more
   };
   void drain(Drain extent);
-  void deliver(const ros::TransportPublisherLinkPtr& link, const Descriptor& descriptor, uint32_t place);
-  boost::shared_array<uint8_t> fetch(const Descriptor& descriptor, uint32_t place);
+  void deliver(const ros::TransportPublisherLinkPtr& link, const Descriptor& descriptor, uint32_t ticket);
+  boost::shared_array<uint8_t> fetch(const Descriptor& descriptor, uint32_t ticket);
 
   const boost::weak_ptr<ros::TransportPublisherLink> link_;
   const boost::weak_ptr<ros::Connection> connection_;
