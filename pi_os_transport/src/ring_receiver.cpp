@@ -171,11 +171,11 @@ void RingReceiver::lease(uint32_t length)
   ++leases_;
 }
 
-void RingReceiver::endLease(uint32_t place, uint32_t length)
+void RingReceiver::endLease(uint32_t ticket, uint32_t length)
 {
   leased_bytes_ -= length;
   --leases_;
-  release(place);
+  release(ticket);
 }
 
 }  // namespace pi_os_transport

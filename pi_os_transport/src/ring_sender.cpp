@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <utility>
 
 namespace pi_os_transport
 {
@@ -66,7 +67,7 @@ void RingSender::close()
   }
   channel_.close();
   doorbells_ = {};
-  ring_->abandon([this](uint32_t place) { give(place); });
+  ring_->abandon([this](uint32_t ticket) { give(ticket); });
   ring_.reset();
   memory_.reset();
   buffers_ = {};
@@ -74,11 +75,11 @@ void RingSender::close()
   announced_ = {};
 }
 
-void RingSender::give(uint32_t place)
+void RingSender::give(uint32_t ticket)
 {
-  if (buffers_[place] != nullptr)
+  if (const uint8_t* const buffer = std::exchange(buffers_[ticket], nullptr))
   {
-    pool_->release(buffers_[place]);
+    pool_->release(buffer);
   }
 }
 
@@ -86,7 +87,7 @@ void RingSender::collect()
 {
   if (ring_)
   {
-    ring_->collect([this](uint32_t place) { give(place); });
+    ring_->collect([this](uint32_t ticket) { give(ticket); });
   }
 }
 
@@ -131,8 +132,9 @@ bool RingSender::write(const Descriptor& descriptor, const uint8_t* buffer, uint
   {
     return false;
   }
-  buffers_[ring_->lastPlace()] = buffer;
-  lengths_[ring_->lastPlace()] = length;
+  const size_t ticket = static_cast<size_t>(ring_->ticketOf(tail_));
+  buffers_[ticket] = buffer;
+  lengths_[ticket] = length;
   ++tail_;
   if (doorbell > 0 && doorbell <= DOORBELLS)
   {
@@ -156,16 +158,18 @@ RingSender::Push RingSender::push(const uint8_t* buffer, uint32_t length, size_t
   uint64_t in_flight_bytes = 0;
   for (uint32_t index = tail_ - in_flight; index != tail_; ++index)
   {
-    in_flight_bytes += lengths_[index % RingLayout::CAPACITY];
+    const int ticket = ring_->ticketOf(index);
+    in_flight_bytes += ticket >= 0 ? lengths_[static_cast<size_t>(ticket)] : 0;
   }
   while (max_queue > 0 && in_flight >= max_queue + WRITING_MESSAGES && in_flight_bytes + length > SOCKET_BYTES)
   {
-    if (buffers_[(tail_ - in_flight) % RingLayout::CAPACITY] == nullptr)
+    const int oldest = ring_->ticketOf(tail_ - in_flight);
+    if (oldest >= 0 && buffers_[static_cast<size_t>(oldest)] == nullptr)
     {
       return Push::FULL;  // what opens the link must not be dropped
     }
-    const int place = ring_->dropOldest();
-    if (place < 0)
+    const int dropped = ring_->dropOldest();
+    if (dropped < 0)
     {
       if (ring_->inFlight() != 0)
       {
@@ -173,8 +177,8 @@ RingSender::Push RingSender::push(const uint8_t* buffer, uint32_t length, size_t
       }
       break;  // the subscriber has just taken all of them
     }
-    give(static_cast<uint32_t>(place));
-    in_flight_bytes -= std::min<uint64_t>(in_flight_bytes, lengths_[static_cast<size_t>(place)]);
+    give(static_cast<uint32_t>(dropped));
+    in_flight_bytes -= std::min<uint64_t>(in_flight_bytes, lengths_[static_cast<size_t>(dropped)]);
     in_flight = ring_->inFlight();
     ++dropped_;
   }
@@ -203,9 +207,9 @@ bool RingSender::pushStart(size_t max_queue, bool latched, uint32_t after_tcp)
 std::vector<RingSender::Message> RingSender::takeBack()
 {
   std::vector<Message> messages;
-  for (int place = ring_ ? ring_->dropOldest() : -1; place >= 0; place = ring_->dropOldest())
+  for (int ticket = ring_ ? ring_->dropOldest() : -1; ticket >= 0; ticket = ring_->dropOldest())
   {
-    const size_t index = static_cast<size_t>(place);
+    const size_t index = static_cast<size_t>(ticket);
     if (buffers_[index] != nullptr)
     {
       messages.push_back(Message{std::exchange(buffers_[index], nullptr), lengths_[index]});
@@ -217,12 +221,13 @@ std::vector<RingSender::Message> RingSender::takeBack()
 RingSender::Message RingSender::takeBackNewest()
 {
   collect();
-  if (!ring_ || tail_ == 0 || ring_->inFlight() != 0 || !ring_->isHeld(ring_->lastPlace()))
+  const int newest = ring_ && ring_->inFlight() == 0 ? ring_->ticketOf(tail_ - 1) : -1;
+  if (newest < 0)
   {
     return Message{nullptr, 0};
   }
-  const uint32_t place = ring_->lastPlace();
-  return Message{std::exchange(buffers_[place], nullptr), lengths_[place]};
+  const size_t ticket = static_cast<size_t>(newest);
+  return Message{std::exchange(buffers_[ticket], nullptr), lengths_[ticket]};
 }
 
 }  // namespace pi_os_transport

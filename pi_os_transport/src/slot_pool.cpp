@@ -81,8 +81,11 @@ struct PoolRanges
 
 }  // namespace
 
+/// The header in front of a message. A message that starts further back in its slot, see place(), has a header of its
+/// own that only leads to that of the slot.
 struct alignas(SLOT_HEADER) SlotPool::Slot
 {
+  Slot* slot;  // itself, or what place() was given
   std::atomic<uint32_t> references;
   uint32_t size_class;
   uint32_t segment;
@@ -90,10 +93,12 @@ struct alignas(SLOT_HEADER) SlotPool::Slot
   Slot* next_free;
 
   uint8_t* payload() { return reinterpret_cast<uint8_t*>(this) + SLOT_HEADER - PAYLOAD_SHIFT; }
-  static Slot* of(const uint8_t* payload)
+  static Slot* before(const uint8_t* payload)
   {
-    return reinterpret_cast<Slot*>(const_cast<uint8_t*>(payload) - (SLOT_HEADER - PAYLOAD_SHIFT));
+    const uintptr_t address = reinterpret_cast<uintptr_t>(payload) - (SLOT_HEADER - PAYLOAD_SHIFT);
+    return reinterpret_cast<Slot*>(address / SLOT_HEADER * SLOT_HEADER);
   }
+  static Slot* of(const uint8_t* payload) { return before(payload)->slot; }
 };
 
 SlotPool::SlotPool(uint64_t limit_bytes) : limit_(roundUp(limit_bytes, PAGE))
@@ -203,6 +208,7 @@ uint8_t* SlotPool::carve(uint64_t capacity, uint32_t size_class)
       record.carved += capacity;
       ++record.slots;
       ++class_slots_[size_class];
+      slot->slot = slot;
       slot->size_class = size_class;
       slot->segment = record.id;
       slot->capacity = capacity;
@@ -381,10 +387,29 @@ void SlotPool::addReference(const uint8_t* payload)
   Slot::of(payload)->references.fetch_add(1, std::memory_order_relaxed);
 }
 
+uint64_t SlotPool::capacity(const uint8_t* payload) const
+{
+  return Slot::of(payload)->capacity - (SLOT_HEADER - PAYLOAD_SHIFT);
+}
+
+void SlotPool::place(uint8_t* payload, uint8_t* message)
+{
+  Slot* const header = Slot::before(message);
+  Slot* const slot = Slot::of(payload);
+  if (header != slot)
+  {
+    header->slot = slot;
+  }
+}
+
 void SlotPool::release(const uint8_t* payload)
 {
+  if (isForkedChild())
+  {
+    return;
+  }
   Slot* slot = Slot::of(payload);
-  if (isForkedChild() || slot->references.fetch_sub(1, std::memory_order_acq_rel) != 1)
+  if (slot->references.fetch_sub(1, std::memory_order_acq_rel) != 1)
   {
     return;
   }

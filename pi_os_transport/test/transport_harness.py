@@ -151,7 +151,8 @@ class Peer(Process):
         self.name = '/' + name
         self._master_uri = master or rosgraph.get_master_uri()
         programs = {'test_peer': PACKAGE + '_test_peer', 'linked': PACKAGE + '_test_peer_linked',
-                    'service_peer': PACKAGE + '_test_service_peer', 'rospy': 'rospy_peer.py'}
+                    'service_peer': PACKAGE + '_test_service_peer', 'rospy': 'rospy_peer.py',
+                    'zero_copy': PACKAGE + '_test_zero_copy_peer'}
         command = [program(programs[kind]), str(threads), '__name:=' + name] + list(args)
         super().__init__(command, preload, env, prefix)
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
@@ -11,10 +12,10 @@ namespace pi_os_transport
 struct Descriptor
 {
   uint32_t segment = 0;    ///< id of the pool segment, unique in the publishing process; LINK_START: no message
-  uint32_t length = 0;     ///< payload bytes [B]
-  uint64_t offset = 0;     ///< of the payload from the start of the segment [B]; a multiple of 4, below 16 GiB
+  uint32_t length = 0;     ///< payload bytes [B], below 1 GiB
+  uint64_t offset = 0;     ///< of the payload from the start of the segment [B], below 16 GiB
   uint32_t after_tcp = 0;  ///< number of messages (modulo 2^32) that the link carried over TCPROS before this one
-  uint64_t serial = 0;     ///< the same for all links that one publish() serves, else different; 0: unknown
+  uint64_t serial = 0;     ///< the same for all links that one publish() serves, else different; 0: unknown; below 2^56
   uint64_t stamp_ns = 0;   ///< when it was written into the ring, on the monotonic clock of the device [ns]
 
   /// Segment of the first descriptor on a link through bridges: from here on nothing goes over TCPROS. `length` is the
@@ -24,7 +25,9 @@ struct Descriptor
 
 /// Memory shared by one publishing and one subscribing process for one link (docs/design/shared_memory_link.md).
 /// Both map it writable. Nothing in it is ever locked: a process may die between any two stores and the other side
-/// goes on. All indices count messages modulo 2^32; the place in the ring is index % CAPACITY.
+/// goes on. All indices count messages modulo 2^32; the place in the ring is index % CAPACITY. What the subscriber
+/// holds after it has taken a message is not the place but a ticket, so a message held for long takes no place from the
+/// messages that follow, and its release cannot be mistaken for that of a newer one.
 struct RingLayout
 {
   static constexpr uint32_t CAPACITY = 256;
@@ -36,12 +39,12 @@ struct RingLayout
   alignas(64) std::atomic<uint32_t> head;  ///< oldest index not taken; taken or dropped by compare-exchange
   std::atomic<uint32_t> armed;             ///< the doorbell that the sleeping subscriber wants rung; 0: it is awake
   alignas(64) std::atomic<uint32_t> release_count;      ///< releases so far; subscriber
-  alignas(64) std::atomic<uint8_t> released[CAPACITY];  ///< 1: the message of this place is no longer read; subscriber
+  alignas(64) std::atomic<uint8_t> released[CAPACITY];  ///< 1: the message of this ticket is no longer read; subscriber
   struct Entry
   {
-    std::atomic<uint64_t> segment_length;
-    std::atomic<uint64_t> offset_after;
-    std::atomic<uint64_t> serial;
+    std::atomic<uint64_t> segment_length;  ///< segment, low two bits of the offset, length: 32, 2, 30 bits
+    std::atomic<uint64_t> offset_after;    ///< offset / 4, after_tcp: 32, 32 bits
+    std::atomic<uint64_t> serial_ticket;   ///< serial, ticket: 56, 8 bits
     std::atomic<uint64_t> stamp_ns;
   };
   alignas(64) Entry entries[CAPACITY];
@@ -58,19 +61,19 @@ public:
   enum class Push
   {
     WRITTEN,
-    FULL,  ///< not written: the place is still waiting to be taken or is still being read
+    FULL,  ///< not written: CAPACITY messages wait to be taken or are still being read
   };
   /// @param doorbell  set to the number of the doorbell that must be rung now, or 0 if the subscriber is awake.
   Push push(const Descriptor& descriptor, uint32_t* doorbell);
 
   /// Messages written and neither taken nor dropped, or CAPACITY + 1 if the peer wrote nonsense into the ring.
-  uint32_t inFlight() const;
+  uint32_t inFlight();
 
   /// Takes back the oldest message that the subscriber has not taken.
-  /// @return its place, or -1 if there is none left, or none that the peer's nonsense leaves in question.
+  /// @return its ticket, or -1 if there is none left, or none that the peer's nonsense leaves in question.
   int dropOldest();
 
-  /// Calls `done(place)` once for every message that the subscriber took and has since released.
+  /// Calls `done(ticket)` once for every message that the subscriber took and has since released.
   template <typename Done>
   void collect(Done done)
   {
@@ -80,50 +83,66 @@ public:
       return;
     }
     seen_releases_ = releases;
-    for (uint32_t index = oldest_; index != tail_; ++index)
-    {
-      const uint32_t place = index % RingLayout::CAPACITY;
-      if (occupied_[place] && layout_->released[place].load(std::memory_order_acquire) != 0)
-      {
-        layout_->released[place].store(0, std::memory_order_relaxed);
-        vacate(place);
-        done(place);
-      }
-    }
+    const uint32_t head = layout_->head.load(std::memory_order_acquire);
+    least_head_ = head - least_head_ <= tail_ - least_head_ ? head : least_head_;
+    forEachHeld(
+        [&](uint32_t ticket)
+        {
+          // What the subscriber has not taken it cannot release, whatever it writes.
+          if (layout_->released[ticket].load(std::memory_order_acquire) != 0 &&
+              static_cast<int32_t>(head - owners_[ticket]) > 0)
+          {
+            layout_->released[ticket].store(0, std::memory_order_relaxed);
+            vacate(ticket);
+            done(ticket);
+          }
+        });
   }
 
-  /// Calls `done(place)` for every message not yet collected: the peer is gone and reads none of them any more.
+  /// Calls `done(ticket)` for every message not yet collected: the peer is gone and reads none of them any more.
   template <typename Done>
   void abandon(Done done)
   {
-    for (uint32_t index = oldest_; index != tail_; ++index)
-    {
-      const uint32_t place = index % RingLayout::CAPACITY;
-      if (occupied_[place])
-      {
-        occupied_[place] = false;
-        done(place);
-      }
-    }
-    oldest_ = tail_;
+    forEachHeld(
+        [&](uint32_t ticket)
+        {
+          vacate(ticket);
+          done(ticket);
+        });
   }
 
+  /// The ticket that the next message gets; -1: none is free.
+  int nextTicket() const;
   /// True if every message written has been dropped or collected.
-  bool idle() const { return oldest_ == tail_; }
-  /// True if the message of this place is neither dropped nor collected.
-  bool isHeld(uint32_t place) const { return occupied_[place]; }
-
-  /// The place that the last successful push() used.
-  uint32_t lastPlace() const { return (tail_ - 1) % RingLayout::CAPACITY; }
+  bool idle() const { return held_ == Tickets{}; }
+  /// The ticket of message `index`, which counts all successful push() from 0 modulo 2^32.
+  /// @return -1 if it is dropped or collected, or older than the ring is long.
+  int ticketOf(uint32_t index) const;
 
 private:
-  void vacate(uint32_t place);
+  using Tickets = std::array<uint64_t, RingLayout::CAPACITY / 64>;  // one bit each
+
+  template <typename Visit>
+  void forEachHeld(Visit visit) const
+  {
+    for (size_t word = 0; word < held_.size(); ++word)
+    {
+      for (uint64_t bits = held_[word]; bits != 0; bits &= bits - 1)
+      {
+        visit(static_cast<uint32_t>(word * 64 + static_cast<size_t>(__builtin_ctzll(bits))));
+      }
+    }
+  }
+  bool isHeld(uint32_t ticket) const { return (held_[ticket / 64] >> (ticket % 64) & 1) != 0; }
+  void vacate(uint32_t ticket) { held_[ticket / 64] &= ~(uint64_t{1} << (ticket % 64)); }
 
   RingLayout* layout_;
   uint32_t tail_ = 0;
-  uint32_t oldest_ = 0;         ///< every index before it is vacated
-  uint32_t seen_releases_ = 0;  ///< release_count at the last collect()
-  bool occupied_[RingLayout::CAPACITY] = {};
+  uint32_t least_head_ = 0;                  // the head was there already
+  uint32_t seen_releases_ = 0;               // release_count at the last collect()
+  Tickets held_{};                           // neither dropped nor collected
+  uint32_t owners_[RingLayout::CAPACITY]{};  // by ticket: index of the message
+  uint8_t tickets_[RingLayout::CAPACITY]{};  // by place: ticket of the message written there last
 };
 
 /// The subscribing end. The caller serialises all calls but release().
@@ -134,7 +153,7 @@ public:
 
   enum class Take
   {
-    TAKEN,    ///< `descriptor` and `place` are set; the memory stays valid until release(place)
+    TAKEN,    ///< `descriptor` and `ticket` are set; the memory stays valid until release(ticket)
     WAITING,  ///< the oldest message has to wait for one that comes over TCPROS; the doorbell is not armed
     EMPTY,    ///< nothing there; the doorbell is armed, or broken() says why nothing will come
   };
@@ -143,12 +162,13 @@ public:
 
   /// @param tcp_delivered messages (modulo 2^32) that this link has delivered from TCPROS.
   /// @param in_any_order  take the oldest even if it should wait: no more will come over TCPROS.
-  Take take(uint32_t tcp_delivered, bool in_any_order, Descriptor* descriptor, uint32_t* place);
+  Take take(uint32_t tcp_delivered, bool in_any_order, Descriptor* descriptor, uint32_t* ticket);
 
   /// Looks at the oldest message without taking it; the publisher may still drop it.
   /// @return false if there is none; the doorbell is then armed.
   bool peek(Descriptor* descriptor, uint32_t* index);
-  /// Takes the message that peek() showed. @return its place, or -1 if the publisher has dropped it meanwhile.
+  /// Takes the message that the last peek() showed. @return its ticket, or -1 if the publisher has dropped it
+  /// meanwhile.
   int takePeeked(uint32_t index);
 
   /// Messages that wait to be taken.
@@ -158,11 +178,12 @@ public:
   bool broken() const { return broken_; }
 
   /// Any thread.
-  void release(uint32_t place);
+  void release(uint32_t ticket);
 
 private:
   RingLayout* layout_;
   uint32_t doorbell_ = 1;
+  uint32_t peeked_ticket_ = 0;
   bool broken_ = false;
 };
 

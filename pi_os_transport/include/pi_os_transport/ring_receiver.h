@@ -73,11 +73,11 @@ public:
   uint64_t leaseBudget() const { return lease_budget_; }
   /// Counts a message that is read where it lies; release() ends it. Any thread.
   void lease(uint32_t length);
-  void endLease(uint32_t place, uint32_t length);
+  void endLease(uint32_t ticket, uint32_t length);
   uint64_t leasedBytes() const { return leased_bytes_.load(std::memory_order_relaxed); }
   uint32_t leases() const { return leases_.load(std::memory_order_relaxed); }
-  /// Gives a place back. Any thread.
-  void release(uint32_t place) { ring_->release(place); }
+  /// Gives a message back. Any thread.
+  void release(uint32_t ticket) { ring_->release(ticket); }
 
 private:
   void onOffer(const Packet& packet, std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors);

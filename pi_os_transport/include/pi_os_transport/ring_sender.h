@@ -89,7 +89,7 @@ public:
 private:
   bool announce(uint32_t segment);
   bool write(const Descriptor& descriptor, const uint8_t* buffer, uint32_t length);
-  void give(uint32_t place);
+  void give(uint32_t ticket);
 
   SlotPool* const pool_;
   const Token pool_token_;
@@ -99,8 +99,8 @@ private:
   SharedMapping memory_;  ///< of the ring
   std::unique_ptr<RingProducer> ring_;
   uint64_t nonce_ = 0;
-  std::vector<const uint8_t*> buffers_;  ///< by place in the ring: what the reference is held for
-  std::vector<uint32_t> lengths_;        ///< by place [B]
+  std::vector<const uint8_t*> buffers_;  ///< by ticket: what the reference is held for
+  std::vector<uint32_t> lengths_;        ///< by ticket [B]
   std::vector<uint32_t> announced_;      ///< segments whose memory the subscriber was given
   uint32_t tail_ = 0;                    ///< index of the next message in the ring
   uint64_t sent_ = 0;

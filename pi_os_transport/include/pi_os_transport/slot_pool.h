@@ -53,6 +53,13 @@ public:
   /// length at its start is aligned.
   uint8_t* allocate(size_t bytes);
 
+  /// Bytes at `payload`, at least as many as were asked for [B].
+  uint64_t capacity(const uint8_t* payload) const;
+  /// Lets a message start further back in the memory that allocate() returned: `message` then stands for `payload` in
+  /// all calls. Overwrites up to 123 bytes before it, but none before `payload`.
+  /// @param message  at any address from `payload` on.
+  void place(uint8_t* payload, uint8_t* message);
+
   void addReference(const uint8_t* payload);
   /// Gives one reference back; the last one frees the slot.
   void release(const uint8_t* payload);

@@ -6,6 +6,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "zero_copy_api.h"
+
 // The functions of libroscpp that are replaced: id, result, linker name, parameters, arguments. All are called through
 // the dynamic linker, also inside libroscpp. References appear as the pointers that they are, and a ros::WallDuration
 // as the register that carries it.
@@ -108,6 +110,8 @@ struct PiOsShim
   void (*set_pool)(const void* base, size_t length, void (*release)(void*));
   /// The next new[] of this thread asks `allocate` first (null: ask no more); a null result falls back to the heap.
   void (*set_capture)(void* (*allocate)(size_t));
+
+  const PiOsZeroCopyApi* zero_copy;  ///< set by the companion
 };
 
 /// The companion's only symbol. Returns 0 to take part, anything else to leave the process as it is.

@@ -164,6 +164,7 @@ void attachCompanion()
   else if (attach(&shim) != 0)
   {
     memset(shim.replacement, 0, sizeof(shim.replacement));
+    shim.zero_copy = nullptr;
   }
 }
 
@@ -265,6 +266,12 @@ extern "C"
     return target<type parameters>(PI_OS_##id) arguments;      \
   }
   PI_OS_HOOKS(PI_OS_FORWARD)
+
+  const PiOsZeroCopyApi* pi_os_transport_zero_copy(uint32_t version)
+  {
+    pthread_once(&resolved, resolveAll);
+    return shim.zero_copy != nullptr && shim.zero_copy->version == version ? shim.zero_copy : nullptr;
+  }
 
   /// operator new[](size_t)
   void* _Znam(size_t bytes)

@@ -12,6 +12,7 @@
 
 #include "bridge_client.h"
 #include "header_offer.h"
+#include "held_leases.h"
 #include "process_state.h"
 
 namespace pi_os_transport
@@ -19,8 +20,7 @@ namespace pi_os_transport
 namespace
 {
 
-/// With more messages leased than this, further ones are copied: a place in the ring is free again only when its
-/// message is released.
+/// With more messages leased than this, further ones are copied: the ring has tickets for twice as many.
 constexpr uint32_t MAX_LEASES = RingLayout::CAPACITY / 2;
 /// Messages handed on before the network thread looks at its other sockets again.
 constexpr uint32_t BATCH = 64;
@@ -30,22 +30,39 @@ constexpr std::chrono::milliseconds ASK_AGAIN_REFUSED{5000};
 
 }  // namespace
 
-/// Deleter of a leased buffer: gives the place back to the publisher.
+/// Deleter of a leased buffer: gives it back to the publisher.
 struct ReceiveLink::Lease
 {
   std::shared_ptr<RingReceiver> ring;
   std::shared_ptr<MappedSegment> segment;
-  uint32_t place;
+  uint32_t ticket;
   uint32_t length;
 
   void operator()(uint8_t*) const
   {
     if (Runtime::instance().active())
     {
-      ring->endLease(place, length);
+      ring->endLease(ticket, length);
     }
   }
 };
+
+namespace
+{
+
+/// A message as roscpp gets it. @param end  called with the last user.
+template <typename End>
+boost::shared_array<uint8_t> makeHoldable(uint8_t* message, const End& end)
+{
+  if (!HeldLeases::instance().wanted())
+  {
+    return boost::shared_array<uint8_t>(message, end);
+  }
+  std::shared_ptr<HeldLease> lease = HeldLeases::instance().add(message, [end, message]() { end(message); });
+  return boost::shared_array<uint8_t>(message, [lease](uint8_t*) mutable { lease.reset(); });
+}
+
+}  // namespace
 
 void ReceiveLink::meet(const std::string& header_field)
 {
@@ -299,9 +316,9 @@ void ReceiveLink::drain(Drain extent)
       }
     }
     Descriptor descriptor;
-    uint32_t place = 0;
+    uint32_t ticket = 0;
     const bool in_any_order = extent == Drain::REST || ended_;
-    if (ring->ring().take(tcp_delivered_, in_any_order, &descriptor, &place) != RingConsumer::Take::TAKEN)
+    if (ring->ring().take(tcp_delivered_, in_any_order, &descriptor, &ticket) != RingConsumer::Take::TAKEN)
     {
       if (ring->ring().broken())
       {
@@ -314,22 +331,22 @@ void ReceiveLink::drain(Drain extent)
     {
       started_ = true;
       tcp_before_start_ = descriptor.after_tcp;
-      ring->release(place);
+      ring->release(ticket);
       continue;
     }
     if (bridged_ && static_cast<int32_t>(tcp_delivered_ - descriptor.after_tcp) > 0)
     {
       ++late_;
-      ring->release(place);
+      ring->release(ticket);
       continue;
     }
-    deliver(link, descriptor, place);
+    deliver(link, descriptor, ticket);
   }
 }
 
-void ReceiveLink::deliver(const ros::TransportPublisherLinkPtr& link, const Descriptor& descriptor, uint32_t place)
+void ReceiveLink::deliver(const ros::TransportPublisherLinkPtr& link, const Descriptor& descriptor, uint32_t ticket)
 {
-  boost::shared_array<uint8_t> buffer = fetch(ring_, descriptor, place, &copied_);
+  boost::shared_array<uint8_t> buffer = fetch(ring_, descriptor, ticket, &copied_);
   if (!buffer)
   {
     ROS_ERROR_ONCE("pi_os_transport: lost a message of %u bytes from [%s]: its shared memory cannot be read",
@@ -343,12 +360,12 @@ void ReceiveLink::deliver(const ros::TransportPublisherLinkPtr& link, const Desc
 }
 
 boost::shared_array<uint8_t> ReceiveLink::fetch(const std::shared_ptr<RingReceiver>& ring, const Descriptor& descriptor,
-                                                uint32_t place, uint64_t* copied)
+                                                uint32_t ticket, uint64_t* copied)
 {
   const std::shared_ptr<MappedSegment> segment = ring->find(descriptor);
   if (!segment)
   {
-    ring->release(place);
+    ring->release(ticket);
     return boost::shared_array<uint8_t>();
   }
   if (segment->data() == nullptr)
@@ -362,12 +379,13 @@ boost::shared_array<uint8_t> ReceiveLink::fetch(const std::shared_ptr<RingReceiv
            (ring->leases() < 2 || ring->leasedBytes() + descriptor.length <= ring->leaseBudget()))
   {
     ring->lease(descriptor.length);
-    return boost::shared_array<uint8_t>(const_cast<uint8_t*>(segment->data() + descriptor.offset),
-                                        Lease{ring, segment, place, descriptor.length});
+    return makeHoldable(const_cast<uint8_t*>(segment->data() + descriptor.offset),
+                        Lease{ring, segment, ticket, descriptor.length});
   }
-  boost::shared_array<uint8_t> copy(new uint8_t[descriptor.length]);
+  const boost::shared_array<uint8_t> copy =
+      makeHoldable(new uint8_t[descriptor.length], [](uint8_t* bytes) { delete[] bytes; });
   const bool intact = segment->copy(descriptor.offset, copy.get(), descriptor.length);
-  ring->release(place);
+  ring->release(ticket);
   ++*copied;
   return intact ? copy : boost::shared_array<uint8_t>();
 }

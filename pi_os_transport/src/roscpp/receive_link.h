@@ -69,7 +69,7 @@ public:
   /// A message taken from `ring`: where it lies, leased, or beyond the lease budget as a copy, which `*copied` counts.
   /// The caller serialises it with the other calls of `ring`. @return null if its memory cannot be read.
   static boost::shared_array<uint8_t> fetch(const std::shared_ptr<RingReceiver>& ring, const Descriptor& descriptor,
-                                            uint32_t place, uint64_t* copied);
+                                            uint32_t ticket, uint64_t* copied);
 
 private:
   struct Lease;
@@ -89,7 +89,7 @@ private:
     REST,     ///< everything: nothing will come over TCPROS any more
   };
   void drain(Drain extent);
-  void deliver(const ros::TransportPublisherLinkPtr& link, const Descriptor& descriptor, uint32_t place);
+  void deliver(const ros::TransportPublisherLinkPtr& link, const Descriptor& descriptor, uint32_t ticket);
 
   const boost::weak_ptr<ros::TransportPublisherLink> link_;
   const boost::weak_ptr<ros::Connection> connection_;

@@ -14,6 +14,7 @@
 #include <cstring>
 
 #include "header_offer.h"
+#include "held_leases.h"
 #include "outbox_writer.h"
 #include "queue_waiter.h"
 #include "receive_link.h"
@@ -441,6 +442,7 @@ int attach(PiOsShim* shim)
   Runtime& runtime = Runtime::instance();
   runtime.shim = shim;
   Originals& original = runtime.original;
+  shim->zero_copy = &HeldLeases::api();
   takeOver(shim, PI_OS_TOPIC_MANAGER_START, &original.start, start);
   takeOver(shim, PI_OS_TOPIC_MANAGER_PUBLISH, &original.publish, publish);
   takeOver(shim, PI_OS_CONNECTION_WRITE_HEADER, &original.write_header, writeHeader);

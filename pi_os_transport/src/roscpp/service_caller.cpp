@@ -338,19 +338,19 @@ ServiceCaller::Outcome ServiceCaller::awaitAnswer(ros::ServiceServerLink* link,
   {
     const bool last_look = state_ != State::READY;
     Descriptor descriptor;
-    uint32_t place = 0;
+    uint32_t ticket = 0;
     RingConsumer::Take take = RingConsumer::Take::EMPTY;
     boost::shared_array<uint8_t> body;
     {
       std::lock_guard<std::mutex> lock(mutex_);
-      take = answers->ring().take(0, true, &descriptor, &place);
+      take = answers->ring().take(0, true, &descriptor, &ticket);
       if (take == RingConsumer::Take::TAKEN && descriptor.segment == Descriptor::LINK_START)
       {
-        answers->release(place);
+        answers->release(ticket);
       }
       else if (take == RingConsumer::Take::TAKEN)
       {
-        body = ReceiveLink::fetch(answers, descriptor, place, &copied_);
+        body = ReceiveLink::fetch(answers, descriptor, ticket, &copied_);
       }
     }
     if (take != RingConsumer::Take::TAKEN)

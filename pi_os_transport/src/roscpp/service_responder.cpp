@@ -86,8 +86,8 @@ void ServiceResponder::startRequests()
     waiter_ = QueueWaiter::of(queue);
   }
   Descriptor descriptor;
-  uint32_t place;
-  requests_->ring().take(0, true, &descriptor, &place);  // arms the doorbell: before the proof there is no request
+  uint32_t ticket;
+  requests_->ring().take(0, true, &descriptor, &ticket);  // arms the doorbell: before the proof there is no request
   if (waiter_)
   {
     waiter_->add(self, requests_->doorbell(SPINNER));
@@ -152,7 +152,7 @@ void ServiceResponder::takeRequests(const Doorbell* doorbell)
     boost::shared_array<uint8_t> body;
     {
       std::lock_guard<std::mutex> lock(mutex_);
-      uint32_t place = 0;
+      uint32_t ticket = 0;
       if (!in_use_)
       {
         return;
@@ -161,11 +161,11 @@ void ServiceResponder::takeRequests(const Doorbell* doorbell)
       {
         requests_->ring().useDoorbell(*doorbell);
       }
-      if (requests_->ring().take(0, true, &descriptor, &place) != RingConsumer::Take::TAKEN)
+      if (requests_->ring().take(0, true, &descriptor, &ticket) != RingConsumer::Take::TAKEN)
       {
         return;
       }
-      body = descriptor.segment != Descriptor::LINK_START ? ReceiveLink::fetch(requests_, descriptor, place, &copied_)
+      body = descriptor.segment != Descriptor::LINK_START ? ReceiveLink::fetch(requests_, descriptor, ticket, &copied_)
                                                           : nullptr;
       pending_ = descriptor.serial;
       taken_ns_ = monotonicNs();

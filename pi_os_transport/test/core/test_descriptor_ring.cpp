@@ -39,7 +39,7 @@ protected:
 
 TEST_F(DescriptorRing, HandsDescriptorsOverUnchangedAndInOrder)
 {
-  const Descriptor large{0xfffffffe, 0xfffffffd, (uint64_t{1} << 33) + 4, 7, uint64_t{1} << 63};
+  const Descriptor large{0xfffffffe, (uint32_t{1} << 30) - 1, (uint64_t{1} << 34) - 1, 7, (uint64_t{1} << 56) - 1};
   push(numbered(1));
   push(large);
   ASSERT_EQ(RingConsumer::Take::TAKEN, take());
@@ -51,6 +51,7 @@ TEST_F(DescriptorRing, HandsDescriptorsOverUnchangedAndInOrder)
   EXPECT_EQ(large.length, taken_.length);
   EXPECT_EQ(large.offset, taken_.offset);
   EXPECT_EQ(large.after_tcp, taken_.after_tcp);
+  EXPECT_EQ(large.serial, taken_.serial);
   EXPECT_EQ(RingConsumer::Take::EMPTY, take(7));
 }
 
@@ -111,6 +112,59 @@ TEST_F(DescriptorRing, CollectsEachReleaseOnceAndInAnyOrder)
   EXPECT_EQ((std::vector<uint32_t>{places[2], places[0], places[1]}), collected);
 }
 
+TEST_F(DescriptorRing, AMessageHeldForLongTakesNoPlaceFromOthers)
+{
+  push(numbered(0));
+  take();
+  const uint32_t held = place_;
+  for (uint32_t i = 1; i < 3 * CAPACITY; ++i)
+  {
+    ASSERT_EQ(RingProducer::Push::WRITTEN, push(numbered(i)));
+    ASSERT_EQ(RingConsumer::Take::TAKEN, take());
+    ASSERT_EQ(i, taken_.segment);
+    ASSERT_NE(held, place_);
+    consumer_.release(place_);
+    producer_.collect([held](uint32_t ticket) { EXPECT_NE(held, ticket); });
+  }
+  consumer_.release(held);
+  producer_.collect([held](uint32_t ticket) { EXPECT_EQ(held, ticket); });
+  EXPECT_TRUE(producer_.idle());
+}
+
+TEST_F(DescriptorRing, AReleaseOfAnOlderMessageLeavesTheNewerOneOfItsPlace)
+{
+  push(numbered(0));
+  take();
+  const uint32_t old = place_;
+  for (uint32_t i = 1; i <= CAPACITY; ++i)
+  {
+    push(numbered(i));
+    if (i < CAPACITY)
+    {
+      take();
+      consumer_.release(place_);
+      producer_.collect([](uint32_t) {});
+    }
+  }
+  // Message CAPACITY lies at the place of message 0, which is still held.
+  consumer_.release(old);
+  std::vector<uint32_t> collected;
+  producer_.collect([&](uint32_t ticket) { collected.push_back(ticket); });
+  EXPECT_EQ(std::vector<uint32_t>{old}, collected);
+  const int newest = producer_.ticketOf(CAPACITY);
+  EXPECT_GE(newest, 0);
+  EXPECT_EQ(newest, producer_.dropOldest());
+}
+
+TEST_F(DescriptorRing, APeerCannotReleaseWhatItHasNotTaken)
+{
+  push(numbered(0));
+  consumer_.release(static_cast<uint32_t>(producer_.ticketOf(0)));
+  producer_.collect([](uint32_t) { ADD_FAILURE() << "collected"; });
+  EXPECT_GE(producer_.dropOldest(), 0);
+  EXPECT_EQ(-1, producer_.dropOldest());
+}
+
 TEST_F(DescriptorRing, DropsTheOldestThatIsNotTaken)
 {
   for (uint32_t i = 0; i < 4; ++i)
@@ -169,7 +223,7 @@ TEST_F(DescriptorRing, NoticesAPeerThatWritesNonsense)
   EXPECT_EQ(-1, producer_.dropOldest());
 }
 
-TEST_F(DescriptorRing, GivesNoPlaceBackTwiceToAPeerThatMovesTheHeadBack)
+TEST_F(DescriptorRing, GivesNothingBackTwiceToAPeerThatMovesTheHeadBack)
 {
   push(numbered(0));
   push(numbered(1));
@@ -181,15 +235,15 @@ TEST_F(DescriptorRing, GivesNoPlaceBackTwiceToAPeerThatMovesTheHeadBack)
   EXPECT_EQ(-1, producer_.dropOldest());
 }
 
-TEST_F(DescriptorRing, GivesNoPlaceBackTwiceToAPeerThatReleasesWhatItNeverTook)
+TEST_F(DescriptorRing, GivesEverythingBackOnceWhateverAPeerReleasesThatItNeverTook)
 {
   push(numbered(0));
   push(numbered(1));
   consumer_.release(1);
   consumer_.release(0);
-  std::vector<uint32_t> places;
-  producer_.collect([&](uint32_t place) { places.push_back(place); });
-  EXPECT_EQ((std::vector<uint32_t>{0, 1}), places);
+  producer_.collect([](uint32_t) { ADD_FAILURE() << "it was not taken"; });
+  EXPECT_EQ(0, producer_.dropOldest());
+  EXPECT_EQ(1, producer_.dropOldest());
   EXPECT_EQ(-1, producer_.dropOldest());
 }
 

@@ -43,6 +43,29 @@ TEST(SlotPool, KnowsItsOwnAddresses)
   EXPECT_FALSE(pool.contains(pool.base() + pool.reserved()));
 }
 
+TEST(SlotPool, AMessageMayStartAnywhereInItsMemory)
+{
+  SlotPool pool(16 * MIB);
+  constexpr size_t BYTES = 4000;
+  for (size_t start = 0; start < 700; ++start)
+  {
+    uint8_t* const payload = pool.allocate(BYTES);
+    ASSERT_GE(pool.capacity(payload), BYTES);
+    uint8_t* const message = payload + start;
+    pool.place(payload, message);
+    std::memset(message, 0x5a, BYTES - start);
+    ASSERT_EQ(pool.locate(payload).segment, pool.locate(message).segment);
+    ASSERT_EQ(pool.locate(payload).offset + start, pool.locate(message).offset);
+    pool.addReference(message);
+    pool.release(payload);
+    ASSERT_EQ(1U, pool.usage().live_slots) << start;
+    pool.release(message);
+    ASSERT_EQ(0U, pool.usage().live_slots) << start;
+  }
+  const uint8_t* const again = pool.allocate(BYTES);
+  EXPECT_EQ(0U, reinterpret_cast<uintptr_t>(again + 4) % 64) << "the slot itself has not moved";
+}
+
 TEST(SlotPool, ReadersSeeTheBytesReadOnly)
 {
   SlotPool pool(16 * MIB);

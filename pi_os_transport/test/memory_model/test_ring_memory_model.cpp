@@ -26,7 +26,7 @@ Model& model()
   return Model::instance();
 }
 
-/// A ring, both its ends, and the payload of each place. Message n says n in all its fields.
+/// A ring, both its ends, and the payload of each ticket. Message n says n in all its fields.
 class World
 {
 public:
@@ -53,13 +53,14 @@ public:
     uint32_t doorbell = 0;
     for (uint32_t i = 0; i < leased + untaken; ++i)
     {
+      numbers[static_cast<size_t>(producer.nextTicket())] = next_number;
       producer.push(numbered(next_number++), &doorbell);
     }
     Descriptor descriptor;
-    uint32_t place = 0;
+    uint32_t ticket = 0;
     for (uint32_t i = 0; i < leased; ++i)
     {
-      consumer.take(0, true, &descriptor, &place);
+      consumer.take(0, true, &descriptor, &ticket);
       last_taken = static_cast<int64_t>(descriptor.serial);
     }
   }
@@ -75,16 +76,17 @@ public:
     return descriptor;
   }
 
-  /// Writes the payload of the place that the next message takes, and the message.
+  /// Writes the payload of the ticket that the next message gets, and the message.
   /// @return false if the ring is full.
   bool push()
   {
-    const uint32_t place = next_number % CAPACITY_;
-    if (producer.isHeld(place))
+    const int ticket = producer.nextTicket();
+    if (ticket < 0)
     {
       return false;
     }
-    model().writePlain(&payloads[place]);
+    model().writePlain(&payloads[static_cast<size_t>(ticket)]);
+    numbers[static_cast<size_t>(ticket)] = next_number;
     uint32_t doorbell = 0;
     if (producer.push(numbered(next_number), &doorbell) == RingProducer::Push::FULL)
     {
@@ -99,12 +101,12 @@ public:
   }
 
   /// Takes, checks and reads one message, if there is one.
-  /// @return its place, or -1.
+  /// @return its ticket, or -1.
   int take()
   {
     Descriptor descriptor;
-    uint32_t place = 0;
-    if (consumer.take(0, true, &descriptor, &place) != RingConsumer::Take::TAKEN)
+    uint32_t ticket = 0;
+    if (consumer.take(0, true, &descriptor, &ticket) != RingConsumer::Take::TAKEN)
     {
       model().require(!consumer.broken(), "the ring passes for broken");
       return -1;
@@ -113,18 +115,17 @@ public:
     model().require(
         descriptor.segment == number + 1 && descriptor.offset == uint64_t{4} * number && descriptor.serial == number,
         "a descriptor is put together from two messages");
-    model().require(place == number % CAPACITY_, "a message comes from the place of another one");
+    model().require(numbers[ticket] == number, "a message comes with the ticket of another one");
     model().require(static_cast<int64_t>(number) > last_taken, "a message comes twice or out of order");
     last_taken = number;
     ++taken;
-    model().readPlain(&payloads[place]);
-    return static_cast<int>(place);
+    model().readPlain(&payloads[ticket]);
+    return static_cast<int>(ticket);
   }
 
   bool drop()
   {
-    const int place = producer.dropOldest();
-    if (place < 0)
+    if (producer.dropOldest() < 0)
     {
       return false;
     }
@@ -135,7 +136,8 @@ public:
   ::std::unique_ptr<RingLayout> layout{new RingLayout{}};
   RingProducer producer{layout.get(), 42};
   RingConsumer consumer{layout.get()};
-  ::std::array<char, CAPACITY_> payloads{};
+  ::std::array<char, CAPACITY_> payloads{};     // by ticket
+  ::std::array<uint32_t, CAPACITY_> numbers{};  // of the messages that have the tickets
   char bell = 0;
   uint32_t next_number = 0;
   int64_t last_taken = -1;
@@ -154,7 +156,7 @@ private:
       model().name(&layout->released[i], "released");
       model().name(&layout->entries[i].segment_length, "segment_length");
       model().name(&layout->entries[i].offset_after, "offset_after");
-      model().name(&layout->entries[i].serial, "serial");
+      model().name(&layout->entries[i].serial_ticket, "serial_ticket");
       model().name(&layout->entries[i].stamp_ns, "stamp_ns");
       model().name(&payloads[i], "payload");
     }
@@ -244,16 +246,11 @@ World& world()
                    }},
                   [] {}}});
 
-  all.push_back({"a place is used again as soon as its message is released",
+  all.push_back({"a ticket is used again as soon as its message is released",
                  {[&w]
                   {
                     w.reset();
                     w.fill(CAPACITY_, 0);
-                    for (uint32_t place = 1; place < CAPACITY_; ++place)
-                    {
-                      w.consumer.release(place);
-                    }
-                    w.producer.collect([](uint32_t) {});
                   },
                   {[&w]
                    {
@@ -264,18 +261,22 @@ World& world()
                    {
                      model().readPlain(&w.payloads[0]);
                      w.consumer.release(0);
-                     const int place = w.take();
-                     if (place >= 0)
+                     const int ticket = w.take();
+                     if (ticket >= 0)
                      {
-                       w.consumer.release(static_cast<uint32_t>(place));
+                       w.consumer.release(static_cast<uint32_t>(ticket));
                      }
                    }},
                   [&w]
                   {
-                    w.take();
-                    w.producer.collect([](uint32_t) {});
+                    const int ticket = w.take();
                     model().require(w.taken == w.next_number - CAPACITY_, "a message is lost");
-                    model().require(w.producer.idle() || w.taken == 1, "a release is lost");
+                    for (uint32_t other = ticket == 0 ? 0 : 1; other < CAPACITY_; ++other)
+                    {
+                      w.consumer.release(other);
+                    }
+                    w.producer.collect([](uint32_t) {});
+                    model().require(w.producer.idle(), "a release is lost");
                   }}});
 
   all.push_back({"two threads of the subscriber release at a time",
@@ -288,7 +289,7 @@ World& world()
                    {
                      for (int i = 0; i < 2; ++i)
                      {
-                       w.producer.collect([&w](uint32_t place) { model().writePlain(&w.payloads[place]); });
+                       w.producer.collect([&w](uint32_t ticket) { model().writePlain(&w.payloads[ticket]); });
                      }
                    },
                    [&w]

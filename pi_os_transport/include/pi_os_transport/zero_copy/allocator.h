@@ -1,0 +1,162 @@
+#pragma once
+
+#include <cstddef>
+#include <cstring>
+#include <limits>
+#include <memory>
+#include <new>
+#include <type_traits>
+#include <utility>
+
+#include "pi_os_transport/zero_copy/arena.h"
+
+namespace pi_os_transport::zero_copy
+{
+
+/// Allocator of messages whose large arrays lie where they are sent from or have been received: generated messages are
+/// templates over it. Three kinds of it occur:
+/// - with an arena, on a message that is lent out for publishing: large arrays lie in the arena;
+/// - viewing, on an array that was received: it stands for the memory that the array lies in already;
+/// - else the heap, also for every copy of a message and for every array that grows beyond what it views.
+///
+/// Arrays of a trivially copyable type from Arena::SMALLEST_ARRAY bytes on are left uninitialised by resize(): they are
+/// written once, by the user.
+/// Characters of strings are allocated as ever, so that strings are of type std::string.
+template <typename T>
+class Allocator
+{
+public:
+  using value_type = T;
+  using propagate_on_container_move_assignment = std::true_type;
+  using propagate_on_container_swap = std::true_type;
+  using propagate_on_container_copy_assignment = std::false_type;
+  using is_always_equal = std::false_type;
+  template <typename Other>
+  struct rebind
+  {
+    using other = std::conditional_t<std::is_same_v<Other, char>, std::allocator<Other>, Allocator<Other>>;
+  };
+
+  Allocator() noexcept = default;
+  template <typename Other>
+  Allocator(const Allocator<Other>& other) noexcept : arena_(other.arena())
+  {
+  }
+  /// For one array of exactly `count` elements that lie at `memory` and are never written.
+  static Allocator viewing(const T* memory, size_t count)
+  {
+    Allocator allocator;
+    allocator.view_ = const_cast<T*>(memory);
+    allocator.count_ = count;
+    return allocator;
+  }
+  Allocator select_on_container_copy_construction() const { return Allocator(); }
+
+  T* allocate(size_t count)
+  {
+    if (view_ != nullptr && count == count_)
+    {
+      return view_;
+    }
+    if (count > std::numeric_limits<size_t>::max() / sizeof(T))
+    {
+      throw std::bad_alloc();
+    }
+    if (inArena(count))
+    {
+      return static_cast<T*>(arena_->allocate(count * sizeof(T)));
+    }
+    T* const memory = std::allocator<T>().allocate(count);
+    if constexpr (std::is_trivially_copyable_v<T>)
+    {
+      if (count * sizeof(T) < Arena::SMALLEST_ARRAY)
+      {
+        std::memset(static_cast<void*>(memory), 0,
+                    count * sizeof(T));  // what construct() leaves out, where it is cheap
+      }
+    }
+    return memory;
+  }
+  void deallocate(T* memory, size_t count) noexcept
+  {
+    if (memory == view_)
+    {
+      return;
+    }
+    if (inArena(count))
+    {
+      arena_->deallocate(memory);
+      return;
+    }
+    std::allocator<T>().deallocate(memory, count);
+  }
+
+  template <typename Element, typename... Arguments>
+  void construct(Element* element, Arguments&&... arguments)
+  {
+    if constexpr (sizeof...(Arguments) > 0)
+    {
+      ::new (static_cast<void*>(element)) Element(std::forward<Arguments>(arguments)...);
+    }
+    else if constexpr (!std::is_trivially_copyable_v<Element>)
+    {
+      ::new (static_cast<void*>(element)) Element();
+    }
+  }
+
+  const std::shared_ptr<Arena>& arena() const { return arena_; }
+  /// True if an array with this allocator lies in received memory.
+  bool isView(const T* memory) const { return memory == view_ && memory != nullptr; }
+
+  template <typename Other>
+  bool operator==(const Allocator<Other>& other) const
+  {
+    return arena_ == other.arena() && view() == other.view();
+  }
+  template <typename Other>
+  bool operator!=(const Allocator<Other>& other) const
+  {
+    return !(*this == other);
+  }
+  const void* view() const { return view_; }
+
+private:
+  bool inArena(size_t count) const
+  {
+    return std::is_trivially_copyable_v<T> && alignof(T) <= Arena::ALIGNMENT && arena_ != nullptr &&
+           count * sizeof(T) >= Arena::SMALLEST_ARRAY;
+  }
+
+  std::shared_ptr<Arena> arena_;
+  T* view_ = nullptr;
+  size_t count_ = 0;
+};
+
+/// What generated messages are templates over.
+template <>
+class Allocator<void>
+{
+public:
+  using value_type = void;
+  template <typename Other>
+  struct rebind
+  {
+    using other = std::conditional_t<std::is_same_v<Other, char>, std::allocator<Other>, Allocator<Other>>;
+  };
+
+  Allocator() noexcept = default;
+  explicit Allocator(std::shared_ptr<Arena> arena) noexcept : arena_(std::move(arena)) {}
+  /// Strings are allocated as ever.
+  template <typename Other>
+  operator std::allocator<Other>() const
+  {
+    return std::allocator<Other>();
+  }
+
+  const std::shared_ptr<Arena>& arena() const { return arena_; }
+
+private:
+  std::shared_ptr<Arena> arena_;
+};
+
+}  // namespace pi_os_transport::zero_copy

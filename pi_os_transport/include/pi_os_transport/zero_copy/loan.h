@@ -1,0 +1,108 @@
+#pragma once
+
+#include <ros/serialization.h>
+#include <ros/serialized_message.h>
+
+#include <boost/shared_array.hpp>
+
+#include <memory>
+#include <utility>
+
+#include "pi_os_transport/zero_copy/arena.h"
+#include "pi_os_transport/zero_copy/message.h"
+#include "pi_os_transport/zero_copy/serialization.h"
+#include "pi_os_transport/zero_copy/statistics.h"
+
+namespace pi_os_transport::zero_copy
+{
+
+/// A message to be filled and published. Its largest array, if of a plain type and of at least
+/// Arena::SMALLEST_ARRAY bytes, lies at its final place already and is not copied any more; give it its final size at
+/// once, since every growth moves it. Other fields may be set in any order until it is published. resize() leaves the
+/// new elements of such an array uninitialised. Write it through data() or a matrix over it: assign() and insert() go
+/// element by element.
+///
+/// One thread at a time; may be handed to another one. A loan that is never published gives its memory back, whatever
+/// has become of the publisher or of ROS meanwhile. Not for use in a child process after fork(), but to be destroyed.
+template <typename M>
+class Loan
+{
+public:
+  /// An empty one.
+  Loan() = default;
+  static Loan borrow()
+  {
+    Loan loan;
+    loan.arena_ = std::make_shared<Arena>();
+    loan.message_ = std::make_unique<Message<M>>(Allocator<void>(loan.arena_));
+    return loan;
+  }
+  Loan(Loan&&) noexcept = default;
+  Loan& operator=(Loan&& other) noexcept
+  {
+    message_ = std::move(other.message_);  // before its arena
+    arena_ = std::move(other.arena_);
+    return *this;
+  }
+
+  Message<M>* operator->() const { return message_.get(); }
+  Message<M>& operator*() const { return *message_; }
+  Message<M>* get() const { return message_.get(); }
+  /// False if empty: made so, published or moved from.
+  explicit operator bool() const { return message_ != nullptr; }
+  void reset()
+  {
+    message_.reset();
+    arena_.reset();
+  }
+
+  /// The message as roscpp sends it, which may share memory with this. Must not be written afterwards.
+  /// @param counters  takes note of how.
+  ros::SerializedMessage serialise(TopicCounters* counters) const
+  {
+    const std::shared_ptr<MemoryBlock> block = arena_->largest();
+    if (!block)
+    {
+      counters->countSent(TopicCounters::SMALL, false);
+      return ros::serialization::serializeMessage(*message_);
+    }
+    try
+    {
+      ros::SerializedMessage serialised = serialiseAround(block);
+      if (serialised.buf)
+      {
+        counters->countSent(TopicCounters::IN_PLACE, !block->isShared());
+        return serialised;
+      }
+    }
+    catch (const ros::serialization::StreamOverrunException&)
+    {
+      // What surrounds the array does not fit around it.
+    }
+    counters->countSent(TopicCounters::NO_ROOM, false);
+    return ros::serialization::serializeMessage(*message_);
+  }
+
+private:
+  ros::SerializedMessage serialiseAround(const std::shared_ptr<MemoryBlock>& block) const
+  {
+    const uint32_t length = ros::serialization::serializationLength(*message_);
+    InPlaceStream stream(*block);
+    stream.next(length);
+    stream.next(*message_);
+    ros::SerializedMessage serialised;
+    if (uint8_t* const start = stream.start())
+    {
+      block->startAt(start);
+      serialised.buf = boost::shared_array<uint8_t>(start, [owner = block](uint8_t*) {});
+      serialised.num_bytes = size_t{length} + 4;
+      serialised.message_start = start + 4;
+    }
+    return serialised;
+  }
+
+  std::shared_ptr<Arena> arena_;
+  std::unique_ptr<Message<M>> message_;
+};
+
+}  // namespace pi_os_transport::zero_copy

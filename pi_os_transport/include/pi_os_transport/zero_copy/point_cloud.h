@@ -1,0 +1,166 @@
+#pragma once
+
+// sensor_msgs/PointCloud2 as points of a PCL type without a copy. Needs PCL's common headers. A pcl::PointCloud owns
+// its points in a std::vector and cannot share them; an array of points is what can be shared.
+
+#include <pcl/conversions.h>
+#include <pcl/point_cloud.h>
+#include <pcl/point_traits.h>
+#include <sensor_msgs/PointCloud2.h>
+
+#include <boost/shared_ptr.hpp>
+
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "pi_os_transport/zero_copy/message.h"
+
+namespace pi_os_transport::zero_copy
+{
+
+/// The points of a received message, read-only, row by row. The message lives as long as a copy of this.
+template <typename Point>
+class SharedPoints
+{
+public:
+  SharedPoints(const Point* points, uint32_t width, uint32_t height, boost::shared_ptr<const void> keeper)
+    : points_(points), width_(width), height_(height), keeper_(std::move(keeper))
+  {
+  }
+
+  uint32_t width() const { return width_; }
+  uint32_t height() const { return height_; }
+  size_t size() const { return size_t{width_} * height_; }
+  const Point* begin() const { return points_; }
+  const Point* end() const { return points_ + size(); }
+  const Point& operator[](size_t index) const { return points_[index]; }
+
+private:
+  const Point* points_;
+  uint32_t width_;
+  uint32_t height_;
+  boost::shared_ptr<const void> keeper_;
+};
+
+namespace detail
+{
+
+template <typename A>
+std::vector<pcl::PCLPointField> toPclFields(const sensor_msgs::PointCloud2_<A>& cloud)
+{
+  std::vector<pcl::PCLPointField> fields;
+  for (const auto& from : cloud.fields)
+  {
+    pcl::PCLPointField field;
+    field.name = from.name;
+    field.offset = from.offset;
+    field.datatype = from.datatype;
+    field.count = from.count;
+    fields.push_back(std::move(field));
+  }
+  return fields;
+}
+
+/// True if every field of Point lies in the message where it lies in Point.
+template <typename Point, typename A>
+bool hasLayoutOf(const sensor_msgs::PointCloud2_<A>& cloud)
+{
+  if (cloud.point_step != sizeof(Point))
+  {
+    return false;
+  }
+  const std::vector<pcl::PCLPointField> theirs = toPclFields(cloud);
+  std::vector<pcl::PCLPointField> ours;
+  pcl::for_each_type<typename pcl::traits::fieldList<Point>::type>(pcl::detail::FieldAdder<Point>(ours));
+  for (const pcl::PCLPointField& field : ours)
+  {
+    bool found = false;
+    for (const pcl::PCLPointField& other : theirs)
+    {
+      found = found || (other.name == field.name && other.offset == field.offset && other.datatype == field.datatype &&
+                        other.count == field.count);
+    }
+    if (!found)
+    {
+      return false;
+    }
+  }
+  return true;
+}
+
+}  // namespace detail
+
+/// Shares the points of a message. @return nothing if they do not lie in it as Point does, or are misaligned for it:
+/// use copyPoints() then. Always possible for messages of resizePoints() of the same Point.
+/// @throws std::runtime_error if the message lacks data.
+template <typename Point, typename A>
+std::optional<SharedPoints<Point>> sharePoints(const boost::shared_ptr<sensor_msgs::PointCloud2_<A> const>& cloud)
+{
+  const uint64_t row_bytes = uint64_t{cloud->point_step} * cloud->width;
+  if (cloud->row_step < row_bytes || uint64_t{cloud->row_step} * cloud->height > cloud->data.size())
+  {
+    throw std::runtime_error("cloud of " + std::to_string(cloud->width) + "x" + std::to_string(cloud->height) +
+                             " points has point_step = " + std::to_string(cloud->point_step) +
+                             ", row_step = " + std::to_string(cloud->row_step) + " and " +
+                             std::to_string(cloud->data.size()) + " bytes of data");
+  }
+  const auto* const data = cloud->data.data();
+  if (!detail::hasLayoutOf<Point>(*cloud) || (cloud->height > 1 && cloud->row_step != row_bytes) ||
+      reinterpret_cast<uintptr_t>(data) % alignof(Point) != 0)
+  {
+    return std::nullopt;
+  }
+  return SharedPoints<Point>(reinterpret_cast<const Point*>(data), cloud->width, cloud->height, cloud);
+}
+
+/// Copies the points of any message that has all fields of Point.
+template <typename Point, typename A>
+pcl::PointCloud<Point> copyPoints(const sensor_msgs::PointCloud2_<A>& from)
+{
+  pcl::PCLPointCloud2 whole;
+  whole.header.seq = from.header.seq;
+  whole.header.stamp = from.header.stamp.toNSec() / 1000;
+  whole.header.frame_id = from.header.frame_id;
+  whole.height = from.height;
+  whole.width = from.width;
+  whole.fields = detail::toPclFields(from);
+  whole.is_bigendian = from.is_bigendian;
+  whole.point_step = from.point_step;
+  whole.row_step = from.row_step;
+  whole.data.assign(from.data.begin(), from.data.end());
+  whole.is_dense = from.is_dense;
+  pcl::PointCloud<Point> cloud;
+  pcl::fromPCLPointCloud2(whole, cloud);
+  return cloud;
+}
+
+/// Gives a message the size and the fields of Point, and returns its points for writing, row by row: valid until the
+/// data is resized or published. Sets everything but header and is_dense. Points are not initialised, padding included.
+template <typename Point, typename A>
+Point* resizePoints(sensor_msgs::PointCloud2_<A>* cloud, uint32_t width, uint32_t height)
+{
+  std::vector<pcl::PCLPointField> fields;
+  pcl::for_each_type<typename pcl::traits::fieldList<Point>::type>(pcl::detail::FieldAdder<Point>(fields));
+  cloud->fields.resize(fields.size());
+  for (size_t i = 0; i < fields.size(); ++i)
+  {
+    cloud->fields[i].name = fields[i].name;
+    cloud->fields[i].offset = fields[i].offset;
+    cloud->fields[i].datatype = fields[i].datatype;
+    cloud->fields[i].count = fields[i].count;
+  }
+  cloud->width = width;
+  cloud->height = height;
+  cloud->is_bigendian = 0;
+  cloud->point_step = sizeof(Point);
+  cloud->row_step = static_cast<uint32_t>(sizeof(Point)) * width;
+  cloud->data.resize(size_t{cloud->row_step} * height);
+  return reinterpret_cast<Point*>(cloud->data.data());
+}
+
+}  // namespace pi_os_transport::zero_copy

@@ -1,0 +1,111 @@
+#pragma once
+
+#include <ros/node_handle.h>
+#include <ros/publisher.h>
+
+#include <boost/function.hpp>
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "pi_os_transport/zero_copy/loan.h"
+#include "pi_os_transport/zero_copy/message.h"
+#include "pi_os_transport/zero_copy/statistics.h"
+
+namespace pi_os_transport::zero_copy
+{
+
+/// What roscpp is given to publish: how to get at the bytes of a message.
+struct PublishedLoan
+{
+  boost::function<ros::SerializedMessage()> serialise;
+};
+
+/// Publishes messages of type M, each written once, at the place from which subscribers read it. To everybody else it
+/// is a publisher of M: unmodified subscribers, TCPROS, rospy, rosbag and bridges get the same bytes.
+///
+/// Without libpi_os_transport in the process it works all the same, over TCPROS. Copies share one publisher, as copies
+/// of ros::Publisher do. All methods may be called from any thread.
+template <typename M>
+class Publisher
+{
+public:
+  /// One that publishes nothing.
+  Publisher() = default;
+  /// @throws as ros::NodeHandle::advertise().
+  Publisher(ros::NodeHandle& node, const std::string& topic, uint32_t queue_size, bool latch = false)
+    : Publisher(node.advertise<M>(topic, queue_size, latch))
+  {
+  }
+  /// Uses a publisher of M that was advertised with options of its own.
+  explicit Publisher(const ros::Publisher& publisher)
+    : publisher_(publisher), counters_(publisher ? countersOf(publisher.getTopic(), true) : nullptr)
+  {
+  }
+
+  /// A message to fill. Costs two small allocations; large memory is taken when its arrays get their sizes.
+  Loan<M> borrow() const { return Loan<M>::borrow(); }
+
+  /// Sends the message; the loan is empty afterwards.
+  void publish(Loan<M>&& loan) const
+  {
+    const Loan<M> message = std::move(loan);
+    if (message && publisher_)
+    {
+      publisher_.publish(PublishedLoan{[&]() { return message.serialise(counters_.get()); }});
+    }
+  }
+  /// Sends a message that lies elsewhere, as ros::Publisher does.
+  void publish(const M& message) const { publisher_.publish(message); }
+
+  uint32_t getNumSubscribers() const { return publisher_ ? publisher_.getNumSubscribers() : 0; }
+  std::string getTopic() const { return publisher_ ? publisher_.getTopic() : std::string(); }
+  const ros::Publisher& rosPublisher() const { return publisher_; }
+  explicit operator bool() const { return static_cast<bool>(publisher_); }
+  void shutdown() { publisher_.shutdown(); }
+
+  /// Of all publishers of the topic in this process.
+  TopicStatistics statistics() const { return counters_ ? counters_->read() : TopicStatistics{}; }
+
+private:
+  ros::Publisher publisher_;
+  std::shared_ptr<TopicCounters> counters_;
+};
+
+}  // namespace pi_os_transport::zero_copy
+
+namespace ros
+{
+namespace message_traits
+{
+
+// Whatever the topic carries: Publisher<M> has seen to that.
+template <>
+struct MD5Sum<pi_os_transport::zero_copy::PublishedLoan>
+{
+  static const char* value() { return "*"; }
+  static const char* value(const pi_os_transport::zero_copy::PublishedLoan&) { return value(); }
+};
+
+template <>
+struct DataType<pi_os_transport::zero_copy::PublishedLoan>
+{
+  static const char* value() { return "*"; }
+  static const char* value(const pi_os_transport::zero_copy::PublishedLoan&) { return value(); }
+};
+
+}  // namespace message_traits
+
+namespace serialization
+{
+
+template <>
+inline SerializedMessage serializeMessage(const pi_os_transport::zero_copy::PublishedLoan& message)
+{
+  return message.serialise();
+}
+
+}  // namespace serialization
+}  // namespace ros

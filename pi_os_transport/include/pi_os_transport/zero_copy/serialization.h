@@ -1,0 +1,214 @@
+#pragma once
+
+// How messages with arrays of zero_copy::Allocator are serialised and deserialised: to the very bytes of the standard
+// messages, but without touching an array that lies at its final place, and with views in place of copies where a
+// subscriber allows it.
+
+#include <ros/serialization.h>
+
+#include <cstdint>
+#include <cstring>
+#include <type_traits>
+#include <vector>
+
+#include "pi_os_transport/zero_copy/allocator.h"
+#include "pi_os_transport/zero_copy/message.h"
+
+namespace pi_os_transport::zero_copy
+{
+
+/// While it lives, arrays that this thread deserialises from [begin, begin + length) become views of that memory.
+class ViewScope
+{
+public:
+  ViewScope(const uint8_t* begin, size_t length);
+  ~ViewScope();
+  ViewScope(const ViewScope&) = delete;
+  ViewScope& operator=(const ViewScope&) = delete;
+
+  /// That of this thread; null if there is none.
+  static ViewScope* current();
+
+  bool contains(const uint8_t* data) const
+  {
+    return reinterpret_cast<uintptr_t>(data) - reinterpret_cast<uintptr_t>(begin_) < length_;
+  }
+  void countView() { ++views_; }
+  void countMisaligned() { ++misaligned_; }
+  uint32_t views() const { return views_; }
+  /// Large arrays that had to be copied.
+  uint32_t misaligned() const { return misaligned_; }
+
+private:
+  const uint8_t* const begin_;
+  const size_t length_;
+  ViewScope* const outer_;
+  uint32_t views_ = 0;
+  uint32_t misaligned_ = 0;
+};
+
+/// Writes a message around one of its arrays, which stays where it is.
+class InPlaceStream
+{
+public:
+  static const ros::serialization::StreamType stream_type = ros::serialization::stream_types::Output;
+
+  explicit InPlaceStream(const MemoryBlock& block) : block_(block), next_(head_), end_(head_ + sizeof(head_)) {}
+
+  template <typename T>
+  void next(const T& value)
+  {
+    ros::serialization::serialize(*this, value);
+  }
+  /// @throws ros::serialization::StreamOverrunException if what surrounds the array does not fit.
+  uint8_t* advance(uint32_t bytes)
+  {
+    if (static_cast<size_t>(end_ - next_) < bytes)
+    {
+      ros::serialization::throwStreamOverrun();
+    }
+    uint8_t* const place = next_;
+    next_ += bytes;
+    return place;
+  }
+  /// Moves on behind `array` if it is the one that stays. @return false if it has to be written.
+  bool passOver(const void* array, size_t bytes)
+  {
+    if (array != block_.array())
+    {
+      return false;
+    }
+    const size_t head = static_cast<size_t>(next_ - head_);
+    start_ = block_.array() - head;
+    std::memcpy(start_, head_, head);
+    next_ = block_.array() + bytes;
+    end_ = block_.end();
+    return true;
+  }
+  /// Where the message starts; null if the array was none of its fields.
+  uint8_t* start() const { return start_; }
+
+private:
+  const MemoryBlock& block_;
+  uint8_t head_[MemoryBlock::HEADROOM];  // not initialised: written up to next_
+  uint8_t* next_;
+  uint8_t* end_;
+  uint8_t* start_ = nullptr;
+};
+
+/// True if an array of T in memory has the bytes of its serialisation.
+template <typename T>
+bool hasSerialisedLayout()
+{
+  if constexpr (ros::message_traits::IsSimple<T>::value)
+  {
+    return true;
+  }
+  else if constexpr (std::is_trivially_copyable_v<T> && ros::message_traits::IsFixedSize<T>::value)
+  {
+    static const bool same = ros::serialization::serializationLength(T()) == sizeof(T);  // no padding
+    return same;
+  }
+  else
+  {
+    return false;
+  }
+}
+
+/// Serialisation of arrays whose elements all have the same length.
+template <typename T>
+struct ArraySerialization
+{
+  using Array = std::vector<T, Allocator<T>>;
+
+  template <typename Stream>
+  static void write(Stream& stream, const Array& array)
+  {
+    stream.next(static_cast<uint32_t>(array.size()));
+    if (array.empty())
+    {
+      return;
+    }
+    if (!hasSerialisedLayout<T>())
+    {
+      for (const T& element : array)
+      {
+        stream.next(element);
+      }
+      return;
+    }
+    const uint32_t bytes = static_cast<uint32_t>(array.size() * sizeof(T));
+    if constexpr (std::is_same_v<Stream, InPlaceStream>)
+    {
+      if (stream.passOver(array.data(), bytes))
+      {
+        return;
+      }
+    }
+    std::memcpy(stream.advance(bytes), static_cast<const void*>(array.data()), bytes);
+  }
+
+  template <typename Stream>
+  static void read(Stream& stream, Array& array)
+  {
+    uint32_t count = 0;
+    stream.next(count);
+    if (!hasSerialisedLayout<T>())
+    {
+      array.resize(count);
+      for (T& element : array)
+      {
+        stream.next(element);
+      }
+      return;
+    }
+    const uint64_t bytes = uint64_t{count} * sizeof(T);
+    if (bytes > stream.getLength())
+    {
+      ros::serialization::throwStreamOverrun();  // before anything is allocated for it
+    }
+    const uint8_t* const data = stream.advance(static_cast<uint32_t>(bytes));
+    ViewScope* const scope = bytes >= Arena::SMALLEST_ARRAY ? ViewScope::current() : nullptr;
+    if (scope != nullptr && scope->contains(data))
+    {
+      if (reinterpret_cast<uintptr_t>(data) % alignof(T) == 0)
+      {
+        array = Array(count, Allocator<T>::viewing(reinterpret_cast<const T*>(data), count));
+        scope->countView();
+        return;
+      }
+      scope->countMisaligned();
+    }
+    array.resize(count);
+    if (count > 0)
+    {
+      std::memcpy(static_cast<void*>(array.data()), data, bytes);
+    }
+  }
+
+  static uint32_t serializedLength(const Array& array)
+  {
+    const uint32_t each = array.empty() ? 0 : ros::serialization::serializationLength(array.front());
+    return 4 + each * static_cast<uint32_t>(array.size());
+  }
+};
+
+}  // namespace pi_os_transport::zero_copy
+
+namespace ros::serialization
+{
+
+template <typename T>
+struct VectorSerializer<T, pi_os_transport::zero_copy::Allocator<T>, typename boost::enable_if<mt::IsSimple<T>>::type>
+  : pi_os_transport::zero_copy::ArraySerialization<T>
+{
+};
+
+template <typename T>
+struct VectorSerializer<T, pi_os_transport::zero_copy::Allocator<T>,
+                        typename boost::enable_if<mpl::and_<mt::IsFixedSize<T>, mpl::not_<mt::IsSimple<T>>>>::type>
+  : pi_os_transport::zero_copy::ArraySerialization<T>
+{
+};
+
+}  // namespace ros::serialization

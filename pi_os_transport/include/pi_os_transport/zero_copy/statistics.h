@@ -1,0 +1,75 @@
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace pi_os_transport::zero_copy
+{
+
+/// What became of the messages of one topic that this process has published or received through this library.
+struct TopicStatistics
+{
+  std::string topic;
+  bool publisher = false;  ///< else of a subscriber
+
+  // Of a publisher: messages that had subscribers, by what was done with their largest array.
+  uint64_t in_place = 0;   ///< sent from where the user wrote it
+  uint64_t small = 0;      ///< copied: no array has Arena::SMALLEST_ARRAY bytes
+  uint64_t no_room = 0;    ///< copied: what surrounds it has outgrown the room for it: strings, or further large arrays
+  uint64_t from_heap = 0;  ///< of those in place, not in shared memory: no subscriber there, or the pool is full
+
+  // Of a subscriber: messages.
+  uint64_t viewed = 0;         ///< all large arrays are views
+  uint64_t without_large = 0;  ///< there was no large array
+  uint64_t misaligned = 0;     ///< a large array was copied: its place in the message does not suit its type
+  uint64_t copied = 0;         ///< all arrays were copied: the message came over TCPROS, or too many were held
+
+  /// One line for people.
+  std::string toString() const;
+};
+
+/// The counters behind TopicStatistics. Any thread.
+class TopicCounters
+{
+public:
+  TopicCounters(std::string topic, bool publisher) : topic_(std::move(topic)), publisher_(publisher) {}
+
+  enum Sent
+  {
+    IN_PLACE,
+    SMALL,
+    NO_ROOM,
+  };
+  /// Warns once about what the user can mend.
+  void countSent(Sent what, bool from_heap);
+  enum Received
+  {
+    VIEWED,
+    WITHOUT_LARGE,
+    MISALIGNED,
+    COPIED,
+  };
+  void countReceived(Received what) { received_[what].fetch_add(1, std::memory_order_relaxed); }
+
+  TopicStatistics read() const;
+
+private:
+  const std::string topic_;
+  const bool publisher_;
+  std::atomic<uint64_t> sent_[NO_ROOM + 1]{};
+  std::atomic<uint64_t> from_heap_{0};
+  std::atomic<uint64_t> received_[COPIED + 1]{};
+  std::atomic<bool> warned_{false};
+};
+
+/// The counters of a topic and direction; the same ones for all publishers or subscribers of it. Any thread.
+std::shared_ptr<TopicCounters> countersOf(const std::string& topic, bool publisher);
+
+/// All topics of this process so far. Any thread.
+std::vector<TopicStatistics> statistics();
+
+}  // namespace pi_os_transport::zero_copy

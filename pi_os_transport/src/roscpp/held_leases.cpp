@@ -1,0 +1,108 @@
+#include "held_leases.h"
+
+#include <utility>
+
+#include "runtime.h"
+
+namespace pi_os_transport
+{
+namespace
+{
+
+uint8_t* allocate(size_t bytes, size_t* capacity)
+{
+  Runtime& runtime = Runtime::instance();
+  if (!runtime.active() || !runtime.options.enable || runtime.active_transmit_links == 0)
+  {
+    return nullptr;
+  }
+  uint8_t* const memory = runtime.pool().allocate(bytes);
+  if (memory != nullptr)
+  {
+    *capacity = runtime.pool().capacity(memory);
+  }
+  return memory;
+}
+
+void place(uint8_t* memory, uint8_t* message)
+{
+  if (Runtime::instance().active())
+  {
+    Runtime::instance().pool().place(memory, message);
+  }
+}
+
+void release(const uint8_t* memory)
+{
+  Runtime::instance().pool().release(memory);
+}
+
+void* hold(const uint8_t* message)
+{
+  std::shared_ptr<HeldLease> lease = HeldLeases::instance().find(message);
+  return lease ? new std::shared_ptr<HeldLease>(std::move(lease)) : nullptr;
+}
+
+void letGo(void* hold)
+{
+  delete static_cast<std::shared_ptr<HeldLease>*>(hold);
+}
+
+}  // namespace
+
+HeldLease::~HeldLease()
+{
+  HeldLeases::instance().remove(this);
+  end_();
+}
+
+HeldLeases& HeldLeases::instance()
+{
+  static HeldLeases* leases = new HeldLeases;
+  return *leases;
+}
+
+const PiOsZeroCopyApi& HeldLeases::api()
+{
+  static const PiOsZeroCopyApi functions{
+      PI_OS_ZERO_COPY_VERSION, allocate, place, release, []() { instance().wanted_ = true; }, hold, letGo};
+  return functions;
+}
+
+std::shared_ptr<HeldLease> HeldLeases::add(const uint8_t* message, std::function<void()> end)
+{
+  const auto lease = std::make_shared<HeldLease>(message, std::move(end));
+  std::lock_guard<std::mutex> lock(mutex_);
+  leases_.emplace(message, std::make_pair(lease.get(), lease));
+  return lease;
+}
+
+std::shared_ptr<HeldLease> HeldLeases::find(const uint8_t* message)
+{
+  std::lock_guard<std::mutex> lock(mutex_);
+  const auto range = leases_.equal_range(message);
+  for (auto entry = range.first; entry != range.second; ++entry)
+  {
+    if (std::shared_ptr<HeldLease> lease = entry->second.second.lock())
+    {
+      return lease;
+    }
+  }
+  return nullptr;
+}
+
+void HeldLeases::remove(const HeldLease* lease)
+{
+  std::lock_guard<std::mutex> lock(mutex_);
+  const auto range = leases_.equal_range(lease->message());
+  for (auto entry = range.first; entry != range.second; ++entry)
+  {
+    if (entry->second.first == lease)
+    {
+      leases_.erase(entry);
+      return;
+    }
+  }
+}
+
+}  // namespace pi_os_transport

@@ -1,0 +1,55 @@
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <unordered_map>
+
+#include "../preload/zero_copy_api.h"
+
+namespace pi_os_transport
+{
+
+/// Something of a message that was received, as long as anybody reads it.
+class HeldLease
+{
+public:
+  /// @param message  where it starts.
+  HeldLease(const uint8_t* message, std::function<void()> end) : message_(message), end_(std::move(end)) {}
+  ~HeldLease();
+  HeldLease(const HeldLease&) = delete;
+  HeldLease& operator=(const HeldLease&) = delete;
+
+  const uint8_t* message() const { return message_; }
+
+private:
+  const uint8_t* const message_;
+  const std::function<void()> end_;
+};
+
+/// The received messages that zero-copy subscribers of this process may hold on to, found by their address. Never
+/// destroyed. Any thread.
+class HeldLeases
+{
+public:
+  static HeldLeases& instance();
+  static const PiOsZeroCopyApi& api();
+
+  /// False in processes without such subscribers, which pay nothing for them.
+  bool wanted() const { return wanted_.load(std::memory_order_relaxed); }
+  /// Makes a lease known until it ends. @param end  called when the last holder has let go.
+  std::shared_ptr<HeldLease> add(const uint8_t* message, std::function<void()> end);
+  std::shared_ptr<HeldLease> find(const uint8_t* message);
+
+private:
+  friend class HeldLease;
+  void remove(const HeldLease* lease);
+
+  std::atomic<bool> wanted_{false};
+  std::mutex mutex_;
+  std::unordered_multimap<const uint8_t*, std::pair<const HeldLease*, std::weak_ptr<HeldLease>>> leases_;
+};
+
+}  // namespace pi_os_transport
