@@ -41,7 +41,7 @@ class Core(harness.Process):
             raise AssertionError('%s%r: %s' % (method, params, message))
         return value
 
-    def run(self, *command, check=True, timeout=2 * harness.DEADLINE_S):
+    def run(self, *command, check=True, timeout=4 * harness.DEADLINE_S):
         """Output of a command in the graph of this master."""
         result = subprocess.run(command, env=dict(os.environ, **self.environment), stdin=subprocess.DEVNULL,
                                 stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=timeout)
