@@ -50,15 +50,17 @@ struct ReceiveLink::Lease
 namespace
 {
 
-/// A message as roscpp gets it. @param end  called with the last user.
+/// A message as roscpp gets it. @param end  called with the last user. @param held  counts those that are held.
 template <typename End>
-boost::shared_array<uint8_t> makeHoldable(uint8_t* message, const End& end)
+boost::shared_array<uint8_t> makeHoldable(uint8_t* message, const End& end,
+                                          const std::shared_ptr<std::atomic<uint64_t>>& held)
 {
   if (!HeldLeases::instance().wanted())
   {
     return boost::shared_array<uint8_t>(message, end);
   }
-  std::shared_ptr<HeldLease> lease = HeldLeases::instance().add(message, [end, message]() { end(message); });
+  std::shared_ptr<HeldLease> lease = HeldLeases::instance().add(
+      message, [end, message]() { end(message); }, held);
   return boost::shared_array<uint8_t>(message, [lease](uint8_t*) mutable { lease.reset(); });
 }
 
@@ -373,10 +375,11 @@ boost::shared_array<uint8_t> ReceiveLink::fetch(const Descriptor& descriptor, ui
   {
     ring_->lease(descriptor.length);
     return makeHoldable(const_cast<uint8_t*>(segment->data() + descriptor.offset),
-                        Lease{ring_, segment, ticket, descriptor.length});
+                        Lease{ring_, segment, ticket, descriptor.length}, held_);
   }
-  const boost::shared_array<uint8_t> copy =
-      makeHoldable(new uint8_t[descriptor.length], [](uint8_t* bytes) { delete[] bytes; });
+  const boost::shared_array<uint8_t> copy = makeHoldable(
+      new uint8_t[descriptor.length], [](uint8_t* bytes) { delete[] bytes; },
+      std::make_shared<std::atomic<uint64_t>>());
   const bool copied = segment->copy(descriptor.offset, copy.get(), descriptor.length);
   ring_->release(ticket);
   ++copied_;
@@ -387,8 +390,9 @@ std::string ReceiveLink::info()
 {
   std::lock_guard<std::recursive_mutex> lock(mutex_);
   return std::string(transportName()) + " ring (" + std::to_string(received_) + " messages through shared memory, " +
-         std::to_string(copied_) + " copied, " + (late_ > 0 ? std::to_string(late_) + " too late, " : std::string()) +
-         std::to_string(tcp_delivered_) + " through TCPROS)";
+         std::to_string(*held_) + " read in place, " + std::to_string(copied_) + " copied, " +
+         (late_ > 0 ? std::to_string(late_) + " too late, " : std::string()) + std::to_string(tcp_delivered_) +
+         " through TCPROS)";
 }
 
 }  // namespace pi_os_transport

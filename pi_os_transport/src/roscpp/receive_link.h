@@ -101,8 +101,10 @@ private:
   uint32_t tcp_before_start_ = 0;  ///< messages that the publisher sent over TCPROS before, modulo 2^32
   uint32_t tcp_delivered_ = 0;     ///< messages delivered from TCPROS on this connection, modulo 2^32
   uint64_t received_ = 0;          ///< messages from the ring
-  uint64_t copied_ = 0;            ///< of those, copied because too much was leased already
-  uint64_t late_ = 0;              ///< messages from a bridge that newer ones over TCPROS had overtaken; not delivered
+  /// Of those, read by zero-copy subscribers where they lie.
+  const std::shared_ptr<std::atomic<uint64_t>> held_ = std::make_shared<std::atomic<uint64_t>>();
+  uint64_t copied_ = 0;  ///< of those, copied because too much was leased already
+  uint64_t late_ = 0;    ///< messages from a bridge that newer ones over TCPROS had overtaken; not delivered
 };
 
 }  // namespace pi_os_transport
