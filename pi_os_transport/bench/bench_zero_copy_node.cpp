@@ -54,7 +54,7 @@ namespace zero_copy = pi_os_transport::zero_copy;
 using sensor_msgs::Image;
 
 constexpr size_t PAGE = 4096;
-constexpr uint32_t QUEUE_SIZE = 20;
+constexpr uint32_t QUEUE_SIZE = 100;
 
 uint64_t nowNs()
 {
@@ -176,7 +176,7 @@ private:
   template <typename Form>
   void stamp(Form* image) const
   {
-    image->is_bigendian = 0;
+    image->header.stamp.sec = static_cast<uint32_t>(published_);
     const uint64_t now = nowNs();
     image->height = static_cast<uint32_t>(now >> 32);
     image->width = static_cast<uint32_t>(now);
@@ -236,13 +236,16 @@ private:
     const uint64_t arrival = nowNs();
     std::lock_guard<std::mutex> lock(mutex_);
     latencies_.push_back(arrival - (uint64_t{image->height} << 32 | image->width));
-    ++received_;
+    if (image->header.stamp.sec != ++received_)
+    {
+      complain("is missing: " + std::to_string(image->header.stamp.sec) + " came");
+      return;
+    }
     for (size_t i = 0; i < image->data.size(); i += PAGE)
     {
       if (image->data[i] != static_cast<uint8_t>(received_))
       {
-        say("{\"event\": \"error\", \"text\": \"message " + std::to_string(received_) + " is damaged at byte " +
-            std::to_string(i) + "\"}");
+        complain("is damaged at byte " + std::to_string(i));
         return;
       }
     }
@@ -256,6 +259,11 @@ private:
     {
       sayComplete(latencies_);
     }
+  }
+
+  void complain(const std::string& what) const
+  {
+    say("{\"event\": \"error\", \"text\": \"message " + std::to_string(received_) + " " + what + "\"}");
   }
 
   ros::NodeHandle node_;

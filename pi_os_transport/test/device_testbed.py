@@ -32,7 +32,8 @@ class DevicePeer(harness.Peer):
         self._uri = None
         programs = {'test_peer': harness.PACKAGE + '_test_peer', 'rospy': 'rospy_peer.py',
                     'service_peer': harness.PACKAGE + '_test_service_peer',
-                    'image_peer': harness.PACKAGE + '_test_image_peer'}
+                    'image_peer': harness.PACKAGE + '_test_image_peer',
+                    'zero_copy': harness.PACKAGE + '_test_zero_copy_peer'}
         command = [harness.program(programs[kind]), str(threads), '__name:=' + name] + list(args)
         variables = {key: value for key, value in device.environment(env).items()
                      if key.startswith('ROS_') or key.startswith('PI_OS_')}

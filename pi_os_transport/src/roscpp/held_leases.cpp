@@ -39,8 +39,17 @@ void release(const uint8_t* memory)
 
 void* hold(const uint8_t* message)
 {
+  if (!Runtime::instance().active())
+  {
+    return nullptr;
+  }
   std::shared_ptr<HeldLease> lease = HeldLeases::instance().find(message);
-  return lease ? new std::shared_ptr<HeldLease>(std::move(lease)) : nullptr;
+  if (!lease)
+  {
+    return nullptr;
+  }
+  lease->noteHeld();
+  return new std::shared_ptr<HeldLease>(std::move(lease));
 }
 
 void letGo(void* hold)
@@ -52,8 +61,20 @@ void letGo(void* hold)
 
 HeldLease::~HeldLease()
 {
+  if (!Runtime::instance().active())
+  {
+    return;  // in a forked child, where a lock may be held by a thread that is not there
+  }
   HeldLeases::instance().remove(this);
   end_();
+}
+
+void HeldLease::noteHeld()
+{
+  if (!noted_.exchange(true, std::memory_order_relaxed))
+  {
+    held_->fetch_add(1, std::memory_order_relaxed);
+  }
 }
 
 HeldLeases& HeldLeases::instance()
@@ -69,9 +90,10 @@ const PiOsZeroCopyApi& HeldLeases::api()
   return functions;
 }
 
-std::shared_ptr<HeldLease> HeldLeases::add(const uint8_t* message, std::function<void()> end)
+std::shared_ptr<HeldLease> HeldLeases::add(const uint8_t* message, std::function<void()> end,
+                                           std::shared_ptr<std::atomic<uint64_t>> held)
 {
-  const auto lease = std::make_shared<HeldLease>(message, std::move(end));
+  const auto lease = std::make_shared<HeldLease>(message, std::move(end), std::move(held));
   std::lock_guard<std::mutex> lock(mutex_);
   leases_.emplace(message, std::make_pair(lease.get(), lease));
   return lease;

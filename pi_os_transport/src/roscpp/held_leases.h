@@ -6,6 +6,7 @@
 #include <memory>
 #include <mutex>
 #include <unordered_map>
+#include <utility>
 
 #include "../preload/zero_copy_api.h"
 
@@ -17,16 +18,23 @@ class HeldLease
 {
 public:
   /// @param message  where it starts.
-  HeldLease(const uint8_t* message, std::function<void()> end) : message_(message), end_(std::move(end)) {}
+  /// @param held     counts it once somebody holds it.
+  HeldLease(const uint8_t* message, std::function<void()> end, std::shared_ptr<std::atomic<uint64_t>> held)
+    : message_(message), end_(std::move(end)), held_(std::move(held))
+  {
+  }
   ~HeldLease();
   HeldLease(const HeldLease&) = delete;
   HeldLease& operator=(const HeldLease&) = delete;
 
   const uint8_t* message() const { return message_; }
+  void noteHeld();
 
 private:
   const uint8_t* const message_;
   const std::function<void()> end_;
+  const std::shared_ptr<std::atomic<uint64_t>> held_;
+  std::atomic<bool> noted_{false};
 };
 
 /// The received messages that zero-copy subscribers of this process may hold on to, found by their address. Never
@@ -40,7 +48,8 @@ public:
   /// False in processes without such subscribers, which pay nothing for them.
   bool wanted() const { return wanted_.load(std::memory_order_relaxed); }
   /// Makes a lease known until it ends. @param end  called when the last holder has let go.
-  std::shared_ptr<HeldLease> add(const uint8_t* message, std::function<void()> end);
+  std::shared_ptr<HeldLease> add(const uint8_t* message, std::function<void()> end,
+                                 std::shared_ptr<std::atomic<uint64_t>> held);
   std::shared_ptr<HeldLease> find(const uint8_t* message);
 
 private:

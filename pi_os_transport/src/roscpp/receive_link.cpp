@@ -50,15 +50,18 @@ struct ReceiveLink::Lease
 namespace
 {
 
-/// A message as roscpp gets it. @param end  called with the last user.
+/// A message as roscpp gets it. @param end  called with the last user. @param held  counts those that are held;
+/// null: none can be.
 template <typename End>
-boost::shared_array<uint8_t> makeHoldable(uint8_t* message, const End& end)
+boost::shared_array<uint8_t> makeHoldable(uint8_t* message, const End& end,
+                                          const std::shared_ptr<std::atomic<uint64_t>>& held)
 {
-  if (!HeldLeases::instance().wanted())
+  if (!held || !HeldLeases::instance().wanted())
   {
     return boost::shared_array<uint8_t>(message, end);
   }
-  std::shared_ptr<HeldLease> lease = HeldLeases::instance().add(message, [end, message]() { end(message); });
+  std::shared_ptr<HeldLease> lease = HeldLeases::instance().add(
+      message, [end, message]() { end(message); }, held);
   return boost::shared_array<uint8_t>(message, [lease](uint8_t*) mutable { lease.reset(); });
 }
 
@@ -346,7 +349,7 @@ void ReceiveLink::drain(Drain extent)
 
 void ReceiveLink::deliver(const ros::TransportPublisherLinkPtr& link, const Descriptor& descriptor, uint32_t ticket)
 {
-  boost::shared_array<uint8_t> buffer = fetch(ring_, descriptor, ticket, &copied_);
+  boost::shared_array<uint8_t> buffer = fetch(ring_, descriptor, ticket, &copied_, held_);
   if (!buffer)
   {
     ROS_ERROR_ONCE("pi_os_transport: lost a message of %u bytes from [%s]: its shared memory cannot be read",
@@ -360,7 +363,8 @@ void ReceiveLink::deliver(const ros::TransportPublisherLinkPtr& link, const Desc
 }
 
 boost::shared_array<uint8_t> ReceiveLink::fetch(const std::shared_ptr<RingReceiver>& ring, const Descriptor& descriptor,
-                                                uint32_t ticket, uint64_t* copied)
+                                                uint32_t ticket, uint64_t* copied,
+                                                const std::shared_ptr<std::atomic<uint64_t>>& held)
 {
   const std::shared_ptr<MappedSegment> segment = ring->find(descriptor);
   if (!segment)
@@ -380,10 +384,11 @@ boost::shared_array<uint8_t> ReceiveLink::fetch(const std::shared_ptr<RingReceiv
   {
     ring->lease(descriptor.length);
     return makeHoldable(const_cast<uint8_t*>(segment->data() + descriptor.offset),
-                        Lease{ring, segment, ticket, descriptor.length});
+                        Lease{ring, segment, ticket, descriptor.length}, held);
   }
-  const boost::shared_array<uint8_t> copy =
-      makeHoldable(new uint8_t[descriptor.length], [](uint8_t* bytes) { delete[] bytes; });
+  const boost::shared_array<uint8_t> copy = makeHoldable(
+      new uint8_t[descriptor.length], [](uint8_t* bytes) { delete[] bytes; },
+      held ? std::make_shared<std::atomic<uint64_t>>() : nullptr);
   const bool intact = segment->copy(descriptor.offset, copy.get(), descriptor.length);
   ring->release(ticket);
   ++*copied;
@@ -407,8 +412,9 @@ std::string ReceiveLink::info()
 {
   std::lock_guard<std::recursive_mutex> lock(mutex_);
   return std::string(transportName()) + " ring (" + std::to_string(received_) + " messages through shared memory, " +
-         std::to_string(copied_) + " copied, " + (late_ > 0 ? std::to_string(late_) + " too late, " : std::string()) +
-         std::to_string(tcp_delivered_) + " through TCPROS)";
+         std::to_string(*held_) + " read in place, " + std::to_string(copied_) + " copied, " +
+         (late_ > 0 ? std::to_string(late_) + " too late, " : std::string()) + std::to_string(tcp_delivered_) +
+         " through TCPROS)";
 }
 
 }  // namespace pi_os_transport

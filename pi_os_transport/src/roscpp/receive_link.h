@@ -67,9 +67,11 @@ public:
   Fallback describe(JsonObject* object);
 
   /// A message taken from `ring`: where it lies, leased, or beyond the lease budget as a copy, which `*copied` counts.
-  /// The caller serialises it with the other calls of `ring`. @return null if its memory cannot be read.
+  /// The caller serialises it with the other calls of `ring`. `held` counts those that zero-copy subscribers hold;
+  /// null: they get none of it. @return null if its memory cannot be read.
   static boost::shared_array<uint8_t> fetch(const std::shared_ptr<RingReceiver>& ring, const Descriptor& descriptor,
-                                            uint32_t ticket, uint64_t* copied);
+                                            uint32_t ticket, uint64_t* copied,
+                                            const std::shared_ptr<std::atomic<uint64_t>>& held = nullptr);
 
 private:
   struct Lease;
@@ -108,8 +110,10 @@ private:
   uint32_t tcp_before_start_ = 0;  ///< messages that the publisher sent over TCPROS before, modulo 2^32
   uint32_t tcp_delivered_ = 0;     ///< messages delivered from TCPROS on this connection, modulo 2^32
   uint64_t received_ = 0;          ///< messages from the ring
-  uint64_t copied_ = 0;            ///< of those, copied because too much was leased already
-  LatencyHistogram latencies_;     ///< from the ring's writing to the taking
+  /// Of those, read by zero-copy subscribers where they lie.
+  const std::shared_ptr<std::atomic<uint64_t>> held_ = std::make_shared<std::atomic<uint64_t>>();
+  uint64_t copied_ = 0;         ///< of those, copied because too much was leased already
+  LatencyHistogram latencies_;  ///< from the ring's writing to the taking
   Fallback fallback_ = Fallback::PEER_SILENT;
   uint64_t late_ = 0;  ///< messages from a bridge that newer ones over TCPROS had overtaken; not delivered
 };

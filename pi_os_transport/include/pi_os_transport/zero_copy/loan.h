@@ -79,8 +79,10 @@ public:
     {
       // What surrounds the array does not fit around it.
     }
+    // First the message: within publish(), its buffer is the next array that is allocated in shared memory.
+    ros::SerializedMessage copy = ros::serialization::serializeMessage(*message_);
     counters->countSent(TopicCounters::NO_ROOM, false);
-    return ros::serialization::serializeMessage(*message_);
+    return copy;
   }
 
 private:
