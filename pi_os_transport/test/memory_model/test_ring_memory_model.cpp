@@ -123,6 +123,15 @@ public:
     return static_cast<int>(ticket);
   }
 
+  void takeAndRelease()
+  {
+    const int ticket = take();
+    if (ticket >= 0)
+    {
+      consumer.release(static_cast<uint32_t>(ticket));
+    }
+  }
+
   bool drop()
   {
     if (producer.dropOldest() < 0)
@@ -251,30 +260,27 @@ World& world()
                   {
                     w.reset();
                     w.fill(CAPACITY_, 0);
+                    for (uint32_t ticket = 1; ticket < CAPACITY_; ++ticket)
+                    {
+                      w.consumer.release(ticket);
+                    }
+                    w.producer.collect([](uint32_t) {});
                   },
                   {[&w]
                    {
                      w.producer.collect([](uint32_t) {});
-                     w.push();
+                     w.push();  // with ticket 0 if it is free
                    },
                    [&w]
                    {
                      model().readPlain(&w.payloads[0]);
                      w.consumer.release(0);
-                     const int ticket = w.take();
-                     if (ticket >= 0)
-                     {
-                       w.consumer.release(static_cast<uint32_t>(ticket));
-                     }
+                     w.takeAndRelease();
                    }},
                   [&w]
                   {
-                    const int ticket = w.take();
+                    w.takeAndRelease();
                     model().require(w.taken == w.next_number - CAPACITY_, "a message is lost");
-                    for (uint32_t other = ticket == 0 ? 0 : 1; other < CAPACITY_; ++other)
-                    {
-                      w.consumer.release(other);
-                    }
                     w.producer.collect([](uint32_t) {});
                     model().require(w.producer.idle(), "a release is lost");
                   }}});
@@ -316,7 +322,8 @@ const ::std::map<::std::string, const char*> STRONGER_THAN_NEEDED = {
     {"push: armed.exchange seq_cst -> acq_rel",
      "the load in front of it is what the subscriber's sleep is ordered with"},
     {"peek: head.load acquire -> relaxed", "the tail that is read next brings everything with it"},
-    {"dropOldest: head.load acquire -> relaxed", "a stale head only makes the exchange fail"},
+    {"collect: head.load acquire -> relaxed", "the releases that were seen before bring the head with them"},
+    {"inFlight: head.load acquire -> relaxed", "a stale head only makes the exchange fail"},
     {"dropOldest: head.compare_exchange acq_rel -> acquire", "who wins is all that counts, not what the loser sees"},
     {"dropOldest: head.compare_exchange acq_rel -> release", "a message that was dropped has no reader"},
     {"takePeeked: head.compare_exchange acq_rel -> acquire", "what the subscriber has read counts from its release"},
