@@ -35,6 +35,9 @@ help:
 	@echo 'make bench-devices  the same between devices, which are network namespaces: needs root'
 	@echo 'make bench-runtime  the runtime beside StarPU, plain OpenCL and a static map: latency, idle cost, deadlines'
 	@echo "make conformance  ros_comm's own tests of roscpp, plain and with π-OS preloaded"
+	@echo 'make chaos        kills nodes by the thousand and does worse to them; ARGS="--kills 10000 --seed 1 --minutes 60"'
+	@echo 'make sanitize     tests of π-OS with SANITIZER=thread or address (with undefined behaviour); ARGS="<pattern>"'
+	@echo 'make fuzz         fuzzes every decoder of what peers supply, ARGS="10" minutes each; needs clang'
 	@echo 'make build        missing Debian packages, Release build in build/, install space in install/'
 	@echo 'make clean        removes build/ and install/'
 	@echo 'ARGS="..." is passed on to the program that a demo, a benchmark or conformance runs; JOBS=N limits the compilers.'
@@ -93,6 +96,24 @@ bench-runtime: build
 conformance: build
 	@exec pi_os_transport/test/conformance/run --work $(BUILD)/conformance --jobs $(JOBS) \
 	  --library $(INSTALL)/lib/libpi_os_transport.so $(ARGS)
+
+# From the build space: the nodes are test programs.
+.PHONY: chaos
+chaos: compile
+	@MAKEFLAGS=--no-print-directory cmake --build $(BUILD) --parallel $(JOBS) \
+	  --target pi_os_transport pi_os_transport_test_peer pi_os_transport_test_clock
+	@. $(BUILD)/devel/setup.sh && exec pi_os_transport/test/chaos.py $(ARGS)
+
+SANITIZER ?= thread
+.PHONY: sanitize
+sanitize: dependencies
+	@mkdir -p $(BUILD)/sanitize
+	@exec pi_os_transport/test/sanitize/run $(SANITIZER) $(BUILD)/sanitize/$(SANITIZER) $(JOBS) $(ARGS)
+
+.PHONY: fuzz
+fuzz: dependencies
+	@mkdir -p $(BUILD)/fuzz
+	@exec pi_os_transport/test/fuzz/run $(BUILD)/fuzz $(JOBS) $(ARGS)
 
 .PHONY: clean
 clean:

@@ -1,0 +1,29 @@
+// Images of peers: serialised messages, and what OpenCV's decoders make of their content.
+
+#include "fuzz_input.h"
+
+#define main pi_os_image_codec_main
+#include "../../src/nodes/pi_os_image_codec.cpp"  // NOLINT: what it does to one request has no header
+#undef main
+
+int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size)
+{
+  using namespace pi_os_transport;  // NOLINT
+  constexpr uint64_t MAX_BYTES = 4 << 20;
+  FuzzInput input(data, size);
+  CodecHeader request;
+  request.kind = CodecHeader::ENCODE_JPEG + input.below(3);
+  request.parameter = 1 + input.below(9);
+  if (request.kind == CodecHeader::DECODE && input.below(2) == 0)
+  {
+    sensor_msgs::CompressedImage image;
+    image.format = input.below(2) == 0 ? "bgr8; jpeg compressed bgr8" : "mono16; png compressed mono16";
+    image.data = input.rest();
+    std::vector<uint8_t> message = serialize(image);
+    answer(request, &message, MAX_BYTES);
+    return 0;
+  }
+  std::vector<uint8_t> message = input.rest();
+  require(answer(request, &message, MAX_BYTES).length == message.size(), "an answer is as long as it says");
+  return 0;
+}

@@ -1,0 +1,121 @@
+// A hostile subscriber: what it writes into the ring while the publisher goes on.
+
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <array>
+
+#include "fuzz_input.h"
+#include "pi_os_transport/ring_sender.h"
+#include "pi_os_transport/shared_memory.h"
+#include "pi_os_transport/slot_pool.h"
+
+namespace pi_os_transport
+{
+namespace
+{
+
+void fuzz(FuzzInput input)
+{
+  static SlotPool pool(16 << 20);
+  const uint32_t live_before = pool.usage().live_slots;
+  int ends[2];
+  require(socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_NONBLOCK | SOCK_CLOEXEC, 0, ends) == 0, "socketpair");
+  SideChannel subscriber{FileDescriptor(ends[1])};
+  RingSender sender(&pool, Token::random(), 1 << 20);
+  std::string error;
+  require(sender.open(SideChannel{FileDescriptor(ends[0])}, &error), "open");
+  Packet packet;
+  std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors;
+  require(subscriber.receive(&packet, &descriptors) == SideChannel::Receive::PACKET, "offer");
+  const SharedMapping mapping(descriptors[0].get(), sizeof(RingLayout), true);
+  auto* const ring = reinterpret_cast<RingLayout*>(mapping.data());
+  RingConsumer honest(ring);
+
+  std::vector<const uint8_t*> mine;  // with a reference each
+  const auto keep = [&mine](const RingSender::Message& message)
+  {
+    if (message.buffer != nullptr)
+    {
+      mine.push_back(message.buffer);
+    }
+  };
+  for (uint32_t step = 0; step < 2000 && !input.empty(); ++step)
+  {
+    switch (input.below(16))
+    {
+      case 0:
+        ring->head.store(input.take<uint32_t>());
+        break;
+      case 1:
+        ring->head.store(ring->head.load() + input.below(3) - 1);
+        break;
+      case 2:
+        ring->tail.store(input.take<uint32_t>());
+        break;
+      case 3:
+        ring->armed.store(input.take<uint32_t>());
+        break;
+      case 4:
+        ring->released[input.below(RingLayout::CAPACITY - 1)].store(1);
+        ring->release_count.fetch_add(1);
+        break;
+      case 5:
+      case 6:
+      {
+        Descriptor descriptor;
+        uint32_t place = 0;
+        if (honest.take(0, true, &descriptor, &place) == RingConsumer::Take::TAKEN && input.below(2) == 0)
+        {
+          honest.release(place);
+        }
+        break;
+      }
+      case 7:
+        sender.collect();
+        break;
+      case 8:
+        for (const RingSender::Message& message : sender.takeBack())
+        {
+          keep(message);
+        }
+        break;
+      case 9:
+        keep(sender.takeBackNewest());
+        break;
+      case 10:
+        sender.pushStart(input.below(4), input.below(2) == 1, 0);
+        break;
+      case 11:
+        sender.isProof(packet);
+        sender.untaken();
+        sender.idle();
+        break;
+      default:
+      {
+        const uint32_t length = input.below(2) == 0 ? 64 : 300000;
+        uint8_t* const buffer = pool.allocate(length + LENGTH_PREFIX);
+        if (buffer != nullptr && sender.push(buffer, length, input.below(3), 0, step) != RingSender::Push::WRITTEN)
+        {
+          pool.release(buffer);
+        }
+        break;
+      }
+    }
+  }
+  sender.close();
+  for (const uint8_t* buffer : mine)
+  {
+    pool.release(buffer);
+  }
+  require(pool.usage().live_slots == live_before, "every message is given back, and once");
+}
+
+}  // namespace
+}  // namespace pi_os_transport
+
+int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size)
+{
+  pi_os_transport::fuzz(pi_os_transport::FuzzInput(data, size));
+  return 0;
+}
