@@ -2,9 +2,11 @@
 
 #include <map>
 #include <memory>
+#include <utility>
 
 #include "fuzz_input.h"
 #include "incoming_stream.h"
+#include "pi_os_transport/ring_receiver.h"
 
 namespace pi_os_transport
 {
