@@ -88,6 +88,10 @@ const PixelFormat* findFormat(const std::string& encoding)
 template <typename Message>
 Message deserialize(std::vector<uint8_t>* data)
 {
+  if (data->empty())
+  {
+    throw BadData("the message is empty");  // roscpp's stream must not count from a null pointer
+  }
   Message message;
   try
   {
