@@ -2,14 +2,13 @@
 
 #include <array>
 #include <cstdint>
-#include <cstdio>
 #include <map>
 #include <memory>
-#include <set>
 #include <string>
 #include <vector>
 
 #include "modelled_ring.h"
+#include "mutations.h"
 #include "weak_memory.h"
 
 namespace pi_os_transport
@@ -18,8 +17,7 @@ namespace
 {
 
 using weak_memory::Model;
-using weak_memory::Mutation;
-using weak_memory::Site;
+using weak_memory::NamedProgram;
 
 constexpr uint32_t CAPACITY_ = RingLayout::CAPACITY;
 
@@ -168,12 +166,6 @@ World& world()
   return *world;
 }
 
-struct NamedProgram
-{
-  const char* name;
-  Model::Program program;
-};
-
 /// What two processes do at a time to one ring. Small, and each in all its executions.
 ::std::vector<NamedProgram> programs()
 {
@@ -316,20 +308,6 @@ struct NamedProgram
   return all;
 }
 
-TEST(MemoryModel, EveryExecutionHolds)
-{
-  uint64_t executions = 0;
-  for (const NamedProgram& one : programs())
-  {
-    const Model::Result result = model().run(one.program);
-    EXPECT_EQ("", result.failure) << one.name;
-    EXPECT_GT(result.executions, 10U) << one.name << ": hardly anything was tried";
-    ::std::printf("%8lu executions, %8lu states: %s\n", static_cast<unsigned long>(result.executions),
-                  static_cast<unsigned long>(result.states), one.name);
-    executions += result.executions;
-  }
-}
-
 /// Orders that the programs above do not need, and why they stay. On x86-64 none of them costs anything, on ARM an
 /// instruction of another kind, but not one more.
 const ::std::map<::std::string, const char*> STRONGER_THAN_NEEDED = {
@@ -343,43 +321,14 @@ const ::std::map<::std::string, const char*> STRONGER_THAN_NEEDED = {
     {"takePeeked: head.compare_exchange acq_rel -> release", "the message came with the tail"},
 };
 
-TEST(MemoryModel, EveryOrderIsNeeded)
+TEST(RingMemoryModel, EveryExecutionHolds)
 {
-  const ::std::vector<NamedProgram> all = programs();
-  for (const NamedProgram& one : all)
-  {
-    ASSERT_EQ("", model().run(one.program).failure) << one.name;
-  }
-  uint32_t refuted = 0;
-  ::std::set<::std::string> stronger;
-  const ::std::map<Site, uint64_t> sites = model().sites();
-  for (const auto& [site, count] : sites)
-  {
-    for (const ::std::memory_order order : weak_memory::weakerThan(site))
-    {
-      const Mutation mutation{site, order};
-      ::std::string found;
-      for (size_t i = 0; i < all.size() && found.empty(); ++i)
-      {
-        const Model::Result result = model().run(all[i].program, &mutation);
-        found = result.failure.empty() ? "" : result.failure.substr(0, result.failure.find('\n'));
-      }
-      ::std::printf("%-56s %s\n", mutation.toString().c_str(), found.empty() ? "holds all the same" : found.c_str());
-      refuted += found.empty() ? 0 : 1;
-      if (found.empty())
-      {
-        stronger.insert(mutation.toString());
-      }
-    }
-  }
-  ::std::set<::std::string> expected;
-  for (const auto& [mutation, why] : STRONGER_THAN_NEEDED)
-  {
-    expected.insert(mutation);
-  }
-  EXPECT_EQ(expected, stronger) << "an order is not needed, or is needed and was not before: add the reason, or take "
-                                   "it off the list";
-  EXPECT_GE(refuted, 10U) << "hardly any mutation was found: the checker is blind";
+  weak_memory::expectAllHold(programs());
+}
+
+TEST(RingMemoryModel, EveryOrderIsNeeded)
+{
+  weak_memory::expectEveryOrderNeeded(programs(), STRONGER_THAN_NEEDED, 10);
 }
 
 }  // namespace
