@@ -1,6 +1,7 @@
 // Runs a fuzz target without a fuzzer: over its corpus, and over changed copies of it that are the same each time.
 
 #include <dirent.h>
+#include <errno.h>
 #include <gtest/gtest.h>
 
 #include <fstream>
@@ -17,10 +18,17 @@ using Bytes = std::vector<uint8_t>;
 
 constexpr uint32_t CHANGED_COPIES = 1500;
 
+std::string corpusFolder()
+{
+  const std::string program = program_invocation_short_name;
+  const std::string prefix = "pi_os_transport_test_replay_";
+  return std::string(PI_OS_CORPORA) + "/" + program.substr(std::min(program.size(), prefix.size()));
+}
+
 std::vector<Bytes> corpus()
 {
   std::vector<std::string> names;
-  if (DIR* folder = opendir(PI_OS_CORPUS))
+  if (DIR* folder = opendir(corpusFolder().c_str()))
   {
     while (const dirent* entry = readdir(folder))
     {
@@ -35,7 +43,7 @@ std::vector<Bytes> corpus()
   std::vector<Bytes> inputs;
   for (const std::string& name : names)
   {
-    std::ifstream file(std::string(PI_OS_CORPUS) + "/" + name, std::ios::binary);
+    std::ifstream file(corpusFolder() + "/" + name, std::ios::binary);
     inputs.emplace_back(std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>());
   }
   return inputs;
@@ -52,7 +60,7 @@ void run(const Bytes& input)
 TEST(Replay, CorpusHolds)
 {
   const std::vector<Bytes> inputs = corpus();
-  ASSERT_FALSE(inputs.empty()) << "nothing in " PI_OS_CORPUS;
+  ASSERT_FALSE(inputs.empty()) << "nothing in " << corpusFolder();
   run(Bytes());
   for (const Bytes& input : inputs)
   {
@@ -91,3 +99,9 @@ TEST(Replay, ChangedCopiesHold)
 }
 
 }  // namespace
+
+int main(int argc, char** argv)
+{
+  testing::InitGoogleTest(&argc, argv);
+  return RUN_ALL_TESTS();
+}
