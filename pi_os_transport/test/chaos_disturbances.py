@@ -118,7 +118,8 @@ def message_sizes(campaign):
         report = listener.call('await_received', seq=number)
         campaign.judge(listener.name, report)
     if report['bytes'] != sum(campaign.sizes):
-        raise kill_campaign.Violation('%s received %d bytes of %d' % (listener.name, report['bytes'], sum(campaign.sizes)))
+        raise kill_campaign.Violation('%s received %d bytes of %d'
+                                      % (listener.name, report['bytes'], sum(campaign.sizes)))
     talker.call('publish', count=2, sizes=campaign.sizes[-1], background=True)
     time.sleep(campaign.random.uniform(0, 0.5))
     for peer, kind in campaign.random.sample([(talker, 'publisher huge'), (listener, 'subscriber huge')], 2):

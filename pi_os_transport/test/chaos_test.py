@@ -16,8 +16,8 @@ LARGEST_MB = 16
 class ChaosTest(harness.TransportTest):
 
     def test_survivors_notice_nothing(self):
-        result = subprocess.run([sys.executable, '-B', chaos.__file__, '--preload=' + self.preload, '--kills=%d' % KILLS,
-                                 '--seed=7', '--nodes=%d' % NODES, '--largest-mb=%d' % LARGEST_MB],
+        result = subprocess.run([sys.executable, '-B', chaos.__file__, '--preload=' + self.preload,
+                                 '--kills=%d' % KILLS, '--seed=7', '--nodes=%d' % NODES, '--largest-mb=%d' % LARGEST_MB],
                                 stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
         output = result.stdout.decode('utf-8', 'replace')
         print(output)

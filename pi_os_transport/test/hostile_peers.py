@@ -124,7 +124,8 @@ class HostileSubscriber:
         if code != 1:
             raise RuntimeError('%s refuses %s: %s' % (publisher_name, topic, message))
         self.tcp = self.stack.enter_context(socket.create_connection((contact[1], contact[2]), TIMEOUT_S))
-        self.tcp.sendall(header(callerid='/hostile_subscriber', topic=topic, md5sum='*', type='*', pi_os=PROTOCOL_VERSION))
+        self.tcp.sendall(header(callerid='/hostile_subscriber', topic=topic, md5sum='*', type='*',
+                                pi_os=PROTOCOL_VERSION))
         version, self.socket_token, link_token = read_header(self.tcp)['pi_os'].split()
         self.token = (int(link_token[:16], 16), int(link_token[16:], 16))
 
@@ -256,7 +257,7 @@ class HostileSubscriber:
         self.linked_until(ring, 6, patience_s=0.3)
 
     def _random_ring(self):
-        channel, ring = self.linked(1)
+        _, ring = self.linked(1)
         for _ in range(300):
             offset = self.random.choice([TAIL, HEAD, ARMED, RELEASE_COUNT, ENTRIES + self.random.randrange(0, 6000),
                                          RELEASED + self.random.randrange(0, CAPACITY)])
