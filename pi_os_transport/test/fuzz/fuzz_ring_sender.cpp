@@ -4,8 +4,10 @@
 #include <unistd.h>
 
 #include <array>
+#include <map>
 
 #include "fuzz_input.h"
+#include "pi_os_transport/little_endian.h"
 #include "pi_os_transport/ring_sender.h"
 #include "pi_os_transport/shared_memory.h"
 #include "pi_os_transport/slot_pool.h"
@@ -32,12 +34,13 @@ void fuzz(FuzzInput input)
   auto* const ring = reinterpret_cast<RingLayout*>(mapping.data());
   RingConsumer honest(ring);
 
-  std::vector<const uint8_t*> mine;  // with a reference each
-  const auto keep = [&mine](const RingSender::Message& message)
+  std::map<const uint8_t*, uint32_t> mine;  // taken back, with a reference each; and the number of the message in it
+  const auto numberOf = [](const uint8_t* buffer) { return loadLittleEndian<uint32_t>(buffer + LENGTH_PREFIX); };
+  const auto keep = [&mine, &numberOf](const RingSender::Message& message)
   {
     if (message.buffer != nullptr)
     {
-      mine.push_back(message.buffer);
+      require(mine.emplace(message.buffer, numberOf(message.buffer)).second, "a message is taken back once");
     }
   };
   for (uint32_t step = 0; step < 2000 && !input.empty(); ++step)
@@ -95,6 +98,11 @@ void fuzz(FuzzInput input)
       {
         const uint32_t length = input.below(2) == 0 ? 64 : 300000;
         uint8_t* const buffer = pool.allocate(length + LENGTH_PREFIX);
+        require(mine.count(buffer) == 0, "nobody gets memory that somebody else holds");
+        if (buffer != nullptr)
+        {
+          storeLittleEndian<uint32_t>(buffer + LENGTH_PREFIX, step);
+        }
         if (buffer != nullptr && sender.push(buffer, length, input.below(3), 0, step) != RingSender::Push::WRITTEN)
         {
           pool.release(buffer);
@@ -104,8 +112,9 @@ void fuzz(FuzzInput input)
     }
   }
   sender.close();
-  for (const uint8_t* buffer : mine)
+  for (const auto& [buffer, number] : mine)
   {
+    require(numberOf(buffer) == number, "nobody writes to memory that somebody else holds");
     pool.release(buffer);
   }
   require(pool.usage().live_slots == live_before, "every message is given back, and once");
