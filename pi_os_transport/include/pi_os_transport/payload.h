@@ -34,6 +34,7 @@ public:
   uint32_t getU32();
   uint64_t getU64();
   std::string getString();
+  void skip(size_t bytes) { take(bytes); }
   bool ok() const { return ok_; }
   const uint8_t* rest() const { return next_; }
   size_t restLength() const { return static_cast<size_t>(end_ - next_); }

@@ -28,6 +28,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "bridge/image_codec.h"
+#include "pi_os_transport/payload.h"
 
 namespace pi_os_transport
 {
@@ -85,13 +86,39 @@ const PixelFormat* findFormat(const std::string& encoding)
   return nullptr;
 }
 
+/// Passes over a field of the message: `fixed` bytes, then an array of bytes with its length in front.
+/// @throws BadData if it does not fit: roscpp would take memory for all it claims, up to 4 GiB, before it notices.
+void skipArray(PayloadReader* in, size_t fixed)
+{
+  in->skip(fixed);
+  in->skip(in->getU32());
+  if (!in->ok())
+  {
+    throw BadData("the message is cut off");
+  }
+}
+
+/// The arrays of bytes of a message, each with what stands before it.
+constexpr size_t HEADER_BYTES = 12;  // seq and stamp, before frame_id
+void checkArrays(const std::vector<uint8_t>& data, const sensor_msgs::Image*)
+{
+  PayloadReader in(data.data(), data.size());
+  skipArray(&in, HEADER_BYTES);  // frame_id
+  skipArray(&in, 8);             // encoding, behind height and width
+  skipArray(&in, 5);             // data, behind is_bigendian and step
+}
+void checkArrays(const std::vector<uint8_t>& data, const sensor_msgs::CompressedImage*)
+{
+  PayloadReader in(data.data(), data.size());
+  skipArray(&in, HEADER_BYTES);  // frame_id
+  skipArray(&in, 0);             // format
+  skipArray(&in, 0);             // data
+}
+
 template <typename Message>
 Message deserialize(std::vector<uint8_t>* data)
 {
-  if (data->empty())
-  {
-    throw BadData("the message is empty");  // roscpp's stream must not count from a null pointer
-  }
+  checkArrays(*data, static_cast<const Message*>(nullptr));
   Message message;
   try
   {

@@ -9,7 +9,9 @@
 int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size)
 {
   using namespace pi_os_transport;  // NOLINT
-  constexpr uint64_t MAX_BYTES = 4 << 20;
+  constexpr uint64_t MAX_BYTES = 1 << 20;
+  static const bool one_thread = (cv::setNumThreads(1), true);  // as the worker does it
+  static_cast<void>(one_thread);
   FuzzInput input(data, size);
   CodecHeader request;
   request.kind = CodecHeader::ENCODE_JPEG + input.below(3);
