@@ -1,7 +1,9 @@
 #include <gtest/gtest.h>
 #include <pi_bringup/ros/conversions.h>
 #include <pi_bringup/ros/euroc_messages.h>
+#include <pi_os_transport/zero_copy/loan.h>
 
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 
@@ -50,6 +52,24 @@ TEST(Conversions, MovePixelsIntoTheImage)
   frame.channels = 1;
   frame.pixels.assign(2, 7);
   EXPECT_EQ("mono8", toImage(std::move(frame), ros::Time(), "")->encoding);
+}
+
+TEST(Conversions, CopyPixelsIntoALoan)
+{
+  Frame frame;
+  frame.width = 30;
+  frame.height = 20;
+  frame.channels = 3;
+  frame.pixels.assign(1800, 7);
+  auto image = pi_os_transport::zero_copy::Loan<sensor_msgs::Image>::borrow();
+  toImage(frame, ros::Time(1, 2), "left_optical", image.get());
+  EXPECT_EQ("bgr8", image->encoding);
+  EXPECT_EQ(90U, image->step);
+  EXPECT_EQ(30U, image->width);
+  EXPECT_EQ(20U, image->height);
+  EXPECT_EQ("left_optical", image->header.frame_id);
+  EXPECT_EQ(ros::Time(1, 2), image->header.stamp);
+  EXPECT_TRUE(std::equal(frame.pixels.begin(), frame.pixels.end(), image->data.begin(), image->data.end()));
 }
 
 TEST(Conversions, FillTheCameraInfoRowByRow)

@@ -290,6 +290,21 @@ TEST(MessagePicture, LiesInTheMessageAndKeepsIt)
   }
 }
 
+TEST(MessagePicture, LiesInAZeroCopyMessageAndKeepsIt)
+{
+  auto image = makeImage("bgr8", 4, 4, 12);
+  const uint8_t* const data = image->data.data();
+  const boost::weak_ptr<const sensor_msgs::Image> watch = image;
+  {
+    const MessagePicture picture(pi_os_transport::zero_copy::toHandle(image));
+    image.reset();
+    EXPECT_EQ(data, picture.view().data);
+    EXPECT_EQ(4u, picture.message().width);
+    EXPECT_FALSE(watch.expired());
+  }
+  EXPECT_TRUE(watch.expired());
+}
+
 TEST(MessagePicture, ConvertsWhatTheDetectorDoesNotKnow)
 {
   const auto rgba = makeImage("rgba8", 1, 1, 4);

@@ -48,11 +48,11 @@ sensor_msgs::CameraInfo makeInfo(bool right)
   return info;
 }
 
-sensor_msgs::ImageConstPtr pictureAt(double stamp_s)
+pi_os_transport::zero_copy::ImageHandle pictureAt(double stamp_s)
 {
   const auto picture = boost::make_shared<sensor_msgs::Image>();
   picture->header.stamp = ros::Time(stamp_s);
-  return picture;
+  return pi_os_transport::zero_copy::toHandle(picture);
 }
 
 TEST(StereoCamera, ComesFromBothProjections)

@@ -127,13 +127,12 @@ def measure(options, library):
         for turn in range(options.rounds):
             order = names[turn % len(names):] + names[:turn % len(names)]
             for size in options.sizes:
-                rate = options.rate * (1.0 if size < 500e3 else 0.3 if size < 10e6 else 0.15)  # as cameras do
-                latencies.setdefault(('floor', size), []).append(floor_us(options.count, rate))
+                latencies.setdefault(('floor', size), []).append(floor_us(options.count, options.rate))
                 for name in order:
                     pair = Pair(master, name, library)
                     with contextlib.closing(pair):
-                        pair.latency_us(20, size, rate)  # the pool and the caches as they are later
-                        latencies.setdefault((name, size), []).append(pair.latency_us(options.count, size, rate))
+                        pair.latency_us(20, size, options.rate)  # the pool and the caches as they are later
+                        latencies.setdefault((name, size), []).append(pair.latency_us(options.count, size, options.rate))
             for name in order:
                 pair = Pair(master, name, library)
                 with contextlib.closing(pair):
@@ -149,7 +148,7 @@ def report(options, latencies, throughputs):
         return [a / b for a, b in zip(numerator, denominator)]
 
     print(f'\npublish() -> callback, p50 [us], and ratios: median of {options.rounds} rounds (min..max); '
-          f'{options.count} messages at {options.rate:g} Hz, from 1 MB on at 0.3 and 16 MB at 0.15 of that')
+          f'{options.count} messages at {options.rate:g} Hz')
     print(f'{"size":>7} | {"futex floor":^19} | {"TCPROS":^21} | {"π-OS":^19} | {"zero copy":^19} | '
           f'{"zero copy/floor":^19} | {"TCPROS/zero copy":^19}')
     for size in options.sizes:
@@ -189,8 +188,8 @@ def report(options, latencies, throughputs):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--rounds', type=int, default=3)
-    parser.add_argument('--count', type=int, default=200, help='messages of each measurement (default 200)')
-    parser.add_argument('--rate', type=float, default=100.0, help='of the latency measurements [Hz] (default 100)')
+    parser.add_argument('--count', type=int, default=100, help='messages of each measurement (default 100)')
+    parser.add_argument('--rate', type=float, default=30.0, help='of the latency measurements [Hz] (default 30)')
     parser.add_argument('--sizes', type=lambda text: [int(size) for size in text.split(',')], default=SIZES,
                         help='payloads [B], comma-separated')
     parser.add_argument('--library', help='path of libpi_os_transport.so (default: the one beside this program)')

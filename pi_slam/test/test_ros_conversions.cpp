@@ -158,6 +158,25 @@ TEST(RosConversions, GreyPictureSharesTheBufferAndKeepsTheMessage)
   EXPECT_TRUE(watch.expired());
 }
 
+TEST(RosConversions, AZeroCopyPictureIsReadWhereItLies)
+{
+  auto image = makeImage("mono8", 5, 4, 8);
+  const uint8_t* const data = image->data.data();
+  const boost::weak_ptr<sensor_msgs::Image> watch = image;
+  pi_os_transport::zero_copy::ImageHandle handle = pi_os_transport::zero_copy::toHandle(image);
+  image.reset();
+  cv::Mat picture = fromMsg(handle);
+  handle.reset();
+  EXPECT_EQ(data, picture.data);
+  EXPECT_EQ(static_cast<uint8_t>(7 * (2 * 8 + 3)), picture.at<uint8_t>(2, 3));
+  picture.release();
+  EXPECT_TRUE(watch.expired());
+
+  const auto colour = makeImage("bgr8", 2, 1, 6);
+  const cv::Mat standard = fromMsg(sensor_msgs::ImageConstPtr(colour));
+  EXPECT_EQ(0, cv::norm(standard, fromMsg(pi_os_transport::zero_copy::toHandle(colour)), cv::NORM_INF));
+}
+
 TEST(RosConversions, PicturesInColourBecomeGrey)
 {
   const auto image = makeImage("bgr8", 2, 1, 6);

@@ -4,11 +4,29 @@
 
 #include <boost/make_shared.hpp>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <stdexcept>
 
 namespace pi_bringup
 {
+namespace
+{
+
+/// All but the pixels.
+template <typename A>
+void describe(const Frame& frame, const ros::Time& stamp, const std::string& frame_id, sensor_msgs::Image_<A>* image)
+{
+  image->header.stamp = stamp;
+  image->header.frame_id = frame_id;
+  image->width = static_cast<uint32_t>(frame.width);
+  image->height = static_cast<uint32_t>(frame.height);
+  image->step = static_cast<uint32_t>(frame.width * frame.channels);
+  image->encoding = frame.channels == 1 ? sensor_msgs::image_encodings::MONO8 : sensor_msgs::image_encodings::BGR8;
+  image->is_bigendian = 0;
+}
+
+}  // namespace
 
 ros::Time toTime(int64_t stamp_ns)
 {
@@ -22,15 +40,20 @@ ros::Time toTime(int64_t stamp_ns)
 sensor_msgs::ImagePtr toImage(Frame&& frame, const ros::Time& stamp, const std::string& frame_id)
 {
   auto image = boost::make_shared<sensor_msgs::Image>();
-  image->header.stamp = stamp;
-  image->header.frame_id = frame_id;
-  image->width = static_cast<uint32_t>(frame.width);
-  image->height = static_cast<uint32_t>(frame.height);
-  image->step = static_cast<uint32_t>(frame.width * frame.channels);
-  image->encoding = frame.channels == 1 ? sensor_msgs::image_encodings::MONO8 : sensor_msgs::image_encodings::BGR8;
-  image->is_bigendian = 0;
+  describe(frame, stamp, frame_id, image.get());
   image->data = std::move(frame.pixels);
   return image;
+}
+
+void toImage(const Frame& frame, const ros::Time& stamp, const std::string& frame_id,
+             pi_os_transport::zero_copy::Message<sensor_msgs::Image>* image)
+{
+  describe(frame, stamp, frame_id, image);
+  image->data.resize(frame.pixels.size());
+  if (!frame.pixels.empty())
+  {
+    std::memcpy(image->data.data(), frame.pixels.data(), frame.pixels.size());
+  }
 }
 
 sensor_msgs::CameraInfo toCameraInfo(const CameraCalibration& camera, const Rectification& rectification)

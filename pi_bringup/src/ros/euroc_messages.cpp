@@ -68,6 +68,12 @@ sensor_msgs::ImagePtr EurocMessages::image(bool left, Frame&& frame, const ros::
   return toImage(std::move(frame), stamp, left ? frames_.left_frame : frames_.right_frame);
 }
 
+void EurocMessages::image(bool left, const Frame& frame, const ros::Time& stamp,
+                          pi_os_transport::zero_copy::Message<sensor_msgs::Image>* image) const
+{
+  toImage(frame, stamp, left ? frames_.left_frame : frames_.right_frame, image);
+}
+
 sensor_msgs::CameraInfo EurocMessages::cameraInfo(bool left, const ros::Time& stamp) const
 {
   sensor_msgs::CameraInfo info = left ? left_info_ : right_info_;

@@ -12,6 +12,8 @@ namespace pi_bringup
 namespace
 {
 
+using ImagePublisher = pi_os_transport::zero_copy::Publisher<sensor_msgs::Image>;
+
 /// The path is one message with all its poses: more often would only cost.
 constexpr int64_t PATH_PERIOD_NS = 200000000;
 
@@ -73,11 +75,11 @@ EurocPlayerRos::EurocPlayerRos(ros::NodeHandle node, ros::NodeHandle private_nod
   , status_(private_node, "euroc_player")
 {
   const auto picture_queue = static_cast<uint32_t>(options_.queue_size);
-  left_image_ = gate_.advertise<sensor_msgs::Image>(node_, "left/image_raw", picture_queue);
+  left_image_ = ImagePublisher(gate_.advertise<sensor_msgs::Image>(node_, "left/image_raw", picture_queue));
   left_info_ = gate_.advertise<sensor_msgs::CameraInfo>(node_, "left/camera_info", picture_queue);
   if (dataset_.right)
   {
-    right_image_ = gate_.advertise<sensor_msgs::Image>(node_, "right/image_raw", picture_queue);
+    right_image_ = ImagePublisher(gate_.advertise<sensor_msgs::Image>(node_, "right/image_raw", picture_queue));
     right_info_ = gate_.advertise<sensor_msgs::CameraInfo>(node_, "right/camera_info", picture_queue);
   }
   if (dataset_.imu)
@@ -292,7 +294,12 @@ void EurocPlayerRos::publishItem(const TimelineItem& item, int64_t lap_shift_ns)
         status_.skip(frame->error);
         break;
       }
-      publish(left ? left_image_ : right_image_, messages_.image(left, std::move(*frame), stamp));
+      const ImagePublisher& publisher = left ? left_image_ : right_image_;
+      auto image = publisher.borrow();
+      messages_.image(left, *frame, stamp, image.get());
+      const int64_t lateness_ns = monotonicNow() - due_ns;
+      publisher.publish(std::move(image));
+      status_.count(publisher.rosPublisher(), lateness_ns);
       publish(left ? left_info_ : right_info_, messages_.cameraInfo(left, stamp));
       break;
     }

@@ -1,12 +1,10 @@
 #include <pi_bringup/decision/ground_polygon.h>
 #include <pi_bringup/ros/simulation_conversions.h>
+#include <pi_os_transport/zero_copy/shared_image.h>
 #include <sensor_msgs/image_encodings.h>
-
-#include <boost/make_shared.hpp>
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <limits>
 
 namespace pi_bringup
@@ -134,21 +132,15 @@ sensor_msgs::Imu toImu(const pi_slam::ImuSample& sample, const pi_slam::ImuSimul
   return message;
 }
 
-sensor_msgs::ImagePtr toImage(const cv::Mat& picture, const ros::Time& stamp, const std::string& frame)
+void toImage(const cv::Mat& picture, const ros::Time& stamp, const std::string& frame,
+             pi_os_transport::zero_copy::Message<sensor_msgs::Image>* image)
 {
-  const auto image = boost::make_shared<sensor_msgs::Image>();
   image->header.stamp = stamp;
   image->header.frame_id = frame;
-  image->width = static_cast<uint32_t>(picture.cols);
-  image->height = static_cast<uint32_t>(picture.rows);
-  image->encoding = picture.channels() == 3 ? sensor_msgs::image_encodings::BGR8 : sensor_msgs::image_encodings::MONO8;
-  image->step = image->width * static_cast<uint32_t>(picture.channels());
-  image->data.resize(static_cast<size_t>(image->step) * image->height);
-  for (int y = 0; y < picture.rows; ++y)
-  {
-    std::memcpy(&image->data[static_cast<size_t>(y) * image->step], picture.ptr(y), image->step);
-  }
-  return image;
+  cv::Mat target = pi_os_transport::zero_copy::resizeImage(
+      image, picture.rows, picture.cols,
+      picture.channels() == 3 ? sensor_msgs::image_encodings::BGR8 : sensor_msgs::image_encodings::MONO8);
+  picture.copyTo(target);
 }
 
 sensor_msgs::CameraInfo toCameraInfo(const pi_slam::CameraModel& camera, double baseline)

@@ -3,6 +3,7 @@
 #include <pi_bringup/chassis/chassis_driver.h>
 #include <pi_bringup/ros/simulation_conversions.h>
 #include <pi_bringup/ros/vehicle_simulator_ros.h>
+#include <pi_os_transport/zero_copy/image_subscriber.h>
 #include <pi_runtime/ros/formatting.h>
 #include <pi_runtime/ros/node_options.h>
 #include <pthread.h>
@@ -26,6 +27,8 @@ namespace
 using diagnostic_msgs::DiagnosticStatus;
 using pi_runtime::format;
 using simulation::CameraState;
+
+namespace zero_copy = pi_os_transport::zero_copy;
 
 constexpr auto STEP = std::chrono::microseconds(2500);
 constexpr uint32_t IMU_QUEUE = 200;
@@ -52,10 +55,10 @@ geometry_msgs::TransformStamped toTransform(const Eigen::Isometry3d& T_parent_ch
 /// What one camera sends of an exposure.
 struct StereoCamera
 {
-  sensor_msgs::ImagePtr image;
+  zero_copy::Loan<sensor_msgs::Image> image;
   sensor_msgs::CameraInfo info;
   CameraState state;
-  const ros::Publisher* pictures;
+  const zero_copy::Publisher<sensor_msgs::Image>* pictures;
   const ros::Publisher* infos;
 };
 
@@ -129,8 +132,8 @@ void VehicleSimulatorRos::openLog()
 void VehicleSimulatorRos::advertise()
 {
   imu_ = service_node_.advertise<sensor_msgs::Imu>("imu/data", IMU_QUEUE);
-  left_ = service_node_.advertise<sensor_msgs::Image>("left/image_raw", PICTURE_QUEUE);
-  right_ = service_node_.advertise<sensor_msgs::Image>("right/image_raw", PICTURE_QUEUE);
+  left_ = zero_copy::Publisher<sensor_msgs::Image>(service_node_, "left/image_raw", PICTURE_QUEUE);
+  right_ = zero_copy::Publisher<sensor_msgs::Image>(service_node_, "right/image_raw", PICTURE_QUEUE);
   left_info_ = service_node_.advertise<sensor_msgs::CameraInfo>("left/camera_info", PICTURE_QUEUE);
   right_info_ = service_node_.advertise<sensor_msgs::CameraInfo>("right/camera_info", PICTURE_QUEUE);
   odometry_ = service_node_.advertise<nav_msgs::Odometry>("ground_truth/odometry", IMU_QUEUE);
@@ -264,22 +267,24 @@ void VehicleSimulatorRos::render(const simulation::Exposure& exposure, pi_slam::
       [&](CameraState state, const cv::Mat& picture, const pi_slam::CameraModel& camera, const std::string& frame_id)
   {
     const cv::Mat black = cv::Mat::zeros(camera.height, camera.width, type);
-    return toImage(state == CameraState::DARK ? black : picture, stamp, frame_id);
+    auto image = left_.borrow();
+    toImage(state == CameraState::DARK ? black : picture, stamp, frame_id, image.get());
+    return image;
   };
   // One right after the other: who takes them waits only a little for the second one.
-  const StereoCamera left{makeImage(exposure.left, frame.left, calibration_.left.model, options_.left_frame),
-                          toCameraInfo(calibration_.left.model, 0.0), exposure.left, &left_, &left_info_};
-  const StereoCamera right{makeImage(exposure.right, frame.right, calibration_.right.model, options_.right_frame),
-                           toCameraInfo(calibration_.right.model, options_.cameras.baseline), exposure.right, &right_,
-                           &right_info_};
-  for (const StereoCamera* camera : {&left, &right})
+  StereoCamera left{makeImage(exposure.left, frame.left, calibration_.left.model, options_.left_frame),
+                    toCameraInfo(calibration_.left.model, 0.0), exposure.left, &left_, &left_info_};
+  StereoCamera right{makeImage(exposure.right, frame.right, calibration_.right.model, options_.right_frame),
+                     toCameraInfo(calibration_.right.model, options_.cameras.baseline), exposure.right, &right_,
+                     &right_info_};
+  for (StereoCamera* camera : {&left, &right})
   {
     if (camera->state != CameraState::OFF)
     {
       sensor_msgs::CameraInfo info = camera->info;
-      info.header = camera->image->header;
+      info.header = zero_copy::standardHeader(camera->image->header);
       camera->infos->publish(info);
-      camera->pictures->publish(camera->image);
+      camera->pictures->publish(std::move(camera->image));
     }
   }
   const std::lock_guard<std::mutex> lock(exposure_mutex_);

@@ -56,7 +56,8 @@ VideoPlayerRos::VideoPlayerRos(ros::NodeHandle node, ros::NodeHandle private_nod
     throw std::invalid_argument("video " + options_.file + " has no frame rate; set the parameter frame_rate_hz");
   }
   const auto queue_size = static_cast<uint32_t>(options_.queue_size);
-  image_ = gate_.advertise<sensor_msgs::Image>(node_, "left/image_raw", queue_size);
+  image_ = pi_os_transport::zero_copy::Publisher<sensor_msgs::Image>(
+      gate_.advertise<sensor_msgs::Image>(node_, "left/image_raw", queue_size));
   info_ = gate_.advertise<sensor_msgs::CameraInfo>(node_, "left/camera_info", queue_size);
   gate_.require(options_.wait_for_subscribers);
   info_message_ = nominalCameraInfo(reader_.width(), reader_.height(), options_.horizontal_fov_deg * M_PI / 180.0);
@@ -109,10 +110,11 @@ void VideoPlayerRos::play()
       const ros::Time stamp = toTime(options_.stamp_at_handover ? static_cast<int64_t>(ros::WallTime::now().toNSec())
                                                                 : wall_start_ns + (due_ns - pacer_.dueTime(0)));
       info_message_.header.stamp = stamp;
-      const sensor_msgs::ImagePtr image = toImage(std::move(*frame), stamp, options_.left_frame);
+      auto image = image_.borrow();
+      toImage(*frame, stamp, options_.left_frame, image.get());
       const int64_t image_lateness_ns = monotonicNow() - due_ns;
-      image_.publish(image);
-      status_.count(image_, image_lateness_ns);
+      image_.publish(std::move(image));
+      status_.count(image_.rosPublisher(), image_lateness_ns);
       const int64_t info_lateness_ns = monotonicNow() - due_ns;
       info_.publish(info_message_);
       status_.count(info_, info_lateness_ns);

@@ -1,5 +1,5 @@
-#include <cv_bridge/cv_bridge.h>
 #include <pi_detect/ros/message_picture.h>
+#include <pi_os_transport/zero_copy/cv_bridge.h>
 #include <pi_runtime/ros/formatting.h>
 #include <sensor_msgs/image_encodings.h>
 
@@ -19,6 +19,7 @@ namespace
 using pi_runtime::sizeText;
 
 namespace encodings = sensor_msgs::image_encodings;
+namespace zero_copy = pi_os_transport::zero_copy;
 using Format = PictureView::Format;
 
 constexpr uint32_t MAX_SIDE_PX = 16384;
@@ -64,7 +65,8 @@ uint32_t bytesPerPixel(const std::string& encoding)
   return static_cast<uint32_t>(encodings::numChannels(encoding) * encodings::bitDepth(encoding) / 8);
 }
 
-void check(const sensor_msgs::Image& message)
+template <typename A>
+void check(const sensor_msgs::Image_<A>& message)
 {
   if (!formatOf(message.encoding) && !isConvertible(message.encoding))
   {
@@ -89,11 +91,12 @@ void check(const sensor_msgs::Image& message)
   }
 }
 
-cv::Mat convert(const sensor_msgs::Image& message, const std::string& encoding)
+template <typename A>
+cv::Mat convert(const sensor_msgs::Image_<A>& message, const std::string& encoding)
 {
   try
   {
-    return cv_bridge::toCvCopy(message, encoding)->image;
+    return zero_copy::toCvCopy(message, encoding)->image;
   }
   // cv_bridge throws runtime errors of several kinds, and OpenCV's for sizes that a pattern does not allow.
   catch (const std::exception& error)
@@ -102,23 +105,8 @@ cv::Mat convert(const sensor_msgs::Image& message, const std::string& encoding)
   }
 }
 
-}  // namespace
-
-MessagePicture::MessagePicture(sensor_msgs::ImageConstPtr message) : message_(std::move(message))
-{
-  check(*message_);
-  if (const std::optional<Format> format = formatOf(message_->encoding))
-  {
-    view_ = {message_->data.data(), static_cast<int>(message_->width), static_cast<int>(message_->height),
-             message_->step, *format};
-    return;
-  }
-  const bool grey = message_->encoding == encodings::MONO16;
-  converted_ = convert(*message_, grey ? encodings::MONO8 : encodings::BGR8);
-  view_ = {converted_.data, converted_.cols, converted_.rows, converted_.step[0], grey ? Format::MONO8 : Format::BGR8};
-}
-
-cv::Mat toGrey(const sensor_msgs::Image& message)
+template <typename A>
+cv::Mat greyLevels(const sensor_msgs::Image_<A>& message)
 {
   check(message);
   if (formatOf(message.encoding) == Format::MONO8)
@@ -136,6 +124,36 @@ cv::Mat toGrey(const sensor_msgs::Image& message)
     return grey;
   }
   return convert(message, encodings::MONO8);
+}
+
+}  // namespace
+
+MessagePicture::MessagePicture(const sensor_msgs::ImageConstPtr& message) : MessagePicture(zero_copy::toHandle(message))
+{
+}
+
+MessagePicture::MessagePicture(zero_copy::ImageHandle message) : message_(std::move(message))
+{
+  check(*message_);
+  if (const std::optional<Format> format = formatOf(message_->encoding))
+  {
+    view_ = {message_->data.data(), static_cast<int>(message_->width), static_cast<int>(message_->height),
+             message_->step, *format};
+    return;
+  }
+  const bool grey = message_->encoding == encodings::MONO16;
+  converted_ = convert(*message_, grey ? encodings::MONO8 : encodings::BGR8);
+  view_ = {converted_.data, converted_.cols, converted_.rows, converted_.step[0], grey ? Format::MONO8 : Format::BGR8};
+}
+
+cv::Mat toGrey(const sensor_msgs::Image& message)
+{
+  return greyLevels(message);
+}
+
+cv::Mat toGrey(const zero_copy::Message<sensor_msgs::Image>& message)
+{
+  return greyLevels(message);
 }
 
 }  // namespace pi_detect

@@ -104,9 +104,9 @@ ObstaclesRos::~ObstaclesRos()
 
 // ---------------------------------------------------------------------------------------------------------- obs_input
 
-bool ObstaclesRos::isStamped(const Input& input, const std_msgs::Header& header)
+bool ObstaclesRos::isStamped(const Input& input, const ros::Time& stamp)
 {
-  if (header.stamp.isZero())
+  if (stamp.isZero())
   {
     warnings_.error(input.topic + ": stamp is 0, message ignored; the driver must stamp its messages");
     return false;
@@ -114,10 +114,10 @@ bool ObstaclesRos::isStamped(const Input& input, const std_msgs::Header& header)
   return true;
 }
 
-void ObstaclesRos::onImage(Side side, const sensor_msgs::ImageConstPtr& message)
+void ObstaclesRos::onImage(Side side, const pi_os_transport::zero_copy::ImageHandle& message)
 {
   picture_inputs_[side].note();
-  if (!isStamped(picture_inputs_[side], message->header))
+  if (!isStamped(picture_inputs_[side], message->header.stamp))
   {
     return;
   }
@@ -133,7 +133,7 @@ void ObstaclesRos::onImage(Side side, const sensor_msgs::ImageConstPtr& message)
 void ObstaclesRos::onDisparity(const stereo_msgs::DisparityImageConstPtr& message)
 {
   disparity_input_.note();
-  if (!isStamped(disparity_input_, message->header))
+  if (!isStamped(disparity_input_, message->header.stamp))
   {
     return;
   }
@@ -207,9 +207,10 @@ void ObstaclesRos::subscribe()
       {
         picture_inputs_[side].restart();
         const image_transport::TransportHints hints(options_.image_transport, no_delay, private_node_);
-        images_[side] = transport_.subscribe(
-            name + (options_.source == StereoSource::RAW ? "/image_raw" : "/image_rect"), 2,
-            [this, side](const sensor_msgs::ImageConstPtr& message) { onImage(side, message); }, ros::VoidPtr(), hints);
+        images_[side].subscribe(
+            input_node_, transport_, name + (options_.source == StereoSource::RAW ? "/image_raw" : "/image_rect"), 2,
+            options_.zero_copy, hints,
+            [this, side](const PictureSubscription::ImageHandle& message) { onImage(side, message); });
       }
       if (info_inputs_[side].used)
       {

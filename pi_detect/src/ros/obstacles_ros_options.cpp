@@ -43,6 +43,7 @@ static void visitFields(Options& options, Visitor&& visit)
   auto& stereo = options.stereo;
   auto& tracker = options.tracker;
   visit("source", options.source);
+  visit("zero_copy", options.zero_copy);
   visit("image_transport", options.image_transport);
   visit("pair_tolerance_s", options.pair_tolerance_s);
   visit("max_rate_hz", options.max_rate_hz);

@@ -177,7 +177,7 @@ bool ObstaclesRos::prepare(const Job& job)
     setProblem(std::string(error.what()) + "; no obstacles until this is right", true);
     return false;
   }
-  const std::string& frame = job.header().frame_id;
+  const std::string frame = job.header().frame_id;
   const std::optional<Eigen::Isometry3d> T_base_camera = motion_.mounting(frame);
   if (!T_base_camera)
   {
@@ -220,7 +220,7 @@ StereoObstacles::Result ObstaclesRos::findObstacles(const Job& job, PairFigures*
   cv::Mat pictures[2];
   for (const Side side : {LEFT, RIGHT})
   {
-    const sensor_msgs::Image& message = side == LEFT ? *job.pair.left : *job.pair.right;
+    const auto& message = side == LEFT ? *job.pair.left : *job.pair.right;
     pictures[side] = named(picture_inputs_[side].topic, [&message] { return toGrey(message); });
     requireSize(picture_inputs_[side].topic, pictures[side].cols, pictures[side].rows, geometry,
                 info_inputs_[side].topic);

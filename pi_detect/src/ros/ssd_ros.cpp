@@ -23,6 +23,8 @@ namespace pi_detect
 namespace
 {
 
+namespace zero_copy = pi_os_transport::zero_copy;
+
 double secondsBetween(std::chrono::steady_clock::time_point from, std::chrono::steady_clock::time_point to)
 {
   return std::chrono::duration<double>(to - from).count();
@@ -99,7 +101,7 @@ SsdRos::~SsdRos()
 
 // ---------------------------------------------------------------------------------------------------------- ssd_input
 
-void SsdRos::onImage(const sensor_msgs::ImageConstPtr& message)
+void SsdRos::onImage(const zero_copy::ImageHandle& message)
 {
   ++pictures_;
   const Clock::time_point now = Clock::now();
@@ -149,7 +151,7 @@ void SsdRos::work()
       call_done_.notify_all();
       continue;
     }
-    const sensor_msgs::ImageConstPtr message = std::move(picture_);
+    const zero_copy::ImageHandle message = std::move(picture_);
     picture_.reset();
     lock.unlock();
     try
@@ -169,7 +171,7 @@ void SsdRos::work()
   }
 }
 
-void SsdRos::workOn(const sensor_msgs::ImageConstPtr& message, const std::shared_ptr<SsdDetector>& detector)
+void SsdRos::workOn(const zero_copy::ImageHandle& message, const std::shared_ptr<SsdDetector>& detector)
 {
   const Clock::time_point begin = Clock::now();
   const auto picture = std::make_shared<const MessagePicture>(message);
@@ -190,8 +192,9 @@ void SsdRos::workOn(const sensor_msgs::ImageConstPtr& message, const std::shared
     tracks = tracker_.update(fromMsg(message->header.stamp), result.detections);
   }
   result.detections = wanted(result.detections, detector->model());
-  detections_.publish(toMsg(result.detections, message->header));
-  tracks_.publish(toMsg(tracks, labels, message->header));
+  const std_msgs::Header header = zero_copy::standardHeader(message->header);
+  detections_.publish(toMsg(result.detections, header));
+  tracks_.publish(toMsg(tracks, labels, header));
   diagnostics_.addPicture(result,
                           message->header.stamp.isZero() ? 0.0 : (ros::Time::now() - message->header.stamp).toSec(),
                           secondsBetween(begin, Clock::now()));
@@ -209,7 +212,8 @@ void SsdRos::serve(const Call& call, SsdDetector* detector)
   {
     const MessagePicture picture(call.image);
     const DetectionResult result = detector->detect(picture.view());
-    response.detections = *toMsg(wanted(result.detections, detector->model()), call.image->header);
+    response.detections =
+        *toMsg(wanted(result.detections, detector->model()), zero_copy::standardHeader(call.image->header));
     response.success = true;
     response.message = describe(*detector);
   }

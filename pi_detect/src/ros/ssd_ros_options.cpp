@@ -41,6 +41,7 @@ static void visitFields(Options& options, Visitor&& visit)
   visit("class_agnostic_overlap", filter.class_agnostic_overlap);
   visit("max_detections", filter.max_detections);
   visitTrackerFields(options.tracker, visit);
+  visit("zero_copy", options.zero_copy);
   visit("image_transport", options.image_transport);
   visit("always_on", options.always_on);
   visit("max_rate_hz", options.max_rate_hz);

@@ -17,6 +17,8 @@ namespace
 
 using pi_runtime::format;
 
+namespace zero_copy = pi_os_transport::zero_copy;
+
 /// Of a detection and the track that it continued.
 constexpr float MIN_SAME_OVERLAP = 0.5F;
 
@@ -63,7 +65,7 @@ bool SsdRos::detect(DetectObjects::Request& request, DetectObjects::Response& re
   response.detections.header = request.image.header;
   // The request outlives the call.
   const sensor_msgs::ImageConstPtr image(&request.image, [](const sensor_msgs::Image*) {});
-  Call call{image, &response};
+  Call call{zero_copy::toHandle(image), &response};
   std::unique_lock<std::mutex> lock(mutex_);
   if (worker_ended_)
   {
@@ -101,7 +103,8 @@ void SsdRos::updateSubscription()
   {
     const image_transport::TransportHints hints(options_.image_transport, ros::TransportHints().tcpNoDelay(),
                                                 private_node_);
-    image_ = input_transport_.subscribe("image", 1, &SsdRos::onImage, this, hints);
+    image_.subscribe(input_node_, input_transport_, "image", 1, options_.zero_copy, hints,
+                     [this](const zero_copy::ImageHandle& message) { onImage(message); });
   }
   catch (const std::exception& error)
   {
@@ -132,7 +135,7 @@ void SsdRos::publishOverlay(const Overlay& overlay)
     const cv::Point corner(4, picture.rows - 6);
     cv::putText(picture, line, corner, cv::FONT_HERSHEY_SIMPLEX, 0.5, cv::Scalar::all(0), 3, cv::LINE_AA);
     cv::putText(picture, line, corner, cv::FONT_HERSHEY_SIMPLEX, 0.5, cv::Scalar::all(255), 1, cv::LINE_AA);
-    overlay_.publish(toImage(picture, overlay.picture->message().header));
+    overlay_.publish(toImage(picture, zero_copy::standardHeader(overlay.picture->message().header)));
   }
   catch (const std::exception& error)
   {

@@ -17,6 +17,7 @@ namespace pi_detect
 namespace
 {
 
+using pi_os_transport::zero_copy::ImageHandle;
 using pi_runtime::format;
 using pi_runtime::sizeText;
 
@@ -101,7 +102,7 @@ void requireBaseline(double baseline_m, const std::string& name)
   }
 }
 
-int64_t stampOf(const sensor_msgs::ImageConstPtr& picture)
+int64_t stampOf(const ImageHandle& picture)
 {
   return fromMsg(picture->header.stamp);
 }
@@ -266,7 +267,7 @@ void StereoPairing::clear()
   waiting_[1].clear();
 }
 
-std::optional<StereoPair> StereoPairing::add(bool right, const sensor_msgs::ImageConstPtr& picture)
+std::optional<StereoPair> StereoPairing::add(bool right, const ImageHandle& picture)
 {
   const int64_t stamp_ns = stampOf(picture);
   auto& own = waiting_[right ? 1 : 0];

@@ -17,6 +17,7 @@ namespace pi_offload
 namespace
 {
 
+using pi_os_transport::zero_copy::ImageHandle;
 using pi_runtime::format;
 
 constexpr size_t MOST_POSTED = 16;      ///< pictures on their way to the engine
@@ -143,7 +144,7 @@ void CoordinatorRos::loadNodes()
 
 // ------------------------------------------------------------------------------------------------------ offload_input
 
-void CoordinatorRos::onImage(const sensor_msgs::ImageConstPtr& message)
+void CoordinatorRos::onImage(const ImageHandle& message)
 {
   const int64_t arrived_ns = monotonicNs();
   came_at_ns_ = arrived_ns;
@@ -232,8 +233,8 @@ void CoordinatorRos::onLabels(const pi_detect::LabelArrayConstPtr& message)
 
 // ----------------------------------------------------------------------------------------------------- offload_engine
 
-void CoordinatorRos::submit(const std::shared_ptr<const pi_detect::MessagePicture>& picture,
-                            const sensor_msgs::ImageConstPtr& message, int64_t created_ns, int64_t now_ns)
+void CoordinatorRos::submit(const std::shared_ptr<const pi_detect::MessagePicture>& picture, const ImageHandle& message,
+                            int64_t created_ns, int64_t now_ns)
 {
   const ros::Time& stamp = message->header.stamp;
   const double back_s = 1e-9 * static_cast<double>(pi_detect::fromMsg(submitted_stamp_) - pi_detect::fromMsg(stamp));
@@ -333,7 +334,7 @@ void CoordinatorRos::deliverPicture(const Outcome& outcome, const OffloadReply* 
   }
   const Picture picture = std::move(found->second);
   pictures_.erase(found);
-  const std_msgs::Header& header = picture.message->header;
+  const std_msgs::Header header = pi_os_transport::zero_copy::standardHeader(picture.message->header);
   if (reply != nullptr)
   {
     publish(picture, toMsg(reply->objects, picture.message->width, picture.message->height, header));

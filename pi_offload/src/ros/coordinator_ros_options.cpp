@@ -168,6 +168,7 @@ static void visitFields(Options& options, Visitor&& visit)
   visit("local/model", options.local_model);
   visit("local/max_waiting", options.max_local_waiting);
   visit("local/lost_s", options.local_lost_s);
+  visit("zero_copy", options.zero_copy);
   visit("max_rate_hz", options.max_rate_hz);
   visit("keep_order", options.keep_order);
   visit("picture/encoding", client.encoder.mode);

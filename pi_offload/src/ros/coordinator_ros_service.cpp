@@ -106,7 +106,9 @@ void CoordinatorRos::updateSubscription()
   came_at_ns_ = monotonicNs();
   const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
   local_detections_ = input_node_.subscribe("local/detections", 8, &CoordinatorRos::onLocalDetections, this, hints);
-  image_ = input_node_.subscribe("image", 8, &CoordinatorRos::onImage, this, hints);
+  image_ = pi_os_transport::zero_copy::subscribeImages(
+      input_node_, "image", 8, options_.zero_copy,
+      [this](const pi_os_transport::zero_copy::ImageHandle& message) { onImage(message); }, hints);
 }
 
 // ------------------------------------------------------------------------------------------------------- the vehicle

@@ -62,7 +62,8 @@ void TopicCounters::countSent(Sent what, bool from_heap)
   {
     ROS_WARN(
         "pi_os_transport: messages on %s are copied: what surrounds their largest array takes more than the %zu bytes "
-        "before or the %zu bytes behind it. Shorten the strings, or publish the smaller arrays on a topic of their own",
+        "before or the %zu bytes behind it, or its elements are padded. Shorten the strings, or publish the smaller "
+        "arrays on a topic of their own",
         topic_.c_str(), MemoryBlock::HEADROOM, MemoryBlock::TAILROOM);
   }
 }

@@ -1,4 +1,5 @@
-#include <cv_bridge/cv_bridge.h>
+#include <pi_os_transport/zero_copy/cv_bridge.h>
+#include <pi_os_transport/zero_copy/shared_image.h>
 #include <pi_runtime/ros/formatting.h>
 #include <pi_slam/ros/conversions.h>
 #include <pi_slam/so3.h>
@@ -18,45 +19,10 @@ namespace
 using pi_runtime::sizeText;
 
 namespace encodings = sensor_msgs::image_encodings;
+namespace zero_copy = pi_os_transport::zero_copy;
 
 constexpr int64_t SECOND_NS = 1000000000;
 constexpr uint32_t MAX_SIDE_PX = 16384;
-
-/// Ties a message to the pictures that share its buffer.
-class MessageKeeper : public cv::MatAllocator
-{
-public:
-  static cv::Mat wrap(const sensor_msgs::ImageConstPtr& image)
-  {
-    static const MessageKeeper keeper;
-    // OpenCV knows no constant pictures; whoever gets this one must not write to it.
-    auto* data = const_cast<uint8_t*>(image->data.data());
-    cv::Mat picture(static_cast<int>(image->height), static_cast<int>(image->width), CV_8UC1, data, image->step);
-    auto* owner = new cv::UMatData(&keeper);
-    owner->data = owner->origdata = data;
-    owner->size = image->data.size();
-    owner->userdata = new sensor_msgs::ImageConstPtr(image);
-    owner->refcount = 1;
-    picture.u = owner;
-    return picture;
-  }
-
-  // New memory is never asked of this allocator: pictures made from a wrapped one use OpenCV's own.
-  cv::UMatData* allocate(int dims, const int* sizes, int type, void* data, size_t* step, cv::AccessFlag flags,
-                         cv::UMatUsageFlags usage) const override
-  {
-    return cv::Mat::getStdAllocator()->allocate(dims, sizes, type, data, step, flags, usage);
-  }
-  bool allocate(cv::UMatData* data, cv::AccessFlag flags, cv::UMatUsageFlags usage) const override
-  {
-    return cv::Mat::getStdAllocator()->allocate(data, flags, usage);
-  }
-  void deallocate(cv::UMatData* owner) const override
-  {
-    delete static_cast<sensor_msgs::ImageConstPtr*>(owner->userdata);
-    delete owner;
-  }
-};
 
 /// @return the coefficient of the vector, 0 if it is shorter.
 double coefficient(const std::vector<double>& values, size_t index)
@@ -104,6 +70,44 @@ void readDistortion(const sensor_msgs::CameraInfo& info, CameraModel* model)
   }
 }
 
+/// @param image  of either form.
+template <typename ImagePtr>
+cv::Mat greyLevels(const ImagePtr& image)
+{
+  if (image->width == 0 || image->height == 0 || image->width > MAX_SIDE_PX || image->height > MAX_SIDE_PX)
+  {
+    throw std::invalid_argument("size " + sizeText(image->width, image->height) + ", must be 1x1 to " +
+                                sizeText(MAX_SIDE_PX, MAX_SIDE_PX));
+  }
+  if (static_cast<size_t>(image->step) * image->height > image->data.size())
+  {
+    throw std::invalid_argument("step " + std::to_string(image->step) + " and height " + std::to_string(image->height) +
+                                " need more than its " + std::to_string(image->data.size()) + " bytes");
+  }
+  if (image->encoding == encodings::MONO8 || image->encoding == encodings::TYPE_8UC1)
+  {
+    if (image->step < image->width)
+    {
+      throw std::invalid_argument("step " + std::to_string(image->step) + ", must be at least the width " +
+                                  std::to_string(image->width));
+    }
+    // OpenCV knows no constant pictures; whoever gets this one must not write to it.
+    return zero_copy::shareMat(image);
+  }
+  try
+  {
+    return zero_copy::toCvShare(image, encodings::MONO8)->image;
+  }
+  // cv_bridge throws runtime errors of several kinds for encodings it does not know.
+  catch (const std::exception& error)
+  {
+    throw std::invalid_argument("encoding \"" + image->encoding +
+                                "\" cannot be turned into grey levels; known are mono8, mono16, bgr8, rgb8, bgra8, "
+                                "rgba8 and bayer_* (" +
+                                error.what() + ")");
+  }
+}
+
 }  // namespace
 
 int64_t fromMsg(const ros::Time& stamp)
@@ -139,37 +143,12 @@ ImuSample fromMsg(const sensor_msgs::Imu& imu)
 
 cv::Mat fromMsg(const sensor_msgs::ImageConstPtr& image)
 {
-  if (image->width == 0 || image->height == 0 || image->width > MAX_SIDE_PX || image->height > MAX_SIDE_PX)
-  {
-    throw std::invalid_argument("size " + sizeText(image->width, image->height) + ", must be 1x1 to " +
-                                sizeText(MAX_SIDE_PX, MAX_SIDE_PX));
-  }
-  if (static_cast<size_t>(image->step) * image->height > image->data.size())
-  {
-    throw std::invalid_argument("step " + std::to_string(image->step) + " and height " + std::to_string(image->height) +
-                                " need more than its " + std::to_string(image->data.size()) + " bytes");
-  }
-  if (image->encoding == encodings::MONO8 || image->encoding == encodings::TYPE_8UC1)
-  {
-    if (image->step < image->width)
-    {
-      throw std::invalid_argument("step " + std::to_string(image->step) + ", must be at least the width " +
-                                  std::to_string(image->width));
-    }
-    return MessageKeeper::wrap(image);
-  }
-  try
-  {
-    return cv_bridge::toCvCopy(image, encodings::MONO8)->image;
-  }
-  // cv_bridge throws runtime errors of several kinds for encodings it does not know.
-  catch (const std::exception& error)
-  {
-    throw std::invalid_argument("encoding \"" + image->encoding +
-                                "\" cannot be turned into grey levels; known are mono8, mono16, bgr8, rgb8, bgra8, "
-                                "rgba8 and bayer_* (" +
-                                error.what() + ")");
-  }
+  return greyLevels(image);
+}
+
+cv::Mat fromMsg(const zero_copy::ImageHandle& image)
+{
+  return greyLevels(image);
 }
 
 CameraModel fromMsg(const sensor_msgs::CameraInfo& info, bool rectified)

@@ -20,6 +20,8 @@ using pi_runtime::format;
 using pi_runtime::seconds;
 using pi_runtime::sizeText;
 
+namespace zero_copy = pi_os_transport::zero_copy;
+
 constexpr double TICK_S = 0.1;
 constexpr size_t EARLIER_FRAMES = 5;  ///< whose tracks are drawn
 /// Pairs in a row with texture but hardly a feature seen by both cameras, after which there is a warning.
@@ -94,10 +96,9 @@ VioRos::VioRos(ros::NodeHandle node, ros::NodeHandle private_node)
     const std::string side = camera == LEFT ? "left" : "right";
     picture_inputs_[camera].topic = input_node_.resolveName(side + "/image_raw");
     picture_inputs_[camera].came_at = Clock::now().time_since_epoch().count();
-    subscribers_.push_back(input_node_.subscribe<sensor_msgs::Image>(
-        side + "/image_raw", queue_size,
-        [this, camera](const sensor_msgs::ImageConstPtr& message) { onImage(camera, message); }, ros::VoidConstPtr(),
-        hints));
+    subscribers_.push_back(zero_copy::subscribeImages(
+        input_node_, side + "/image_raw", queue_size, options_.zero_copy,
+        [this, camera](const zero_copy::ImageHandle& message) { onImage(camera, message); }, hints));
     info_inputs_[camera].topic = input_node_.resolveName(side + "/camera_info");
     info_inputs_[camera].came_at = Clock::now().time_since_epoch().count();
     if (!file_calibration_)
@@ -278,7 +279,7 @@ void VioRos::onCameraInfo(int camera, const sensor_msgs::CameraInfoConstPtr& inf
   }
 }
 
-void VioRos::onImage(int camera, const sensor_msgs::ImageConstPtr& message)
+void VioRos::onImage(int camera, const zero_copy::ImageHandle& message)
 {
   const std::string& topic = picture_inputs_[camera].topic;
   picture_inputs_[camera].note();

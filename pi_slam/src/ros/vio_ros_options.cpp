@@ -43,6 +43,7 @@ void visitFields(Options& options, Visitor&& visit)
   visit("tf_rate_hz", options.tf_rate_hz);
   visit("mapping", options.mapping);
   visit("map_file", options.map_file);
+  visit("zero_copy", options.zero_copy);
   visit("queue_size", options.queue_size);
   visit("imu_queue_size", options.imu_queue_size);
   visit("pair_tolerance_s", options.pair_tolerance_s);

@@ -5,6 +5,7 @@
 #include <pi_bringup/euroc_dataset.h>
 #include <pi_bringup/frame_prefetcher.h>
 #include <pi_bringup/stereo_rectification.h>
+#include <pi_os_transport/zero_copy/message.h>
 #include <ros/time.h>
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/Image.h>
@@ -21,6 +22,9 @@ ros::Time toTime(int64_t stamp_ns);
 
 /// mono8 or bgr8 by the number of channels. Moves the pixels out of the frame, copies nothing.
 sensor_msgs::ImagePtr toImage(Frame&& frame, const ros::Time& stamp, const std::string& frame_id);
+/// The same into a message that is lent out, to whose memory the pixels are copied.
+void toImage(const Frame& frame, const ros::Time& stamp, const std::string& frame_id,
+             pi_os_transport::zero_copy::Message<sensor_msgs::Image>* image);
 
 /// Header left empty. distortion_model is plumb_bob, whose fifth coefficient is 0.
 sensor_msgs::CameraInfo toCameraInfo(const CameraCalibration& camera, const Rectification& rectification);

@@ -40,6 +40,8 @@ public:
 
   bool hasRight() const { return dataset_.right.has_value(); }
   sensor_msgs::ImagePtr image(bool left, Frame&& frame, const ros::Time& stamp) const;
+  void image(bool left, const Frame& frame, const ros::Time& stamp,
+             pi_os_transport::zero_copy::Message<sensor_msgs::Image>* image) const;
   sensor_msgs::CameraInfo cameraInfo(bool left, const ros::Time& stamp) const;
   sensor_msgs::Imu imu(size_t index, const ros::Time& stamp) const;
   nav_msgs::Odometry groundTruth(size_t index, const ros::Time& stamp) const;

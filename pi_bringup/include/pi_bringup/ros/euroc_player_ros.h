@@ -8,6 +8,7 @@
 #include <pi_bringup/ros/player.h>
 #include <pi_bringup/ros/subscriber_gate.h>
 #include <pi_bringup/timeline.h>
+#include <pi_os_transport/zero_copy/publisher.h>
 #include <ros/ros.h>
 
 #include <atomic>
@@ -77,9 +78,9 @@ private:
   PlaybackStatus status_;
   std::atomic<bool> stopped_{false};
 
-  ros::Publisher left_image_;
+  pi_os_transport::zero_copy::Publisher<sensor_msgs::Image> left_image_;
   ros::Publisher left_info_;
-  ros::Publisher right_image_;
+  pi_os_transport::zero_copy::Publisher<sensor_msgs::Image> right_image_;
   ros::Publisher right_info_;
   ros::Publisher imu_;
   ros::Publisher odometry_;

@@ -3,6 +3,7 @@
 #include <nav_msgs/Odometry.h>
 #include <pi_bringup/simulation/vehicle_simulation.h>
 #include <pi_detect/ObstacleArray.h>
+#include <pi_os_transport/zero_copy/message.h>
 #include <pi_slam/camera_model.h>
 #include <ros/time.h>
 #include <sensor_msgs/CameraInfo.h>
@@ -31,7 +32,8 @@ sensor_msgs::Imu toImu(const pi_slam::ImuSample& sample, const pi_slam::ImuSimul
                        const std::string& frame);
 
 /// mono8 or bgr8, by the number of channels. Copies the pixels.
-sensor_msgs::ImagePtr toImage(const cv::Mat& picture, const ros::Time& stamp, const std::string& frame);
+void toImage(const cv::Mat& picture, const ros::Time& stamp, const std::string& frame,
+             pi_os_transport::zero_copy::Message<sensor_msgs::Image>* image);
 
 /// Of a camera without distortion in a rectified pair. Header left empty.
 /// @param baseline  0: the left one [m].

@@ -4,6 +4,7 @@
 #include <pi_bringup/SimulatorCommand.h>
 #include <pi_bringup/ros/vehicle_simulator_ros_options.h>
 #include <pi_bringup/simulation/vehicle_simulation.h>
+#include <pi_os_transport/zero_copy/publisher.h>
 #include <pi_runtime/ros/callback_thread.h>
 #include <pi_runtime/ros/recent_values.h>
 #include <pi_runtime/ros/warning_board.h>
@@ -78,8 +79,8 @@ private:
   diagnostic_updater::Updater updater_;
   tf2_ros::StaticTransformBroadcaster broadcaster_;
   ros::Publisher imu_;
-  ros::Publisher left_;
-  ros::Publisher right_;
+  pi_os_transport::zero_copy::Publisher<sensor_msgs::Image> left_;
+  pi_os_transport::zero_copy::Publisher<sensor_msgs::Image> right_;
   ros::Publisher left_info_;
   ros::Publisher right_info_;
   ros::Publisher odometry_;

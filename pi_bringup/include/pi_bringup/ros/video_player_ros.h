@@ -6,6 +6,7 @@
 #include <pi_bringup/ros/player.h>
 #include <pi_bringup/ros/subscriber_gate.h>
 #include <pi_bringup/video_reader.h>
+#include <pi_os_transport/zero_copy/publisher.h>
 #include <ros/ros.h>
 #include <sensor_msgs/CameraInfo.h>
 
@@ -57,7 +58,7 @@ private:
   Pacer pacer_;
   SubscriberGate gate_;
   PlaybackStatus status_;
-  ros::Publisher image_;
+  pi_os_transport::zero_copy::Publisher<sensor_msgs::Image> image_;
   ros::Publisher info_;
   sensor_msgs::CameraInfo info_message_;
 };

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <pi_detect/ssd_detector.h>
+#include <pi_os_transport/zero_copy/image_subscriber.h>
 #include <sensor_msgs/Image.h>
 
 #include <opencv2/core/mat.hpp>
@@ -15,13 +16,14 @@ class MessagePicture
 public:
   /// @throws std::invalid_argument for an encoding that is unknown, a size of zero, a step that is too small, and fewer
   ///         bytes than size and step ask for.
-  explicit MessagePicture(sensor_msgs::ImageConstPtr message);
+  explicit MessagePicture(pi_os_transport::zero_copy::ImageHandle message);
+  explicit MessagePicture(const sensor_msgs::ImageConstPtr& message);
 
   const PictureView& view() const { return view_; }
-  const sensor_msgs::Image& message() const { return *message_; }
+  const pi_os_transport::zero_copy::Message<sensor_msgs::Image>& message() const { return *message_; }
 
 private:
-  sensor_msgs::ImageConstPtr message_;
+  pi_os_transport::zero_copy::ImageHandle message_;
   cv::Mat converted_;  ///< empty: the view is of the message
   PictureView view_;
 };
@@ -29,5 +31,6 @@ private:
 /// In grey levels, CV_8UC1. mono8 and 8UC1 share the message's buffer, which must live as long and is not written to.
 /// @throws std::invalid_argument as above.
 cv::Mat toGrey(const sensor_msgs::Image& message);
+cv::Mat toGrey(const pi_os_transport::zero_copy::Message<sensor_msgs::Image>& message);
 
 }  // namespace pi_detect

@@ -7,6 +7,7 @@
 #include <pi_detect/ros/obstacle_markers.h>
 #include <pi_detect/ros/obstacles_diagnostics.h>
 #include <pi_detect/ros/obstacles_ros_options.h>
+#include <pi_detect/ros/picture_subscription.h>
 #include <pi_detect/ros/stereo_camera.h>
 #include <pi_detect/ros/vehicle_motion.h>
 #include <pi_detect/stereo_obstacles.h>
@@ -15,7 +16,6 @@
 #include <pi_runtime/ros/warning_board.h>
 #include <ros/ros.h>
 #include <sensor_msgs/CameraInfo.h>
-#include <sensor_msgs/Image.h>
 #include <stereo_msgs/DisparityImage.h>
 
 #include <atomic>
@@ -74,14 +74,17 @@ private:
     StereoPair pair;
     stereo_msgs::DisparityImageConstPtr disparity;
     sensor_msgs::CameraInfoConstPtr infos[2];
-    const std_msgs::Header& header() const { return disparity ? disparity->header : pair.left->header; }
+    std_msgs::Header header() const
+    {
+      return disparity ? disparity->header : pi_os_transport::zero_copy::standardHeader(pair.left->header);
+    }
   };
 
   // obs_input
-  void onImage(Side side, const sensor_msgs::ImageConstPtr& message);
+  void onImage(Side side, const pi_os_transport::zero_copy::ImageHandle& message);
   void onDisparity(const stereo_msgs::DisparityImageConstPtr& message);
   void onTracks(const Track2DArrayConstPtr& message);
-  bool isStamped(const Input& input, const std_msgs::Header& header);
+  bool isStamped(const Input& input, const ros::Time& stamp);
   /// Puts it where the worker takes it. mutex_ is held.
   void offer(Job job);
 
@@ -145,7 +148,7 @@ private:
 
   // obs_output
   bool subscribed_ = false;
-  image_transport::Subscriber images_[2];
+  PictureSubscription images_[2];
   std::vector<ros::Subscriber> subscribers_;
 
   image_transport::ImageTransport transport_;

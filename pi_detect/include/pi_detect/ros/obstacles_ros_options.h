@@ -26,6 +26,7 @@ StereoSource parseStereoSource(const std::string& name);
 struct ObstaclesRosOptions
 {
   StereoSource source = StereoSource::RECTIFIED;
+  bool zero_copy = true;  ///< raw pictures are read where their publisher wrote them, if the transport can
   std::string image_transport = "raw";  ///< of the pictures
   double pair_tolerance_s = 0.005;      ///< between the stamps of a pair's pictures [s]
   double max_rate_hz = 0.0;             ///< pairs that come faster are left out [Hz]; 0: none is

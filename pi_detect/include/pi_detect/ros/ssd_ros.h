@@ -5,6 +5,7 @@
 #include <pi_detect/SetModel.h>
 #include <pi_detect/object_tracker.h>
 #include <pi_detect/ros/message_picture.h>
+#include <pi_detect/ros/picture_subscription.h>
 #include <pi_detect/ros/ssd_diagnostics.h>
 #include <pi_detect/ros/ssd_ros_options.h>
 #include <pi_detect/ssd_detector.h>
@@ -12,7 +13,6 @@
 #include <pi_runtime/ros/callback_thread.h>
 #include <pi_runtime/ros/warning_board.h>
 #include <ros/ros.h>
-#include <sensor_msgs/Image.h>
 
 #include <atomic>
 #include <chrono>
@@ -51,7 +51,7 @@ private:
   /// A call of detect, on its way through the worker.
   struct Call
   {
-    sensor_msgs::ImageConstPtr image;
+    pi_os_transport::zero_copy::ImageHandle image;
     DetectObjects::Response* response;
     bool done = false;
   };
@@ -66,11 +66,11 @@ private:
   };
 
   // ssd_input
-  void onImage(const sensor_msgs::ImageConstPtr& message);
+  void onImage(const pi_os_transport::zero_copy::ImageHandle& message);
 
   // ssd_worker
   void work();
-  void workOn(const sensor_msgs::ImageConstPtr& message, const std::shared_ptr<SsdDetector>& detector);
+  void workOn(const pi_os_transport::zero_copy::ImageHandle& message, const std::shared_ptr<SsdDetector>& detector);
   void serve(const Call& call, SsdDetector* detector);
   Detections wanted(const Detections& all, const ModelDescription& model) const;
 
@@ -102,9 +102,9 @@ private:
   std::condition_variable work_changed_;
   std::condition_variable call_done_;
   bool stopping_ = false;
-  bool worker_ended_ = false;              ///< and touches no call any more
-  std::shared_ptr<SsdDetector> detector_;  ///< null: none could be loaded yet; used by the worker alone
-  sensor_msgs::ImageConstPtr picture_;     ///< the newest, that waits
+  bool worker_ended_ = false;                        ///< and touches no call any more
+  std::shared_ptr<SsdDetector> detector_;            ///< null: none could be loaded yet; used by the worker alone
+  pi_os_transport::zero_copy::ImageHandle picture_;  ///< the newest, that waits
   std::deque<Call*> calls_;
   pi_runtime::RateLimit rate_limit_{options_.max_rate_hz};
   uint64_t dropped_ = 0;
@@ -123,7 +123,7 @@ private:
   // ssd_loader
   std::string asked_for_;
   // ssd_service
-  image_transport::Subscriber image_;
+  PictureSubscription image_;
   bool subscribed_ = false;
 
   image_transport::ImageTransport input_transport_;

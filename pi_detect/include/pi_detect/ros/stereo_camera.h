@@ -2,8 +2,8 @@
 
 #include <pi_detect/detection.h>
 #include <pi_detect/stereo_obstacles.h>
+#include <pi_os_transport/zero_copy/image_subscriber.h>
 #include <sensor_msgs/CameraInfo.h>
-#include <sensor_msgs/Image.h>
 #include <stereo_msgs/DisparityImage.h>
 
 #include <Eigen/Core>
@@ -60,8 +60,8 @@ private:
 /// Two pictures taken at the same time.
 struct StereoPair
 {
-  sensor_msgs::ImageConstPtr left;
-  sensor_msgs::ImageConstPtr right;
+  pi_os_transport::zero_copy::ImageHandle left;
+  pi_os_transport::zero_copy::ImageHandle right;
 };
 
 /// Brings pictures of two cameras together by their stamps, at once when the second one comes. Pictures whose partner
@@ -74,14 +74,14 @@ public:
 
   /// @param right  false: of the left camera.
   /// @return the pair that the picture completes.
-  std::optional<StereoPair> add(bool right, const sensor_msgs::ImageConstPtr& picture);
+  std::optional<StereoPair> add(bool right, const pi_os_transport::zero_copy::ImageHandle& picture);
   void clear();
 
   uint64_t single() const { return single_; }  ///< pictures without partner so far
 
 private:
   const int64_t tolerance_ns_;
-  std::deque<sensor_msgs::ImageConstPtr> waiting_[2];  ///< left, right; oldest first
+  std::deque<pi_os_transport::zero_copy::ImageHandle> waiting_[2];  ///< left, right; oldest first
   uint64_t single_ = 0;
 };
 

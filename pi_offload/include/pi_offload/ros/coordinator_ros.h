@@ -18,6 +18,7 @@
 #include <pi_offload/ros/coordinator_ros_options.h>
 #include <pi_offload/ros/map_frame.h>
 #include <pi_offload/ros/node_markers.h>
+#include <pi_os_transport/zero_copy/image_subscriber.h>
 #include <pi_runtime/rate_limit.h>
 #include <pi_runtime/ros/callback_thread.h>
 #include <pi_runtime/ros/recent_values.h>
@@ -26,7 +27,6 @@
 #include <ros/callback_queue.h>
 #include <ros/ros.h>
 #include <sensor_msgs/BatteryState.h>
-#include <sensor_msgs/Image.h>
 #include <std_srvs/SetBool.h>
 
 #include <array>
@@ -75,7 +75,7 @@ private:
   struct Picture
   {
     std::shared_ptr<const pi_detect::MessagePicture> picture;
-    sensor_msgs::ImageConstPtr message;
+    pi_os_transport::zero_copy::ImageHandle message;
     uint64_t epoch = 0;  ///< stamps went back so often before
     int64_t deadline_ns = 0;
     pi_detect::Detection2DArrayConstPtr local;  ///< result of the vehicle's detector
@@ -89,13 +89,13 @@ private:
   };
 
   // offload_input
-  void onImage(const sensor_msgs::ImageConstPtr& message);
+  void onImage(const pi_os_transport::zero_copy::ImageHandle& message);
   void onLocalDetections(const pi_detect::Detection2DArrayConstPtr& message);
   void onLabels(const pi_detect::LabelArrayConstPtr& message);
 
   // offload_engine
   void submit(const std::shared_ptr<const pi_detect::MessagePicture>& picture,
-              const sensor_msgs::ImageConstPtr& message, int64_t created_ns, int64_t now_ns);
+              const pi_os_transport::zero_copy::ImageHandle& message, int64_t created_ns, int64_t now_ns);
   void runLocal(const Task& task);
   void giveToDetector(int64_t now_ns);
   void deliver(const Outcome& outcome, const OffloadReply* reply);

@@ -39,6 +39,7 @@ struct CoordinatorRosOptions
   std::string local_model;       ///< network of the vehicle's detector; empty: as topic local/labels says
   size_t max_local_waiting = 8;  ///< pictures that wait for the vehicle's detector
   double local_lost_s = 2.0;     ///< a picture that the detector did not answer for so long is given up [s]
+  bool zero_copy = true;         ///< pictures are read where their publisher wrote them, if the transport can
   double max_rate_hz = 0.0;      ///< pictures that come faster are left out [Hz]; 0: none is
   bool keep_order = true;        ///< of `detections`: stamps never go back; late pictures are dropped
   int max_calls = 4;             ///< of recognize_utterance at a time; further ones are answered handled=false

@@ -4,6 +4,7 @@
 #include <geometry_msgs/PoseWithCovarianceStamped.h>
 #include <geometry_msgs/TransformStamped.h>
 #include <nav_msgs/Odometry.h>
+#include <pi_os_transport/zero_copy/image_subscriber.h>
 #include <pi_slam/camera_model.h>
 #include <pi_slam/imu_propagator.h>
 #include <pi_slam/imu_sample.h>
@@ -36,6 +37,7 @@ ImuSample fromMsg(const sensor_msgs::Imu& imu);
 /// converted.
 /// @throws std::invalid_argument naming encoding, size or step that cannot be used.
 cv::Mat fromMsg(const sensor_msgs::ImageConstPtr& image);
+cv::Mat fromMsg(const pi_os_transport::zero_copy::ImageHandle& image);
 
 /// Camera of a camera_info: K and D of the picture as the lens shows it, or P of the rectified one; binning and region
 /// of interest are taken into account.

@@ -2,6 +2,7 @@
 
 #include <geometry_msgs/PoseWithCovarianceStamped.h>
 #include <nav_msgs/Path.h>
+#include <pi_os_transport/zero_copy/image_subscriber.h>
 #include <pi_runtime/ros/callback_thread.h>
 #include <pi_runtime/ros/warning_board.h>
 #include <pi_slam/LoadMap.h>
@@ -95,7 +96,7 @@ private:
 
   // vio_input
   void onCameraInfo(int camera, const sensor_msgs::CameraInfoConstPtr& info);
-  void onImage(int camera, const sensor_msgs::ImageConstPtr& message);
+  void onImage(int camera, const pi_os_transport::zero_copy::ImageHandle& message);
   void enqueue(std::vector<PicturePair>* pairs);
 
   // vio_worker

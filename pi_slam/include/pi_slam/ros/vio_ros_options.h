@@ -30,6 +30,7 @@ struct VioRosOptions
   bool mapping = true;   ///< false: odometry alone, map and odom are the same
   std::string map_file;  ///< map to begin with, as save_map wrote it; empty: none
 
+  bool zero_copy = true;            ///< pictures are read where their publisher wrote them, if the transport can
   int queue_size = 4;               ///< pairs that wait for the worker; the oldest go when it falls behind
   int imu_queue_size = 1000;        ///< samples that wait for their thread
   double pair_tolerance_s = 0.002;  ///< between the stamps of a pair's pictures [s]

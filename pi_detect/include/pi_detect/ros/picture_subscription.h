@@ -1,0 +1,34 @@
+#pragma once
+
+#include <image_transport/image_transport.h>
+#include <pi_os_transport/zero_copy/image_subscriber.h>
+#include <ros/ros.h>
+
+#include <boost/function.hpp>
+#include <cstdint>
+#include <string>
+
+namespace pi_detect
+{
+
+/// Pictures of one topic: where their publisher wrote them if they come raw, else by image_transport. One thread.
+class PictureSubscription
+{
+public:
+  using ImageHandle = pi_os_transport::zero_copy::ImageHandle;
+  using Callback = boost::function<void(const ImageHandle&)>;
+
+  /// @param node       for pictures that come raw, with the queue of `transport`.
+  /// @param zero_copy  false: by image_transport also then.
+  /// @throws as image_transport::ImageTransport::subscribe().
+  void subscribe(ros::NodeHandle& node, image_transport::ImageTransport& transport, const std::string& topic,
+                 uint32_t queue_size, bool zero_copy, const image_transport::TransportHints& hints,
+                 const Callback& callback);
+  void shutdown();
+
+private:
+  ros::Subscriber raw_;
+  image_transport::Subscriber transported_;
+};
+
+}  // namespace pi_detect
