@@ -101,6 +101,8 @@ private:
         std::this_thread::sleep_until(next);
       }
     }
+    std::lock_guard<std::mutex> lock(mutex_);
+    client_ = ros::ServiceClient();  // a persistent connection ends with the calls
   }
 
   /// @return true if the call came back with an answer.

@@ -44,7 +44,6 @@ class ServicesKilled(services_judge.ServiceTest):
             client.call('await_calls', n=20)
             report = client.call('stop_calls')
             self.assertEqual(report['wrong'], 0, report)
-            client.call('shutdown_client')
         self.assertEqual(server.call('served', service=self.service)['wrong'], 0)
         self.await_rings(persistent, single, server, of=0)
 
