@@ -269,7 +269,7 @@ void print(const std::string& program, const Round& round)
 void run(const CommandLine& line, int argc, char** argv)
 {
   setenv("ROS_MASTER_URI", ("http://localhost:" + std::to_string(line.port)).c_str(), 1);
-  const Process master({"rosmaster", "--core", "-p", std::to_string(line.port)});
+  const Process master({"rosrun", "pi_os_transport", "pi_core", "-p", std::to_string(line.port)});
   ros::init(argc, argv, "bench_live");
   const auto give_up = Clock::now() + std::chrono::seconds(30);
   while (!ros::master::check())

@@ -37,6 +37,7 @@ class CoreNodes(core_harness.CoreTest):
         with open(path, 'w') as file:
             file.write(LAUNCH)
         launch = self.process(['roslaunch', '--disable-title', path], env=core.environment)
+        self.addCleanup(self.end, launch)
         harness.await_state(lambda: '/group/relay' in core.run('rosnode', 'list').split(), lambda: launch.lines,
                             TOOL_DEADLINE_S)
         self.assertEqual(core.run('rosparam', 'get', '/number').strip(), '5')
@@ -50,7 +51,7 @@ class CoreNodes(core_harness.CoreTest):
         core.run('rosnode', 'ping', '-c', '1', '/group/relay')
         core.run('rosnode', 'ping', '-c', '1', '/rosout')
         self.assertIn('/group/relay/get_loggers', core.run('rosservice', 'list').split())
-        self.assertIn('ros.topic_tools', core.run('rosservice', 'call', '/group/relay/get_loggers'))
+        self.assertIn('ros.roscpp', core.run('rosservice', 'call', '/group/relay/get_loggers'))
         publisher = self.process(['rostopic', 'pub', '-r', '20', '/in', 'std_msgs/String', 'data: hello'],
                                  env=core.environment)
         self.assertIn('hello', core.run('rostopic', 'echo', '-n', '1', '/group/out'))
@@ -60,6 +61,13 @@ class CoreNodes(core_harness.CoreTest):
         launch.signal(signal.SIGINT)
         self.assertEqual(launch.wait(TOOL_DEADLINE_S), 0)
         harness.await_state(lambda: '/group/relay' not in core.run('rosnode', 'list').split(), core.lines)
+
+    @staticmethod
+    def end(launch):
+        """With its nodes, which else would live on."""
+        if launch.alive():
+            launch.signal(signal.SIGINT)
+            launch.wait(TOOL_DEADLINE_S)
 
     def test_roscpp_and_rospy_find_each_other(self):
         core = self.core()
@@ -131,14 +139,17 @@ class CoreNodes(core_harness.CoreTest):
 
     def test_killed_node_is_replaced_by_one_of_its_name(self):
         core = self.core()
-        first = self.node(core, 'same')
+        name = self.unique('same')
+        relay = [harness.other_program('topic_tools', 'relay'), '/in', '/out', '__name:=' + name]
+        first = self.process(relay, env=core.environment)
+        harness.await_state(lambda: self.is_subscribed(core, '/in', '/' + name), lambda: first.lines)
+        first_api = core.call('lookupNode', '/' + name)
+        second = self.process(relay, env=core.environment)
+        self.assertEqual(first.wait(), 0)  # told to shut down
+        harness.await_state(lambda: core.api.lookupNode('/judge', '/' + name)[2] not in ('', first_api),
+                            lambda: second.lines)
+        self.assertTrue(second.alive())
         topic = self.topic()
-        first.call('advertise', topic=topic, queue=100)
-        slave_api = core.call('lookupNode', first.name)
-        self.assertTrue(self.answers(slave_api))
-        second = self.node(core, 'same')
-        harness.await_state(lambda: not self.answers(slave_api), 'the first one was not told to shut down')
-        second.call('advertise', topic=topic, queue=100)
         second.kill()
         third = self.node(core, 'same')
         third.call('advertise', topic=topic, queue=100)
@@ -149,11 +160,8 @@ class CoreNodes(core_harness.CoreTest):
         self.assert_complete(listener.call('await_received', n=5), 5)
 
     @staticmethod
-    def answers(slave_api):
-        try:
-            return core_harness.xmlrpc.client.ServerProxy(slave_api).getPid('/judge')[0] == 1
-        except OSError:
-            return False
+    def is_subscribed(core, topic, node):
+        return [topic, [node]] in core.call('getSystemState')[1]
 
     def test_parameter_callbacks_in_their_order(self):
         core = self.core()

@@ -18,10 +18,10 @@ import os
 import random
 import re
 import signal
-import socket
 import sys
 import time
 
+import core_harness
 import rosgraph
 import transport_harness as harness
 
@@ -308,13 +308,9 @@ def ensure_master():
     """Starts a master on a free port if none answers; returns it, or None."""
     if rosgraph.is_master_online():
         return None
-    with socket.socket() as probe:
-        probe.bind(('', 0))
-        port = probe.getsockname()[1]
-    os.environ['ROS_MASTER_URI'] = 'http://localhost:%d' % port
-    master = harness.Process(['rosmaster', '--core', '-p', str(port)])
+    master = core_harness.Core('pi_master')
+    os.environ['ROS_MASTER_URI'] = master.uri
     masters.add(master.pid)
-    harness.await_state(rosgraph.is_master_online, 'master at port %d' % port)
     return master
 
 

@@ -39,7 +39,7 @@ class NetworkNamespaces(harness.TransportTest):
             probe.bind((HERE, 0))
             port = probe.getsockname()[1]
         self.master = 'http://%s:%d' % (HERE, port)
-        self.process(['env', '-u', 'ROS_HOSTNAME', 'rosmaster', '--core', '-p', str(port)], preload='',
+        self.process(['env', '-u', 'ROS_HOSTNAME', harness.program('pi_master'), '-p', str(port)], preload='',
                      env={'ROS_IP': HERE, 'ROS_MASTER_URI': self.master})
         harness.await_state(lambda: self.master_answers(), 'master at ' + self.master)
 

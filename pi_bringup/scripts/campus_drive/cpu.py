@@ -5,7 +5,8 @@ import time
 from first_drive import measuring
 
 NOT_OF_THE_VEHICLE = {"vehicle_simulator": "simulator", "microphone": "microphone", "rviz": "rviz",
-                      "topic_monitor": "measuring", "drive_campus": "measuring", "rosout": "measuring"}
+                      "topic_monitor": "measuring", "drive_campus": "measuring",
+                      "pi_core": "ROS core", "rosmaster": "ROS core", "rosout": "ROS core"}
 
 
 class CpuAccount:

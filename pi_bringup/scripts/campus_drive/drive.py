@@ -239,6 +239,7 @@ class CampusDrive:
         goal = self._goal(rospy)
         self._others.update({name: process.pid for name, process in (edge.processes if edge else {}).items()})
         self._others["drive_campus"] = os.getpid()
+        self._others.update(started.core)
         self.cpu = CpuAccount(launch.pid, self._others)
         killer = Killer(self.options.kill, self.options.seed, self.observer)
         unplugger = Unplugger(sequence(self.options.unplug, self.options.seed), self.observer, self._commander(rospy))

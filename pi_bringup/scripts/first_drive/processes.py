@@ -81,6 +81,7 @@ class Processes:
         self.environment = dict(environment)
         self.environment[self.MARK] = self.mark
         self.running = []
+        self.core = {}  # name: pid of the ROS master, see start_master()
 
     def start(self, command, log_path, pass_fds=()):
         """Appends what the process prints to `log_path`. Main thread only: the process ends with the thread that
@@ -165,19 +166,33 @@ class Processes:
         print("warning: processes %s could not be ended" % sorted(left.values()), file=sys.stderr)
 
 
+def find_in_spaces(environment, path):
+    """A file of the install or devel spaces of an environment, or None. @param path  below their lib/"""
+    folders = [Path(folder) / "lib" for folder in environment.get("CMAKE_PREFIX_PATH", "").split(":") if folder]
+    return next((folder / path for folder in folders if (folder / path).is_file()), None)
+
+
 def find_library(environment, name="libpi_os_transport.so"):
     """A library in the install or devel spaces of an environment. @throws DemoError"""
-    folders = [Path(folder) / "lib" for folder in environment.get("CMAKE_PREFIX_PATH", "").split(":") if folder]
-    found = next((folder / name for folder in folders if (folder / name).is_file()), None)
+    found = find_in_spaces(environment, name)
     if found is None:
         raise DemoError("%s is in no space of CMAKE_PREFIX_PATH; build and install pi_os_transport, or drive over TCPROS "
                         "(--tcpros)" % name)
     return found
 
 
-def start_master(processes, log_folder):
-    """A master on a port nobody uses, known to all processes started from now on; returns its URI."""
-    uri = processes.start_announced("the ROS master", [sys.executable, Path(__file__).with_name("ros_master.py")],
-                                    log_folder / "rosmaster.log")
+def start_master(processes, log_folder, stock=False):
+    """A master on a port nobody uses, known to all processes started from now on; returns its URI.
+    @param stock  rosmaster, to compare with, and roslaunch adds rosout. Else pi_core, which is both.
+    @throws DemoError"""
+    if stock:
+        name, command = "rosmaster", [sys.executable, Path(__file__).with_name("ros_master.py")]
+    else:
+        program = find_in_spaces(processes.environment, "pi_os_transport/pi_core")
+        if program is None:
+            raise DemoError("pi_core is in no space of CMAKE_PREFIX_PATH; build and install pi_os_transport")
+        name, command = "pi_core", [program, "-p", "0", "--announce"]
+    uri = processes.start_announced("the ROS master", command, log_folder / ("%s.log" % name))
+    processes.core = {name: processes.running[-1].pid}
     processes.environment["ROS_MASTER_URI"] = uri
     return uri

@@ -1,4 +1,4 @@
-"""ros_master.py DESCRIPTOR: a ROS master on a port that nobody uses; writes its URI to the descriptor once it serves.
+"""ros_master.py DESCRIPTOR: rosmaster, to compare with pi_core, on a port that nobody uses; writes its URI to the descriptor once it serves.
 
 The rosmaster program neither takes any free port nor says when it is ready."""
 

@@ -372,7 +372,7 @@ def measure(options, output):
     started = processes.Processes(environment)
     figures = []
     try:
-        processes.start_master(started, output)
+        processes.start_master(started, output, stock=options.tcpros)
         graph = Graph(started.environment)
         import roslib.packages
         model = read_model(roslib.packages.get_pkg_dir("pi_bringup"))

@@ -175,7 +175,7 @@ class Replay:
         options, started = self._options, self._started
         recording = self._recording()
         sounds = [str(words.sound_of(word, self._output)) for word in SAID]
-        processes.start_master(started, self._output / "log")
+        processes.start_master(started, self._output / "log", stock=options.tcpros)
         events = Events(started.environment, "bench_replay")
         from diagnostic_msgs.msg import DiagnosticArray
         events.subscribe("/diagnostics", DiagnosticArray, self._on_diagnostics)

@@ -389,7 +389,7 @@ class Testbed:
             except BenchError as error:
                 raise Unsupported(f'no devices of network namespaces here: {error}') from None
             self.first = self.devices[names[0]]
-            self.master = self.first.start('rosmaster', '--core', '-p', str(MASTER_PORT))
+            self.master = self.first.start(os.path.join(program_folder(), 'pi_master'), '-p', str(MASTER_PORT))
             await_state(self._master_answers, lambda: 'master: ' + self.master.describe())
         except BaseException:
             self.close()

@@ -6,7 +6,6 @@ import os
 import re
 import shutil
 import signal
-import socket
 import subprocess
 import tempfile
 import threading
@@ -32,43 +31,41 @@ def spawn(command, env, **kwargs):
 
 
 class Master:
-    """A rosmaster: an own one on a free port (own=True), else the one that ROS_MASTER_URI names."""
+    """An own pi_master on a free port (own=True), else the master that ROS_MASTER_URI names."""
 
     def __init__(self, own=True):
         self.log_folder = tempfile.mkdtemp(prefix='bench_transport_')
         self.env = {'ROS_LOG_DIR': self.log_folder}
         self.process = None
         if own:
-            with socket.socket() as probe:
-                probe.bind(('localhost', 0))
-                port = probe.getsockname()[1]
-            self.uri = f'http://localhost:{port}/'
-            self.env.update(ROS_MASTER_URI=self.uri, ROS_HOSTNAME='localhost')
-            self.log = open(os.path.join(self.log_folder, 'rosmaster.out'), 'w+')
-            self.process = spawn(['rosmaster', '--core', '-p', str(port)], environment(self.env),
-                                 stdin=subprocess.DEVNULL, stdout=self.log, stderr=subprocess.STDOUT)
+            self._start()
         else:
             self.uri = os.environ['ROS_MASTER_URI']
         self.proxy = xmlrpc.client.ServerProxy(self.uri)
         try:
-            self._await_answer()
-        except BaseException:
+            self.proxy.getPid('/bench_transport')
+        except OSError as error:
             self.close()
-            raise
+            raise BenchError(f'no master answers at {self.uri}: {error}') from None
 
-    def _await_answer(self):
-        deadline = time.monotonic() + CONNECT_DEADLINE_S
-        while True:
+    def _start(self):
+        self.log = open(os.path.join(self.log_folder, 'pi_master.out'), 'w+')
+        read_end, write_end = os.pipe()
+        with os.fdopen(read_end) as announced:
             try:
-                self.proxy.getPid('/bench_transport')
-                return
-            except OSError as error:
-                if self.process and self.process.poll() is not None:
-                    self.log.seek(0)
-                    raise BenchError(f'rosmaster ended with status {self.process.returncode}: {self.log.read()[-500:]}')
-                if time.monotonic() > deadline:
-                    raise BenchError(f'no master answers at {self.uri} within {CONNECT_DEADLINE_S} s: {error}')
-                time.sleep(0.02)  # an external process that has no event to wait for
+                self.process = spawn([os.path.join(program_folder(), 'pi_master'), '-p', '0', '--announce',
+                                      str(write_end)],
+                                     environment(dict(self.env, ROS_HOSTNAME='localhost')), pass_fds=(write_end,),
+                                     stdin=subprocess.DEVNULL, stdout=self.log, stderr=subprocess.STDOUT)
+            finally:
+                os.close(write_end)
+            self.uri = announced.readline().strip()
+        if not self.uri:
+            self.log.seek(0)
+            text = self.log.read()[-500:]
+            self.close()
+            raise BenchError(f'pi_master ended: {text}')
+        self.env.update(ROS_MASTER_URI=self.uri, ROS_HOSTNAME='localhost')
 
     def node_uri(self, name):
         code, text, uri = self.proxy.lookupNode('/bench_transport', name)
