@@ -20,6 +20,7 @@ namespace
 constexpr double DRIVE_S = 7.0;
 constexpr double TIMEOUT_S = 30.0;
 constexpr size_t Z_VARIANCE = 14;
+constexpr int64_t IMU_NS = 5000000;  ///< between two samples
 
 class VioInitialPose : public testing::Test
 {
@@ -116,6 +117,10 @@ TEST_F(VioInitialPose, PutsTheVehicleThereAndRefusesWhatIsNoPose)
   pose.header.stamp = ros::Time();
   pose.pose.pose = toMsg(flat);
   pose.pose.covariance[Z_VARIANCE] = 0.0;
+  // The node's newest one: that of the last sample that was played.
+  const int64_t played_ns = drive_.drive().imu.front().stamp_ns + 5000000000;
+  ASSERT_TRUE(
+      until(TIMEOUT_S, [&] { return fromMsg(odometry_.messages().back()->header.stamp) >= played_ns - IMU_NS; }));
   const nav_msgs::Odometry last = *odometry_.messages().back();
   ASSERT_TRUE(send(pose, "by the newest odometry, as it has no stamp")) << log_.text();
   tf_.clear();
