@@ -5,6 +5,8 @@
 
 #include <opencv2/core.hpp>
 
+#include <iostream>
+
 #include "pi_os_transport/zero_copy/shared_image.h"
 #include "pi_os_transport/zero_copy/statistics.h"
 #include "pi_os_transport/zero_copy/subscriber.h"
@@ -27,7 +29,7 @@ int main(int argc, char** argv)
   ros::spin();
   for (const zero_copy::TopicStatistics& topic : zero_copy::statistics())
   {
-    ROS_INFO("%s", topic.toString().c_str());
+    std::cout << topic.toString() << std::endl;  // the log of ROS has ended
   }
   return 0;
 }

