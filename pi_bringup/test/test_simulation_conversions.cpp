@@ -75,11 +75,14 @@ TEST(SimulationConversions, PicturesKeepTheirPixels)
   {
     grey.data[i] = static_cast<uint8_t>(i);
   }
-  const auto image = toImage(grey, ros::Time(1, 2), "left_optical");
-  EXPECT_EQ("mono8", image->encoding);
-  EXPECT_EQ(5u, image->step);
-  EXPECT_EQ(14, image->data.at(14));
-  EXPECT_EQ("bgr8", toImage(cv::Mat::zeros(2, 2, CV_8UC3), ros::Time(), "a")->encoding);
+  pi_os_transport::zero_copy::Message<sensor_msgs::Image> image;
+  toImage(grey, ros::Time(1, 2), "left_optical", &image);
+  EXPECT_EQ("mono8", image.encoding);
+  EXPECT_EQ("left_optical", image.header.frame_id);
+  EXPECT_EQ(5u, image.step);
+  EXPECT_EQ(14, image.data.at(14));
+  toImage(cv::Mat::zeros(2, 2, CV_8UC3), ros::Time(), "a", &image);
+  EXPECT_EQ("bgr8", image.encoding);
 }
 
 TEST(SimulationConversions, OdometryIsThePose)
