@@ -57,8 +57,10 @@ class CoreNodes(core_harness.CoreTest):
                                  env=core.environment)
         self.assertIn('hello', core.run('rostopic', 'echo', '-n', '1', '/group/out'))
         self.assertIn('std_msgs/String', core.run('rostopic', 'info', '/group/out'))
-        publisher.close()
-        core.run('rosnode', 'cleanup', check=False)
+        publisher.close()  # killed: it stays registered
+        self.assertIn('/in', [topic for topic, _ in core.call('getPublishedTopics', '')])
+        core.run('sh', '-c', 'echo y | rosnode cleanup')
+        self.assertNotIn('/in', [topic for topic, _ in core.call('getPublishedTopics', '')])
         launch.signal(signal.SIGINT)
         self.assertEqual(launch.wait(TOOL_DEADLINE_S), 0)
         harness.await_state(lambda: '/group/relay' not in core.run('rosnode', 'list').split(), lambda: core.lines,
