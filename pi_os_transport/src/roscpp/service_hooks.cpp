@@ -232,12 +232,10 @@ bool handleHeader(ros::ServiceClientLink* self, const ros::Header& header)
         responder->disconnect();
       });
   OfferScope scope(offer);
-  const bool accepted = runtime.original.service_handle_header(self, header);
-  if (accepted)
-  {
-    self->persistent_ = true;  // the client ends the connection, see callService()
-  }
-  return accepted;
+  // The client ends the connection, see callService(). Before the header is written: the first request may come, and be
+  // answered by another thread, before this function goes on.
+  self->persistent_ = true;
+  return runtime.original.service_handle_header(self, header);
 }
 
 void processResponse(ros::ServiceClientLink* self, bool ok, const ros::SerializedMessage& response)
