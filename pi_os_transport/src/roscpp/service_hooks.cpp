@@ -125,7 +125,8 @@ ros::ServiceServerLinkPtr createLink(ros::ServiceManager* self, const std::strin
 bool initialize(ros::ServiceServerLink* self, const ros::ConnectionPtr& connection)
 {
   Runtime& runtime = Runtime::instance();
-  if (!runtime.active() || !connection->getTransport()->requiresHeader() ||
+  // Single-shot clients stay on TCPROS: one call in some hundreds failed on connections that were kept for the next one.
+  if (!self->isPersistent() || !runtime.active() || !connection->getTransport()->requiresHeader() ||
       !runtime.options.carries(self->getServiceName()))
   {
     return runtime.original.service_initialize(self, connection);
