@@ -45,7 +45,6 @@ TEST(Coordinator, WithoutNodesTheVehiclesDetectorGetsTheVeryPicture)
 {
   FakeDetector detector("local_only");
   CoordinatorOnGraph coordinator("local_only");
-  coordinator.set("zero_copy", false);  // as nodelets of one process with stock cameras have it
   coordinator.start();
   ASSERT_TRUE(coordinator.listen());
   const sensor_msgs::ImagePtr picture = coordinator.makePicture();
