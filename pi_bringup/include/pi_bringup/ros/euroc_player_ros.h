@@ -10,6 +10,7 @@
 #include <pi_bringup/timeline.h>
 #include <pi_os_transport/zero_copy/publisher.h>
 #include <ros/ros.h>
+#include <sensor_msgs/Image.h>
 
 #include <atomic>
 #include <memory>

@@ -10,6 +10,7 @@
 #include <pi_runtime/ros/warning_board.h>
 #include <ros/ros.h>
 #include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/Image.h>
 #include <std_msgs/String.h>
 #include <tf2_ros/static_transform_broadcaster.h>
 

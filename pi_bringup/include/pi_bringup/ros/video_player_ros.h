@@ -9,6 +9,7 @@
 #include <pi_os_transport/zero_copy/publisher.h>
 #include <ros/ros.h>
 #include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/Image.h>
 
 #include <string>
 #include <vector>
