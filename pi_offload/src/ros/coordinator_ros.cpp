@@ -305,7 +305,16 @@ void CoordinatorRos::giveToDetector(int64_t now_ns)
   const std::optional<LocalQueue::Entry> next = local_.next(now_ns, local_s_, &dropped);
   if (next)
   {
-    local_image_.publish(pictures_.at(next->task).message);
+    // The very message that came.
+    const ImageHandle& message = pictures_.at(next->task).message;
+    if (const sensor_msgs::ImageConstPtr standard = pi_os_transport::zero_copy::standardOf(message))
+    {
+      local_image_.publish(standard);
+    }
+    else
+    {
+      local_image_.publish(message);
+    }
   }
   for (const LocalQueue::Entry& entry : dropped)
   {

@@ -33,6 +33,11 @@ public:
     }
     return counters;
   }
+  bool knows(const std::string& topic, bool publisher)
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    return counters_.count({topic, publisher}) != 0;
+  }
   std::vector<TopicStatistics> read()
   {
     std::lock_guard<std::mutex> lock(mutex_);
@@ -104,6 +109,11 @@ std::string TopicStatistics::toString() const
 std::shared_ptr<TopicCounters> countersOf(const std::string& topic, bool publisher)
 {
   return Registry::instance().find(topic, publisher);
+}
+
+bool isZeroCopyTopic(const std::string& topic)
+{
+  return Registry::instance().knows(topic, true);
 }
 
 std::vector<TopicStatistics> statistics()

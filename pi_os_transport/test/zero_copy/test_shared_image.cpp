@@ -123,6 +123,14 @@ TEST(SharedImage, AStandardImageIsSharedAndKept)
   EXPECT_TRUE(watch.expired());
 }
 
+TEST(SharedImage, AStandardImageIsFoundAgain)
+{
+  const auto standard = boost::make_shared<sensor_msgs::Image>();
+  EXPECT_EQ(standard, standardOf(toHandle(standard)));
+  EXPECT_EQ(nullptr, standardOf(deliverImage(48, 64, "mono8", 5)));
+  EXPECT_EQ(nullptr, standardOf(nullptr));
+}
+
 TEST(SharedImage, AnEmptyStandardImageIsNoError)
 {
   EXPECT_TRUE(toHandle(boost::make_shared<sensor_msgs::Image>())->data.empty());

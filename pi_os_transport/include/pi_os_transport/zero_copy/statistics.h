@@ -69,6 +69,9 @@ private:
 /// The counters of a topic and direction; the same ones for all publishers or subscribers of it. Any thread.
 std::shared_ptr<TopicCounters> countersOf(const std::string& topic, bool publisher);
 
+/// True if this process has published zero-copy messages on the topic. Any thread.
+bool isZeroCopyTopic(const std::string& topic);
+
 /// All topics of this process so far. Any thread.
 std::vector<TopicStatistics> statistics();
 
