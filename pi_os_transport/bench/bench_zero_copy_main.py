@@ -73,10 +73,11 @@ class Pair:
             kept.append((node, event))
 
     def await_links(self):
-        wanted = {(direction, self.transport, self.namespace + '/data') for direction in 'io'}
+        wanted = {(direction, self.transport, f'{self.namespace}/{topic}') for direction in 'io'
+                  for topic in ('data', 'ack')}
         deadline = time.monotonic() + DEADLINE_S
         while True:
-            links = {link for node in self.nodes for link in node.bus() if link[2] == self.namespace + '/data'}
+            links = {link for node in self.nodes for link in node.bus() if link[2].startswith(self.namespace)}
             if links == wanted:
                 return
             if time.monotonic() > deadline:
