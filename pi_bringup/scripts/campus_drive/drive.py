@@ -74,9 +74,9 @@ class CampusDrive:
             "trace_capacity": TRACED_TASKS if options.together else 0, "frame_rate": options.frame_rate,
             "output": "screen"}
         print("  starting the nodes")
-        launch = started.start(["roslaunch", "pi_bringup", "simulation.launch"] +
-                               ["%s:=%s" % (key, str(value).lower() if isinstance(value, bool) else value)
-                                for key, value in arguments.items()], log)
+        launch = started.launch(["pi_bringup", "simulation.launch"] +
+                                ["%s:=%s" % (key, str(value).lower() if isinstance(value, bool) else value)
+                                 for key, value in arguments.items()], log)
         monitor = None
         try:
             events.follow(launch)

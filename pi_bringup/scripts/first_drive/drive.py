@@ -47,8 +47,8 @@ class Drive:
             raise DemoError("%s has less than 1 GB of free space, where rosbag record stops recording; make room or "
                             "choose another folder with --output" % self.output)
         print("  starting the nodes")
-        launch = processes.start(
-            ["roslaunch", "pi_bringup", "drive.launch", *launch_arguments, "preload:=%s" % (self.preload or ""),
+        launch = processes.launch(
+            ["pi_bringup", "drive.launch", *launch_arguments, "preload:=%s" % (self.preload or ""),
              "record:=%s" % self.bag, "report:=%s" % monitor_report, "peer_report:=%s" % peer_report,
              "rviz_display:=" + screen.rviz_display, "view_display:=" + screen.view_display,
              "exit_when_done:=false", "table:=false", "measure:=true", "tcp_nodelay:=true"], log)

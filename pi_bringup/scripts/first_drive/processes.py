@@ -96,6 +96,11 @@ class Processes:
         self.running.append(process)
         return process
 
+    def launch(self, arguments, log_path):
+        """roslaunch with these arguments; as start()."""
+        # -P: the modules beside it are none of roslaunch's.
+        return self.start([sys.executable, "-P", Path(__file__).with_name("launcher.py"), *arguments], log_path)
+
     def start_announced(self, name, command, log_path):
         """Starts a program that gets the number of a descriptor as its last argument and writes a line to it once it
         is ready. @return that line. @throws DemoError if the program ended before."""

@@ -194,8 +194,8 @@ class Bench:
         try:
             if row.offloads:
                 nodes.append(self._edge_server(log))
-            launch = self._started.start(
-                ["roslaunch", "pi_bringup", "power_bench.launch", "slam:=%s" % ("local" if row.slam else "none"),
+            launch = self._started.launch(
+                ["pi_bringup", "power_bench.launch", "slam:=%s" % ("local" if row.slam else "none"),
                  "detection:=" + row.detection, "speech:=" + row.speech, "video:=%s" % self._options.video,
                  "detection_hz:=%s" % self._options.detection_hz, "sounds:=%s" % self._options.sounds,
                  "preload:=%s" % (self._options.preload or "")], log)
@@ -207,8 +207,8 @@ class Bench:
 
     def _edge_server(self, log):
         port, health = free_port(), free_port()
-        server = self._started.start(
-            ["roslaunch", "pi_offload", "edge_server.launch", "id:=bench", "address:=127.0.0.1:%d" % port,
+        server = self._started.launch(
+            ["pi_offload", "edge_server.launch", "id:=bench", "address:=127.0.0.1:%d" % port,
              "port:=%d" % port, "health_port:=%d" % health, "workers:=1", "output:=log"], log)
         self._graph.await_node("/edge_server", server)
         return server

@@ -179,8 +179,8 @@ class Replay:
         events = Events(started.environment, "bench_replay")
         from diagnostic_msgs.msg import DiagnosticArray
         events.subscribe("/diagnostics", DiagnosticArray, self._on_diagnostics)
-        launch = started.start(
-            ["roslaunch", "pi_bringup", "vehicle.launch", "preload:=%s" % (self._preload or ""), "decision:=false",
+        launch = started.launch(
+            ["pi_bringup", "vehicle.launch", "preload:=%s" % (self._preload or ""), "decision:=false",
              "chassis:=false", "microphone:=false", "rviz:=false", "announce:=false",
              "together:=%s" % str(options.together).lower(), "output:=screen"], self._log)
         events.follow(launch)
