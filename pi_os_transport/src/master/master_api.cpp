@@ -44,6 +44,17 @@ std::shared_ptr<const std::string> body(std::string_view method, RpcValue::Array
   return std::make_shared<const std::string>(encodeRpcCall(method, params));
 }
 
+/// What a node answers to getPid; 0 if it does not.
+int pidOf(const RpcResponse* response)
+{
+  if (response == nullptr || response->is_fault || !response->value.is<RpcValue::Array>())
+  {
+    return 0;
+  }
+  const auto& values = response->value.as<RpcValue::Array>();
+  return values.size() == 3 && values[2].is<int>() ? values[2].as<int>() : 0;
+}
+
 }  // namespace
 
 MasterApi::MasterApi(std::string uri, NodeCalls* calls, std::function<void(const std::string& reason)> shut_down,
@@ -63,15 +74,43 @@ void MasterApi::enrol(Role role, const std::string& key, const std::string& node
                       const std::string& service_api)
 {
   logChange("+", role, key, node, api);
+  const bool is_new = registrations_.nodeApi(node) == nullptr;
   const std::optional<Registrations::Replaced> replaced = registrations_.add(role, key, node, api, service_api);
+  if (is_new || replaced)
+  {
+    calls_->call(api, {body("getPid", {}), "", [this, node, api](const RpcResponse* response) {
+                         registrations_.setPid(node, api, pidOf(response));
+                       }});
+  }
   if (replaced)
   {
-    const std::string reason = "[" + node + "] Reason: new node registered with same name";
-    calls_->call(replaced->api, {body("shutdown", {reason}), "", nullptr});
+    shutDown(node, *replaced);
     for (const std::string& topic : replaced->topics)
     {
       tellSubscribers(topic);
     }
+  }
+}
+
+/// Ends the process that a node was before, if it is still there: what answers at its address may be another node by
+/// now, which got the port of one that has died.
+void MasterApi::shutDown(const std::string& node, const Registrations::Replaced& old)
+{
+  const auto call = body("shutdown", {"[" + node + "] Reason: new node registered with same name"});
+  if (old.pid != 0)
+  {
+    calls_->call(old.api, {body("getPid", {}), "",
+                           [this, api = old.api, pid = old.pid, call](const RpcResponse* response)
+                           {
+                             if (pidOf(response) == pid)
+                             {
+                               calls_->call(api, {call, "", nullptr});
+                             }
+                           }});
+  }
+  else if (!registrations_.isInUse(old.api))
+  {
+    calls_->call(old.api, {call, "", nullptr});
   }
 }
 

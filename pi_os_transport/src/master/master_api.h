@@ -49,6 +49,7 @@ private:
 
   void enrol(Role role, const std::string& key, const std::string& node, const std::string& api,
              const std::string& service_api = "");
+  void shutDown(const std::string& node, const Registrations::Replaced& old);
   void logChange(const char* sign, Role role, const std::string& key, const std::string& node,
                  const std::string& api) const;
   void tellSubscribers(const std::string& topic);

@@ -24,7 +24,7 @@ Registrations::Replaced Registrations::removeNode(const std::string& node)
 {
   const auto found = nodes_.find(node);
   const std::set<std::string>& published = found->second.keys[indexOf(Role::PUBLISHER)];
-  Replaced replaced{found->second.api, {published.begin(), published.end()}};
+  Replaced replaced{found->second.api, found->second.pid, {published.begin(), published.end()}};
   for (size_t role = 0; role < ROLES; ++role)
   {
     for (const std::string& key : found->second.keys[role])
@@ -159,6 +159,20 @@ const std::string* Registrations::nodeApi(const std::string& node) const
 {
   const auto found = nodes_.find(node);
   return found == nodes_.end() ? nullptr : &found->second.api;
+}
+
+void Registrations::setPid(const std::string& node, const std::string& api, int pid)
+{
+  const auto found = nodes_.find(node);
+  if (found != nodes_.end() && found->second.api == api)
+  {
+    found->second.pid = pid;
+  }
+}
+
+bool Registrations::isInUse(const std::string& api) const
+{
+  return std::any_of(nodes_.begin(), nodes_.end(), [&api](const auto& entry) { return entry.second.api == api; });
 }
 
 const std::string* Registrations::serviceApi(const std::string& service) const

@@ -35,6 +35,7 @@ public:
   struct Replaced
   {
     std::string api;
+    int pid = 0;                      ///< of the old process; 0: unknown
     std::vector<std::string> topics;  ///< that it published
   };
   struct Removal
@@ -57,6 +58,10 @@ public:
   RpcValue::Array apis(Role role, const std::string& key) const;
   /// nullptr if the node has no registration.
   const std::string* nodeApi(const std::string& node) const;
+  /// Notes which process the node is; nothing if it is not registered with this API.
+  void setPid(const std::string& node, const std::string& api, int pid);
+  /// True if a node is registered with this API.
+  bool isInUse(const std::string& api) const;
   /// nullptr if nobody provides the service.
   const std::string* serviceApi(const std::string& service) const;
   std::vector<std::string> keys(Role role) const;
@@ -69,6 +74,7 @@ private:
   struct Node
   {
     std::string api;
+    int pid = 0;  ///< 0: unknown
     std::array<std::set<std::string>, ROLES> keys;
     bool isEmpty() const;
   };

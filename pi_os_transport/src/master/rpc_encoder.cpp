@@ -5,6 +5,8 @@
 #include <utility>
 #include <variant>
 
+#include "xml_reader.h"
+
 namespace pi_os_transport
 {
 namespace
@@ -141,7 +143,7 @@ std::string encodeRpcFault(int code, std::string_view text)
 {
   std::string out(PROLOG);
   out.append("<methodResponse><fault>");
-  append(&out, RpcValue::Struct{{"faultCode", code}, {"faultString", std::string(text)}});
+  append(&out, RpcValue::Struct{{"faultCode", code}, {"faultString", allowedText(text)}});
   return out.append("</fault></methodResponse>\n");
 }
 

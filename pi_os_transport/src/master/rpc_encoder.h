@@ -28,7 +28,7 @@ private:
   std::string xml_;
 };
 
-/// @return the XML of an answer that says what was wrong with the call.
+/// @return the XML of an answer that says what was wrong with the call. @param text  may quote any bytes of it.
 std::string encodeRpcFault(int code, std::string_view text);
 
 }  // namespace pi_os_transport

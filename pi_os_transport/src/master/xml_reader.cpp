@@ -63,6 +63,18 @@ void appendUtf8(std::string* out, uint32_t code)
 
 }  // namespace
 
+std::string allowedText(std::string_view text)
+{
+  std::string out;
+  while (!text.empty())
+  {
+    const size_t size = characterSize(text);
+    out += size != 0 ? text.substr(0, size) : "?";
+    text.remove_prefix(std::max<size_t>(size, 1));
+  }
+  return out;
+}
+
 void XmlReader::fail(const std::string& what) const
 {
   throw RpcDecodeError("not XML-RPC: " + what + " at byte " + std::to_string(at_));

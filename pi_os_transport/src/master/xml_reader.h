@@ -7,6 +7,9 @@
 namespace pi_os_transport
 {
 
+/// `text` with "?" for every byte that is not part of a character that XML allows, in UTF-8.
+std::string allowedText(std::string_view text);
+
 /// Reads the part of XML that XML-RPC uses, tag by tag: elements, text, character references, CDATA, comments.
 /// The text must outlive it. All functions throw RpcDecodeError.
 class XmlReader

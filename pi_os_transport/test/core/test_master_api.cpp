@@ -30,7 +30,17 @@ protected:
   };
   void call(const std::string& api, NodeCall call) override
   {
-    told.push_back({api, decodeRpcCall(*call.body), std::move(call.done)});
+    RpcCall decoded = decodeRpcCall(*call.body);
+    std::vector<Told>& list = decoded.method == "getPid" ? asked : told;
+    list.push_back({api, std::move(decoded), std::move(call.done)});
+  }
+  /// The last node that was asked for its process answers.
+  void answerPid(int pid)
+  {
+    RpcResponse response;
+    response.value = RpcValue::Array{1, "", pid};
+    const NodeCall::Done done = asked.back().done;
+    done(&response);
   }
 
   RpcResponse respond(const std::string& method, const RpcValue::Array& params)
@@ -45,6 +55,7 @@ protected:
   }
 
   std::vector<Told> told;
+  std::vector<Told> asked;  ///< for their process
   std::string shut_down_reason;
   MasterApi api{"http://master:11311/", this, [this](const std::string& reason) { shut_down_reason = reason; }};
 };
@@ -85,6 +96,35 @@ TEST_F(MasterApiTest, ShutsTheOldProcessOfANodeDown)
   EXPECT_EQ((RpcValue::Array{"/master", "[/ns/node] Reason: new node registered with same name"}), told[0].call.params);
   EXPECT_EQ((RpcValue::Array{"/master", "/t", RpcValue::Array()}), told[1].call.params);
   EXPECT_EQ((RpcValue::Array{1, "node api", "http://new:3/"}), result("lookupNode", {"/x", NODE}));
+}
+
+TEST_F(MasterApiTest, ShutsTheOldProcessDownIfItIsStillThatOne)
+{
+  result("registerPublisher", {NODE, "/t", "std_msgs/String", API});
+  answerPid(7);
+  result("registerPublisher", {NODE, "/t", "std_msgs/String", "http://new:3/"});
+  ASSERT_EQ(3U, asked.size());
+  EXPECT_EQ(API, asked.back().api);
+  EXPECT_TRUE(told.empty());
+  answerPid(7);
+  ASSERT_EQ(1U, told.size());
+  EXPECT_EQ(API, told[0].api);
+  EXPECT_EQ("shutdown", told[0].call.method);
+}
+
+TEST_F(MasterApiTest, SparesAProcessThatHasGotTheAddressOfADeadOne)
+{
+  result("registerPublisher", {NODE, "/t", "std_msgs/String", API});
+  answerPid(7);
+  result("registerPublisher", {NODE, "/t", "std_msgs/String", "http://new:3/"});
+  answerPid(8);
+  EXPECT_TRUE(told.empty());
+  result("registerPublisher", {NODE, "/t", "std_msgs/String", API});
+  asked.back().done(nullptr);  // which process it is stays unknown
+  told.clear();
+  result("registerPublisher", {"/other", "/v", "std_msgs/String", API});
+  result("registerPublisher", {NODE, "/t", "std_msgs/String", "http://new:4/"});
+  EXPECT_TRUE(told.empty()) << told[0].call.method << " " << told[0].api;
 }
 
 TEST_F(MasterApiTest, KeepsTypesOfTopics)

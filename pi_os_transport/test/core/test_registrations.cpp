@@ -86,6 +86,19 @@ TEST(Registrations, ReplacesTheProcessBehindANode)
   EXPECT_EQ(OTHER_API, *registrations.nodeApi("/n"));
 }
 
+TEST(Registrations, KnowsTheProcessOfANode)
+{
+  Registrations registrations;
+  registrations.add(Role::PUBLISHER, "/t", "/n", API);
+  registrations.setPid("/n", OTHER_API, 6);
+  registrations.setPid("/n", API, 7);
+  registrations.setPid("/m", API, 8);
+  EXPECT_TRUE(registrations.isInUse(API));
+  EXPECT_FALSE(registrations.isInUse(OTHER_API));
+  EXPECT_EQ(7, registrations.add(Role::PUBLISHER, "/t", "/n", OTHER_API)->pid);
+  EXPECT_EQ(0, registrations.add(Role::PUBLISHER, "/t", "/n", API)->pid);
+}
+
 TEST(Registrations, LeavesAServiceToWhoHasTakenItOver)
 {
   Registrations registrations;

@@ -106,6 +106,12 @@ TEST(RpcCodec, ReadsBackWhatItWrites)
   EXPECT_EQ(RpcValue("bad <thing>"), fault.value.as<RpcValue::Struct>().at("faultString"));
 }
 
+TEST(RpcCodec, AFaultMayQuoteAnyBytes)
+{
+  const RpcResponse fault = decodeRpcResponse(encodeRpcFault(1, "\xff<\x01 \xc3\xa4 \xc3"));
+  EXPECT_EQ(RpcValue("?<? \xc3\xa4 ?"), fault.value.as<RpcValue::Struct>().at("faultString"));
+}
+
 TEST(RpcCodec, ReadsWhatXmlRpcPlusPlusWrites)
 {
   const RpcCall call = decodeRpcCall(
