@@ -11,6 +11,7 @@
 #include <climits>
 #include <cstring>
 #include <stdexcept>
+#include <system_error>
 #include <utility>
 
 #include "bridge_status.h"
@@ -375,13 +376,13 @@ void Bridge::offerTo(Session* session, const std::shared_ptr<IncomingLink>& link
   link->state = IncomingLink::State::OFFERED;
 }
 
-void Bridge::endIncoming(Session* session, const std::shared_ptr<IncomingLink>& link, LinkEnd reason, bool tell_peer)
+void Bridge::endIncoming(Session* session, const std::shared_ptr<IncomingLink>& ended, LinkEnd reason, bool tell_peer)
 {
+  const std::shared_ptr<IncomingLink> link = ended;  // which may be the one in the table
   if (session->incoming.erase(link->id) == 0)
   {
     return;
   }
-  const std::shared_ptr<IncomingLink> kept = link;
   if (tell_peer)
   {
     FrameHeader header = linkHeader(FrameType::LINK_CLOSE, link->id);
@@ -527,7 +528,16 @@ void Bridge::onPublisher(Session* session, const std::shared_ptr<OutgoingLink>& 
   if (link->ring->hasRing() && link->state == OutgoingLink::State::OPENING)
   {
     link->state = OutgoingLink::State::OFFERED;
-    loop_->add(link->ring->doorbell(NETWORK_THREAD), EPOLLIN, [this, link](uint32_t) { onDoorbell(link); });
+    try
+    {
+      loop_->add(link->ring->doorbell(NETWORK_THREAD), EPOLLIN, [this, link](uint32_t) { onDoorbell(link); });
+    }
+    catch (const std::system_error&)
+    {
+      // What the publisher sent as its doorbell is something that nobody can wait for.
+      endOutgoing(session, link, LinkEnd::REFUSED, "the publisher sent no doorbell");
+      return;
+    }
     session->peer->control(linkHeader(FrameType::LINK_READY, link->id));
   }
   if (end == SideChannel::Receive::NOTHING)

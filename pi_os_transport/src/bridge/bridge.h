@@ -85,7 +85,7 @@ private:
   void openIncoming(SideChannel channel, const BridgeRequest& request);
   void onSubscriber(Session* session, const std::shared_ptr<IncomingLink>& link);
   void offerTo(Session* session, const std::shared_ptr<IncomingLink>& link);
-  void endIncoming(Session* session, const std::shared_ptr<IncomingLink>& link, LinkEnd reason, bool tell_peer);
+  void endIncoming(Session* session, const std::shared_ptr<IncomingLink>& ended, LinkEnd reason, bool tell_peer);
   void pauseBlocked();
 
   // Publishers of this device.

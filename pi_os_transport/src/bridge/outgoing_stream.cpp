@@ -28,7 +28,7 @@ void OutgoingLink::onProgress()
 
 void OutgoingLink::announceSpace()
 {
-  if (publisher_waits_ && progressed_ && ring->ring().available() < RingLayout::CAPACITY / 2)
+  if (publisher_waits_ && progressed_ && ring->hasRing() && ring->ring().available() < RingLayout::CAPACITY / 2)
   {
     publisher_waits_ = false;
     progressed_ = false;

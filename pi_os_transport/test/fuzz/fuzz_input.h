@@ -66,4 +66,15 @@ inline void require(bool condition, const char* what)
   }
 }
 
+/// The sum of all bytes: each is read.
+inline uint32_t sumOf(const uint8_t* bytes, size_t count)
+{
+  uint32_t sum = 0;
+  for (size_t i = 0; i < count; ++i)
+  {
+    sum += bytes[i];
+  }
+  return sum;
+}
+
 }  // namespace pi_os_transport

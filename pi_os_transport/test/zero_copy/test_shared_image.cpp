@@ -106,6 +106,31 @@ TEST(SharedImage, RefusesWhatIsNoImage)
   EXPECT_THROW(resizeImage(image.get(), -1, 5, "mono8"), std::runtime_error);
 }
 
+TEST(SharedImage, RefusesWhatNoMatrixCanBe)
+{
+  const auto image = boost::make_shared<sensor_msgs::Image>();
+  image->encoding = "mono16";
+  image->width = 4;
+  image->height = 2;
+  image->step = 9;  // a pixel would lie at an odd address
+  image->data.resize(100);
+  EXPECT_THROW(matOver(*image), std::runtime_error);
+  image->step = 10;
+  EXPECT_NO_THROW(matOver(*image));
+  for (const char* encoding : {"8UC-3", "8UC513"})
+  {
+    image->encoding = encoding;
+    EXPECT_THROW(matOver(*image), std::runtime_error) << encoding;
+  }
+  image->encoding = "mono8";
+  image->width = 0;
+  image->height = 0x80000001;
+  image->step = 0;
+  EXPECT_THROW(matOver(*image), std::runtime_error);
+  image->height = 0x40000000;
+  EXPECT_EQ(0, matOver(*image).rows);
+}
+
 TEST(SharedImage, AStandardImageIsSharedAndKept)
 {
   auto standard = boost::make_shared<sensor_msgs::Image>();
@@ -219,7 +244,38 @@ TEST(PointCloud, RefusesACloudWithoutItsData)
   auto loan = Loan<sensor_msgs::PointCloud2>::borrow();
   resizePoints<pcl::PointXYZ>(loan.get(), 100, 10);
   loan->data.resize(15999);
-  EXPECT_THROW(sharePoints<pcl::PointXYZ>(deliver(loan)), std::runtime_error);
+  const ConstPtr<sensor_msgs::PointCloud2> cloud = deliver(loan);
+  EXPECT_THROW(sharePoints<pcl::PointXYZ>(cloud), std::runtime_error);
+  EXPECT_THROW(copyPoints<pcl::PointXYZ>(*cloud), std::runtime_error);
+}
+
+TEST(PointCloud, DataBehindTheLastPointIsNotCopied)
+{
+  auto loan = Loan<sensor_msgs::PointCloud2>::borrow();
+  auto* const points = resizePoints<pcl::PointXYZ>(loan.get(), 100, 1);
+  points[99].x = 7.0F;
+  loan->data.resize(100000);
+  const pcl::PointCloud<pcl::PointXYZ> copied = copyPoints<pcl::PointXYZ>(*deliver(loan));
+  ASSERT_EQ(100U, copied.size());
+  EXPECT_EQ(7.0F, copied[99].x);
+}
+
+TEST(PointCloud, RefusesFieldsOutsideOfTheirPoint)
+{
+  for (const uint32_t offset : {13U, 16U, 0xfffffff8U})
+  {
+    auto loan = Loan<sensor_msgs::PointCloud2>::borrow();
+    resizePoints<pcl::PointXYZ>(loan.get(), 100, 1);
+    loan->fields[2].offset = offset;
+    const ConstPtr<sensor_msgs::PointCloud2> cloud = deliver(loan);
+    EXPECT_FALSE(sharePoints<pcl::PointXYZ>(cloud));
+    EXPECT_THROW(copyPoints<pcl::PointXYZ>(*cloud), std::runtime_error) << offset;
+  }
+}
+
+TEST(PointCloud, AnEmptyCloudIsNoError)
+{
+  EXPECT_TRUE(copyPoints<pcl::PointXYZ>(Message<sensor_msgs::PointCloud2>()).empty());
 }
 
 }  // namespace

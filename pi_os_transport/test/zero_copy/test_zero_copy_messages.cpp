@@ -569,6 +569,28 @@ TEST(ZeroCopyView, ALengthBeyondTheMessageAllocatesNothing)
   EXPECT_EQ(0U, message.data.capacity());
 }
 
+template <typename M, typename ArrayOf>
+void expectNoBelief(const M& standard, size_t count_at, ArrayOf array_of)
+{
+  std::vector<uint8_t> bytes = standardBytes(standard);
+  const uint32_t absurd = 0x10000000;
+  std::memcpy(bytes.data() + bytes.size() - count_at, &absurd, sizeof(absurd));
+  Message<M> message;
+  ros::serialization::IStream stream(bytes.data() + 4, static_cast<uint32_t>(bytes.size() - 4));
+  EXPECT_THROW(ros::serialization::deserialize(stream, message), ros::serialization::StreamOverrunException);
+  EXPECT_EQ(0U, array_of(message).capacity());
+}
+
+TEST(ZeroCopyView, ACountBeyondTheMessageAllocatesNothing)
+{
+  expectNoBelief(
+      geometry_msgs::PoseArray(), 4, [](const auto& message) -> const auto& { return message.poses; });
+  expectNoBelief(
+      nav_msgs::Path(), 4, [](const auto& message) -> const auto& { return message.poses; });
+  expectNoBelief(
+      sensor_msgs::MultiEchoLaserScan(), 8, [](const auto& message) -> const auto& { return message.ranges; });
+}
+
 TEST(ZeroCopyView, AGrowingCopyLeavesTheViewedMemory)
 {
   auto loan = Loan<sensor_msgs::Image>::borrow();

@@ -16,6 +16,7 @@
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "pi_os_transport/zero_copy/message.h"
@@ -93,6 +94,26 @@ bool hasLayoutOf(const sensor_msgs::PointCloud2_<A>& cloud)
   return true;
 }
 
+template <typename A>
+uint64_t bytesOfRow(const sensor_msgs::PointCloud2_<A>& cloud)
+{
+  return uint64_t{cloud.point_step} * cloud.width;
+}
+
+/// @throws std::runtime_error if the message lacks data.
+template <typename A>
+void checkCloud(const sensor_msgs::PointCloud2_<A>& cloud)
+{
+  if (cloud.row_step < bytesOfRow(cloud) || uint64_t{cloud.row_step} * cloud.height > cloud.data.size())
+  {
+    throw std::runtime_error("cloud of " + std::to_string(cloud.width) + "x" + std::to_string(cloud.height) +
+                             " points has point_step = " + std::to_string(cloud.point_step) + ", row_step = " +
+                             std::to_string(cloud.row_step) + " and " + std::to_string(cloud.data.size()) +
+                             " bytes of data, must have row_step of at least point_step times width, and row_step "
+                             "times height bytes");
+  }
+}
+
 }  // namespace detail
 
 /// Shares the points of a message. @return nothing if they do not lie in it as Point does, or are misaligned for it:
@@ -101,16 +122,9 @@ bool hasLayoutOf(const sensor_msgs::PointCloud2_<A>& cloud)
 template <typename Point, typename A>
 std::optional<SharedPoints<Point>> sharePoints(const boost::shared_ptr<sensor_msgs::PointCloud2_<A> const>& cloud)
 {
-  const uint64_t row_bytes = uint64_t{cloud->point_step} * cloud->width;
-  if (cloud->row_step < row_bytes || uint64_t{cloud->row_step} * cloud->height > cloud->data.size())
-  {
-    throw std::runtime_error("cloud of " + std::to_string(cloud->width) + "x" + std::to_string(cloud->height) +
-                             " points has point_step = " + std::to_string(cloud->point_step) +
-                             ", row_step = " + std::to_string(cloud->row_step) + " and " +
-                             std::to_string(cloud->data.size()) + " bytes of data");
-  }
+  detail::checkCloud(*cloud);
   const auto* const data = cloud->data.data();
-  if (!detail::hasLayoutOf<Point>(*cloud) || (cloud->height > 1 && cloud->row_step != row_bytes) ||
+  if (!detail::hasLayoutOf<Point>(*cloud) || (cloud->height > 1 && cloud->row_step != detail::bytesOfRow(*cloud)) ||
       reinterpret_cast<uintptr_t>(data) % alignof(Point) != 0)
   {
     return std::nullopt;
@@ -119,9 +133,12 @@ std::optional<SharedPoints<Point>> sharePoints(const boost::shared_ptr<sensor_ms
 }
 
 /// Copies the points of any message that has all fields of Point.
+/// @throws std::runtime_error if the message lacks data, or points do not have the size that their fields need.
 template <typename Point, typename A>
 pcl::PointCloud<Point> copyPoints(const sensor_msgs::PointCloud2_<A>& from)
 {
+  // PCL believes what a message says of itself.
+  detail::checkCloud(from);
   pcl::PCLPointCloud2 whole;
   whole.header.seq = from.header.seq;
   whole.header.stamp = from.header.stamp.toNSec() / 1000;
@@ -132,10 +149,34 @@ pcl::PointCloud<Point> copyPoints(const sensor_msgs::PointCloud2_<A>& from)
   whole.is_bigendian = from.is_bigendian;
   whole.point_step = from.point_step;
   whole.row_step = from.row_step;
-  whole.data.assign(from.data.begin(), from.data.end());
+  // Not what lies behind the last row: PCL copies all that is there.
+  const uint64_t bytes = uint64_t{from.row_step} * from.height;
+  whole.data.assign(from.data.begin(), from.data.begin() + static_cast<std::ptrdiff_t>(bytes));
   whole.is_dense = from.is_dense;
   pcl::PointCloud<Point> cloud;
-  pcl::fromPCLPointCloud2(whole, cloud);
+  if (from.width == 0 || from.height == 0)
+  {
+    cloud.header = whole.header;
+    return cloud;
+  }
+  if (from.point_step == 0)
+  {
+    throw std::runtime_error("cloud of " + std::to_string(from.width) + "x" + std::to_string(from.height) +
+                             " points has point_step = 0");
+  }
+  pcl::MsgFieldMap fields;
+  pcl::createMapping<Point>(whole.fields, fields);
+  for (const auto& field : fields)
+  {
+    if (field.size > from.point_step || field.serialized_offset > from.point_step - field.size ||
+        field.struct_offset + field.size > sizeof(Point))
+    {
+      throw std::runtime_error("cloud with point_step = " + std::to_string(from.point_step) + " has " +
+                               std::to_string(field.size) + " bytes of fields at offset " +
+                               std::to_string(field.serialized_offset));
+    }
+  }
+  pcl::fromPCLPointCloud2(whole, cloud, fields);
   return cloud;
 }
 

@@ -58,7 +58,13 @@ public:
     }
   }
   /// Sends a message that lies elsewhere, as ros::Publisher does.
-  void publish(const M& message) const { publisher_.publish(message); }
+  void publish(const M& message) const
+  {
+    if (publisher_)
+    {
+      publisher_.publish(message);
+    }
+  }
 
   uint32_t getNumSubscribers() const { return publisher_ ? publisher_.getNumSubscribers() : 0; }
   std::string getTopic() const { return publisher_ ? publisher_.getTopic() : std::string(); }

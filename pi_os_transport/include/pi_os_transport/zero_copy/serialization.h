@@ -115,7 +115,27 @@ bool hasSerialisedLayout()
   }
 }
 
-/// Serialisation of arrays whose elements all have the same length.
+/// Called before anything is allocated for an array: who sends few bytes must not make the receiver allocate many.
+/// @param each  least bytes of one element.
+/// @throws ros::serialization::StreamOverrunException if the rest of the stream cannot hold so many.
+template <typename Stream>
+void checkCount(Stream& stream, uint32_t count, uint64_t each)
+{
+  if (count * each > stream.getLength())
+  {
+    ros::serialization::throwStreamOverrun();
+  }
+}
+
+/// The least bytes that an element of an array takes.
+template <typename T>
+uint32_t shortestElement()
+{
+  constexpr uint32_t EMPTY_ARRAY = 4;  // what differs in length holds a string or an array
+  return ros::message_traits::IsFixedSize<T>::value ? ros::serialization::serializationLength(T()) : EMPTY_ARRAY;
+}
+
+/// Serialisation of arrays, whatever their elements.
 template <typename T>
 struct ArraySerialization
 {
@@ -155,6 +175,7 @@ struct ArraySerialization
     stream.next(count);
     if (!hasSerialisedLayout<T>())
     {
+      checkCount(stream, count, shortestElement<T>());
       array.resize(count);
       for (T& element : array)
       {
@@ -162,11 +183,8 @@ struct ArraySerialization
       }
       return;
     }
+    checkCount(stream, count, sizeof(T));
     const uint64_t bytes = uint64_t{count} * sizeof(T);
-    if (bytes > stream.getLength())
-    {
-      ros::serialization::throwStreamOverrun();  // before anything is allocated for it
-    }
     const uint8_t* const data = stream.advance(static_cast<uint32_t>(bytes));
     ViewScope* const scope = bytes >= Arena::SMALLEST_ARRAY ? ViewScope::current() : nullptr;
     if (scope != nullptr && scope->contains(data))
@@ -188,8 +206,21 @@ struct ArraySerialization
 
   static uint32_t serializedLength(const Array& array)
   {
-    const uint32_t each = array.empty() ? 0 : ros::serialization::serializationLength(array.front());
-    return 4 + each * static_cast<uint32_t>(array.size());
+    uint32_t length = 4;
+    if constexpr (ros::message_traits::IsFixedSize<T>::value)
+    {
+      length += array.empty()
+                    ? 0
+                    : ros::serialization::serializationLength(array.front()) * static_cast<uint32_t>(array.size());
+    }
+    else
+    {
+      for (const T& element : array)
+      {
+        length += ros::serialization::serializationLength(element);
+      }
+    }
+    return length;
   }
 };
 
@@ -207,6 +238,13 @@ struct VectorSerializer<T, pi_os_transport::zero_copy::Allocator<T>, typename bo
 template <typename T>
 struct VectorSerializer<T, pi_os_transport::zero_copy::Allocator<T>,
                         typename boost::enable_if<mpl::and_<mt::IsFixedSize<T>, mpl::not_<mt::IsSimple<T>>>>::type>
+  : pi_os_transport::zero_copy::ArraySerialization<T>
+{
+};
+
+template <typename T>
+struct VectorSerializer<T, pi_os_transport::zero_copy::Allocator<T>,
+                        typename boost::disable_if<mt::IsFixedSize<T>>::type>
   : pi_os_transport::zero_copy::ArraySerialization<T>
 {
 };

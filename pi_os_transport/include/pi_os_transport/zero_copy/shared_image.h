@@ -12,6 +12,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <stdexcept>
 #include <string>
 
@@ -27,6 +28,11 @@ inline int matType(const std::string& encoding)
   namespace encodings = sensor_msgs::image_encodings;
   const int channels = encodings::numChannels(encoding);
   const int bits = encodings::bitDepth(encoding);
+  if (channels < 1 || channels > CV_CN_MAX)
+  {
+    throw std::runtime_error("encoding \"" + encoding + "\" has no matrix type: channels must be in [1, " +
+                             std::to_string(CV_CN_MAX) + "]");
+  }
   const bool is_abstract =
       encoding.find('C') != std::string::npos && encoding.find_first_of("USF") != std::string::npos;
   const char kind = is_abstract ? encoding[encoding.find_first_of("USF")] : 'U';
@@ -84,8 +90,17 @@ inline cv::Mat keep(cv::Mat matrix, const boost::shared_ptr<const void>& keeper)
 }
 
 template <typename A>
-void checkImage(const sensor_msgs::Image_<A>& image, size_t row_bytes)
+void checkImage(const sensor_msgs::Image_<A>& image, int type)
 {
+  constexpr uint32_t MOST = std::numeric_limits<int>::max();
+  if (image.width > MOST || image.height > MOST || image.step % CV_ELEM_SIZE1(type) != 0)
+  {
+    throw std::runtime_error("image of " + std::to_string(image.width) + "x" + std::to_string(image.height) + " \"" +
+                             image.encoding + "\" with step = " + std::to_string(image.step) +
+                             " is no matrix: sizes must be below 2^31, step a multiple of " +
+                             std::to_string(CV_ELEM_SIZE1(type)));
+  }
+  const size_t row_bytes = static_cast<size_t>(CV_ELEM_SIZE(type)) * image.width;
   if (image.step < row_bytes || uint64_t{image.step} * image.height > image.data.size())
   {
     throw std::runtime_error("image of " + std::to_string(image.width) + "x" + std::to_string(image.height) + " \"" +
@@ -97,15 +112,16 @@ void checkImage(const sensor_msgs::Image_<A>& image, size_t row_bytes)
 
 }  // namespace detail
 
-/// A matrix over the image, to which it must not be written. The image has to outlive it.
-/// @throws std::runtime_error if the encoding has no matrix type or the image lacks data.
+/// A matrix over the image, to which it must not be written. The image has to outlive it. Without columns it has no
+/// rows either: what goes through the rows must not be kept busy by an image without data.
+/// @throws std::runtime_error if the encoding has no matrix type, the image is no matrix or lacks data.
 template <typename A>
 cv::Mat matOver(const sensor_msgs::Image_<A>& image)
 {
   const int type = matType(image.encoding);
-  detail::checkImage(image, static_cast<size_t>(CV_ELEM_SIZE(type)) * image.width);
-  return cv::Mat(static_cast<int>(image.height), static_cast<int>(image.width), type,
-                 const_cast<uint8_t*>(image.data.data()), image.step);
+  detail::checkImage(image, type);
+  const int rows = image.width == 0 ? 0 : static_cast<int>(image.height);
+  return cv::Mat(rows, static_cast<int>(image.width), type, const_cast<uint8_t*>(image.data.data()), image.step);
 }
 
 /// A matrix over a received image, to which it must not be written. All copies and parts of it share the image, which
@@ -126,7 +142,8 @@ cv::Mat resizeImage(sensor_msgs::Image_<A>* image, int rows, int cols, const std
   const int type = matType(encoding);
   if (rows < 0 || cols < 0)
   {
-    throw std::runtime_error("image of " + std::to_string(cols) + "x" + std::to_string(rows) + " pixels");
+    throw std::runtime_error("image of " + std::to_string(cols) + "x" + std::to_string(rows) +
+                             " pixels, neither must be negative");
   }
   image->height = static_cast<uint32_t>(rows);
   image->width = static_cast<uint32_t>(cols);
