@@ -4,6 +4,7 @@
 #include <ros/poll_manager.h>
 
 #include <algorithm>
+#include <iterator>
 #include <utility>
 
 #include "runtime.h"
@@ -24,33 +25,38 @@ IdleServices& IdleServices::instance()
   return *services;
 }
 
-ros::ServiceServerLinkPtr IdleServices::take(const std::string& key)
+IdleService IdleServices::take(const std::string& key)
 {
   std::lock_guard<std::mutex> lock(mutex_);
-  for (size_t index = idle_.size(); index-- > 0;)
+  const auto found = std::find_if(idle_.rbegin(), idle_.rend(),
+                                  [&key](const Idle& idle)
+                                  { return idle.service.caller->key() == key && idle.service.caller->ready(); });
+  if (found == idle_.rend())
   {
-    if (idle_[index].key == key)
-    {
-      ros::ServiceServerLinkPtr link = std::move(idle_[index].link);
-      idle_.erase(idle_.begin() + static_cast<std::ptrdiff_t>(index));
-      if (link->isValid())
-      {
-        return link;
-      }
-    }
+    return IdleService();
   }
-  return ros::ServiceServerLinkPtr();
+  const IdleService service = found->service;
+  idle_.erase(std::next(found).base());
+  return service;
 }
 
-void IdleServices::put(const std::string& key, const ros::ServiceServerLinkPtr& link)
+bool IdleServices::negotiates(const std::string& key)
 {
-  ros::ServiceServerLinkPtr surplus;
+  std::lock_guard<std::mutex> lock(mutex_);
+  return std::any_of(idle_.begin(), idle_.end(),
+                     [&key](const Idle& idle)
+                     { return idle.service.caller->key() == key && idle.service.caller->promising(); });
+}
+
+void IdleServices::put(const IdleService& service)
+{
+  IdleService surplus;
   {
     std::lock_guard<std::mutex> lock(mutex_);
-    idle_.push_back(Idle{key, link, Clock::now()});
+    idle_.push_back(Idle{service, Clock::now()});
     if (idle_.size() > MOST)
     {
-      surplus = std::move(idle_.front().link);
+      surplus = idle_.front().service;
       idle_.erase(idle_.begin());
     }
     if (!std::exchange(polling_, true))
@@ -59,9 +65,9 @@ void IdleServices::put(const std::string& key, const ros::ServiceServerLinkPtr& 
       ros::PollManager::instance()->addPollThreadListener([this]() { dropOld(); });
     }
   }
-  if (surplus)
+  if (surplus.link)
   {
-    surplus->getConnection()->drop(ros::Connection::Destructing);
+    surplus.link->getConnection()->drop(ros::Connection::Destructing);
   }
 }
 
@@ -75,15 +81,15 @@ void IdleServices::dropOld()
   {
     std::lock_guard<std::mutex> lock(mutex_);
     const Clock::time_point now = Clock::now();
-    const auto first_kept =
-        std::find_if(idle_.begin(), idle_.end(),
-                     [now](const Idle& idle) { return idle.link->isValid() && now - idle.since < LONGEST; });
-    std::move(idle_.begin(), first_kept, std::back_inserter(old));
-    idle_.erase(idle_.begin(), first_kept);
+    const auto first_old = std::stable_partition(
+        idle_.begin(), idle_.end(),
+        [now](const Idle& idle) { return idle.service.caller->promising() && now - idle.since < LONGEST; });
+    std::move(first_old, idle_.end(), std::back_inserter(old));
+    idle_.erase(first_old, idle_.end());
   }
   for (const Idle& idle : old)
   {
-    idle.link->getConnection()->drop(ros::Connection::Destructing);
+    idle.service.link->getConnection()->drop(ros::Connection::Destructing);
   }
 }
 

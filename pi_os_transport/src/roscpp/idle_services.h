@@ -3,12 +3,22 @@
 #include <ros/service_server_link.h>
 
 #include <chrono>
+#include <memory>
 #include <mutex>
 #include <string>
 #include <vector>
 
+#include "service_caller.h"
+
 namespace pi_os_transport
 {
+
+/// A connection of a single-shot client to a service, with the shared memory beside it.
+struct IdleService
+{
+  ros::ServiceServerLinkPtr link;
+  std::shared_ptr<ServiceCaller> caller;
+};
 
 /// Connections of single-shot clients to services, kept for a while after a call: the next one finds its shared memory
 /// ready. A connection serves one call at a time. Thread safe.
@@ -17,17 +27,19 @@ class IdleServices
 public:
   static IdleServices& instance();
 
-  /// A connection that was kept under `key` and still stands, most recently used first; null if there is none.
-  ros::ServiceServerLinkPtr take(const std::string& key);
-  /// Keeps a connection; drops the one unused for longest if there are too many.
-  void put(const std::string& key, const ros::ServiceServerLinkPtr& link);
+  /// A connection that was kept under `key` and whose shared memory is ready, most recently used first; empty if there
+  /// is none.
+  IdleService take(const std::string& key);
+  /// True if a connection is kept under `key` whose shared memory is not ready yet.
+  bool negotiates(const std::string& key);
+  /// Keeps a connection under its caller's key; drops the one unused for longest if there are too many.
+  void put(const IdleService& service);
 
 private:
   using Clock = std::chrono::steady_clock;
   struct Idle
   {
-    std::string key;
-    ros::ServiceServerLinkPtr link;
+    IdleService service;
     Clock::time_point since;
   };
 

@@ -103,8 +103,8 @@ bool Runtime::listenLocked()
   if (!listener_)
   {
     ROS_WARN_ONCE(
-        "pi_os_transport: cannot open a local socket for shared memory (%s); topics of this node stay on "
-        "TCPROS",
+        "pi_os_transport: cannot open a local socket for shared memory (%s); topics and services of this "
+        "node stay on TCPROS. Raise its limit of open files (ulimit -n)",
         std::strerror(errno));
     return false;
   }

@@ -44,12 +44,12 @@ bool isFramed(const ros::SerializedMessage& request)
 
 }  // namespace
 
-ServiceCaller::ServiceCaller(const std::string& service, const ros::ConnectionPtr& connection, bool single_shot)
+ServiceCaller::ServiceCaller(const std::string& service, const ros::ConnectionPtr& connection, Use use)
   : connection_(connection)
-  , single_shot_(single_shot)
+  , use_(use)
   , statistics_(Runtime::instance().called_services.of(service))
   , wake_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK))
-  , state_(wake_ ? State::NEGOTIATING : State::REFUSED)
+  , state_(wake_ && use != Use::SINGLE_SHOT_PLAIN ? State::NEGOTIATING : State::REFUSED)
 {
 }
 
@@ -238,6 +238,7 @@ void ServiceCaller::closeRequests()
       return;
     }
     runtime.unwatch(requests_->channel().fd());
+    takeBackRequest();
     requests_.reset();
   }
   runtime.removeChannel(self);
@@ -262,6 +263,16 @@ void ServiceCaller::retire(const std::vector<uint32_t>& segments)
   }
 }
 
+/// With the mutex held.
+void ServiceCaller::takeBackRequest()
+{
+  for (const RingSender::Message& message : requests_->takeBack())
+  {
+    Runtime::instance().pool().release(message.buffer);
+    taken_back_ = true;
+  }
+}
+
 bool ServiceCaller::send(const ros::SerializedMessage& request, uint64_t number)
 {
   SlotPool& pool = Runtime::instance().pool();
@@ -273,6 +284,7 @@ bool ServiceCaller::send(const ros::SerializedMessage& request, uint64_t number)
   std::memcpy(buffer, request.buf.get(), request.num_bytes);
   {
     std::lock_guard<std::mutex> lock(mutex_);
+    taken_back_ = false;
     if (requests_ && requests_->push(buffer, static_cast<uint32_t>(request.num_bytes - LENGTH_PREFIX), 0, 0, number) ==
                          RingSender::Push::WRITTEN)
     {
@@ -284,7 +296,7 @@ bool ServiceCaller::send(const ros::SerializedMessage& request, uint64_t number)
 }
 
 ServiceCaller::Outcome ServiceCaller::call(ros::ServiceServerLink* link, const ros::SerializedMessage& request,
-                                           ros::SerializedMessage& response)
+                                           ros::SerializedMessage& response, bool tcp_too)
 {
   Runtime& runtime = Runtime::instance();
   std::lock_guard<std::mutex> one_at_a_time(call_mutex_);
@@ -301,22 +313,29 @@ ServiceCaller::Outcome ServiceCaller::call(ros::ServiceServerLink* link, const r
   const uint64_t start_ns = answers ? monotonicNs() : 0;
   if (!answers || !send(request, ++calls_))
   {
-    return callOverTcp(link, request, response, answers != nullptr);
+    if (answers && state_ == State::READY)
+    {
+      statistics_->update([](ServiceCounts* counts) { ++counts->pool_full; });
+    }
+    return tcp_too ? callOverTcp(link, request, response) : Outcome::NOT_TAKEN;
   }
   const Outcome outcome = awaitAnswer(link, answers, calls_, response);
-  statistics_->update(
-      [&](ServiceCounts* counts)
-      {
-        ++counts->memory;
-        counts->failed += outcome != Outcome::SUCCESS ? 1 : 0;
-        counts->durations.addSince(start_ns);
-      });
+  if (tcp_too || outcome != Outcome::NOT_TAKEN)
+  {
+    statistics_->update(
+        [&](ServiceCounts* counts)
+        {
+          ++counts->memory;
+          counts->failed += outcome != Outcome::SUCCESS ? 1 : 0;
+          counts->durations.addSince(start_ns);
+        });
+  }
   runtime.announceRetired();
   return outcome;
 }
 
 ServiceCaller::Outcome ServiceCaller::callOverTcp(ros::ServiceServerLink* link, const ros::SerializedMessage& request,
-                                                  ros::SerializedMessage& response, bool pool_full)
+                                                  ros::SerializedMessage& response)
 {
   const bool ok = Runtime::instance().original.service_call(link, request, response);
   statistics_->update(
@@ -324,8 +343,7 @@ ServiceCaller::Outcome ServiceCaller::callOverTcp(ros::ServiceServerLink* link, 
       {
         ++counts->tcp;
         counts->failed += ok ? 0 : 1;
-        counts->pool_full += pool_full ? 1 : 0;
-        counts->fallback = pool_full || state_ == State::READY ? Fallback::NONE : fallback_.load();
+        counts->fallback = state_ == State::READY ? Fallback::NONE : fallback_.load();
       });
   return ok ? Outcome::SUCCESS : Outcome::FAILURE;
 }
@@ -429,12 +447,9 @@ ServiceCaller::Outcome ServiceCaller::giveUp()
     std::lock_guard<std::mutex> lock(mutex_);
     if (requests_)
     {
-      for (const RingSender::Message& message : requests_->takeBack())
-      {
-        Runtime::instance().pool().release(message.buffer);
-        taken_back = true;
-      }
+      takeBackRequest();
     }
+    taken_back = taken_back_;
   }
   if (const ros::ConnectionPtr connection = connection_.lock())
   {

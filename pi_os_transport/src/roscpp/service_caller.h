@@ -26,8 +26,13 @@ namespace pi_os_transport
 class ServiceCaller : public PoolLink, public std::enable_shared_from_this<ServiceCaller>
 {
 public:
-  /// @param single_shot  the client wants the connection for one call.
-  ServiceCaller(const std::string& service, const ros::ConnectionPtr& connection, bool single_shot);
+  enum class Use
+  {
+    PERSISTENT,
+    SINGLE_SHOT,        ///< the client wants the connection for one call
+    SINGLE_SHOT_PLAIN,  ///< and this one stays on TCPROS, as another to the same server is about to get shared memory
+  };
+  ServiceCaller(const std::string& service, const ros::ConnectionPtr& connection, Use use);
   ~ServiceCaller() override;
 
   /// The server's header has come. Network thread, once.
@@ -41,16 +46,20 @@ public:
   {
     SUCCESS,
     FAILURE,
-    NOT_TAKEN,  ///< the connection ended before the server took the request
+    NOT_TAKEN,  ///< the server has not seen the request, and never will
   };
   /// Replaces ServiceServerLink::call.
-  Outcome call(ros::ServiceServerLink* link, const ros::SerializedMessage& request, ros::SerializedMessage& response);
+  /// @param tcp_too  false: a request that shared memory cannot take is NOT_TAKEN.
+  Outcome call(ros::ServiceServerLink* link, const ros::SerializedMessage& request, ros::SerializedMessage& response,
+               bool tcp_too = true);
 
-  bool singleShot() const { return single_shot_; }
+  bool singleShot() const { return use_ != Use::PERSISTENT; }
   /// Under which IdleServices keeps a single-shot connection. Set before the first call, constant afterwards.
   void setKey(const std::string& key) { key_ = key; }
   const std::string& key() const { return key_; }
-  /// True while calls go through shared memory, or may soon do so.
+  /// True while calls can go through shared memory.
+  bool ready() const { return state_ == State::READY; }
+  /// True while they can, or may soon.
   bool promising() const;
 
   void collectReleased() override;
@@ -73,16 +82,17 @@ private:
   void awaitWake(int doorbell);
   void leaveAnswers();
   void closeRequests();
+  void takeBackRequest();
   bool send(const ros::SerializedMessage& request, uint64_t number);
   Outcome awaitAnswer(ros::ServiceServerLink* link, const std::shared_ptr<RingReceiver>& answers, uint64_t number,
                       ros::SerializedMessage& response);
   Outcome awaitTcpAnswer(ros::ServiceServerLink* link, ros::SerializedMessage& response);
   Outcome callOverTcp(ros::ServiceServerLink* link, const ros::SerializedMessage& request,
-                      ros::SerializedMessage& response, bool pool_full);
+                      ros::SerializedMessage& response);
   Outcome giveUp();
 
   const boost::weak_ptr<ros::Connection> connection_;
-  const bool single_shot_;
+  const Use use_;
   std::string key_;
   const std::shared_ptr<ServiceStatistics> statistics_;
   std::atomic<Fallback> fallback_{Fallback::NEGOTIATING};  ///< why calls would go over TCPROS now
@@ -97,6 +107,7 @@ private:
   std::shared_ptr<RingReceiver> answers_;  ///< shared with leases; null once the connection has ended
   bool requests_proven_ = false;
   bool answers_proven_ = false;
+  bool taken_back_ = false;  ///< the last request: the server never sees it
   uint64_t copied_ = 0;
 };
 

@@ -76,6 +76,18 @@ bool connectTcp(ros::TransportTCP* self, const std::string& host, int port)
   return runtime.original.tcp_connect(self, host, port);
 }
 
+/// What createLink() of this thread has found among the connections that were kept: the call comes next.
+thread_local IdleService taken;
+
+/// What this thread's next createLink() makes.
+enum class LinkWanted
+{
+  ANY,
+  FRESH,  ///< not one that was kept
+  PLAIN,  ///< nor one that asks for shared memory
+};
+thread_local LinkWanted link_wanted = LinkWanted::ANY;
+
 /// A connection to the same server for the same kind of call has the same key.
 std::string keyOf(const std::string& service, const std::string& md5, const ros::M_string& fields,
                   const ServiceAddress& address)
@@ -106,13 +118,22 @@ ros::ServiceServerLinkPtr createLink(ros::ServiceManager* self, const std::strin
     return ros::ServiceServerLinkPtr();
   }
   const std::string key = keyOf(service, request_md5, fields, address);
-  if (const ros::ServiceServerLinkPtr idle = IdleServices::instance().take(key))
+  if (link_wanted == LinkWanted::ANY)
   {
-    return idle;
+    taken = IdleServices::instance().take(key);
+    if (taken.link)
+    {
+      return taken.link;
+    }
+  }
+  if (IdleServices::instance().negotiates(key))
+  {
+    link_wanted = LinkWanted::PLAIN;
   }
   known_address = address;
   const ros::ServiceServerLinkPtr link = create();
   known_address = ServiceAddress{};
+  link_wanted = LinkWanted::ANY;
   const std::shared_ptr<ServiceCaller> caller =
       link ? runtime.service_callers.find(link->getConnection().get()) : nullptr;
   if (caller)
@@ -125,13 +146,16 @@ ros::ServiceServerLinkPtr createLink(ros::ServiceManager* self, const std::strin
 bool initialize(ros::ServiceServerLink* self, const ros::ConnectionPtr& connection)
 {
   Runtime& runtime = Runtime::instance();
-  // Single-shot clients stay on TCPROS: one call in some hundreds failed on connections that were kept for the next one.
-  if (!self->isPersistent() || !runtime.active() || !connection->getTransport()->requiresHeader() ||
+  if (!runtime.active() || !connection->getTransport()->requiresHeader() ||
       !runtime.options.carries(self->getServiceName()))
   {
     return runtime.original.service_initialize(self, connection);
   }
-  const auto caller = std::make_shared<ServiceCaller>(self->getServiceName(), connection, !self->isPersistent());
+  const auto caller =
+      std::make_shared<ServiceCaller>(self->getServiceName(), connection,
+                                      self->isPersistent()               ? ServiceCaller::Use::PERSISTENT
+                                      : link_wanted == LinkWanted::PLAIN ? ServiceCaller::Use::SINGLE_SHOT_PLAIN
+                                                                         : ServiceCaller::Use::SINGLE_SHOT);
   ros::Connection* const key = connection.get();
   runtime.service_callers.insert(key, caller);
   connection->addDropListener(
@@ -140,6 +164,10 @@ bool initialize(ros::ServiceServerLink* self, const ros::ConnectionPtr& connecti
         Runtime::instance().service_callers.erase(key);
         caller->disconnect();
       });
+  if (!caller->promising())
+  {
+    return runtime.original.service_initialize(self, connection);
+  }
   OfferScope scope(std::to_string(PROTOCOL_VERSION));
   return runtime.original.service_initialize(self, connection);
 }
@@ -149,50 +177,67 @@ bool headerReceived(ros::ServiceServerLink* self, const ros::ConnectionPtr& conn
   Runtime& runtime = Runtime::instance();
   const std::shared_ptr<ServiceCaller> caller =
       runtime.active() ? runtime.service_callers.find(connection.get()) : nullptr;
-  if (caller)
+  if (caller && caller->promising())
   {
     std::string offer;
     header.getValue(HEADER_FIELD, offer);
     if (caller->meet(offer))
     {
       self->persistent_ = true;  // whether it ends with the call is decided in callService()
+      // roscpp sets it once it has sent the request that waits. Its answer can be faster, and so can a further request,
+      // which then nobody would send.
+      boost::mutex::scoped_lock lock(self->call_queue_mutex_);
+      self->header_read_ = true;
     }
   }
   return runtime.original.service_header_received(self, connection, header);
 }
 
+/// Single-shot: a call on a connection that createLink() has made or taken.
+bool callOnce(ros::ServiceServerLink* self, const std::shared_ptr<ServiceCaller>& caller, bool was_kept,
+              const ros::SerializedMessage& request, ros::SerializedMessage& response)
+{
+  using Outcome = ServiceCaller::Outcome;
+  const Outcome outcome = caller->call(self, request, response, !was_kept);
+  const bool keep = caller->promising();
+  if (keep)
+  {
+    IdleServices::instance().put(IdleService{self->shared_from_this(), caller});
+  }
+  else
+  {
+    self->getConnection()->drop(ros::Connection::Destructing);
+  }
+  if (!was_kept || outcome != Outcome::NOT_TAKEN)
+  {
+    return outcome == Outcome::SUCCESS;
+  }
+  // The server has left the connection meanwhile, or shared memory does not take this request. TCPROS would have made a
+  // connection for it.
+  link_wanted = keep ? LinkWanted::PLAIN : LinkWanted::FRESH;
+  const ros::ServiceServerLinkPtr fresh = ros::ServiceManager::instance()->createServiceServerLink(
+      self->getServiceName(), false, self->getRequestMD5Sum(), self->getResponseMD5Sum(),
+      self->extra_outgoing_header_values_);
+  link_wanted = LinkWanted::ANY;
+  return fresh && fresh->call(request, response);
+}
+
 bool callService(ros::ServiceServerLink* self, const ros::SerializedMessage& request, ros::SerializedMessage& response)
 {
   Runtime& runtime = Runtime::instance();
-  const ros::ConnectionPtr connection = self->getConnection();
+  const IdleService kept = std::exchange(taken, IdleService{});
+  if (kept.link.get() == self)
+  {
+    return callOnce(self, kept.caller, true, request, response);
+  }
   const std::shared_ptr<ServiceCaller> caller =
-      runtime.active() ? runtime.service_callers.find(connection.get()) : nullptr;
+      runtime.active() ? runtime.service_callers.find(self->getConnection().get()) : nullptr;
   if (!caller)
   {
     return runtime.original.service_call(self, request, response);
   }
-  const ServiceCaller::Outcome outcome = caller->call(self, request, response);
-  if (!caller->singleShot())
-  {
-    return outcome == ServiceCaller::Outcome::SUCCESS;
-  }
-  if (!caller->promising())
-  {
-    connection->drop(ros::Connection::Destructing);
-  }
-  else
-  {
-    IdleServices::instance().put(caller->key(), self->shared_from_this());
-  }
-  if (outcome != ServiceCaller::Outcome::NOT_TAKEN)
-  {
-    return outcome == ServiceCaller::Outcome::SUCCESS;
-  }
-  // The connection was kept from an earlier call and the server left it meanwhile; TCPROS would have made one now.
-  const ros::ServiceServerLinkPtr fresh = ros::ServiceManager::instance()->createServiceServerLink(
-      self->getServiceName(), false, self->getRequestMD5Sum(), self->getResponseMD5Sum(),
-      self->extra_outgoing_header_values_);
-  return fresh && fresh->call(request, response);
+  return caller->singleShot() ? callOnce(self, caller, false, request, response)
+                              : caller->call(self, request, response) == ServiceCaller::Outcome::SUCCESS;
 }
 
 bool handleHeader(ros::ServiceClientLink* self, const ros::Header& header)

@@ -150,6 +150,7 @@ void ServiceResponder::takeRequests(const Doorbell* doorbell)
   {
     Descriptor descriptor;
     boost::shared_array<uint8_t> body;
+    bool in_turn = false;
     {
       std::lock_guard<std::mutex> lock(mutex_);
       uint32_t ticket = 0;
@@ -165,8 +166,10 @@ void ServiceResponder::takeRequests(const Doorbell* doorbell)
       {
         return;
       }
-      body = descriptor.segment != Descriptor::LINK_START ? ReceiveLink::fetch(requests_, descriptor, ticket, &copied_)
-                                                          : nullptr;
+      in_turn = pending_ == 0 && descriptor.serial != 0;
+      body = in_turn && descriptor.segment != Descriptor::LINK_START
+                 ? ReceiveLink::fetch(requests_, descriptor, ticket, &copied_)
+                 : nullptr;
       pending_ = descriptor.serial;
       taken_ns_ = monotonicNs();
     }
@@ -175,7 +178,11 @@ void ServiceResponder::takeRequests(const Doorbell* doorbell)
     const ros::ServicePublicationPtr service = link ? link->parent_.lock() : nullptr;
     if (!body || !service)
     {
-      ROS_ERROR_COND(!body, "pi_os_transport: a request of %u bytes in shared memory cannot be read; the call fails",
+      ROS_ERROR_COND(!in_turn,
+                     "pi_os_transport: a client sends a request before it has the answer to the one before; "
+                     "its connection is closed");
+      ROS_ERROR_COND(in_turn && !body,
+                     "pi_os_transport: a request of %u bytes in shared memory cannot be read; the call fails",
                      descriptor.length);
       drop();
       return;

@@ -3,20 +3,16 @@
 #include <ros/console.h>
 #include <ros/publication.h>
 
-#include <algorithm>
-#include <cstring>
+#include <array>
 #include <utility>
 
 #include "outbox_writer.h"
+#include "pooled_message.h"
 
 namespace pi_os_transport
 {
 namespace
 {
-
-/// Buffers of the pool that may wait in an outbox before further ones are copied to the heap: a stuck peer must not
-/// exhaust the pool.
-constexpr size_t MAX_POOLED_OUTBOX = 2;
 
 size_t maxQueue(const ros::TransportSubscriberLink* link)
 {
@@ -28,26 +24,6 @@ bool isLatching(const ros::TransportSubscriberLink* link)
 {
   const ros::PublicationPtr parent = link->parent_.lock();
   return parent && parent->isLatching();
-}
-
-ros::SerializedMessage heapCopy(const ros::SerializedMessage& message)
-{
-  ros::SerializedMessage copy;
-  copy.num_bytes = message.num_bytes;
-  copy.buf.reset(new uint8_t[message.num_bytes]);
-  copy.message_start = copy.buf.get() + (message.message_start - message.buf.get());
-  std::memcpy(copy.buf.get(), message.buf.get(), message.num_bytes);
-  return copy;
-}
-
-/// A message whose buffer is given back to the pool with its last user.
-ros::SerializedMessage pooledMessage(const RingSender::Message& message)
-{
-  const boost::shared_array<uint8_t> buffer(const_cast<uint8_t*>(message.buffer),
-                                            [](uint8_t* memory) { Runtime::instance().pool().release(memory); });
-  ros::SerializedMessage pooled(buffer, message.length + LENGTH_PREFIX);
-  pooled.message_start = buffer.get() + LENGTH_PREFIX;
-  return pooled;
 }
 
 }  // namespace
@@ -83,7 +59,7 @@ void TransmitLink::meet(SideChannel channel, bool bridge)
   std::lock_guard<std::recursive_mutex> lock(mutex_);
   ring_ = std::move(ring);
   bridged_ = bridge;
-  waiting_announced_ = false;
+  overflow_.forgetAnnouncement();
   runtime.addChannel(shared_from_this());
   runtime.watch(ring_->channel().fd(), [self = shared_from_this()](int) { self->onSocket(); });
 }
@@ -106,7 +82,7 @@ void TransmitLink::onSocket()
     }
     if (received == SideChannel::Receive::PACKET && packet.type == Packet::SPACE && active())
     {
-      waiting_announced_ = false;
+      overflow_.forgetAnnouncement();
       if (const ros::TransportSubscriberLinkPtr link = link_.lock())
       {
         flushOverflow(maxQueue(link.get()));
@@ -239,27 +215,6 @@ void TransmitLink::retire(const std::vector<uint32_t>& segments)
   }
 }
 
-const uint8_t* TransmitLink::poolBuffer(const ros::SerializedMessage& message) const
-{
-  SlotPool& pool = Runtime::instance().pool();
-  if (message.num_bytes < LENGTH_PREFIX)
-  {
-    return nullptr;
-  }
-  if (pool.contains(message.buf.get()))
-  {
-    pool.addReference(message.buf.get());
-    return message.buf.get();
-  }
-  // Latched messages, those for a single subscriber, and those serialised when the pool was full.
-  uint8_t* const copy = pool.allocate(message.num_bytes);
-  if (copy != nullptr)
-  {
-    std::memcpy(copy, message.buf.get(), message.num_bytes);
-  }
-  return copy;
-}
-
 void TransmitLink::pushToTcp(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message,
                              size_t max_queue)
 {
@@ -291,7 +246,7 @@ void TransmitLink::startBridged()
     boost::mutex::scoped_lock outbox_lock(link->outbox_mutex_);
     for (; !link->outbox_.empty(); link->outbox_.pop())
     {
-      overflow_.push_back(Waiting{link->outbox_.front(), 0});
+      overflow_.push(link->outbox_.front(), 0, 0);
       --tcp_pushed_;
     }
   }
@@ -304,43 +259,7 @@ void TransmitLink::startBridged()
 
 bool TransmitLink::flushOverflow(size_t max_queue)
 {
-  while (!overflow_.empty())
-  {
-    const Waiting& waiting = overflow_.front();
-    const uint8_t* const buffer = poolBuffer(waiting.message);
-    const RingSender::Push pushed =
-        buffer == nullptr ? RingSender::Push::FULL
-                          : ring_->push(buffer, static_cast<uint32_t>(waiting.message.num_bytes - LENGTH_PREFIX),
-                                        max_queue, tcp_pushed_ - tcp_dropped_, waiting.serial);
-    if (pushed != RingSender::Push::WRITTEN)
-    {
-      if (buffer != nullptr)
-      {
-        Runtime::instance().pool().release(buffer);
-      }
-      if (!std::exchange(waiting_announced_, true))
-      {
-        Packet packet;
-        packet.type = Packet::WAITING;
-        ring_->channel().send(packet);
-      }
-      return pushed == RingSender::Push::FULL && !(buffer == nullptr && ring_->idle());
-    }
-    overflow_.pop_front();
-  }
-  return true;
-}
-
-bool TransmitLink::enqueueBridged(const ros::SerializedMessage& message, uint64_t serial, size_t max_queue)
-{
-  if (max_queue > 0 && overflow_.size() >= max_queue)
-  {
-    overflow_.pop_front();
-    ++dropped_before_;
-  }
-  const bool copy = overflow_.size() >= MAX_POOLED_OUTBOX && Runtime::instance().pool().contains(message.buf.get());
-  overflow_.push_back(Waiting{copy ? heapCopy(message) : message, serial});
-  return flushOverflow(max_queue);
+  return overflow_.flush(ring_.get(), max_queue, tcp_pushed_ - tcp_dropped_);
 }
 
 void TransmitLink::returnToTcp()
@@ -362,10 +281,7 @@ void TransmitLink::returnToTcp()
   {
     pushToTcp(link.get(), pooledMessage(message), max_queue);
   }
-  for (const Waiting& waiting : std::exchange(overflow_, {}))
-  {
-    pushToTcp(link.get(), waiting.message, max_queue);
-  }
+  overflow_.takeAll([&](const ros::SerializedMessage& message) { pushToTcp(link.get(), message, max_queue); });
 }
 
 void TransmitLink::warnOfPool(ros::TransportSubscriberLink* link, size_t bytes)
@@ -381,7 +297,6 @@ void TransmitLink::warnOfPool(ros::TransportSubscriberLink* link, size_t bytes)
 void TransmitLink::enqueue(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message, uint64_t serial)
 {
   Runtime& runtime = Runtime::instance();
-  SlotPool& pool = runtime.pool();
   const size_t max_queue = maxQueue(link);
   bool by_ring = false;
   bool warn = false;
@@ -390,7 +305,8 @@ void TransmitLink::enqueue(ros::TransportSubscriberLink* link, const ros::Serial
     if (active() && bridged_)
     {
       by_ring = true;
-      if (!enqueueBridged(message, serial, max_queue))
+      dropped_before_ += overflow_.push(message, serial, max_queue) ? 1 : 0;
+      if (!flushOverflow(max_queue))
       {
         lock.unlock();
         warnOfPool(link, message.num_bytes);
@@ -417,7 +333,7 @@ void TransmitLink::enqueue(ros::TransportSubscriberLink* link, const ros::Serial
         }
         if (!by_ring)
         {
-          pool.release(buffer);
+          runtime.pool().release(buffer);
         }
       }
       if (!by_ring)
@@ -425,8 +341,7 @@ void TransmitLink::enqueue(ros::TransportSubscriberLink* link, const ros::Serial
         const bool pool_full = wanted && link->outbox_.empty() && buffer == nullptr;
         pool_full_ += pool_full ? 1 : 0;
         warn = pool_full && !std::exchange(pool_warned_, true);
-        const bool copy = link->outbox_.size() >= MAX_POOLED_OUTBOX && pool.contains(message.buf.get());
-        pushToTcp(link, copy ? heapCopy(message) : message, max_queue);
+        pushToTcp(link, messageToQueue(message, link->outbox_.size()), max_queue);
       }
     }
   }

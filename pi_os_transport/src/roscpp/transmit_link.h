@@ -1,13 +1,13 @@
 #pragma once
 
 #include <atomic>
-#include <deque>
 #include <memory>
 #include <mutex>
 #include <string>
 #include <vector>
 
 #include "fallback.h"
+#include "overflow_queue.h"
 #include "pi_os_transport/json.h"
 #include "pi_os_transport/ring_sender.h"
 #include "pi_os_transport/side_channel.h"
@@ -64,14 +64,12 @@ private:
   void onPeerGone();
   void closeChannel();
   void setActive(bool active);  // with mutex_ held
-  const uint8_t* poolBuffer(const ros::SerializedMessage& message) const;
   void pushToTcp(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message, size_t max_queue);
   void warnOfPool(ros::TransportSubscriberLink* link, size_t bytes);
 
   // On a link through a bridge, with mutex_ held.
   void startBridged();
-  bool enqueueBridged(const ros::SerializedMessage& message, uint64_t serial, size_t max_queue);
-  bool flushOverflow(size_t max_queue);  ///< false if waiting for a place is in vain
+  bool flushOverflow(size_t max_queue);  ///< as OverflowQueue::flush
   void returnToTcp();
 
   const std::string topic_;
@@ -84,13 +82,7 @@ private:
   std::atomic<bool> bridged_{false};
   bool ended_ = false;  ///< the TCPROS connection is gone; what the subscriber still reads is kept
   std::unique_ptr<RingSender> ring_;
-  struct Waiting
-  {
-    ros::SerializedMessage message;
-    uint64_t serial;
-  };
-  std::deque<Waiting> overflow_;  ///< of a bridged link: what finds no place in the ring
-  bool waiting_announced_ = false;
+  OverflowQueue overflow_;       ///< of a bridged link
   uint32_t tcp_pushed_ = 0;      ///< messages put into roscpp's outbox, modulo 2^32
   uint32_t tcp_dropped_ = 0;     ///< of those, dropped there
   uint64_t sent_before_ = 0;     ///< messages through earlier rings of this link
