@@ -6,21 +6,13 @@ The devices are network namespaces of this machine (needs root), joined by a rou
 """
 
 import argparse
-import json
 import os
-import shlex
 import sys
 import time
 
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
 import transport_bench as bench  # noqa: E402  (found through the line above)
-from transport_bench import device_comparison, device_nodes, device_report  # noqa: E402
-
-
-def parse_positive(text):
-    if not text.strip().isdigit() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f'{text!r}, must be a whole number of at least 1')
-    return int(text)
+from transport_bench import device_comparison, device_nodes, device_report, program  # noqa: E402
 
 
 def parse_modes(text):
@@ -31,25 +23,26 @@ def parse_modes(text):
     return [device_nodes.DEVICE_MODES[name] for name in text.split(',')]
 
 
-def parse_arguments(arguments):
+def parse_arguments():
     parser = argparse.ArgumentParser(prog='bench_devices', description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter,
                                      epilog='Exit status: 0 when every message that had to arrive did so intact and in '
                                      'order, over the transport of its mode; 1 otherwise.')
-    parser.add_argument('--library', help=f'path of {bench.LIBRARY_NAME}; default: that of the same prefix')
+    program.add_library(parser)
     parser.add_argument('--modes', type=parse_modes, default=list(device_nodes.DEVICE_MODES.values()),
                         help='comma-separated, of ' + ', '.join(device_nodes.DEVICE_MODES))
-    parser.add_argument('--rounds', type=parse_positive, help='alternating rounds (default 3; 1 with --quick)')
-    parser.add_argument('--kills', type=parse_positive, help='SIGKILLs of bridges (default 100; 4 with --quick)')
-    parser.add_argument('--frames', type=parse_positive, help='hostile frames (default 10000; 500 with --quick)')
+    parser.add_argument('--rounds', type=program.parse_positive, help='alternating rounds (default 3; 1 with --quick)')
+    parser.add_argument('--kills', type=program.parse_positive, help='SIGKILLs of bridges (default 100; 4 with '
+                        '--quick)')
+    parser.add_argument('--frames', type=program.parse_positive, help='hostile frames (default 10000; 500 with '
+                        '--quick)')
     parser.add_argument('--only', action='append', choices=device_comparison.MEASURES,
                         help='measure only this; may be given more than once')
     parser.add_argument('--quick', action='store_true', help='a small subset, about 2 min')
-    parser.add_argument('--json', metavar='FILE', help='write everything measured to FILE')
+    program.add_json(parser)
     parser.add_argument('--plot', metavar='FILE', help='draw bytes on the wire by subscribers, and latency, to FILE '
                         '(PNG)')
-    # rosrun and roslaunch add remappings such as __name:=x.
-    return parser.parse_args([argument for argument in arguments if ':=' not in argument])
+    return program.parse(parser)
 
 
 def make_plan(options):
@@ -69,31 +62,21 @@ def run(options):
     library = bench.find_library(options.library) if any(mode.preload for mode in plan.modes) else None
     if options.plot:
         bench.require_matplotlib()
-    for path in filter(None, (options.json, options.plot)):
-        folder = os.path.dirname(os.path.abspath(path))
-        if not os.access(folder, os.W_OK):
-            raise bench.BenchError(f'cannot write {path}: {folder} does not exist or is not writable')
+    program.require_writable(options.json, options.plot)
     machine = bench.machine()
-    command = 'rosrun pi_os_transport bench_devices ' + shlex.join(sys.argv[1:])
+    command = program.command('bench_devices')
     begin = time.monotonic()
-    comparison = device_comparison.DeviceComparison(plan, library,
-                                                    lambda text: print(text, file=sys.stderr, flush=True))
+    comparison = device_comparison.DeviceComparison(plan, library, program.progress)
     comparison.run()
     results = bench.Results(comparison.rows)
 
-    print(f'\n{machine["cpu"]}, {machine["usable_cores"]} core(s), {machine["memory_gb"]} GB, '
-          f'Linux {machine["kernel"]} {machine["architecture"]}, governor {machine["governor"]}, '
-          f'load average at the start {machine["load_average"][0]:.2f}')
-    print(', '.join(f'{name} {version}' for name, version in machine['versions'].items()))
+    program.print_machine(machine)
     print(f'devices: network namespaces around a router, TCP {comparison.congestion_control}; {plan.rounds} round(s), '
           f'modes alternating, order rotated per round; {time.monotonic() - begin:.0f} s\n{command}\n')
     print(device_report.report(results, plan.modes))
-    if options.json:
-        with open(options.json, 'w') as file:
-            json.dump({'command': command, 'machine': machine, 'library': library, 'rounds': plan.rounds,
-                       'congestion_control': comparison.congestion_control, 'rows': comparison.rows,
-                       'failures': comparison.failures}, file, indent=1, ensure_ascii=False)
-        print(f'\nwritten: {options.json}')
+    program.write_json(options.json, {'command': command, 'machine': machine, 'library': library,
+                                      'rounds': plan.rounds, 'congestion_control': comparison.congestion_control,
+                                      'rows': comparison.rows, 'failures': comparison.failures})
     if options.plot:
         device_report.plot(results, plan.modes, options.plot,
                            f'{machine["cpu"]}, {machine["usable_cores"]} core(s), Linux {machine["kernel"]}, '
@@ -102,19 +85,5 @@ def run(options):
     return comparison.failures
 
 
-def main():
-    options = parse_arguments(sys.argv[1:])
-    try:
-        failures = run(options)
-    except bench.BenchError as error:
-        failures = [str(error)]
-    except KeyboardInterrupt:
-        print('bench_devices: interrupted', file=sys.stderr)
-        return 130
-    for failure in failures:
-        print(f'bench_devices: FAILED: {failure}', file=sys.stderr)
-    return 1 if failures else 0
-
-
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(program.exit_status('bench_devices', run, parse_arguments()))

@@ -13,8 +13,10 @@ import subprocess
 import sys
 import time
 
+from transport_bench import program
 from transport_bench.modes import BenchError, environment, find_library, format_size, program_folder
 from transport_bench.nodes import Master, Node
+from transport_bench.results import machine
 
 SIZES = [64, 16384, 1000000, 6220800, 16000000]
 THROUGHPUT_SIZE = 6220800
@@ -183,25 +185,28 @@ def report(options, latencies, throughputs):
                                             f'bar {THROUGHPUT_GB_S:g} GB/s'))
     for met, text in rows:
         print(f'  {"open  " if met is None else "met   " if met else "MISSED"} {text}')
-    return all(met is not False for met, _ in rows)
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--rounds', type=int, default=3)
-    parser.add_argument('--count', type=int, default=100, help='messages of each measurement (default 100)')
+def run(options):
+    library = find_library(options.library)
+    program.print_machine(machine())
+    report(options, *measure(options, library))
+
+
+def parse_arguments():
+    parser = argparse.ArgumentParser(prog='bench_zero_copy', description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter,
+                                     epilog='Exit status: 0 when every message came over the transport of its form, '
+                                     'whatever the bars say; 1 otherwise.')
+    program.add_library(parser)
+    parser.add_argument('--rounds', type=program.parse_positive, default=3, help='alternating rounds (default 3)')
+    parser.add_argument('--count', type=program.parse_positive, default=100,
+                        help='messages of each measurement (default 100)')
     parser.add_argument('--rate', type=float, default=30.0, help='of the latency measurements [Hz] (default 30)')
-    parser.add_argument('--sizes', type=lambda text: [int(size) for size in text.split(',')], default=SIZES,
+    parser.add_argument('--sizes', type=program.parse_list(program.parse_positive), default=SIZES,
                         help='payloads [B], comma-separated')
-    parser.add_argument('--library', help='path of libpi_os_transport.so (default: the one beside this program)')
-    options = parser.parse_args()
-    try:
-        library = find_library(options.library)
-        latencies, throughputs = measure(options, library)
-    except BenchError as error:
-        sys.exit(f'bench_zero_copy: {error}')
-    report(options, latencies, throughputs)
+    return program.parse(parser)
 
 
 if __name__ == '__main__':
-    main()
+    sys.exit(program.exit_status('bench_zero_copy', run, parse_arguments()))

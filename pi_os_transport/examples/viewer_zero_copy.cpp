@@ -17,8 +17,9 @@ void onImage(const zero_copy::ConstPtr<sensor_msgs::Image>& image)
 {
   const cv::Mat picture = zero_copy::shareMat(image);  // keeps the image, as every copy of it does
   const cv::Scalar mean = cv::mean(picture);
-  ROS_INFO("%ux%u from %s, %s: mean %.1f %.1f %.1f", image->width, image->height, image->header.frame_id.c_str(),
-           zero_copy::isView(image->data) ? "not copied" : "copied", mean[0], mean[1], mean[2]);
+  ROS_INFO_THROTTLE(1.0, "%ux%u from %s, %s: mean %.1f %.1f %.1f", image->width, image->height,
+                    image->header.frame_id.c_str(), zero_copy::isView(image->data) ? "not copied" : "copied", mean[0],
+                    mean[1], mean[2]);
 }
 
 int main(int argc, char** argv)

@@ -22,9 +22,9 @@ STATUS = {
     'peers': [{'address': '10.0.0.2:8814', 'name': 'base', 'state': 'up', 'rtt_us': 230, 'window': 65536,
                'sent_bytes': 5000, 'received_bytes': 70}],
     'outgoing': [{'topic': '/image', 'publisher': '/camera', 'peer': '10.0.0.2:8814', 'subscribers': 2, 'messages': 10,
-                  'bytes': 62200000, 'superseded': 1, 'rate_limited': 2, 'lost': 0}],
+                  'bytes': 62200000, 'superseded': 1, 'rate_limited': 2, 'uncompressed': 0, 'lost': 0}],
     'incoming': [{'topic': '/cmd_vel', 'publisher': '/joy', 'subscriber': '/base', 'peer': '10.0.0.2:8814',
-                  'messages': 7, 'bytes': 336, 'dropped': 0, 'lost': 0, 'paused': True}],
+                  'carrying': 1, 'messages': 7, 'bytes': 336, 'dropped': 0, 'lost': 0, 'paused': 1}],
     'tunnels': [{'target': '10.0.0.2:34567', 'peer': '10.0.0.2:8814', 'state': 'open', 'sent_bytes': 12,
                  'received_bytes': 34}],
 }
@@ -198,7 +198,7 @@ class BridgeStatus(harness.TransportTest):
                                           (REQUEST, b'[1]', 'no JSON object'),
                                           (REQUEST, b'\xff{', 'no JSON object'),
                                           (REQUEST, b'{"version":2}', 'status of version 2, must be 1'),
-                                          (REQUEST, b'{"version":1}', 'lacks \'pool\'')):
+                                          (REQUEST, b'{"version":1}', 'must be an object with name')):
             with self.subTest(packet=packet, content=content):
                 bridge = FakeBridge(self.socket_name, (packet, content))
                 try:

@@ -206,9 +206,10 @@ class Chaos(kill_campaign.Campaign):
             if before is None and self.killed() >= min(kill_campaign.WARM_UP_KILLS, self.kills // 3):
                 before = self.check(None)
             if self.killed() >= next_check:
-                self.check(before)
+                now = self.check(before)
                 next_check = self.killed() + CHECK_EVERY
-                self.say('%d kills, %.0f s' % (self.killed(), time.monotonic() - self.begun))
+                self.say('%d kills, %.0f s; old publisher: %s; old subscriber: %s'
+                         % (self.killed(), time.monotonic() - self.begun, *now))
             if time.monotonic() > self.deadline:
                 self.say('the time is over')
                 break

@@ -1,5 +1,6 @@
 #!/usr/bin/python3 -B
 """Judge of introspection.test. It is a ROS node to read /diagnostics."""
+import copy
 import json
 import os
 import pwd
@@ -11,6 +12,7 @@ import socket
 import subprocess
 import sys
 import threading
+from random import Random
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -19,7 +21,7 @@ import services_judge
 import transport_harness as harness
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), '..', 'scripts'))
-from pi_os_inspect import doctor, graph, tables  # noqa: E402  (found through the line above)
+from pi_os_inspect import doctor, graph, processes, tables  # noqa: E402  (found through the line above)
 
 
 class Introspection(services_judge.ServiceTest):
@@ -112,6 +114,17 @@ class Introspection(services_judge.ServiceTest):
             self.assertEqual(sum(entry['durations']), entry['memory'])
             self.assertEqual(entry['failed'], 0)
         self.assertEqual([entry for entry in self.pi_os('doctor') if self.service in entry['what']], [])
+
+    def test_single_shot_calls(self):
+        server, client = self.pair()
+        report = client.call('call', service=self.service, count=300)
+        self.assertEqual((report['failed'], report['wrong']), (0, 0), report)
+        called = next(entry for entry in self.state(client)['service_clients'] if entry['service'] == self.service)
+        served = next(entry for entry in self.state(server)['service_servers'] if entry['service'] == self.service)
+        self.assertEqual(called['memory'] + called['tcp'], 300)
+        self.assertGreaterEqual(called['memory'], 200)    # the first ones go before the shared memory is there
+        self.assertEqual(served['memory'], called['memory'])
+        self.assertEqual((called['failed'], served['failed']), (0, 0))
 
     def test_a_node_that_stands_still_is_named(self):
         talker, = self.peers('talker')
@@ -308,6 +321,13 @@ class Introspection(services_judge.ServiceTest):
         self.assertEqual((found.reason, found.text),
                          ('peer_version', '/talker has version 2 of the protocol, /listener has 3'))
 
+    def test_the_node_of_pi_core_is_what_it_is(self):
+        nodes = {'/rosout': graph.Node('/rosout', 'http://localhost:1/', 1, [])}
+        user = processes.user_name(os.geteuid())
+        for program, reason in (('pi_core', 'pi_core'), ('rosout', 'not_preloaded')):
+            judge = doctor.Doctor(nodes, [], lambda pid: processes.Process(pid, user, libraries=set(), program=program))
+            self.assertEqual(judge.judge_node('/rosout')[0], reason)
+
     def test_quantiles_of_histograms(self):
         self.assertIsNone(tables.quantile_us([0] * 24, 0.5))
         counts = [0] * 24
@@ -333,6 +353,70 @@ class Introspection(services_judge.ServiceTest):
         self.assertIn('process %d closed the connection' % os.getpid(), self.complaints)
         self.assertNotIn('Traceback', self.complaints)
 
+    # ------------------------------------------------------------------------------------------------------ hostile
+
+    def parse(self, answer):
+        """What the tool makes of it. @return None if it refuses it"""
+        memory = os.memfd_create('answer')
+        try:
+            os.write(memory, answer)
+            packet = processes.PACKET.pack(processes.PROTOCOL, processes.STATE, len(answer), 0, 0)
+            return processes.parse(1, packet, [memory])
+        except processes.Unanswered as error:
+            self.assertTrue(str(error).isprintable(), error)
+            return None
+        finally:
+            os.close(memory)
+
+    def test_any_answer_is_shown_or_refused(self):
+        talker, listener = self.peers('talker', 'listener')
+        self.connect(talker, listener)
+        honest = self.state(talker)
+        self.assertIsNotNone(self.parse(json.dumps(honest).encode()))
+        for answer in (b'', b'\xff', b'[' * 100000, b'[]', b'{"version": 1}', b'{"version": 1e400}',
+                       json.dumps(dict(honest, version='\x1b[2J')).encode()):
+            self.assertIsNone(self.parse(answer), answer[:40])
+        shown = self.parse(json.dumps(dict(honest, node='/a\x1b[2J')).encode())
+        self.assertEqual(shown['node'], '/a?[2J')
+
+        random = Random(1)
+        of_any_type = (None, -1, 2 ** 64, 1.5, True, '', '\x00', [], [0] * 65, [[]], {}, {'node': 1})
+        of_type = {int: (0, 1, 2 ** 64 - 1), str: ('', '/other', '\x00\x1b', 'SHMROS'), bool: (False, True), list: ([],)}
+        refused = 0
+        for _ in range(3000):
+            state = copy.deepcopy(honest)
+            wrong = random.random() < 0.5
+            for holder, key in random.sample(self.places(state), 2):
+                if wrong and random.random() < 0.3 and isinstance(holder, dict):
+                    holder.pop(key, None)
+                elif wrong or type(holder[key]) in of_type:
+                    holder[key] = random.choice(of_any_type if wrong else of_type[type(holder[key])])
+            found = self.parse(json.dumps(state).encode())
+            refused += found is None
+            if found is not None:
+                for rows in (tables.node_rows([found]), tables.link_rows(tables.joined_links([found])),
+                             tables.service_rows([found])):
+                    self.assertTrue(rows)
+                doctor.Doctor({}, [found]).findings()
+        self.assertGreater(refused, 1000)
+        self.assertLess(refused, 2000)
+
+    def places(self, value):
+        """All (holder, key) in nested lists and dictionaries."""
+        found = []
+        if isinstance(value, (dict, list)):
+            for key in (value if isinstance(value, dict) else range(len(value))):
+                found.append((value, key))
+                found += self.places(value[key])
+        return found
+
+    def test_answers_of_nodes_that_are_none(self):
+        for answer in (None, 1, [], [1, ''], [0, '', 1], [1, '', {}]):
+            with self.assertRaises(graph.GraphError):
+                graph.call_for(list, lambda *_, answer=answer: answer)
+        self.assertEqual(graph.bus_entries([1, [], [1, 2, 3, 4, 5], [1, 'a', 'i', 'TCPROS', '/t'], 'abcdef']),
+                         [[1, 'a', 'i', 'TCPROS', '/t']])
+
     # ------------------------------------------------------------------------------------------------------- others
 
     def test_tables(self):
@@ -347,21 +431,48 @@ class Introspection(services_judge.ServiceTest):
             for word in words:
                 self.assertIn(word, run.stdout)
 
+    def diagnose(self, of):
+        """Starts `pi_os diagnostics`. @return queue of its messages, each as {name: status}"""
+        arrived = queue.Queue()
+        subscriber = rospy.Subscriber('/diagnostics', DiagnosticArray,
+                                      lambda message: arrived.put({status.name: status for status in message.status}))
+        self.addCleanup(subscriber.unregister)
+        self.process([harness.program('pi_os'), 'diagnostics', '--of', of,
+                      '__name:=' + self.unique('diagnostics')], preload='')
+        return arrived
+
+    def await_statuses(self, arrived, fits):
+        """The first message that fits."""
+        for _ in range(30):
+            found = arrived.get(timeout=harness.DEADLINE_S)
+            if fits(found):
+                return found
+        self.fail('nothing fits; the last message: %s' % found)
+
+    def test_diagnostics_of_drops_beside_those_of_the_bridge(self):
+        talker, listener = self.peers('talker', 'listener')
+        topic = self.topic()
+        talker.call('advertise', topic=topic, queue=5)
+        listener.call('subscribe', topic=topic, queue=500)
+        self.link(talker, listener, topic)
+        name = 'pi_os: ' + talker.name
+        arrived = self.diagnose('all')
+        found = self.await_statuses(arrived, lambda statuses: name in statuses)
+        self.assertEqual(found[name].level, DiagnosticStatus.OK, found[name])
+        self.assertIn('pi_os_bridge: process', found)
+        listener.signal(signal.SIGSTOP)
+        try:
+            talker.call('publish', count=40, sizes=1000000)
+            self.await_statuses(arrived, lambda statuses: name in statuses and 'dropped' in statuses[name].message)
+        finally:
+            listener.signal(signal.SIGCONT)
+
     def test_diagnostics(self):
         talker = self.peer('talker', preload='')
         listener, = self.peers('listener')
         topic = self.connect(talker, listener)
-        arrived = queue.Queue()
-        subscriber = rospy.Subscriber('/diagnostics', DiagnosticArray, arrived.put)
-        self.addCleanup(subscriber.unregister)
-        self.process([harness.program('pi_os'), 'diagnostics', '--of', 'nodes',
-                      '__name:=' + self.unique('diagnostics')], preload='')
-        for _ in range(30):
-            found = {status.name: status for status in arrived.get(timeout=harness.DEADLINE_S).status}
-            link = next((status for name, status in found.items() if topic in name), None)
-            if link is not None:
-                break
-        self.assertIsNotNone(link, found)
+        found = self.await_statuses(self.diagnose('nodes'), lambda statuses: any(topic in name for name in statuses))
+        link = next(status for name, status in found.items() if topic in name)
         self.assertEqual(link.level, DiagnosticStatus.WARN)
         self.assertIn('LD_PRELOAD', link.message)
         self.assertEqual({value.key: value.value for value in link.values}['reason'], 'not_preloaded')

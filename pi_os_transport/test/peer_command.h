@@ -26,6 +26,7 @@ public:
     }
   }
   const std::string& verb() const { return verb_; }
+  bool has(const std::string& key) const { return values_.count(key) != 0; }
   std::string text(const std::string& key) const
   {
     const auto it = values_.find(key);
@@ -35,30 +36,20 @@ public:
     }
     return it->second;
   }
-  std::string textOr(const std::string& key, const std::string& fallback) const
+  std::string text(const std::string& key, const std::string& fallback) const
   {
-    return values_.count(key) != 0 ? text(key) : fallback;
+    return has(key) ? text(key) : fallback;
   }
-  long integer(const std::string& key, long fallback) const
-  {
-    return values_.count(key) != 0 ? std::stol(text(key)) : fallback;
-  }
-  double real(const std::string& key, double fallback) const
-  {
-    return values_.count(key) != 0 ? std::stod(text(key)) : fallback;
-  }
+  double real(const std::string& key, double fallback) const { return has(key) ? std::stod(text(key)) : fallback; }
+  long integer(const std::string& key, long fallback) const { return has(key) ? std::stol(text(key)) : fallback; }
+  bool flag(const std::string& key) const { return integer(key, 0) != 0; }
   std::chrono::milliseconds timeout() const
   {
     return std::chrono::milliseconds(static_cast<int64_t>(1000 * real("timeout", 30)));
   }
+  std::chrono::steady_clock::time_point deadline() const { return std::chrono::steady_clock::now() + timeout(); }
 
 private:
   std::string verb_;
   std::map<std::string, std::string> values_;
 };
-
-/// One more field of an answer.
-inline std::string field(const std::string& key, const std::string& json)
-{
-  return ",\"" + key + "\":" + json;
-}

@@ -13,6 +13,7 @@
 #include <thread>
 
 #include "peer_command.h"
+#include "peer_json.h"
 #include "service_pattern.h"
 
 /// Calls a service from a thread of its own.
@@ -69,12 +70,12 @@ public:
     return changed_.wait_for(lock, timeout, [&] { return failed_ >= failed; });
   }
 
-  std::string report()
+  void report(JsonObject* out)
   {
     std::lock_guard<std::mutex> lock(mutex_);
-    return field("calls", std::to_string(succeeded_ + failed_)) + field("failed", std::to_string(failed_)) +
-           field("wrong", std::to_string(wrong_)) + field("slowest_us", std::to_string(slowest_us_)) +
-           field("reconnected", std::to_string(reconnected_)) + field("valid", valid_ ? "true" : "false");
+    out->number("calls", succeeded_ + failed_).number("failed", failed_).number("wrong", wrong_);
+    out->number("slowest_us", slowest_us_).number("reconnected", reconnected_).boolean("valid", valid_);
+    out->boolean("single_shot", !persistent_);
   }
 
 private:

@@ -11,6 +11,7 @@
 #include <string>
 
 #include "peer_command.h"
+#include "peer_json.h"
 #include "service_pattern.h"
 
 /// A server of one service; `mode` of the command says what its callback does.
@@ -18,7 +19,7 @@ class Server
 {
 public:
   Server(ros::NodeHandle* node, const Command& c)
-    : mode_(c.textOr("mode", "answer"))
+    : mode_(c.text("mode", "answer"))
     , forward_(mode_ == "forward" ? node->serviceClient<sensor_msgs::SetCameraInfo>(c.text("to"))
                                   : ros::ServiceClient())
     , service_(node->advertiseService(c.text("service"), &Server::serve, this))
@@ -26,16 +27,11 @@ public:
   }
   ~Server() { release(); }
 
-  std::string report()
+  void report(JsonObject* out)
   {
     std::lock_guard<std::mutex> lock(mutex_);
-    std::string keys;
-    for (const auto& entry : header_)
-    {
-      keys += (keys.empty() ? "\"" : ",\"") + entry.first + "\"";
-    }
-    return field("calls", std::to_string(calls_)) + field("wrong", std::to_string(wrong_)) +
-           field("header", "[" + keys + "]");
+    out->number("calls", calls_).number("wrong", wrong_);
+    out->raw("header", jsonArray(header_, [](const auto& entry) { return quoted(entry.first); }));
   }
   bool awaitCalls(uint64_t calls, std::chrono::milliseconds timeout)
   {

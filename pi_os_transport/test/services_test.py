@@ -30,6 +30,23 @@ class Services(services_judge.ServiceTest):
         report = client.call('stop_calls')
         self.assertEqual((report['failed'], report['wrong'], report['reconnected']), (0, 0, 0), report)
 
+    def test_a_single_shot_client_uses_shared_memory(self):
+        server, client = self.pair()
+        client.call('call', service=self.service, count=0, background=True, rate=100)
+        self.await_rings(client, server)
+        report = client.call('stop_calls')
+        self.assertEqual((report['failed'], report['wrong']), (0, 0), report)
+
+    def test_single_shot_calls_of_several_nodes_at_once(self):
+        server, client = self.pair(threads=4)
+        others = self.peers('second', 'third', kind='service_peer')
+        for size in (80, 200000):
+            for peer in [client] + others:
+                peer.send('call', service=self.service, count=300, size=size, answer=900)
+            for peer in [client] + others:
+                self.assert_calls(peer.result(), 300)
+        self.assertEqual(server.call('served', service=self.service)['wrong'], 0)
+
     def test_single_shot_clients_leave_nothing_behind(self):
         server, client = self.pair()
         self.assert_calls(client.call('call', service=self.service, count=1), 1)
@@ -167,7 +184,7 @@ class Services(services_judge.ServiceTest):
         python.call('serve', service=self.service)
         for persistent in (True, False):
             self.assert_calls(client.call('call', service=self.service, count=20, size=800, answer=900,
-                                          persistent=persistent), 20)
+                                          persistent=persistent), 20, over_tcp=True)
         report = python.call('served', service=self.service)
         self.assertEqual((report['calls'], report['wrong']), (40, 0))
 
@@ -181,7 +198,7 @@ class Services(services_judge.ServiceTest):
                 client.call('await_service', service=self.service)
                 for persistent in (True, False):
                     self.assert_calls(client.call('call', service=self.service, count=50, size=800, answer=900,
-                                                  persistent=persistent), 50)
+                                                  persistent=persistent), 50, over_tcp=True)
                 self.assertEqual((services_judge.rings(server), services_judge.rings(client)), (0, 0))
 
     def test_excluded_services_stay_on_tcpros(self):
@@ -204,7 +221,7 @@ class Services(services_judge.ServiceTest):
             for size, answer in ((6 * MB, 20), (80, 6 * MB), (6 * MB, 6 * MB), (80, 20), (500000, 500000)):
                 with self.subTest(persistent=persistent, size=size, answer=answer):
                     self.assert_calls(client.call('call', service=self.service, count=5, size=size, answer=answer,
-                                                  persistent=persistent), 5)
+                                                  persistent=persistent), 5, over_tcp=True)
         self.assertEqual(server.call('served', service=self.service)['wrong'], 0)
 
     def test_more_connections_than_a_server_has_shared_memory_for(self):

@@ -10,15 +10,10 @@
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
-#include <cstdio>
 #include <cstdlib>
-#include <cstring>
-#include <iostream>
 #include <map>
-#include <memory>
 #include <mutex>
 #include <set>
-#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <thread>
@@ -27,13 +22,14 @@
 #include <ros/ros.h>
 #include <sensor_msgs/Image.h>
 
+#include "peer_verbs.h"
+
 namespace
 {
 using Clock = std::chrono::steady_clock;
 
 constexpr uint32_t STAMP_NSEC = 123456789;
 const char* const FRAME_ID = "camera_optical";
-constexpr auto POLL_INTERVAL = std::chrono::milliseconds(5);  ///< the number of subscribers is signalled by no event
 
 /// Bytes of one pixel of the encodings that are sent here.
 const std::map<std::string, uint32_t> PIXEL_BYTES = {{"rgb8", 3},   {"bgr8", 3},  {"mono8", 1},
@@ -75,71 +71,9 @@ sensor_msgs::Image makeImage(uint32_t number, const std::string& encoding, uint3
   return image;
 }
 
-// ----------------------------------------------------------------------------------------------------------- commands
-
-class Command
+uint32_t whole(const Command& c, const std::string& key, uint32_t fallback)
 {
-public:
-  explicit Command(const std::string& line)
-  {
-    std::istringstream in(line);
-    in >> verb_;
-    for (std::string token; in >> token;)
-    {
-      const size_t equal = token.find('=');
-      if (equal == std::string::npos)
-      {
-        throw std::invalid_argument("argument \"" + token + "\" of " + verb_ + " is not key=value");
-      }
-      values_[token.substr(0, equal)] = token.substr(equal + 1);
-    }
-  }
-  const std::string& verb() const { return verb_; }
-  std::string text(const std::string& key) const
-  {
-    const auto it = values_.find(key);
-    if (it == values_.end())
-    {
-      throw std::invalid_argument(verb_ + " needs " + key + "=");
-    }
-    return it->second;
-  }
-  double real(const std::string& key, double fallback) const
-  {
-    return values_.count(key) != 0 ? std::stod(text(key)) : fallback;
-  }
-  uint32_t whole(const std::string& key, uint32_t fallback) const
-  {
-    return values_.count(key) != 0 ? static_cast<uint32_t>(std::stoul(text(key))) : fallback;
-  }
-  Clock::time_point deadline() const
-  {
-    return Clock::now() +
-           std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(real("timeout", 30)));
-  }
-
-private:
-  std::string verb_;
-  std::map<std::string, std::string> values_;
-};
-
-std::string field(const std::string& key, const std::string& json)
-{
-  return ",\"" + key + "\":" + json;
-}
-
-std::string quoted(const std::string& text)
-{
-  std::string out = "\"";
-  for (const char c : text)
-  {
-    if (c == '"' || c == '\\')
-    {
-      out += '\\';
-    }
-    out += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;
-  }
-  return out + "\"";
+  return c.has(key) ? static_cast<uint32_t>(std::stoul(c.text(key))) : fallback;
 }
 
 // --------------------------------------------------------------------------------------------------------------- node
@@ -149,58 +83,28 @@ class ImagePeer
 public:
   ~ImagePeer() { stop(); }
 
-  /// Executes a command. @return the fields of the answer. @throws std::exception if it fails.
-  std::string execute(const Command& c)
-  {
-    if (c.verb() == "advertise")
-    {
-      publisher_ = node_.advertise<sensor_msgs::Image>(c.text("topic"), c.whole("queue", 100));
-      return "";
-    }
-    if (c.verb() == "subscribe")
-    {
-      subscriber_ = node_.subscribe(c.text("topic"), c.whole("queue", 100), &ImagePeer::receive, this);
-      return "";
-    }
-    if (c.verb() == "publish")
-    {
-      publish(c);
-      return field("published", std::to_string(published_.load()));
-    }
-    if (c.verb() == "stop")
-    {
-      stop();
-      return field("published", std::to_string(published_.load()));
-    }
-    if (c.verb() == "publisher")
-    {
-      return field("published", std::to_string(published_.load()));
-    }
-    if (c.verb() == "await_subscribers")
-    {
-      return awaitSubscribers(c);
-    }
-    if (c.verb() == "await_received")
-    {
-      return awaitReceived(c);
-    }
-    if (c.verb() == "report")
-    {
-      std::lock_guard<std::mutex> lock(mutex_);
-      return report();
-    }
-    throw std::invalid_argument("unknown verb \"" + c.verb() + "\"");
-  }
+  static const Verbs<ImagePeer> VERBS;
 
 private:
+  bool advertise(const Command& c, JsonObject*)
+  {
+    publisher_ = node_.advertise<sensor_msgs::Image>(c.text("topic"), whole(c, "queue", 100));
+    return static_cast<bool>(publisher_);
+  }
+  bool subscribe(const Command& c, JsonObject*)
+  {
+    subscriber_ = node_.subscribe(c.text("topic"), whole(c, "queue", 100), &ImagePeer::receive, this);
+    return static_cast<bool>(subscriber_);
+  }
+
   /// count=0: in the background, until "stop".
-  void publish(const Command& c)
+  bool publish(const Command& c, JsonObject* out)
   {
     stop();
     const std::string encoding = c.text("encoding");
-    const uint32_t width = c.whole("width", 640);
-    const uint32_t height = c.whole("height", 480);
-    const uint32_t count = c.whole("count", 1);
+    const uint32_t width = whole(c, "width", 640);
+    const uint32_t height = whole(c, "height", 480);
+    const uint32_t count = whole(c, "count", 1);
     const auto interval = std::chrono::duration_cast<Clock::duration>(
         std::chrono::duration<double>(1.0 / std::max(c.real("rate", 20), 1e-3)));
     makeImage(0, encoding, width, height);  // throws here, not in the thread, if it cannot be made
@@ -221,6 +125,17 @@ private:
     {
       thread_.join();
     }
+    return describePublisher(c, out);
+  }
+  bool stopPublishing(const Command& c, JsonObject* out)
+  {
+    stop();
+    return describePublisher(c, out);
+  }
+  bool describePublisher(const Command&, JsonObject* out)
+  {
+    out->number("published", published_.load());
+    return true;
   }
 
   void stop()
@@ -232,29 +147,27 @@ private:
     }
   }
 
-  std::string awaitSubscribers(const Command& c)
+  bool awaitSubscribers(const Command& c, JsonObject* out)
   {
-    const Clock::time_point deadline = c.deadline();
-    while (publisher_.getNumSubscribers() != c.whole("n", 1))
-    {
-      if (Clock::now() > deadline)
-      {
-        throw std::runtime_error("there are " + std::to_string(publisher_.getNumSubscribers()) + " subscribers");
-      }
-      std::this_thread::sleep_for(POLL_INTERVAL);
-    }
-    return "";
+    const uint32_t wanted = whole(c, "n", 1);
+    const bool reached = awaitState(c.deadline(), [&] { return publisher_.getNumSubscribers() == wanted; });
+    out->number("subscribers", publisher_.getNumSubscribers());
+    return reached;
   }
 
-  std::string awaitReceived(const Command& c)
+  bool awaitReceived(const Command& c, JsonObject* out)
   {
     std::unique_lock<std::mutex> lock(mutex_);
-    const uint32_t number = c.whole("seq", 0);
-    if (!changed_.wait_until(lock, c.deadline(), [&]() { return highest_ >= number; }))
-    {
-      throw std::runtime_error("no image " + std::to_string(number) + report());
-    }
-    return report();
+    const uint32_t number = whole(c, "seq", 0);
+    const bool come = changed_.wait_until(lock, c.deadline(), [&]() { return highest_ >= number; });
+    describe(out);
+    return come;
+  }
+  bool report(const Command&, JsonObject* out)
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    describe(out);
+    return true;
   }
 
   void receive(const sensor_msgs::Image::ConstPtr& image)
@@ -289,17 +202,11 @@ private:
 
   /// With mutex_ held. malformed: header, size or length is not what was sent; worst_error: largest mean difference of
   /// a byte in one image.
-  std::string report() const
+  void describe(JsonObject* out) const
   {
-    std::string forms;
-    for (const std::string& form : forms_)
-    {
-      forms += (forms.empty() ? "" : ",") + quoted(form);
-    }
-    return field("received", std::to_string(received_)) + field("exact", std::to_string(exact_)) +
-           field("malformed", std::to_string(malformed_)) + field("reordered", std::to_string(reordered_)) +
-           field("first", std::to_string(first_)) + field("highest", std::to_string(highest_)) +
-           field("worst_error", std::to_string(worst_error_)) + field("forms", "[" + forms + "]");
+    out->number("received", received_).number("exact", exact_).number("malformed", malformed_);
+    out->number("reordered", reordered_).number("first", first_).number("highest", highest_);
+    out->number("worst_error", worst_error_).raw("forms", jsonArray(forms_, quoted));
   }
 
   ros::NodeHandle node_;
@@ -321,12 +228,16 @@ private:
   std::set<std::string> forms_;
 };
 
-void answer(const std::string& verb, bool ok, const std::string& fields)
-{
-  const std::string line = "@{\"reply\":" + quoted(verb) + ",\"ok\":" + (ok ? "true" : "false") + fields + "}\n";
-  std::fwrite(line.data(), 1, line.size(), stdout);
-  std::fflush(stdout);
-}
+const Verbs<ImagePeer> ImagePeer::VERBS = {
+    {"advertise", &ImagePeer::advertise},
+    {"subscribe", &ImagePeer::subscribe},
+    {"publish", &ImagePeer::publish},
+    {"stop", &ImagePeer::stopPublishing},
+    {"publisher", &ImagePeer::describePublisher},
+    {"await_subscribers", &ImagePeer::awaitSubscribers},
+    {"await_received", &ImagePeer::awaitReceived},
+    {"report", &ImagePeer::report},
+};
 }  // namespace
 
 int main(int argc, char** argv)
@@ -335,19 +246,7 @@ int main(int argc, char** argv)
   ImagePeer peer;
   ros::AsyncSpinner spinner(1);
   spinner.start();
-  answer("ready", true, field("name", quoted(ros::this_node::getName())));
-  for (std::string line; ros::ok() && std::getline(std::cin, line) && line != "exit";)
-  {
-    try
-    {
-      const Command command(line);
-      answer(command.verb(), true, peer.execute(command));
-    }
-    catch (const std::exception& error)
-    {
-      answer(line, false, field("error", quoted(error.what())));
-    }
-  }
+  serveCommands(ros::this_node::getName(), ImagePeer::VERBS, &peer, ros::ok);
   ros::shutdown();
   return 0;
 }

@@ -6,6 +6,7 @@
 //
 // The node ends at "exit", at the end of stdin (the judge died) and at a signal.
 
+#include <malloc.h>
 #include <signal.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -16,9 +17,6 @@
 #include <cmath>
 #include <condition_variable>
 #include <cstdint>
-#include <cstring>
-#include <functional>
-#include <iostream>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -40,46 +38,16 @@
 #include <std_msgs/UInt8.h>
 #include <topic_tools/shape_shifter.h>
 
+#include "message_pattern.h"
+#include "peer_verbs.h"
+
 namespace
 {
 using Clock = std::chrono::steady_clock;
 
 constexpr uint32_t GREETING_ID_OFFSET = 1000;  ///< publisher id of a greeting = id of its publisher + this
-constexpr auto POLL_INTERVAL = std::chrono::milliseconds(5);  ///< for graph states that roscpp signals by no event
 
-// ---------------------------------------------------------------------------------------------------- message pattern
-
-/// Content of a message is a function of (publisher id, sequence number), so a receiver judges it without a copy.
-uint64_t patternWord(uint32_t id, uint64_t seq, uint64_t index)
-{
-  return ((static_cast<uint64_t>(id) << 40) + (seq << 20) + index + 1) * 0x9E3779B97F4A7C15ull;
-}
-
-void fillPattern(uint32_t id, uint64_t seq, std::vector<uint8_t>* data)
-{
-  const size_t words = data->size() / 8;
-  for (size_t i = 0; i < words; ++i)
-  {
-    const uint64_t word = patternWord(id, seq, i);
-    std::memcpy(data->data() + 8 * i, &word, 8);
-  }
-  const uint64_t tail = patternWord(id, seq, words);
-  std::memcpy(data->data() + 8 * words, &tail, data->size() % 8);
-}
-
-bool checkPattern(uint32_t id, uint64_t seq, const std::vector<uint8_t>& data)
-{
-  const size_t words = data.size() / 8;
-  uint64_t difference = 0;
-  for (size_t i = 0; i < words; ++i)
-  {
-    uint64_t word;
-    std::memcpy(&word, data.data() + 8 * i, 8);
-    difference |= word ^ patternWord(id, seq, i);
-  }
-  const uint64_t tail = patternWord(id, seq, words);
-  return difference == 0 && std::memcmp(data.data() + 8 * words, &tail, data.size() % 8) == 0;
-}
+// ---------------------------------------------------------------------------------------------------------- messages
 
 struct Decoded
 {
@@ -96,23 +64,8 @@ struct Payload;
 template <>
 struct Payload<sensor_msgs::Image>
 {
-  static void encode(uint32_t id, uint64_t seq, size_t bytes, sensor_msgs::Image* m)
-  {
-    m->header.frame_id = "pi_os_test";
-    m->height = id;
-    m->width = static_cast<uint32_t>(seq);
-    m->step = static_cast<uint32_t>(bytes);
-    m->encoding = "8UC1";
-    m->data.resize(bytes);
-    fillPattern(id, seq, &m->data);
-  }
-  static Decoded decode(const sensor_msgs::Image& m)
-  {
-    Decoded d{m.height, m.width, m.data.size(), true};
-    d.intact = m.step == m.data.size() && m.encoding == "8UC1" && m.header.frame_id == "pi_os_test" &&
-               checkPattern(d.id, d.seq, m.data);
-    return d;
-  }
+  static void encode(uint32_t id, uint64_t seq, size_t bytes, sensor_msgs::Image* m) { fillImage(id, seq, bytes, m); }
+  static Decoded decode(const sensor_msgs::Image& m) { return {m.height, m.width, m.data.size(), isIntact(m)}; }
 };
 
 template <>
@@ -160,125 +113,6 @@ struct Payload<topic_tools::ShapeShifter>
 {
   static Decoded decode(const topic_tools::ShapeShifter& m) { return {0, 0, m.size(), true}; }
 };
-
-// -------------------------------------------------------------------------------------------------------------- JSON
-
-std::string quoted(const std::string& text)
-{
-  std::string out = "\"";
-  for (const char c : text)
-  {
-    if (c == '"' || c == '\\')
-    {
-      out += '\\';
-      out += c;
-    }
-    else if (static_cast<unsigned char>(c) < 0x20)
-    {
-      char buffer[8];
-      std::snprintf(buffer, sizeof(buffer), "\\u%04x", c);
-      out += buffer;
-    }
-    else
-    {
-      out += c;
-    }
-  }
-  return out + "\"";
-}
-
-class JsonObject
-{
-public:
-  JsonObject& raw(const std::string& key, const std::string& json)
-  {
-    body_ += (body_.empty() ? "" : ",") + quoted(key) + ":" + json;
-    return *this;
-  }
-  JsonObject& text(const std::string& key, const std::string& value) { return raw(key, quoted(value)); }
-  JsonObject& boolean(const std::string& key, bool value) { return raw(key, value ? "true" : "false"); }
-  template <class T>
-  JsonObject& number(const std::string& key, T value)
-  {
-    return raw(key, std::to_string(value));
-  }
-  std::string str() const { return "{" + body_ + "}"; }
-
-private:
-  std::string body_;
-};
-
-template <class Container, class Function>
-std::string jsonArray(const Container& items, Function&& render)
-{
-  std::string body;
-  for (const auto& item : items)
-  {
-    body += (body.empty() ? "" : ",") + render(item);
-  }
-  return "[" + body + "]";
-}
-
-// ---------------------------------------------------------------------------------------------------------- commands
-
-class Command
-{
-public:
-  explicit Command(const std::string& line)
-  {
-    std::istringstream in(line);
-    in >> verb_;
-    for (std::string token; in >> token;)
-    {
-      const size_t equal = token.find('=');
-      if (equal == std::string::npos)
-      {
-        throw std::invalid_argument("argument \"" + token + "\" of " + verb_ + " is not key=value");
-      }
-      values_[token.substr(0, equal)] = token.substr(equal + 1);
-    }
-  }
-  const std::string& verb() const { return verb_; }
-  bool has(const std::string& key) const { return values_.count(key) != 0; }
-  std::string text(const std::string& key) const
-  {
-    const auto it = values_.find(key);
-    if (it == values_.end())
-    {
-      throw std::invalid_argument(verb_ + " needs " + key + "=");
-    }
-    return it->second;
-  }
-  std::string text(const std::string& key, const std::string& fallback) const
-  {
-    return has(key) ? text(key) : fallback;
-  }
-  double real(const std::string& key, double fallback) const { return has(key) ? std::stod(text(key)) : fallback; }
-  long integer(const std::string& key, long fallback) const { return has(key) ? std::stol(text(key)) : fallback; }
-  bool flag(const std::string& key) const { return integer(key, 0) != 0; }
-  Clock::time_point deadline() const
-  {
-    return Clock::now() +
-           std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(real("timeout", 30)));
-  }
-
-private:
-  std::string verb_;
-  std::map<std::string, std::string> values_;
-};
-
-bool awaitState(Clock::time_point deadline, const std::function<bool()>& reached)
-{
-  while (!reached())
-  {
-    if (Clock::now() > deadline)
-    {
-      return false;
-    }
-    std::this_thread::sleep_for(POLL_INTERVAL);
-  }
-  return true;
-}
 
 // -------------------------------------------------------------------------------------------------------- subscriber
 
@@ -635,19 +469,7 @@ private:
 class Peer
 {
 public:
-  JsonObject execute(const Command& c)
-  {
-    const auto it = VERBS.find(c.verb());
-    if (it == VERBS.end())
-    {
-      throw std::invalid_argument("unknown verb \"" + c.verb() + "\"");
-    }
-    JsonObject reply;
-    reply.text("reply", c.verb());
-    const bool ok = (this->*it->second)(c, &reply);
-    reply.boolean("ok", ok);
-    return reply;
-  }
+  static const Verbs<Peer> VERBS;
 
   /// A held callback would keep the spinner, and with it the end of the node, waiting.
   void releaseAll()
@@ -659,9 +481,6 @@ public:
   }
 
 private:
-  using Verb = bool (Peer::*)(const Command&, JsonObject*);
-  static const std::map<std::string, Verb> VERBS;
-
   template <class M>
   void advertise(const Command& c, const std::shared_ptr<Outbox>& box)
   {
@@ -906,13 +725,20 @@ private:
     return child > 0;
   }
 
+  /// trim: returns what the allocator holds in reserve, so that the process's memory is what it uses.
+  bool verbTrim(const Command&, JsonObject*)
+  {
+    ::malloc_trim(0);
+    return true;
+  }
+
   ros::NodeHandle node_;
   std::vector<std::shared_ptr<Outbox>> retired_;
   std::map<std::string, std::shared_ptr<Outbox>> outboxes_;
   std::map<std::string, std::shared_ptr<Inbox>> inboxes_;
 };
 
-const std::map<std::string, Peer::Verb> Peer::VERBS = {
+const Verbs<Peer> Peer::VERBS = {
     {"advertise", &Peer::verbAdvertise},
     {"publish", &Peer::verbPublish},
     {"join", &Peer::verbJoin},
@@ -930,14 +756,9 @@ const std::map<std::string, Peer::Verb> Peer::VERBS = {
     {"release", &Peer::verbRelease},
     {"unsubscribe", &Peer::verbUnsubscribe},
     {"fork", &Peer::verbFork},
+    {"trim", &Peer::verbTrim},
 };
 
-void answer(const std::string& json)
-{
-  const std::string line = "@" + json + "\n";
-  std::fwrite(line.data(), 1, line.size(), stdout);
-  std::fflush(stdout);
-}
 }  // namespace
 
 int main(int argc, char** argv)
@@ -947,18 +768,7 @@ int main(int argc, char** argv)
   Peer peer;
   ros::AsyncSpinner spinner(threads);
   spinner.start();
-  answer(JsonObject().text("reply", "ready").boolean("ok", true).text("name", ros::this_node::getName()).str());
-  for (std::string line; ros::ok() && std::getline(std::cin, line) && line != "exit";)
-  {
-    try
-    {
-      answer(peer.execute(Command(line)).str());
-    }
-    catch (const std::exception& e)
-    {
-      answer(JsonObject().text("reply", line).boolean("ok", false).text("error", e.what()).str());
-    }
-  }
+  serveCommands(ros::this_node::getName(), Peer::VERBS, &peer, ros::ok);
   peer.releaseAll();
   ros::shutdown();
   return 0;

@@ -39,7 +39,6 @@
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
-#include <iostream>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -48,7 +47,7 @@
 #include <thread>
 #include <vector>
 
-#include "peer_command.h"
+#include "peer_verbs.h"
 #include "service_pattern.h"
 #include "service_peer_caller.h"
 #include "service_peer_server.h"
@@ -112,96 +111,67 @@ private:
 class Peer
 {
 public:
-  std::string execute(const Command& c)
-  {
-    static const std::map<std::string, bool (Peer::*)(const Command&, std::string*)> VERBS = {
-        {"serve", &Peer::serve},
-        {"served", &Peer::served},
-        {"await_served", &Peer::awaitServed},
-        {"release", &Peer::release},
-        {"unserve", &Peer::unserve},
-        {"await_service", &Peer::awaitService},
-        {"call", &Peer::call},
-        {"await_calls", &Peer::awaitCalls},
-        {"await_failed", &Peer::awaitFailed},
-        {"stop_calls", &Peer::stopCalls},
-        {"shutdown_client", &Peer::shutdownClient},
-        {"share", &Peer::share},
-        {"call_as_empty", &Peer::callAsEmpty},
-        {"fork", &Peer::forkChild},
-        {"serve_action", &Peer::serveAction},
-        {"await_goal", &Peer::awaitGoal},
-        {"act", &Peer::act},
-    };
-    const auto it = VERBS.find(c.verb());
-    if (it == VERBS.end())
-    {
-      throw std::invalid_argument("unknown verb \"" + c.verb() + "\"");
-    }
-    std::string fields;
-    const bool ok = (this->*it->second)(c, &fields);
-    return R"({"reply":")" + c.verb() + R"(","ok":)" + (ok ? "true" : "false") + fields + "}";
-  }
+  static const Verbs<Peer> VERBS;
 
 private:
-  bool serve(const Command& c, std::string*)
+  bool serve(const Command& c, JsonObject*)
   {
     servers_[c.text("service")] = std::make_unique<Server>(&node_, c);
     return true;
   }
-  bool served(const Command& c, std::string* fields)
+  bool served(const Command& c, JsonObject* out)
   {
-    *fields = servers_.at(c.text("service"))->report();
+    servers_.at(c.text("service"))->report(out);
     return true;
   }
-  bool awaitServed(const Command& c, std::string*)
+  bool awaitServed(const Command& c, JsonObject*)
   {
     return servers_.at(c.text("service"))->awaitCalls(static_cast<uint64_t>(c.integer("n", 1)), c.timeout());
   }
-  bool release(const Command& c, std::string*)
+  bool release(const Command& c, JsonObject*)
   {
     servers_.at(c.text("service"))->release();
     return true;
   }
-  bool unserve(const Command& c, std::string*) { return servers_.erase(c.text("service")) == 1; }
-  bool awaitService(const Command& c, std::string*)
+  bool unserve(const Command& c, JsonObject*) { return servers_.erase(c.text("service")) == 1; }
+  bool awaitService(const Command& c, JsonObject*)
   {
     return ros::service::waitForService(c.text("service"), static_cast<int32_t>(c.timeout().count()));
   }
-  bool call(const Command& c, std::string* fields)
+  bool call(const Command& c, JsonObject* out)
   {
     caller_ = std::make_unique<Caller>(c);
     if (c.integer("background", 0) == 0)
     {
       caller_->join();
-      *fields = caller_->report();
+      caller_->report(out);
     }
     return true;
   }
-  bool awaitCalls(const Command& c, std::string* fields)
+  bool awaitCalls(const Command& c, JsonObject* out)
   {
     const bool ok = caller_->awaitCalls(static_cast<uint64_t>(c.integer("n", 1)), c.timeout());
-    *fields = caller_->report();
+    caller_->report(out);
     return ok;
   }
-  bool stopCalls(const Command&, std::string* fields)
+  bool stopCalls(const Command&, JsonObject* out)
   {
     caller_->stop();
-    *fields = caller_->report();
+    caller_->report(out);
     return true;
   }
-  bool awaitFailed(const Command& c, std::string* fields)
+  bool awaitFailed(const Command& c, JsonObject* out)
   {
     const bool ok = caller_->awaitFailed(static_cast<uint64_t>(c.integer("n", 1)), c.timeout());
-    *fields = caller_->report();
+    caller_->report(out);
     return ok;
   }
-  bool shutdownClient(const Command&, std::string*)
+  bool shutdownClient(const Command&, JsonObject*)
   {
     caller_->shutdownClient();
     return true;
   }
-  bool share(const Command& c, std::string* fields)
+  bool share(const Command& c, JsonObject* out)
   {
     std::vector<ros::ServiceClient> shared(static_cast<size_t>(c.integer("handles", 1)));
     for (ros::ServiceClient& handle : shared)
@@ -238,18 +208,18 @@ private:
     {
       thread.join();
     }
-    *fields = field("failed", std::to_string(failed)) + field("wrong", std::to_string(wrong));
+    out->number("failed", failed.load()).number("wrong", wrong.load());
     return true;
   }
-  bool callAsEmpty(const Command& c, std::string* fields)
+  bool callAsEmpty(const Command& c, JsonObject* out)
   {
     ros::ServiceClient client =
         node_.serviceClient<std_srvs::Empty>(c.text("service"), c.integer("persistent", 0) != 0);
     std_srvs::Empty service;
-    *fields = field("called", client.call(service) ? "true" : "false");
+    out->boolean("called", client.call(service));
     return true;
   }
-  bool forkChild(const Command&, std::string* fields)
+  bool forkChild(const Command&, JsonObject* out)
   {
     const pid_t child = fork();
     if (child == 0)
@@ -259,16 +229,16 @@ private:
         pause();
       }
     }
-    *fields = field("pid", std::to_string(child));
+    out->number("pid", child);
     return child > 0;
   }
-  bool serveAction(const Command& c, std::string*)
+  bool serveAction(const Command& c, JsonObject*)
   {
     actions_[c.text("action")] = std::make_unique<Action>(node_, c.text("action"));
     return true;
   }
-  bool awaitGoal(const Command& c, std::string*) { return actions_.at(c.text("action"))->awaitGoal(c.timeout()); }
-  bool act(const Command& c, std::string* fields)
+  bool awaitGoal(const Command& c, JsonObject*) { return actions_.at(c.text("action"))->awaitGoal(c.timeout()); }
+  bool act(const Command& c, JsonObject* out)
   {
     ActionClient client(c.text("action"), false);
     const ros::Duration timeout(static_cast<double>(c.timeout().count()) / 1000.0);
@@ -290,9 +260,8 @@ private:
       ok = client.waitForResult(timeout);
     }
     const actionlib::TestResultConstPtr result = client.getResult();
-    *fields = field("state", "\"" + (ok ? client.getState().toString() : std::string("no result")) + "\"") +
-              field("result", std::to_string(ok && result ? result->result : -1)) +
-              field("feedback", std::to_string(feedback.load()));
+    out->text("state", ok ? client.getState().toString() : "no result");
+    out->number("result", ok && result ? result->result : -1).number("feedback", feedback.load());
     return ok;
   }
 
@@ -302,10 +271,25 @@ private:
   std::unique_ptr<Caller> caller_;
 };
 
-void answer(const std::string& json)
-{
-  std::cout << "@" + json + "\n" << std::flush;
-}
+const Verbs<Peer> Peer::VERBS = {
+    {"serve", &Peer::serve},
+    {"served", &Peer::served},
+    {"await_served", &Peer::awaitServed},
+    {"release", &Peer::release},
+    {"unserve", &Peer::unserve},
+    {"await_service", &Peer::awaitService},
+    {"call", &Peer::call},
+    {"await_calls", &Peer::awaitCalls},
+    {"await_failed", &Peer::awaitFailed},
+    {"stop_calls", &Peer::stopCalls},
+    {"shutdown_client", &Peer::shutdownClient},
+    {"share", &Peer::share},
+    {"call_as_empty", &Peer::callAsEmpty},
+    {"fork", &Peer::forkChild},
+    {"serve_action", &Peer::serveAction},
+    {"await_goal", &Peer::awaitGoal},
+    {"act", &Peer::act},
+};
 }  // namespace
 
 int main(int argc, char** argv)
@@ -315,18 +299,7 @@ int main(int argc, char** argv)
   ros::AsyncSpinner spinner(threads);
   spinner.start();
   Peer peer;
-  answer(R"({"reply":"ready","ok":true,"name":")" + ros::this_node::getName() + "\"}");
-  for (std::string line; ros::ok() && std::getline(std::cin, line) && line != "exit";)
-  {
-    try
-    {
-      answer(peer.execute(Command(line)));
-    }
-    catch (const std::exception& e)
-    {
-      answer(R"({"reply":"error","ok":false,"error":")" + std::string(e.what()) + "\"}");
-    }
-  }
+  serveCommands(ros::this_node::getName(), Peer::VERBS, &peer, ros::ok);
   ros::shutdown();
   return 0;
 }

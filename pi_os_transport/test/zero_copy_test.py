@@ -257,9 +257,9 @@ class ZeroCopy(harness.TransportTest):
         camera = self.process([harness.program('camera_zero_copy'), '__name:=' + self.unique('camera'),
                                'image:=' + topic])
         viewer = self.process([harness.program('viewer_zero_copy'), '__name:=' + self.unique('viewer'),
-                               'image:=' + topic])
+                               'image:=' + topic], env={'ROSCONSOLE_STDOUT_LINE_BUFFERED': '1'})
         seen = r'1920x1080 from camera_optical, %s: mean' % ('not copied' if self.preload else 'copied')
-        harness.await_state(lambda: len(viewer.output(seen)) >= 5, lambda: viewer.lines[-5:])
+        harness.await_state(lambda: len(viewer.output(seen)) >= 2, lambda: viewer.lines[-5:])
         for node in (viewer, camera):
             node.signal(signal.SIGINT)
             self.assertEqual(node.wait(), 0)

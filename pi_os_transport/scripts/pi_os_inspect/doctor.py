@@ -9,6 +9,7 @@ ADVICE = {
     'not_preloaded': 'start it with LD_PRELOAD=<prefix>/lib/libpi_os_transport.so (in a launch file <env '
                      'name="LD_PRELOAD" value="..."/>), or link the library',
     'python': 'nothing: π-OS is for roscpp nodes, rospy always uses TCPROS',
+    'pi_core': 'nothing: the node /rosout of pi_core takes the log over TCPROS',
     'no_roscpp': 'link it against the shared libroscpp: a static one cannot be taken over',
     'declined': 'build pi_os_transport against the installed libroscpp; the warning in the log of the node says more',
     'disabled': 'leave out PI_OS_ENABLE=0 and the parameter pi_os/enable',
@@ -132,6 +133,8 @@ class Doctor:
                                                                      processes.user_name(os.geteuid()))
         if process.network is not None and process.network != os.stat('/proc/self/ns/net').st_ino:
             return 'namespaces', '%s runs in another network namespace' % name
+        if process.program == 'pi_core':
+            return 'pi_core', '%s is the node of pi_core' % name
         if process.has('libpython') or os.path.basename(process.has('python3')).startswith('python3'):
             if not process.has('libroscpp.so'):
                 return 'python', '%s is a rospy node' % name

@@ -1,12 +1,17 @@
 """What the master and the nodes tell of the graph, by the API that every node has."""
 import dataclasses
+import http.client
 import os
 import socket
 import urllib.parse
+import xml.parsers.expat
 import xmlrpc.client
 
 CALLER = '/pi_os'
 NODE_ANSWER_S = 3.0
+# What comes of a server that is not there, leaves, or answers something else.
+CALL_ERRORS = (OSError, ValueError, TypeError, http.client.HTTPException, xmlrpc.client.Error,
+               xml.parsers.expat.ExpatError)
 
 
 class GraphError(Exception):
@@ -50,10 +55,24 @@ class Node:
 
 
 def call(function, *arguments):
-    code, text, value = function(CALLER, *arguments)
-    if code != 1:
-        raise GraphError(text)
+    answer = function(CALLER, *arguments)
+    if not isinstance(answer, list) or len(answer) != 3 or answer[0] != 1:
+        raise GraphError('%.200s' % ascii(answer))
+    return answer[2]
+
+
+def call_for(kind, function, *arguments):
+    """As call(), for a value of the type `kind`."""
+    value = call(function, *arguments)
+    if not isinstance(value, kind):
+        raise GraphError('%.200s' % ascii(value))
     return value
+
+
+def bus_entries(info):
+    """Those entries of getBusInfo that are some: their first five members are id and texts."""
+    return [entry for entry in info if isinstance(entry, list) and len(entry) >= 5 and
+            all(isinstance(member, str) for member in entry[1:5])]
 
 
 def read(uri=None):
@@ -62,7 +81,7 @@ def read(uri=None):
     master = proxy(uri)
     try:
         publishers, subscribers, services = call(master.getSystemState)
-    except (OSError, xmlrpc.client.Error) as error:
+    except CALL_ERRORS as error:
         raise GraphError('no master answers at %s (%s): start roscore, or set ROS_MASTER_URI' % (uri, error))
     nodes = {name: Node(name) for table in (publishers, subscribers, services) for _, names in table for name in names}
     for service, names in services:
@@ -70,10 +89,10 @@ def read(uri=None):
             nodes[name].services += (service,)
     for node in nodes.values():
         try:
-            node.uri = call(master.lookupNode, node.name)
+            node.uri = call_for(str, master.lookupNode, node.name)
             slave = proxy(node.uri)
-            node.pid = call(slave.getPid)
-            node.bus = call(slave.getBusInfo)
-        except (OSError, xmlrpc.client.Error, GraphError):
-            continue  # it has died, or is on a device that cannot be reached
+            node.pid = call_for(int, slave.getPid)
+            node.bus = bus_entries(call_for(list, slave.getBusInfo))
+        except (*CALL_ERRORS, GraphError):
+            continue  # it has died, is on a device that cannot be reached, or is no node
     return nodes

@@ -12,6 +12,8 @@ import re
 import socket
 import struct
 
+from . import shapes
+
 PROTOCOL = 3                          # PROTOCOL_VERSION of the library
 STATE_VERSION = 1
 QUERY, STATE = 9, 10                  # types of packets
@@ -20,6 +22,19 @@ SOCKET = re.compile(r'@(pi_os/[0-9a-f]{32})$')
 LIBRARY = 'libpi_os_transport.so'
 ANSWER_S = 2.0                        # roscpp's network thread answers within some milliseconds
 MAX_STATE_BYTES = 256 << 20
+
+HISTOGRAM = [int, 64]
+OF_LINK = {'topic': str, 'type': str, 'transport': str, 'reason': str, 'memory?': int, 'tcp?': int, 'waiting?': int}
+OF_SERVICE = {'service': str, 'memory': int, 'tcp': int, 'failed': int, 'pool_full': int, 'connections': int,
+              'peers': [str], 'reason': str, 'durations': HISTOGRAM}
+SHAPE = {'version': int, 'protocol': int, 'node': str, 'roscpp': str,
+         'options': {'enable': bool, 'include': [str], 'exclude': [str], 'pool_limit_mb': int, 'min_bytes': int,
+                     'bridge': str},
+         'pool': {'committed': int, 'limit': int, 'segments': int, 'live_slots': int, 'last_error': str},
+         'publications': [dict(OF_LINK, **{'subscriber': str, 'dropped?': int, 'queue_size?': int, 'pool_full?': int})],
+         'subscriptions': [dict(OF_LINK, **{'publisher': str, 'uri': str, 'copied?': int, 'late?': int,
+                                            'leased_bytes?': int, 'latencies?': HISTOGRAM})],
+         'service_clients': [OF_SERVICE], 'service_servers': [OF_SERVICE]}
 
 
 class Unanswered(Exception):
@@ -73,12 +88,16 @@ def parse(pid, answer, files):
     try:
         state = json.loads(text.decode())
         version = state['version']
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise Unanswered('process %d answered no JSON object with a version (%s)' % (pid, error))
     if version != STATE_VERSION:
-        raise Unanswered('process %d answered a state of version %s, must be %d: use library and pi_os of one '
-                         'installation' % (pid, version, STATE_VERSION))
-    return dict(state, pid=pid)
+        raise Unanswered('process %d answered a state of version %.40s, must be %d: use library and pi_os of one '
+                         'installation' % (pid, ascii(version), STATE_VERSION))
+    try:
+        return dict(shapes.fit(state, SHAPE), pid=pid)
+    except shapes.Misshapen as error:
+        raise Unanswered('process %d answered a state that is none (%s): use library and pi_os of one installation'
+                         % (pid, error))
 
 
 def read_all():
@@ -106,6 +125,7 @@ class Process:
     user: str
     network: int = None      # inode of its network namespace
     libraries: set = None    # paths of the files it has mapped
+    program: str = ''        # name of its executable
 
     def has(self, name):
         """The path of the mapped file whose name starts with `name`; '' if there is none or nobody may look."""
@@ -120,6 +140,7 @@ def look(pid):
     except OSError:
         return None
     try:
+        found.program = os.path.basename(os.readlink(folder + '/exe'))
         found.network = os.stat(folder + '/ns/net').st_ino
         with open(folder + '/maps') as maps:
             found.libraries = {line.split(None, 5)[5].rstrip('\n') for line in maps if '/' in line}

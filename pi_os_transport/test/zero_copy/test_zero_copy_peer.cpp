@@ -13,16 +13,10 @@
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
-#include <cstdio>
-#include <cstring>
 #include <deque>
 #include <functional>
-#include <iostream>
-#include <map>
-#include <memory>
 #include <mutex>
 #include <sstream>
-#include <stdexcept>
 #include <string>
 #include <thread>
 #include <utility>
@@ -31,122 +25,19 @@
 #include "pi_os_transport/zero_copy/publisher.h"
 #include "pi_os_transport/zero_copy/subscriber.h"
 
+#include "../message_pattern.h"
+#include "../peer_verbs.h"
+
 namespace
 {
 namespace zero_copy = pi_os_transport::zero_copy;
 using sensor_msgs::Image;
 using Clock = std::chrono::steady_clock;
 
-constexpr auto POLL_INTERVAL = std::chrono::milliseconds(5);  ///< the number of subscribers is signalled by no event
-
-/// As in test_peer.cpp.
-uint64_t patternWord(uint32_t id, uint64_t seq, uint64_t index)
-{
-  return ((static_cast<uint64_t>(id) << 40) + (seq << 20) + index + 1) * 0x9E3779B97F4A7C15ull;
-}
-
-void fillPattern(uint32_t id, uint64_t seq, uint8_t* data, size_t bytes)
-{
-  for (size_t i = 0; 8 * i < bytes; ++i)
-  {
-    const uint64_t word = patternWord(id, seq, i);
-    std::memcpy(data + 8 * i, &word, std::min<size_t>(8, bytes - 8 * i));
-  }
-}
-
-bool isIntact(const zero_copy::Message<Image>& image)
-{
-  bool same = image.step == image.data.size() && image.encoding == "8UC1" && image.header.frame_id == "pi_os_test";
-  for (size_t i = 0; same && 8 * i < image.data.size(); ++i)
-  {
-    const uint64_t word = patternWord(image.height, image.width, i);
-    same = std::memcmp(image.data.data() + 8 * i, &word, std::min<size_t>(8, image.data.size() - 8 * i)) == 0;
-  }
-  return same;
-}
-
-class Command
-{
-public:
-  explicit Command(const std::string& line)
-  {
-    std::istringstream in(line);
-    in >> verb_;
-    for (std::string token; in >> token;)
-    {
-      const size_t equal = token.find('=');
-      if (equal == std::string::npos)
-      {
-        throw std::invalid_argument("argument \"" + token + "\" of " + verb_ + " is not key=value");
-      }
-      values_[token.substr(0, equal)] = token.substr(equal + 1);
-    }
-  }
-  const std::string& verb() const { return verb_; }
-  std::string text(const std::string& key, const std::string& fallback = "") const
-  {
-    const auto found = values_.find(key);
-    return found != values_.end() ? found->second : fallback;
-  }
-  long integer(const std::string& key, long fallback) const
-  {
-    return values_.count(key) != 0 ? std::stol(text(key)) : fallback;
-  }
-  Clock::time_point deadline() const { return Clock::now() + std::chrono::seconds(integer("timeout", 30)); }
-
-private:
-  std::string verb_;
-  std::map<std::string, std::string> values_;
-};
-
-/// Numbers by name, as JSON.
-class Report
-{
-public:
-  Report& number(const std::string& key, uint64_t value)
-  {
-    body_ += ",\"" + key + "\":" + std::to_string(value);
-    return *this;
-  }
-  std::string json(const std::string& verb, bool ok) const
-  {
-    return "{\"reply\":\"" + verb + "\",\"ok\":" + (ok ? "true" : "false") + body_ + "}";
-  }
-
-private:
-  std::string body_;
-};
-
 class Node
 {
 public:
-  bool execute(const Command& c, Report* report)
-  {
-    using Verb = bool (Node::*)(const Command&, Report*);
-    static const std::map<std::string, Verb> VERBS = {
-        {"advertise", &Node::advertise},
-        {"publish", &Node::publish},
-        {"join", &Node::join},
-        {"await_subscribers", &Node::awaitSubscribers},
-        {"unadvertise", &Node::unadvertise},
-        {"borrow", &Node::borrow},
-        {"publish_loans", &Node::publishLoans},
-        {"drop_loans", &Node::dropLoans},
-        {"subscribe", &Node::subscribe},
-        {"await_received", &Node::awaitReceived},
-        {"check_held", &Node::checkHeld},
-        {"drop_held", &Node::dropHeld},
-        {"unsubscribe", &Node::unsubscribe},
-        {"shutdown_ros", &Node::shutdownRos},
-        {"statistics", &Node::statistics},
-    };
-    const auto found = VERBS.find(c.verb());
-    if (found == VERBS.end())
-    {
-      throw std::invalid_argument("unknown verb \"" + c.verb() + "\"");
-    }
-    return (this->*found->second)(c, report);
-  }
+  static const Verbs<Node> VERBS;
 
   ~Node()
   {
@@ -158,7 +49,7 @@ public:
   }
 
 private:
-  bool advertise(const Command& c, Report*)
+  bool advertise(const Command& c, JsonObject*)
   {
     id_ = static_cast<uint32_t>(c.integer("id", 1));
     publisher_ = zero_copy::Publisher<Image>(node_, c.text("topic"), static_cast<uint32_t>(c.integer("queue", 100)),
@@ -169,17 +60,11 @@ private:
   zero_copy::Loan<Image> fill(uint64_t seq, size_t bytes) const
   {
     zero_copy::Loan<Image> image = publisher_.borrow();
-    image->data.resize(bytes);
-    fillPattern(id_, seq, image->data.data(), bytes);
-    image->header.frame_id = "pi_os_test";
-    image->height = id_;
-    image->width = static_cast<uint32_t>(seq);
-    image->step = static_cast<uint32_t>(bytes);
-    image->encoding = "8UC1";
+    fillImage(id_, seq, bytes, &*image);
     return image;
   }
 
-  bool publish(const Command& c, Report* report)
+  bool publish(const Command& c, JsonObject* report)
   {
     std::vector<size_t> sizes;
     std::istringstream in(c.text("sizes", "64"));
@@ -211,33 +96,25 @@ private:
     job();
     return statistics(c, report);
   }
-  bool join(const Command&, Report*)
+  bool join(const Command&, JsonObject*)
   {
     stop_ = true;
     job_.join();
     stop_ = false;
     return true;
   }
-  bool awaitSubscribers(const Command& c, Report*)
+  bool awaitSubscribers(const Command& c, JsonObject*)
   {
     const uint32_t wanted = static_cast<uint32_t>(c.integer("n", 1));
-    while (publisher_.getNumSubscribers() != wanted)
-    {
-      if (Clock::now() > c.deadline())
-      {
-        return false;
-      }
-      std::this_thread::sleep_for(POLL_INTERVAL);
-    }
-    return true;
+    return awaitState(c.deadline(), [&] { return publisher_.getNumSubscribers() == wanted; });
   }
-  bool unadvertise(const Command&, Report*)
+  bool unadvertise(const Command&, JsonObject*)
   {
     publisher_.shutdown();
     return true;
   }
 
-  bool borrow(const Command& c, Report*)
+  bool borrow(const Command& c, JsonObject*)
   {
     for (long i = 0; i < c.integer("count", 1); ++i)
     {
@@ -245,7 +122,7 @@ private:
     }
     return true;
   }
-  bool publishLoans(const Command&, Report*)
+  bool publishLoans(const Command&, JsonObject*)
   {
     for (zero_copy::Loan<Image>& loan : loans_)
     {
@@ -254,13 +131,13 @@ private:
     loans_.clear();
     return true;
   }
-  bool dropLoans(const Command&, Report*)
+  bool dropLoans(const Command&, JsonObject*)
   {
     loans_.clear();
     return true;
   }
 
-  bool subscribe(const Command& c, Report*)
+  bool subscribe(const Command& c, JsonObject*)
   {
     hold_ = static_cast<size_t>(c.integer("hold", 0));
     const auto receive = [this](const zero_copy::ConstPtr<Image>& image)
@@ -284,12 +161,12 @@ private:
     return static_cast<bool>(subscriber_);
   }
 
-  void describe(Report* report) const
+  void describe(JsonObject* report) const
   {
     report->number("received", received_).number("corrupt", corrupt_).number("views", views_);
     report->number("reordered", reordered_).number("highest", highest_).number("held", held_.size());
   }
-  bool awaitReceived(const Command& c, Report* report)
+  bool awaitReceived(const Command& c, JsonObject* report)
   {
     std::unique_lock<std::mutex> lock(mutex_);
     const uint64_t seq = static_cast<uint64_t>(c.integer("seq", 0));
@@ -298,7 +175,7 @@ private:
     describe(report);
     return reached;
   }
-  bool checkHeld(const Command&, Report* report)
+  bool checkHeld(const Command&, JsonObject* report)
   {
     std::lock_guard<std::mutex> lock(mutex_);
     uint64_t intact = 0;
@@ -311,24 +188,24 @@ private:
     report->number("held", held_.size()).number("intact", intact).number("views", views);
     return true;
   }
-  bool dropHeld(const Command&, Report*)
+  bool dropHeld(const Command&, JsonObject*)
   {
     std::lock_guard<std::mutex> lock(mutex_);
     held_.clear();
     return true;
   }
-  bool unsubscribe(const Command&, Report*)
+  bool unsubscribe(const Command&, JsonObject*)
   {
     subscriber_.shutdown();
     return true;
   }
-  bool shutdownRos(const Command&, Report*)
+  bool shutdownRos(const Command&, JsonObject*)
   {
     ros::shutdown();
     return true;
   }
 
-  bool statistics(const Command&, Report* report)
+  bool statistics(const Command&, JsonObject* report)
   {
     zero_copy::TopicStatistics sum;
     for (const zero_copy::TopicStatistics& topic : zero_copy::statistics())
@@ -368,12 +245,23 @@ private:
   ros::Subscriber subscriber_;
 };
 
-void answer(const std::string& json)
-{
-  const std::string line = "@" + json + "\n";
-  std::fwrite(line.data(), 1, line.size(), stdout);
-  std::fflush(stdout);
-}
+const Verbs<Node> Node::VERBS = {
+    {"advertise", &Node::advertise},
+    {"publish", &Node::publish},
+    {"join", &Node::join},
+    {"await_subscribers", &Node::awaitSubscribers},
+    {"unadvertise", &Node::unadvertise},
+    {"borrow", &Node::borrow},
+    {"publish_loans", &Node::publishLoans},
+    {"drop_loans", &Node::dropLoans},
+    {"subscribe", &Node::subscribe},
+    {"await_received", &Node::awaitReceived},
+    {"check_held", &Node::checkHeld},
+    {"drop_held", &Node::dropHeld},
+    {"unsubscribe", &Node::unsubscribe},
+    {"shutdown_ros", &Node::shutdownRos},
+    {"statistics", &Node::statistics},
+};
 
 }  // namespace
 
@@ -383,22 +271,8 @@ int main(int argc, char** argv)
   Node node;
   ros::AsyncSpinner spinner(argc > 1 ? static_cast<uint32_t>(std::stoul(argv[1])) : 1);
   spinner.start();
-  answer(Report().json("ready", true));
-  for (std::string line; std::getline(std::cin, line) && line != "exit";)
-  {
-    Report report;
-    try
-    {
-      const Command command(line);
-      const bool ok = node.execute(command, &report);
-      answer(report.json(command.verb(), ok));
-    }
-    catch (const std::exception& error)
-    {
-      std::cerr << line << ": " << error.what() << std::endl;
-      answer(report.json("error", false));
-    }
-  }
+  // Not until ros::ok() is false: the judge looks at messages that outlive the node.
+  serveCommands(ros::this_node::getName(), Node::VERBS, &node, [] { return true; });
   ros::shutdown();
   return 0;
 }
