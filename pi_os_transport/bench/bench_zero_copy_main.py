@@ -111,8 +111,12 @@ class Pair:
 
 
 def floor_us(count, rate):
-    output = subprocess.run([f'{program_folder()}/bench_zero_copy_node', 'floor', str(count), str(rate)], check=True,
-                            capture_output=True, text=True, timeout=DEADLINE_S + count / rate).stdout
+    node = f'{program_folder()}/bench_zero_copy_node'
+    try:
+        output = subprocess.run([node, 'floor', str(count), str(rate)], check=True, capture_output=True, text=True,
+                                timeout=DEADLINE_S + count / rate).stdout
+    except subprocess.SubprocessError as error:
+        raise BenchError(f'{error} {(getattr(error, "stderr", None) or "")[-500:]}'.rstrip()) from error
     latencies = output.split('[')[1].split(']')[0].split(',')
     return statistics.median(int(value) for value in latencies) / 1e3
 

@@ -1,7 +1,6 @@
 #!/usr/bin/python3 -B
 """Judge of fork.test."""
 import os
-import signal
 
 import transport_harness as harness
 
@@ -18,18 +17,6 @@ class Fork(harness.TransportTest):
         listener.call('await_received', seq=20)
         return talker, listener, topic
 
-    def idle_child(self, parent):
-        pid = parent.call('fork', kind='idle')['pid']
-        self.addCleanup(self.end, pid)
-        return pid
-
-    @staticmethod
-    def end(pid):
-        try:
-            os.kill(pid, signal.SIGKILL)
-        except ProcessLookupError:
-            pass
-
     def test_children_during_traffic(self):
         talker, listener, topic = self.pair()
         for peer in (talker, listener):
@@ -43,7 +30,7 @@ class Fork(harness.TransportTest):
     def test_end_of_a_child_does_not_end_a_link(self):
         talker, listener, topic = self.pair()
         for peer in (talker, listener):
-            self.end(self.idle_child(peer))
+            harness.end_process(self.idle_child(peer))
         talker.call('publish', count=20, sizes='100,100000')
         self.assert_complete(listener.call('await_received', seq=40), 40)
         self.link(talker, listener, topic)

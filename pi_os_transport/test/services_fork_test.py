@@ -1,7 +1,6 @@
 #!/usr/bin/python3 -B
 """Judge of services_fork.test."""
 import os
-import signal
 
 import services_judge
 import transport_harness as harness
@@ -9,25 +8,13 @@ import transport_harness as harness
 
 class ServicesFork(services_judge.ServiceTest):
 
-    def idle_child(self, parent):
-        pid = parent.call('fork')['pid']
-        self.addCleanup(self.end, pid)
-        return pid
-
-    @staticmethod
-    def end(pid):
-        try:
-            os.kill(pid, signal.SIGKILL)
-        except ProcessLookupError:
-            pass
-
     def test_children_of_both_sides_during_calls(self):
         server, client = self.pair()
         self.start_calls(client, size=20000, answer=20000)
         for peer in (server, client):
             child = self.idle_child(peer)
             client.call('await_calls', n=50)
-            self.end(child)
+            harness.end_process(child)
             client.call('await_calls', n=50)
         report = client.call('stop_calls')
         self.assertEqual((report['failed'], report['wrong'], report['reconnected']), (0, 0, 0), report)

@@ -14,6 +14,7 @@ import os
 import queue
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -259,6 +260,14 @@ class Footprint:
             self.files, self.maps, self.anonymous, self.memfd)
 
 
+def end_process(pid):
+    """SIGKILL to a process that may be gone."""
+    try:
+        os.kill(pid, signal.SIGKILL)
+    except ProcessLookupError:
+        pass
+
+
 # ------------------------------------------------------------------------------------------------------------- cases
 
 class TransportTest(unittest.TestCase):
@@ -289,6 +298,12 @@ class TransportTest(unittest.TestCase):
         started = Process(command, options.pop('preload', self.preload), **options)
         self.addCleanup(started.close)
         return started
+
+    def idle_child(self, parent):
+        """Process id of a child of a node that shares its descriptors and only waits."""
+        pid = parent.call('fork', kind='idle')['pid']
+        self.addCleanup(end_process, pid)
+        return pid
 
     def unique(self, name):
         """Node or topic name of its own for each test and run: leftovers of another test cannot meddle."""

@@ -1,10 +1,8 @@
 #include "core_program.h"
 
 #include <malloc.h>
-#include <signal.h>
 #include <sys/epoll.h>
 #include <sys/resource.h>
-#include <sys/signalfd.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -21,6 +19,7 @@
 #include <string_view>
 
 #include "core_options.h"
+#include "end_signals.h"
 #include "event_loop.h"
 #include "http_server.h"
 #include "log_folder.h"
@@ -67,18 +66,6 @@ void keepMemorySmall()
   mallopt(M_ARENA_MAX, 1);
   mallopt(M_MMAP_THRESHOLD, 128 * 1024);
   mallopt(M_TRIM_THRESHOLD, 128 * 1024);
-}
-
-/// The signals that end this program, as something to wait for.
-FileDescriptor endSignals()
-{
-  sigset_t signals;
-  sigemptyset(&signals);
-  sigaddset(&signals, SIGINT);
-  sigaddset(&signals, SIGTERM);
-  sigprocmask(SIG_BLOCK, &signals, nullptr);
-  signal(SIGPIPE, SIG_IGN);
-  return FileDescriptor(signalfd(-1, &signals, SFD_CLOEXEC | SFD_NONBLOCK));
 }
 
 bool isFileLoggingDisabled()

@@ -1,7 +1,6 @@
 // The bridge of a device: carries topics and services between this device and others. Knows nothing of ROS but how
 // nodes that have the library ask for it, and needs no master.
 
-#include <signal.h>
 #include <sys/signalfd.h>
 #include <unistd.h>
 
@@ -11,6 +10,7 @@
 #include <string>
 
 #include "../bridge/bridge.h"
+#include "../bridge/end_signals.h"
 
 namespace
 {
@@ -18,18 +18,6 @@ namespace
 void log(const std::string& line)
 {
   std::fprintf(stderr, "pi_os_bridge: %s\n", line.c_str());
-}
-
-/// The signals that end this program, as something to wait for.
-pi_os_transport::FileDescriptor endSignals()
-{
-  sigset_t signals;
-  sigemptyset(&signals);
-  sigaddset(&signals, SIGINT);
-  sigaddset(&signals, SIGTERM);
-  sigprocmask(SIG_BLOCK, &signals, nullptr);
-  signal(SIGPIPE, SIG_IGN);
-  return pi_os_transport::FileDescriptor(signalfd(-1, &signals, SFD_CLOEXEC | SFD_NONBLOCK));
 }
 
 }  // namespace
@@ -44,7 +32,7 @@ int main(int argc, char** argv)
       std::fputs(pi_os_transport::bridgeUsage().c_str(), stdout);
       return EXIT_SUCCESS;
     }
-    const pi_os_transport::FileDescriptor signals = endSignals();
+    const pi_os_transport::FileDescriptor signals = pi_os_transport::endSignals();
     pi_os_transport::EventLoop loop;
     pi_os_transport::Bridge bridge(&loop, *config, log);
     bridge.start();

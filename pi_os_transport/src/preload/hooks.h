@@ -77,6 +77,12 @@
   HOOK(SERVICE_CALL, bool, \
       _ZN3ros17ServiceServerLink4callERKNS_17SerializedMessageERS1_, \
       (void* self, const void* request, void* response), (self, request, response)) \
+  HOOK(SERVICE_CLEAR_CALLS, void, \
+      _ZN3ros17ServiceServerLink10clearCallsEv, \
+      (void* self), (self)) \
+  HOOK(SERVICE_REMOVE_LINK, void, \
+      _ZN3ros14ServiceManager23removeServiceServerLinkERKN5boost10shared_ptrINS_17ServiceServerLinkEEE, \
+      (void* self, const void* link), (self, link)) \
   HOOK(SERVICE_HANDLE_HEADER, bool, \
       _ZN3ros17ServiceClientLink12handleHeaderERKNS_6HeaderE, \
       (void* self, const void* header), (self, header)) \
@@ -96,7 +102,7 @@ enum PiOsHook
       PI_OS_HOOK_COUNT
 };
 
-#define PI_OS_SHIM_VERSION 3
+#define PI_OS_SHIM_VERSION 4
 
 /// Handed to the companion once, before any replaced function runs.
 struct PiOsShim

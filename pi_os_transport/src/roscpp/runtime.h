@@ -73,6 +73,8 @@ struct Originals
   bool (*service_initialize)(ros::ServiceServerLink*, const ros::ConnectionPtr&);
   bool (*service_header_received)(ros::ServiceServerLink*, const ros::ConnectionPtr&, const ros::Header&);
   bool (*service_call)(ros::ServiceServerLink*, const ros::SerializedMessage&, ros::SerializedMessage&);
+  void (*service_clear_calls)(ros::ServiceServerLink*);
+  void (*service_remove_link)(ros::ServiceManager*, const ros::ServiceServerLinkPtr&);
   bool (*service_handle_header)(ros::ServiceClientLink*, const ros::Header&);
   void (*service_process_response)(ros::ServiceClientLink*, bool, const ros::SerializedMessage&);
 };

@@ -13,6 +13,7 @@
 
 #include "header_offer.h"
 #include "receive_link.h"
+#include "tcp_calls.h"
 
 namespace pi_os_transport
 {
@@ -317,7 +318,7 @@ ServiceCaller::Outcome ServiceCaller::call(ros::ServiceServerLink* link, const r
     {
       statistics_->update([](ServiceCounts* counts) { ++counts->pool_full; });
     }
-    return tcp_too ? callOverTcp(link, request, response) : Outcome::NOT_TAKEN;
+    return tcp_too ? fallBackToTcp(link, request, response) : Outcome::NOT_TAKEN;
   }
   const Outcome outcome = awaitAnswer(link, answers, calls_, response);
   if (tcp_too || outcome != Outcome::NOT_TAKEN)
@@ -334,10 +335,10 @@ ServiceCaller::Outcome ServiceCaller::call(ros::ServiceServerLink* link, const r
   return outcome;
 }
 
-ServiceCaller::Outcome ServiceCaller::callOverTcp(ros::ServiceServerLink* link, const ros::SerializedMessage& request,
-                                                  ros::SerializedMessage& response)
+ServiceCaller::Outcome ServiceCaller::fallBackToTcp(ros::ServiceServerLink* link, const ros::SerializedMessage& request,
+                                                    ros::SerializedMessage& response)
 {
-  const bool ok = Runtime::instance().original.service_call(link, request, response);
+  const bool ok = callOverTcp(link, request, response);
   statistics_->update(
       [&](ServiceCounts* counts)
       {
@@ -382,7 +383,7 @@ ServiceCaller::Outcome ServiceCaller::awaitAnswer(ros::ServiceServerLink* link,
     }
     if (descriptor.segment == Descriptor::LINK_START)
     {
-      return awaitTcpAnswer(link, response);
+      return awaitTcpAnswer(link, response) ? Outcome::SUCCESS : Outcome::FAILURE;
     }
     if (descriptor.serial >> 1 != number)
     {
@@ -407,37 +408,6 @@ ServiceCaller::Outcome ServiceCaller::awaitAnswer(ros::ServiceServerLink* link,
     }
     return Outcome::FAILURE;
   }
-}
-
-ServiceCaller::Outcome ServiceCaller::awaitTcpAnswer(ros::ServiceServerLink* link, ros::SerializedMessage& response)
-{
-  // From here on as if ServiceServerLink::processNextCall had written the request.
-  const auto info = boost::make_shared<ros::ServiceServerLink::CallInfo>();
-  info->resp_ = &response;
-  info->success_ = false;
-  info->finished_ = false;
-  info->call_finished_ = false;
-  info->caller_thread_id_ = boost::this_thread::get_id();
-  {
-    boost::mutex::scoped_lock lock(link->call_queue_mutex_);
-    link->current_call_ = info;
-  }
-  if (!link->connection_->isDropped())
-  {
-    link->onRequestWritten(link->connection_);
-    boost::mutex::scoped_lock lock(info->finished_mutex_);
-    while (!info->finished_)
-    {
-      info->finished_condition_.wait(lock);
-    }
-  }
-  info->call_finished_ = true;
-  if (!info->exception_string_.empty())
-  {
-    ROS_ERROR("Service call failed: service [%s] responded with an error: %s", link->getServiceName().c_str(),
-              info->exception_string_.c_str());
-  }
-  return info->success_ ? Outcome::SUCCESS : Outcome::FAILURE;
 }
 
 ServiceCaller::Outcome ServiceCaller::giveUp()

@@ -86,9 +86,8 @@ private:
   bool send(const ros::SerializedMessage& request, uint64_t number);
   Outcome awaitAnswer(ros::ServiceServerLink* link, const std::shared_ptr<RingReceiver>& answers, uint64_t number,
                       ros::SerializedMessage& response);
-  Outcome awaitTcpAnswer(ros::ServiceServerLink* link, ros::SerializedMessage& response);
-  Outcome callOverTcp(ros::ServiceServerLink* link, const ros::SerializedMessage& request,
-                      ros::SerializedMessage& response);
+  Outcome fallBackToTcp(ros::ServiceServerLink* link, const ros::SerializedMessage& request,
+                        ros::SerializedMessage& response);
   Outcome giveUp();
 
   const boost::weak_ptr<ros::Connection> connection_;

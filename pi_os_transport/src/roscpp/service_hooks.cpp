@@ -5,6 +5,7 @@
 
 #include <ros/transport/transport.h>
 
+#include <algorithm>
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -16,6 +17,7 @@
 #include "runtime.h"
 #include "service_caller.h"
 #include "service_responder.h"
+#include "tcp_calls.h"
 
 namespace pi_os_transport
 {
@@ -230,14 +232,41 @@ bool callService(ros::ServiceServerLink* self, const ros::SerializedMessage& req
   {
     return callOnce(self, kept.caller, true, request, response);
   }
-  const std::shared_ptr<ServiceCaller> caller =
-      runtime.active() ? runtime.service_callers.find(self->getConnection().get()) : nullptr;
-  if (!caller)
+  if (!runtime.active())
   {
     return runtime.original.service_call(self, request, response);
   }
+  const std::shared_ptr<ServiceCaller> caller = runtime.service_callers.find(self->getConnection().get());
+  if (!caller)
+  {
+    return callOverTcp(self, request, response);
+  }
   return caller->singleShot() ? callOnce(self, caller, false, request, response)
                               : caller->call(self, request, response) == ServiceCaller::Outcome::SUCCESS;
+}
+
+void clearCalls(ros::ServiceServerLink* self)
+{
+  Runtime& runtime = Runtime::instance();
+  runtime.active() ? endCalls(self) : runtime.original.service_clear_calls(self);
+}
+
+/// roscpp's own function locks shutting_down_mutex_ too, under the lock of the transport that has ended. A thread that
+/// makes a connection locks them in the opposite order: both, and with them the network thread, would wait for ever.
+void removeLink(ros::ServiceManager* self, const ros::ServiceServerLinkPtr& link)
+{
+  if (!Runtime::instance().active())
+  {
+    Runtime::instance().original.service_remove_link(self, link);
+    return;
+  }
+  ros::L_ServiceServerLink removed;  // the link is destroyed without the lock
+  boost::mutex::scoped_lock lock(self->service_server_links_mutex_);
+  const auto found = std::find(self->service_server_links_.begin(), self->service_server_links_.end(), link);
+  if (found != self->service_server_links_.end())
+  {
+    removed.splice(removed.begin(), self->service_server_links_, found);
+  }
 }
 
 bool handleHeader(ros::ServiceClientLink* self, const ros::Header& header)
@@ -306,6 +335,8 @@ void attachServiceHooks(PiOsShim* shim)
   takeOver(shim, PI_OS_SERVICE_INITIALIZE, &original.service_initialize, initialize);
   takeOver(shim, PI_OS_SERVICE_HEADER_RECEIVED, &original.service_header_received, headerReceived);
   takeOver(shim, PI_OS_SERVICE_CALL, &original.service_call, callService);
+  takeOver(shim, PI_OS_SERVICE_CLEAR_CALLS, &original.service_clear_calls, clearCalls);
+  takeOver(shim, PI_OS_SERVICE_REMOVE_LINK, &original.service_remove_link, removeLink);
   takeOver(shim, PI_OS_SERVICE_HANDLE_HEADER, &original.service_handle_header, handleHeader);
   takeOver(shim, PI_OS_SERVICE_PROCESS_RESPONSE, &original.service_process_response, processResponse);
 }

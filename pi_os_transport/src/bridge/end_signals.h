@@ -1,0 +1,12 @@
+#pragma once
+
+#include "pi_os_transport/file_descriptor.h"
+
+namespace pi_os_transport
+{
+
+/// The signals that end a program (SIGINT, SIGTERM) as something to wait for: a signalfd. They are blocked from here on,
+/// and SIGPIPE is ignored. Before the first thread is started. Invalid, with errno set, if there is no descriptor left.
+FileDescriptor endSignals();
+
+}  // namespace pi_os_transport
