@@ -21,6 +21,7 @@
 #include "pi_os_transport/little_endian.h"
 #include "service_caller.h"
 #include "service_responder.h"
+#include "tcp_calls.h"
 
 namespace pi_os_transport
 {
@@ -97,8 +98,12 @@ struct ServiceConnection
                        [responder = responder](SideChannel channel, const Packet&, Runtime::Descriptors* descriptors)
                        { responder->meet(std::move(channel), SideChannel(std::move(descriptors->front()))); });
     caller = std::make_shared<ServiceCaller>("/service", client, ServiceCaller::Use::PERSISTENT);
-    client->addDropListener([caller = caller](const ros::ConnectionPtr&, ros::Connection::DropReason)
-                            { caller->disconnect(); });
+    client->addDropListener(
+        [caller = caller, link = server_link](const ros::ConnectionPtr&, ros::Connection::DropReason)
+        {
+          caller->disconnect();
+          endCalls(link.get());
+        });
     EXPECT_TRUE(caller->meet(offer));
   }
   ~ServiceConnection()
@@ -129,10 +134,7 @@ protected:
     : publication_(boost::make_shared<ros::ServicePublication>("/service", "*", "a/S", "a/SRequest", "a/SResponse",
                                                                increment_, &queue_, ros::VoidConstPtr()))
   {
-    Runtime& runtime = runtimeWithoutPreload();
-    // What would go over TCPROS fails at once: there is no network.
-    runtime.original.service_call = [](ros::ServiceServerLink*, const ros::SerializedMessage&, ros::SerializedMessage&)
-    { return false; };
+    runtimeWithoutPreload();
     network_ = std::thread(
         [this]
         {
@@ -262,6 +264,10 @@ TEST_F(ServiceLink, NoCallHangsWhenTheServerEndsTheConnection)
           for (const auto& connection : connections)
           {
             connection->server->drop(ros::Connection::TransportDisconnect);
+          }
+          for (const auto& connection : connections)
+          {
+            connection->client->drop(ros::Connection::TransportDisconnect);  // what the network reports at last
           }
         });
     callFrom(connections, 1000000);
