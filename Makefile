@@ -108,7 +108,7 @@ SANITIZER ?= thread
 .PHONY: sanitize
 sanitize: dependencies
 	@mkdir -p $(BUILD)/sanitize
-	@exec pi_os_transport/test/sanitize/run $(SANITIZER) $(BUILD)/sanitize/$(SANITIZER) $(JOBS) $(ARGS)
+	@exec pi_os_transport/test/sanitize/run $(SANITIZER) $(BUILD)/sanitize/$(SANITIZER) $(JOBS) "$(ARGS)"
 
 .PHONY: fuzz
 fuzz: dependencies
