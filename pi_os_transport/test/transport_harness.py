@@ -32,7 +32,7 @@ DEADLINE_S = 30.0   # of one wait; reached only when something is broken, also u
 BUILT = 'built'      # value of preload that means the library built together with the test programs
 GRAPH_POLL_S = 0.01  # roscpp and the slave API signal no event when a link changes
 
-arguments = argparse.Namespace(preload='')
+arguments = argparse.Namespace(preload='', first='')
 
 
 def program(name):
@@ -74,7 +74,7 @@ class Process:
         for key in [k for k in environment if k.startswith('PI_OS_')]:
             environment.pop(key)
         if preload:
-            environment['LD_PRELOAD'] = preload
+            environment['LD_PRELOAD'] = ':'.join(filter(None, [arguments.first, preload]))
         environment.update(env or {})
         self.command = list(prefix) + list(command)
         self.popen = subprocess.Popen(self.command, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
@@ -378,6 +378,7 @@ def main(case, plain=True, needs_library=False):
     """Entry of every judge: main(CaseClass). needs_library: without one there is nothing to judge, the tests skip."""
     parser = argparse.ArgumentParser()
     parser.add_argument('--preload', default='')
+    parser.add_argument('--first', default='', help="library to preload before that one: a sanitizer's, or the jitter")
     parser.add_argument('--case', default='', help='run only the tests whose name contains this')
     parser.parse_known_args(namespace=arguments)
     if arguments.preload == BUILT:

@@ -34,8 +34,10 @@ inline Runtime& runtimeWithoutPreload()
     ros::console::set_logger_level(ROSCONSOLE_ROOT_LOGGER_NAME, ros::console::levels::Fatal);
     ros::console::notifyLoggerLevelsChanged();
     // Kept for ever: their destructors take it for granted that the node was started.
+    static const auto* const polls = new ros::PollManagerPtr(ros::PollManager::instance());
     static const auto* const topics = new ros::TopicManagerPtr(ros::TopicManager::instance());
     static const auto* const services = new ros::ServiceManagerPtr(ros::ServiceManager::instance());
+    static_cast<void>(polls);
     static_cast<void>(topics);
     static_cast<void>(services);
     return true;
