@@ -381,7 +381,8 @@ class Introspection(services_judge.ServiceTest):
 
         random = Random(1)
         of_any_type = (None, -1, 2 ** 64, 1.5, True, '', '\x00', [], [0] * 65, [[]], {}, {'node': 1})
-        of_type = {int: (0, 1, 2 ** 64 - 1), str: ('', '/other', '\x00\x1b', 'SHMROS'), bool: (False, True), list: ([],)}
+        of_type = {int: (0, 1, 2 ** 64 - 1), str: ('', '/other', '\x00\x1b', 'SHMROS'), bool: (False, True),
+                   list: ([],)}
         refused = 0
         for _ in range(3000):
             state = copy.deepcopy(honest)

@@ -1,8 +1,8 @@
 """launcher.py ARGUMENTS...: roslaunch, which can be interrupted at once while it starts its nodes.
 
-roslaunch's own signal handler ends the nodes and waits up to 20 s for the thread that does so. If the signal comes while
-a node is being started, that thread waits as long for a lock that the interrupted main thread holds. Here the handler
-only wakes another thread, which ends the nodes when no node is being started."""
+roslaunch's own signal handler ends the nodes and waits up to 20 s for the thread that does so. If the signal comes
+while a node is being started, that thread waits as long for a lock that the interrupted main thread holds. Here the
+handler only wakes another thread, which ends the nodes when no node is being started."""
 
 import os
 import threading
