@@ -36,10 +36,6 @@ KINDS = ['traffic', 'traffic', 'held', 'stopped']
 INSIDE = 'PI_OS_CHAOS_NAMESPACE'  # set once /dev/shm is the campaign's own
 
 
-def clock_library():
-    return os.path.join(os.path.dirname(harness.built_library()), 'libpi_os_transport_test_clock.so')
-
-
 class Chaos(kill_campaign.Campaign):
     def __init__(self, preload, options, say):
         super().__init__(preload, options.kills, options.seed, say)
@@ -65,7 +61,7 @@ class Chaos(kill_campaign.Campaign):
         self.clock.flush()
 
     def start(self, kind, index, env=None, prefix=()):
-        preload = ':'.join(library for library in (clock_library(), self.preload) if library)
+        preload = ':'.join(library for library in (harness.test_library('clock'), self.preload) if library)
         process = harness.Peer('%s_%s%d' % (self.prefix, kind, index), preload, threads=2, prefix=prefix,
                                env=dict(env or {}, PI_OS_TEST_CLOCK=self.clock.name))
         self.processes.append(process)

@@ -1,7 +1,6 @@
 #!/usr/bin/python3 -B
 """Judge of services_killed.test."""
 import contextlib
-import os
 import random
 import socket
 import struct
@@ -87,7 +86,7 @@ class ServicesKilled(services_judge.ServiceTest):
         self.service = self.topic('service')
         server = AbruptServer(self.service, 13)
         self.addCleanup(server.close)
-        jitter = os.path.join(os.path.dirname(harness.built_library()), 'libpi_os_transport_test_jitter.so')
+        jitter = harness.test_library('jitter')
         for persistent in (False, True):
             client = self.service_peer('persistent' if persistent else 'single', preload=self.preload + ':' + jitter)
             client.call('call', service=self.service, count=0, size=2000, persistent=persistent, renew=True,

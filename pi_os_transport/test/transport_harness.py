@@ -53,6 +53,11 @@ def built_library():
     return os.path.join(os.path.dirname(os.path.dirname(program(PACKAGE + '_test_peer'))), 'libpi_os_transport.so')
 
 
+def test_library(name):
+    """Path of a library that tests preload to nodes beside the one under test: clock or jitter."""
+    return os.path.join(os.path.dirname(built_library()), 'lib%s_test_%s.so' % (PACKAGE, name))
+
+
 def await_state(reached, what, timeout=DEADLINE_S):
     """Returns the first true value of reached(); raises AssertionError with what() or what after the deadline."""
     deadline = time.monotonic() + timeout

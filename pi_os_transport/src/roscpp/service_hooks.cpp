@@ -247,8 +247,13 @@ bool callService(ros::ServiceServerLink* self, const ros::SerializedMessage& req
 
 void clearCalls(ros::ServiceServerLink* self)
 {
-  Runtime& runtime = Runtime::instance();
-  runtime.active() ? endCalls(self) : runtime.original.service_clear_calls(self);
+  const Runtime& runtime = Runtime::instance();
+  if (!runtime.active())
+  {
+    runtime.original.service_clear_calls(self);
+    return;
+  }
+  endCalls(self);
 }
 
 /// roscpp's own function locks shutting_down_mutex_ too, under the lock of the transport that has ended. A thread that
