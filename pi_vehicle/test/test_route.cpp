@@ -2,7 +2,7 @@
 #include "decision/path_follower.h"
 #include "decision/route.h"
 #include "decision/speed_governor.h"
-#include <pi_vehicle/decision/yaml_section.h>
+#include <pi_node/yaml_section.h>
 
 #include <cmath>
 #include <limits>
@@ -139,7 +139,7 @@ TEST(Dubins, HasTheKnownLengths)
 }
 
 template <typename Options>
-void expectDefaults(YamlSection section)
+void expectDefaults(pi_node::YamlSection section)
 {
   Options file;
   visitFields(file, [](const char*, auto& value) { value = -1.0; });
@@ -154,7 +154,7 @@ void expectDefaults(YamlSection section)
 
 TEST(NavigationYaml, FileAndCodeAreEqual)
 {
-  YamlSection file = YamlSection::load(CONFIG_DIR "/navigation.yaml");
+  pi_node::YamlSection file = pi_node::YamlSection::load(CONFIG_DIR "/navigation.yaml");
   expectDefaults<RouteOptions>(file.section("route"));
   expectDefaults<PathFollowerOptions>(file.section("follower"));
   expectDefaults<SpeedGovernorOptions>(file.section("governor"));  // test_navigation_ros_options.cpp has the rest

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <pi_node/durations.h>
+
 #include <cstdint>
 #include <cstdio>
 #include <string>
@@ -7,7 +9,7 @@
 namespace pi_node
 {
 
-/// A number in the pattern of printf.
+/// A number in a pattern of printf; at most 63 characters.
 inline std::string format(const char* pattern, double value)
 {
   char text[64];
@@ -19,11 +21,6 @@ inline std::string format(const char* pattern, double value)
 inline std::string sizeText(int64_t width, int64_t height)
 {
   return std::to_string(width) + "x" + std::to_string(height);
-}
-
-inline double seconds(int64_t ns)
-{
-  return 1e-9 * static_cast<double>(ns);
 }
 
 }  // namespace pi_node

@@ -1,4 +1,4 @@
-#include <pi_vehicle/decision/yaml_section.h>
+#include <pi_node/yaml_section.h>
 #include "vehicle/json.h"
 #include "vehicle/scenario.h"
 #include "drives/vehicle_path.h"
@@ -30,14 +30,14 @@ private:
   std::mt19937_64 engine_;
 };
 
-double number(pi_vehicle::YamlSection* section, const std::string& field, double least, double most)
+double number(pi_node::YamlSection* section, const std::string& field, double least, double most)
 {
   double value = section->get<double>(field, "a number");
   section->readNumber(field, least, most, &value);
   return value;
 }
 
-std::string text(pi_vehicle::YamlSection* section, const std::string& field)
+std::string text(pi_node::YamlSection* section, const std::string& field)
 {
   const auto value = section->get<std::string>(field, "a text");
   if (value.empty())
@@ -48,7 +48,7 @@ std::string text(pi_vehicle::YamlSection* section, const std::string& field)
 }
 
 /// Numbers of a list.
-std::vector<double> numbers(const pi_vehicle::YamlSection& section, const std::string& field, const YAML::Node& node, size_t count,
+std::vector<double> numbers(const pi_node::YamlSection& section, const std::string& field, const YAML::Node& node, size_t count,
                             const char* kind)
 {
   std::vector<double> values;
@@ -69,13 +69,13 @@ std::vector<double> numbers(const pi_vehicle::YamlSection& section, const std::s
   return values;
 }
 
-Eigen::Vector2d point(pi_vehicle::YamlSection* section, const std::string& field)
+Eigen::Vector2d point(pi_node::YamlSection* section, const std::string& field)
 {
   const std::vector<double> p = numbers(*section, field, section->node(field), 2, "[x, y] within 1000 m");
   return {p[0], p[1]};
 }
 
-std::vector<Eigen::Vector2d> points(pi_vehicle::YamlSection* section, const std::string& field)
+std::vector<Eigen::Vector2d> points(pi_node::YamlSection* section, const std::string& field)
 {
   const YAML::Node list = section->node(field);
   if (!list.IsSequence() || list.size() == 0)
@@ -91,14 +91,14 @@ std::vector<Eigen::Vector2d> points(pi_vehicle::YamlSection* section, const std:
   return result;
 }
 
-pi_vehicle::Pose2 pose(pi_vehicle::YamlSection* section, const std::string& field)
+pi_vehicle::Pose2 pose(pi_node::YamlSection* section, const std::string& field)
 {
   const std::vector<double> p = numbers(*section, field, section->node(field), 3, "[x, y, heading]");
   return {p[0], p[1], p[2]};
 }
 
 /// `near: [x, y]` and `within`, both or none.
-void readPlace(pi_vehicle::YamlSection* section, std::optional<Eigen::Vector2d>* near, double* within)
+void readPlace(pi_node::YamlSection* section, std::optional<Eigen::Vector2d>* near, double* within)
 {
   if (section->has("near"))
   {
@@ -111,7 +111,7 @@ void readPlace(pi_vehicle::YamlSection* section, std::optional<Eigen::Vector2d>*
   }
 }
 
-std::vector<Eigen::Vector2d> readRoad(pi_vehicle::YamlSection* section)
+std::vector<Eigen::Vector2d> readRoad(pi_node::YamlSection* section)
 {
   const YAML::Node road = section->node("road");
   if (road.IsSequence())
@@ -143,7 +143,7 @@ std::vector<Eigen::Vector2d> readRoad(pi_vehicle::YamlSection* section)
   return line;
 }
 
-ActorPlan readActor(pi_vehicle::YamlSection* section, Random* random)
+ActorPlan readActor(pi_node::YamlSection* section, Random* random)
 {
   ActorPlan actor;
   actor.id = text(section, "id");
@@ -168,7 +168,7 @@ ActorPlan readActor(pi_vehicle::YamlSection* section, Random* random)
   }
   if (section->has("trigger"))
   {
-    pi_vehicle::YamlSection trigger = section->section("trigger");
+    pi_node::YamlSection trigger = section->section("trigger");
     if (trigger.has("time"))
     {
       actor.trigger.time = number(&trigger, "time", 0.0, LONG_S);
@@ -183,7 +183,7 @@ ActorPlan readActor(pi_vehicle::YamlSection* section, Random* random)
   }
   if (section->has("pauses"))
   {
-    for (pi_vehicle::YamlSection& entry : section->list("pauses"))
+    for (pi_node::YamlSection& entry : section->list("pauses"))
     {
       actor.pauses.push_back({number(&entry, "at", 0.0, FAR_M), number(&entry, "for", 0.0, LONG_S)});
       entry.finish();
@@ -199,7 +199,7 @@ ActorPlan readActor(pi_vehicle::YamlSection* section, Random* random)
   section->read("vanish_at_end", "true or false", &actor.vanish_at_end);
   if (section->has("vary"))
   {
-    pi_vehicle::YamlSection vary = section->section("vary");
+    pi_node::YamlSection vary = section->section("vary");
     double x = 0.0;
     double y = 0.0;
     double speed = 0.0;
@@ -228,7 +228,7 @@ ActorPlan readActor(pi_vehicle::YamlSection* section, Random* random)
   return actor;
 }
 
-SpokenWords readSpoken(pi_vehicle::YamlSection* section)
+SpokenWords readSpoken(pi_node::YamlSection* section)
 {
   SpokenWords words;
   words.clip = text(section, "clip");
@@ -247,7 +247,7 @@ SpokenWords readSpoken(pi_vehicle::YamlSection* section)
   return words;
 }
 
-EdgeNode readEdgeNode(pi_vehicle::YamlSection* section)
+EdgeNode readEdgeNode(pi_node::YamlSection* section)
 {
   EdgeNode node;
   node.id = text(section, "id");
@@ -257,7 +257,7 @@ EdgeNode readEdgeNode(pi_vehicle::YamlSection* section)
   return node;
 }
 
-PlannedFault readFault(pi_vehicle::YamlSection* section)
+PlannedFault readFault(pi_node::YamlSection* section)
 {
   PlannedFault fault;
   fault.time = number(section, "time", 0.0, LONG_S);
@@ -273,13 +273,13 @@ PlannedFault readFault(pi_vehicle::YamlSection* section)
 }
 
 template <typename Item>
-std::vector<Item> readList(pi_vehicle::YamlSection* section, const std::string& field,
-                           const std::function<Item(pi_vehicle::YamlSection*)>& read)
+std::vector<Item> readList(pi_node::YamlSection* section, const std::string& field,
+                           const std::function<Item(pi_node::YamlSection*)>& read)
 {
   std::vector<Item> items;
   if (section->has(field))
   {
-    for (pi_vehicle::YamlSection& entry : section->list(field))
+    for (pi_node::YamlSection& entry : section->list(field))
     {
       items.push_back(read(&entry));
     }
@@ -287,7 +287,7 @@ std::vector<Item> readList(pi_vehicle::YamlSection* section, const std::string& 
   return items;
 }
 
-Scenario readScenario(pi_vehicle::YamlSection* section, uint64_t seed)
+Scenario readScenario(pi_node::YamlSection* section, uint64_t seed)
 {
   Random random(seed);
   Scenario scenario;
@@ -306,7 +306,7 @@ Scenario readScenario(pi_vehicle::YamlSection* section, uint64_t seed)
     scenario.waypoints = points(section, "waypoints");
   }
   scenario.actors =
-      readList<ActorPlan>(section, "actors", [&random](pi_vehicle::YamlSection* entry) { return readActor(entry, &random); });
+      readList<ActorPlan>(section, "actors", [&random](pi_node::YamlSection* entry) { return readActor(entry, &random); });
   std::set<std::string> ids;
   for (const ActorPlan& actor : scenario.actors)
   {
@@ -326,13 +326,13 @@ Scenario readScenario(pi_vehicle::YamlSection* section, uint64_t seed)
 
 Scenario Scenario::parse(const std::string& yaml, const std::string& name, uint64_t seed)
 {
-  pi_vehicle::YamlSection section = pi_vehicle::YamlSection::parse(yaml, name);
+  pi_node::YamlSection section = pi_node::YamlSection::parse(yaml, name);
   return readScenario(&section, seed);
 }
 
 Scenario Scenario::load(const std::string& path, uint64_t seed)
 {
-  pi_vehicle::YamlSection section = pi_vehicle::YamlSection::load(path);
+  pi_node::YamlSection section = pi_node::YamlSection::load(path);
   return readScenario(&section, seed);
 }
 

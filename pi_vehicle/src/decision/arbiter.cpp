@@ -1,6 +1,6 @@
 #include "decision/arbiter.h"
 
-#include <pi_vehicle/decision/yaml_section.h>
+#include <pi_node/yaml_section.h>
 #include <pi_node/option_check.h>
 
 #include <algorithm>
@@ -28,14 +28,14 @@ bool finite(const DriveCommand& command)
          command.max_deceleration >= 0.0;
 }
 
-ArbiterOptions read(YamlSection top)
+ArbiterOptions read(pi_node::YamlSection top)
 {
   ArbiterOptions options;
   if (top.has("limits"))
   {
     top.section("limits").readFields(&options);
   }
-  for (YamlSection& entry : top.list("sources"))
+  for (pi_node::YamlSection& entry : top.list("sources"))
   {
     ArbiterSource source;
     source.name = entry.get<std::string>("name", "a text");
@@ -63,12 +63,12 @@ ArbiterOptions read(YamlSection top)
 
 ArbiterOptions ArbiterOptions::load(const std::string& path)
 {
-  return read(YamlSection::load(path));
+  return read(pi_node::YamlSection::load(path));
 }
 
 ArbiterOptions ArbiterOptions::parse(const std::string& yaml, const std::string& name)
 {
-  return read(YamlSection::parse(yaml, name));
+  return read(pi_node::YamlSection::parse(yaml, name));
 }
 
 void ArbiterOptions::validate() const

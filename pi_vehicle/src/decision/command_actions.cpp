@@ -1,6 +1,6 @@
 #include "decision/command_actions.h"
 
-#include <pi_vehicle/decision/yaml_section.h>
+#include <pi_node/yaml_section.h>
 #include <pi_node/option_check.h>
 
 #include <algorithm>
@@ -22,7 +22,7 @@ double seconds(int64_t ns)
   return 1e-9 * static_cast<double>(ns);
 }
 
-CommandActionsOptions read(YamlSection top)
+CommandActionsOptions read(pi_node::YamlSection top)
 {
   CommandActionsOptions options;
   if (top.has("options"))
@@ -31,7 +31,7 @@ CommandActionsOptions read(YamlSection top)
   }
   if (top.has("places"))
   {
-    YamlSection places = top.section("places");
+    pi_node::YamlSection places = top.section("places");
     for (const auto& entry : top.node("places"))
     {
       const auto name = entry.first.as<std::string>();
@@ -43,7 +43,7 @@ CommandActionsOptions read(YamlSection top)
       options.places[name] = {numbers[0], numbers[1], numbers[2]};
     }
   }
-  for (YamlSection& entry : top.list("commands"))
+  for (pi_node::YamlSection& entry : top.list("commands"))
   {
     SpokenCommand command;
     command.text = entry.get<std::string>("text", "a text");
@@ -81,12 +81,12 @@ CommandActionsOptions read(YamlSection top)
 
 CommandActionsOptions CommandActionsOptions::load(const std::string& path)
 {
-  return read(YamlSection::load(path));
+  return read(pi_node::YamlSection::load(path));
 }
 
 CommandActionsOptions CommandActionsOptions::parse(const std::string& yaml, const std::string& name)
 {
-  return read(YamlSection::parse(yaml, name));
+  return read(pi_node::YamlSection::parse(yaml, name));
 }
 
 void CommandActionsOptions::validate() const

@@ -1,6 +1,6 @@
 #include "decision/reaction_rules.h"
 
-#include <pi_vehicle/decision/yaml_section.h>
+#include <pi_node/yaml_section.h>
 #include <pi_node/option_check.h>
 
 #include <algorithm>
@@ -25,7 +25,7 @@ bool once(ReactionAction action)
   return action != ReactionAction::SLOW && action != ReactionAction::STOP;
 }
 
-ReactionRule readRule(YamlSection& entry)
+ReactionRule readRule(pi_node::YamlSection& entry)
 {
   ReactionRule rule;
   rule.name = entry.get<std::string>("name", "a text");
@@ -82,10 +82,10 @@ ReactionRule readRule(YamlSection& entry)
   return rule;
 }
 
-ReactionRulesOptions read(YamlSection top)
+ReactionRulesOptions read(pi_node::YamlSection top)
 {
   ReactionRulesOptions options;
-  for (YamlSection& entry : top.list("rules"))
+  for (pi_node::YamlSection& entry : top.list("rules"))
   {
     options.rules.push_back(readRule(entry));
   }
@@ -105,12 +105,12 @@ ReactionRulesOptions read(YamlSection top)
 
 ReactionRulesOptions ReactionRulesOptions::load(const std::string& path)
 {
-  return read(YamlSection::load(path));
+  return read(pi_node::YamlSection::load(path));
 }
 
 ReactionRulesOptions ReactionRulesOptions::parse(const std::string& yaml, const std::string& name)
 {
-  return read(YamlSection::parse(yaml, name));
+  return read(pi_node::YamlSection::parse(yaml, name));
 }
 
 void ReactionRulesOptions::validate() const

@@ -1,5 +1,5 @@
 #include "decision/saved_pose_file.h"
-#include <pi_vehicle/decision/yaml_section.h>
+#include <pi_node/yaml_section.h>
 
 #include <algorithm>
 #include <cerrno>
@@ -63,7 +63,7 @@ std::optional<SavedPose> readSavedPose(const std::string& file, const std::strin
   {
     return std::nullopt;
   }
-  YamlSection section = YamlSection::load(file);
+  pi_node::YamlSection section = pi_node::YamlSection::load(file);
   const auto frame = section.get<std::string>("map_frame", "a name");
   if (frame != map_frame)
   {

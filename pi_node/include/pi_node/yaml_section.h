@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-namespace pi_vehicle
+namespace pi_node
 {
 
 /// A YAML map whose fields are asked for one by one; at the end, what nobody asked for is refused.
@@ -166,4 +166,4 @@ private:
   std::set<std::string> known_;
 };
 
-}  // namespace pi_vehicle
+}  // namespace pi_node
