@@ -142,6 +142,22 @@ public:
     finish();
   }
 
+  /// Of the top section, after its last field: finish(), and options.validate() with the source in its message.
+  template <typename Options>
+  Options checked(const Options& options) const
+  {
+    finish();
+    try
+    {
+      options.validate();
+    }
+    catch (const std::invalid_argument& error)
+    {
+      throw std::invalid_argument(name(error.what()));
+    }
+    return options;
+  }
+
   /// @throws for a field that nobody asked for: likely a slip.
   void finish() const
   {

@@ -1,7 +1,7 @@
 #include "vehicle/scenario.h"
 
 #include "drives/vehicle_path.h"
-#include "vehicle/json.h"
+#include "vehicle/rounded_json.h"
 
 #include <pi_node/yaml_section.h>
 
@@ -340,56 +340,44 @@ Scenario Scenario::load(const std::string& path, uint64_t seed)
 
 std::string Scenario::toJson(const pi_vehicle::Pose2& T_map_world) const
 {
-  const auto pointText = [&](const Eigen::Vector2d& p) { return json::point(T_map_world * p); };
-  const auto poseText = [&](const pi_vehicle::Pose2& p)
-  {
-    const pi_vehicle::Pose2 q = T_map_world * p;
-    return json::list({q.x, q.y, q.heading});
-  };
-  std::ostringstream stream;
-  stream << "{\"name\": " << json::text(name) << ", \"duration\": " << json::number(duration) << ", \"map_in_world\": "
-         << json::list({T_map_world.inverse().x, T_map_world.inverse().y, T_map_world.inverse().heading})
-         << ", \"start\": " << poseText(start) << ", \"goal\": " << poseText(goal) << ", \"waypoints\": [";
-  const char* separator = "";
+  const auto inMap = [&](const auto& place) { return pi_simulation::toJson(T_map_world * place); };
+  Json json = {{"name", name},
+               {"duration", rounded(duration)},
+               {"map_in_world", pi_simulation::toJson(T_map_world.inverse())},
+               {"start", inMap(start)},
+               {"goal", inMap(goal)},
+               {"waypoints", Json::array()},
+               {"actors", Json::array()},
+               {"spoken", Json::array()},
+               {"edge_nodes", Json::array()}};
   for (const Eigen::Vector2d& waypoint : waypoints)
   {
-    stream << separator << pointText(waypoint);
-    separator = ", ";
+    json["waypoints"].push_back(inMap(waypoint));
   }
-  stream << "], \"actors\": [";
-  separator = "";
   for (const ActorPlan& actor : actors)
   {
-    stream << separator << "{\"id\": " << json::text(actor.id) << ", \"class\": " << json::text(actor.class_name)
-           << "}";
-    separator = ", ";
+    json["actors"].push_back({{"id", actor.id}, {"class", actor.class_name}});
   }
-  stream << "], \"spoken\": [";
-  separator = "";
   for (const SpokenWords& words : spoken)
   {
-    stream << separator << "{\"clip\": " << json::text(words.clip) << ", \"text\": " << json::text(words.text);
+    Json one = {{"clip", words.clip}, {"text", words.text}};
     if (words.time)
     {
-      stream << ", \"time\": " << json::number(*words.time);
+      one["time"] = rounded(*words.time);
     }
     if (words.near)
     {
-      stream << ", \"near\": " << pointText(*words.near) << ", \"within\": " << json::number(words.within);
+      one["near"] = inMap(*words.near);
+      one["within"] = rounded(words.within);
     }
-    stream << ", \"delay\": " << json::number(words.delay) << "}";
-    separator = ", ";
+    one["delay"] = rounded(words.delay);
+    json["spoken"].push_back(one);
   }
-  stream << "], \"edge_nodes\": [";
-  separator = "";
   for (const EdgeNode& node : edge_nodes)
   {
-    stream << separator << "{\"id\": " << json::text(node.id) << ", \"position\": " << pointText(node.position)
-           << ", \"range\": " << json::number(node.range) << "}";
-    separator = ", ";
+    json["edge_nodes"].push_back({{"id", node.id}, {"position", inMap(node.position)}, {"range", rounded(node.range)}});
   }
-  stream << "]}";
-  return stream.str();
+  return toLine(json);
 }
 
 }  // namespace pi_simulation

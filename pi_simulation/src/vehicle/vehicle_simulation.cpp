@@ -1,7 +1,8 @@
 #include "vehicle/vehicle_simulation.h"
 
-#include "vehicle/json.h"
+#include "vehicle/rounded_json.h"
 
+#include <pi_node/durations.h>
 #include <pi_node/option_check.h>
 
 #include <algorithm>
@@ -106,7 +107,7 @@ VehicleSimulation::VehicleSimulation(const Scenario& scenario, const VehicleSimu
       waiting_faults_.emplace(fault.time + fault.duration, fault.end);
     }
   }
-  log("start", "\"scenario\": " + scenario_.toJson(map_in_world_.inverse()));
+  log("start", {{"scenario", Json::parse(scenario_.toJson(map_in_world_.inverse()))}});
 }
 
 void VehicleSimulation::advance(int64_t now_ns)
@@ -117,7 +118,7 @@ void VehicleSimulation::advance(int64_t now_ns)
     lost_ns_ += left_out_ns;
     now_ns_ += left_out_ns;
     window_.clear();
-    log("lost", "\"seconds\": " + json::number(1e-9 * static_cast<double>(left_out_ns)));
+    log("lost", {{"seconds", rounded(pi_node::seconds(left_out_ns))}});
   }
   while (now_ns_ + STEP_NS <= now_ns)
   {
@@ -135,7 +136,7 @@ void VehicleSimulation::step()
   {
     if (actor.step(time(), 1e-9 * static_cast<double>(STEP_NS), {pose.x, pose.y}))
     {
-      log("trigger", "\"actor\": " + json::text(actor.plan().id));
+      log("trigger", {{"actor", actor.plan().id}});
     }
   }
   window_.add(now_ns_, surface_.T_world_base(pose.x, pose.y, pose.yaw));
@@ -151,7 +152,7 @@ void VehicleSimulation::runFaults()
     const std::string problem = command(line);
     if (!problem.empty())
     {
-      log("error", "\"text\": " + json::text(problem));
+      log("error", {{"text", problem}});
     }
   }
 }
@@ -255,25 +256,27 @@ void VehicleSimulation::judge()
   const chassis::Pose& pose = chassis_.model().pose();
   const pi_vehicle::Pose2 in_map = map_in_world_.inverse() * pi_vehicle::Pose2{pose.x, pose.y, pose.yaw};
   const chassis::Measurement measured = chassis_.model().measurement();
-  const auto describe = [](const TrueObstacle& obstacle)
+  const auto describe = [](const TrueObstacle& obstacle) -> Json
   {
-    return "{\"id\": " + std::to_string(obstacle.id) + ", \"actor\": " + json::text(obstacle.name) +
-           ", \"class\": " + json::text(obstacle.class_name) + ", \"distance\": " + json::number(obstacle.distance) +
-           ", \"position\": " + json::point(obstacle.box.center) + ", \"velocity\": " + json::point(obstacle.velocity) +
-           "}";
+    return {{"id", obstacle.id},
+            {"actor", obstacle.name},
+            {"class", obstacle.class_name},
+            {"distance", rounded(obstacle.distance)},
+            {"position", toJson(obstacle.box.center)},
+            {"velocity", toJson(obstacle.velocity)}};
   };
-  std::string fields = "\"pose\": " + json::list({in_map.x, in_map.y, in_map.heading}) +
-                       ", \"speed\": " + json::number(measured.speed) +
-                       ", \"curvature\": " + json::number(measured.curvature) +
-                       ", \"mode\": " + json::text(chassis::modeText(chassis_.controller().mode()));
+  Json fields = {{"pose", toJson(in_map)},
+                 {"speed", rounded(measured.speed)},
+                 {"curvature", rounded(measured.curvature)},
+                 {"mode", chassis::modeText(chassis_.controller().mode())}};
   if (!all.empty())
   {
-    fields += ", \"nearest\": " + describe(all.front());
+    fields["nearest"] = describe(all.front());
   }
   const auto actor = std::find_if(all.begin(), all.end(), [](const TrueObstacle& one) { return !one.name.empty(); });
   if (actor != all.end())
   {
-    fields += ", \"nearest_actor\": " + describe(*actor);
+    fields["nearest_actor"] = describe(*actor);
   }
   log("state", fields);
   std::set<int> touching;
@@ -287,7 +290,7 @@ void VehicleSimulation::judge()
     if (touching_.count(obstacle.id) == 0)
     {
       ++collisions_;
-      log("collision", "\"speed\": " + json::number(measured.speed) + ", \"with\": " + describe(obstacle));
+      log("collision", {{"speed", rounded(measured.speed)}, {"with", describe(obstacle)}});
     }
   }
   touching_ = touching;
@@ -298,7 +301,7 @@ std::string VehicleSimulation::command(const std::string& line)
   const std::string problem = execute(line);
   if (problem.empty())
   {
-    log("command", "\"line\": " + json::text(line));
+    log("command", {{"line", line}});
   }
   return problem;
 }
@@ -348,12 +351,15 @@ std::string VehicleSimulation::execute(const std::string& line)
   return problem.find("is not understood") == std::string::npos ? problem : problem + COMMANDS;
 }
 
-void VehicleSimulation::log(const std::string& type, const std::string& fields)
+void VehicleSimulation::log(const std::string& type, const nlohmann::ordered_json& fields)
 {
   if (outputs_.log)
   {
-    outputs_.log("{\"stamp\": " + json::number(1e-9 * static_cast<double>(now_ns_), 3) +
-                 ", \"t\": " + json::number(time(), 3) + ", \"type\": " + json::text(type) + ", " + fields + "}");
+    Json line = {{"stamp", std::round(1e-6 * static_cast<double>(now_ns_)) / 1e3},
+                 {"t", std::round(1e3 * time()) / 1e3},
+                 {"type", type}};
+    line.update(fields);
+    outputs_.log(toLine(line));
   }
 }
 

@@ -14,6 +14,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <nlohmann/json_fwd.hpp>
 #include <set>
 #include <string>
 #include <vector>
@@ -121,7 +122,7 @@ private:
   std::vector<ActorState> actorStates() const;
   OrientedBox outline() const;
   std::string execute(const std::string& line);
-  void log(const std::string& type, const std::string& fields);
+  void log(const std::string& type, const nlohmann::ordered_json& fields);
   double time() const { return 1e-9 * static_cast<double>(now_ns_ - start_ns_); }
 
   const Scenario scenario_;

@@ -118,7 +118,7 @@ TEST_F(Simulator, DrivesFiveMetresAndSeesEverything)
 {
   ASSERT_TRUE(until(TIMEOUT_S, [this] { return truth_.last() && scenario_.last(); }));
   EXPECT_NEAR(0.0, way(), 0.01);
-  EXPECT_NE(std::string::npos, scenario_.last()->data.find("\"name\": \"test\""));
+  EXPECT_NE(std::string::npos, scenario_.last()->data.find("\"name\":\"test\""));
   ASSERT_TRUE(drivesUntil(1.5, [this] { return way() > 5.0; })) << way();
   EXPECT_NEAR(0.0, truth_.last()->pose.pose.position.y, 0.05);
   EXPECT_GT(truth_.last()->twist.twist.linear.x, 1.0);
@@ -160,8 +160,8 @@ TEST_F(Simulator, AnActorGoesWhenToldAndIsInTheTruth)
   EXPECT_NE(std::string::npos, command("actor nobody go").find("must be one of: child"));
   std::ifstream log(folder_.path() + "/log.jsonl");
   std::string text((std::istreambuf_iterator<char>(log)), std::istreambuf_iterator<char>());
-  EXPECT_NE(std::string::npos, text.find("\"type\": \"trigger\", \"actor\": \"child\""));
-  EXPECT_NE(std::string::npos, text.find("\"type\": \"state\", \"pose\": ["));
+  EXPECT_NE(std::string::npos, text.find("\"type\":\"trigger\",\"actor\":\"child\""));
+  EXPECT_NE(std::string::npos, text.find("\"type\":\"state\",\"pose\":["));
 }
 
 TEST_F(Simulator, UnpluggedTheVehicleStopsAndPluggedInItGoesOn)

@@ -64,7 +64,7 @@ faults: [{time: 4, command: camera both dark, for: 2, end: camera both on}]
   EXPECT_EQ(4.0, scenario.spoken[1].delay);
   EXPECT_EQ(30.0, scenario.edge_nodes.at(0).range);
   EXPECT_EQ("camera both on", scenario.faults.at(0).end);
-  EXPECT_TRUE(contains(scenario.toJson(pi_vehicle::Pose2{-5.0, 0.0, 0.0}), "\"goal\": [35.0000, 0.0000, 0.0000]"));
+  EXPECT_TRUE(contains(scenario.toJson(pi_vehicle::Pose2{-5.0, 0.0, 0.0}), "\"goal\":[35.0,0.0,0.0]"));
 }
 
 TEST(Scenario, TheOnesThatComeWithThePackageAreGood)

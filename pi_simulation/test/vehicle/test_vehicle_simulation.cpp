@@ -38,10 +38,10 @@ faults:
 )";
 
 /// A simulation with a host at the other end of its line.
-class pi_vehicle::Drive
+class Drive
 {
 public:
-  explicit pi_vehicle::Drive(const std::string& scenario = SCENARIO,
+  explicit Drive(const std::string& scenario = SCENARIO,
                              VehicleSimulationOptions options = VehicleSimulationOptions())
     : simulation(Scenario::parse(scenario, "test", 1), options, outputs(), [] { return START_NS; })
     , host(pi_vehicle::chassis::HostOptions())
@@ -115,7 +115,7 @@ VehicleSimulationOptions idealImu()
 
 TEST(VehicleSimulation, GivesEverythingAtItsRate)
 {
-  pi_vehicle::Drive drive;
+  Drive drive;
   drive.run(0.9, 0.0);
   EXPECT_NEAR(180.0, static_cast<double>(drive.imu.size()), 3.0);
   EXPECT_NEAR(18.0, static_cast<double>(drive.exposures.size()), 1.0);
@@ -132,7 +132,7 @@ TEST(VehicleSimulation, GivesEverythingAtItsRate)
 
 TEST(VehicleSimulation, TheMapBeginsAtTheImu)
 {
-  pi_vehicle::Drive drive;
+  Drive drive;
   drive.run(0.1, 0.0);
   const Eigen::Vector3d p = drive.poses.back().T_map_base.translation();
   EXPECT_NEAR(-0.8, p.x(), 1e-6);
@@ -142,7 +142,7 @@ TEST(VehicleSimulation, TheMapBeginsAtTheImu)
 
 TEST(VehicleSimulation, DrivesOverTheSerialLine)
 {
-  pi_vehicle::Drive drive;
+  Drive drive;
   drive.run(5.0, 1.0);
   const TruePose& pose = drive.poses.back();
   EXPECT_GT(pose.T_map_base.translation().x(), 3.0);
@@ -152,7 +152,7 @@ TEST(VehicleSimulation, DrivesOverTheSerialLine)
 
 TEST(VehicleSimulation, IntegratedImuGivesTheMotionBack)
 {
-  pi_vehicle::Drive drive(SCENARIO.substr(0, SCENARIO.find("faults")), idealImu());
+  Drive drive(SCENARIO.substr(0, SCENARIO.find("faults")), idealImu());
   drive.run(0.5, 0.0);
   drive.imu.clear();
   drive.poses.clear();
@@ -190,7 +190,7 @@ TEST(VehicleSimulation, IntegratedImuGivesTheMotionBack)
 
 TEST(VehicleSimulation, JudgesDistanceAndCollision)
 {
-  pi_vehicle::Drive drive;
+  Drive drive;
   drive.run(0.2, 0.0);
   // From the front at 5 + 1 m to the near side of the box at 24.5 m.
   const auto wall = std::find_if(drive.obstacles.begin(), drive.obstacles.end(),
@@ -208,17 +208,17 @@ TEST(VehicleSimulation, JudgesDistanceAndCollision)
   drive.run(4.0, 1.5);
   EXPECT_EQ(1u, drive.simulation.collisions());
   const std::string line = drive.lineWith("\"collision\"");
-  EXPECT_NE(std::string::npos, line.find("\"actor\": \"wall\", \"class\": \"box\"")) << line;
+  EXPECT_NE(std::string::npos, line.find("\"actor\":\"wall\",\"class\":\"box\"")) << line;
 }
 
 TEST(VehicleSimulation, ActorsGoWhenTheVehicleComes)
 {
-  pi_vehicle::Drive drive;
+  Drive drive;
   drive.run(1.0, 0.0);
-  EXPECT_FALSE(drive.logged("\"actor\": \"child\"}"));
+  EXPECT_FALSE(drive.logged("\"actor\":\"child\"}"));
   EXPECT_EQ("", drive.simulation.command("pose 30 0 0"));
   drive.run(3.0, 0.5);
-  EXPECT_TRUE(drive.logged("\"trigger\", \"actor\": \"child\""));
+  EXPECT_TRUE(drive.logged("\"trigger\",\"actor\":\"child\""));
   EXPECT_GT(drive.exposures.back().actors.at(1).position.y(), -3.0);
   EXPECT_EQ(-4.0, drive.exposures.back().actors.at(2).position.y());
   EXPECT_EQ("", drive.simulation.command("actor called go"));
@@ -228,7 +228,7 @@ TEST(VehicleSimulation, ActorsGoWhenTheVehicleComes)
 
 TEST(VehicleSimulation, FaultsComeAtTheirTimes)
 {
-  pi_vehicle::Drive drive;
+  Drive drive;
   drive.run(2.5, 0.0);
   double longest = 0.0;
   for (size_t i = 1; i < drive.imu.size(); ++i)
@@ -239,12 +239,12 @@ TEST(VehicleSimulation, FaultsComeAtTheirTimes)
   EXPECT_EQ(CameraState::DARK, drive.exposures.back().left);
   EXPECT_EQ(CameraState::ON, drive.exposures.back().right);
   EXPECT_EQ(CameraState::ON, drive.exposures.front().left);
-  EXPECT_TRUE(drive.logged("\"command\", \"line\": \"imu off\""));
+  EXPECT_TRUE(drive.logged("\"command\",\"line\":\"imu off\""));
 }
 
 TEST(VehicleSimulation, CommandsThatMeanNothingAreRefusedWithTheGoodOnes)
 {
-  pi_vehicle::Drive drive;
+  Drive drive;
   for (const char* line : {"", "camera", "camera middle off", "camera left upside", "imu", "dance"})
   {
     const std::string problem = drive.simulation.command(line);
@@ -257,7 +257,7 @@ TEST(VehicleSimulation, CommandsThatMeanNothingAreRefusedWithTheGoodOnes)
 
 TEST(VehicleSimulation, APauseOfTheProcessIsLeftOut)
 {
-  pi_vehicle::Drive drive;
+  Drive drive;
   drive.run(0.5, 0.0);
   drive.now_ns += 20 * SECOND_NS;
   drive.run(0.5, 0.0);

@@ -45,16 +45,7 @@ ArbiterOptions read(pi_node::YamlSection top)
     entry.finish();
     options.sources.push_back(source);
   }
-  top.finish();
-  try
-  {
-    options.validate();
-  }
-  catch (const std::invalid_argument& error)
-  {
-    throw std::invalid_argument(top.name(error.what()));
-  }
-  return options;
+  return top.checked(options);
 }
 
 }  // namespace

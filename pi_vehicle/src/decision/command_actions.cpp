@@ -1,12 +1,13 @@
 #include "decision/command_actions.h"
 
 #include <pi_node/durations.h>
+#include <pi_node/formatting.h>
 #include <pi_node/option_check.h>
 #include <pi_node/yaml_section.h>
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
+#include <tuple>
 
 namespace pi_vehicle
 {
@@ -64,16 +65,7 @@ CommandActionsOptions read(pi_node::YamlSection top)
     entry.finish();
     options.commands.push_back(command);
   }
-  top.finish();
-  try
-  {
-    options.validate();
-  }
-  catch (const std::invalid_argument& error)
-  {
-    throw std::invalid_argument(top.name(error.what()));
-  }
-  return options;
+  return top.checked(options);
 }
 
 }  // namespace
@@ -177,91 +169,100 @@ void CommandActions::restore(bool stopped, double speed_limit, int64_t now_ns)
 CommandResult CommandActions::hear(const std::string& text, double confidence, int64_t spoken_ns, int64_t now_ns)
 {
   CommandResult result;
+  const std::string quoted = "\"" + text + "\"";
   const auto command = std::find_if(options_.commands.begin(), options_.commands.end(),
                                     [&text](const SpokenCommand& one) { return one.text == text; });
-  const auto answer = [&result](CommandOutcome outcome, const std::string& reason)
-  {
-    result.outcome = outcome;
-    result.reason = reason;
-    return result;
-  };
-  const std::string quoted = "\"" + text + "\"";
   if (command == options_.commands.end())
   {
-    return answer(CommandOutcome::IGNORED_UNKNOWN, quoted + " is not in the table of commands");
+    result.outcome = CommandOutcome::IGNORED_UNKNOWN;
+    result.reason = quoted + " is not in the table of commands";
+    return result;
   }
   result.action = command->action;
   result.argument = command->argument;
   if (!(confidence >= command->min_confidence))
   {
-    char numbers[80];
-    std::snprintf(numbers, sizeof numbers, " with confidence %.2f, must be at least %.2f", confidence,
-                  command->min_confidence);
-    return answer(CommandOutcome::IGNORED_FAINT, quoted + numbers);
+    result.outcome = CommandOutcome::IGNORED_FAINT;
+    result.reason =
+        quoted + pi_node::format(" with confidence %.2f, must be at least %.2f", confidence, command->min_confidence);
+    return result;
   }
-  if (command->action == CommandAction::STOP)
+  std::string detail;
+  std::tie(result.outcome, detail) = execute(*command, spoken_ns, now_ns);
+  result.reason = quoted + detail;
+  if (result.outcome == CommandOutcome::DONE && command->action == CommandAction::GO_TO)
   {
-    // Whatever its stamp says: a stop that comes late is still a stop.
-    stop(std::max(spoken_ns, now_ns));
-    return answer(CommandOutcome::DONE, quoted + ": stopped until released");
+    result.place = options_.places.at(command->argument);
+  }
+  return result;
+}
+
+CommandActions::Outcome CommandActions::execute(const SpokenCommand& command, int64_t spoken_ns, int64_t now_ns)
+{
+  if (command.action == CommandAction::STOP)
+  {
+    stop(std::max(spoken_ns, now_ns));  // whatever its stamp: a late stop is still a stop
+    return {CommandOutcome::DONE, ": stopped until released"};
   }
   const double age = seconds(now_ns - spoken_ns);
-  if (age > options_.max_age || age < -options_.max_age ||
-      (stopped_ && spoken_ns < stopped_ns_ && now_ns >= stopped_ns_))
+  const bool before_stop = stopped_ && spoken_ns < stopped_ns_ && now_ns >= stopped_ns_;
+  if (age > options_.max_age || age < -options_.max_age || before_stop)
   {
-    return answer(CommandOutcome::IGNORED_OLD, quoted + " was said too long ago, or before the stop");
+    return {CommandOutcome::IGNORED_OLD, " was said too long ago, or before the stop"};
   }
   const double asked_age = seconds(now_ns - asked_ns_);
   if (asked_ && (asked_age > options_.confirm_timeout || asked_age < 0.0))
   {
     asked_ = false;
   }
-  switch (command->action)
+  switch (command.action)
   {
     case CommandAction::GO:
-      if (stopped_ && options_.confirm_release)
-      {
-        asked_ = true;
-        asked_ns_ = now_ns;
-        return answer(CommandOutcome::AWAITS_CONFIRMATION, quoted + ": confirm to go on");
-      }
-      stopped_ = false;
-      return answer(CommandOutcome::DONE, quoted);
     case CommandAction::CONFIRM:
-      if (!asked_ || spoken_ns < asked_ns_)
-      {
-        return answer(CommandOutcome::IGNORED_OUT_OF_CONTEXT, quoted + ", but nothing was asked");
-      }
-      asked_ = false;
-      stopped_ = false;
-      return answer(CommandOutcome::DONE, quoted + ": released");
     case CommandAction::CANCEL:
-      if (!asked_)
-      {
-        return answer(CommandOutcome::IGNORED_OUT_OF_CONTEXT, quoted + ", but nothing was asked");
-      }
-      asked_ = false;
-      return answer(CommandOutcome::DONE, quoted + ": stays stopped");
+      return answerQuestion(command.action, spoken_ns, now_ns);
     default:
       break;
   }
   if (stopped_)
   {
-    return answer(CommandOutcome::IGNORED_STOPPED, quoted + ", but stopped: release it first");
+    return {CommandOutcome::IGNORED_STOPPED, ", but stopped: release it first"};
   }
-  if (command->action == CommandAction::SLOWER)
+  if (command.action == CommandAction::SLOWER)
   {
     speed_limit_ = std::max(options_.min_speed, speed_limit_ - options_.speed_step);
   }
-  else if (command->action == CommandAction::FASTER)
+  else if (command.action == CommandAction::FASTER)
   {
     speed_limit_ = std::min(options_.max_speed, speed_limit_ + options_.speed_step);
   }
-  else if (command->action == CommandAction::GO_TO)
+  return {CommandOutcome::DONE, ""};
+}
+
+CommandActions::Outcome CommandActions::answerQuestion(CommandAction action, int64_t spoken_ns, int64_t now_ns)
+{
+  if (action == CommandAction::GO)
   {
-    result.place = options_.places.at(command->argument);
+    if (stopped_ && options_.confirm_release)
+    {
+      asked_ = true;
+      asked_ns_ = now_ns;
+      return {CommandOutcome::AWAITS_CONFIRMATION, ": confirm to go on"};
+    }
+    stopped_ = false;
+    return {CommandOutcome::DONE, ""};
   }
-  return answer(CommandOutcome::DONE, quoted);
+  if (!asked_ || (action == CommandAction::CONFIRM && spoken_ns < asked_ns_))
+  {
+    return {CommandOutcome::IGNORED_OUT_OF_CONTEXT, ", but nothing was asked"};
+  }
+  asked_ = false;
+  if (action == CommandAction::CANCEL)
+  {
+    return {CommandOutcome::DONE, ": stays stopped"};
+  }
+  stopped_ = false;
+  return {CommandOutcome::DONE, ": released"};
 }
 
 const char* toString(CommandAction action)

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <map>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace pi_vehicle
@@ -102,9 +103,9 @@ public:
 
   /// @param spoken_ns  when it was said, @param now_ns  now, on one clock.
   CommandResult hear(const std::string& text, double confidence, int64_t spoken_ns, int64_t now_ns);
-  /// Latches as a spoken stop does (a button, a supervisor).
+  /// Latches like a spoken stop; for a button or a supervisor.
   void stop(int64_t now_ns);
-  /// Ends the latch without a question: whoever calls this is no voice (a button, a supervisor).
+  /// Ends the latch without a question: for callers other than the speech recogniser, for example a service.
   void release();
   /// As an earlier life left it. @param speed_limit  brought to [min_speed, max_speed]; not finite: max_speed.
   void restore(bool stopped, double speed_limit, int64_t now_ns);
@@ -116,6 +117,12 @@ public:
   double keptSpeedLimit() const { return speed_limit_; }
 
 private:
+  using Outcome = std::pair<CommandOutcome, std::string>;  // with the detail of the reason
+
+  Outcome execute(const SpokenCommand& command, int64_t spoken_ns, int64_t now_ns);
+  /// GO, CONFIRM and CANCEL.
+  Outcome answerQuestion(CommandAction action, int64_t spoken_ns, int64_t now_ns);
+
   const CommandActionsOptions options_;
   bool stopped_ = false;
   int64_t stopped_ns_ = 0;

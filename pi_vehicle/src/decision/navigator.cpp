@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace pi_vehicle
 {
@@ -397,30 +398,74 @@ void Navigator::drive(const NavigatorInput& input, const FollowerOutput& followe
   }
 }
 
-NavigatorOutput Navigator::update(const NavigatorInput& input)
+FollowerOutput Navigator::follow(const NavigatorInput& input)
 {
-  NavigatorOutput output;
-  keepBooks(input);
-  std::string pose_problem;
-  const std::optional<Pose2> pose = usablePose(input, &pose_problem);
-  std::string plan_problem;
-  if (phase_ == Phase::WAITING && pose)
-  {
-    const Plan planned = plan(goal_, *pose, input.speed);
-    plan_problem = planned.problem;
-    if (plan_problem.empty())
-    {
-      take(planned);
-    }
-  }
-
   FollowerInput follow;
   follow.now_ns = input.now_ns;
   follow.pose_stamp_ns = input.pose_stamp_ns;
   follow.pose = input.pose && input.position_deviation <= options_.max_position_deviation ? input.pose : std::nullopt;
   follow.speed = input.speed;
   follow.curvature = input.curvature;
-  const FollowerOutput followed = follower_.update(follow);
+  return follower_.update(follow);
+}
+
+std::string Navigator::planWaitingGoal(const std::optional<Pose2>& pose, double speed)
+{
+  if (phase_ != Phase::WAITING || !pose)
+  {
+    return "";
+  }
+  const Plan planned = plan(goal_, *pose, speed);
+  if (planned.problem.empty())
+  {
+    take(planned);
+  }
+  return planned.problem;
+}
+
+void Navigator::driveOn(const NavigatorInput& input, const FollowerOutput& followed, const GovernorOutput& governed,
+                        const std::string& pose_problem, NavigatorOutput* output)
+{
+  changeToLoop(followed);
+  if (arrived_ || (followed.state == FollowerState::DONE && !goal_.loop))
+  {
+    output->progress = 1.0;
+    finish(DriveEnd::ARRIVED, "at the goal", output);
+    return;
+  }
+  if (followed.stop == FollowerStop::GOAL_MISSED)
+  {
+    finish(DriveEnd::FAILED, followed.command.reason + "; send the goal again", output);
+    return;
+  }
+  const double s = path().length() - followed.distance_to_goal;
+  while (followed.state == FollowerState::FOLLOWING && passed_ < point_s_.size() && s > point_s_[passed_])
+  {
+    ++passed_;
+  }
+  drive(input, followed, governed, pose_problem, output);
+}
+
+void Navigator::brakeToStandstill(const NavigatorInput& input, const FollowerOutput& followed,
+                                  const GovernorOutput& governed, NavigatorOutput* output)
+{
+  output->state = NavigatorState::STOPPING;
+  output->command.curvature = followed.state == FollowerState::IDLE ? curvature_ : followed.command.curvature;
+  output->command.max_deceleration = governed.emergency ? governed.max_deceleration : 0.0;
+  output->command.reason = end_reason_;
+  if (!(std::abs(input.speed) > STANDING) || !vehicleProblem(input).empty())
+  {
+    finish(DriveEnd::CANCELLED, end_reason_, output);
+  }
+}
+
+NavigatorOutput Navigator::update(const NavigatorInput& input)
+{
+  NavigatorOutput output;
+  keepBooks(input);
+  std::string pose_problem;
+  const std::string plan_problem = planWaitingGoal(usablePose(input, &pose_problem), input.speed);
+  const FollowerOutput followed = follow(input);
   way_ = follower_.wayAhead(
       options_.governor.horizon * std::min(options_.governor.max_speed, options_.follower.max_speed), WAY_STEP);
   const GovernorOutput governed = govern(input);
@@ -447,42 +492,13 @@ NavigatorOutput Navigator::update(const NavigatorInput& input)
       }
       break;
     case Phase::DRIVING:
-      changeToLoop(followed);
-      if (arrived_ || (followed.state == FollowerState::DONE && !goal_.loop))
-      {
-        output.progress = 1.0;
-        finish(DriveEnd::ARRIVED, "at the goal", &output);
-      }
-      else if (followed.stop == FollowerStop::GOAL_MISSED)
-      {
-        finish(DriveEnd::FAILED, followed.command.reason + "; send the goal again", &output);
-      }
-      else
-      {
-        const double s = path().length() - followed.distance_to_goal;
-        while (followed.state == FollowerState::FOLLOWING && passed_ < point_s_.size() && s > point_s_[passed_])
-        {
-          ++passed_;
-        }
-        drive(input, followed, governed, pose_problem, &output);
-      }
+      driveOn(input, followed, governed, pose_problem, &output);
       break;
     case Phase::STOPPING:
-      output.state = NavigatorState::STOPPING;
-      output.command.curvature = followed.state == FollowerState::IDLE ? curvature_ : followed.command.curvature;
-      output.command.max_deceleration = governed.emergency ? governed.max_deceleration : 0.0;
-      output.command.reason = end_reason_;
-      if (!(std::abs(input.speed) > STANDING) || !vehicleProblem(input).empty())
-      {
-        finish(DriveEnd::CANCELLED, end_reason_, &output);
-      }
+      brakeToStandstill(input, followed, governed, &output);
       break;
   }
-  if (phase_ != Phase::IDLE && phase_ != Phase::STOPPING && options_.abort_after_s > 0.0 &&
-      seconds(input.now_ns - moved_ns_) >= options_.abort_after_s)
-  {
-    finish(DriveEnd::FAILED, format("stood still for %g s: ", options_.abort_after_s) + output.command.reason, &output);
-  }
+  giveUpIfStuck(input.now_ns, &output);
   if (phase_ == Phase::IDLE)
   {
     way_.clear();
@@ -490,9 +506,17 @@ NavigatorOutput Navigator::update(const NavigatorInput& input)
   }
   curvature_ = output.command.curvature;
   output.command.source = "navigation";
-  output.path_changed = path_changed_;
-  path_changed_ = false;
+  output.path_changed = std::exchange(path_changed_, false);
   return output;
+}
+
+void Navigator::giveUpIfStuck(int64_t now_ns, NavigatorOutput* output)
+{
+  if ((phase_ == Phase::WAITING || phase_ == Phase::DRIVING) && options_.abort_after_s > 0.0 &&
+      seconds(now_ns - moved_ns_) >= options_.abort_after_s)
+  {
+    finish(DriveEnd::FAILED, format("stood still for %g s: ", options_.abort_after_s) + output->command.reason, output);
+  }
 }
 
 const char* toString(NavigatorState state)

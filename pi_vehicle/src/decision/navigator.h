@@ -155,6 +155,14 @@ private:
   GovernorOutput govern(const NavigatorInput& input);
   void drive(const NavigatorInput& input, const FollowerOutput& followed, const GovernorOutput& governed,
              const std::string& pose_problem, NavigatorOutput* output);
+  FollowerOutput follow(const NavigatorInput& input);
+  /// @return why there is no plan; empty: planned, or nothing to plan yet.
+  std::string planWaitingGoal(const std::optional<Pose2>& pose, double speed);
+  void driveOn(const NavigatorInput& input, const FollowerOutput& followed, const GovernorOutput& governed,
+               const std::string& pose_problem, NavigatorOutput* output);
+  void brakeToStandstill(const NavigatorInput& input, const FollowerOutput& followed, const GovernorOutput& governed,
+                         NavigatorOutput* output);
+  void giveUpIfStuck(int64_t now_ns, NavigatorOutput* output);
   void changeToLoop(const FollowerOutput& followed);
   void findPoints();
   void findLookAhead(const FollowerOutput& followed, double speed);

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
 
 namespace pi_vehicle
@@ -88,16 +89,7 @@ ReactionRulesOptions read(pi_node::YamlSection top)
   {
     options.rules.push_back(readRule(entry));
   }
-  top.finish();
-  try
-  {
-    options.validate();
-  }
-  catch (const std::invalid_argument& error)
-  {
-    throw std::invalid_argument(top.name(error.what()));
-  }
-  return options;
+  return top.checked(options);
 }
 
 }  // namespace
@@ -193,6 +185,68 @@ bool ReactionRules::inZone(const ReactionRule& rule, const Eigen::Vector2d& posi
   return inside;
 }
 
+void ReactionRules::notice(size_t index, const std::vector<SeenThing>& things, int64_t now_ns)
+{
+  const ReactionRule& rule = options_.rules[index];
+  for (const SeenThing& thing : things)
+  {
+    if ((rule.label != "*" && thing.label != rule.label) || !thing.position.allFinite() ||
+        !(thing.score >= rule.min_score) || !inZone(rule, thing.position))
+    {
+      continue;
+    }
+    const auto [stay, fresh] = states_[index].stays.try_emplace(thing.id, Stay{now_ns, now_ns, thing});
+    if (!fresh && seconds(now_ns - stay->second.last_ns) > rule.gap + 1e-9)
+    {
+      stay->second.since_ns = now_ns;
+      greeted_.erase({index, thing.id});
+    }
+    stay->second.last_ns = now_ns;
+    stay->second.thing = thing;
+  }
+}
+
+void ReactionRules::forgetGone(size_t index, int64_t now_ns)
+{
+  auto& stays = states_[index].stays;
+  for (auto stay = stays.begin(); stay != stays.end();)
+  {
+    const bool gone = seconds(now_ns - stay->second.last_ns) > options_.rules[index].gap + 1e-9;
+    if (gone)
+    {
+      greeted_.erase({index, stay->first});
+    }
+    stay = gone ? stays.erase(stay) : std::next(stay);
+  }
+}
+
+bool ReactionRules::react(size_t index, int64_t now_ns, std::vector<RuleEvent>* events)
+{
+  const ReactionRule& rule = options_.rules[index];
+  RuleState& state = states_[index];
+  bool present = false;
+  bool can_act = !state.acted || seconds(now_ns - state.acted_ns) >= rule.cooldown - 1e-9;
+  for (const auto& [id, times] : state.stays)
+  {
+    // The time it was seen counts, not the gap after it.
+    if (seconds(times.last_ns - times.since_ns) < rule.persistence - 1e-9)
+    {
+      continue;
+    }
+    const bool begins = once(rule.action) ? can_act && !greeted_[{index, id}] : !state.active && !present;
+    present = true;
+    if (begins)
+    {
+      events->push_back({rule.name, rule.action, rule.text, times.thing});
+      state.acted = true;
+      state.acted_ns = now_ns;
+      greeted_[{index, id}] = true;
+      can_act = rule.cooldown <= 0.0;
+    }
+  }
+  return present;
+}
+
 ReactionResult ReactionRules::update(int64_t now_ns, const std::vector<SeenThing>& things)
 {
   if (have_now_ && now_ns < last_ns_)
@@ -209,50 +263,9 @@ ReactionResult ReactionRules::update(int64_t now_ns, const std::vector<SeenThing
   {
     const ReactionRule& rule = options_.rules[i];
     RuleState& state = states_[i];
-    for (const SeenThing& thing : things)
-    {
-      if ((rule.label != "*" && thing.label != rule.label) || !thing.position.allFinite() ||
-          !(thing.score >= rule.min_score) || !inZone(rule, thing.position))
-      {
-        continue;
-      }
-      const auto [stay, fresh] = state.stays.try_emplace(thing.id, Stay{now_ns, now_ns, thing});
-      if (!fresh && seconds(now_ns - stay->second.last_ns) > rule.gap + 1e-9)
-      {
-        stay->second.since_ns = now_ns;
-        greeted_.erase({i, thing.id});
-      }
-      stay->second.last_ns = now_ns;
-      stay->second.thing = thing;
-    }
-    bool present = false;
-    bool can_act = !state.acted || seconds(now_ns - state.acted_ns) >= rule.cooldown - 1e-9;
-    for (auto stay = state.stays.begin(); stay != state.stays.end();)
-    {
-      const auto& [id, times] = *stay;
-      if (seconds(now_ns - times.last_ns) > rule.gap + 1e-9)
-      {
-        greeted_.erase({i, id});
-        stay = state.stays.erase(stay);
-        continue;
-      }
-      ++stay;  // the references stay good
-      // What was seen counts, not the gap after it.
-      if (seconds(times.last_ns - times.since_ns) < rule.persistence - 1e-9)
-      {
-        continue;
-      }
-      const bool begins = once(rule.action) ? can_act && !greeted_[{i, id}] : !state.active && !present;
-      present = true;
-      if (begins)
-      {
-        result.events.push_back({rule.name, rule.action, rule.text, times.thing});
-        state.acted = true;
-        state.acted_ns = now_ns;
-        greeted_[{i, id}] = true;
-        can_act = rule.cooldown <= 0.0;
-      }
-    }
+    notice(i, things, now_ns);
+    forgetGone(i, now_ns);
+    const bool present = react(i, now_ns, &result.events);
     if (once(rule.action))
     {
       continue;

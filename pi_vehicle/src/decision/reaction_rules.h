@@ -90,7 +90,7 @@ public:
   explicit ReactionRules(const ReactionRulesOptions& options);
 
   /// @param now_ns   newer from call to call; a clock that goes back forgets all that was seen (cooldowns too).
-  /// @param things   seen at now_ns; those with odd numbers are left out.
+  /// @param things   seen at now_ns; those with numbers that are not finite are left out.
   ReactionResult update(int64_t now_ns, const std::vector<SeenThing>& things);
 
   /// Is the position in the rule's zone? The polygon's border counts as either.
@@ -111,6 +111,12 @@ private:
     int64_t acted_ns = 0;
     int64_t held_ns = 0;
   };
+
+  /// Begins or prolongs the stays of what is in the rule's zone.
+  void notice(size_t index, const std::vector<SeenThing>& things, int64_t now_ns);
+  void forgetGone(size_t index, int64_t now_ns);
+  /// @return whether a thing has stayed for the rule's persistence.
+  bool react(size_t index, int64_t now_ns, std::vector<RuleEvent>* events);
 
   const ReactionRulesOptions options_;
   std::vector<RuleState> states_;

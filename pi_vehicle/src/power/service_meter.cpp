@@ -1,8 +1,11 @@
 #include "power/service_meter.h"
 
+#include <pi_node/durations.h>
+
 #include <fnmatch.h>
 
 #include <algorithm>
+#include <iterator>
 #include <limits>
 #include <set>
 #include <stdexcept>
@@ -115,17 +118,11 @@ ServiceMeter::Spent ServiceMeter::spent(int32_t pid, bool threads, bool memory, 
   return spent;
 }
 
-MachineUse ServiceMeter::update(int64_t now_ns, const std::map<std::string, int32_t>& pids)
+std::map<int32_t, std::vector<size_t>> ServiceMeter::usersOf(const std::map<std::string, int32_t>& pids) const
 {
-  MachineUse use;
-  use.shared.name = "shared";
-  use.other.name = "other";
-  use.other.running = true;
-  use.other.memory = std::numeric_limits<double>::quiet_NaN();
-  std::map<int32_t, std::vector<size_t>> users;  // of a process, as indices of services
+  std::map<int32_t, std::vector<size_t>> users;
   for (size_t i = 0; i < services_.size(); ++i)
   {
-    use.services.push_back({services_[i].name, false, {}, 0.0, 0.0});
     for (const std::string& node : services_[i].nodes)
     {
       if (const auto found = pids.find(node); found != pids.end() && files_.process(found->second))
@@ -138,63 +135,79 @@ MachineUse ServiceMeter::update(int64_t now_ns, const std::map<std::string, int3
       }
     }
   }
+  return users;
+}
 
-  const double period_s = updated_ns_ > 0 ? 1e-9 * static_cast<double>(now_ns - updated_ns_) : 0.0;
+void ServiceMeter::share(const Spent& process, const std::vector<size_t>& services, double period_s, MachineUse* use,
+                         std::set<size_t>* working) const
+{
+  const auto cores = [period_s](double seconds) { return period_s > 0.0 ? seconds / period_s : 0.0; };
+  ServiceUse& owner = services.size() == 1 ? use->services[services.front()] : use->shared;
+  double rest_s = process.process_s;
+  for (const auto& [thread, seconds] : process.threads)
+  {
+    const auto user =
+        std::find_if(services.begin(), services.end(), [&](size_t i) { return matches(services_[i], thread); });
+    if (user != services.end())
+    {
+      working->insert(*user);
+      use->services[*user].cores += cores(seconds);
+      rest_s -= seconds;
+    }
+  }
+  owner.running = true;
+  owner.cores += cores(std::max(rest_s, 0.0));
+  owner.memory += process.memory;
+}
+
+MachineUse ServiceMeter::update(int64_t now_ns, const std::map<std::string, int32_t>& pids)
+{
+  MachineUse use;
+  use.shared.name = "shared";
+  use.other.name = "other";
+  use.other.running = true;
+  use.other.memory = std::numeric_limits<double>::quiet_NaN();
+  for (const ServiceDescription& service : services_)
+  {
+    use.services.push_back({service.name, false, {}, 0.0, 0.0});
+  }
+
+  const double period_s = updated_ns_ > 0 ? pi_node::secondsBetween(updated_ns_, now_ns) : 0.0;
   const bool memory = memory_ns_ == 0 || now_ns - memory_ns_ >= memory_period_ns_;
   memory_ns_ = memory ? now_ns : memory_ns_;
   const auto cores = [period_s](double seconds) { return period_s > 0.0 ? seconds / period_s : 0.0; };
   std::map<int32_t, Seen> seen;
   double of_services = 0.0;
-  for (const auto& [pid, of_process] : users)
+  for (const auto& [pid, services] : usersOf(pids))
   {
-    const bool alone = of_process.size() == 1;
+    const bool alone = services.size() == 1;
     const Spent process = spent(pid, !alone, memory, &seen);
     of_services += cores(process.process_s);
-    ServiceUse& owner = alone ? use.services[of_process.front()] : use.shared;
-    double rest_s = process.process_s;
     std::set<size_t> working;  // services that have threads of their own there
-    for (const auto& [thread, seconds] : process.threads)
-    {
-      const auto user =
-          std::find_if(of_process.begin(), of_process.end(), [&](size_t i) { return matches(services_[i], thread); });
-      if (user != of_process.end())
-      {
-        working.insert(*user);
-        use.services[*user].cores += cores(seconds);
-        rest_s -= seconds;
-      }
-    }
-    owner.running = true;
-    owner.cores += cores(std::max(rest_s, 0.0));
-    owner.memory += process.memory;
-    for (const size_t i : of_process)
+    share(process, services, period_s, &use, &working);
+    for (const size_t i : services)
     {
       if (!alone && !services_[i].threads.empty() && working.count(i) == 0)
       {
         continue;  // its nodelets are not loaded there
       }
       use.services[i].running = true;
-      for (const std::string& node : services_[i].nodes)
-      {
-        const auto found = pids.find(node);
-        if (found != pids.end() && found->second == pid)
-        {
-          use.services[i].nodes.push_back(node);
-        }
-      }
+      std::copy_if(services_[i].nodes.begin(), services_[i].nodes.end(), std::back_inserter(use.services[i].nodes),
+                   [&, pid = pid](const std::string& node)
+                   {
+                     const auto found = pids.find(node);
+                     return found != pids.end() && found->second == pid;
+                   });
     }
   }
   seen_ = std::move(seen);
 
+  use.busy_cores = of_services;
   if (const std::optional<MachineTime> machine = files_.machine())
   {
     use.cores = machine->cores;
     use.busy_cores = busy_s_ >= 0.0 ? std::max(cores(machine->busy_s - busy_s_), of_services) : of_services;
     busy_s_ = machine->busy_s;
-  }
-  else
-  {
-    use.busy_cores = of_services;
   }
   use.other.cores = use.busy_cores - of_services;
   use.period_s = period_s;

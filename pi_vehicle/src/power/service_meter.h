@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <map>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -74,6 +75,12 @@ private:
     double memory = 0.0;
   };
 
+  /// The services of each process that has their nodes, as indices.
+  std::map<int32_t, std::vector<size_t>> usersOf(const std::map<std::string, int32_t>& pids) const;
+  /// Charges threads with a service of their own to it, and the rest to the only service, or to `shared`.
+  /// @param[out] working  services that have threads of their own in this process.
+  void share(const Spent& process, const std::vector<size_t>& services, double period_s, MachineUse* use,
+             std::set<size_t>* working) const;
   Spent spent(int32_t pid, bool threads, bool memory, std::map<int32_t, Seen>* seen) const;
 
   const std::vector<ServiceDescription> services_;
