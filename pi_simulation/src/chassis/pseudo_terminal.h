@@ -7,8 +7,8 @@
 namespace pi_simulation
 {
 
-/// The far end of a serial line on a pseudo-terminal: who opens path() finds a serial port there. Never blocks. Closing
-/// it is as an unplugged line for the other end. Not thread safe.
+/// The far end of a serial line on a pseudo-terminal; path() is the near end. Never blocks. The other end sees its
+/// destruction as an unplugged line. Not thread safe.
 class PseudoTerminal
 {
 public:
@@ -21,9 +21,9 @@ public:
   PseudoTerminal(const PseudoTerminal&) = delete;
   PseudoTerminal& operator=(const PseudoTerminal&) = delete;
 
-  /// @return 0 where there is nothing, or nobody at the other end.
+  /// @return 0 without bytes, or with nobody at the other end.
   size_t read(uint8_t* bytes, size_t size);
-  /// @return bytes that were taken; what nobody reads is lost.
+  /// @return number of bytes written; bytes that nobody reads are lost.
   size_t write(const uint8_t* bytes, size_t size);
   const std::string& path() const { return path_; }
 

@@ -31,27 +31,27 @@ struct SimulationOptions
   void validate() const;
 };
 
-/// A chassis on a pseudo-terminal: controller, model and faults. The caller gives it time, as fast as it likes. Not
-/// thread safe.
+/// A chassis on a pseudo-terminal: controller, model and faults. The caller passes the time, at any rate. Not thread
+/// safe.
 class SimulatedChassis
 {
 public:
   /// @throws std::invalid_argument for wrong options, std::runtime_error without a pseudo-terminal.
   SimulatedChassis(const SimulationOptions& options, int64_t now_ns);
 
-  /// Reads, goes on to now, writes. To be called at 100 Hz or faster.
+  /// Reads, advances to now, writes. Call at 100 Hz or faster.
   void step(int64_t now_ns);
 
   /// One line of text: unplug, plug, restart, silent on|off, garbage BYTES, garbage on|off, stuck on|off,
   /// battery CHARGE, button on|off, pose X Y YAW.
-  /// @return what is wrong with it and what would be right; empty: done.
+  /// @return the problem with its remedy; empty: done.
   std::string command(const std::string& line, int64_t now_ns);
 
   /// Of the pseudo-terminal; empty: unplugged.
   std::string path() const { return terminal_ ? terminal_->path() : ""; }
   const chassis::ChassisModel& model() const { return model_; }
   const chassis::ChassisController& controller() const { return *controller_; }
-  /// Where it truly is, as one line of JSON: t [s] simulated, x, y [m], yaw [rad], speed [m/s], curvature [1/m], mode.
+  /// True state as one line of JSON: t [s] simulated, x, y [m], yaw [rad], speed [m/s], curvature [1/m], mode.
   std::string truth() const;
 
 private:

@@ -26,7 +26,7 @@ private:
   std::mt19937_64 engine_;
 };
 
-/// A thing made of primitives in its own frame: x forward, z up, origin on the ground below its centre.
+/// An object made of primitives, in its own frame: x forward, z up, origin on the ground below its centre.
 struct Prop
 {
   std::string class_name;

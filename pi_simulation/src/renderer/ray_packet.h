@@ -11,7 +11,7 @@
 namespace pi_simulation::synthetic
 {
 
-/// Rays of neighbouring pixels from one point, traced together: what is beside all of them is skipped once (Boulos,
+/// Rays of neighbouring pixels from one point, traced together: objects beside all of them are skipped once (Boulos,
 /// Wald and Shirley 2006; frustum of a tile as in Reshetov, Soupikov and Hurley 2005).
 struct alignas(64) RayPacket
 {
@@ -34,7 +34,7 @@ struct alignas(64) RayPacket
   float b[LANES];
 };
 
-/// What the rays of a block of pixels may meet: found once for the block's packets. Keeps its memory.
+/// Primitives that the rays of a block of pixels may hit, found once for the packets of the block. Keeps its memory.
 struct Candidates
 {
   struct Entry
@@ -50,7 +50,7 @@ struct Candidates
   void find(const Scene& scene, const MovingScene& moving, const Frustum& frustum);
 };
 
-/// Finds what each ray meets first. Sets t and hit.
+/// Finds the first hit of each ray. Sets t and hit.
 /// @param frustum  around the rays of the packet, within that of the candidates.
 void trace(const Scene& scene, const Candidates& candidates, const Frustum& frustum, RayPacket* packet);
 

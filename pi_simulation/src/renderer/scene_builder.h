@@ -9,7 +9,7 @@
 namespace pi_simulation::synthetic
 {
 
-/// Puts props into a scene where they neither stand in the way of the drive nor in each other.
+/// Places props in a scene without contact with the drive or with each other.
 class SceneBuilder
 {
 public:
@@ -28,12 +28,12 @@ public:
   /// @return false if there is no room: nothing was added.
   bool place(const Prop& prop, const Eigen::Vector3d& base, double heading, double clearance, double gap = 0.2);
 
-  /// Places a prop that goes back and forth between two points on the ground. It may cross the path, at times when the
-  /// drive is elsewhere: of 24 phases of the motion the one that stays farthest from the drive.
+  /// Places a prop that moves back and forth between two points on the ground. It may cross the path while the drive is
+  /// elsewhere: of 24 phases of the motion, the one that stays farthest from the drive is used.
   /// @return false if the drive came closer than 1.2 m at any phase, or a prop stands there.
   bool placeMoving(const Prop& prop, const Eigen::Vector2d& from, const Eigen::Vector2d& to, double speed);
 
-  /// Adds an actor, and keeps its way free of what is placed later.
+  /// Adds an actor, and keeps its way free of later props.
   void addActor(const Prop& prop, const std::vector<Eigen::Vector2d>& way);
 
   Random& random() { return random_; }

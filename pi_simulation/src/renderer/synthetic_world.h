@@ -22,7 +22,7 @@ enum class WorldKind
   HALL,    ///< closed room around the path: walls with posters, tiles, pillars, shelves, machines, lamps
 };
 
-/// A thing whose motion is not the world's: its owner says where it is when pictures are taken.
+/// An object that is moved from outside: its owner passes its place with each picture.
 struct ActorOptions
 {
   std::string class_name;                          ///< person, cart, car or box
@@ -30,7 +30,7 @@ struct ActorOptions
   std::vector<Eigen::Vector2d> way;                ///< where it will go; nothing that stands is placed there [m]
 };
 
-/// Where an actor is.
+/// Place of an actor.
 struct ActorState
 {
   bool present = false;
@@ -53,7 +53,7 @@ struct SyntheticWorldOptions
   std::vector<Eigen::Vector2d> road;
 };
 
-/// A thing that a vehicle could hit, at one time.
+/// An object that a vehicle could hit, at one time.
 struct ObstacleState
 {
   int id = 0;              ///< 1 or more, constant
@@ -64,9 +64,8 @@ struct ObstacleState
   int actor = -1;  ///< its number in SyntheticWorldOptions::actors; -1: a thing of the world's own
 };
 
-/// A textured world of simple shapes, laid out around a path so that there is something to see everywhere and nothing
-/// stands in the way. Moving things know where the drive is at which time and keep 1.2 m away from it at least.
-/// Immutable once built: any thread may use it.
+/// A textured world of simple shapes, laid out around a path: every view has texture, and the path stays free. Moving
+/// objects keep at least 1.2 m away from the drive. Immutable once built: any thread may use it.
 class SyntheticWorld
 {
 public:
@@ -77,7 +76,7 @@ public:
                                                      const std::vector<pi_slam::StampedPose>& drive);
   ~SyntheticWorld();
 
-  /// Everything that stands or moves in the world but ground, walls and ceiling, in order of id.
+  /// All standing and moving objects except ground, walls and ceiling, in order of id.
   /// @param actors  where they are; those that are missing here, or not present, are left out.
   std::vector<ObstacleState> obstaclesAt(int64_t stamp_ns, const std::vector<ActorState>& actors = {}) const;
 

@@ -27,7 +27,7 @@ struct VisibleObstacle
 };
 
 /// @param frame       rendered with StereoRendererOptions::truth.
-/// @param min_pixels  obstacles of which fewer are seen are left out.
+/// @param min_pixels  obstacles with fewer visible pixels are left out.
 /// @throws std::invalid_argument if the frame carries no truth.
 std::vector<VisibleObstacle> visibleObstacles(const SyntheticWorld& world, const StereoFrame& frame,
                                               const Eigen::Isometry3d& T_world_body, int min_pixels = 20);

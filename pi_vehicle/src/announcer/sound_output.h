@@ -8,7 +8,7 @@
 namespace pi_vehicle
 {
 
-/// Plays one channel of samples on a device of ALSA, which is open only meanwhile. Returns when they were heard.
+/// Plays one channel of samples on an ALSA device, which is open only during the call. Returns when all was played.
 /// @param device  its name, as default or plughw:1,0. @param sample_rate  [Hz]; ALSA converts.
 /// @param stop    true: returns early.
 /// @throws std::runtime_error naming the device and what is wrong with it, also if it takes no sound for a second.

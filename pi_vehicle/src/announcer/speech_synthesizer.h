@@ -7,8 +7,8 @@
 namespace pi_vehicle
 {
 
-/// Texts to sound, by espeak-ng. That library has one state per process: there may be one synthesizer, and nothing else
-/// in the process may use espeak-ng. Not thread safe.
+/// Turns text into sound with espeak-ng. That library has one state per process: only one synthesizer may exist, and
+/// nothing else in the process may use espeak-ng. Not thread safe.
 class SpeechSynthesizer
 {
 public:
@@ -26,7 +26,7 @@ private:
   void* synthesize_ = nullptr;
 };
 
-/// Two tones as a car's horn has them.
+/// The two tones of a car's horn.
 std::vector<int16_t> hornSound(int sample_rate, double duration_s);
 
 }  // namespace pi_vehicle

@@ -10,15 +10,15 @@
 namespace pi_vehicle
 {
 
-/// Who may move the vehicle, or hold it back.
+/// A node that may drive the vehicle, or limit its speed.
 struct ArbiterSource
 {
   std::string name;
-  bool drives = true;      ///< false: only limits the speed of whoever drives
-  int priority = 0;        ///< of those that drive, the highest one that lives does
-  double timeout = 0.3;    ///< dead man: silent for longer, it is dead [s]
-  double max_speed = 3.0;  ///< what this source may ask for [m/s]
-  bool required = false;   ///< its death stops the vehicle, whoever drives
+  bool drives = true;      ///< false: only limits the speed of the driving source
+  int priority = 0;        ///< the live source with the highest priority drives
+  double timeout = 0.3;    ///< a source that is silent for longer is dead [s]
+  double max_speed = 3.0;  ///< of this source's commands [m/s]
+  bool required = false;   ///< the vehicle stops while this source is dead
 };
 
 struct ArbiterOptions
@@ -66,20 +66,20 @@ enum class ArbiterAnswer
 {
   TAKEN,
   UNKNOWN_SOURCE,
-  NOT_FINITE,   ///< a number that is none; the source's last command goes on until its timeout
+  NOT_FINITE,   ///< a number that is not finite; the source's last command holds until its timeout
   TOO_OLD,      ///< the stamp is older than the source's timeout
   FROM_FUTURE,  ///< by more than 0.1 s: check the clocks
   OUT_OF_ORDER  ///< older than the last one taken
 };
 
-/// The one output.
+/// The merged command, and why it is so.
 struct ArbiterOutput
 {
-  DriveCommand command;         ///< source: who drives, or "arbiter"; reason: why it drives or stands
+  DriveCommand command;         ///< source: the one that drives, or "arbiter"; reason: why the vehicle drives or stands
   double acceleration = 0.0;    ///< of command.speed now [m/s^2]
   bool emergency_stop = false;  ///< latched
-  std::string driver;           ///< the source that drives, also while others hold it back; empty: none
-  std::string limited_by;       ///< the source whose bound holds, or "arbiter"; empty: none
+  std::string driver;           ///< the source that drives, also while others limit it; empty: none
+  std::string limited_by;       ///< the source that sets the speed limit, or "arbiter"; empty: none
   bool missing = false;         ///< a required source is silent; reason names it
 };
 
@@ -87,43 +87,41 @@ struct ArbiterOutput
 struct ArbiterSourceState
 {
   bool alive = false;     ///< at the last update
-  bool released = false;  ///< ended in order
-  bool heard = false;     ///< ever
+  bool released = false;  ///< ended by release()
+  bool heard = false;     ///< at least once
   int64_t stamp_ns = 0;   ///< of its last command
   DriveCommand command;   ///< the last one
 };
 
-/// Merges commands into one that may be executed.
+/// Merges the commands of all sources into one that respects all limits.
 ///
-/// Of the sources that drive, the highest priority that lives decides speed and curvature; those that limit bound the
-/// speed and the deceleration asked for. If the source that drives falls silent, the vehicle is first brought to a
-/// standstill, then the next may drive; a source that ends in order calls release(), and then the next takes over at
-/// once. A higher priority takes over at once. Silence of a required source (also before its first command) and the
-/// emergency stop hold the vehicle at 0.
+/// The live driving source with the highest priority sets speed and curvature. The other kind of source only limits the
+/// speed, and may ask for harder braking. A higher priority takes over at once. If the driving source falls silent, the
+/// vehicle stops before the next source may drive; after release() the next one takes over at once. While a required
+/// source is silent (also before its first command), and during an emergency stop, the vehicle is held at 0 m/s.
 ///
-/// The output is shaped: speed by acceleration, deceleration and jerk, curvature by its bound and rate, speed in bends
-/// by lateral acceleration. Time comes in as numbers; between two updates at most 0.1 s are made up for. A clock that
-/// goes back, or forward by more than a second, kills all sources: they must speak anew.
-/// Not thread safe: the adapter serialises.
+/// The output obeys limits of acceleration, deceleration, jerk, curvature, curvature rate and lateral acceleration. One
+/// update advances it by at most 0.1 s. After a clock that jumps back, or ahead by more than 1 s, all sources are dead
+/// until their next command. Not thread safe.
 class Arbiter
 {
 public:
   /// @throws std::invalid_argument from options.validate().
   explicit Arbiter(const ArbiterOptions& options);
 
-  /// @param stamp_ns  of the command, @param now_ns  when it arrived, on one clock.
+  /// @param stamp_ns  of the command. @param now_ns  time of arrival on the same clock.
   ArbiterAnswer submit(const DriveCommand& command, int64_t stamp_ns, int64_t now_ns);
-  /// The source has nothing more to say; a required one is then not missed until it speaks again.
+  /// The source ends. A required source is then not missed until its next command.
   /// @return false if there is no such source.
   bool release(const std::string& source);
 
-  /// Holds the vehicle, braking with emergency_deceleration, until releaseEmergencyStop(). Repeated: the first reason
-  /// stays.
+  /// Brakes with emergency_deceleration and holds the vehicle until releaseEmergencyStop(). Of repeated calls the first
+  /// reason counts.
   void emergencyStop(const std::string& reason);
   /// @return false, with the latch kept, if the vehicle still moves (last measured or commanded speed).
   bool releaseEmergencyStop();
 
-  /// To be called at 20 to 100 Hz. @param measured_speed  [m/s]; nullopt or not finite: the commanded one counts.
+  /// Call at 20 to 100 Hz. @param measured_speed  [m/s]; nullopt or not finite: the commanded speed is used.
   ArbiterOutput update(int64_t now_ns, std::optional<double> measured_speed = std::nullopt);
 
   const ArbiterOptions& options() const { return options_; }

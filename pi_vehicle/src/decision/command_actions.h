@@ -15,8 +15,8 @@ enum class CommandAction
 {
   STOP,     ///< latches
   GO,       ///< releases the latch; else: drive on
-  CONFIRM,  ///< answers a release that waits, "yes"
-  CANCEL,   ///< drops a release that waits, "no"
+  CONFIRM,  ///< "yes" to a release that waits
+  CANCEL,   ///< "no" to a release that waits
   SLOWER,   ///< speed bound down by a step
   FASTER,   ///< and up
   LEFT,     ///< at the next choice
@@ -91,10 +91,10 @@ struct CommandResult
   std::string reason;  ///< for people
 };
 
-/// Turns spoken commands into actions. "stop" overrides everything and latches.
-/// While latched, only stop, go, confirm and cancel do something, and speedLimit() is 0. GO releases the latch, or with
+/// Turns spoken commands into actions. STOP always acts, and latches.
+/// While latched, only STOP, GO, CONFIRM and CANCEL act, and speedLimit() is 0. GO releases the latch, or with
 /// confirm_release asks for CONFIRM within confirm_timeout; STOP and CANCEL withdraw the question. A command that was
-/// spoken before the last STOP releases nothing. Not thread safe; time comes in as numbers.
+/// spoken before the last STOP releases nothing. Not thread safe.
 class CommandActions
 {
 public:
@@ -107,7 +107,8 @@ public:
   void stop(int64_t now_ns);
   /// Ends the latch without a question: for callers other than the speech recogniser, for example a service.
   void release();
-  /// As an earlier life left it. @param speed_limit  brought to [min_speed, max_speed]; not finite: max_speed.
+  /// Restores the state of an earlier run. @param speed_limit  is clamped to [min_speed, max_speed]; not finite:
+  /// max_speed.
   void restore(bool stopped, double speed_limit, int64_t now_ns);
 
   bool stopped() const { return stopped_; }

@@ -19,13 +19,13 @@ namespace
 
 constexpr double STANDING = 0.05;        // [m/s]
 constexpr double LEAST_MAX_SPEED = 0.1;  // of a goal [m/s]
-constexpr double ARRIVAL_HEADING = 0.3;  // a vehicle that is there already may be turned by so much [rad]
-constexpr double WAY_STEP = 0.15;        // of the way ahead [m]
-constexpr double MAX_STEP_S = 1.0;       // longest time between two updates that distance is counted for [s]
-constexpr double FUTURE_S = 0.1;         // reports may be stamped ahead by so much [s]
-constexpr double DETOUR = 0.5;           // legs of the path may be so much longer or shorter than straight ones
-constexpr double JOINED = 0.2;           // so near to a loop, in m and rad, it is driven [m]
-constexpr double REJOIN_AHEAD = 15.0;    // farthest place of a loop to join, ahead of the nearest one [m]
+constexpr double ARRIVAL_HEADING = 0.3;  // largest heading error of a vehicle that already stands at the goal [rad]
+constexpr double WAY_STEP = 0.15;        // between poses of the way ahead [m]
+constexpr double MAX_STEP_S = 1.0;       // longest time step that counts for the distance [s]
+constexpr double FUTURE_S = 0.1;         // tolerated stamp in the future [s]
+constexpr double DETOUR = 0.5;  // tolerated difference between a leg of the path and the straight leg, as a fraction
+constexpr double JOINED = 0.2;  // the vehicle is on the loop within this distance [m] and heading error [rad]
+constexpr double REJOIN_AHEAD = 15.0;  // farthest place of a loop to join, ahead of the nearest one [m]
 
 double legLength(const std::vector<Eigen::Vector2d>& points, bool loop)
 {
@@ -295,7 +295,7 @@ GovernorOutput Navigator::govern(const NavigatorInput& input)
 {
   if (!options_.need_obstacles && obstaclesSilent(input.now_ns))
   {
-    // As old as may be, so that the next true report is newer.
+    // An empty report, as old as possible, so that the next real one is newer.
     governor_.setObstacles(input.now_ns - static_cast<int64_t>(0.9e9 * options_.governor.obstacles_timeout), {});
   }
   GovernorInput in;

@@ -102,29 +102,29 @@ public:
   /// @throws std::invalid_argument from options.validate().
   explicit Navigator(const NavigatorOptions& options = NavigatorOptions());
 
-  /// Begins to drive from where the vehicle stands; replaces what it drove to before. Without a pose it is planned as
-  /// soon as there is one.
-  /// @return why it cannot be driven, and the way out; all stays as it was. Empty: accepted.
+  /// Drives to a new goal, which replaces the present one. Without a pose the route is planned when the first one
+  /// comes.
+  /// @return empty if accepted; else the problem with its remedy, and nothing changes.
   std::string start(const NavigationGoal& goal, const NavigatorInput& input);
-  /// Slows down to a standstill on the path; nothing without a goal. @param reason  for people.
+  /// Brakes to a standstill on the path. @param reason  for people.
   void cancel(const std::string& reason);
   bool active() const { return phase_ != Phase::IDLE; }
 
-  /// As SpeedGovernor::setObstacles(). @return what was left out, and the way out; empty: nothing.
+  /// As SpeedGovernor::setObstacles(). @return what was left out, with the remedy; empty: nothing.
   std::string setObstacles(int64_t stamp_ns, const std::vector<ObstacleBox>& obstacles, int64_t now_ns);
 
-  /// To be called steadily, at 10 to 100 Hz.
+  /// Call at 10 to 100 Hz.
   NavigatorOutput update(const NavigatorInput& input);
 
-  /// Driven to; meaningful while active().
+  /// Valid while active().
   const NavigationGoal& goal() const { return goal_; }
-  /// So many of its points, from the first, lie behind; the last one never does, nor any of a loop.
+  /// Number of the goal's points that were passed. The last point, and those of a loop, never count.
   size_t passed() const { return passed_; }
-  /// Driven now; empty: none.
+  /// The path that is driven; empty: none.
   const Path& path() const { return follower_.path(); }
-  /// Poses that the vehicle will take, in base_link at the last update; empty: none.
+  /// The way ahead, in base_link at the last update.
   const std::vector<Pose2>& wayAhead() const { return way_; }
-  /// The point of the path that is steered to, in the map; for display.
+  /// The point that the vehicle steers to, in the map; for display.
   std::optional<Eigen::Vector2d> lookAhead() const { return look_ahead_; }
 
 private:
@@ -138,12 +138,12 @@ private:
   struct Plan
   {
     Path path;
-    Path loop;  ///< to change over to; empty: none
+    Path loop;  ///< that the path leads to; empty: none
     bool arrived = false;
     std::string problem;
   };
 
-  /// Of the goal alone, without a pose.
+  /// @return what is wrong with the goal alone, without a pose; empty: nothing.
   std::string check(const NavigationGoal& goal) const;
   Plan plan(const NavigationGoal& goal, const Pose2& pose, double speed) const;
   void take(const Plan& plan);
@@ -172,8 +172,8 @@ private:
   SpeedGovernor governor_;
   Phase phase_ = Phase::IDLE;
   NavigationGoal goal_;
-  bool arrived_ = false;  ///< was there when the goal came
-  Path loop_;             ///< driven once the way to it is
+  bool arrived_ = false;  ///< stood at the goal when it came
+  Path loop_;             ///< is driven after the way to it
   bool path_changed_ = false;
   std::vector<double> point_s_;  ///< of the goal's points but the last, along the path [m]
   size_t passed_ = 0;

@@ -16,14 +16,15 @@ using pi_node::seconds;
 namespace
 {
 
-constexpr double STANDING = 0.05;       // [m/s]
-constexpr double CREEP = 0.1;           // least speed on the last bit to the goal [m/s]
-constexpr double STOP_SHORT = 0.05;     // of the goal, standstill is asked for [m]
-constexpr double SEARCH_BACK = 1.0;     // of the nearest place, behind the last one [m]
-constexpr double SEARCH_AHEAD = 3.0;    // likewise ahead [m]
-constexpr double HEADING_WEIGHT = 1.0;  // a radian turned away counts as this when the path is searched as a whole [m]
-constexpr double MAX_STEP_S = 0.2;      // longest time that ramps and blends take one update for [s]
-constexpr double SCAN_STEP = 0.2;       // of the path ahead, for the speed [m]
+constexpr double STANDING = 0.05;     // [m/s]
+constexpr double CREEP = 0.1;         // least speed near the goal [m/s]
+constexpr double STOP_SHORT = 0.05;   // distance to the goal at which speed 0 is commanded [m]
+constexpr double SEARCH_BACK = 1.0;   // for the nearest place, behind the last one [m]
+constexpr double SEARCH_AHEAD = 3.0;  // likewise ahead [m]
+constexpr double HEADING_WEIGHT =
+    1.0;  // one radian of heading error counts as this distance in a search of the whole path [m]
+constexpr double MAX_STEP_S = 0.2;  // longest time step of ramps and blends [s]
+constexpr double SCAN_STEP = 0.2;   // of the planned speed, along the path [m]
 
 }  // namespace
 
@@ -161,7 +162,7 @@ double PathFollower::pursuit(const Pose2& pose, double s, double cross_track, do
   Eigen::Vector2d target;
   if (!path_.closed() && s + look_ahead > path_.length())
   {
-    // Beyond the goal the path goes on straight, so that the steering stays calm until the end.
+    // The path is prolonged straight beyond the goal, so that the steering stays calm.
     const PathPoint end = path_.points().back();
     target = end.pose() * Eigen::Vector2d(s + look_ahead - path_.length(), 0.0);
   }

@@ -16,26 +16,25 @@ struct PathFollowerOptions
   double max_speed = 3.0;                 ///< [m/s]
   double acceleration = 0.8;              ///< [m/s^2]
   double deceleration = 0.8;              ///< planned, before corners and the goal; below the usual 1.0 [m/s^2]
-  double stop_deceleration = 1.5;         ///< on trouble [m/s^2]
-  double max_lateral_acceleration = 1.2;  ///< bounds the speed in corners [m/s^2]
+  double stop_deceleration = 1.5;         ///< when the follower must stop [m/s^2]
+  double max_lateral_acceleration = 1.2;  ///< limits the speed in bends [m/s^2]
   double max_curvature = 0.45;            ///< tan(0.5 rad) / 1.2 m = 0.455 for the example car [1/m]
   double max_curvature_rate = 0.8;        ///< [1/(m s)]
   double look_ahead_min = 0.8;            ///< [m]
   double look_ahead_time = 0.45;          ///< look-ahead = min + time * speed + |cross-track error| [s]
   double look_ahead_max = 4.0;            ///< [m]
-  double actuation_delay = 0.15;          ///< of steering and drive, made up for by prediction [s]
-  double rejoin_speed = 1.0;              ///< bound while far from the path or turned away from it [m/s]
-  double rejoin_offset = 0.5;             ///< "far from the path" [m]
-  double rejoin_heading = 0.6;            ///< "turned away from it" [rad]
+  double actuation_delay = 0.15;          ///< of steering and drive; the pose is predicted over it [s]
+  double rejoin_speed = 1.0;              ///< limit while off or across the path [m/s]
+  double rejoin_offset = 0.5;             ///< lateral error from which the vehicle counts as off the path [m]
+  double rejoin_heading = 0.6;            ///< heading error from which it counts as across the path [rad]
   double max_offset = 4.0;                ///< beyond it the follower stops [m]
-  double goal_tolerance = 0.5;            ///< it drives to the goal itself and may stand so far from it [m]
-  double localisation_timeout = 0.3;      ///< oldest pose to drive by [s]
-  double jump_small = 0.1;                ///< between a pose and the one that speed and curvature predict [m]
-  double jump_large = 1.0;                ///< from here on the vehicle stops [m]
-  double jump_large_heading = 0.35;       ///< likewise [rad]
-  double jump_blend_time = 1.0;           ///< time constant with which a small jump is taken over [s]
-  double jump_settle_time =
-      2.0;  ///< goes on after a large jump when poses have agreed for so long; 0: only by resume() [s]
+  double goal_tolerance = 0.5;            ///< largest distance from the goal at standstill [m]
+  double localisation_timeout = 0.3;      ///< oldest pose to steer by [s]
+  double jump_small = 0.1;  ///< between a pose and its prediction from speed and curvature; smaller is noise [m]
+  double jump_large = 1.0;  ///< a jump this large stops the vehicle [m]
+  double jump_large_heading = 0.35;  ///< likewise [rad]
+  double jump_blend_time = 1.0;      ///< time constant with which a small jump is blended in [s]
+  double jump_settle_time = 2.0;  ///< poses must agree for this time after a large jump; 0: only resume() continues [s]
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
@@ -84,7 +83,7 @@ enum class FollowerStop
   LOCALISATION_JUMPED,  ///< by jump_large or more
   OFF_PATH,             ///< farther than max_offset
   BAD_INPUT,            ///< a number that is not finite
-  GOAL_MISSED           ///< the end is passed, but farther than goal_tolerance aside
+  GOAL_MISSED           ///< at the end of the path, but farther than goal_tolerance from the goal
 };
 
 struct FollowerInput
@@ -101,40 +100,39 @@ struct FollowerOutput
   FollowerState state = FollowerState::IDLE;
   FollowerStop stop = FollowerStop::NONE;
   DriveCommand command;           ///< source "navigation"; speed 0 except in FOLLOWING
-  double progress = 0.0;          ///< part of the path that is done, in [0, 1]; closed: of this round
+  double progress = 0.0;          ///< done part of the path, in [0, 1]; closed: of this round
   double distance_to_goal = 0.0;  ///< along the path [m]; closed: to the start of the next round
   double cross_track = 0.0;       ///< left of the path positive [m]
-  Pose2 pose;                     ///< T_map_base that was steered by, at the time the command takes effect
+  Pose2 pose;                     ///< T_map_base at the time the command takes effect
 };
 
 /// Follows a path forwards by pure pursuit (Coulter 1992) with a look-ahead that grows with speed and error.
 ///
-/// Pure pursuit and not Stanley: it gives a curvature, so the same controller serves car-like and differential
-/// vehicles and needs no wheelbase; it works down to standstill, where Stanley divides by the speed; and it looks
-/// ahead, so that noise of the pose and lag of the steering are damped by geometry. Its fault, cutting corners, is
-/// bounded by the lateral acceleration (slow, hence short look-ahead, where the path bends) and by steering from the
-/// pose predicted for the time at which the command takes effect.
+/// Why pure pursuit and not Stanley: its output is a curvature, so one controller serves car-like and differential
+/// vehicles without a wheelbase. It works down to standstill, where Stanley divides by the speed. The look-ahead damps
+/// noise of the pose and lag of the steering. Pure pursuit cuts corners; two measures limit that: the speed, and with
+/// it the look-ahead, is low where the path bends, and the vehicle steers from the pose predicted for the time at which
+/// the command takes effect.
 ///
-/// Speed: the largest that keeps lateral acceleration and stops at the goal (brake curve over the path ahead).
-/// Not thread safe; time only comes in as numbers. update() allocates only the reason's text.
+/// The speed is the largest one that keeps the lateral acceleration and lets the vehicle stop at the goal.
+/// Not thread safe.
 class PathFollower
 {
 public:
   /// @throws std::invalid_argument from validate().
   explicit PathFollower(const PathFollowerOptions& options = PathFollowerOptions());
 
-  /// Begins with a path in the map; the vehicle may be anywhere within max_offset of it. Empty: as clear().
+  /// @param path  in the map; the vehicle must be within max_offset of it. Empty: as clear().
   void setPath(const Path& path);
   void clear();
-  /// After a large jump: go on from where localisation is.
+  /// After a large jump: continues from the new pose.
   void resume();
 
-  /// To be called at 10 to 100 Hz. After a clock that goes back, the next pose begins anew.
+  /// Call at 10 to 100 Hz. After a clock that goes back, the next pose is the first one.
   FollowerOutput update(const FollowerInput& input);
 
-  /// The way that the vehicle is about to take, in base_link of the last output's pose: arcs of pure pursuit to the
-  /// path, then the path. For SpeedGovernor. @param length [m], @param step [m] between poses. Empty if IDLE or without
-  /// a pose.
+  /// The way ahead for SpeedGovernor, in base_link at the last update: arcs of pure pursuit to the path, then the path.
+  /// @param length  [m]. @param step  between poses [m]. @return empty without a path or a pose.
   std::vector<Pose2> wayAhead(double length, double step) const;
 
   const Path& path() const { return path_; }
@@ -169,7 +167,7 @@ private:
   bool have_pose_ = false;
   int64_t pose_stamp_ns_ = 0;
   Pose2 raw_pose_;       // newest
-  Pose2 offset_;         // what a small jump still has to be taken over: steered pose = offset_ * raw pose, in the map
+  Pose2 offset_;         // rest of a small jump that is not blended in yet, in the map
   bool jumped_ = false;  // stopped by a large jump
   int64_t settled_since_ns_ = 0;
   int64_t last_now_ns_ = 0;

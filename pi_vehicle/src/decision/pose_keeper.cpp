@@ -16,17 +16,17 @@ using pi_node::seconds;
 namespace
 {
 
-constexpr double TIME_JUMP_S = 0.5;  // stamps that go back by more are another time
+constexpr double TIME_JUMP_S = 0.5;  // stamps that go back by more reset the keeper
 constexpr double WHEELS_KEPT_S = 10.0;
-constexpr double MAP_AGE_S = 1.0;           // oldest place in map to begin with
-constexpr double SAME_LIFE_S = 30.0;        // a saved pose that is older is of a vehicle that was off
+constexpr double MAP_AGE_S = 1.0;           // oldest pose in the map to start from
+constexpr double SAME_LIFE_S = 30.0;        // a vehicle with an older saved pose was switched off
 constexpr double LEAST_RATE_HZ = 20.0;      // of odometry
 constexpr double CHECKED_WAY_M = 1.0;       // over which wheels and odometry are compared
 constexpr double STANDS = 0.05;             // [m/s]
-constexpr double LONGEST_DRIVE_ON_S = 1.0;  // before a vehicle without localisation brakes
-constexpr double EXACT_M = 0.05;            // agreement of odometry that has not been told
+constexpr double LONGEST_DRIVE_ON_S = 1.0;  // until a vehicle without localisation brakes
+constexpr double EXACT_M = 0.05;            // for odometry that was sent no pose
 constexpr double EXACT_RAD = 0.02;
-constexpr double NOTHING_KNOWN = 1e-6;  // T_map_odom nearer to the identity than this knows nothing
+constexpr double NOTHING_KNOWN = 1e-6;  // T_map_odom this near to the identity is unknown
 constexpr int MANY_TRIES = 10;
 
 double squared(double value)
@@ -117,7 +117,7 @@ void PoseKeeper::set(KeeperState state, const std::string& reason)
   reason_ = reason;
 }
 
-/// Another time: what was kept is of no use.
+/// The clock jumped: the kept poses are of no use.
 void PoseKeeper::forget()
 {
   wheels_.clear();
@@ -174,7 +174,7 @@ bool PoseKeeper::isJump(const Eigen::Isometry3d& moved, int64_t from_ns, int64_t
     return distanceOnGround(moved, lifted(rolled)) > options_.jump_distance + more ||
            headingBetween(moved, lifted(rolled)) > options_.jump_heading + more;
   }
-  // With its speed at the begin it may have driven on, or braked, or come to drive.
+  // Since then the vehicle may have kept its speed, braked or accelerated.
   const double possible = std::max(std::abs(speed), options_.max_speed) * seconds(to_ns - from_ns);
   return moved.translation().head<2>().norm() > options_.jump_distance + possible;
 }
@@ -271,7 +271,7 @@ void PoseKeeper::follow(const std::string& reason)
   set(KeeperState::LOCALISED, reason);
 }
 
-/// The first that this keeper hears: it believes it, unless a saved pose says otherwise.
+/// The first message: accepted, unless a saved pose contradicts.
 void PoseKeeper::followFirst()
 {
   if (!map_ || std::abs(seconds(map_->stamp_ns - last_->stamp_ns)) > MAP_AGE_S)
@@ -368,7 +368,7 @@ std::optional<KeptPose> PoseKeeper::update(int64_t now_ns)
   {
     return std::nullopt;
   }
-  // Of a time that odometry and wheels both know.
+  // At a time known to both odometry and wheels.
   int64_t stamp_ns = last_->stamp_ns;
   if (const WheelTrack::Point* wheels = wheels_.newest())
   {
@@ -415,7 +415,7 @@ KeptPose PoseKeeper::carried(int64_t stamp_ns) const
     const double error = wheelsTrusted() ? options_.distance_error : std::max(options_.distance_error, wheel_error_);
     const double turned = options_.heading_error * way;
     kept.T_map_base = kept.T_map_base * lifted(from->pose.inverse() * to.pose);
-    // A wrong heading moves the position sideways by at most the way driven.
+    // A heading error moves the position sideways, at most by the way driven.
     kept.position_deviation =
         std::sqrt(squared(kept.position_deviation) + squared(error * way) + squared(0.5 * turned * way));
     kept.heading_deviation = std::hypot(kept.heading_deviation, turned);

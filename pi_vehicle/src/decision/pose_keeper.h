@@ -34,14 +34,14 @@ struct PoseKeeperOptions
   void validate() const;
 };
 
-/// What odometry says.
+/// One message of odometry.
 struct OdometryPose
 {
   int64_t stamp_ns = 0;
   Eigen::Isometry3d T_odom_base = Eigen::Isometry3d::Identity();
   double speed = 0.0;       ///< [m/s]
-  uint64_t connection = 0;  ///< another one has another, larger number
-  uint32_t count = 0;       ///< of messages of this publisher, from 0 with each of its lives; 0: not counted
+  uint64_t connection = 0;  ///< a later connection has a larger number
+  uint32_t count = 0;       ///< messages since the publisher started; 0: not counted
 };
 
 /// Where base_link is in map, one sigma each.
@@ -53,7 +53,7 @@ struct KeptPose
   double heading_deviation = 0.0;   ///< [rad]
 };
 
-/// What was written before the keeper began.
+/// The pose that an earlier run wrote.
 struct SavedPose
 {
   Eigen::Isometry3d T_map_base = Eigen::Isometry3d::Identity();
@@ -66,35 +66,35 @@ enum class KeeperState
 {
   WAITING,    ///< for odometry and its place in map
   LOCALISED,  ///< odometry knows where the vehicle is
-  SILENT,     ///< odometry is silent, or not believed yet
-  RESTORING,  ///< odometry began anew and is told where it is
-  LOST        ///< odometry began anew, and nobody knows where the vehicle is
+  SILENT,     ///< odometry is silent, or its pose is not accepted yet
+  RESTORING,  ///< odometry restarted and is sent its pose
+  LOST        ///< odometry restarted, and the pose is unknown
 };
 /// "waiting", "localised", ...
 const char* toString(KeeperState state);
 
-/// Keeps where the vehicle is in map over the deaths of odometry, which begins anew at its own origin.
+/// Keeps the vehicle's pose in the map while odometry restarts, which it does at its own origin.
 ///
-/// While odometry lives it is what odometry says, T_map_odom T_odom_base; while it is silent the wheels carry it on.
-/// Odometry began anew if
-/// - it comes over another connection and its count of messages went back, or
-/// - it comes over another connection or after silence_s, and its pose jumped: by more than jump_* against the wheels,
+/// While odometry runs, the pose is T_map_odom T_odom_base; while it is silent, wheel odometry continues the pose.
+/// Odometry counts as restarted if
+/// - it comes over another connection, and its count of messages went back; or
+/// - it comes over another connection or after silence_s, and its pose jumped: against the wheels by more than jump_*,
 /// or
-///   where they are silent or not believed, by more than the vehicle can have driven; or
-/// - it comes over another connection, and its place in map jumped so.
-/// A jump of T_map_odom alone is a loop closure and taken. Odometry that began anew is told its pose, again and again,
-/// until it says the same; if it does so by itself (its map knows the place), it is not told. Stamps that go back by
-/// more than half a second are another time: all is forgotten, and odometry believed.
+///   without trusted wheels by more than the vehicle can have driven; or
+/// - it comes over another connection, and its pose in the map jumped in this way.
+/// A jump of T_map_odom alone is a loop closure and is accepted. Restarted odometry is sent its pose until it reports
+/// the same pose; if it does so by itself, because its map knows the place, nothing is sent. When stamps go back by
+/// more than 0.5 s, the keeper forgets everything and trusts odometry.
 ///
-/// Times are on one clock. Not thread safe.
+/// All times are on one clock. Not thread safe.
 class PoseKeeper
 {
 public:
   /// @throws std::invalid_argument from options.validate().
   explicit PoseKeeper(const PoseKeeperOptions& options = PoseKeeperOptions());
 
-  /// To be called before anything comes: odometry that knows nothing of map (T_map_odom is the identity), and cannot be
-  /// that of the saved pose, is told it.
+  /// Call before the first message. Odometry without a place in the map (T_map_odom is the identity) that cannot be the
+  /// one of the saved pose is sent the saved pose.
   void resume(const SavedPose& saved) { saved_ = saved; }
 
   /// @return why it was left out, and the way out; empty: it was not.
@@ -103,20 +103,20 @@ public:
   /// @return false: left out, as numbers are not finite.
   bool addWheels(int64_t stamp_ns, const Pose2& pose, double speed, double yaw_rate);
 
-  /// To be called steadily, at 20 Hz or more. @return a pose that odometry must be told.
+  /// Call at 20 Hz or more. @return a pose to send to odometry.
   std::optional<KeptPose> update(int64_t now_ns);
 
   KeeperState state() const { return state_; }
   bool valid() const { return state_ == KeeperState::LOCALISED; }
   const std::string& reason() const { return reason_; }  ///< in words
-  /// The best that is known, at the newest stamp. nullopt: nothing is.
+  /// The best known pose, at the newest stamp; nullopt: unknown.
   std::optional<KeptPose> pose() const;
-  /// To be written, with age 0. nullopt: nothing is known.
+  /// The pose to save, with age 0; nullopt: unknown.
   std::optional<SavedPose> toSave() const;
 
   size_t restarts() const { return restarts_; }  ///< of odometry
   size_t told() const { return told_; }          ///< poses, in all
-  /// Of the way, between wheels and odometry lately.
+  /// Recent difference between wheels and odometry, as a fraction of the way.
   double wheelDisagreement() const { return wheel_error_; }
   bool wheelsTrusted() const { return wheel_error_ <= options_.wheel_disagreement; }
 
@@ -142,7 +142,7 @@ private:
   void settleDoubt();
   void confirm();
   void checkWheels();
-  /// The anchor carried on by the wheels.
+  /// The anchor, moved on by the wheels.
   KeptPose carried(int64_t stamp_ns) const;
   void set(KeeperState state, const std::string& reason);
   bool mapIsOf(int64_t stamp_ns) const { return map_ && map_->stamp_ns >= stamp_ns; }

@@ -20,7 +20,7 @@ enum class ReactionAction
   STOP    ///< as long as it holds: speed 0
 };
 
-/// If something with this label is in this zone for so long, then do that.
+/// Acts when something with this label stays in this zone.
 struct ReactionRule
 {
   std::string name;
@@ -30,11 +30,10 @@ struct ReactionRule
   double max_range = 0.0;                ///< [m]
   double max_bearing = M_PI;             ///< to either side of x, in (0, pi] [rad]
   double min_score = 0.5;                ///< in [0, 1]
-  double persistence = 0.3;              ///< in the zone for so long, before it acts [s]
-  double gap = 0.3;                      ///< unseen for so long does not count as gone [s]
-  double cooldown =
-      0.0;  ///< not again so soon, for nothing: GREET, HORN, SAY; in any case once per thing while it stays [s]
-  double hold = 0.5;  ///< SLOW, STOP: kept for so long after the last thing left [s]
+  double persistence = 0.3;              ///< time in the zone before the rule acts [s]
+  double gap = 0.3;                      ///< a thing that is unseen for longer is gone [s]
+  double cooldown = 0.0;  ///< least time between two actions of GREET, HORN, SAY, which also act once per stay [s]
+  double hold = 0.5;      ///< SLOW, STOP hold for this time after the last thing left [s]
   ReactionAction action = ReactionAction::SLOW;
   std::string text;    ///< of SAY; of GREET, empty: the usual greeting
   double speed = 0.0;  ///< of SLOW [m/s]
@@ -71,7 +70,7 @@ struct RuleEvent
   std::string rule;
   ReactionAction action = ReactionAction::GREET;
   std::string text;
-  SeenThing thing;  ///< the one that made it act, as seen last: of several the one with the smallest id
+  SeenThing thing;  ///< that made the rule act, as seen last; of several the one with the smallest id
 };
 
 struct ReactionResult
@@ -81,19 +80,19 @@ struct ReactionResult
   std::string reason;             ///< of the limit: the rule's name
 };
 
-/// Runs the rules. Deterministic: the same calls give the same results. Things are told apart by id; one that changes
-/// its label below a rule, or leaves its zone, for longer than `gap` begins anew. Not thread safe.
+/// Applies the rules; deterministic. Things are told apart by id. A stay ends when the thing loses the rule's label, or
+/// leaves its zone, for longer than `gap`. Not thread safe.
 class ReactionRules
 {
 public:
   /// @throws std::invalid_argument from options.validate().
   explicit ReactionRules(const ReactionRulesOptions& options);
 
-  /// @param now_ns   newer from call to call; a clock that goes back forgets all that was seen (cooldowns too).
+  /// @param now_ns   must increase; a clock that goes back resets stays and cooldowns.
   /// @param things   seen at now_ns; those with numbers that are not finite are left out.
   ReactionResult update(int64_t now_ns, const std::vector<SeenThing>& things);
 
-  /// Is the position in the rule's zone? The polygon's border counts as either.
+  /// Positions on the polygon's border may count as inside or outside.
   static bool inZone(const ReactionRule& rule, const Eigen::Vector2d& position);
 
 private:

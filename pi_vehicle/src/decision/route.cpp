@@ -20,7 +20,7 @@ using Points = std::vector<Eigen::Vector2d>;
 
 constexpr double SAME_POINT = 0.05;    // [m]
 constexpr double SAME_HEADING = 0.02;  // [rad]
-constexpr double RESERVE = 1.04;       // of radii: averaging tightens arcs a little
+constexpr double RESERVE = 1.04;       // factor on radii, as averaging tightens arcs a little
 constexpr double JOIN_STEP = 0.25;     // between places to join that are tried [m]
 constexpr size_t MAX_POINTS = 1000;
 constexpr double MAX_COORDINATE = 1e5;  // [m]
@@ -56,8 +56,8 @@ Points resampled(const Points& points, double spacing, bool closed)
   return even;
 }
 
-/// Averages over `window` of the way; open ends are thought to go on straight, so they stay where they are if they
-/// begin with half a window of straight way.
+/// Averages over `window` along the way. Open ends are prolonged straight, so an end that begins with half a window of
+/// straight way stays in place.
 Points averaged(const Points& points, double window, double spacing, bool closed)
 {
   const auto count = static_cast<std::ptrdiff_t>(points.size());

@@ -13,7 +13,7 @@ struct RouteOptions
 {
   double min_radius = 2.25;  ///< 1.2 m / tan(0.5 rad) = 2.2 m for the example car; small for differential drives [m]
   double preferred_radius = 3.0;  ///< of corners, where the legs and the corridor allow it [m]
-  double corridor = 1.5;          ///< corners may be cut by so much [m]
+  double corridor = 1.5;          ///< largest distance between a corner and the path [m]
   double transition = 1.0;        ///< length over which curvature changes at the ends of an arc [m]
   double spacing = 0.1;           ///< of the path's points [m]
 
@@ -41,23 +41,22 @@ struct RouteRequest
 
 struct RouteResult
 {
-  std::optional<Path> path;    ///< nullopt: there is none
-  std::string problem;         ///< why not, and the way out; empty: all is well
+  std::optional<Path> path;    ///< nullopt: no path, see `problem`
+  std::string problem;         ///< with the remedy; empty: none
   double max_curvature = 0.0;  ///< [1/m]
   double max_cut = 0.0;        ///< largest distance of a waypoint from the path [m]
 };
 
-/// Plans a path that a vehicle with a turning circle can drive forwards. Corners become arcs as wide as legs, corridor
-/// and preferred_radius allow; start and goal headings are reached by the shortest path of arcs and a straight (Dubins
-/// 1957) from or to the place on the leg that makes the whole shortest. Averaging over `transition` then makes the
-/// curvature change linearly at the ends of arcs, as in a clothoid.
-/// The turns at start and goal may leave the legs by up to four radii; they know no walls.
-/// Impossible (a result, not an exception): fewer than 2 different points (loop: 3), more than 1000, numbers that are
-/// none, a corner that is too sharp for the corridor or whose legs are too short.
+/// Plans a path that a vehicle with a turning circle can drive forwards. Corners become arcs, as wide as the legs, the
+/// corridor and preferred_radius allow. Start and goal headings are reached by Dubins paths (Dubins 1957) that join the
+/// leg where the whole route is shortest. Averaging over `transition` makes the curvature change linearly at the ends
+/// of arcs, as in a clothoid. The turns at start and goal may leave the legs by up to four radii; obstacles are not
+/// considered. There is no path, and `problem` says why, for fewer than 2 different points (loop: 3), more than 1000,
+/// numbers that are not finite, and a corner that is too sharp for the corridor or whose legs are too short.
 /// @throws std::invalid_argument from options.validate().
 RouteResult planRoute(const RouteRequest& request, const RouteOptions& options = RouteOptions());
 
-/// From a pose beside or turned away from the path back onto it, and on to its end (closed: once round).
+/// From a pose beside the path, or turned away from it, back onto the path and to its end (closed: one round).
 /// @param ahead  farthest place of the path to join, ahead of the nearest one [m].
 RouteResult rejoinRoute(const Path& path, const Pose2& pose, double ahead = 15.0,
                         const RouteOptions& options = RouteOptions());

@@ -21,10 +21,10 @@ constexpr double WAY_STEP = 0.1;         // of the arc, if no way is given [m]
 constexpr double TRACK_S = 3.0;          // dead reckoning is kept for so long [s]
 constexpr double LEAST_MARGIN = 0.05;    // of an obstacle that is already closer than the margin [m]
 constexpr double EMERGENCY_GAP = 0.15;   // left after emergency braking, on top of the least margin [m]
-constexpr double LEAST_HALF_SIZE = 0.1;  // of obstacles [m]
-constexpr double STANDING_S = 1.0;       // the way must stay free for so long after coming to a stand [s]
-constexpr double ROLLING_S = 0.3;        // a vehicle that still rolls need not stand: clear for so long will do
-constexpr double MAX_UPDATE_S = 1.0;     // a longer pause begins anew
+constexpr double LEAST_HALF_SIZE = 0.1;  // of an obstacle's box [m]
+constexpr double STANDING_S = 1.0;       // the place of the stop must stay free for this time [s]
+constexpr double ROLLING_S = 0.3;        // clear_persistence of a vehicle that has not come to a stop yet
+constexpr double MAX_UPDATE_S = 1.0;     // a longer pause resets the governor
 constexpr double REACH_STEP = 0.5;       // along the way, to see which obstacles are far from it [m]
 
 /// Distance covered within `t` by driving `speed` for `reaction` and then braking.
@@ -253,7 +253,7 @@ bool SpeedGovernor::brakes(const Local& obstacle, const std::vector<Placed>& pla
                            double margin, bool frozen) const
 {
   const bool moving = obstacle.moving && !frozen;
-  // Who walks up to a vehicle that has been standing for a while is no reason to stop elsewhere.
+  // A pedestrian who walks up to the standing vehicle is no reason to stop elsewhere.
   const double end = moving ? std::min(options_.horizon, standing_s + STANDING_S) : standing_s + TIME_STEP;
   for (size_t i = 0; i < places.size() && TIME_STEP * static_cast<double>(i) <= end; ++i)
   {

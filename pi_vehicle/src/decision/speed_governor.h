@@ -17,23 +17,23 @@ struct SpeedGovernorOptions
   double max_speed = 3.0;               ///< [m/s]
   double deceleration = 1.0;            ///< comfortable [m/s^2]
   double emergency_deceleration = 2.5;  ///< [m/s^2]
-  double reaction_time = 0.35;          ///< from update() until the brakes act, with the period of update() [s]
-  double vehicle_front = 1.0;           ///< outline in base_link: ahead of the origin [m]
-  double vehicle_rear = 0.5;            ///< behind it [m]
-  double vehicle_half_width = 0.6;      ///< [m]
-  double margin = 0.3;                  ///< kept free on the sides and ahead [m]
-  double stop_gap = 0.7;                ///< kept free ahead when stopping, on top of the margin [m]
-  double headway = 0.4;                 ///< as much more per m/s when following [s]
-  double min_moving_speed = 0.15;       ///< slower obstacles are taken as standing [m/s]
-  double horizon = 4.5;                 ///< obstacles are predicted for so long [s]
-  double pass_time_margin = 0.7;        ///< to go before or after a moving obstacle [s]
-  double close_speed = 0.6;             ///< bound while an obstacle is inside the margin [m/s]
-  double memory = 0.8;                  ///< an obstacle that is no longer reported is believed in for so long [s]
-  double clear_persistence = 1.0;       ///< after standing, the way must be clear for so long [s]
-  double resume_speed = 0.5;            ///< "clear": at least this would be allowed [m/s]
-  double min_speed = 0.15;              ///< lower bounds become a stop [m/s]
-  double rise = 1.0;                    ///< the limit rises by no more than this [m/s^2]
-  double obstacles_timeout = 0.5;       ///< silence of the obstacles after which the vehicle stops [s]
+  double reaction_time = 0.35;      ///< from an obstacle report until the brakes act, period of update() included [s]
+  double vehicle_front = 1.0;       ///< outline in base_link: ahead of the origin [m]
+  double vehicle_rear = 0.5;        ///< behind it [m]
+  double vehicle_half_width = 0.6;  ///< [m]
+  double margin = 0.3;              ///< kept free on the sides and ahead [m]
+  double stop_gap = 0.7;            ///< kept free ahead when stopping, on top of the margin [m]
+  double headway = 0.4;             ///< time gap to a moving obstacle, on top of stop_gap [s]
+  double min_moving_speed = 0.15;   ///< slower obstacles count as standing [m/s]
+  double horizon = 4.5;             ///< prediction time [s]
+  double pass_time_margin = 0.7;    ///< time between the vehicle and a moving obstacle that passes the same place [s]
+  double close_speed = 0.6;         ///< limit while an obstacle is inside the margin [m/s]
+  double memory = 0.8;              ///< an obstacle stays known for this time after its last report [s]
+  double clear_persistence = 1.0;   ///< after a stop the way must be clear for this time [s]
+  double resume_speed = 0.5;        ///< the way is clear if at least this speed is allowed [m/s]
+  double min_speed = 0.15;          ///< a lower limit becomes a stop [m/s]
+  double rise = 1.0;                ///< fastest rise of the limit [m/s^2]
+  double obstacles_timeout = 0.5;   ///< the vehicle stops after this time without a report [s]
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
@@ -64,15 +64,15 @@ auto visitFields(Options& o, Visit&& visit) -> decltype(o.pass_time_margin, o.cl
   visit("obstacles_timeout", o.obstacles_timeout);
 }
 
-/// An obstacle as pi_detect/Obstacle3D tells it, on the ground plane.
+/// A pi_detect/Obstacle3D on the ground plane.
 struct ObstacleBox
 {
-  int64_t id = 0;                                      ///< stays with the obstacle
+  int64_t id = 0;                                      ///< the same in all reports of one obstacle
   Eigen::Vector2d position = Eigen::Vector2d::Zero();  ///< centre, in base_link at the stamp [m]
   Eigen::Vector2d size = Eigen::Vector2d::Zero();      ///< along the axes of base_link [m]
   Eigen::Vector2d velocity = Eigen::Vector2d::Zero();  ///< over the ground, in the axes of base_link [m/s]
-  bool moving = true;                                  ///< the velocity means something; false: taken as standing
-  /// Around it, as GroundPolygon::isOutline() wants it, in base_link at the stamp [m]; empty: the box.
+  bool moving = true;                                  ///< false: counts as standing, whatever its velocity
+  /// Its outline, valid by GroundPolygon::isOutline(), in base_link at the stamp [m]; empty: the box counts.
   std::vector<Eigen::Vector2d> outline;
 };
 
@@ -89,39 +89,39 @@ struct GovernorOutput
 {
   double speed_limit = 0.0;       ///< of the speed along the way [m/s]
   double max_deceleration = 0.0;  ///< to brake with [m/s^2]
-  bool emergency = false;         ///< comfortable braking would not do: speed_limit is 0
-  int64_t obstacle_id = -1;       ///< that sets the limit; -1: none does
-  double time_to_collision = std::numeric_limits<double>::infinity();  ///< along the way at the present speed [s]
+  bool emergency = false;         ///< comfortable braking would end in contact: speed_limit is 0
+  int64_t obstacle_id = -1;       ///< the obstacle that sets the limit; -1: none
+  double time_to_collision = std::numeric_limits<double>::infinity();  ///< at the present speed [s]
   std::string reason;                                                  ///< for people; empty: nothing limits
 };
 
 /// Limits the speed along the way ahead so that the vehicle hits nothing.
 ///
-/// Every obstacle is its outline, or its box if it has none, predicted with constant velocity from its stamp on; the
-/// vehicle's outline with margin is moved along the way. A speed is allowed if driving it for the reaction time and
-/// then braking comfortably touches no prediction, with a gap ahead that grows with the speed (this stops before
-/// standing things, follows slower ones, lets crossing ones pass and waits for oncoming ones), and if emergency braking
-/// also suffices should a moving obstacle stop dead where it is. Otherwise the present speed is kept if that passes
-/// clear of all predictions with pass_time_margin. Emergency: the time to collision is below what comfortable braking
-/// takes, that is, it would end in contact. An obstacle is remembered for `memory` when reports miss it, moving on as
-/// last seen. What is wholly behind the vehicle is no concern: it only drives forwards.
+/// Obstacles move with constant velocity from their stamp on, as outlines or, without one, as boxes. The vehicle's
+/// outline with margin moves along the way. A speed is allowed if
+/// - driving it for the reaction time and then braking comfortably touches no obstacle, with a gap ahead that grows
+/// with
+///   the speed. So the vehicle stops before standing obstacles, follows slower ones, lets crossing ones pass and waits
+///   for oncoming ones; and
+/// - emergency braking suffices if a moving obstacle stops at once.
+/// If the present speed is not allowed, the vehicle keeps it where it passes all obstacles with pass_time_margin. An
+/// emergency is when comfortable braking would end in contact. Obstacles that are wholly behind the vehicle do not
+/// count, as it only drives forwards.
 ///
-/// Obstacles are carried along by dead reckoning from measured speed and curvature, so that their latency is made up
-/// for. Not thread safe; time comes in as numbers only.
+/// Dead reckoning with measured speed and curvature makes up for the latency of the reports. Not thread safe.
 class SpeedGovernor
 {
 public:
   /// @throws std::invalid_argument from validate().
   explicit SpeedGovernor(const SpeedGovernorOptions& options = SpeedGovernorOptions());
 
-  /// Takes a report, also an empty one, of all obstacles known at the stamp. Odd numbers and stamps that are not newer
-  /// than the last are left out and counted; of an odd outline only that, so that the box counts. A stamp more than a
-  /// second back begins anew.
+  /// Takes a report of all obstacles known at the stamp; it may be empty. Boxes with numbers that are not finite,
+  /// invalid outlines (the box then counts) and reports that are not newer than the last are left out and counted. A
+  /// stamp more than 1 s back resets the governor.
   /// @return false if the report, or a part of it, was left out.
   bool setObstacles(int64_t stamp_ns, const std::vector<ObstacleBox>& obstacles);
 
-  /// To be called at 10 to 50 Hz with newer times; a clock that goes back forgets everything, so the limit is 0 until
-  /// obstacles are reported again.
+  /// Call at 10 to 50 Hz. A clock that goes back resets the governor: the limit is 0 until the next report.
   GovernorOutput update(const GovernorInput& input);
 
   size_t leftOut() const { return left_out_; }  ///< reports, boxes and outlines
@@ -160,7 +160,7 @@ private:
   Pose2 poseAt(int64_t stamp_ns) const;
   bool touches(const Local& obstacle, double at_s, const Placed& vehicle, double extra_front, double margin) const;
   Placed alongWay(double s) const;
-  /// Along the way, every TIME_STEP, while braking from a multiple of SPEED_STEP until a while after standing.
+  /// Places along the way every TIME_STEP, from braking at a multiple of SPEED_STEP until STANDING_S after the stop.
   const std::vector<Placed>& brakingPlaces(size_t speed_steps, bool emergency);
   std::vector<Placed> makeBrakingPlaces(double speed, double deceleration) const;
   bool brakes(const Local& obstacle, const std::vector<Placed>& places, double standing_s, double gap, double margin,
@@ -192,8 +192,8 @@ private:
   std::vector<Pose2> way_;
   std::vector<double> way_s_;
   std::vector<Placed> at_speed_;                  // along the way at the present speed, every TIME_STEP
-  std::vector<Placed> reach_;                     // along all of the way that counts
-  std::vector<std::vector<Placed>> comfortable_;  // brakingPlaces(), as far as they were asked for
+  std::vector<Placed> reach_;                     // along the whole way that is looked at
+  std::vector<std::vector<Placed>> comfortable_;  // brakingPlaces(), computed when first asked for
   std::vector<std::vector<Placed>> emergency_;
   bool reported_ = false;
   int64_t report_ns_ = 0;

@@ -9,8 +9,8 @@
 namespace pi_vehicle
 {
 
-/// The way by the wheels over the last while. Of wheel odometry the motion between two messages counts, not the pose: a
-/// chassis that begins anew at the origin breaks nothing. Not thread safe.
+/// The recent track by wheel odometry. Only the motion between two messages counts, so a chassis that restarts at the
+/// origin does no harm. Not thread safe.
 class WheelTrack
 {
 public:
@@ -23,11 +23,11 @@ public:
     double yaw_rate = 0.0;  ///< [rad/s]
   };
 
-  /// @param max_speed  of the vehicle; what would be faster is a jump, and bridged by the speed [m/s].
+  /// @param max_speed  of the vehicle [m/s]; a faster motion is a jump, which the last speed bridges.
   /// @param length_s   of the way that is kept [s].
   WheelTrack(double max_speed, double length_s) : max_speed_(max_speed), length_s_(length_s) {}
 
-  /// @return false: left out, as it is not finite or not newer than the one before.
+  /// @return false if left out: not finite, or not newer than the one before.
   bool add(int64_t stamp_ns, const Pose2& pose, double speed, double yaw_rate);
   void clear() { points_.clear(); }
 

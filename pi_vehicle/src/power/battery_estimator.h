@@ -19,7 +19,7 @@ struct BatteryOptions
   void validate() const;
 };
 
-/// What is known of a battery; NaN: not known.
+/// State of a battery; NaN: unknown.
 struct BatteryReading
 {
   double voltage = std::numeric_limits<double>::quiet_NaN();  ///< [V]
@@ -33,8 +33,8 @@ struct BatteryEstimate
   double remaining_s = std::numeric_limits<double>::quiet_NaN();  ///< until it is empty [s]; NaN: unknown, or charged
 };
 
-/// How long a battery lasts: energy left / smoothed draw. The draw is that of the battery where it says its current,
-/// else that of the computer alone. Not thread safe.
+/// Estimates the remaining time: energy left / smoothed power. The power is the battery's if it reports its current,
+/// else the computer's alone. Not thread safe.
 class BatteryEstimator
 {
 public:

@@ -10,10 +10,10 @@
 namespace pi_vehicle::power
 {
 
-/// Watts where no sensor gives them. Equation 4 of the π-Edge paper, e_L = (a + beta f^3) w / f, gives a task of w
-/// cycles the energy of the time w / f at a power of a + beta f^3. Here a is paid once, busy or not; beta f^3 for each
-/// core as long as it is busy. The defaults are calibrated on the paper's TX1: idle 1 W, and 4.2 W of the CPU at 60 %
-/// of four cores (figures 14 and 15): beta = (4.2 - 1.0) / (2.4 * 1.9^3). What the GPU draws is not modelled.
+/// A model of power for computers without sensors. Equation 4 of the π-Edge paper, e_L = (a + beta f^3) w / f, gives a
+/// task of w cycles the energy of the time w / f at a power of a + beta f^3. Here a is paid once, busy or not; beta f^3
+/// for each core as long as it is busy. The defaults are calibrated on the paper's TX1: idle 1 W, and 4.2 W of the CPU
+/// at 60 % of four cores (figures 14 and 15): beta = (4.2 - 1.0) / (2.4 * 1.9^3). The GPU is not modelled.
 struct ModelOptions
 {
   double idle_w = 1.0;              ///< a: the CPU at rest [W], in [0, 1000]
@@ -25,10 +25,10 @@ struct ModelOptions
   void validate() const;
 };
 
-/// Power of a core that is busy all the time, beyond that at rest [W].
+/// Power of a core that is always busy, less its power at rest [W].
 double busyCoreWatts(const ModelOptions& model, double frequency_ghz);
 
-/// Who draws how much [W].
+/// Power of each consumer [W].
 struct PowerAccount
 {
   double total = 0.0;            ///< idle and dynamic
@@ -41,9 +41,8 @@ struct PowerAccount
   std::string source;  ///< names of sensors, or "model"
 };
 
-/// The sensors whose watts add up to the computer's: those that are asked for, else the input rail of an INA3221
-/// (VDD_IN, POM_5V_IN), else RAPL's platform (psys), else RAPL's packages. Empty: there is none, or one that is asked
-/// for is missing.
+/// The sensors whose sum is the power of the computer: the requested ones, else the input rail of an INA3221 (VDD_IN,
+/// POM_5V_IN), else RAPL's platform (psys), else RAPL's packages. Empty: there is none, or a requested one is missing.
 std::vector<std::string> computerSensors(const pi_node::PowerReading& reading,
                                          const std::vector<std::string>& asked_for);
 

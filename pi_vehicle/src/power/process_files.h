@@ -27,8 +27,8 @@ struct MachineTime
   uint32_t cores = 0;
 };
 
-/// What the kernel says of processes in /proc. The clock of its times has steps of 10 ms. What cannot be read, as the
-/// process has ended, is a zombie, or is another user's, is missing. Thread safe.
+/// Reads times and memory of processes from /proc. Times have steps of 10 ms. A process that ended, is a zombie or
+/// belongs to another user has no value. Thread safe.
 class ProcessFiles
 {
 public:

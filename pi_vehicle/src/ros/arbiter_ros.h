@@ -21,15 +21,15 @@
 namespace pi_vehicle
 {
 
-/// The arbiter on the graph: the one that publishes `motion` (pi_vehicle/MotionCommand, at a steady rate), from
+/// Runs the Arbiter on the graph. Only this node publishes `motion` (pi_vehicle/MotionCommand, at a steady rate), from
 /// `motion/<source>` of every source in sources_file and, if there is a source `remote`, from `cmd_vel`
 /// (geometry_msgs/Twist). `vehicle_state` gives the measured speed. Publishes `arbiter/state`
 /// (pi_vehicle/ArbiterState, latched, when it changes) and diagnostics. Private services `emergency_stop` and
 /// `release_emergency_stop` (std_srvs/Trigger); the latch is kept in the private parameter `latched` (its reason) and
 /// outlives this node. Decisions: decision/arbiter.h.
 ///
-/// A command that asks for less speed than the vehicle is told now is published on arrival, others at the next tick.
-/// While the clock of ROS stands still there are no ticks: the chassis then stops the vehicle by itself.
+/// A command for a lower speed than the present one is published on arrival, others at the next tick.
+/// While the ROS clock stands still there are no ticks, and the watchdog of the chassis stops the vehicle.
 /// One thread, `arbiter`, has all callbacks.
 class ArbiterRos
 {

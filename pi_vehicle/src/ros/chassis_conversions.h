@@ -12,17 +12,17 @@
 namespace pi_vehicle
 {
 
-/// Numbers as they are; a negative deceleration becomes NaN, which the driver refuses.
+/// A negative deceleration becomes NaN, which the driver refuses.
 chassis::Motion fromMsg(const MotionCommand& message);
 
 VehicleState toVehicleState(const chassis::HostState& state, const ros::Time& stamp, const std::string& frame);
 
-/// Pose in odom_frame, twist in base_link_frame. Variances of the pose grow with the square of the distance driven;
-/// what wheels do not know (z, roll, pitch, sideways speed) has 1e-6: the vehicle cannot do it.
+/// Pose in odom_frame, twist in base_link_frame. Variances of the pose grow with the square of the distance driven. z,
+/// roll, pitch and sideways speed have variance 1e-6, as the vehicle cannot move so.
 nav_msgs::Odometry toOdometry(const chassis::WheelOdometry& odometry, const ros::Time& stamp,
                               const ChassisRosOptions& options);
 
-/// What is unknown is NaN.
+/// Unknown values are NaN.
 sensor_msgs::BatteryState toBatteryState(const chassis::HostState& state, const ros::Time& stamp,
                                          const std::string& frame);
 

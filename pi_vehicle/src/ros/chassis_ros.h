@@ -18,7 +18,7 @@
 namespace pi_vehicle
 {
 
-/// The chassis on the graph. Subscribes `motion` (pi_vehicle/MotionCommand); publishes `vehicle_state`
+/// Runs the ChassisDriver on the graph. Subscribes `motion` (pi_vehicle/MotionCommand); publishes `vehicle_state`
 /// (pi_vehicle/VehicleState, once per command_period_s, connected or not), `wheel_odometry` (nav_msgs/Odometry, one per
 /// status of the chassis), `battery` (sensor_msgs/BatteryState, 1 Hz), diagnostics, and tf where asked. Services
 /// `emergency_stop` and `release_emergency_stop` (std_srvs/Trigger): the first stops at once and latches, the second

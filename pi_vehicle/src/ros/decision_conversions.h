@@ -20,7 +20,7 @@
 namespace pi_vehicle
 {
 
-/// What a source that only bounds the speed says where it has no bound [m/s]; numbers in messages must be finite.
+/// The speed [m/s] of a limiting source without a limit, as numbers in messages must be finite.
 constexpr double NO_SPEED_LIMIT = 1000.0;
 
 inline int64_t toNs(const ros::Time& time)
@@ -34,8 +34,8 @@ DriveCommand toDriveCommand(const MotionCommand& message, const std::string& sou
 DriveCommand toDriveCommand(const geometry_msgs::Twist& message, const std::string& source);
 MotionCommand toMotionCommand(const DriveCommand& command, const ros::Time& stamp);
 
-/// Obstacles seen within max_unseen_s, by the middles of their outlines, or of their boxes where they have none. What
-/// has no class has score 1: it is there.
+/// Obstacles seen within max_unseen_s, at the middle of their outline or, without one, of their box. An obstacle
+/// without a class has score 1.
 std::vector<SeenThing> toSeenThings(const pi_detect::ObstacleArray& message, double max_unseen_s);
 /// @param said  the text that was said, if any.
 ReactionEvent toMsg(const RuleEvent& event, const std_msgs::Header& header, const std::string& said);
@@ -45,7 +45,7 @@ int64_t spokenNs(const pi_speech::VoiceCommand& message, const ros::Time& now);
 geometry_msgs::PoseStamped toGoal(const Pose2& place, const ros::Time& stamp, const std::string& map_frame);
 
 ArbiterState toArbiterState(const Arbiter& arbiter, const ArbiterOutput& output, const ros::Time& stamp);
-/// The same but for stamps, ages, speeds, and numbers in the reason.
+/// Equal except for stamps, ages, speeds and numbers in the reason.
 bool sameState(const ArbiterState& a, const ArbiterState& b);
 
 }  // namespace pi_vehicle

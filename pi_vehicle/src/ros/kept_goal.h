@@ -14,7 +14,7 @@ namespace pi_vehicle
 /// The private parameter of a KeptGoal.
 constexpr char KEPT_GOAL[] = "kept_goal";
 
-/// What navigation leaves for its next life: the goal that it drives to.
+/// The present goal, kept for a restart of the navigation.
 struct KeptGoal
 {
   NavigationGoal goal;  ///< points that are still ahead, in the map
@@ -27,7 +27,7 @@ struct KeptGoal
 XmlRpc::XmlRpcValue toParameter(const KeptGoal& kept);
 
 /// @param name  for the message.
-/// @return nullopt for "", which is what stays of a goal that ended. @throws std::invalid_argument if it is neither.
+/// @return nullopt for "", the value after a goal ended. @throws std::invalid_argument for anything else.
 std::optional<KeptGoal> toKeptGoal(const XmlRpc::XmlRpcValue& value, const std::string& name);
 
 }  // namespace pi_vehicle

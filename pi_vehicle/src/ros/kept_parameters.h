@@ -13,13 +13,13 @@
 namespace pi_vehicle
 {
 
-/// What a node leaves for its next life, on the parameter server: it outlives a node that is killed, unlike a latched
-/// topic. Values are set on a thread of its own, as the master may be slow or gone; of one name the newest counts.
+/// Keeps values of a node on the parameter server, which outlives a node that is killed (a latched topic does not). A
+/// thread of its own sets them, as the master may be slow or gone; of one name the newest value counts.
 class KeptParameters
 {
 public:
   explicit KeptParameters(const ros::NodeHandle& private_node);
-  /// Sets what is still to be set.
+  /// Sets the values that wait.
   ~KeptParameters();
   KeptParameters(const KeptParameters&) = delete;
   KeptParameters& operator=(const KeptParameters&) = delete;
@@ -27,7 +27,7 @@ public:
   /// Returns at once. @param name  private.
   void keep(const std::string& name, const XmlRpc::XmlRpcValue& value);
 
-  /// *value stays where there is none. @throws std::invalid_argument if it is of another type.
+  /// Leaves *value unchanged if there is none. @throws std::invalid_argument for another type.
   template <typename Value>
   void find(const std::string& name, const char* type, Value* value) const
   {

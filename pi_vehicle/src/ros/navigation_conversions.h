@@ -31,7 +31,7 @@ Pose2 toPose2(const Eigen::Isometry3d& pose);
 /// In the map; a quaternion of length 0 means that any heading will do.
 Waypoint toWaypoint(const geometry_msgs::Pose& pose, const Eigen::Isometry3d& T_map_pose_frame);
 
-/// The way back; without a heading its quaternion is 0.
+/// The inverse; without a heading the quaternion is 0.
 geometry_msgs::PoseStamped toMsg(const Waypoint& waypoint, const std::string& map_frame);
 
 /// One sigma of the position on the ground along its worst direction [m]; 0: the covariance says nothing.
@@ -56,7 +56,7 @@ struct NavigationView
   NavigatorOutput output;
 };
 
-/// They vanish by themselves when no more come.
+/// The markers expire by themselves.
 visualization_msgs::MarkerArray toMarkers(const NavigationView& view);
 
 /// A frame's name without the leading slash that old nodes write.

@@ -14,7 +14,7 @@
 namespace pi_vehicle
 {
 
-/// A call to a ROS master or node with a limit of time, which that of xmlrpcpp has not.
+/// A call to a ROS master or node with a timeout, which xmlrpcpp lacks.
 /// @param uri  http://HOST:PORT/. @param stop  ends the call early.
 /// @return the value of the answer [1, text, value]; invalid if there was none in time.
 XmlRpc::XmlRpcValue callWithin(double timeout_s, const std::string& uri, const std::string& method,
@@ -23,9 +23,9 @@ XmlRpc::XmlRpcValue callWithin(double timeout_s, const std::string& uri, const s
 /// Whether a host name or address is this computer's. Asks the system's resolver.
 bool isThisComputer(const std::string& host);
 
-/// Finds the processes of nodes on this computer, on a thread of its own: the master says where a node is, the node its
-/// process. A node whose process has ended is looked for again. A node that does not answer is asked again later; it
-/// holds up the search for the others by the timeout, and nobody else.
+/// Finds the processes of nodes on this computer, on a thread of its own: the master knows a node's address, the node
+/// its process. A node whose process ended is looked up again. A node that does not answer is asked again later, and
+/// delays only this search, by the timeout.
 class NodeFinder
 {
 public:

@@ -22,13 +22,13 @@
 namespace pi_vehicle
 {
 
-/// PoseKeeper on the graph.
+/// Runs the PoseKeeper on the graph.
 ///
 /// Subscribes `odometry` (of the localisation), tf map -> odom, `wheel_odometry` (of the chassis). Publishes
-/// `initialpose` (geometry_msgs/PoseWithCovarianceStamped in the map, at a stamp of odometry) when odometry began anew,
-/// until it takes it; `localisation` (LocalisationState, latched) at each change of `valid`: it is false from silence_s
-/// of silence until odometry's pose in map is right again, so that nobody drives by the wrong pose in between;
-/// diagnostics.
+/// `initialpose` (geometry_msgs/PoseWithCovarianceStamped in the map, at a stamp of odometry) after a restart of
+/// odometry until odometry accepts it; `localisation` (LocalisationState, latched) at each change of `valid`, which is
+/// false from silence_s of silence until odometry's pose in the map is right again, so that nobody drives by a wrong
+/// pose; diagnostics.
 ///
 /// All on one thread, `pose_keeper`; only the file is written there. Times are those of ros::Time.
 class PoseKeeperRos
@@ -63,7 +63,7 @@ private:
   tf2_ros::Buffer tf_buffer_;
   PoseKeeper keeper_;
 
-  /// Those of the last connections of odometry, each with its number; kept so that no other gets the same address.
+  /// The last connections of odometry with their numbers; kept so that no other connection gets the same address.
   std::vector<std::pair<boost::shared_ptr<ros::M_string>, uint64_t>> connections_;
   uint64_t last_connection_ = 0;
   int64_t map_looked_up_ns_ = 0;

@@ -19,10 +19,11 @@
 namespace pi_vehicle
 {
 
-/// What the services of this computer take of it. Subscribes `vehicle_state` (pi_vehicle/VehicleState); publishes
-/// `power` (pi_vehicle/PowerState) and `battery` (sensor_msgs/BatteryState) once per period_s, and diagnostics.
+/// Measures processor time, memory and power of the services on this computer. Subscribes `vehicle_state`
+/// (pi_vehicle/VehicleState); publishes `power` (pi_vehicle/PowerState) and `battery` (sensor_msgs/BatteryState) once
+/// per period_s, and diagnostics.
 ///
-/// The battery is that of vehicle_state as long as this comes and says a charge, else that of the computer in /sys.
+/// The battery is the one of vehicle_state while that comes with a charge, else the one of the computer in /sys.
 /// Two threads: `power` has callbacks and reads /proc and /sys; `power_nodes` asks master and nodes.
 class PowerRos
 {

@@ -18,7 +18,7 @@
 namespace pi_vehicle
 {
 
-/// Rules about what is seen, on the graph. Subscribes `obstacles` (pi_detect/ObstacleArray in base_link_frame);
+/// Runs ReactionRules on the graph. Subscribes `obstacles` (pi_detect/ObstacleArray in base_link_frame);
 /// publishes `motion/reaction` (pi_vehicle/MotionCommand: the speed limit, NO_SPEED_LIMIT if there is none) at a steady
 /// rate and at once when the limit falls, `reaction/events` (pi_vehicle/ReactionEvent, one when a rule begins to act),
 /// `say` (std_msgs/String), `horn` (std_msgs/Empty) and diagnostics. Private service `reload` (std_srvs/Trigger) reads

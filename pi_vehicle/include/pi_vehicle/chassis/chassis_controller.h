@@ -8,7 +8,7 @@
 namespace pi_vehicle::chassis
 {
 
-/// What the chassis measures of itself.
+/// Measurements of the chassis.
 struct Measurement
 {
   double speed = 0.0;      ///< [m/s]
@@ -21,7 +21,7 @@ struct Measurement
   uint16_t faults = 0;  ///< those of the hardware that are there at the moment: battery, button, heat, steering
 };
 
-/// What the motors shall do.
+/// Targets of the motors.
 struct Setpoint
 {
   double speed = 0.0;      ///< [m/s]
@@ -36,18 +36,19 @@ struct ControllerCounters
   uint64_t watchdog_stops = 0;
 };
 
-/// The chassis's end of the protocol, as firmware has it: watchdog, limits, ramps, latched emergency stop. Time is the
-/// caller's, monotonic; an instance belongs to one thread.
+/// The chassis's end of the protocol, a reference for its firmware: watchdog, limits, ramps, latched emergency stop.
+/// The tests of the host drive against it, so it lives here and not in pi_simulation. Monotonic time; one thread per
+/// instance.
 class ChassisController
 {
 public:
-  /// @param hello  what this chassis says of itself; its limits are those that hold.
+  /// @param hello  describes this chassis; its limits hold.
   /// @throws std::invalid_argument for limits that are impossible.
   ChassisController(const Hello& hello, int64_t now_ns);
 
-  /// Bytes that came from the host, whatever they are.
+  /// Any bytes from the host.
   void onBytes(const uint8_t* bytes, size_t count, int64_t now_ns);
-  /// Ramps towards the last command and writes a status where one is due. To be called at 50 Hz or faster.
+  /// Ramps towards the last command, and writes a status when due. Call at 50 Hz or faster.
   Setpoint update(const Measurement& measured, int64_t now_ns);
   /// Bytes for the host since the last call.
   std::vector<uint8_t> takeOutput();

@@ -40,14 +40,14 @@ struct DriverEvents
   std::function<void(const std::string& problem)> closed;  ///< could not be opened, or is gone: once until opened()
 };
 
-/// Drives a chassis on a serial line, on a thread of its own, by monotonic time. A port that is not there, or goes, is
-/// opened again after pauses that grow. All methods from any thread; none waits for the line.
+/// Drives a chassis over a serial line, on a thread of its own, by monotonic time. A missing or lost port is opened
+/// again after pauses that grow. All methods may be called from any thread; none waits for the line.
 class ChassisDriver
 {
 public:
-  /// Begins. @throws std::invalid_argument for wrong options or without events.state.
+  /// Starts the thread. @throws std::invalid_argument for wrong options or without events.state.
   ChassisDriver(const DriverOptions& options, DriverEvents events);
-  /// Commands a stop, then ends; a few milliseconds. The chassis's watchdog does the rest.
+  /// Commands a stop and ends within a few milliseconds; then the watchdog of the chassis acts.
   ~ChassisDriver();
   ChassisDriver(const ChassisDriver&) = delete;
   ChassisDriver& operator=(const ChassisDriver&) = delete;

@@ -23,7 +23,7 @@ struct HostOptions
   void validate() const;
 };
 
-/// What the vehicle does, as the host knows it.
+/// State of the vehicle as the host knows it.
 enum class HostMode : uint8_t
 {
   READY = 0,
@@ -41,7 +41,7 @@ struct Motion
   double deceleration = 0.0;  ///< [m/s^2]; 0: usual
 };
 
-/// From the wheels alone, from where the host began.
+/// Odometry of the wheels, from the pose at the start of the host.
 struct WheelOdometry
 {
   Pose pose;
@@ -77,8 +77,8 @@ struct HostState
   HostCounters counters;
 };
 
-/// The host's end of the protocol without line, thread or clock: the caller brings bytes and monotonic time. Commands
-/// nothing but a stop until a HELLO with this version came. Not thread safe.
+/// The host's end of the protocol, without line, thread or clock: the caller passes bytes and monotonic time. Until a
+/// HELLO of this version came, only a stop is commanded. Not thread safe.
 class ChassisHost
 {
 public:
@@ -91,18 +91,18 @@ public:
   void onLineClosed(const std::string& problem);
   void onBytes(const uint8_t* bytes, size_t count, int64_t now_ns);
 
-  /// @return whether it was taken: false if a number is not finite; the last motion stays until it times out.
+  /// @return false if a number is not finite; the last motion then holds until it times out.
   bool setMotion(const Motion& motion, int64_t now_ns);
   /// Latched until release(). @param reason  for people.
   void emergencyStop(const std::string& reason);
-  /// Ends the latch of host and chassis, and clears faults of the chassis that are gone. The vehicle stands until a
-  /// motion comes that is newer than this.
+  /// Ends the latch of host and chassis, and clears faults of the chassis that are over. The vehicle stands until a
+  /// motion that is newer than this call.
   void release(int64_t now_ns);
 
   /// Forgets the motion: speed 0 is commanded until the next one. Latches stay.
   void stop();
 
-  /// The bytes to write, once per command_period_s.
+  /// @return the bytes to write; call once per command_period_s.
   std::vector<uint8_t> poll(int64_t now_ns);
   HostState state(int64_t now_ns) const;
 

@@ -33,7 +33,7 @@ struct ModelOptions
   void validate() const;
 };
 
-/// Where the vehicle truly is: its reference point is the middle of the rear axle, or of the only one.
+/// Pose of the middle of the rear axle, or of the only axle.
 struct Pose
 {
   double x = 0.0;    ///< [m]
@@ -44,24 +44,25 @@ struct Pose
 /// The pose after distance [m] along an arc of this curvature [1/m]; exact, also for 0.
 Pose alongArc(const Pose& pose, double distance, double curvature);
 
-/// A vehicle's motion: dead time, then first-order lag of speed and steering with limited steering rate, then the
-/// kinematic bicycle (or differential) model on exact arcs; and its battery. Deterministic; not thread safe.
+/// Models a vehicle's motion and battery. Setpoints pass a dead time and first-order lags of speed and steering, with
+/// limited steering rate; the kinematic bicycle (or differential) model then moves on exact arcs. Deterministic; not
+/// thread safe.
 class ChassisModel
 {
 public:
   /// @throws std::invalid_argument for wrong options.
   explicit ChassisModel(const ModelOptions& options);
 
-  /// Goes on by dt [s] in steps of 1 ms at most. dt is at most 1 s at a time; more is cut.
+  /// Advances by dt [s], clamped to [0, 1], in steps of 1 ms at most.
   void step(const Setpoint& setpoint, double dt);
   Measurement measurement() const;
   const Pose& pose() const { return pose_; }
   void setPose(const Pose& pose) { pose_ = pose; }
   double time() const { return time_; }  ///< simulated so far [s]
 
-  /// Wheels blocked: they stop, and do not turn until freed.
+  /// Blocks the wheels, or frees them.
   void setStuck(bool stuck) { stuck_ = stuck; }
-  /// @param charge  0 to 1, else cut.
+  /// @param charge  is clamped to [0, 1].
   void setBatteryCharge(double charge);
   void setEmergencyButton(bool pressed) { button_ = pressed; }
 

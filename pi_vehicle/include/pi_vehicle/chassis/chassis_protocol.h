@@ -43,7 +43,7 @@ uint16_t crc16(const uint8_t* bytes, size_t count, uint16_t start = 0xFFFF);
 /// @throws std::invalid_argument if the payload is longer than MAX_PAYLOAD_BYTES.
 std::vector<uint8_t> encodeFrame(const Frame& frame);
 
-/// What came over a line since the decoder began.
+/// Counts since the decoder was made.
 struct DecoderCounters
 {
   uint64_t bytes = 0;
@@ -55,9 +55,8 @@ struct DecoderCounters
   uint8_t other_version = 0;   ///< the last such version
 };
 
-/// Finds frames in a stream of bytes, whatever the bytes are: after damage it looks for the next sync from the byte
-/// after the false one, so that a good frame behind garbage is not lost. Keeps less than MAX_FRAME_BYTES. Not thread
-/// safe.
+/// Finds frames in a stream of any bytes. After damage it searches the next sync from the byte after the false one, so
+/// a good frame behind garbage is not lost. Keeps less than MAX_FRAME_BYTES. Not thread safe.
 class FrameDecoder
 {
 public:
@@ -72,7 +71,7 @@ private:
   DecoderCounters counters_;
 };
 
-/// What the host wants. Values beyond what the wire can hold are limited to it; NaN is refused.
+/// A command of the host. Values are clamped to the range of the wire; NaN is refused.
 struct Command
 {
   double speed = 0.0;           ///< [m/s], in steps of 0.001, in +-32.767
@@ -132,7 +131,7 @@ enum class Kind : uint8_t
   DIFFERENTIAL = 1,
 };
 
-/// What a vehicle may do. All positive.
+/// Limits of a vehicle's motion; all positive.
 struct Limits
 {
   double speed = 3.0;                 ///< forwards [m/s]
@@ -150,12 +149,12 @@ struct Limits
 /// The smaller of each.
 Limits intersection(const Limits& a, const Limits& b);
 
-/// The command within the limits: deceleration is never 0 afterwards. @param[out] cut  whether anything was beyond, by
+/// @return the command within the limits, with a deceleration above 0. @param[out] cut  whether a value was beyond by
 /// more than a step of the wire; may be null.
 Command withinLimits(const Command& command, const Limits& limits, bool* cut);
 
-/// The next speed on the way from speed to target: faster by acceleration, slower by deceleration, through 0 where the
-/// direction changes. Never beyond the target. @param dt  [s], at least 0.
+/// @return the next speed from `speed` towards `target`: limited by acceleration or deceleration, through 0 where the
+/// direction changes, never beyond the target. @param dt  [s], at least 0.
 double rampSpeed(double speed, double target, double acceleration, double deceleration, double dt);
 
 struct Hello
@@ -176,7 +175,7 @@ std::vector<uint8_t> encodeStatus(const Status& status, uint16_t sequence);
 /// Longer names are cut.
 std::vector<uint8_t> encodeHello(const Hello& hello, uint16_t sequence);
 
-/// Nothing where the frame is of another type, or its payload has another length or values that mean nothing.
+/// @return nullopt for a frame of another type, a wrong length or invalid values.
 std::optional<Command> decodeCommand(const Frame& frame);
 std::optional<Status> decodeStatus(const Frame& frame);
 std::optional<Hello> decodeHello(const Frame& frame);

@@ -8,7 +8,7 @@
 namespace pi_vehicle::chassis
 {
 
-/// What is wrong with a serial port: device, reason, way out.
+/// A problem with a serial port: device, reason, remedy.
 class SerialError : public std::runtime_error
 {
 public:
@@ -19,9 +19,9 @@ public:
 class SerialPort
 {
 public:
-  /// The path of a port: a path stays as it is; "ttyUSB0" is in /dev; else the one name in by_id that has the text in
-  /// it, as "usb-FTDI", which stays the same whatever socket it is plugged into.
-  /// @throws SerialError if there is none or several, with those that there are.
+  /// The path of a port. A path is returned unchanged; "ttyUSB0" is in /dev; other names, such as "usb-FTDI", are a
+  /// part of a name in by_id, which does not depend on the socket.
+  /// @throws SerialError listing the ports, if none or several match.
   static std::string findPath(const std::string& name, const std::string& by_id = "/dev/serial/by-id");
 
   /// @param baud_rate  one that termios knows: 9600 to 4000000.
@@ -32,9 +32,9 @@ public:
   SerialPort(const SerialPort&) = delete;
   SerialPort& operator=(const SerialPort&) = delete;
 
-  /// @return bytes that were there, at most size; 0: none at the moment. @throws SerialError if the line is gone.
+  /// @return number of bytes read; 0: none at the moment. @throws SerialError if the line is gone.
   size_t read(uint8_t* bytes, size_t size);
-  /// @return bytes that were taken; less than size where the line is slower. @throws SerialError if the line is gone.
+  /// @return number of bytes written, less than size if the line is slower. @throws SerialError if the line is gone.
   size_t write(const uint8_t* bytes, size_t size);
   /// For poll().
   int descriptor() const { return descriptor_; }

@@ -8,7 +8,7 @@
 namespace pi_vehicle
 {
 
-/// A rectangle on the ground, with what is asked of it again and again.
+/// A rectangle on the ground.
 struct GroundRectangle
 {
   Eigen::Vector2d centre;
@@ -21,7 +21,7 @@ class GroundPolygon
 {
 public:
   GroundPolygon() = default;
-  /// @param corners  as isOutline() wants them.
+  /// @param corners  valid by isOutline().
   explicit GroundPolygon(std::vector<Eigen::Vector2d> corners);
   /// @param pose  centre, heading of its x axis. @param half  half sizes [m].
   static GroundPolygon box(const Pose2& pose, const Eigen::Vector2d& half);
