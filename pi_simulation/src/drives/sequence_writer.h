@@ -21,11 +21,11 @@ struct TimeSpan
   double from_s = 0.0;
   double to_s = 0.0;
 
-  /// To the microsecond, so that rounding does not decide about a picture at one of the ends.
+  /// Compares with a tolerance of 1 us, so that rounding does not decide about a picture at an end.
   bool contains(double time_s) const { return time_s >= from_s - 1e-6 && time_s <= to_s + 1e-6; }
 };
 
-/// Faults to test a localisation with.
+/// Faults for tests of a localisation.
 struct SequenceFaults
 {
   enum class Cameras
@@ -44,21 +44,21 @@ struct SequenceFaults
   std::vector<TimeSpan> dropped;  ///< pairs are missing
   double drop_probability = 0.0;  ///< of each pair, in [0, 1)
   std::vector<TimeSpan> late;  ///< pairs are stamped late_s after they were taken, as by a host that stamps on arrival
-  double late_s = 0.2;         ///< pairs that would no longer be in order afterwards are missing
+  double late_s = 0.2;         ///< pairs that would be out of order afterwards are left out
   std::vector<TimeSpan> imu_gaps;  ///< IMU samples are missing
   bool swapped_cameras = false;    ///< the left camera's pictures are in cam1, calibration as it was
 };
 
 struct SequenceOptions
 {
-  std::string folder;                ///< to be created; mav0, truth and groundtruth_tum.txt go into it
+  std::string folder;                ///< is created; gets mav0, truth and groundtruth_tum.txt
   bool overwrite = false;            ///< replaces these three if they are there
   double frame_rate_hz = 20.0;       ///< in [0.1, 1000]
   double start_s = 0.0;              ///< of the trajectory to leave out
   double duration_s = 0.0;           ///< 0: to the end of the trajectory
   pi_slam::ImuSimulatorOptions imu;  ///< with imu_log, its noise densities only: they go into sensor.yaml
-  std::string imu_log;               ///< EuRoC csv that is passed on line by line; empty: simulated
-  StereoRendererOptions renderer;    ///< threads: whole pictures are shared out
+  std::string imu_log;               ///< EuRoC csv that is copied line by line; empty: the IMU is simulated
+  StereoRendererOptions renderer;    ///< its threads render one picture each
   bool depth = false;      ///< truth/depth/STAMP.png: left depth along the optical axis, 16 bit, [mm], 0: none
   bool obstacles = false;  ///< truth/obstacles.json
   SequenceFaults faults;
@@ -69,7 +69,7 @@ struct SequenceOptions
 
 struct SequenceReport
 {
-  bool complete = false;  ///< false: stopped by the callback, the partial recording was removed
+  bool complete = false;  ///< false: stopped by the callback; the partial recording was removed
   size_t pairs = 0;
   size_t imu_samples = 0;
   size_t obstacles = 0;  ///< seen, summed over pairs

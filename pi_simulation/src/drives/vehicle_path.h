@@ -25,10 +25,10 @@ struct VehiclePathOptions
 {
   PathShape shape = PathShape::CAMPUS_LOOP;
   double duration_s = 20.0;         ///< of the whole drive, standstills included; in [1, 86400]
-  int rounds = 0;                   ///< of a closed shape, instead of duration_s; it ends where it began. 0: none
+  int rounds = 0;                   ///< of a closed shape, instead of duration_s; ends at the start. 0: none
   double speed = 3.0;               ///< on straights [m/s]; curves are driven with at most 1.2 m/s^2 to the side
   double start_standstill_s = 2.0;  ///< at the start; 0: sets off at once
-  double end_standstill_s = 0.0;    ///< at the end; the vehicle comes to rest for it
+  double end_standstill_s = 0.0;    ///< at the end, after the vehicle came to rest
   int stops = 0;                    ///< spread evenly over the way
   double stop_s = 3.0;              ///< length of each stop
   double bumps = 1.0;               ///< scale of the road's unevenness; 0: flat. 1: 15 mm, 0.4 degrees

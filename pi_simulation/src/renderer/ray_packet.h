@@ -11,6 +11,7 @@
 namespace pi_simulation::synthetic
 {
 
+/// Own tracer and not Embree: pictures must be bit-equal on every processor, with and without fused multiply-add.
 /// Rays of neighbouring pixels from one point, traced together: objects beside all of them are skipped once (Boulos,
 /// Wald and Shirley 2006; frustum of a tile as in Reshetov, Soupikov and Hurley 2005).
 struct alignas(64) RayPacket

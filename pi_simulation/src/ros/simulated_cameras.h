@@ -32,7 +32,7 @@ public:
   SimulatedCameras(const SimulatedCameras&) = delete;
   SimulatedCameras& operator=(const SimulatedCameras&) = delete;
 
-  /// To be called once, when the world is built.
+  /// Call once, when the world is built.
   void start(std::shared_ptr<const SyntheticWorld> world);
   void request(const Exposure& exposure);
   void report(diagnostic_updater::DiagnosticStatusWrapper& status);

@@ -20,15 +20,16 @@
 namespace pi_simulation
 {
 
-/// A microphone that hears noise, and what it is told to play: `audio_stamped` and latched `audio_info` as pi_speech's
-/// MicrophoneRos, at SAMPLE_RATE_HZ in one channel, 20 ms in a message, each when its last sample would have been
-/// recorded. `~play` (std_msgs/String) names a sound file that is mixed in from the next message on; `~played`
-/// (PlayedSound) says when. A file that cannot be read is an error in the log.
+/// Simulates a microphone that records noise and played sounds. Publishes `audio_stamped` and latched `audio_info` like
+/// MicrophoneRos of pi_speech: SAMPLE_RATE_HZ, one channel, 20 ms per message, each when its last sample would have
+/// been recorded. `~play` (std_msgs/String) names a sound file that is mixed in from the next message on; `~played`
+/// (PlayedSound) tells when. A file that cannot be read is an error in the log.
 ///
-/// Service `~command` (SimulatorCommand) makes faults: `unplug` and `plug`: nothing is published, and what is played
-/// meanwhile is lost; `silent on|off`: samples of 0, as of a muted microphone. `~played` is said in any case.
+/// The service `~command` (SimulatorCommand) makes faults. After `unplug` nothing is published until `plug`, and sounds
+/// played meanwhile are lost; `silent on|off` gives samples of 0, like a muted microphone. `~played` is always
+/// published.
 ///
-/// After a pause of more than a second, as of a stopped process, the stream goes on with a gap in its stamps.
+/// After a pause of more than 1 s, for example of a stopped process, the stream continues with a gap in its stamps.
 ///
 /// Two threads: `sim_microphone` mixes and publishes, `sim_mic_ros` has callbacks and reads files.
 class SimulatedMicrophoneRos
@@ -52,7 +53,7 @@ private:
   // sim_mic_ros
   void onPlay(const std_msgs::String& message);
   bool onCommand(SimulatorCommand::Request& request, SimulatorCommand::Response& response);
-  /// @return what is wrong with the line and what would be right; empty: done.
+  /// @return the problem with its remedy; empty: done.
   std::string execute(const std::string& line);
 
   // sim_microphone

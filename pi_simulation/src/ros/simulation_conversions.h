@@ -18,7 +18,7 @@
 namespace pi_simulation
 {
 
-/// Pose in map_frame, twist in base_link_frame. Covariances are 0: it is the truth.
+/// Pose in map_frame, twist in base_link_frame. Covariances are 0, as this is the truth.
 nav_msgs::Odometry toOdometry(const TruePose& pose, const std::string& map_frame, const std::string& base_link_frame);
 
 /// All obstacles, each with score 1 and the age 0. Label: the class; class_id and track_id -1.

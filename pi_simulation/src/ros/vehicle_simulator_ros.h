@@ -34,8 +34,8 @@ namespace pi_simulation
 class VehicleSimulatorRos
 {
 public:
-  /// Begins. @throws std::invalid_argument for wrong parameters or a wrong scenario, std::runtime_error without a
-  /// pseudo-terminal or log file.
+  /// Starts the simulation. @throws std::invalid_argument for wrong parameters or a wrong scenario, std::runtime_error
+  /// without a pseudo-terminal or log file.
   VehicleSimulatorRos(ros::NodeHandle node, ros::NodeHandle private_node);
   ~VehicleSimulatorRos();
   VehicleSimulatorRos(const VehicleSimulatorRos&) = delete;

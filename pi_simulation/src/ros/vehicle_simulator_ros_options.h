@@ -17,9 +17,9 @@ namespace pi_simulation
 struct VehicleSimulatorRosOptions
 {
   std::string scenario;   ///< file; must be set
-  int scenario_seed = 1;  ///< decides within the scenario's ranges, and of all noise
+  int scenario_seed = 1;  ///< of the scenario's random ranges and of all noise
   std::string link;       ///< symbolic link to the chassis's pseudo-terminal; empty: none
-  std::string log;        ///< file of the judge's facts; empty: none
+  std::string log;        ///< file of states and events; empty: none
 
   struct Cameras
   {
@@ -27,8 +27,8 @@ struct VehicleSimulatorRosOptions
     int height = 480;           ///< [px]
     double baseline = 0.12;     ///< [m]
     double frame_rate = 20.0;   ///< [Hz]
-    int threads = 1;            ///< that render
-    int nice = 10;              ///< priority of these threads, 0 (as all others) to 19 (lowest)
+    int threads = 1;            ///< of the renderer
+    int nice = 10;              ///< priority of these threads, 0 (normal) to 19 (lowest)
     bool color = false;         ///< bgr8 in place of mono8
     bool smooth_edges = false;  ///< more rays at outlines: a third more processor time
     double noise = 1.0;         ///< scale of the pictures' noise

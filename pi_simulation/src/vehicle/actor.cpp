@@ -64,7 +64,7 @@ bool Actor::step(double time, double dt, const Eigen::Vector2d& vehicle)
   }
   else
   {
-    // As fast as it can still stop there, and no slower than what arrives.
+    // The largest speed from which it can stop there, but large enough to arrive.
     const double braking = std::sqrt(2.0 * plan_.acceleration * left);
     speed_ = std::min({plan_.speed, braking, speed_ + plan_.acceleration * dt});
     walked_ = std::min(walked_ + speed_ * dt, stop);

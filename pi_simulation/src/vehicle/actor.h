@@ -9,17 +9,17 @@
 namespace pi_simulation
 {
 
-/// Somebody or something on its path. Deterministic; not thread safe.
+/// A person or an object that moves on its path. Deterministic; not thread safe.
 class Actor
 {
 public:
   explicit Actor(const ActorPlan& plan);
 
-  /// Goes on by dt [s].
+  /// Advances by dt [s].
   /// @param time  since the start, at the end of the step [s]. @param vehicle  reference point of the vehicle [m].
-  /// @return true in the step in which it is triggered.
+  /// @return true in the step that triggers the actor.
   bool step(double time, double dt, const Eigen::Vector2d& vehicle);
-  /// Triggers it with the next step.
+  /// Triggers the actor with the next step.
   void go() { ordered_ = true; }
 
   const ActorPlan& plan() const { return plan_; }

@@ -18,14 +18,14 @@ struct MicrophoneMixerOptions
   double noise_level_dbfs = -62.0;       ///< of pink noise [dB of full scale], in [-120, 0]
   int seed = 1;                          ///< of the noise, at least 0
   std::string background;                ///< sound file, looped; empty: none
-  double background_level_dbfs = -50.0;  ///< that its mean is brought to, in [-120, 0]
+  double background_level_dbfs = -50.0;  ///< mean level of the background, in [-120, 0]
   double play_gain_db = 0.0;             ///< of sounds that are played, in [-60, 20]
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
 };
 
-/// Where a sound that is played lies in the stream, as numbers of samples since its beginning.
+/// Place of a played sound in the stream, as sample numbers since the start.
 struct SoundPlace
 {
   int64_t begin = 0;       ///< first sample
@@ -33,15 +33,15 @@ struct SoundPlace
   int64_t end = 0;         ///< behind the last one
 };
 
-/// A stream of sound without end, at SAMPLE_RATE_HZ in one channel: noise, a background, and sounds that are played
-/// into it. Sounds that overlap add up; what exceeds full scale is clipped. Not thread safe.
+/// An endless stream of sound at SAMPLE_RATE_HZ in one channel: noise, a background, and played sounds. Overlapping
+/// sounds add up; samples beyond full scale are clipped. Not thread safe.
 class MicrophoneMixer
 {
 public:
   /// @throws std::invalid_argument for wrong options, std::runtime_error naming a background that cannot be used.
   explicit MicrophoneMixer(const MicrophoneMixerOptions& options);
 
-  /// Mixes a sound in from the next sample on.
+  /// Mixes in a sound, starting at the next sample.
   SoundPlace play(pi_speech::Samples samples);
   /// The next samples of the stream.
   pi_speech::Samples next(size_t count);

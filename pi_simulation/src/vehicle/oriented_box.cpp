@@ -59,7 +59,7 @@ double distanceBetween(const OrientedBox& a, const OrientedBox& b)
   {
     return 0.0;
   }
-  // Apart, a corner of one of them is nearest to the other.
+  // If they are apart, a corner of one of them is nearest to the other.
   double nearest = distanceTo(a, cornersOf(b).front());
   for (const Eigen::Vector2d& corner : cornersOf(b))
   {

@@ -11,7 +11,7 @@
 namespace pi_simulation
 {
 
-/// What makes an actor go. With neither time nor place: it goes from the start.
+/// Starts an actor. Without time, place and command the actor moves from the start.
 struct ActorTrigger
 {
   std::optional<double> time;           ///< since the start [s]
@@ -20,7 +20,7 @@ struct ActorTrigger
   bool command = false;                 ///< only by the command "actor ID go"
 };
 
-/// An actor rests at a place of its path.
+/// A rest of an actor on its path.
 struct ActorPause
 {
   double at = 0.0;        ///< along the path [m]
@@ -43,18 +43,18 @@ struct ActorPlan
   bool vanish_at_end = false;          ///< of its path
 };
 
-/// Words that somebody says; for the runner of a demo, the simulator only passes them on.
+/// Spoken words. The simulator only passes them on to the runner of a demo.
 struct SpokenWords
 {
   std::string clip;                     ///< name of a recording
-  std::string text;                     ///< what is to be heard
+  std::string text;                     ///< the words
   std::optional<double> time;           ///< since the start [s]
-  std::optional<Eigen::Vector2d> near;  ///< or where [m]
+  std::optional<Eigen::Vector2d> near;  ///< or at this place [m]
   double within = 0.0;                  ///< [m]
-  double delay = 0.0;                   ///< after that [s]
+  double delay = 0.0;                   ///< after time or place [s]
 };
 
-/// A computer beside the road; for the runner likewise.
+/// A computer beside the road, for the runner of a demo.
 struct EdgeNode
 {
   std::string id;
@@ -71,7 +71,7 @@ struct PlannedFault
   std::string end;        ///< after the duration; empty: none
 };
 
-/// A drive: world, start, goal, actors and what goes wrong. Coordinates are those of the world: of its road.
+/// A drive: world, start, goal, actors and faults. Coordinates are those of the world, and so of its road.
 struct Scenario
 {
   std::string name;
@@ -79,7 +79,7 @@ struct Scenario
   std::vector<Eigen::Vector2d> road;  ///< centre line [m]
   bool parked = true;                 ///< parked cars and boxes beside the road
   double bumps = 1.0;                 ///< scale of the road's unevenness
-  double duration = 60.0;             ///< that it should take [s]; for the runner
+  double duration = 60.0;             ///< expected [s]; for the runner of a demo
   pi_vehicle::Pose2 start;            ///< of base_link
   pi_vehicle::Pose2 goal;
   std::vector<Eigen::Vector2d> waypoints;
@@ -88,14 +88,14 @@ struct Scenario
   std::vector<EdgeNode> edge_nodes;
   std::vector<PlannedFault> faults;
 
-  /// Reads a YAML text. @param name  of the source, in messages. @param seed  decides within the ranges that it gives.
+  /// Reads a YAML text. @param name  of the source, in messages. @param seed  of the random ranges.
   /// @throws std::invalid_argument "<source>: <field> = <value>, must be <bound>"; a field that is unknown is refused
   /// with the list of the known ones.
   static Scenario parse(const std::string& yaml, const std::string& name, uint64_t seed);
   /// The same with a file.
   static Scenario load(const std::string& path, uint64_t seed);
 
-  /// The scenario for other programs, in one line of JSON. @param T_map_world  coordinates are turned into this frame.
+  /// The scenario as one line of JSON, for other programs. @param T_map_world  turns the coordinates into the map.
   std::string toJson(const pi_vehicle::Pose2& T_map_world) const;
 };
 

@@ -346,7 +346,7 @@ std::string VehicleSimulation::execute(const std::string& line)
   const std::string problem = chassis_.command(line, now_ns_);
   if (!words.empty() && words[0] == "pose" && problem.empty())
   {
-    window_.clear();  // a jump is no acceleration
+    window_.clear();  // a jump must not look like an acceleration
   }
   return problem.find("is not understood") == std::string::npos ? problem : problem + COMMANDS;
 }

@@ -30,7 +30,7 @@ struct VehicleSimulationOptions
   double front = 1.0;                                            ///< outline of the vehicle, ahead of base_link [m]
   double rear = 0.5;                                             ///< behind it [m]
   double half_width = 0.6;                                       ///< [m]
-  double height = 1.6;                                           ///< what hangs higher is passed below [m]
+  double height = 1.6;                                           ///< objects that hang higher are no obstacles [m]
   double frame_rate_hz = 20.0;
 
   /// @throws std::invalid_argument naming field, value and bound.
@@ -44,7 +44,7 @@ enum class CameraState
   DARK,  ///< sends black pictures
 };
 
-/// What the cameras see at one time.
+/// The scene in front of the cameras at one time.
 struct Exposure
 {
   int64_t stamp_ns = 0;
@@ -54,7 +54,7 @@ struct Exposure
   CameraState right = CameraState::ON;
 };
 
-/// Where the vehicle truly is, in the map.
+/// True pose and motion of the vehicle, in the map.
 struct TruePose
 {
   int64_t stamp_ns = 0;
@@ -63,7 +63,7 @@ struct TruePose
   Eigen::Vector3d angular_rate = Eigen::Vector3d::Zero();  ///< likewise [rad/s]
 };
 
-/// Something that the vehicle could hit, in base_link.
+/// An object that the vehicle could hit, in base_link.
 struct TrueObstacle
 {
   int id = 0;
@@ -75,7 +75,7 @@ struct TrueObstacle
   double distance = 0.0;                               ///< from the outline of the vehicle [m]
 };
 
-/// What the simulation gives away as time goes on; called by advance(). Stamps are those of advance().
+/// Outputs of the simulation, called by advance(). Stamps are on the clock of advance().
 struct SimulationOutputs
 {
   std::function<void(const pi_slam::ImuSample&)> imu;                                 ///< 200 Hz, unless the IMU is off
@@ -85,25 +85,25 @@ struct SimulationOutputs
   std::function<void(const std::string&)> log;  ///< lines of JSON, see docs/design/vehicle_simulator.md
 };
 
-/// The vehicle in its world: chassis on a pseudo-terminal, motion over an uneven road, IMU, actors, faults, and the
-/// judge's facts. The map is where pi_slam begins it: at the IMU's place and heading at the start, z up. The caller
-/// gives it time. Not thread safe.
+/// Simulates the vehicle in its world: chassis on a pseudo-terminal, motion over an uneven road, IMU, actors, faults,
+/// and a log of states and events. The map has its origin where pi_slam starts: at the IMU, with its heading, z up. The
+/// caller passes the time. Not thread safe.
 class VehicleSimulation
 {
 public:
-  static constexpr double OBSTACLE_RANGE_M = 30.0;  ///< farther ones are not given away
+  static constexpr double OBSTACLE_RANGE_M = 30.0;  ///< farther obstacles are left out
 
-  /// @param clock  any that does not jump [ns]; asked once, for the time of the start, when the world is built. Outputs
-  /// must stay valid.
+  /// @param outputs  must stay valid.
+  /// @param clock    that does not jump [ns]; read once, for the time of the start, after the world is built.
   /// @throws std::invalid_argument for wrong options, std::runtime_error without a pseudo-terminal.
   VehicleSimulation(const Scenario& scenario, const VehicleSimulationOptions& options, SimulationOutputs outputs,
                     const std::function<int64_t()>& clock);
 
-  /// Goes on in steps of 1 ms up to now. After a pause of more than 1 s it leaves out what is missing.
+  /// Advances to now in steps of 1 ms. A pause of more than 1 s is left out.
   void advance(int64_t now_ns);
 
   /// One line of text: those of SimulatedChassis, `camera left|right|both on|off|dark`, `imu on|off`, `actor ID go`.
-  /// @return what is wrong with it and what would be right; empty: done.
+  /// @return the problem with its remedy; empty: done.
   std::string command(const std::string& line);
 
   const std::shared_ptr<const SyntheticWorld>& world() const { return world_; }
