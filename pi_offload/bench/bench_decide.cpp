@@ -3,8 +3,6 @@
 // Nodes are random: half of them in range, a tenth not connected. In the worst case figure 12 as printed goes through
 // all its loops (no node has the capacity), and all nodes are connected and in range. The bar is 20 us for 100 nodes.
 
-#include "policies/policy.h"
-
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -14,6 +12,8 @@
 #include <random>
 #include <string>
 #include <vector>
+
+#include "policies/policy.h"
 
 namespace
 {

@@ -1,4 +1,4 @@
-#include "fleet.h"
+#include <pi_node/durations.h>
 
 #include <algorithm>
 #include <chrono>
@@ -6,8 +6,9 @@
 #include <random>
 #include <utility>
 
-#include "wire/socket_tools.h"
+#include "fleet.h"
 #include "vehicle.h"
+#include "wire/socket_tools.h"
 
 namespace pi_offload_bench
 {
@@ -23,7 +24,7 @@ constexpr int64_t TICK_NS = 5000000;
 /// it vehicles would meet in the same order for the whole time.
 constexpr double JITTER = 0.05;
 
-int64_t nanoseconds(double seconds)
+int64_t pi_node::nanoseconds(double seconds)
 {
   return static_cast<int64_t>(seconds * 1e9);
 }
@@ -43,8 +44,8 @@ void append(const std::vector<Value>& from, std::vector<Value>* to)
 
 Fleet::Fleet(const FleetOptions& options, const FleetInputs& inputs) : options_(options), inputs_(inputs)
 {
-  begin_ns_ = monotonicNs() + nanoseconds(options.warm_up_s);
-  end_ns_ = begin_ns_ + nanoseconds(options.measured_s);
+  begin_ns_ = pi_node::monotonicNs() + pi_node::nanoseconds(options.warm_up_s);
+  end_ns_ = begin_ns_ + pi_node::nanoseconds(options.measured_s);
   for (size_t i = 0; i < options.vehicles; ++i)
   {
     vehicles_.push_back(std::make_unique<Vehicle>(i, options_, inputs_, begin_ns_, end_ns_));
@@ -85,14 +86,14 @@ void Fleet::drive()
   std::mt19937 random(options_.seed);
   std::uniform_real_distribution<double> share(0.0, 1.0);
   std::priority_queue<Next> tasks;
-  const int64_t start_ns = monotonicNs();
+  const int64_t start_ns = pi_node::monotonicNs();
   for (size_t vehicle = 0; vehicle < vehicles_.size(); ++vehicle)
   {
     for (size_t kind = 0; kind < TASK_KINDS; ++kind)
     {
       if (options_.rate_hz[kind] > 0.0)
       {
-        const int64_t first_ns = start_ns + nanoseconds(share(random) / options_.rate_hz[kind]);
+        const int64_t first_ns = start_ns + pi_node::nanoseconds(share(random) / options_.rate_hz[kind]);
         tasks.push({first_ns, first_ns, vehicle, static_cast<TaskKind>(kind)});
       }
     }
@@ -104,7 +105,7 @@ void Fleet::drive()
     sleepUntil(task_first ? tasks.top().due_ns : tick_ns);
     if (!task_first)
     {
-      const int64_t now_ns = monotonicNs();
+      const int64_t now_ns = pi_node::monotonicNs();
       for (const auto& vehicle : vehicles_)
       {
         vehicle->onTime(now_ns);
@@ -118,10 +119,10 @@ void Fleet::drive()
     {
       continue;  // no more of it: what is under way ends
     }
-    vehicles_[next.vehicle]->create(next.kind, monotonicNs());
+    vehicles_[next.vehicle]->create(next.kind, pi_node::monotonicNs());
     const double period_s = 1.0 / options_.rate_hz[static_cast<size_t>(next.kind)];
-    next.regular_ns += nanoseconds(period_s);
-    next.due_ns = next.regular_ns + nanoseconds(period_s * JITTER * (2.0 * share(random) - 1.0));
+    next.regular_ns += pi_node::nanoseconds(period_s);
+    next.due_ns = next.regular_ns + pi_node::nanoseconds(period_s * JITTER * (2.0 * share(random) - 1.0));
     tasks.push(next);
   }
 }
@@ -130,7 +131,7 @@ std::array<FleetTally, TASK_KINDS> Fleet::finish()
 {
   while (std::any_of(vehicles_.begin(), vehicles_.end(), [](const auto& vehicle) { return vehicle->busy(); }))
   {
-    sleepUntil(monotonicNs() + 10 * TICK_NS);
+    sleepUntil(pi_node::monotonicNs() + 10 * TICK_NS);
   }
   stop_ = true;
   driver_.join();

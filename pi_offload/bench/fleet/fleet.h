@@ -1,7 +1,5 @@
 #pragma once
 
-#include "engine/node.h"
-
 #include <array>
 #include <atomic>
 #include <cstdint>
@@ -9,6 +7,8 @@
 #include <string>
 #include <thread>
 #include <vector>
+
+#include "engine/node.h"
 
 namespace pi_offload_bench
 {

@@ -1,5 +1,3 @@
-#include "inputs.h"
-
 #include <pi_speech/audio.h>
 
 #include <algorithm>
@@ -8,6 +6,8 @@
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 #include <system_error>
+
+#include "inputs.h"
 
 namespace pi_offload_bench
 {

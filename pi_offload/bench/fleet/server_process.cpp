@@ -1,5 +1,3 @@
-#include "server_process.h"
-
 #include <arpa/inet.h>
 #include <fcntl.h>
 #include <netinet/in.h>
@@ -18,6 +16,8 @@
 #include <fstream>
 #include <sstream>
 #include <stdexcept>
+
+#include "server_process.h"
 
 namespace pi_offload_bench
 {

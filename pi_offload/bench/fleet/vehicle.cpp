@@ -1,9 +1,10 @@
-#include "vehicle.h"
+#include <pi_node/durations.h>
 
 #include <algorithm>
 #include <cstring>
 #include <utility>
 
+#include "vehicle.h"
 #include "wire/socket_tools.h"
 
 namespace pi_offload_bench
@@ -21,12 +22,12 @@ constexpr int64_t LOST_NS = 2000000000;
 /// Text of a server that gives a task back.
 constexpr char GIVES_BACK[] = "no worker will be free in time any more";
 
-double secondsBetween(int64_t from_ns, int64_t to_ns)
+double pi_node::secondsBetween(int64_t from_ns, int64_t to_ns)
 {
   return static_cast<double>(to_ns - from_ns) * 1e-9;
 }
 
-int64_t nanoseconds(double seconds)
+int64_t pi_node::nanoseconds(double seconds)
 {
   return static_cast<int64_t>(seconds * 1e9);
 }
@@ -67,7 +68,7 @@ Vehicle::Vehicle(size_t number, const FleetOptions& options, const FleetInputs& 
       node.id = servers_[i].id;
       node.address = options.servers[i];
       node.range_m = std::numeric_limits<double>::infinity();
-      engine_->setNode(node, monotonicNs());
+      engine_->setNode(node, pi_node::monotonicNs());
     }
   }
   const std::lock_guard<std::mutex> lock(mutex_);  // callbacks wait until all is there
@@ -113,9 +114,9 @@ void Vehicle::makeEngine()
   };
   actions.run_local = [this](const Task& task, double)
   {
-    const int64_t now_ns = monotonicNs();
+    const int64_t now_ns = pi_node::monotonicNs();
     const int64_t begin_ns = local_.empty() ? now_ns : std::max(now_ns, local_.back().done_ns);
-    local_.push_back({task.id, begin_ns + nanoseconds(options_.local_s)});
+    local_.push_back({task.id, begin_ns + pi_node::nanoseconds(options_.local_s)});
   };
   actions.deliver = [this](const Outcome& outcome)
   {
@@ -157,7 +158,7 @@ OffloadRequest Vehicle::requestOf(size_t server, OffloadRequest::Type type, uint
   request.type = type;
   request.request = number;
   request.vehicle = name_;
-  request.sent_ns = monotonicNs();
+  request.sent_ns = pi_node::monotonicNs();
   for (size_t kind = 0; kind < TASK_KINDS; ++kind)
   {
     request.lease_rate_hz[kind] =
@@ -187,7 +188,7 @@ bool Vehicle::sendTask(size_t server, uint64_t number, uint64_t task, double dea
   const TaskState& state = tasks_.at(task);
   OffloadRequest request = requestOf(server, OffloadRequest::Type::TASK, number);
   request.kind = state.kind;
-  request.remaining_s = std::max(0.0, deadline_s - secondsBetween(state.created_ns, request.sent_ns));
+  request.remaining_s = std::max(0.0, deadline_s - pi_node::secondsBetween(state.created_ns, request.sent_ns));
   const bool picture = state.kind == TaskKind::DETECTION;
   request.encoding = picture ? Encoding::JPEG : Encoding::S16LE;
   request.payload = picture ? inputs_.pictures[state.picture] : inputs_.sound;
@@ -241,7 +242,7 @@ void Vehicle::ask(uint64_t task, size_t server)
   ++state.asked;
   if (!sendTask(server, next_number_++, task, options_.deadline_s[static_cast<size_t>(state.kind)]))
   {
-    endTask(task, End::FAILED, monotonicNs());
+    endTask(task, End::FAILED, pi_node::monotonicNs());
   }
 }
 
@@ -273,7 +274,7 @@ void Vehicle::onTime(int64_t now_ns)
   for (const auto& task : tasks_)
   {
     const double deadline_s = options_.deadline_s[static_cast<size_t>(task.second.kind)];
-    if (now_ns - task.second.created_ns > nanoseconds(deadline_s) + LOST_NS)
+    if (now_ns - task.second.created_ns > pi_node::nanoseconds(deadline_s) + LOST_NS)
     {
       lost.push_back(task.first);
     }
@@ -297,7 +298,7 @@ std::array<FleetTally, TASK_KINDS> Vehicle::tally() const
   for (size_t kind = 0; kind < TASK_KINDS; ++kind)
   {
     double& longest_s = complete[kind].longest_pause_s.front();
-    longest_s = std::max(longest_s, secondsBetween(served_ns_[kind], end_ns_));
+    longest_s = std::max(longest_s, pi_node::secondsBetween(served_ns_[kind], end_ns_));
   }
   return complete;
 }
@@ -333,7 +334,7 @@ void Vehicle::onAnswer(const Request& request, const OffloadReply& reply, int64_
   }
   const TaskState& task = found->second;
   const size_t kind = static_cast<size_t>(task.kind);
-  const double left_s = options_.deadline_s[kind] - secondsBetween(task.created_ns, received_ns);
+  const double left_s = options_.deadline_s[kind] - pi_node::secondsBetween(task.created_ns, received_ns);
   switch (reply.status)
   {
     case OffloadReply::Status::OK:
@@ -361,8 +362,8 @@ void Vehicle::onAnswer(const Request& request, const OffloadReply& reply, int64_
 void Vehicle::onEngineAnswer(const Request& request, const OffloadReply& reply, int64_t received_ns)
 {
   const std::string& node = servers_[request.server].id;
-  const int64_t now_ns = monotonicNs();
-  const double total_s = secondsBetween(request.sent_ns, received_ns);
+  const int64_t now_ns = pi_node::monotonicNs();
+  const double total_s = pi_node::secondsBetween(request.sent_ns, received_ns);
   if (reply.type == OffloadRequest::Type::PROBE)
   {
     engine_->onProbeReply(node, request.number, total_s, reply.advertisement, now_ns);
@@ -380,7 +381,7 @@ void Vehicle::onEngineAnswer(const Request& request, const OffloadReply& reply, 
   }
   else if (reply.type == OffloadRequest::Type::TASK)
   {
-    engine_->onRefused(node, request.number, &reply.advertisement, "refused", now_ns);
+    engine_->onRefused(node, request.number, &reply.advertisement, now_ns);
   }
 }
 
@@ -388,7 +389,7 @@ void Vehicle::onLink(size_t server, bool up)
 {
   const std::lock_guard<std::mutex> lock(mutex_);
   servers_[server].up = up;
-  const int64_t now_ns = monotonicNs();
+  const int64_t now_ns = pi_node::monotonicNs();
   if (engine_)
   {
     up ? engine_->onLinkUp(servers_[server].id, now_ns) : engine_->onLinkDown(servers_[server].id, now_ns);
@@ -405,7 +406,7 @@ void Vehicle::endTask(uint64_t task, End end, int64_t now_ns)
     return;
   }
   FleetTally& tally = tally_[static_cast<size_t>(state.kind)];
-  const double passed_s = secondsBetween(state.created_ns, now_ns);
+  const double passed_s = pi_node::secondsBetween(state.created_ns, now_ns);
   ++tally.tasks;
   switch (end)
   {
@@ -415,7 +416,8 @@ void Vehicle::endTask(uint64_t task, End end, int64_t now_ns)
       ++tally.served.front();
       tally.answer_s.push_back(passed_s);
       int64_t& served_ns = served_ns_[static_cast<size_t>(state.kind)];
-      tally.longest_pause_s.front() = std::max(tally.longest_pause_s.front(), secondsBetween(served_ns, now_ns));
+      tally.longest_pause_s.front() =
+          std::max(tally.longest_pause_s.front(), pi_node::secondsBetween(served_ns, now_ns));
       served_ns = now_ns;
       break;
     }

@@ -1,9 +1,5 @@
 #pragma once
 
-#include "engine/offload_engine.h"
-#include "wire/sp_socket.h"
-#include "wire/wire_message.h"
-
 #include <array>
 #include <cstdint>
 #include <deque>
@@ -13,7 +9,10 @@
 #include <string>
 #include <vector>
 
+#include "engine/offload_engine.h"
 #include "fleet.h"
+#include "wire/sp_socket.h"
+#include "wire/wire_message.h"
 
 namespace pi_offload_bench
 {

@@ -1,11 +1,12 @@
 // What OffloadClient sends and what comes back.
 
+#include "client/client_impl.h"
+
+#include <pi_node/durations.h>
+
 #include <algorithm>
 #include <cmath>
 #include <utility>
-
-#include "client/client_impl.h"
-#include "wire/durations.h"
 
 namespace pi_offload
 {
@@ -13,7 +14,7 @@ namespace
 {
 
 constexpr size_t MOST_REQUESTS = 8192;
-constexpr int64_t FORGET_NS = 30LL * 1000000000;  ///< a request that was not answered by then never will be
+constexpr int64_t FORGET_NS = 30LL * 1000000000;  ///< an older request is not answered any more
 
 bool usable(const OffloadReply& reply)
 {
@@ -24,23 +25,6 @@ bool usable(const OffloadReply& reply)
                                                                  std::isfinite(object.x1) && std::isfinite(object.y1) &&
                                                                  std::isfinite(object.x2) && std::isfinite(object.y2);
                                                         });
-}
-
-/// Why a task was not done, for statistics; the node's own words go to the log.
-const char* reasonOf(OffloadReply::Status status)
-{
-  switch (status)
-  {
-    case OffloadReply::Status::OK:
-      return "";
-    case OffloadReply::Status::REFUSED:
-      return "refused by the node";
-    case OffloadReply::Status::FAILED:
-      return "failed at the node";
-    case OffloadReply::Status::EXPIRED:
-      return "expired at the node";
-  }
-  return "unknown answer of the node";
 }
 
 }  // namespace
@@ -85,17 +69,11 @@ bool OffloadClient::Impl::sendTask(const std::string& node, uint64_t number, con
   {
     return false;
   }
-  const int64_t now_ns = monotonicNs();
+  const int64_t now_ns = pi_node::monotonicNs();
   if (!state->second.payload)
   {
     const std::shared_ptr<const TaskData> data = state->second.data;
-    const Encoding encoding = client.encoder_->choose(data->picture, situation(node, task, now_ns));
-    const auto done = [this, number, encoding](std::vector<uint8_t> bytes, const std::string& problem)
-    {
-      client.thread_.post([this, number, encoding, bytes = std::move(bytes), problem](int64_t) mutable
-                          { onEncoded(number, encoding, std::move(bytes), problem); });
-    };
-    if (!encode.add({data, encoding, done}))
+    if (!encode(number, data, client.encoder_->choose(data->picture, situation(node, task, now_ns))))
     {
       return false;
     }
@@ -111,13 +89,41 @@ bool OffloadClient::Impl::sendTask(const std::string& node, uint64_t number, con
   return true;
 }
 
+/// On the encode thread; onEncoded() gets the result. @return false if too many pictures wait.
+bool OffloadClient::Impl::encode(uint64_t number, const std::shared_ptr<const TaskData>& data, Encoding encoding)
+{
+  if (pictures_waiting >= client.options_.max_encoding)
+  {
+    return false;
+  }
+  ++pictures_waiting;
+  encode_thread.post(
+      [this, number, data, encoding](int64_t)
+      {
+        --pictures_waiting;
+        std::vector<uint8_t> bytes;
+        std::string problem;
+        try
+        {
+          bytes = client.encoder_->encode(data->picture, encoding);
+        }
+        catch (const std::exception& error)
+        {
+          problem = error.what();
+        }
+        client.thread_.post([this, number, encoding, bytes = std::move(bytes), problem](int64_t) mutable
+                            { onEncoded(number, encoding, std::move(bytes), problem); });
+      });
+  return true;
+}
+
 bool OffloadClient::Impl::transmit(uint64_t number, const TaskState& state)
 {
   Request& request = requests.at(number);
-  const int64_t now_ns = monotonicNs();
+  const int64_t now_ns = pi_node::monotonicNs();
   OffloadRequest message = requestFor(request.node, OffloadRequest::Type::TASK, number, now_ns);
   message.kind = state.task.kind;
-  message.remaining_s = std::max(0.0, request.deadline_s - seconds(now_ns - state.task.created_ns));
+  message.remaining_s = std::max(0.0, request.deadline_s - pi_node::seconds(now_ns - state.task.created_ns));
   message.encoding = state.encoding;
   message.width = static_cast<uint32_t>(state.data->picture.width);
   message.height = static_cast<uint32_t>(state.data->picture.height);
@@ -148,7 +154,7 @@ void OffloadClient::Impl::onEncoded(uint64_t number, Encoding encoding, std::vec
   {
     client.callbacks_.log(true, "a picture cannot be sent: " + problem);
     requests.erase(request);
-    client.engine_.onRefused(node, number, nullptr, "the picture cannot be encoded", monotonicNs());
+    client.engine_.onRefused(node, number, nullptr, pi_node::monotonicNs());
     return;
   }
   task->second.encoding = encoding;
@@ -156,13 +162,13 @@ void OffloadClient::Impl::onEncoded(uint64_t number, Encoding encoding, std::vec
   if (!transmit(number, task->second))
   {
     requests.erase(number);
-    client.engine_.onRefused(node, number, nullptr, "the link takes nothing", monotonicNs());
+    client.engine_.onRefused(node, number, nullptr, pi_node::monotonicNs());
   }
 }
 
 bool OffloadClient::Impl::sendProbe(const std::string& node, uint64_t number)
 {
-  const int64_t now_ns = monotonicNs();
+  const int64_t now_ns = pi_node::monotonicNs();
   if (!links.send(node, requestFor(node, OffloadRequest::Type::PROBE, number, now_ns), now_ns))
   {
     return false;
@@ -183,10 +189,10 @@ void OffloadClient::Impl::cancel(const std::string& node, uint64_t number)
     requests.erase(request);
     return;
   }
-  const int64_t now_ns = monotonicNs();
+  const int64_t now_ns = pi_node::monotonicNs();
   OffloadRequest message = requestFor(node, OffloadRequest::Type::CANCEL, number, now_ns);
   message.kind = request->second.kind;
-  links.send(node, message, now_ns);  // if it is not sent, the node answers for nothing
+  links.send(node, message, now_ns);  // if it is not sent, the node only works in vain
 }
 
 void OffloadClient::Impl::deliver(const Outcome& outcome)
@@ -246,9 +252,9 @@ void OffloadClient::Impl::onReply(const std::string& node, const OffloadReply& r
   }
   const Request request = found->second;
   requests.erase(found);
-  // The socket's clock and this thread's may be passed in another order than events came.
-  const int64_t now_ns = monotonicNs();
-  const double total_s = seconds(received_ns - request.begun_ns);
+  // received_ns may be older than the engine's time.
+  const int64_t now_ns = pi_node::monotonicNs();
+  const double total_s = pi_node::seconds(received_ns - request.begun_ns);
   if (!request.task)
   {
     nodes[node].transfer.addRoundTrip(total_s, now_ns);
@@ -261,9 +267,6 @@ void OffloadClient::Impl::onReply(const std::string& node, const OffloadReply& r
   const bool wrong_model = request.kind == TaskKind::DETECTION && (state.status.other_model || model.empty());
   if (!done || wrong_model || !usable(reply))
   {
-    const char* reason = !done         ? reasonOf(reply.status)
-                         : wrong_model ? "the node has another network"
-                                       : "damaged answer";
     if (reply.status == OffloadReply::Status::FAILED)
     {
       client.callbacks_.log(false, "node " + node + " failed on " + toString(request.kind) + ": " + reply.text);
@@ -272,18 +275,18 @@ void OffloadClient::Impl::onReply(const std::string& node, const OffloadReply& r
     {
       client.callbacks_.log(true, "node " + node + ": an answer has numbers that are not finite");
     }
-    client.engine_.onRefused(node, reply.request, &advertisement, reason, now_ns);
+    client.engine_.onRefused(node, reply.request, &advertisement, now_ns);
     return;
   }
   RequestTiming timing;
   timing.kind = request.kind;
   timing.input_bytes = request.bytes;
   timing.output_bytes = 32 * reply.objects.size() + reply.text.size();
-  timing.total_s = seconds(received_ns - request.sent_ns);
+  timing.total_s = pi_node::seconds(received_ns - request.sent_ns);
   timing.queue_s = reply.queue_s;
   timing.service_s = reply.service_s;
   nodes[node].transfer.add(timing, now_ns);
-  timing.total_s = total_s;  // a picture that is decided on must be encoded, too
+  timing.total_s = total_s;  // the engine also counts the encoding
   result = &reply;
   result_task = *request.task;
   try
@@ -306,7 +309,7 @@ void OffloadClient::Impl::onLink(const std::string& node, bool up, const std::st
     return;
   }
   NodeState& state = found->second;
-  const int64_t now_ns = monotonicNs();
+  const int64_t now_ns = pi_node::monotonicNs();
   state.status.up = up;
   state.status.problem = up ? "" : reason;
   state.transfer.forgetNetwork();

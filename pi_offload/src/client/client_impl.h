@@ -1,7 +1,6 @@
 #pragma once
 
-#include "client/offload_client.h"
-
+#include <atomic>
 #include <cstdint>
 #include <map>
 #include <memory>
@@ -9,23 +8,23 @@
 #include <string>
 #include <vector>
 
-#include "client/encode_thread.h"
 #include "client/node_links.h"
+#include "client/offload_client.h"
 
 namespace pi_offload
 {
 
-/// What the engine asks for becomes messages, and messages become what the engine is told. On the engine thread.
+/// Translates between the engine and the messages of the nodes. On the engine thread.
 struct OffloadClient::Impl
 {
-  /// Sent, or about to be.
+  /// A request that is sent or waits for its picture.
   struct Request
   {
     std::string node;
     std::optional<uint64_t> task;  ///< none: a probe
     TaskKind kind = TaskKind::DETECTION;
     int64_t begun_ns = 0;     ///< when the engine asked for it
-    double deadline_s = 0.0;  ///< after the task was made: when the answer is wanted
+    double deadline_s = 0.0;  ///< after the task was created: when the answer is useless
     int64_t sent_ns = 0;      ///< 0: not yet
     size_t bytes = 0;
   };
@@ -39,13 +38,13 @@ struct OffloadClient::Impl
   struct NodeState
   {
     LinkStatus status;
-    std::string told;          ///< problem that was logged last
-    std::string warned_model;  ///< of the node, about which there was a warning
-    NodeEstimates transfer;    ///< of the link alone: without the time that encoding takes
+    std::string told;          ///< problem logged last
+    std::string warned_model;  ///< models that were warned of
+    NodeEstimates transfer;    ///< of the link, without encoding
   };
 
   explicit Impl(OffloadClient* client)
-    : client(*client), encode(client->options_.max_encoding, *client->encoder_), links(linkOptions(), linkCallbacks())
+    : client(*client), encode_thread("offload_encode", EventThread::Callbacks()), links(linkOptions(), linkCallbacks())
   {
     eta = client->options_.engine.eta;
   }
@@ -64,10 +63,11 @@ struct OffloadClient::Impl
   void onReply(const std::string& node, const OffloadReply& reply, int64_t received_ns);
   void onLink(const std::string& node, bool up, const std::string& reason);
 
+  bool encode(uint64_t number, const std::shared_ptr<const TaskData>& data, Encoding encoding);
   bool transmit(uint64_t number, const TaskState& state);
   PictureEncoder::Situation situation(const std::string& node, const Task& task, int64_t now_ns) const;
   OffloadRequest requestFor(const std::string& node, OffloadRequest::Type type, uint64_t number, int64_t now_ns) const;
-  /// The node's words with what the vehicle knows better: whether its network is the vehicle's.
+  /// The node's advertisement, without DETECTION if its network differs from the vehicle's.
   NodeAdvertisement corrected(const std::string& node, const OffloadReply& reply);
   void forgetOld(int64_t now_ns);
 
@@ -77,9 +77,10 @@ struct OffloadClient::Impl
   std::map<std::string, NodeState> nodes;
   std::map<uint64_t, Request> requests;
   std::map<uint64_t, TaskState> tasks;
-  const OffloadReply* result = nullptr;  ///< of the node whose answer is being told to the engine
+  const OffloadReply* result = nullptr;  ///< being handed to the engine
   uint64_t result_task = 0;
-  EncodeThread encode;
+  std::atomic<size_t> pictures_waiting{0};
+  EventThread encode_thread;
   NodeLinks links;
 };
 

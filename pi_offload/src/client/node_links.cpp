@@ -1,5 +1,7 @@
 #include "client/node_links.h"
 
+#include <pi_node/durations.h>
+
 #include <utility>
 
 namespace pi_offload
@@ -10,7 +12,7 @@ namespace
 constexpr uint32_t CANCEL_ID = 1U << 30U;
 constexpr uint32_t ID_MASK = CANCEL_ID - 1U;
 
-/// The ids of cancellations are others than those of what they cancel: a request ends with the first reply to its id.
+/// A cancellation has another id than its request, because a request ends with the first reply to its id.
 uint32_t idOf(const OffloadRequest& request)
 {
   const auto id = static_cast<uint32_t>(request.request) & ID_MASK;
@@ -21,7 +23,7 @@ uint32_t idOf(const OffloadRequest& request)
 
 struct NodeLinks::Shared
 {
-  NodeLinks* links = nullptr;  ///< null: they have ended; of the thread that uses them
+  NodeLinks* links = nullptr;  ///< null: destroyed; used on the one thread only
 };
 
 NodeLinks::NodeLinks(const Options& options, Callbacks callbacks)
@@ -49,7 +51,7 @@ void NodeLinks::set(const std::string& node, const std::string& address)
   links_.erase(node);
   const auto link = std::make_shared<Link>();
   link->address = address;
-  // Events hold the link weakly: those of a connection that was replaced mean nothing any more.
+  // A weak pointer: events of a replaced connection are ignored.
   const auto post = [shared = shared_, weak = std::weak_ptr<Link>(link), post = callbacks_.post](auto function)
   {
     post(
@@ -114,10 +116,9 @@ bool NodeLinks::send(const std::string& node, const OffloadRequest& request, int
     return false;
   }
   Link& link = *found->second;
-  if (link.unanswered_since_ns != 0 &&
-      1e-9 * static_cast<double>(now_ns - link.unanswered_since_ns) > options_.unanswered_s)
+  if (link.unanswered_since_ns != 0 && pi_node::seconds(now_ns - link.unanswered_since_ns) > options_.unanswered_s)
   {
-    // What is on its way to a node that went silent would delay all that follows it.
+    // Data queued for a silent node would delay all that follows.
     link.unanswered_since_ns = 0;
     link.requester->reconnect("no answer for too long");
     return false;

@@ -1,4 +1,5 @@
 #include "client/offload_client.h"
+
 #include <pi_node/option_check.h>
 
 #include <stdexcept>
@@ -49,13 +50,13 @@ OffloadClient::~OffloadClient()
 
 void OffloadClient::start()
 {
-  impl_->encode.start();
+  impl_->encode_thread.start();
   thread_.start();
 }
 
 void OffloadClient::stop()
 {
-  impl_->encode.stop();
+  impl_->encode_thread.stop();
   thread_.stop();
 }
 

@@ -1,4 +1,5 @@
 #include "client/picture_encoder.h"
+
 #include <pi_node/option_check.h>
 
 #include <algorithm>
@@ -17,7 +18,7 @@ namespace
 
 constexpr int MAX_SIDE_PX = 16384;
 constexpr double SMOOTHING = 0.2;          ///< weight of the newest picture
-constexpr double LEAST_RATE_MBPS = 0.001;  ///< below it is this
+constexpr double LEAST_RATE_MBPS = 0.001;  ///< lower rates count as this
 
 size_t channels(Encoding encoding)
 {
@@ -166,7 +167,7 @@ std::vector<uint8_t> PictureEncoder::encode(const PictureData& picture, Encoding
     return bytes;
   }
   const auto begin = std::chrono::steady_clock::now();
-  // OpenCV knows no constant pictures.
+  // cv::Mat takes no pointer to const.
   cv::Mat mat(picture.height, picture.width, picture.encoding == Encoding::MONO8 ? CV_8UC1 : CV_8UC3,
               const_cast<uint8_t*>(picture.data), picture.stride);
   if (picture.encoding == Encoding::RGB8)

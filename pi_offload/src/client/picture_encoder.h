@@ -1,18 +1,18 @@
 #pragma once
 
-#include "policies/cost_model.h"
-#include "wire/wire_message.h"
-
 #include <cstddef>
 #include <cstdint>
 #include <mutex>
 #include <string>
 #include <vector>
 
+#include "policies/cost_model.h"
+#include "wire/wire_message.h"
+
 namespace pi_offload
 {
 
-/// A picture that belongs to the caller.
+/// A picture. The caller owns its pixels.
 struct PictureData
 {
   const uint8_t* data = nullptr;
@@ -21,15 +21,15 @@ struct PictureData
   size_t stride = 0;                   ///< from row to row [bytes]
   Encoding encoding = Encoding::BGR8;  ///< BGR8, RGB8 or MONO8
 
-  /// @throws std::invalid_argument unless there are pixels, 1 to 16384 a side, the rows fit the stride, and the
-  ///   encoding is one of those.
+  /// @throws std::invalid_argument for missing pixels, a side outside of 1 to 16384, a stride shorter than a row, or
+  ///   another encoding.
   void validate() const;
-  size_t bytes() const;  ///< as it is sent raw, without gaps between the rows
+  size_t bytes() const;  ///< raw, without gaps between rows
 };
 
 enum class PictureMode
 {
-  AUTO,  ///< what costs less
+  AUTO,  ///< the cheaper one
   JPEG,
   RAW,
 };
@@ -37,8 +37,8 @@ const char* toString(PictureMode mode);
 /// @throws std::invalid_argument naming the text and what is allowed.
 PictureMode parsePictureMode(const std::string& text);
 
-/// Turns pictures into what is sent, as JPEG or raw, whichever costs less: by the rate of the link, and by what JPEG
-/// took and gave for the last pictures. Thread safe.
+/// Encodes pictures as JPEG or raw, whichever costs less at the rate of the link, by the time and size of the last
+/// JPEGs. Thread safe.
 class PictureEncoder
 {
 public:
@@ -46,29 +46,29 @@ public:
   {
     PictureMode mode = PictureMode::AUTO;
     int jpeg_quality = 85;                   ///< 1 to 100
-    size_t max_raw_bytes = 4U << 20U;        ///< larger pictures are never sent raw
-    double first_jpeg_s_per_mpixel = 0.012;  ///< until pictures were encoded [s per 10^6 pixels]
+    size_t max_raw_bytes = 4U << 20U;        ///< larger pictures are sent as JPEG
+    double first_jpeg_s_per_mpixel = 0.012;  ///< until one is measured [s per 10^6 pixels]
     double first_jpeg_bytes_per_pixel = 0.3;
-    int retry_after = 100;  ///< pictures sent raw in a row, after which one is encoded to see whether that is worth it
+    int retry_after = 100;  ///< after so many raw pictures in a row, one JPEG is made to measure again
 
     /// @throws std::invalid_argument naming field, value and bound.
     void validate() const;
   };
-  /// What counts in the choice: equation 7 without units, see normalisedCost().
+  /// Input of the choice, which uses normalisedCost().
   struct Situation
   {
     double rate_mbps = 10.0;
     double deadline_s = 0.2;
     double eta = 0.5;
     double local_energy_j = 0.42;  ///< of the task on the vehicle
-    double busy_w = 4.2;           ///< of the vehicle's computer while it encodes
+    double busy_w = 4.2;           ///< of the vehicle's computer while encoding
     double transmit_w = 1.2;
   };
   explicit PictureEncoder(const Options& options);
 
   /// @return JPEG, or the picture's own encoding for raw.
   Encoding choose(const PictureData& picture, const Situation& situation) const;
-  /// What is to be sent of such a picture [bytes].
+  /// Expected size [bytes].
   size_t expectedBytes(const PictureData& picture, Encoding encoding) const;
 
   /// @param encoding  that choose() gave.

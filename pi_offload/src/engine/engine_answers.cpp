@@ -7,10 +7,10 @@ namespace pi_offload
 {
 namespace
 {
-/// A node that refuses twice in a row pauses so long [s], then twice as long each time.
+/// Pause after two refusals in a row [s]; doubles with each further one.
 constexpr double FIRST_REFUSED_S = 0.1;
 constexpr int MOST_DOUBLINGS = 4;
-/// Of what is learned of the queue's forecast.
+/// Gain of the corrections of the queue's forecast.
 constexpr double ERROR_GAIN = 0.25;
 }  // namespace
 
@@ -25,7 +25,7 @@ void OffloadEngine::Impl::fallBackAll(uint64_t key, const char* reason, bool kee
       ids.push_back(id);
     }
   }
-  std::sort(ids.begin(), ids.end());  // in the order of their ids, not of a hash table
+  std::sort(ids.begin(), ids.end());  // a defined order
   for (const uint64_t id : ids)
   {
     auto found = tasks.find(id);
@@ -50,41 +50,27 @@ void OffloadEngine::Impl::fallBackAll(uint64_t key, const char* reason, bool kee
   }
 }
 
-bool OffloadEngine::Impl::onReply(const std::string& id, uint64_t number, const RequestTiming& timing,
-                                  const NodeAdvertisement& advertisement)
+/// Learns from a node's answer. @return the times of the request, as they count.
+RequestTiming OffloadEngine::Impl::learn(NodeState& node, const Request& request, const RequestTiming& timing)
 {
-  NodeState* node = find(id);
-  const auto found = requests.find(number);
-  const bool known = found != requests.end() && node != nullptr && found->second.node == node->key;
-  if (node == nullptr)
-  {
-    return false;
-  }
-  heard(*node, advertisement);
-  node->failures = 0;
-  if (!known)
-  {
-    return false;
-  }
-  const Request request = found->second;
-  const auto k = static_cast<size_t>(request.kind);
   RequestTiming measured = timing;
   measured.kind = request.kind;
   measured.input_bytes = request.bytes;
+  const double passed_s = between(request.sent_ns, now);
   if (!(measured.total_s > 0.0))
   {
-    measured.total_s = std::max(0.0, between(request.sent_ns, now));
+    measured.total_s = std::max(0.0, passed_s);
   }
-  // The message waited for those before it: that says nothing of the rate.
+  // The time behind earlier messages of this vehicle says nothing about the rate.
   const double waited_s = between(request.sent_ns, uplink_seen_ns);
   const double node_s = std::max(0.0, measured.queue_s) + std::max(0.0, measured.service_s);
   if (waited_s > 0.0 && waited_s < measured.total_s - node_s)
   {
     measured.total_s -= waited_s;
   }
-  node->estimates.add(measured, now);
-  const double back_s = node_s + 0.5 * node->estimates.roundTrip().mean();
-  if (std::isfinite(back_s) && back_s < between(request.sent_ns, now))
+  node.estimates.add(measured, now);
+  const double back_s = node_s + 0.5 * node.estimates.roundTrip().mean();
+  if (std::isfinite(back_s) && back_s < passed_s)
   {
     uplink_seen_ns = std::max(uplink_seen_ns, later(now, -toNs(back_s)));
     if (open_requests <= 1)
@@ -92,7 +78,7 @@ bool OffloadEngine::Impl::onReply(const std::string& id, uint64_t number, const 
       uplink_until_ns = std::min(uplink_until_ns, uplink_seen_ns);  // nothing else is under way
     }
   }
-  NodeState::OfKind& of_kind = node->of_kind[k];
+  NodeState::OfKind& of_kind = node.of_kind[static_cast<size_t>(request.kind)];
   of_kind.served_ns = now;
   of_kind.refusals = 0;
   countRefused(of_kind, false);
@@ -102,13 +88,47 @@ bool OffloadEngine::Impl::onReply(const std::string& id, uint64_t number, const 
     const double beyond_s = measured.queue_s - request.expected_queue_s;
     if (request.expected_own_s > 0.0)
     {
-      node->own_share += ERROR_GAIN * (std::clamp(beyond_s / request.expected_own_s, 0.0, 1.0) - node->own_share);
+      node.own_share += ERROR_GAIN * (std::clamp(beyond_s / request.expected_own_s, 0.0, 1.0) - node.own_share);
     }
     else
     {
       of_kind.queue_error_s += ERROR_GAIN * (std::abs(beyond_s) - of_kind.queue_error_s);
     }
   }
+  return measured;
+}
+
+/// Energy of the radio for an answered request [J].
+double OffloadEngine::Impl::answeredEnergy(const NodeState& node, const Request& request, size_t output_bytes) const
+{
+  const double per_mbit = 1.0 / node.estimates.rate(now);
+  const double output_mbit = output_bytes > 0 ? static_cast<double>(output_bytes) * MBIT_PER_BYTE
+                                              : options.needs[static_cast<size_t>(request.kind)].output_mbit;
+  const double passed_s = std::max(0.0, between(request.sent_ns, now));
+  const double sending_s = std::min(passed_s, static_cast<double>(request.bytes) * MBIT_PER_BYTE * per_mbit);
+  const double receiving_s = std::min(passed_s - sending_s, output_mbit * per_mbit);
+  const Radio& radio = options.radio;
+  return sending_s * radio.transmit_w + receiving_s * radio.receive_w +
+         (passed_s - sending_s - receiving_s) * radio.wait_w + radio.tail_w * radio.tail_s;
+}
+
+bool OffloadEngine::Impl::onReply(const std::string& id, uint64_t number, const RequestTiming& timing,
+                                  const NodeAdvertisement& advertisement)
+{
+  NodeState* node = find(id);
+  if (node == nullptr)
+  {
+    return false;
+  }
+  heard(*node, advertisement);
+  node->failures = 0;
+  const auto found = requests.find(number);
+  if (found == requests.end() || found->second.node != node->key)
+  {
+    return false;
+  }
+  const Request request = found->second;
+  const RequestTiming measured = learn(*node, request, timing);
   forgetOwn(*node, number);
   requests.erase(found);
   if (!request.open)
@@ -120,15 +140,7 @@ bool OffloadEngine::Impl::onReply(const std::string& id, uint64_t number, const 
   ++node->answered;
   TaskState& state = tasks.at(request.task);
   state.request = 0;
-  const double per_mbit = 1.0 / node->estimates.rate(now);
-  const double output_mbit = measured.output_bytes > 0 ? static_cast<double>(measured.output_bytes) * MBIT_PER_BYTE
-                                                       : options.needs[k].output_mbit;
-  const double passed_s = std::max(0.0, between(request.sent_ns, now));
-  const double sending_s = std::min(passed_s, static_cast<double>(request.bytes) * MBIT_PER_BYTE * per_mbit);
-  const double receiving_s = std::min(passed_s - sending_s, output_mbit * per_mbit);
-  const Radio& radio = options.radio;
-  state.radio_j += sending_s * radio.transmit_w + receiving_s * radio.receive_w +
-                   (passed_s - sending_s - receiving_s) * radio.wait_w + radio.tail_w * radio.tail_s;
+  state.radio_j += answeredEnergy(*node, request, measured.output_bytes);
   finish(request.task, Outcome::How::REMOTE);
   return true;
 }
@@ -179,19 +191,24 @@ void OffloadEngine::Impl::onRefused(const std::string& id, uint64_t number, cons
     return;
   }
   setTimer(state, NEVER_NS);
-  if (!state.retried)
+  if (!sendElsewhere(state, static_cast<int>(node->index)))
   {
-    state.retried = true;
-    const Decision decision =
-        decide(request.kind, state.task.input_bytes, between(now, state.deadline_ns), static_cast<int>(node->index));
-    const int64_t fallback_ns =
-        decision.node >= 0 ? fallbackTime(decision, state.task, state.deadline_ns) : LONG_AGO_NS;
-    if (fallback_ns > now && sendTo(request.task, decision, fallback_ns))
-    {
-      return;
-    }
+    startLocal(request.task, options.computer.frequency_ghz, "the node refused");
   }
-  startLocal(request.task, options.computer.frequency_ghz, "the node refused");
+}
+
+/// Once per task. @return false if no other node took it.
+bool OffloadEngine::Impl::sendElsewhere(TaskState& state, int refused)
+{
+  if (std::exchange(state.retried, true))
+  {
+    return false;
+  }
+  const Task task = state.task;
+  const int64_t deadline_ns = state.deadline_ns;
+  const Decision decision = decide(task.kind, task.input_bytes, between(now, deadline_ns), refused);
+  const int64_t fallback_ns = decision.node >= 0 ? fallbackTime(decision, task, deadline_ns) : LONG_AGO_NS;
+  return fallback_ns > now && sendTo(task.id, decision, fallback_ns);
 }
 
 bool OffloadEngine::Impl::onLocalDone(uint64_t id, double work_s)

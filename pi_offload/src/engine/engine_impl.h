@@ -1,9 +1,6 @@
 #pragma once
 
-#include "engine/local_model.h"
-#include "engine/route_tracker.h"
-
-#include "engine/offload_engine.h"
+#include <pi_node/durations.h>
 
 #include <cstdint>
 #include <deque>
@@ -13,25 +10,24 @@
 #include <unordered_map>
 #include <utility>
 
+#include "engine/local_model.h"
+#include "engine/offload_engine.h"
+#include "engine/route_tracker.h"
+
 namespace pi_offload
 {
 
 constexpr int64_t LONG_AGO_NS = std::numeric_limits<int64_t>::min();
 constexpr int64_t NEVER_NS = std::numeric_limits<int64_t>::max();
 
-/// Duration in nanoseconds; at most some 100 years, so that sums with instants stay in range.
+/// Duration in nanoseconds, cut at 95 years so that sums with instants stay in range.
 inline int64_t toNs(double seconds)
 {
   constexpr double MOST_S = 3e9;
   return seconds >= MOST_S ? static_cast<int64_t>(MOST_S * 1e9) : static_cast<int64_t>(seconds * 1e9);
 }
 
-inline double toSeconds(int64_t ns)
-{
-  return static_cast<double>(ns) * 1e-9;
-}
-
-/// Sum, at most so late that it is not NEVER_NS.
+/// instant + duration, cut below NEVER_NS.
 inline int64_t later(int64_t instant_ns, int64_t duration_ns)
 {
   int64_t sum = 0;
@@ -39,30 +35,29 @@ inline int64_t later(int64_t instant_ns, int64_t duration_ns)
   return !beyond ? sum : duration_ns > 0 ? NEVER_NS - 1 : LONG_AGO_NS;
 }
 
-/// [s]
+/// Difference [s], also of instants far apart.
 inline double between(int64_t from_ns, int64_t to_ns)
 {
   int64_t difference = 0;
   const bool beyond = __builtin_sub_overflow(to_ns, from_ns, &difference);
-  return beyond ? static_cast<double>(to_ns) * 1e-9 - static_cast<double>(from_ns) * 1e-9 : toSeconds(difference);
+  return beyond ? pi_node::seconds(to_ns) - pi_node::seconds(from_ns) : pi_node::seconds(difference);
 }
 
-/// Megabits of so many bytes.
 constexpr double MBIT_PER_BYTE = 8e-6;
 
-/// All that the engine knows of a node.
+/// What the engine knows about a node.
 struct NodeState
 {
   explicit NodeState(const NodeEstimates::Options& options) : estimates(options) {}
 
-  uint64_t key = 0;  ///< never used again, unlike the id
+  uint64_t key = 0;  ///< unique for ever, unlike the id
   size_t index = 0;  ///< in Impl::nodes
   NodeDescription description;
   NodeEstimates estimates;
 
   bool link_up = true;
-  bool suspended = false;  ///< too many requests without an answer; until a probe has one
-  int failures = 0;        ///< requests without an answer in a row
+  bool suspended = false;  ///< too many unanswered requests; until a probe is answered
+  int failures = 0;        ///< unanswered requests in a row
 
   uint64_t probe = 0;  ///< under way; 0: none
   bool probe_soon = true;
@@ -71,13 +66,13 @@ struct NodeState
 
   double distance_m = std::numeric_limits<double>::infinity();
   bool in_range = false;
-  bool placed = false;  ///< residence was computed since it is in range
-  bool old = false;     ///< the vehicle's state was set since
-  bool moved = false;   ///< and it went on far enough, or otherwise than expected
+  bool placed = false;  ///< residence was computed since it came into range
+  bool old = false;     ///< the vehicle's state is newer than the residence
+  bool moved = false;   ///< and the vehicle moved far, or not as expected
   int64_t placed_ns = 0;
   Residence residence;  ///< at placed_ns
 
-  /// A task of this vehicle that the node did not answer yet.
+  /// A task of this vehicle that the node has not answered.
   struct Own
   {
     uint64_t request = 0;
@@ -85,14 +80,14 @@ struct NodeState
     int64_t sent_ns = 0;
   };
   std::vector<Own> own;
-  double own_share = 0.3;  ///< part of the service time of such tasks that the next one waits: fewer with more workers
+  double own_share = 0.3;  ///< part of these tasks' service time that the next task waits; smaller with more workers
 
   struct OfKind
   {
-    MeanDeviation said_queue_s;  ///< as advertised lately: where the queue returns to
-    double queue_error_s = 0.0;  ///< mean deviation of the queue from what was expected
+    MeanDeviation said_queue_s;  ///< as advertised: the usual queue
+    double queue_error_s = 0.0;  ///< mean error of the forecast
     int64_t served_ns = LONG_AGO_NS;
-    double tokens = 2.0;  ///< tasks that the lease is for at tokens_ns
+    double tokens = 2.0;  ///< tasks that the lease covers at tokens_ns
     int64_t tokens_ns = 0;
     int refusals = 0;            ///< in a row
     double refused_share = 0.0;  ///< of the answers, at answered_ns
@@ -108,11 +103,11 @@ struct NodeState
   uint64_t lost = 0;
 };
 
-/// The queue as expected, and what it is made of.
+/// The expected queue and its parts.
 struct QueueForecast
 {
   double advertised_s = 0.0;
-  double own_s = 0.0;  ///< service time of own tasks that the advertisement does not know of
+  double own_s = 0.0;  ///< service time of own tasks sent after the advertisement
   Estimate estimate;
 };
 
@@ -127,16 +122,16 @@ struct OffloadEngine::Impl
   NodeState* find(uint64_t key) const;
   void setVehicle(const VehicleState& state);
   void setRoute(const std::vector<Point>& points);
-  /// Distance and whether it is in range.
+  /// Computes the distance and whether the node is in range.
   void measure(NodeState& node);
-  /// Residence of nodes in range: of those that have none, and of at most so many where it wants to be computed anew.
+  /// Computes missing residences of nodes in range, and renews at most so many old ones.
   void placeNodes(size_t renewals);
   void place(NodeState& node);
   double residence(const NodeState& node) const;
   bool connected(const NodeState& node, TaskKind kind) const;
-  /// @param ahead_s  when the task arrives, from now
+  /// @param ahead_s  time until the task arrives [s]
   QueueForecast queue(const NodeState& node, TaskKind kind, double ahead_s) const;
-  /// From sending to the arrival at the node.
+  /// Expected time from sending to the arrival at the node [s].
   double uplinkTime(const NodeState& node, TaskKind kind) const;
   Estimate service(const NodeState& node, TaskKind kind) const;
   double uplinkBacklog() const;
@@ -154,7 +149,7 @@ struct OffloadEngine::Impl
   double leaseRate(const std::string& id, TaskKind kind) const;
 
   // --- Tasks (engine_tasks.cpp, engine_answers.cpp) -------------------------------------------------------------
-  /// A request for a task, until it is answered or counts as lost.
+  /// A request for a task that is neither answered nor lost.
   struct Request
   {
     uint64_t task = 0;
@@ -162,7 +157,7 @@ struct OffloadEngine::Impl
     TaskKind kind = TaskKind::DETECTION;
     size_t bytes = 0;
     int64_t sent_ns = 0;
-    double expected_queue_s = 0.0;  ///< by the advertisement alone
+    double expected_queue_s = 0.0;  ///< without own tasks
     double expected_own_s = 0.0;
     bool open = true;  ///< an answer would be the task's result
   };
@@ -171,43 +166,49 @@ struct OffloadEngine::Impl
     Task task;
     int64_t deadline_ns = 0;
     uint64_t request = 0;  ///< the last one; 0: none
-    std::string node;      ///< of that
+    std::string node;      ///< of the last request
     bool local = false;    ///< runs on the vehicle
     bool local_failed = false;
-    double local_ghz = 0.0;  ///< 0: it did not run there
+    double local_ghz = 0.0;  ///< 0: it did not run on the vehicle
     bool retried = false;
     int64_t sent_ns = 0;
     double rate_mbps = 0.0;  ///< when it was sent
-    double radio_j = 0.0;    ///< of requests that are over
+    double radio_j = 0.0;    ///< of ended requests
     int64_t timer_ns = NEVER_NS;
     const char* reason = "";
   };
 
-  /// Decides; @param refused  index of a node that is out of question, or -1.
+  /// @param refused  index of a node that is excluded, or -1.
   Decision decide(TaskKind kind, size_t bytes, double remaining_s, int refused);
-  /// When the vehicle begins itself; now or before: at once.
+  /// When the vehicle begins the task itself.
   int64_t fallbackTime(const Decision& decision, const Task& task, int64_t deadline_ns) const;
   Decision submit(const Task& task);
+  void checkTask(const Task& task) const;
+  void keepLocal(Decision* decision, const TaskState& state, const char* reason) const;
+  uint64_t openRequest(NodeState& node, const Task& task);
   /// @return false if the link took nothing.
   bool sendTo(uint64_t id, const Decision& decision, int64_t fallback_ns);
   void startLocal(uint64_t id, double frequency_ghz, const char* reason);
-  /// Fallbacks that are nearly due and would come too late behind a run of this task: they begin first.
+  /// Starts fallbacks that are nearly due and would be late behind a run of this task.
   void startOverdue(uint64_t id, double frequency_ghz);
   double localNeed(TaskKind kind) const;
   void localFailed(uint64_t id, const char* reason);
   void setTimer(TaskState& state, int64_t at_ns);
   void onTimer(uint64_t id);
-  /// An answer is not waited for any more; energy of the request is added.
-  /// @param answerable  it is taken nevertheless if it comes before the vehicle's own result.
+  /// Stops waiting for the answer and adds the request's energy.
+  /// @param answerable  an answer before the vehicle's own result still counts.
   void closeRequest(TaskState& state, bool answerable, bool tell_node);
   void forgetOwn(NodeState& node, uint64_t request);
   double unansweredEnergy(const TaskState& state) const;
   bool answerable(const TaskState& state) const;
   void finish(uint64_t id, Outcome::How how);
   void fallBackAll(uint64_t node, const char* reason, bool answerable, bool tell_node);
+  RequestTiming learn(NodeState& node, const Request& request, const RequestTiming& timing);
+  double answeredEnergy(const NodeState& node, const Request& request, size_t output_bytes) const;
   bool onReply(const std::string& node, uint64_t request, const RequestTiming& timing,
                const NodeAdvertisement& advertisement);
   void onRefused(const std::string& node, uint64_t request, const NodeAdvertisement* advertisement);
+  bool sendElsewhere(TaskState& state, int refused);
   bool onLocalDone(uint64_t id, double work_s);
   void setEnabled(bool on);
   void onTime();
@@ -215,7 +216,7 @@ struct OffloadEngine::Impl
   int64_t nextTime() const;
 
   void setTime(int64_t now_ns) { now = std::max(now, now_ns); }
-  /// Calls an action; what it throws is kept for raise().
+  /// Calls an action and keeps its exception for raise().
   template <typename Function>
   void call(const Function& function)
   {
@@ -231,7 +232,7 @@ struct OffloadEngine::Impl
       }
     }
   }
-  /// At the end of each public method that calls actions.
+  /// Throws the exception kept by call(). Ends each public method that calls actions.
   void raise()
   {
     if (error)
@@ -256,25 +257,25 @@ struct OffloadEngine::Impl
   size_t next_renewal = 0;
   std::vector<uint64_t> due;  ///< scratch of sendProbes()
 
-  DecisionInput input;        ///< views have the order of `nodes`
+  DecisionInput input;        ///< views in the order of `nodes`
   DecisionInput local_input;  ///< without nodes
 
   LocalModel local;
   std::unordered_map<uint64_t, TaskState> tasks;
   std::unordered_map<uint64_t, Request> requests;
   size_t open_requests = 0;
-  std::deque<std::pair<int64_t, uint64_t>> closed;  ///< requests, and when they count as lost
+  std::deque<std::pair<int64_t, uint64_t>> closed;  ///< time of loss, request
   std::set<std::pair<int64_t, uint64_t>> timers;    ///< of tasks
   uint64_t last_request = 0;
-  int64_t uplink_until_ns = LONG_AGO_NS;  ///< what was sent is out then, as expected
-  int64_t uplink_seen_ns = LONG_AGO_NS;   ///< what was answered was out then
+  int64_t uplink_until_ns = LONG_AGO_NS;  ///< expected end of sending
+  int64_t uplink_seen_ns = LONG_AGO_NS;   ///< sending had ended then, as answers show
   int64_t tidied_ns = LONG_AGO_NS;
 
   struct Last
   {
     uint64_t node = 0;  ///< key; 0: the vehicle
     std::string name;
-    uint64_t node_before = 0;  ///< of the last task that had one
+    uint64_t node_before = 0;  ///< of the last task at a node
     int64_t submitted_ns = LONG_AGO_NS;
     MeanDeviation interval_s;
   };

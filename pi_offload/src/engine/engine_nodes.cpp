@@ -1,5 +1,7 @@
 #include "engine/engine_impl.h"
 
+#include <pi_node/durations.h>
+
 #include <algorithm>
 #include <cmath>
 
@@ -9,24 +11,24 @@ namespace
 {
 constexpr double INFINITE = std::numeric_limits<double>::infinity();
 constexpr double PROBE_LOST_S = 1.0;
-/// Queues of short tasks come and go: what is known of one fades with this time constant [s].
+/// Knowledge of a queue fades with this time constant [s].
 constexpr double QUEUE_MEMORY_S = 0.2;
-/// After so long without a task of its own the vehicle believes the node's service time [s].
+/// After this time without own tasks the vehicle uses the advertised service time [s].
 constexpr double SERVICE_MEMORY_S = 10.0;
-/// A service time is not known better than this part of it.
+/// Least deviation of a service time, as a part of it.
 constexpr double LEAST_SERVICE_DEVIATION = 0.05;
-/// Residences along the route, which cost more, are computed anew for a change of speed [m/s], or after this time [s].
+/// Residences along the route are computed again after this change of speed [m/s] or time [s].
 constexpr double STEADY_M_S = 0.1;
 constexpr double RENEW_S = 0.1;
-/// Tasks at once that a lease is good for, where its rate is low.
+/// Burst that a lease covers: at least LEAST_BURST tasks, else those of BURST_S.
 constexpr double LEAST_BURST = 2.0;
 constexpr double BURST_S = 0.5;
-/// A little more than the rate of tasks, as they do not come evenly.
+/// A lease is larger than the rate of tasks because they do not come evenly.
 constexpr double LEASE_MARGIN = 1.2;
-/// Tasks have stopped if none came for so many of their intervals.
+/// Tasks have stopped after this many intervals without one.
 constexpr double STOPPED_INTERVALS = 5.0;
 constexpr double LONGEST_BACKLOG_S = 1.0;
-/// Of the share of refused tasks: each answer's part, and after how long without answers it is forgotten [s].
+/// Weight of an answer in the share of refused tasks, and time constant of forgetting it [s].
 constexpr double REFUSED_GAIN = 1.0 / 16.0;
 constexpr double REFUSED_MEMORY_S = 1.0;
 
@@ -203,7 +205,7 @@ void OffloadEngine::Impl::placeNodes(size_t renewals)
   {
     next_renewal = next_renewal + 1 < nodes.size() ? next_renewal + 1 : 0;
     NodeState& node = *nodes[next_renewal];
-    if (node.in_range && node.old && (node.moved || toSeconds(now - node.placed_ns) >= RENEW_S))
+    if (node.in_range && node.old && (node.moved || pi_node::seconds(now - node.placed_ns) >= RENEW_S))
     {
       place(node);
       --renewals;
@@ -213,7 +215,7 @@ void OffloadEngine::Impl::placeNodes(size_t renewals)
 
 double OffloadEngine::Impl::residence(const NodeState& node) const
 {
-  return node.in_range ? std::max(0.0, node.residence.now_s - toSeconds(now - node.placed_ns)) : 0.0;
+  return node.in_range ? std::max(0.0, node.residence.now_s - pi_node::seconds(now - node.placed_ns)) : 0.0;
 }
 
 bool OffloadEngine::Impl::connected(const NodeState& node, TaskKind kind) const
@@ -230,7 +232,7 @@ Estimate OffloadEngine::Impl::service(const NodeState& node, TaskKind kind) cons
   const MeanDeviation& own = node.estimates.service(kind);
   const NodeAdvertisement::OfKind& said = node.estimates.advertisement().of_kind[k];
   const int64_t served_ns = node.of_kind[k].served_ns;
-  const bool recent = own.known() && served_ns != LONG_AGO_NS && toSeconds(now - served_ns) <= SERVICE_MEMORY_S;
+  const bool recent = own.known() && served_ns != LONG_AGO_NS && pi_node::seconds(now - served_ns) <= SERVICE_MEMORY_S;
   Estimate estimate;
   if (own.known() && (recent || !(said.service_s > 0.0)))
   {
@@ -254,7 +256,7 @@ QueueForecast OffloadEngine::Impl::queue(const NodeState& node, TaskKind kind, d
   const auto k = static_cast<size_t>(kind);
   QueueForecast forecast;
   const double age = node.estimates.advertisementAge(now);
-  // The task arrives later yet. Until then the queue is on its way to what it usually is.
+  // Until the task arrives, the queue moves towards its usual length.
   const NodeState::OfKind& of_kind = node.of_kind[k];
   const double kept = std::isfinite(age) ? std::exp(-(age + ahead_s) / QUEUE_MEMORY_S) : 0.0;
   forecast.advertised_s = node.estimates.advertisement().of_kind[k].queue_s;
@@ -263,7 +265,7 @@ QueueForecast OffloadEngine::Impl::queue(const NodeState& node, TaskKind kind, d
       std::max(of_kind.queue_error_s, std::sqrt(1.0 - kept * kept) * of_kind.said_queue_s.deviation());
   if (!node.own.empty() && std::isfinite(age))
   {
-    // What the node answered was on its way for half a round trip, and the request for the other half.
+    // The node does not know tasks sent later than one round trip before its answer came.
     const int64_t unknown_ns = now - toNs(age + node.estimates.roundTrip().mean());
     for (const NodeState::Own& own : node.own)
     {
@@ -279,11 +281,11 @@ double OffloadEngine::Impl::tokens(const NodeState& node, TaskKind kind) const
 {
   const auto k = static_cast<size_t>(kind);
   const double rate = node.estimates.advertisement().of_kind[k].lease_rate_hz;
-  const double since_s = toSeconds(now - node.of_kind[k].tokens_ns);
+  const double since_s = pi_node::seconds(now - node.of_kind[k].tokens_ns);
   return std::min(std::max(LEAST_BURST, BURST_S * rate), node.of_kind[k].tokens + rate * since_s);
 }
 
-/// Until the messages under way are sent, as the rates are known: they go one after the other.
+/// Expected time until the messages under way are sent; they go one after the other.
 double OffloadEngine::Impl::uplinkBacklog() const
 {
   return std::clamp(between(now, uplink_until_ns), 0.0, LONGEST_BACKLOG_S);
@@ -296,7 +298,7 @@ bool OffloadEngine::Impl::leased(const NodeState& node, TaskKind kind) const
          tokens(node, kind) >= 1.0;
 }
 
-/// Fades while nothing is sent: else a node that refused would never be tried again.
+/// Fades while nothing is sent; otherwise a node that refused is never tried again.
 double OffloadEngine::Impl::refusedShare(const NodeState::OfKind& of_kind) const
 {
   return of_kind.answered_ns == LONG_AGO_NS
@@ -344,7 +346,7 @@ void OffloadEngine::Impl::heard(NodeState& node, const NodeAdvertisement& advert
     const double queue_s = node.estimates.advertisement().of_kind[k].queue_s;
     if (!said_queue_s.known())
     {
-      said_queue_s.add(0.0);  // without the deviation of half of the first sample
+      said_queue_s.add(0.0);  // avoids the deviation of half of the first sample
     }
     said_queue_s.add(queue_s);
   }
@@ -390,7 +392,7 @@ void OffloadEngine::Impl::sendProbes()
       due.push_back(node->key);
     }
   }
-  // Actions may change the table.
+  // Actions may change the nodes.
   for (size_t i = 0; i < due.size(); ++i)
   {
     const uint64_t key = due[i];
@@ -480,7 +482,7 @@ double OffloadEngine::Impl::leaseRate(const std::string& id, TaskKind kind) cons
     return 0.0;
   }
   const double interval_s = tasks_of_kind.interval_s.mean();
-  if (!(interval_s > 0.0) || toSeconds(now - tasks_of_kind.submitted_ns) > STOPPED_INTERVALS * interval_s)
+  if (!(interval_s > 0.0) || pi_node::seconds(now - tasks_of_kind.submitted_ns) > STOPPED_INTERVALS * interval_s)
   {
     return 0.0;
   }

@@ -3,28 +3,28 @@
 #include <algorithm>
 #include <sstream>
 #include <stdexcept>
+#include <utility>
 
 namespace pi_offload
 {
 namespace
 {
 constexpr double LONGEST_DEADLINE_S = 3600.0;
-/// A request counts as lost so long after its task's end [s].
+/// A request counts as lost this long after its task's end [s].
 constexpr double LATE_S = 10.0;
 constexpr size_t MOST_CLOSED = 4096;
 constexpr double TIDY_S = 1.0;
-/// Residences computed anew within one decision.
+/// Residences computed again within one decision.
 constexpr size_t RENEWALS_STRAIGHT = 32;
 constexpr size_t RENEWALS_ROUTE = 2;
-/// A fallback begins so many deviations of the vehicle's own time earlier, if that is more than the policy's factor.
+/// Margin of a fallback in deviations of the vehicle's time, if that is more than the policy's factor.
 constexpr double LOCAL_DEVIATIONS = 3.0;
-/// And at least so much earlier than the vehicle's own time [s]: of a detector that is quick, a part is less than the
-/// delay of a timer and a thread on a busy computer.
+/// Least margin of a fallback [s]: the delay of a timer and a thread on a busy computer.
 constexpr double LEAST_MARGIN_S = 0.01;
-/// The node is asked for an answer before this part of the time between fallback and deadline is over. One that would
-/// come later is worth little, as the vehicle has nearly done the task itself; refused, the vehicle knows at once.
+/// The node must answer within this part of the time between fallback and deadline. A later answer is of little use, as
+/// the vehicle has nearly done the task; a refusal tells the vehicle at once.
 constexpr double ANSWER_SHARE = 0.5;
-/// A fallback is nearly due in this last part of its time.
+/// A fallback is nearly due in the last part of its time.
 constexpr double NEARLY_DUE = 0.25;
 
 }  // namespace
@@ -108,33 +108,51 @@ int64_t OffloadEngine::Impl::fallbackTime(const Decision& decision, const Task& 
   const int64_t policy_ns = later(now, toNs(decision.timeout_s));
   if (policy_ns >= deadline_ns)
   {
-    return deadline_ns;  // no fallback that could be in time
+    return deadline_ns;  // no fallback is in time
   }
   const int64_t safe_ns = later(deadline_ns, -toNs(need_s));
   return safe_ns > now ? std::min(policy_ns, safe_ns) : policy_ns;
 }
 
-Decision OffloadEngine::Impl::submit(const Task& given)
+void OffloadEngine::Impl::checkTask(const Task& task) const
 {
-  const auto k = static_cast<size_t>(given.kind);
-  if (k >= TASK_KINDS || !(given.deadline_s >= 0.0 && given.deadline_s <= LONGEST_DEADLINE_S))
+  const auto k = static_cast<size_t>(task.kind);
+  std::ostringstream text;
+  text << "task " << task.id;
+  if (k >= TASK_KINDS)
   {
-    std::ostringstream text;
-    text << "task " << given.id << ": ";
-    if (k >= TASK_KINDS)
-    {
-      text << "kind = " << k << ", must be below " << TASK_KINDS;
-    }
-    else
-    {
-      text << "deadline_s = " << given.deadline_s << ", must be in [0, " << LONGEST_DEADLINE_S << "]";
-    }
+    text << ": kind = " << k << ", must be below " << TASK_KINDS;
     throw std::invalid_argument(text.str());
   }
-  if (tasks.count(given.id) != 0 || local.running(given.id))
+  if (!(task.deadline_s >= 0.0 && task.deadline_s <= LONGEST_DEADLINE_S))
   {
-    throw std::invalid_argument("task " + std::to_string(given.id) + " is under way already, ids must be unique");
+    text << ": deadline_s = " << task.deadline_s << ", must be in [0, " << LONGEST_DEADLINE_S << "]";
+    throw std::invalid_argument(text.str());
   }
+  if (tasks.count(task.id) != 0 || local.running(task.id))
+  {
+    text << " is under way already, ids must be unique";
+    throw std::invalid_argument(text.str());
+  }
+}
+
+/// Turns a decision for a node into one for the vehicle.
+void OffloadEngine::Impl::keepLocal(Decision* decision, const TaskState& state, const char* reason) const
+{
+  const TaskKind kind = state.task.kind;
+  decision->node = -1;
+  decision->timeout_s = 0.0;
+  decision->frequency_ghz = options.computer.frequency_ghz;
+  decision->expected_s = local.backlog(kind, now) + local.seconds(kind);
+  decision->expected_j = localCost(options.needs[static_cast<size_t>(kind)], options.computer).energy_j;
+  decision->expected_misses = decision->expected_s <= between(now, state.deadline_ns) ? 0.0 : 1.0;
+  decision->reason = reason;
+}
+
+Decision OffloadEngine::Impl::submit(const Task& given)
+{
+  checkTask(given);
+  const auto k = static_cast<size_t>(given.kind);
   Task task = given;
   task.deadline_s = given.deadline_s > 0.0 ? given.deadline_s : options.needs[k].deadline_s;
   forgetOld();
@@ -152,36 +170,22 @@ Decision OffloadEngine::Impl::submit(const Task& given)
   state.task = task;
   state.deadline_ns = deadline_ns;
   state.reason = decision.reason;
-  const auto keepHome = [&](const char* reason)
-  {
-    decision.node = -1;
-    decision.timeout_s = 0.0;
-    decision.frequency_ghz = options.computer.frequency_ghz;
-    decision.expected_s = local.backlog(task.kind, now) + local.seconds(task.kind);
-    decision.expected_j = localCost(options.needs[k], options.computer).energy_j;
-    decision.expected_misses = decision.expected_s <= between(now, deadline_ns) ? 0.0 : 1.0;
-    decision.reason = reason;
-  };
-  int64_t fallback_ns = NEVER_NS;
   if (decision.node >= 0)
   {
-    fallback_ns = fallbackTime(decision, task, deadline_ns);
+    const int64_t fallback_ns = fallbackTime(decision, task, deadline_ns);
     if (fallback_ns <= now)
     {
-      keepHome("no time for a fallback");
+      keepLocal(&decision, state, "no time for a fallback");
     }
     else
     {
       decision.timeout_s = between(now, fallback_ns);
+      if (sendTo(task.id, decision, fallback_ns))
+      {
+        return decision;
+      }
+      keepLocal(&decision, tasks.at(task.id), "the link takes nothing");
     }
-  }
-  if (decision.node >= 0)
-  {
-    if (sendTo(task.id, decision, fallback_ns))
-    {
-      return decision;
-    }
-    keepHome("the link takes nothing");
   }
   of_kind.node = 0;
   of_kind.name.clear();
@@ -190,19 +194,13 @@ Decision OffloadEngine::Impl::submit(const Task& given)
   return decision;
 }
 
-bool OffloadEngine::Impl::sendTo(uint64_t id, const Decision& decision, int64_t fallback_ns)
+/// Counts a task as sent to the node. @return the number of its request.
+uint64_t OffloadEngine::Impl::openRequest(NodeState& node, const Task& task)
 {
-  NodeState& node = *nodes[static_cast<size_t>(decision.node)];
-  const uint64_t key = node.key;
-  const std::string name = node.description.id;
-  TaskState& state = tasks.at(id);
-  const Task task = state.task;
-  const auto k = static_cast<size_t>(task.kind);
   const QueueForecast forecast = queue(node, task.kind, uplinkTime(node, task.kind));
-
   Request request;
-  request.task = id;
-  request.node = key;
+  request.task = task.id;
+  request.node = node.key;
   request.kind = task.kind;
   request.bytes = task.input_bytes;
   request.sent_ns = now;
@@ -212,12 +210,25 @@ bool OffloadEngine::Impl::sendTo(uint64_t id, const Decision& decision, int64_t 
   requests[number] = request;
   ++open_requests;
   const double sending_s = static_cast<double>(task.input_bytes) * MBIT_PER_BYTE / node.estimates.rate(now);
-  const int64_t uplink_before_ns = uplink_until_ns;
   uplink_until_ns = later(std::max(now, uplink_until_ns), toNs(sending_s));
   node.own.push_back({number, task.kind, now});
   ++node.sent;
-  node.of_kind[k].tokens = std::max(0.0, tokens(node, task.kind) - 1.0);
-  node.of_kind[k].tokens_ns = now;
+  NodeState::OfKind& of_kind = node.of_kind[static_cast<size_t>(task.kind)];
+  of_kind.tokens = std::max(0.0, tokens(node, task.kind) - 1.0);
+  of_kind.tokens_ns = now;
+  return number;
+}
+
+bool OffloadEngine::Impl::sendTo(uint64_t id, const Decision& decision, int64_t fallback_ns)
+{
+  NodeState& node = *nodes[static_cast<size_t>(decision.node)];
+  const uint64_t key = node.key;
+  const std::string name = node.description.id;
+  TaskState& state = tasks.at(id);
+  Task asked = state.task;
+  const auto k = static_cast<size_t>(asked.kind);
+  const int64_t uplink_before_ns = uplink_until_ns;
+  const uint64_t number = openRequest(node, asked);
 
   state.request = number;
   state.node = name;
@@ -227,29 +238,23 @@ bool OffloadEngine::Impl::sendTo(uint64_t id, const Decision& decision, int64_t 
   setTimer(state, fallback_ns);
 
   Last& of_kind = last[k];
-  const Last before = of_kind;
+  const uint64_t node_before = std::exchange(of_kind.node_before, key);
   of_kind.node = key;
   of_kind.name = name;
-  of_kind.node_before = key;
-  const bool handover = before.node_before != 0 && before.node_before != key;
+  const bool handover = node_before != 0 && node_before != key;
   statistics.of_kind[k].handovers += handover ? 1 : 0;
 
-  bool sent = false;
-  Task asked = task;
   if (fallback_ns < state.deadline_ns)
   {
     const double useful_s = ANSWER_SHARE * between(fallback_ns, state.deadline_ns);
-    asked.deadline_s = between(task.created_ns, later(fallback_ns, toNs(useful_s)));
+    asked.deadline_s = between(asked.created_ns, later(fallback_ns, toNs(useful_s)));
   }
+  bool sent = false;
   call([&] { sent = actions.send(name, number, asked); });
-  if (sent)
-  {
-    return true;
-  }
   const auto found = requests.find(number);
-  if (found == requests.end() || !found->second.open)
+  if (sent || found == requests.end() || !found->second.open)
   {
-    return true;  // within the action the task was answered, refused or called back: it goes on without us
+    return true;  // sent, or answered, refused or called back within the action
   }
   uplink_until_ns = uplink_before_ns;
   requests.erase(found);
@@ -263,11 +268,11 @@ bool OffloadEngine::Impl::sendTo(uint64_t id, const Decision& decision, int64_t 
   unsent.request = 0;
   if (unsent.local || unsent.local_failed)
   {
-    return true;  // the link broke within the action: the vehicle does it already
+    return true;  // the link broke within the action, and the vehicle does the task already
   }
   setTimer(unsent, NEVER_NS);
   statistics.of_kind[k].handovers -= handover ? 1 : 0;
-  last[k].node_before = before.node_before;
+  last[k].node_before = node_before;
   last[k].node = 0;
   last[k].name.clear();
   return false;
@@ -283,7 +288,7 @@ void OffloadEngine::Impl::startOverdue(uint64_t id, double frequency_ghz)
   const double run_s = local.seconds(added.task.kind) * options.computer.frequency_ghz / frequency_ghz;
   const double backlog_s = local.backlog(added.task.kind, now);
   const double need_s = localNeed(added.task.kind);
-  // In the order of their timers, as they would begin.
+  // In the order in which they are due.
   std::vector<uint64_t> overdue;
   for (const auto& [at_ns, other_id] : timers)
   {
@@ -446,7 +451,7 @@ void OffloadEngine::Impl::forgetOwn(NodeState& node, uint64_t request)
 
 void OffloadEngine::Impl::finish(uint64_t id, Outcome::How how)
 {
-  // Taken out first: whatever the actions do, the task ends once.
+  // Removed first, so that the task ends once whatever the actions do.
   const auto found = tasks.find(id);
   TaskState state = std::move(found->second);
   tasks.erase(found);
@@ -506,7 +511,7 @@ void OffloadEngine::Impl::forgetOld()
   }
   if (tidied_ns == LONG_AGO_NS || now - tidied_ns >= toNs(TIDY_S))
   {
-    // Runs of the vehicle whose task has ended otherwise and of whose end nobody told.
+    // Runs on the vehicle whose end was never reported.
     local.dropOlder(later(now, -toNs(options.local_lost_s + TIDY_S)), now);
     tidied_ns = now;
   }

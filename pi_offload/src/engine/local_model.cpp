@@ -1,5 +1,7 @@
 #include "engine/local_model.h"
 
+#include <pi_node/durations.h>
+
 #include <algorithm>
 #include <cmath>
 
@@ -7,12 +9,11 @@ namespace pi_offload
 {
 namespace
 {
-constexpr double NS = 1e-9;
 constexpr double MEAN_GAIN = 0.125;
 constexpr double DEVIATION_GAIN = 0.25;
-/// The vehicle's own times vary little: a first sample is no reason to fall back much earlier.
+/// Deviation after the first sample, as a part of it: the vehicle's times vary little.
 constexpr double FIRST_DEVIATION = 0.03;
-/// Waits for other kinds shorter than this say nothing of how processors are shared [s].
+/// Shorter waits for other kinds tell nothing about shared processors [s].
 constexpr double LEAST_TELLING_S = 0.005;
 }  // namespace
 
@@ -71,7 +72,7 @@ void LocalModel::done(uint64_t task, double work_s, int64_t now_ns)
   }
   if (run.other_s >= LEAST_TELLING_S)
   {
-    const double waited_s = static_cast<double>(now_ns - run.started_ns) * NS - work_s;
+    const double waited_s = pi_node::seconds(now_ns - run.started_ns) - work_s;
     shared_ += MEAN_GAIN * (std::clamp((waited_s - run.same_s) / run.other_s, 0.0, 1.0) - shared_);
   }
 }
@@ -118,9 +119,9 @@ double LocalModel::waiting(size_t kind, int64_t now_ns) const
   {
     return 0.0;
   }
-  // The first one's time passes; it is not over before its end was told.
+  // The first task runs; it takes its expected time until its end is reported.
   const double first_s = queue.expected_s / static_cast<double>(queue.count);
-  const double passed_s = std::max(0.0, static_cast<double>(now_ns - queue.begun_ns) * NS);
+  const double passed_s = std::max(0.0, pi_node::seconds(now_ns - queue.begun_ns));
   return queue.expected_s - std::min(passed_s, first_s);
 }
 

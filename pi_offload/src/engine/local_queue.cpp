@@ -1,5 +1,7 @@
 #include "engine/local_queue.h"
 
+#include <pi_node/durations.h>
+
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
@@ -110,7 +112,7 @@ std::vector<LocalQueue::Entry> LocalQueue::clear()
 
 double LocalQueue::workingFor(int64_t now_ns) const
 {
-  return working_ ? 1e-9 * static_cast<double>(now_ns - began_ns_) : 0.0;
+  return working_ ? pi_node::seconds(now_ns - began_ns_) : 0.0;
 }
 
 }  // namespace pi_offload

@@ -9,8 +9,8 @@
 namespace pi_offload
 {
 
-/// Pictures on their way to the vehicle's own detector, one at a time: what it has not been given yet it cannot drop.
-/// Not thread safe.
+/// Pictures that wait for the vehicle's own detector, which gets one at a time: it cannot drop a picture that waits
+/// here. Not thread safe.
 class LocalQueue
 {
 public:
@@ -21,33 +21,33 @@ public:
     int64_t deadline_ns = 0;  ///< by the monotonic clock
   };
 
-  /// @param max_waiting  at least 1. @param lost_s  after which no answer comes any more [s].
+  /// @param max_waiting  at least 1. @param lost_s  longest wait for the detector's answer [s].
   LocalQueue(size_t max_waiting, double lost_s);
 
-  /// @return the oldest, where too many wait: it is dropped.
+  /// @return the oldest picture if too many wait; it is dropped.
   std::optional<Entry> add(const Entry& entry);
 
-  /// The picture to be given to the detector now; nullopt: none waits, or the detector is at work.
-  /// Dropped is what would come too late, if a later one waits, and what was not answered for too long.
-  /// @param local_s  that the detector needs [s].
+  /// The picture for the detector now; nullopt: none waits, or the detector is at work.
+  /// @param[out] dropped  pictures that would be late while a later one waits, and one that was not answered.
+  /// @param local_s  time of the detector for a picture [s].
   std::optional<Entry> next(int64_t now_ns, double local_s, std::vector<Entry>* dropped);
 
   struct Answer
   {
     bool expected = false;
     uint64_t task = 0;
-    double work_s = 0.0;   ///< from when it was given to the detector on
-    bool skipped = false;  ///< the detector answered a later picture in place of this one: `task` gets no answer
+    double work_s = 0.0;   ///< since the detector got the picture
+    bool skipped = false;  ///< the detector answered a later picture; `task` gets no answer
   };
-  /// The detector answered. Not expected is an answer while none is awaited, or of an earlier picture.
+  /// The detector answered. `expected` is false if no answer was awaited, or if it is for an earlier picture.
   Answer answered(int64_t stamp_ns, int64_t now_ns);
 
-  /// The task has ended otherwise. @return true if it waited; what is at work stays at work.
+  /// Forgets a picture that waits. @return false if it does not wait, also if the detector works on it.
   bool forget(uint64_t task);
   /// The picture at work is given up. @return false if this task is not at work.
   bool giveUp(uint64_t task);
 
-  /// All are given up. @return them.
+  /// Gives up all pictures and returns them.
   std::vector<Entry> clear();
 
   size_t waiting() const { return waiting_.size(); }

@@ -1,4 +1,5 @@
 #include "engine/node.h"
+
 #include <pi_node/option_check.h>
 
 #include <cctype>

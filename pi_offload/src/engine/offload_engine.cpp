@@ -163,7 +163,7 @@ bool OffloadEngine::onReply(const std::string& node, uint64_t request, const Req
 }
 
 void OffloadEngine::onRefused(const std::string& node, uint64_t request, const NodeAdvertisement* advertisement,
-                              const char* /*reason*/, int64_t now_ns)
+                              int64_t now_ns)
 {
   impl_->setTime(now_ns);
   impl_->onRefused(node, request, advertisement);
@@ -208,7 +208,7 @@ bool OffloadEngine::onLocalDone(uint64_t task, double work_s, int64_t now_ns)
   return result;
 }
 
-void OffloadEngine::onLocalFailed(uint64_t task, const char* /*reason*/, int64_t now_ns)
+void OffloadEngine::onLocalFailed(uint64_t task, int64_t now_ns)
 {
   impl_->setTime(now_ns);
   impl_->localFailed(task, "the vehicle failed");

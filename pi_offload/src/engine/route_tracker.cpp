@@ -10,14 +10,13 @@ namespace pi_offload
 {
 namespace
 {
-/// Residences along the route are computed anew after so much way [m].
+/// Residences are computed again after this distance [m].
 constexpr double RENEW_M = 0.3;
-/// The next place is looked for so far ahead, besides twice the way since the last one [m].
+/// The next place is searched this far ahead, plus twice the distance since the last one [m].
 constexpr double SEARCH_M = 20.0;
-/// Further away from it the vehicle has left its route here, and it is looked for on all of it [m].
+/// A vehicle further from its place is searched on the whole route [m].
 constexpr double LOST_M = 10.0;
-/// So near to the route the vehicle is taken to be on it: a later part of the route that is nearer does not confuse
-/// [m].
+/// A vehicle within this distance counts as on the route, so that a nearer later part does not matter [m].
 constexpr double NEAR_M = 3.0;
 constexpr double LEAST_HORIZON_M = 10.0;
 
@@ -131,7 +130,7 @@ Residence RouteTracker::residence(const Point& node, double range, double speed)
   Residence residence = routeResidence(off_route_m_ <= NEAR_M ? on_route_ : position_, path, speed, node, range);
   if (cut_ && speed > 0.0)
   {
-    // At the cut the vehicle does not stand.
+    // The vehicle does not stop at the horizon.
     const double horizon_s = ahead_m_ / speed;
     residence.now_s = std::min(residence.now_s, horizon_s);
     if (std::isinf(residence.leaves_s) && !std::isinf(residence.enters_s))

@@ -1,4 +1,5 @@
 #include "policies/cost_model.h"
+
 #include <pi_node/option_check.h>
 
 #include <algorithm>
@@ -17,7 +18,7 @@ constexpr double NEVER = std::numeric_limits<double>::infinity();
 constexpr double MOST_WATTS = 1e4;
 constexpr double MOST_GHZ = 1e3;
 
-/// Nothing to carry takes no time, whatever the rate.
+/// No data takes no time at any rate.
 double transferTime(double mbit, double mbps)
 {
   if (!(mbit > 0.0))
@@ -109,7 +110,7 @@ double mostEfficientFrequency(const LocalComputer& computer)
 double bestLocalFrequency(const TaskNeeds& needs, const LocalComputer& computer)
 {
   const double needed = needs.deadline_s > 0.0 ? needs.work_gcycles / needs.deadline_s : NEVER;
-  // A computer without dynamic power has no most efficient frequency but the highest.
+  // Without dynamic power the highest frequency is the most efficient.
   const double efficient = computer.beta_w_per_ghz3 > 0.0 ? mostEfficientFrequency(computer) : NEVER;
   return std::clamp(std::max(efficient, needed), computer.least_frequency_ghz, computer.frequency_ghz);
 }

@@ -1,4 +1,6 @@
 #include "policies/estimates.h"
+
+#include <pi_node/durations.h>
 #include <pi_node/option_check.h>
 
 #include <algorithm>
@@ -9,13 +11,12 @@ namespace pi_offload
 {
 namespace
 {
-constexpr double NS = 1e-9;
 constexpr double MBIT_PER_BYTE = 8e-6;
-/// A rate sample is at least this share of the network's time: the round trip is an estimate itself.
+/// Least part of the network's time for the transfer; the subtracted round trip is only an estimate.
 constexpr double LEAST_TRANSFER_SHARE = 0.1;
-/// A usual rate below the first one counts half after so many of Options::memory_s.
+/// A usual rate below the first one counts half after this multiple of Options::memory_s.
 constexpr double USUAL_MEMORIES = 15.0;
-/// A node's own times are believed up to this length [s].
+/// Longer times of a node are cut to this [s].
 constexpr double LONGEST_S = 3600.0;
 
 bool usable(double value)
@@ -92,7 +93,7 @@ void NodeEstimates::add(const RequestTiming& timing, int64_t now_ns)
   const double network_s = timing.total_s - timing.queue_s - timing.service_s;
   if (network_s < 0.0)
   {
-    return;  // the node's clock says more than passed here: nothing follows for the network
+    return;  // the node reports more than passed here
   }
   const double megabits = static_cast<double>(timing.input_bytes + timing.output_bytes) * MBIT_PER_BYTE;
   addNetwork(network_s, megabits, timing.input_bytes <= options_.probe_bytes, now_ns);
@@ -134,10 +135,10 @@ void NodeEstimates::addTimeout(TaskKind kind, size_t input_bytes, double waited_
   const double megabits = static_cast<double>(input_bytes) * MBIT_PER_BYTE;
   if (network_s <= network(megabits, 0.0, now_ns).mean_s)
   {
-    return;  // no slower than expected anyway
+    return;  // not slower than expected
   }
   unanswered_s_ = network_s;
-  // It would have taken at least so long: a sample that can only raise the estimates.
+  // A lower bound of the time: it can only raise the estimate.
   addNetwork(network_s, megabits, input_bytes <= options_.probe_bytes, now_ns);
 }
 
@@ -172,12 +173,12 @@ double NodeEstimates::advertisementAge(int64_t now_ns) const
   {
     return std::numeric_limits<double>::infinity();
   }
-  return std::max(0.0, static_cast<double>(now_ns - advertised_ns_) * NS);
+  return std::max(0.0, pi_node::seconds(now_ns - advertised_ns_));
 }
 
 double NodeEstimates::weight(int64_t now_ns, double memory_s) const
 {
-  const double ages = std::max(0.0, static_cast<double>(now_ns - rate_ns_) * NS) / memory_s;
+  const double ages = std::max(0.0, pi_node::seconds(now_ns - rate_ns_)) / memory_s;
   return 1.0 / (1.0 + ages * ages);
 }
 
@@ -189,7 +190,7 @@ NetworkTime NodeEstimates::perMbit(int64_t now_ns) const
   double usual_deviation = has_usual ? usual_seconds_per_mbit_.deviation() : 0.5 * first;
   if (usual > first)
   {
-    // Else a node that was slow when it was tried would never be tried again.
+    // Otherwise a node that was slow once is never tried again.
     const double share = weight(now_ns, USUAL_MEMORIES * options_.memory_s);
     usual = share * usual + (1.0 - share) * first;
     usual_deviation = share * usual_deviation + (1.0 - share) * 0.5 * first;
@@ -205,7 +206,7 @@ NetworkTime NodeEstimates::perMbit(int64_t now_ns) const
 
 double NodeEstimates::rateAge(int64_t now_ns) const
 {
-  return seconds_per_mbit_.known() ? std::max(0.0, static_cast<double>(now_ns - rate_ns_) * NS)
+  return seconds_per_mbit_.known() ? std::max(0.0, pi_node::seconds(now_ns - rate_ns_))
                                    : std::numeric_limits<double>::infinity();
 }
 
@@ -225,7 +226,6 @@ NetworkTime NodeEstimates::network(double input_mbit, double output_mbit, int64_
   const double transfer_deviation_s = megabits * per_mbit.deviation_s;
   NetworkTime time;
   time.mean_s = std::max(round_trip_s + megabits * per_mbit.mean_s, unanswered_s_);
-  // Independent of each other.
   time.deviation_s =
       std::sqrt(round_trip_deviation_s * round_trip_deviation_s + transfer_deviation_s * transfer_deviation_s);
   return time;

@@ -9,8 +9,8 @@ namespace pi_offload
 namespace
 {
 
-/// Who gives up a fallback that would be in time must be so much surer: far out the tail is fatter than the Laplace
-/// distribution's, as changes come together.
+/// Factor on the deviation when a choice gives up a fallback that would be in time: the real tail is fatter than that
+/// of the Laplace distribution.
 constexpr double LATE_SCALE = 1.5;
 
 bool usable(const NodeView& node)
@@ -18,7 +18,7 @@ bool usable(const NodeView& node)
   return node.connected && node.distance_m <= node.range_m && node.residence_s > 0.0;
 }
 
-/// Mean absolute deviation of the response time; its parts are taken as independent.
+/// Mean absolute deviation of the response time, with independent parts.
 double deviationOf(const NodeView& node, double extra_queue_s, double least_s)
 {
   const double queue = node.queue_s.deviation + extra_queue_s;
@@ -32,7 +32,7 @@ LocalPlan localPlanOf(const DecisionInput& input, const PolicyOptions& options)
   return options.scale_frequency ? scaledLocalPlan(input, options) : localPlan(input);
 }
 
-/// Least energy among the places that are done in time with k deviations to spare.
+/// Least energy among the places that meet the deadline with k deviations to spare.
 class Deadline : public Policy
 {
 public:
@@ -81,12 +81,11 @@ private:
   PolicyOptions options_;
 };
 
-/// Least expected energy, where a missed deadline costs energy too.
+/// Least expected energy, with a price in energy for a missed deadline.
 ///
-/// The response time is taken as Laplace distributed: its mean absolute deviation is its one parameter, so nothing is
-/// converted, and its tail falls exponentially as that of a queue does. A normal tail of the same deviation has 0.07 %
-/// beyond mean + 4 deviations, the Laplace tail 0.9 %, an exponential queue 1.9 %. What no deviation shows, lost
-/// messages and dead nodes, is a constant share.
+/// The response time is taken as Laplace distributed. Its one parameter is the mean absolute deviation, and its tail
+/// falls exponentially like that of a queue: beyond mean + 4 deviations lie 0.9 % (normal: 0.07 %, exponential queue:
+/// 1.9 %). Lost messages and dead nodes are a constant part (loss_share).
 class ExpectedCost : public Policy
 {
 public:
@@ -107,8 +106,8 @@ public:
     vehicle.cost_j = local.energy_j + context.miss_cost_j * vehicle.decision.expected_misses;
     Choice best = vehicle;
     Choice previous;
-    Choice hopes;    // the node that is cheapest, if its network is as good as it may be
-    Choice curious;  // the same as expected
+    Choice hopes;    // the cheapest node if its network is one deviation better than expected
+    Choice curious;  // the same node as expected
     if (input.previous_node < 0)
     {
       previous = vehicle;
@@ -145,7 +144,7 @@ public:
       best = previous;
       best.decision.reason = "not enough better elsewhere";
     }
-    // While the vehicle does all itself it learns nothing of the network.
+    // A vehicle that does all tasks itself learns nothing about the network.
     if (best.decision.node < 0 && hopes.cost_j < (1.0 - options_.hysteresis) * best.cost_j)
     {
       best = curious;
@@ -170,7 +169,7 @@ private:
     double cost_j = HUGE_VAL;  ///< infinite: not allowed
   };
 
-  /// Probability that no answer is there yet.
+  /// Probability that no answer came within after_s.
   double unanswered(double after_s, double mean_s, double deviation_s) const
   {
     const double x = (after_s - mean_s) / deviation_s;
@@ -198,7 +197,7 @@ private:
     {
       return choice;
     }
-    // Without fallback a late refusal is a miss as well: it may come when the vehicle cannot do it in time any more.
+    // Without fallback a late refusal is a miss too: the vehicle may have no time left for the task.
     const double answered = 1.0 - node.refused_share;
     const double late_scale = context.fallback_in_time ? LATE_SCALE : 1.0;
     const double late = 1.0 - answered * (1.0 - unanswered(input.needs.deadline_s, mean_s, late_scale * deviation_s));

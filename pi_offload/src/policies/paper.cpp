@@ -11,9 +11,9 @@ namespace
 
 constexpr size_t USUAL_NODES = 1024;
 
-/// Figure 12 as it is printed. Arrays are 1..M, element 0 is no node: K = 0 says that no node has been found and is
-/// never read, as T_s is above t_c^i only after K was set. `switch` exchanges two elements. j in C_off^j stands behind
-/// its loop and is M there. r without index in equation 6 is read as r_i, both ways.
+/// Figure 12 as printed, read as follows. Arrays are 1..M; element 0 is no node. K = 0 means that no node was found; it
+/// is never used as an index because T_s exceeds t_c^i only after K was set. `switch` exchanges two elements. In
+/// C_off^j, j is M because it stands behind its loop. In equation 6, r without an index is r_i in both directions.
 class PaperLiteral : public Policy
 {
 public:
@@ -67,14 +67,14 @@ public:
   }
 
 private:
-  /// What `switch` exchanges.
+  /// Exchanged by `switch`.
   struct Place
   {
     double t_c = 0.0;
     double w = 0.0;
     int M = -1;
   };
-  /// What it does not.
+  /// Not exchanged.
   struct Remote
   {
     Cost cost;
@@ -106,9 +106,9 @@ private:
   std::vector<Remote> remote_;
 };
 
-/// What figure 12 means: of all nodes in range that are done before the vehicle leaves and before the deadline, and
-/// have the capacity, the cheapest, if it is cheaper than the vehicle. Costs have no units, times have queue and round
-/// trip, without an answer the vehicle does the task in time.
+/// The intention of figure 12: the cheapest node in range that has the capacity and is done before the vehicle leaves
+/// and before the deadline, if it is cheaper than the vehicle. Costs have no units, times include queue and round trip,
+/// and the vehicle does the task in time if no answer comes.
 class Paper : public Policy
 {
 public:

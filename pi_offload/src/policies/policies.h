@@ -1,13 +1,13 @@
 #pragma once
 
-#include "policies/policy.h"
-
 #include <memory>
+
+#include "policies/policy.h"
 
 namespace pi_offload
 {
 
-/// The vehicle's own time and energy for a task.
+/// Time and energy of a task on the vehicle.
 struct LocalPlan
 {
   double time_s = 0.0;  ///< with the backlog
@@ -15,14 +15,13 @@ struct LocalPlan
   double frequency_ghz = 0.0;
 };
 
-/// At the highest frequency: as measured or, where it was not, by equations 3 and 4.
+/// At the highest frequency: as measured, else by equations 3 and 4.
 LocalPlan localPlan(const DecisionInput& input);
-/// At the frequency of least energy that is done by the deadline, with the margin of a fallback.
+/// At the frequency of least energy that meets the deadline with the margin of a fallback.
 LocalPlan scaledLocalPlan(const DecisionInput& input, const PolicyOptions& options);
 Decision localDecision(const LocalPlan& plan, const DecisionInput& input, const char* reason);
 
-/// Time and energy of a task on a node by what is known of it. What was not measured yet comes from rates and
-/// frequency.
+/// Expected time and energy of a task on a node; from rates and frequency if nothing was measured.
 struct RemotePlan
 {
   double network_s = 0.0;
@@ -33,11 +32,11 @@ struct RemotePlan
 };
 RemotePlan remotePlan(const DecisionInput& input, const NodeView& node);
 
-/// When the vehicle must begin itself to be done by the deadline, with the margin of the options; the deadline where it
-/// is too late for that already, or its backlog takes longer.
+/// The latest time at which the vehicle can begin to meet the deadline, with the margin of the options. The deadline if
+/// that time has passed or the backlog takes longer.
 double fallbackTimeout(const DecisionInput& input, const PolicyOptions& options);
 
-/// The task is for a node that nobody checks: without an answer the vehicle does it once the deadline is over.
+/// For policies that do not check the node: the vehicle does the task after the deadline if no answer came.
 Decision uncheckedDecision(const DecisionInput& input, int node, const char* reason);
 
 std::unique_ptr<Policy> makePaperLiteral(const PolicyOptions& options);

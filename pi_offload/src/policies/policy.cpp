@@ -96,7 +96,7 @@ LocalPlan localPlan(const DecisionInput& input)
 LocalPlan scaledLocalPlan(const DecisionInput& input, const PolicyOptions& options)
 {
   LocalPlan plan = localPlan(input);
-  // The work that takes the measured time at the highest frequency.
+  // Cycles that take the measured time at the highest frequency.
   TaskNeeds needs = input.needs;
   needs.work_gcycles = localWork(input) * input.computer.frequency_ghz;
   needs.deadline_s = (input.needs.deadline_s - input.local_backlog_s) / options.fallback_factor;
@@ -140,7 +140,7 @@ RemotePlan remotePlan(const DecisionInput& input, const NodeView& node)
                    : node.frequency_ghz > 0.0 ? input.needs.work_gcycles / node.frequency_ghz
                                               : std::numeric_limits<double>::infinity();
   plan.queue_s = node.queue_s.mean;
-  // What the network needs beyond the transfer at its rates is waiting, as is the node's work.
+  // The radio waits during the node's work and the network's time beyond the transfer.
   const double waiting_s = std::max(plan.time_s() - carried.time_s, 0.0);
   plan.energy_j = carried.energy_j + (input.radio.wait_w > 0.0 ? input.radio.wait_w * waiting_s : 0.0);
   return plan;
@@ -149,7 +149,7 @@ RemotePlan remotePlan(const DecisionInput& input, const NodeView& node)
 double fallbackTimeout(const DecisionInput& input, const PolicyOptions& options)
 {
   const double timeout = input.needs.deadline_s - localWork(input) * options.fallback_factor;
-  // The backlog is worked off while the vehicle waits for the answer.
+  // The backlog shrinks while the vehicle waits for the answer.
   return timeout > 0.0 && timeout >= input.local_backlog_s ? timeout : input.needs.deadline_s;
 }
 

@@ -1,43 +1,43 @@
 #pragma once
 
-#include "policies/cost_model.h"
-#include "engine/node.h"
-
 #include <cstddef>
 #include <memory>
 #include <string>
 #include <vector>
 
+#include "engine/node.h"
+#include "policies/cost_model.h"
+
 namespace pi_offload
 {
 
-/// A mean and how much values deviate from it.
+/// Mean and deviation of a quantity.
 struct Estimate
 {
   double mean = 0.0;
   double deviation = 0.0;  ///< mean absolute deviation
 };
 
-/// All that is known of a node when a task is decided.
+/// What is known about a node when a task is decided.
 struct NodeView
 {
   std::string id;
-  bool connected = false;  ///< it answered lately and is not draining, and serves this kind of task
+  bool connected = false;  ///< it answered recently, is not draining, and serves this kind
   double distance_m = 0.0;
   double range_m = 0.0;
-  double residence_s = 0.0;          ///< usable now, along the route where it is known; 0 out of range
+  double residence_s = 0.0;          ///< along the route if it is known; 0 out of range
   double printed_residence_s = 0.0;  ///< printedResidence(), for paper_literal
   double capacity_gcycles = 0.0;     ///< w_i
   double frequency_ghz = 0.0;        ///< f_off
   double uplink_mbps = 0.0;          ///< r
   double downlink_mbps = 0.0;
-  Estimate network_s;          ///< both ways, of this task's data
-  double network_age_s = 0.0;  ///< since its rate was measured
+  Estimate network_s;          ///< for this task's data, both ways
+  double network_age_s = 0.0;  ///< age of the measured rate
   Estimate service_s;
   Estimate queue_s;            ///< advertised, corrected for its age
   double load_age_s = 0.0;     ///< age of the advertisement
-  double refused_share = 0.0;  ///< of the tasks sent there lately: refused or dropped by the node
-  bool leased = false;         ///< the vehicle's lease is for one more task of this kind
+  double refused_share = 0.0;  ///< of recent tasks: refused or dropped by the node
+  bool leased = false;         ///< the vehicle's lease covers one more task of this kind
 };
 
 /// A task to decide.
@@ -48,50 +48,50 @@ struct DecisionInput
   LocalComputer computer;
   Radio radio;
   double eta = 0.5;              ///< weight of time in [0, 1]
-  double local_backlog_s = 0.0;  ///< until the vehicle itself can begin
-  double local_s = 0.0;          ///< t_L as measured; 0: equation 3
-  double local_j = 0.0;          ///< e_L as measured; 0: equation 4
-  int previous_node = -1;        ///< where the last task of this kind went; -1: the vehicle
+  double local_backlog_s = 0.0;  ///< wait of a task on the vehicle
+  double local_s = 0.0;          ///< measured t_L; 0: use equation 3
+  double local_j = 0.0;          ///< measured e_L; 0: use equation 4
+  int previous_node = -1;        ///< of the last task of this kind; -1: the vehicle
   std::vector<NodeView> nodes;
 };
 
 struct Decision
 {
   int node = -1;            ///< index into DecisionInput::nodes; -1: the vehicle
-  double expected_s = 0.0;  ///< until the result is there
+  double expected_s = 0.0;  ///< time to the result
   double expected_j = 0.0;
   double expected_misses = 0.0;  ///< probability that the deadline is missed
-  /// After which the vehicle does it itself; 0 for the vehicle. The latest time that lets it meet the deadline,
-  /// whatever its backlog was; the deadline where it could not, and of policies without fallback (nearest*,
-  /// paper_literal).
+  /// When the vehicle does the task itself, if no answer came; 0 for a task of the vehicle. It is the latest time at
+  /// which the vehicle can meet the deadline. It is the deadline if the vehicle cannot, and for policies without
+  /// fallback (nearest*, paper_literal).
   double timeout_s = 0.0;
-  double frequency_ghz = 0.0;  ///< of the vehicle's computer, where it does the task; a fallback runs at the highest
-  size_t looked_at = 0;        ///< nodes, each as often as it was; figure 12 as printed: (M - 1)^2
+  double frequency_ghz = 0.0;  ///< of the vehicle's computer for this task; a fallback runs at the highest
+  size_t looked_at = 0;        ///< visits to nodes; figure 12 as printed: (M - 1)^2
   const char* reason = "";     ///< a few words, static
 };
 
 struct PolicyOptions
 {
-  double miss_cost_j = 20.0;     ///< lambda: what a missed deadline costs at eta 0.5 [J]
-  double deviations = 4.0;       ///< k: t + k deviations must be within the residence, for `deadline` the deadline too
-  double residence_share = 0.8;  ///< a task must be done within this share of the residence
-  double hysteresis = 0.1;       ///< another place must be better by this share
-  double fallback_factor = 1.1;  ///< local fallback starts local_s times this before the deadline
+  double miss_cost_j = 20.0;  ///< lambda: price of a missed deadline at eta 0.5 [J]
+  double deviations = 4.0;    ///< k: t + k deviations must fit into the residence, for `deadline` into the deadline too
+  double residence_share = 0.8;          ///< part of the residence for a task
+  double hysteresis = 0.1;               ///< another place must be better by this part
+  double fallback_factor = 1.1;          ///< the fallback starts local_s times this before the deadline
   double needed_capacity_gcycles = 0.0;  ///< W of the paper
-  bool scale_frequency = false;          ///< local, deadline, expected_cost: the vehicle works at bestLocalFrequency()
-  double tail_scale = 1.0;               ///< how much wider response times are than their deviations say
-  double least_deviation_s = 0.002;      ///< a response time is not known better than this
-  double loss_share = 0.002;             ///< requests without an answer in time, whatever the deviations say
-  double fallback_miss_share = 0.005;    ///< fallbacks that miss the deadline though they begin in time
-  double unleased_tasks = 1.0;           ///< without a lease the queue deviates by so many service times more
-  double curiosity_s = 0.2;  ///< where the rate was not measured for so long, a task may go there to measure it
-  double load_growth = 0.1;  ///< the queue deviates by so much more per second of age of what is known [s/s]
+  bool scale_frequency = false;          ///< local, deadline, expected_cost: work at bestLocalFrequency()
+  double tail_scale = 1.0;               ///< factor on the deviation of response times
+  double least_deviation_s = 0.002;      ///< least deviation of a response time
+  double loss_share = 0.002;             ///< requests that stay without an answer in time
+  double fallback_miss_share = 0.005;    ///< fallbacks that start in time and still miss
+  double unleased_tasks = 1.0;           ///< extra deviation of the queue without a lease, in service times
+  double curiosity_s = 0.2;              ///< a node whose rate is older may get a task to measure the rate
+  double load_growth = 0.1;              ///< extra deviation of the queue per second of age of the advertisement [s/s]
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
 };
 
-/// Decides where a task is done. Not thread safe; decides without allocating.
+/// Decides where a task is done. Not thread safe. decide() does not allocate, see makePolicy().
 class Policy
 {
 public:
@@ -101,16 +101,17 @@ public:
 };
 
 /// @param name  one of policyNames():
-///   - local: never offloads. nearest: to the nearest node in range, connected or not, else local.
-///   - nearest_anywhere: the same without looking at the range.
+///   - local: never offloads.
+///   - nearest: the nearest node in range, connected or not, else local.
+///   - nearest_anywhere: the nearest node, also out of range.
 ///   - paper_literal: figure 12 as printed, with its twelve defects (docs/design/offload.md).
-///   - paper: figure 12 repaired: the cheapest node in range, in time for residence and deadline, by its own figures.
-///   - deadline: least energy among nodes that meet t + k deviations <= min(deadline, share of the residence).
+///   - paper: figure 12 repaired: the cheapest node in range that meets residence and deadline.
+///   - deadline: least energy among nodes that meet t + k deviations <= min(deadline, part of the residence).
 ///   - expected_cost: least expected energy + fallback energy + lambda * P(miss), with leases and hysteresis; lambda is
-///     miss_cost_j * eta / (1 - eta), where the quotient is kept within [0.1, 10].
-/// decide() takes time that grows with the number of nodes, paper_literal with its square. It allocates nothing but, in
-/// paper_literal, for more than 1024 nodes at once.
-/// @throws std::invalid_argument naming the name and those that there are; or for options.
+///     miss_cost_j * eta / (1 - eta), with the quotient kept within [0.1, 10].
+/// The time of decide() grows with the number of nodes, for paper_literal with its square. paper_literal allocates for
+/// more than 1024 nodes.
+/// @throws std::invalid_argument for options, or naming the known policies.
 std::unique_ptr<Policy> makePolicy(const std::string& name, const PolicyOptions& options);
 const std::vector<std::string>& policyNames();
 

@@ -49,7 +49,7 @@ Residence never()
   return {0.0, NEVER, 0.0};
 }
 
-/// Where a straight line is within a range of the origin, as distances along it.
+/// Part of a straight line within a range of the origin, as distances along the line.
 struct Chord
 {
   double from = 0.0;
@@ -58,8 +58,8 @@ struct Chord
 
 /// @param d  start of the line, from the node.
 /// @param u  its direction, of length 1.
-/// q = b^2 - c = R^2 - (d x u)^2 is taken from the cross product and -c as (R - |d|)(R + |d|): both without
-/// cancellation. A tangent is no chord.
+/// Without cancellation: q = b^2 - c = R^2 - (d x u)^2 comes from the cross product, and -c is (R - |d|)(R + |d|).
+/// A tangent is no chord.
 std::optional<Chord> chordOf(const Point& d, const Point& u, double range)
 {
   const double across = std::abs(d.x * u.y - d.y * u.x);
@@ -83,7 +83,7 @@ Point directionOf(double heading)
   return {std::sin(heading), std::cos(heading)};
 }
 
-/// Goes along a path piece by piece until the first window is complete.
+/// Follows a path piece by piece until the first window is complete.
 class WindowSearch
 {
 public:
@@ -129,7 +129,7 @@ public:
     return open_;
   }
 
-  /// @param end  where the vehicle stands then.
+  /// @param end  end of the path.
   Residence result(const Point& end, double speed) const
   {
     if (complete_)
@@ -145,7 +145,7 @@ public:
   }
 
 private:
-  /// A window without length is a touch only, and the search goes on, unless the vehicle leaves just now.
+  /// A window without length does not count, unless the vehicle leaves right now.
   bool close(double at)
   {
     open_ = false;
@@ -156,7 +156,7 @@ private:
 
   Point node_;
   double range_;
-  double tolerance_ = 1e-9;  ///< [m]: corners on the edge must not split a window for rounding
+  double tolerance_ = 1e-9;  ///< rounding at corners on the edge must not split a window [m]
   bool starts_inside_ = false;
   bool open_ = false;
   bool complete_ = false;

@@ -1,18 +1,18 @@
-#include <pi_detect/ros/conversions.h>
 #include "ros/conversions.h"
+
+#include <pi_detect/ros/conversions.h>
+#include <pi_node/durations.h>
 
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
-
-#include "wire/durations.h"
 
 namespace pi_offload
 {
 namespace
 {
 
-constexpr double LEAST_SPEED = 0.05;  ///< [m/s] below which the heading is where the vehicle looks
+constexpr double LEAST_SPEED = 0.05;  ///< below this the heading is that of the pose [m/s]
 
 }  // namespace
 
@@ -126,7 +126,7 @@ OffloadDecision toMsg(const Outcome& outcome, const std_msgs::Header& header)
   message.how = toString(outcome.how);
   message.reason = outcome.reason;
   message.deadline = outcome.task.deadline_s;
-  message.response_time = secondsBetween(outcome.task.created_ns, outcome.finished_ns);
+  message.response_time = pi_node::secondsBetween(outcome.task.created_ns, outcome.finished_ns);
   message.by_deadline = static_cast<uint8_t>(outcome.by_deadline);
   message.energy = outcome.energy_j;
   return message;

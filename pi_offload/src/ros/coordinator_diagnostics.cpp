@@ -1,5 +1,6 @@
-#include <diagnostic_msgs/DiagnosticStatus.h>
 #include "ros/coordinator_diagnostics.h"
+
+#include <diagnostic_msgs/DiagnosticStatus.h>
 #include <pi_node/formatting.h>
 
 #include <algorithm>

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <diagnostic_updater/diagnostic_updater.h>
-#include "client/offload_client.h"
 #include <pi_node/ros/warning_board.h>
 #include <ros/node_handle.h>
 
@@ -12,20 +11,22 @@
 #include <string>
 #include <vector>
 
+#include "client/offload_client.h"
+
 namespace pi_offload
 {
 
-/// What the adapter knows of itself, for the diagnostics.
+/// State of the coordinator for its reports.
 struct CoordinatorFigures
 {
   std::string topic;
   bool subscribed = false;
-  uint64_t pictures = 0;  ///< that came
-  double silent_s = 0.0;  ///< since the last one, or since the subscription [s]
-  uint64_t late = 0;      ///< results dropped as that of a later picture was published
-  uint64_t crowded = 0;   ///< pictures dropped as too many came at once
-  size_t waiting = 0;     ///< for the vehicle's detector
-  std::string model;      ///< of the vehicle's detector; empty: not known
+  uint64_t pictures = 0;  ///< received pictures
+  double silent_s = 0.0;  ///< since the last picture or the subscription [s]
+  uint64_t late = 0;      ///< results dropped because a later one was published
+  uint64_t crowded = 0;   ///< pictures dropped because too many came at once
+  size_t waiting = 0;     ///< pictures that wait for the vehicle's detector
+  std::string model;      ///< network of the vehicle's detector; empty: unknown
   bool detector_listens = false;
   std::string vehicle;   ///< name at the nodes
   std::string position;  ///< "known", or why it is not
@@ -43,7 +44,7 @@ struct CoordinatorFigures
   std::map<std::string, OffloadClient::LinkStatus> links;
 };
 
-/// What /diagnostics says: where tasks go and how that ends, the nodes, and what comes in. One thread at a time.
+/// Publishes diagnostics of offloading, nodes and input. One thread at a time.
 class CoordinatorDiagnostics
 {
 public:
@@ -52,7 +53,7 @@ public:
   CoordinatorDiagnostics(const ros::NodeHandle& node, const ros::NodeHandle& private_node,
                          const pi_node::WarningBoard* warnings, double input_timeout_s);
 
-  /// Looks at everything and publishes.
+  /// Publishes the diagnostics.
   void update(const CoordinatorFigures& figures);
 
 private:

@@ -1,5 +1,5 @@
-#include "engine/node_file.h"
 #include "ros/coordinator_ros_options.h"
+
 #include <pi_node/option_check.h>
 #include <pi_node/ros/parameter_tree.h>
 
@@ -8,6 +8,8 @@
 #include <limits>
 #include <stdexcept>
 #include <utility>
+
+#include "engine/node_file.h"
 
 namespace pi_offload
 {
@@ -23,7 +25,7 @@ constexpr size_t DETECTION = static_cast<size_t>(TaskKind::DETECTION);
 constexpr size_t SPEECH = static_cast<size_t>(TaskKind::SPEECH);
 constexpr char EVERYWHERE[] = "inf";
 
-/// A range is a number or "inf", as the parameter server's protocol has no infinite numbers.
+/// A number or "inf": the parameter server's protocol has no infinite numbers.
 void readRange(const XmlRpcValue& value, double* range_m)
 {
   if (value.getType() == XmlRpcValue::TypeString)
@@ -234,7 +236,7 @@ double BatteryOptions::eta(double charge) const
 
 CoordinatorRosOptions::CoordinatorRosOptions()
 {
-  client.link.max_queued_bytes = 8U << 20U;  // a raw picture beside others
+  client.link.max_queued_bytes = 8U << 20U;  // room for a raw picture beside others
 }
 
 void CoordinatorRosOptions::validate() const
@@ -307,7 +309,7 @@ OffloadClientOptions CoordinatorRosOptions::clientOptions(const std::string& nam
   engine.needs[DETECTION].work_gcycles = detection_local_s * engine.computer.frequency_ghz;
   engine.needs[SPEECH].work_gcycles = speech_local_s * engine.computer.frequency_ghz;
   engine.computer.least_frequency_ghz = std::min(engine.computer.least_frequency_ghz, engine.computer.frequency_ghz);
-  // Pictures that wait are given up one after the other at worst; the queue itself watches the one at work.
+  // At worst all waiting pictures are given up one after the other.
   engine.local_lost_s = std::min(3600.0, local_lost_s * static_cast<double>(max_local_waiting + 2));
   complete.encoder.max_raw_bytes = complete.link.max_queued_bytes / 2;
   return complete;

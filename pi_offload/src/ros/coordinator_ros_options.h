@@ -1,12 +1,13 @@
 #pragma once
 
-#include "engine/node.h"
-#include "client/offload_client.h"
 #include <ros/node_handle.h>
 #include <xmlrpcpp/XmlRpcValue.h>
 
 #include <string>
 #include <vector>
+
+#include "client/offload_client.h"
+#include "engine/node.h"
 
 namespace pi_offload
 {
@@ -16,8 +17,8 @@ struct BatteryOptions
 {
   double eta_full = 0.5;  ///< in [0, 1]
   double eta_empty = 0.1;
-  double charge_full = 0.8;   ///< from this charge on eta_full, in [0, 1]
-  double charge_empty = 0.2;  ///< up to this charge eta_empty; between the two eta is linear
+  double charge_full = 0.8;   ///< from here up eta_full, in [0, 1]
+  double charge_empty = 0.2;  ///< up to here eta_empty; linear in between
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
@@ -31,35 +32,35 @@ struct CoordinatorRosOptions
 
   std::string vehicle;             ///< name at the nodes; empty: host name and the node's own
   std::string map_frame = "map";   ///< of the nodes' positions
-  OffloadClientOptions client;     ///< its work_gcycles follow from local_s below
-  double detection_local_s = 0.1;  ///< a detection on the vehicle, until one was measured [s]
-  double speech_local_s = 0.1;     ///< decoding an utterance on the vehicle [s]
+  OffloadClientOptions client;     ///< work_gcycles follow from local_s below
+  double detection_local_s = 0.1;  ///< of a detection on the vehicle until one is measured [s]
+  double speech_local_s = 0.1;     ///< of an utterance on the vehicle [s]
   BatteryOptions battery;
 
-  std::string local_model;       ///< network of the vehicle's detector; empty: as topic local/labels says
-  size_t max_local_waiting = 8;  ///< pictures that wait for the vehicle's detector
-  double local_lost_s = 2.0;     ///< a picture that the detector did not answer for so long is given up [s]
-  bool zero_copy = true;         ///< pictures are read where their publisher wrote them, if the transport can
-  double max_rate_hz = 0.0;      ///< pictures that come faster are left out [Hz]; 0: none is
-  bool keep_order = true;        ///< of `detections`: stamps never go back; late pictures are dropped
-  int max_calls = 4;             ///< of recognize_utterance at a time; further ones are answered handled=false
+  std::string local_model;       ///< network of the vehicle's detector; empty: as on local/labels
+  size_t max_local_waiting = 8;  ///< pictures waiting for the vehicle's detector
+  double local_lost_s = 2.0;     ///< longest wait for the detector's answer [s]
+  bool zero_copy = true;         ///< read pictures in shared memory, if the transport can
+  double max_rate_hz = 0.0;      ///< of used pictures [Hz]; 0: no limit
+  bool keep_order = true;        ///< of `detections`: drop late results, so that stamps never go back
+  int max_calls = 4;             ///< of recognize_utterance at once; further ones get handled=false
 
   std::string nodes_file;              ///< YAML map file, absolute; empty: none
-  std::vector<NodeDescription> nodes;  ///< besides
-  bool announcements = true;           ///< also those announced on edge_nodes
+  std::vector<NodeDescription> nodes;  ///< more nodes
+  bool announcements = true;           ///< use nodes announced on edge_nodes
   size_t max_nodes = 256;
 
-  bool always_on = false;           ///< also while nobody listens
-  double odometry_timeout_s = 1.0;  ///< without odometry, after which the position counts as unknown [s]
-  double input_timeout_s = 2.0;     ///< without a picture, after which there is a warning [s]
+  bool always_on = false;           ///< work while nobody listens
+  double odometry_timeout_s = 1.0;  ///< without odometry for longer, the position is unknown [s]
+  double input_timeout_s = 2.0;     ///< without a picture for longer, there is a warning [s]
   double marker_rate_hz = 2.0;
   double diagnostic_period = 1.0;  ///< [s]; the name is that of diagnostic_updater
-  double warning_period_s = 5.0;   ///< between two log lines of one warning [s]
+  double warning_period_s = 5.0;   ///< between log lines of one warning [s]
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
 
-  /// The client's options, complete. @param vehicle  name where none is given.
+  /// The complete options of the client. @param vehicle  default name.
   OffloadClientOptions clientOptions(const std::string& vehicle) const;
 
   /// Reads the private parameters of a node, and validates.

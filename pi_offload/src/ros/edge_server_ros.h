@@ -1,8 +1,6 @@
 #pragma once
 
 #include <diagnostic_updater/diagnostic_updater.h>
-#include "server/edge_server.h"
-#include "ros/edge_server_ros_options.h"
 #include <pi_node/ros/callback_thread.h>
 #include <pi_node/ros/warning_board.h>
 #include <ros/ros.h>
@@ -10,11 +8,14 @@
 #include <chrono>
 #include <string>
 
+#include "ros/edge_server_ros_options.h"
+#include "server/edge_server.h"
+
 namespace pi_offload
 {
 
-/// An edge-cloud node on a ROS graph: says where it is on `edge_nodes` (pi_offload/EdgeNode, latched), and how it is in
-/// the diagnostics. Tasks do not come by ROS. One thread, `edge_server_ros`.
+/// Announces an edge server on `edge_nodes` (pi_offload/EdgeNode, latched) and publishes its diagnostics. Tasks do not
+/// come by ROS. Has one thread, `edge_server_ros`.
 class EdgeServerRos
 {
 public:

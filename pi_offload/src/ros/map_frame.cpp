@@ -1,5 +1,6 @@
-#include <pi_detect/ros/conversions.h>
 #include "ros/map_frame.h"
+
+#include <pi_detect/ros/conversions.h>
 #include <tf2/exceptions.h>
 
 namespace pi_offload

@@ -15,7 +15,7 @@
 namespace pi_offload
 {
 
-/// Brings other frames into the map by tf, which is listened to from the first time on that it is needed. Thread safe.
+/// Transforms from other frames into the map by tf. Listens to tf from the first use on. Thread safe.
 class MapFrame
 {
 public:
@@ -23,9 +23,9 @@ public:
   MapFrame(const MapFrame&) = delete;
   MapFrame& operator=(const MapFrame&) = delete;
 
-  /// The newest transform. Empty frames count as the map.
-  /// @param[out] problem  why there is none, once per frame until there is one again; empty: there is one, or it was
-  ///   said. Nothing is said in the first second in which tf is listened to.
+  /// The newest transform; an empty frame is the map.
+  /// @param[out] problem  why there is none, once per frame until there is one; else empty. Empty also in the first
+  ///   second of listening to tf.
   std::optional<Eigen::Isometry3d> from(const std::string& frame, std::string* problem);
 
   const std::string& name() const { return map_frame_; }

@@ -1,9 +1,11 @@
 #include "ros/node_markers.h"
+
 #include <pi_node/formatting.h>
 
 #include <algorithm>
 #include <boost/make_shared.hpp>
 #include <cmath>
+#include <utility>
 
 namespace pi_offload
 {
@@ -72,78 +74,84 @@ visualization_msgs::MarkerArrayPtr NodeMarkers::update(const std::vector<Offload
                                                        const std::array<std::string, TASK_KINDS>& used,
                                                        const ros::Time& stamp)
 {
-  const auto array = boost::make_shared<visualization_msgs::MarkerArray>();
-  std::set<Shown> shown;
-  const auto add = [&](const char* group, int32_t id, int32_t type) -> Marker&
-  {
-    Marker marker;
-    marker.header.frame_id = map_frame_;
-    marker.header.stamp = stamp;
-    marker.ns = group;
-    marker.id = id;
-    marker.type = type;
-    marker.action = Marker::ADD;
-    marker.pose.orientation.w = 1.0;
-    shown.insert({group, id});
-    array->markers.push_back(marker);
-    return array->markers.back();
-  };
+  array_ = boost::make_shared<visualization_msgs::MarkerArray>();
+  stamp_ = stamp;
+  const std::set<Shown> before = std::exchange(shown_, {});
   for (const OffloadEngine::NodeStatus& node : nodes)
   {
-    auto place = std::find(ids_.begin(), ids_.end(), node.description.id);
-    if (place == ids_.end())
-    {
-      place = ids_.insert(ids_.end(), node.description.id);
-    }
-    const auto id = static_cast<int32_t>(place - ids_.begin());
-    const double x = node.description.position.x;
-    const double y = node.description.position.y;
     const bool in_use = std::find(used.begin(), used.end(), node.description.id) != used.end();
-    const std_msgs::ColorRGBA rgba = colourOf(node, in_use);
-
-    Marker& body = add(NODES, id, Marker::CYLINDER);
-    body.pose.position = pointAt(x, y, 0.5 * NODE_HEIGHT_M);
-    body.scale.x = body.scale.y = NODE_WIDTH_M;
-    body.scale.z = NODE_HEIGHT_M;
-    body.color = rgba;
-
-    Marker& name = add(NAMES, id, Marker::TEXT_VIEW_FACING);
-    name.pose.position = pointAt(x, y, NODE_HEIGHT_M + TEXT_HEIGHT_M);
-    name.scale.z = TEXT_HEIGHT_M;
-    name.color = colour(1.0F, 1.0F, 1.0F, 1.0F);
-    name.text = textOf(node);
-
-    if (std::isfinite(node.description.range_m))
-    {
-      Marker& range = add(RANGES, id, Marker::LINE_STRIP);
-      range.scale.x = LINE_WIDTH_M;
-      range.color = rgba;
-      range.color.a = 0.5F;
-      for (int step = 0; step <= CIRCLE_STEPS; ++step)
-      {
-        const double angle = 2.0 * M_PI * step / CIRCLE_STEPS;
-        range.points.push_back(pointAt(x + node.description.range_m * std::cos(angle),
-                                       y + node.description.range_m * std::sin(angle), 0.0));
-      }
-    }
-    if (in_use && vehicle.known)
-    {
-      Marker& link = add(LINKS, id, Marker::LINE_STRIP);
-      link.scale.x = 2.0 * LINE_WIDTH_M;
-      link.color = rgba;
-      link.points = {pointAt(vehicle.position.x, vehicle.position.y, 1.0), pointAt(x, y, NODE_HEIGHT_M)};
-    }
+    addNode(node, in_use, vehicle);
   }
-  for (const Shown& before : shown_)
+  for (const Shown& old : before)
   {
-    if (shown.count(before) == 0)
+    if (shown_.count(old) == 0)
     {
-      add(before.group.c_str(), before.id, Marker::CUBE).action = Marker::DELETE;
-      shown.erase(before);
+      add(old.group.c_str(), old.id, Marker::CUBE).action = Marker::DELETE;
+      shown_.erase(old);
     }
   }
-  shown_ = std::move(shown);
-  return array;
+  return std::exchange(array_, nullptr);
+}
+
+void NodeMarkers::addNode(const OffloadEngine::NodeStatus& node, bool in_use, const VehicleState& vehicle)
+{
+  auto place = std::find(ids_.begin(), ids_.end(), node.description.id);
+  if (place == ids_.end())
+  {
+    place = ids_.insert(ids_.end(), node.description.id);
+  }
+  const auto id = static_cast<int32_t>(place - ids_.begin());
+  const double x = node.description.position.x;
+  const double y = node.description.position.y;
+  const std_msgs::ColorRGBA rgba = colourOf(node, in_use);
+
+  Marker& body = add(NODES, id, Marker::CYLINDER);
+  body.pose.position = pointAt(x, y, 0.5 * NODE_HEIGHT_M);
+  body.scale.x = body.scale.y = NODE_WIDTH_M;
+  body.scale.z = NODE_HEIGHT_M;
+  body.color = rgba;
+
+  Marker& name = add(NAMES, id, Marker::TEXT_VIEW_FACING);
+  name.pose.position = pointAt(x, y, NODE_HEIGHT_M + TEXT_HEIGHT_M);
+  name.scale.z = TEXT_HEIGHT_M;
+  name.color = colour(1.0F, 1.0F, 1.0F, 1.0F);
+  name.text = textOf(node);
+
+  if (std::isfinite(node.description.range_m))
+  {
+    Marker& range = add(RANGES, id, Marker::LINE_STRIP);
+    range.scale.x = LINE_WIDTH_M;
+    range.color = rgba;
+    range.color.a = 0.5F;
+    for (int step = 0; step <= CIRCLE_STEPS; ++step)
+    {
+      const double angle = 2.0 * M_PI * step / CIRCLE_STEPS;
+      range.points.push_back(
+          pointAt(x + node.description.range_m * std::cos(angle), y + node.description.range_m * std::sin(angle), 0.0));
+    }
+  }
+  if (in_use && vehicle.known)
+  {
+    Marker& link = add(LINKS, id, Marker::LINE_STRIP);
+    link.scale.x = 2.0 * LINE_WIDTH_M;
+    link.color = rgba;
+    link.points = {pointAt(vehicle.position.x, vehicle.position.y, 1.0), pointAt(x, y, NODE_HEIGHT_M)};
+  }
+}
+
+Marker& NodeMarkers::add(const char* group, int32_t id, int32_t type)
+{
+  Marker marker;
+  marker.header.frame_id = map_frame_;
+  marker.header.stamp = stamp_;
+  marker.ns = group;
+  marker.id = id;
+  marker.type = type;
+  marker.action = Marker::ADD;
+  marker.pose.orientation.w = 1.0;
+  shown_.insert({group, id});
+  array_->markers.push_back(marker);
+  return array_->markers.back();
 }
 
 }  // namespace pi_offload

@@ -1,6 +1,5 @@
 #pragma once
 
-#include "engine/offload_engine.h"
 #include <ros/time.h>
 #include <visualization_msgs/MarkerArray.h>
 
@@ -9,13 +8,14 @@
 #include <string>
 #include <vector>
 
+#include "engine/offload_engine.h"
+
 namespace pi_offload
 {
 
-/// Nodes as rviz shows them: a cylinder, green if the vehicle uses it, blue if it could, orange if it is connected but
-/// out of range, grey if it is not connected; a circle for its range, unless that is everywhere; a text "name 4.2 ms,
-/// queue 12 ms"; a line from the vehicle to each node in use. Markers of nodes that vanished are deleted. Not thread
-/// safe.
+/// Markers of the nodes for rviz. A node is a cylinder: green if the vehicle uses it, blue if the vehicle could, orange
+/// if it is connected but out of range, grey if it is not connected. A circle shows a finite range, a text says
+/// "name 4.2 ms, queue 12 ms", and a line leads from the vehicle to each node in use. Not thread safe.
 class NodeMarkers
 {
 public:
@@ -34,9 +34,14 @@ private:
     bool operator<(const Shown& other) const { return group < other.group || (group == other.group && id < other.id); }
   };
 
+  void addNode(const OffloadEngine::NodeStatus& node, bool in_use, const VehicleState& vehicle);
+  visualization_msgs::Marker& add(const char* group, int32_t id, int32_t type);
+
   const std::string map_frame_;
+  visualization_msgs::MarkerArrayPtr array_;  ///< of the update under way
+  ros::Time stamp_;
   std::vector<std::string> ids_;  ///< of nodes ever shown: the place is the marker's number
-  std::set<Shown> shown_;
+  std::set<Shown> shown_;         ///< by the last update
 };
 
 }  // namespace pi_offload

@@ -9,8 +9,8 @@
 namespace pi_offload
 {
 
-/// A file or folder of a package's share folder: that of the install space that the running program is in, else where
-/// ROS's environment knows the package. Empty if it is in neither.
+/// A file or folder in a package's share folder: in the install space of the running program, else as ROS finds the
+/// package. Empty if it is in neither.
 inline std::string packageFile(const std::string& package, const std::string& name)
 {
   namespace fs = std::filesystem;

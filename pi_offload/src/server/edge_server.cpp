@@ -1,4 +1,6 @@
 #include "server/edge_server.h"
+
+#include <pi_node/durations.h>
 #include <pi_node/option_check.h>
 
 #include <algorithm>
@@ -7,7 +9,6 @@
 #include <limits>
 #include <stdexcept>
 
-#include "wire/durations.h"
 #include "server/edge_server_impl.h"
 #include "wire/socket_tools.h"
 
@@ -16,7 +17,7 @@ namespace pi_offload
 namespace
 {
 
-/// For the replies of a drained server to reach the kernel.
+/// Time for the last replies to reach the kernel.
 constexpr double FLUSH_S = 2.0;
 
 }  // namespace
@@ -81,7 +82,7 @@ EdgeServer::EdgeServer(const EdgeServerOptions& options, const std::array<Execut
   { impl->onRequest(peer, body, received_ns); };
   on.closed = [impl = impl_.get()](uint64_t connection, const std::string&) { impl->onClosed(connection); };
   {
-    // Requests that come before the pointer is there wait.
+    // Early requests wait for the mutex until the pointer is set.
     const std::lock_guard<std::mutex> lock(impl_->mutex);
     impl_->replier = std::make_unique<SpReplier>(checked.replier, on);
   }
@@ -127,12 +128,12 @@ bool EdgeServer::drain(double timeout_s)
 EdgeServer::Health EdgeServer::health() const
 {
   const std::lock_guard<std::mutex> lock(impl_->mutex);
-  const int64_t now_ns = monotonicNs();
+  const int64_t now_ns = pi_node::monotonicNs();
   Health health;
   health.live = std::none_of(
       impl_->workers.begin(), impl_->workers.end(),
       [&](const std::unique_ptr<Impl::Worker>& worker)
-      { return worker->busy && secondsBetween(worker->busy_since_ns, now_ns) > impl_->options.max_task_s; });
+      { return worker->busy && pi_node::secondsBetween(worker->busy_since_ns, now_ns) > impl_->options.max_task_s; });
   health.ready = health.live && !impl_->admission.draining();
   return health;
 }
@@ -142,7 +143,7 @@ EdgeServer::Statistics EdgeServer::statistics() const
   const size_t connections = impl_->replier->connections();
   const std::lock_guard<std::mutex> lock(impl_->mutex);
   Statistics statistics = impl_->counted;
-  const NodeAdvertisement node = impl_->admission.advertisement("", monotonicNs());
+  const NodeAdvertisement node = impl_->admission.advertisement("", pi_node::monotonicNs());
   for (size_t kind = 0; kind < TASK_KINDS; ++kind)
   {
     statistics.of_kind[kind].served = node.of_kind[kind].served;

@@ -1,52 +1,51 @@
 #pragma once
 
-#include "policies/admission.h"
-#include "engine/node.h"
-#include "wire/sp_socket.h"
-#include "wire/wire_message.h"
-
 #include <array>
 #include <cstdint>
 #include <functional>
 #include <memory>
 #include <string>
 
+#include "engine/node.h"
+#include "server/admission.h"
+#include "wire/sp_socket.h"
+#include "wire/wire_message.h"
+
 namespace pi_offload
 {
 
-/// Does one task. Called from one thread, one task after the other. Fills status, text and the result of the reply; the
-/// rest is the server's, the model too where the executor leaves it empty. What it throws becomes a reply FAILED with
-/// that text.
-/// @param service_s  in: negative; out: the time it took, where that is another one than that of the call [s].
+/// Does one task. Called from one thread. Fills status, text and result of the reply, and optionally the model; the
+/// server fills the rest. An exception becomes a reply FAILED with its text.
+/// @param service_s  in: negative; out: time of the task, if it differs from the time of the call [s].
 using Executor = std::function<OffloadReply(const OffloadRequest& request, double* service_s)>;
-/// Makes an executor; called once for each worker, in the constructor of the server. May throw.
+/// Makes an executor; the server's constructor calls it once for each worker. May throw.
 using ExecutorFactory = std::function<Executor()>;
 
 struct EdgeServerOptions
 {
-  SpReplier::Options replier;  ///< address and limits of the connections
-  AdmissionOptions admission;  ///< `workers` and the queue; `served` follows from the executors
-  std::string model;           ///< network that DETECTION is done with, told in every reply; empty: not told
-  bool has_position = false;   ///< the position is told to the vehicles
-  Point position;              ///< in the map [m]
-  double range_m = 0.0;        ///< of the node's network [m]; infinite: everywhere
-  size_t max_payload_bytes = 256U << 20U;  ///< of all tasks queued and running; further ones are refused
-  double max_task_s = 30.0;  ///< a worker that takes longer for a task hangs: the server is not live any more
+  SpReplier::Options replier;              ///< address and limits of connections
+  AdmissionOptions admission;              ///< `served` follows from the executors
+  std::string model;                       ///< network of DETECTION, sent in each reply; empty: not sent
+  bool has_position = false;               ///< the position is sent to vehicles
+  Point position;                          ///< in the map [m]
+  double range_m = 0.0;                    ///< of the node's network [m]; infinite: everywhere
+  size_t max_payload_bytes = 256U << 20U;  ///< of all queued and running tasks; further ones are refused
+  double max_task_s = 30.0;                ///< a worker that takes longer hangs, and the server is not live
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
 };
 
-/// An edge-cloud node without ROS: takes requests of vehicles, lets Admission decide, does tasks on worker threads, and
-/// tells with each reply how busy it is. It keeps nothing of a vehicle but its leases: one may be replaced by another
-/// at any time.
+/// An edge-cloud node without ROS: receives requests of vehicles, lets Admission decide, does tasks on worker threads,
+/// and reports its load with each reply. It keeps only leases of a vehicle, so that another server can replace it.
 ///
-/// - PROBE is answered at once. TASK is answered when it is done, or at once if it is refused. A TASK that came already
-///   on its connection (a repeated one) is done once, and answered to the later.
-/// - CANCEL is answered at once (OK; the text says what was done); the task that it names is not answered.
-/// - What a request took longer on its way than the fastest one of its connection lately counts as passed of its time.
-/// - A connection that ends takes its vehicles' tasks and leases with it, unless they have another one.
-/// - Who sends what is no request is disconnected.
+/// - PROBE is answered at once, TASK when it is done or refused. A TASK that is repeated on its connection is done
+/// once,
+///   and the answer goes to the later one.
+/// - CANCEL is answered at once with OK and a text; the cancelled task gets no answer.
+/// - The delay of a request beyond the fastest recent one of its connection counts against its remaining time.
+/// - A connection that ends drops the tasks and leases of its vehicles, except of vehicles with another connection.
+/// - A peer that sends anything but a request is disconnected.
 ///
 /// Thread safe.
 class EdgeServer
@@ -54,29 +53,29 @@ class EdgeServer
 public:
   struct Callbacks
   {
-    /// Something for the log: bad requests, failed tasks. From any thread, may be null, must not throw.
+    /// For the log: bad requests, failed tasks. Called from any thread; must not throw; may be empty.
     std::function<void(const std::string& text)> event;
   };
   /// Makes the executors, then listens.
-  /// @param executors  by kind; null: not served. At least one.
-  /// @throws std::invalid_argument for options, std::runtime_error naming the address, or what an executor's factory
-  ///   threw with kind and worker.
+  /// @param executors  by kind, at least one; empty: kind not served.
+  /// @throws std::invalid_argument for options; std::runtime_error naming the address, or kind and worker of a factory
+  ///   that failed.
   EdgeServer(const EdgeServerOptions& options, const std::array<ExecutorFactory, TASK_KINDS>& executors,
              Callbacks callbacks = {});
-  ~EdgeServer();  ///< Waits for the tasks that run; queued ones are not answered. See drain().
+  ~EdgeServer();  ///< Waits for running tasks; does not answer queued ones. See drain().
   EdgeServer(const EdgeServer&) = delete;
   EdgeServer& operator=(const EdgeServer&) = delete;
 
   uint16_t port() const;
 
-  /// Takes no more tasks: they are refused, and advertisements say so. What was taken is done and answered.
-  /// @return true when that is so; false: not in time, call it again or end.
+  /// Refuses new tasks, says so in advertisements, and waits until all tasks are done and answered.
+  /// @return false if that took too long; call it again or give up.
   bool drain(double timeout_s);
 
   struct Health
   {
     bool live = false;   ///< no worker hangs
-    bool ready = false;  ///< live, and takes tasks
+    bool ready = false;  ///< live and takes tasks
   };
   Health health() const;
 
@@ -87,13 +86,13 @@ public:
       bool served = false;
       uint64_t done = 0;
       uint64_t failed = 0;
-      double service_s = 0.0;  ///< mean of late
+      double service_s = 0.0;  ///< recent mean
     };
     std::array<OfKind, TASK_KINDS> of_kind;
     uint64_t probes = 0;
     uint64_t cancelled = 0;   ///< tasks
     uint64_t repeated = 0;    ///< tasks that came twice
-    uint64_t malformed = 0;   ///< messages that were no request
+    uint64_t malformed = 0;   ///< messages that are no request
     uint64_t unanswered = 0;  ///< replies for connections that had ended
     Admission::Totals admission;
     size_t connections = 0;
@@ -110,7 +109,7 @@ private:
   std::unique_ptr<Impl> impl_;
 };
 
-/// As Prometheus reads it, text format 0.0.4.
+/// Text format 0.0.4 of Prometheus.
 std::string prometheusText(const EdgeServer::Statistics& statistics, const EdgeServer::Health& health);
 
 }  // namespace pi_offload

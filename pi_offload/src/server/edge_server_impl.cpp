@@ -1,12 +1,14 @@
 // What EdgeServer does with requests.
 
+#include "server/edge_server_impl.h"
+
+#include <pi_node/durations.h>
+
 #include <algorithm>
 #include <cmath>
 #include <exception>
 #include <optional>
 
-#include "wire/durations.h"
-#include "server/edge_server_impl.h"
 #include "wire/socket_tools.h"
 
 namespace pi_offload
@@ -14,7 +16,7 @@ namespace pi_offload
 namespace
 {
 
-/// Vehicles behind one connection; a connection that brings more names is ended.
+/// A connection with more vehicles is closed.
 constexpr size_t MAX_VEHICLES_PER_CONNECTION = 64;
 
 }  // namespace
@@ -43,7 +45,7 @@ OffloadReply EdgeServer::Impl::replyTo(const OffloadRequest& request, OffloadRep
   return reply;
 }
 
-/// The lock is given up meanwhile: sending takes its time.
+/// Releases the lock while it sends.
 void EdgeServer::Impl::send(std::unique_lock<std::mutex>* lock, Outgoing out)
 {
   if (out.empty())
@@ -99,7 +101,7 @@ void EdgeServer::Impl::answerExpired(int64_t now_ns, Outgoing* out)
     OffloadReply reply =
         replyTo(job.request, over ? OffloadReply::Status::EXPIRED : OffloadReply::Status::REFUSED, now_ns);
     reply.text = over ? "the time was over before a worker was free" : "no worker will be free in time any more";
-    reply.queue_s = std::max(0.0, secondsBetween(job.received_ns, now_ns));
+    reply.queue_s = std::max(0.0, pi_node::secondsBetween(job.received_ns, now_ns));
     out->emplace_back(job.peer, std::move(reply));
     eraseJob(task.ticket);
   }
@@ -124,7 +126,7 @@ void EdgeServer::Impl::onRequest(const SpReplier::Peer& peer, const std::vector<
   }
   Outgoing out;
   std::unique_lock<std::mutex> lock(mutex);
-  const int64_t now_ns = monotonicNs();
+  const int64_t now_ns = pi_node::monotonicNs();
   Link& link = links[peer.connection];
   if (link.vehicles.count(request.vehicle) == 0 && link.vehicles.size() >= MAX_VEHICLES_PER_CONNECTION)
   {
@@ -213,7 +215,7 @@ void EdgeServer::Impl::onTask(const SpReplier::Peer& peer, OffloadRequest reques
   tickets.emplace(key, task.ticket);
 }
 
-/// Under the mutex. @return what was done, in words.
+/// Under the mutex. @return text for the reply.
 std::string EdgeServer::Impl::onCancel(const SpReplier::Peer& peer, const OffloadRequest& request)
 {
   const auto found = tickets.find(Key(peer.connection, request.vehicle, request.request));
@@ -251,7 +253,7 @@ void EdgeServer::Impl::onClosed(uint64_t connection)
     connection_of.erase(current);
     admission.forgetVehicle(vehicle);
   }
-  // Its tasks that wait, also those of vehicles that have another connection by now: nobody could be answered.
+  // Tasks that wait cannot be answered any more, also those of vehicles with another connection.
   std::vector<uint64_t> gone;
   for (const auto& job : jobs)
   {
@@ -276,7 +278,7 @@ OffloadReply EdgeServer::Impl::execute(Worker* worker, const OffloadRequest& req
   try
   {
     OffloadReply reply = worker->executors[static_cast<size_t>(request.kind)](request, service_s);
-    encode(reply);  // what cannot be sent is a failure of the executor
+    encode(reply);  // throws for a result that cannot be sent
     return reply;
   }
   catch (const std::exception& error)
@@ -295,7 +297,7 @@ void EdgeServer::Impl::work(Worker* worker)
   std::unique_lock<std::mutex> lock(mutex);
   while (!stop)
   {
-    const int64_t begin_ns = monotonicNs();
+    const int64_t begin_ns = pi_node::monotonicNs();
     const std::optional<ServerTask> task = admission.next(begin_ns);
     Outgoing out;
     answerExpired(begin_ns, &out);
@@ -312,7 +314,7 @@ void EdgeServer::Impl::work(Worker* worker)
     job.running = true;
     worker->busy = true;
     worker->busy_since_ns = begin_ns;
-    // The job stays where it is while it runs; its peer may change.
+    // A running job stays in the map; only its peer may change.
     const OffloadRequest& request = job.request;
     send(&lock, std::move(out));
     lock.unlock();
@@ -320,7 +322,7 @@ void EdgeServer::Impl::work(Worker* worker)
     OffloadReply result = execute(worker, request, &service_s);
     if (!(service_s >= 0.0 && std::isfinite(service_s)))
     {
-      service_s = secondsBetween(begin_ns, monotonicNs());
+      service_s = pi_node::secondsBetween(begin_ns, pi_node::monotonicNs());
     }
     const bool done = result.status == OffloadReply::Status::OK;
     if (!done)
@@ -329,12 +331,12 @@ void EdgeServer::Impl::work(Worker* worker)
     }
     lock.lock();
     worker->busy = false;
-    const int64_t end_ns = monotonicNs();
+    const int64_t end_ns = pi_node::monotonicNs();
     admission.finished(task->ticket, done ? service_s : -1.0, end_ns);
     Statistics::OfKind& of_kind = counted.of_kind[static_cast<size_t>(task->kind)];
     ++(done ? of_kind.done : of_kind.failed);
     OffloadReply reply = replyTo(request, result.status, end_ns);
-    reply.queue_s = std::max(0.0, secondsBetween(job.received_ns, begin_ns));
+    reply.queue_s = std::max(0.0, pi_node::secondsBetween(job.received_ns, begin_ns));
     reply.service_s = service_s;
     reply.text = std::move(result.text);
     reply.objects = std::move(result.objects);

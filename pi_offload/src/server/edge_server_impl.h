@@ -1,7 +1,5 @@
 #pragma once
 
-#include "server/edge_server.h"
-
 #include <array>
 #include <condition_variable>
 #include <cstdint>
@@ -15,12 +13,13 @@
 #include <utility>
 #include <vector>
 
+#include "server/edge_server.h"
 #include "wire/one_way_delay.h"
 
 namespace pi_offload
 {
 
-/// Requests come on the replier's thread, workers have one each; between them is the mutex.
+/// Requests come on the replier's thread; each worker has a thread. The mutex guards what they share.
 struct EdgeServer::Impl
 {
   /// Connection, vehicle, number of the request.
@@ -76,7 +75,7 @@ struct EdgeServer::Impl
   std::map<uint64_t, Job> jobs;  ///< by ticket; queued and running
   std::map<Key, uint64_t> tickets;
   std::map<uint64_t, Link> links;
-  std::map<std::string, uint64_t> connection_of;  ///< the one that a vehicle used last
+  std::map<std::string, uint64_t> connection_of;  ///< that a vehicle used last
   size_t payload_bytes = 0;
   size_t sending = 0;  ///< threads that send replies
   uint64_t next_ticket = 1;

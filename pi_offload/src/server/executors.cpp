@@ -61,7 +61,7 @@ private:
     using Format = pi_detect::PictureView::Format;
     if (request.encoding == Encoding::JPEG)
     {
-      const PictureSize size = jpegSize(request.payload);  // before the decoder takes memory for it
+      const PictureSize size = jpegSize(request.payload);  // before the decoder allocates memory
       checkSize(size.width, size.height);
       cv::imdecode(request.payload, cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION, &picture_);
       if (picture_.empty())
@@ -121,7 +121,7 @@ public:
     , own_lines_(linesOf(options.commands))
     , own_(std::make_unique<pi_speech::CommandRecognizer>(options.recognizer, options.commands))
   {
-    options_.recognizer.sphinx.check_model = false;  // it is known to be good
+    options_.recognizer.sphinx.check_model = false;  // checked before
   }
 
   OffloadReply run(const OffloadRequest& request, double* service_s)
@@ -189,7 +189,7 @@ private:
   SpeechExecutorOptions options_;
   const std::string own_lines_;
   std::unique_ptr<pi_speech::CommandRecognizer> own_;
-  /// The one used last first.
+  /// Most recently used first.
   std::list<std::pair<std::string, std::unique_ptr<pi_speech::CommandRecognizer>>> others_;
   std::vector<int16_t> samples_;
 };

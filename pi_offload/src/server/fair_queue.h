@@ -1,12 +1,12 @@
 #pragma once
 
-#include "policies/admission.h"
-
 #include <array>
 #include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
+
+#include "server/admission.h"
 
 namespace pi_offload
 {
@@ -16,27 +16,27 @@ struct QueuedTask
 {
   ServerTask task;
   int64_t deadline_ns = 0;
-  bool covered = false;  ///< by a lease: these go first
-  bool trial = false;    ///< taken to measure the kind again: dropped only when its deadline has passed
+  bool covered = false;  ///< by a lease; goes first
+  bool trial = false;    ///< taken to measure its kind; dropped only after its deadline
   uint64_t serial = 0;   ///< order of arrival, given by add()
 };
 
-/// Tasks of vehicles in fair order: the vehicle that has had the least service time is next, the tasks of one vehicle
-/// go by deadline. What a vehicle has had counts from `window` before the present level to `window` above it: who was
-/// refused goes before who was served, but nobody saves up. Not thread safe.
+/// Queue that is fair between vehicles: the vehicle with the least service time is next; its tasks go by deadline.
+///
+/// A vehicle's service time counts within `window` below and above the common level. A vehicle that was refused goes
+/// first, but nobody can save up more than `window`. Not thread safe.
 class FairQueue
 {
 public:
-  using Services = std::array<double, TASK_KINDS>;  ///< what a task is expected to take [s]
+  using Services = std::array<double, TASK_KINDS>;  ///< expected time of a task by kind [s]
 
-  /// @param window_s      see above.
-  /// @param max_vehicles  that are remembered while they have no tasks.
+  /// @param max_vehicles  remembered without tasks.
   FairQueue(double window_s, size_t max_vehicles) : window_s_(window_s), max_vehicles_(max_vehicles) {}
 
   void add(QueuedTask task);
-  /// The next one, which is counted as served with what its kind is expected to take.
+  /// Takes out the next task and counts its expected time as served.
   std::optional<QueuedTask> pop(const Services& services);
-  /// A task of the vehicle took so much more than expected (or less, if negative).
+  /// A task of the vehicle took this much longer than expected; negative: shorter.
   void correct(const std::string& vehicle, bool covered, double more_s);
   std::optional<QueuedTask> remove(uint64_t ticket);
   std::vector<QueuedTask> removeVehicle(const std::string& vehicle);
@@ -69,10 +69,10 @@ public:
 
   size_t size() const { return size_; }
   size_t count(const std::string& vehicle) const;
-  /// How much more service than others the vehicle has had, from -1 to 1 (`window`); 0 for an unknown one.
+  /// How far the vehicle is ahead of others in service: -1 to 1, in units of `window`; 0 if it is unknown.
   double ahead(const std::string& vehicle, bool covered) const;
-  /// The last task of the vehicle with the most tasks, those without a lease first; null if all have fewer than
-  /// `at_least`.
+  /// The last task of the vehicle with the most tasks, preferably one without a lease; null if all vehicles have fewer
+  /// than `at_least`.
   const QueuedTask* lastOfLongest(size_t at_least) const;
   /// Calls `visit(name)` for each vehicle with tasks.
   template <typename Visit>
@@ -87,9 +87,9 @@ public:
     }
   }
 
-  /// Goes through the tasks in the order in which pop() would give them, without changing anything.
-  /// @param extra  a task that is thought of as the last of its vehicle; may be null.
-  /// @param visit  bool visit(const QueuedTask&): whether it would be served then.
+  /// Visits the tasks in the order of pop() without changing the queue.
+  /// @param extra  one more task, as the last of its vehicle; may be null.
+  /// @param visit  bool visit(const QueuedTask&): whether the task would be served.
   template <typename Visit>
   void plan(const Services& services, const QueuedTask* extra, const Visit& visit) const
   {

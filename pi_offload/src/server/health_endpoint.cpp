@@ -1,6 +1,8 @@
 #include "server/health_endpoint.h"
 
+#include <pi_node/durations.h>
 #include <pi_node/option_check.h>
+#include <pi_node/unique_fd.h>
 
 #include <poll.h>
 #include <sys/socket.h>
@@ -45,13 +47,13 @@ struct HealthEndpoint::Impl
 {
   struct Connection
   {
-    UniqueFd fd;
+    pi_node::UniqueFd fd;
     int64_t until_ns = 0;
     std::string request;
     std::string response;
     size_t sent = 0;
     bool answered = false;  ///< the response is made
-    bool finished = false;  ///< and sent: the other end is to close
+    bool finished = false;  ///< and sent
   };
 
   void run();
@@ -63,7 +65,7 @@ struct HealthEndpoint::Impl
   Options options;
   Callbacks callbacks;
   WakeEvent wake;
-  UniqueFd listener;
+  pi_node::UniqueFd listener;
   uint16_t port = 0;
   std::vector<Connection> connections;
   int64_t accept_again_ns = 0;
@@ -71,7 +73,7 @@ struct HealthEndpoint::Impl
   std::thread thread;
 };
 
-/// @param request  up to the empty line, or what there is of one that is no request.
+/// @param request  up to the empty line; anything else is a bad request.
 std::string HealthEndpoint::Impl::respond(const std::string& request) const
 {
   const std::string plain = "text/plain; charset=utf-8";
@@ -126,7 +128,7 @@ bool HealthEndpoint::Impl::readRequest(Connection* connection)
   }
   if (connection->answered)
   {
-    return true;  // nobody reads on
+    return true;  // further bytes are ignored
   }
   connection->request.append(bytes, static_cast<size_t>(count));
   const bool whole = connection->request.find("\r\n\r\n") != std::string::npos ||
@@ -159,7 +161,7 @@ bool HealthEndpoint::Impl::serve(Connection* connection)
   }
   if (connection->answered && !connection->finished)
   {
-    // Closed for good when the other end has read it and closes, or when its time is over.
+    // The connection ends when the peer closes it or its time is over.
     connection->finished = true;
     shutdown(connection->fd.get(), SHUT_WR);
   }
@@ -170,12 +172,12 @@ void HealthEndpoint::Impl::acceptAll()
 {
   for (;;)
   {
-    UniqueFd fd(accept4(listener.get(), nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC));
+    pi_node::UniqueFd fd(accept4(listener.get(), nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC));
     if (!fd)
     {
       if (isShortage(errno))
       {
-        accept_again_ns = monotonicNs() + static_cast<int64_t>(ACCEPT_PAUSE_S * 1e9);
+        accept_again_ns = pi_node::monotonicNs() + static_cast<int64_t>(ACCEPT_PAUSE_S * 1e9);
       }
       return;
     }
@@ -183,7 +185,7 @@ void HealthEndpoint::Impl::acceptAll()
     {
       connections.emplace_back();
       connections.back().fd = std::move(fd);
-      connections.back().until_ns = monotonicNs() + static_cast<int64_t>(options.timeout_s * 1e9);
+      connections.back().until_ns = pi_node::monotonicNs() + static_cast<int64_t>(options.timeout_s * 1e9);
     }
   }
 }
@@ -201,9 +203,9 @@ void HealthEndpoint::Impl::run()
       watched.push_back({connection.fd.get(), static_cast<short>(POLLIN | (writes ? POLLOUT : 0)), 0});
       next_ns = std::min(next_ns, connection.until_ns);
     }
-    const int64_t left_ns = std::max<int64_t>(0, next_ns == INT64_MAX ? 0 : next_ns - monotonicNs());
+    const int64_t left_ns = std::max<int64_t>(0, next_ns == INT64_MAX ? 0 : next_ns - pi_node::monotonicNs());
     poll(watched.data(), watched.size(), next_ns == INT64_MAX ? -1 : static_cast<int>((left_ns + 999999) / 1000000));
-    const int64_t now_ns = monotonicNs();
+    const int64_t now_ns = pi_node::monotonicNs();
     for (size_t index = connections.size(); index-- > 0;)
     {
       Connection& connection = connections[index];

@@ -8,9 +8,8 @@
 namespace pi_offload
 {
 
-/// Answers probes of an orchestrator and Prometheus by HTTP: GET or HEAD of /healthz (200 while live, else 503),
-/// /readyz (200 while ready, else 503) and /metrics. One request per connection, each in a short time; what is more
-/// than that is closed. A thread of its own calls the callbacks.
+/// Answers orchestrators and Prometheus by HTTP: GET or HEAD of /healthz (200 while live, else 503), /readyz (200 while
+/// ready, else 503) and /metrics. Each connection serves one request. The callbacks run on a thread of this class.
 class HealthEndpoint
 {
 public:
@@ -23,7 +22,7 @@ public:
     /// @throws std::invalid_argument naming field, value and bound.
     void validate() const;
   };
-  /// What they throw becomes an answer 500 with that text.
+  /// An exception becomes an answer 500 with its text.
   struct Callbacks
   {
     std::function<bool()> live;

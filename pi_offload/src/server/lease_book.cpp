@@ -1,5 +1,6 @@
 #include "server/lease_book.h"
-#include "wire/durations.h"
+
+#include <pi_node/durations.h>
 
 #include <algorithm>
 #include <cmath>
@@ -12,9 +13,9 @@ namespace pi_offload
 namespace
 {
 
-/// Tasks that may come closer together than the rate says: so much of a second's, and one.
+/// A lease covers a burst of this part of a second's tasks, plus one.
 constexpr double BURST_S = 0.25;
-/// Rounding of loads.
+/// For rounding of loads.
 constexpr double TOLERANCE = 1e-9;
 
 }  // namespace
@@ -32,7 +33,7 @@ const LeaseBook::Lease* LeaseBook::find(const std::string& vehicle, TaskKind kin
 
 double LeaseBook::tokensOf(const Lease& lease, int64_t now_ns) const
 {
-  const double passed = std::max(0.0, secondsBetween(lease.tokens_ns, now_ns));
+  const double passed = std::max(0.0, pi_node::secondsBetween(lease.tokens_ns, now_ns));
   return std::min(1.0 + lease.rate_hz * BURST_S, lease.tokens + lease.rate_hz * passed);
 }
 
@@ -62,7 +63,7 @@ double LeaseBook::rate(const std::string& vehicle, TaskKind kind, int64_t now_ns
 double LeaseBook::holdsFor(const std::string& vehicle, TaskKind kind, int64_t now_ns) const
 {
   const Lease* lease = find(vehicle, kind, now_ns);
-  return lease != nullptr ? secondsBetween(now_ns, lease->until_ns) : 0.0;
+  return lease != nullptr ? pi_node::secondsBetween(now_ns, lease->until_ns) : 0.0;
 }
 
 bool LeaseBook::holds(const std::string& vehicle, int64_t now_ns) const
@@ -91,7 +92,7 @@ double LeaseBook::load(const Services& services, int64_t now_ns) const
   return sum;
 }
 
-/// Lets those that waited before `order` have what fits, one after the other.
+/// Room that is left after the vehicles that waited before `order` got what fits.
 LeaseBook::Room LeaseBook::roomBefore(int64_t order, const Services& services, int64_t now_ns) const
 {
   std::vector<std::pair<int64_t, double>> wishes;
@@ -134,10 +135,10 @@ void LeaseBook::wait(Lease* lease, double rate_hz, int64_t now_ns)
   lease->asked_ns = now_ns;
 }
 
-/// Drops what was not renewed and wishes that were not repeated.
+/// Drops leases that were not renewed and wishes that were not repeated.
 void LeaseBook::sweep(int64_t now_ns)
 {
-  const int64_t pause_ns = nanoseconds(options_.lease_s / 4.0);
+  const int64_t pause_ns = pi_node::nanoseconds(options_.lease_s / 4.0);
   if (swept_ns_ != INT64_MIN && now_ns < swept_ns_ + pause_ns)
   {
     return;
@@ -149,7 +150,7 @@ void LeaseBook::sweep(int64_t now_ns)
     for (Lease& lease : vehicle->second)
     {
       lease.held = lease.held && now_ns < lease.until_ns;
-      lease.waiting = lease.waiting && secondsBetween(lease.asked_ns, now_ns) < options_.lease_s;
+      lease.waiting = lease.waiting && pi_node::secondsBetween(lease.asked_ns, now_ns) < options_.lease_s;
       used = used || lease.held || lease.waiting;
     }
     vehicle = used ? std::next(vehicle) : vehicles_.erase(vehicle);
@@ -182,7 +183,7 @@ double LeaseBook::ask(const std::string& vehicle, TaskKind kind, double rate_hz,
   Lease& lease = found->second[index];
   if (!std::isfinite(wanted) || wanted > options_.max_load + TOLERANCE)
   {
-    lease = Lease();  // it could never be given, and must not keep others from theirs
+    lease = Lease();  // it can never be granted and must not block others
     return 0.0;
   }
   lease.held = lease.held && now_ns < lease.until_ns;
@@ -190,21 +191,21 @@ double LeaseBook::ask(const std::string& vehicle, TaskKind kind, double rate_hz,
   {
     const double held = lease.rate_hz * services[index];
     const Room room = roomBefore(INT64_MAX, services, now_ns);
-    if (secondsBetween(lease.held_since_ns, now_ns) >= options_.turn_s &&
+    if (pi_node::secondsBetween(lease.held_since_ns, now_ns) >= options_.turn_s &&
         room.least_refused <= std::max(0.0, room.left) + held + TOLERANCE)
     {
       lease.held = false;
       wait(&lease, rate_hz, now_ns);
       return 0.0;
     }
-    // More than before needs room beside those that wait; else it stays what it was.
+    // A higher rate needs room beside the waiting vehicles; else the former rate is kept.
     if (rate_hz <= lease.rate_hz || wanted - held <= room.left + TOLERANCE)
     {
       lease.tokens = tokensOf(lease, now_ns);
       lease.tokens_ns = now_ns;
       lease.rate_hz = rate_hz;
     }
-    lease.until_ns = now_ns + nanoseconds(options_.lease_s);
+    lease.until_ns = now_ns + pi_node::nanoseconds(options_.lease_s);
     return lease.rate_hz;
   }
   wait(&lease, rate_hz, now_ns);
@@ -215,7 +216,7 @@ double LeaseBook::ask(const std::string& vehicle, TaskKind kind, double rate_hz,
   lease = Lease();
   lease.held = true;
   lease.rate_hz = rate_hz;
-  lease.until_ns = now_ns + nanoseconds(options_.lease_s);
+  lease.until_ns = now_ns + pi_node::nanoseconds(options_.lease_s);
   lease.held_since_ns = now_ns;
   lease.tokens = 1.0 + rate_hz * BURST_S;
   lease.tokens_ns = now_ns;

@@ -6,8 +6,8 @@
 namespace pi_offload::simulation
 {
 
-/// Random numbers that are a function of what they are for (seed, purpose, indices): nobody's draws depend on how many
-/// others were made before. SplitMix64 (Steele, Lea, Flood 2014) over a hash of the key.
+/// Random numbers as a function of seed, purpose and indices, independent of earlier draws. SplitMix64 (Steele, Lea,
+/// Flood 2014) over a hash of the key.
 class HashRandom
 {
 public:
@@ -30,7 +30,7 @@ public:
     const double radius = std::sqrt(-2.0 * std::log(uniform()));
     return radius * std::cos(2.0 * M_PI * uniform());
   }
-  /// Mean 1. @param deviation  standard deviation of the logarithm
+  /// Of mean 1. @param deviation  standard deviation of the logarithm
   double logNormal(double deviation) { return std::exp(deviation * normal() - 0.5 * deviation * deviation); }
 
 private:

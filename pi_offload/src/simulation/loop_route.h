@@ -1,17 +1,17 @@
 #pragma once
 
-#include "policies/residence.h"
-
 #include <vector>
+
+#include "policies/residence.h"
 
 namespace pi_offload::simulation
 {
 
-/// A closed polyline that is driven along.
+/// A closed polyline as a route.
 class LoopRoute
 {
 public:
-  /// @param points  at least two that differ; the last one is joined to the first
+  /// @param points  at least two different ones; the last is joined to the first
   explicit LoopRoute(std::vector<Point> points);
 
   double length() const { return starts_.back(); }  ///< [m]
@@ -19,7 +19,7 @@ public:
   Point at(double way) const;
   /// From +Y, clockwise [rad], in (-pi, pi].
   double heading(double way) const;
-  /// Once around from here.
+  /// One round from here.
   std::vector<Point> ahead(double way) const;
 
 private:

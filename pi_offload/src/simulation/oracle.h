@@ -1,9 +1,9 @@
 #pragma once
 
-#include "simulation/edge_node.h"
-
 #include <optional>
 #include <vector>
+
+#include "simulation/edge_node.h"
 
 namespace pi_offload::simulation
 {
@@ -15,11 +15,10 @@ struct PendingArrival
   Arrival arrival;
 };
 
-/// When the node would be done with a task, if nothing came to it but what is on its way and what others send.
-/// @param pending   on its way, in any order
-/// @param mine      arrives at mine.at_ns, not before what the node has seen
-/// @param limit_ns  later does not matter
-/// @return nothing: refused, dropped, or not done by then
+/// When the node would end a task, if only the pending tasks and those of others arrive.
+/// @param pending   in any order
+/// @param mine      the task; must not arrive before the node's time
+/// @return nullopt if the task is refused, dropped, or not done by limit_ns
 std::optional<int64_t> foreseeEnd(const EdgeNode& node, std::vector<PendingArrival> pending, const PendingArrival& mine,
                                   int64_t limit_ns);
 

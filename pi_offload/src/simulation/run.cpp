@@ -10,7 +10,7 @@ namespace
 {
 
 constexpr int64_t NEVER = std::numeric_limits<int64_t>::max();
-constexpr double LONGEST_TASK_S = 60.0;  ///< what has no result so long after the last task has none
+constexpr double LONGEST_TASK_S = 60.0;  ///< a task without a result this long after the last task has none
 
 }  // namespace
 

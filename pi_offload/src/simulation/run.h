@@ -1,11 +1,5 @@
 #pragma once
 
-#include "simulation/edge_node.h"
-#include "simulation/oracle.h"
-#include "simulation/world.h"
-
-#include "engine/offload_engine.h"
-
 #include <limits>
 #include <memory>
 #include <optional>
@@ -13,24 +7,29 @@
 #include <unordered_map>
 #include <vector>
 
+#include "engine/offload_engine.h"
+#include "simulation/edge_node.h"
+#include "simulation/oracle.h"
+#include "simulation/world.h"
+
 namespace pi_offload::simulation
 {
 
 constexpr size_t SMALL_MESSAGE_BYTES = 200;  ///< probes, their replies, refusals
-constexpr uint64_t PROBE_KEY = 1ULL << 63U;  ///< apart from tasks, where the world draws a number for a message
+constexpr uint64_t PROBE_KEY = 1ULL << 63U;  ///< keeps random keys of probes apart from those of tasks
 
 constexpr double megabits(size_t bytes)
 {
   return 8e-6 * static_cast<double>(bytes);
 }
 
-/// One run of vehicles and nodes in a world: the events in the order of their time.
+/// One run of vehicles and nodes in a world: handles events in the order of their time.
 class Run
 {
 public:
-  /// @param policy  of the engine; empty: the oracle decides, without an engine.
+  /// @param policy  of the engine; empty: the oracle decides.
   Run(const World& world, const std::string& policy);
-  /// Once.
+  /// Call this once.
   SimulationResult run();
 
 private:
@@ -39,11 +38,11 @@ private:
     enum class Type
     {
       TASK,     ///< id: index
-      ENGINE,   ///< the engine wants to be called
+      ENGINE,   ///< call the engine
       ARRIVAL,  ///< of a task at a node; id: ticket
       PROBE_ARRIVAL,
       CANCEL,      ///< reaches the node
-      NODE,        ///< the node wants to be called
+      NODE,        ///< call the node
       REPLY,       ///< reaches the vehicle; id: ticket
       LOCAL_DONE,  ///< id: index of the work
       NODE_DOWN,
@@ -61,7 +60,7 @@ private:
       return at_ns != other.at_ns ? at_ns > other.at_ns : serial > other.serial;
     }
   };
-  /// Sent to a node.
+  /// A message to a node.
   struct Request
   {
     enum class State
@@ -77,15 +76,14 @@ private:
     bool probe = false;
     Task task;
     int64_t sent_ns = 0;
-    int64_t sent_out_ns = std::numeric_limits<int64_t>::max();  ///< its last bit; never: it was not sent
+    int64_t sent_out_ns = std::numeric_limits<int64_t>::max();  ///< end of sending; max: not sent
     Arrival arrival;                                            ///< of a task
-    std::array<double, TASK_KINDS> lease_hz{};                  ///< asked for by a probe
+    std::array<double, TASK_KINDS> lease_hz{};                  ///< of a probe
     size_t output_bytes = 0;
     double receiving_s = 0.0;
     bool answered = false;
     bool task_ended = false;
     State state = State::UNDER_WAY;
-    const char* reason = "";
     double queue_s = 0.0;
     double service_s = 0.0;
     NodeAdvertisement advertisement;
@@ -128,7 +126,7 @@ private:
 
   void onTask(size_t v, const Task& task);
   void askOracle(size_t v, const Task& task);
-  /// What the task would cost on the node; nothing if it would not be done by its deadline.
+  /// Energy of the task on the node; nullopt if it would be late.
   std::optional<double> foreseeCost(size_t v, size_t node, const Task& task);
   Arrival arrivalOf(size_t v, size_t node, const Task& task, uint64_t ticket, int64_t arrives_ns) const;
   bool sendTask(size_t v, size_t node, uint64_t request, const Task& task);

@@ -31,7 +31,6 @@ void Run::onArrival(const Event& event)
   if (verdict != Admission::Verdict::TAKEN)
   {
     found->second.state = Request::State::REFUSED;
-    found->second.reason = Admission::toString(verdict);
     found->second.output_bytes = SMALL_MESSAGE_BYTES;
     sendReply(event.id);
   }
@@ -78,7 +77,6 @@ void Run::handleEnds(size_t node, const std::vector<EdgeNode::End>& ends)
     }
     Request& request = found->second;
     request.state = end.done ? Request::State::DONE : Request::State::EXPIRED;
-    request.reason = end.done ? "" : "expired";
     request.output_bytes = end.done ? request.output_bytes : SMALL_MESSAGE_BYTES;
     request.queue_s = end.queue_s;
     request.service_s = end.service_s;
@@ -116,7 +114,7 @@ void Run::sendReply(uint64_t ticket)
   push(now_ns_ + toNs(request.receiving_s + latency_s), Event::Type::REPLY, request.vehicle, request.node, ticket);
 }
 
-/// Vehicles in range are told by their connections; the others find them broken.
+/// All connections to the node break.
 void Run::onNodeDown(size_t node)
 {
   const std::string& id = scenario_.nodes[node].description.id;

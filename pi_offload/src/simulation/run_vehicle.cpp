@@ -51,7 +51,7 @@ void Run::onTask(size_t v, const Task& task)
   wakeEngine(v);
 }
 
-/// What the vehicle asks the node for; the oracle for all its tasks.
+/// The lease that the vehicle asks for. The oracle asks for its full rate of tasks.
 double Run::leaseRate(size_t v, size_t node, TaskKind kind) const
 {
   const Vehicle& vehicle = vehicles_[v];
@@ -59,7 +59,7 @@ double Run::leaseRate(size_t v, size_t node, TaskKind kind) const
                                    : vehicle.engine->leaseRate(scenario_.nodes[node].description.id, kind, now_ns_);
 }
 
-/// Nodes know how long a message was under way, by how much longer it took than others.
+/// The node knows the delay of a message; see OneWayDelay.
 Arrival Run::arrivalOf(size_t v, size_t node, const Task& task, uint64_t ticket, int64_t arrives_ns) const
 {
   Arrival arrival;
@@ -118,7 +118,7 @@ bool Run::sendTask(size_t v, size_t node, uint64_t id, const Task& task)
   return true;
 }
 
-/// Small messages need not wait for large ones; the energy is that of their own time on the air.
+/// Probes do not wait for large messages; their energy is that of their own transfer.
 bool Run::sendProbe(size_t v, size_t node, uint64_t id)
 {
   Vehicle& vehicle = vehicles_[v];
@@ -207,7 +207,7 @@ void Run::onLocalDone(uint64_t id)
   }
 }
 
-/// The radio waits from the last bit sent to the answer or the end of the task.
+/// The radio waits from the last sent bit to the answer or the end of the task.
 void Run::stopWaiting(const Request& request)
 {
   if (request.sent_out_ns < now_ns_)
@@ -326,7 +326,7 @@ void Run::onReply(uint64_t ticket)
   }
   else if (vehicle.engine != nullptr)
   {
-    vehicle.engine->onRefused(node, reply.request, &reply.advertisement, reply.reason, now_ns_);
+    vehicle.engine->onRefused(node, reply.request, &reply.advertisement, now_ns_);
     wakeEngine(v);
   }
   else if (done && vehicle.open.count(reply.task.id) != 0)

@@ -1,21 +1,22 @@
-#include "simulation/simulation.h"
-
 #include <pi_node/option_check.h>
-
-#include <yaml-cpp/yaml.h>
+#include <pi_node/yaml_section.h>
 
 #include <cmath>
 #include <filesystem>
 #include <set>
 #include <sstream>
 #include <stdexcept>
+#include <type_traits>
 
 #include "simulation/loop_route.h"
+#include "simulation/simulation.h"
 
 namespace pi_offload
 {
 namespace
 {
+
+using pi_node::YamlSection;
 
 constexpr double MOST_METRES = 1e7;
 
@@ -24,291 +25,269 @@ constexpr double MOST_METRES = 1e7;
   throw std::invalid_argument(key + " = " + value + ", must be " + bound);
 }
 
-/// A YAML map whose keys are asked for one by one; at the end, what nobody asked for is refused.
-class Section
+// Each function below calls visit(name, field, least, most) for the numbers of a part and visit(name, field) for fields
+// that are checked elsewhere. Reading and validating use the same list.
+
+template <typename Part, typename Visit>
+void visitWorld(Part& scenario, const Visit& visit)
+{
+  visit("duration_s", scenario.duration_s, 1e-3, 1e6);
+  visit("vehicles", scenario.vehicles, 1, 10000);
+  visit("speed", scenario.speed, 0.0, 100.0);
+}
+
+template <typename Part, typename Visit>
+void visitStream(Part& stream, const Visit& visit)
+{
+  visit("rate_hz", stream.rate_hz, 1e-3, 1000.0);
+  visit("regular", stream.regular);
+  visit("deadline_s", stream.deadline_s, 1e-3, 60.0);
+  visit("work_gcycles", stream.work_gcycles, 0.0, 1e6);
+  visit("local_s", stream.local_s, 1e-6, 60.0);
+  visit("local_deviation", stream.local_deviation, 0.0, 3.0);
+  visit("local_j", stream.local_j, 1e-9, 1e6);
+  visit("input_bytes", stream.input_bytes, 0U, 1U << 25U);
+  visit("output_bytes", stream.output_bytes, 0U, 1U << 25U);
+}
+
+template <typename Part, typename Visit>
+void visitNode(Part& node, const Visit& visit)
+{
+  visit("workers", node.workers, 1, 1024);
+  visit("service_deviation", node.service_deviation, 0.0, 3.0);
+}
+
+template <typename Part, typename Visit>
+void visitNetwork(Part& network, const Visit& visit)
+{
+  visit("rate_near_mbps", network.rate_near_mbps, 1e-3, 1e6);
+  visit("rate_edge_mbps", network.rate_edge_mbps, 1e-3, 1e6);
+  visit("shadowing_db", network.shadowing_db, 0.0, 30.0);
+  visit("correlation_m", network.correlation_m, 0.1, 1e6);
+  visit("round_trip_s", network.round_trip_s, 0.0, 60.0);
+  visit("round_trip_deviation", network.round_trip_deviation, 0.0, 3.0);
+  visit("loss", network.loss, 0.0, 1.0);
+  visit("retransmission_s", network.retransmission_s, 0.0, 60.0);
+}
+
+template <typename Part, typename Visit>
+void visitLoad(Part& load, const Visit& visit)
+{
+  visit("base_load", load.base_load, 0.0, 100.0);
+  visit("heavy_share", load.heavy_share, 0.0, 1.0);
+  visit("heavy_load", load.heavy_load, 0.0, 100.0);
+  visit("mean_burst_s", load.mean_burst_s, 1e-3, 1e6);
+  visit("task_s", load.task_s, 1e-6, 60.0);
+  visit("time_left", load.time_left, 1e-3, 1.0);
+  visit("vehicles", load.vehicles, 1, 10000);
+  visit("leases", load.leases);
+}
+
+template <typename Part, typename Visit>
+void visitFailures(Part& failures, const Visit& visit)
+{
+  visit("mean_between_s", failures.mean_between_s, 0.0, 1e9);
+  visit("mean_repair_s", failures.mean_repair_s, 1e-3, 1e9);
+}
+
+/// Visitor that reads fields from a section.
+class Reader
 {
 public:
-  Section(YAML::Node node, std::string path) : node_(std::move(node)), path_(std::move(path))
-  {
-    if (!node_.IsMap())
-    {
-      throw std::invalid_argument((path_.empty() ? std::string("the file") : path_) + " must be a map of keys");
-    }
-  }
+  explicit Reader(YamlSection* section) : section_(section) {}
 
-  std::string name(const std::string& key) const { return path_.empty() ? key : path_ + "/" + key; }
-
-  bool has(const std::string& key)
+  template <typename Value, typename... Bounds>
+  void operator()(const char* name, Value& value, Bounds...) const
   {
-    known_.insert(key);
-    return node_[key].IsDefined() && !node_[key].IsNull();
-  }
-
-  YAML::Node node(const std::string& key)
-  {
-    if (!has(key))
-    {
-      throw std::invalid_argument(name(key) + " is missing");
-    }
-    return node_[key];
-  }
-
-  template <typename Value>
-  void read(const std::string& key, Value* value)
-  {
-    if (has(key))
-    {
-      *value = convert<Value>(node_[key], name(key));
-    }
-  }
-
-  /// A map by kind of task.
-  template <typename Value>
-  void readByKind(const std::string& key, std::array<Value, TASK_KINDS>* values)
-  {
-    if (has(key))
-    {
-      Section section(node_[key], name(key));
-      for (size_t kind = 0; kind < TASK_KINDS; ++kind)
-      {
-        section.read(toString(static_cast<TaskKind>(kind)), &(*values)[kind]);
-      }
-      section.finish();
-    }
-  }
-
-  /// Calls read(Section) if the section is there.
-  template <typename Read>
-  void section(const std::string& key, const Read& read)
-  {
-    if (has(key))
-    {
-      Section section(node_[key], name(key));
-      read(section);
-      section.finish();
-    }
-  }
-
-  /// Calls read(Section) for each entry of a list that must be there.
-  template <typename Read>
-  void list(const std::string& key, const Read& read)
-  {
-    const YAML::Node entries = node(key);
-    if (!entries.IsSequence())
-    {
-      throw std::invalid_argument(name(key) + " must be a list");
-    }
-    for (size_t i = 0; i < entries.size(); ++i)
-    {
-      Section section(entries[i], name(key) + "[" + std::to_string(i) + "]");
-      read(section);
-      section.finish();
-    }
-  }
-
-  /// @throws std::invalid_argument for a key that nobody knows: likely a slip.
-  void finish() const
-  {
-    for (const auto& entry : node_)
-    {
-      const auto key = entry.first.as<std::string>();
-      if (known_.count(key) == 0)
-      {
-        std::string list;
-        for (const std::string& known : known_)
-        {
-          list += (list.empty() ? "" : ", ") + known;
-        }
-        throw std::invalid_argument(name(key) + " means nothing here; known are " + list);
-      }
-    }
-  }
-
-  template <typename Value>
-  static Value convert(const YAML::Node& node, const std::string& name)
-  {
-    if constexpr (std::is_unsigned_v<Value> && !std::is_same_v<Value, bool>)
-    {
-      const auto number = convert<long long>(node, name);
-      if (number < 0)
-      {
-        refuse(name, std::to_string(number), "at least 0");
-      }
-      return static_cast<Value>(number);
-    }
-    else
-    {
-      Value value;
-      if (!node.IsScalar() || !YAML::convert<Value>::decode(node, value))
-      {
-        const char* kind = std::is_same_v<Value, bool>       ? "true or false"
-                           : std::is_floating_point_v<Value> ? "a number"
-                           : std::is_integral_v<Value>       ? "a whole number"
-                                                             : "a text";
-        refuse(name, node.IsScalar() ? "\"" + node.Scalar() + "\"" : "(not a single value)", kind);
-      }
-      return value;
-    }
+    const char* kind = std::is_same_v<Value, bool>       ? "true or false"
+                       : std::is_floating_point_v<Value> ? "a number"
+                       : std::is_unsigned_v<Value>       ? "a whole number, at least 0"
+                       : std::is_integral_v<Value>       ? "a whole number"
+                                                         : "a text";
+    section_->read(name, kind, &value);
   }
 
 private:
-  YAML::Node node_;
-  const std::string path_;
-  std::set<std::string> known_;
+  YamlSection* section_;
 };
+
+/// Visitor that checks the bounds of fields.
+class Checker
+{
+public:
+  explicit Checker(const std::string& group) : check_(group) {}
+
+  template <typename Value>
+  void operator()(const char*, const Value&) const
+  {
+  }
+  template <typename Value, typename Bound>
+  void operator()(const char* name, const Value& value, Bound least, Bound most) const
+  {
+    check_.range<Value>(name, value, least, most);
+  }
+
+private:
+  pi_node::OptionCheck check_;
+};
+
+/// Calls read(section, reader) if there is a map `name`, then refuses unknown fields.
+template <typename Read>
+void readPart(YamlSection* parent, const char* name, const Read& read)
+{
+  if (parent->has(name))
+  {
+    YamlSection section = parent->section(name);
+    read(&section, Reader(&section));
+    section.finish();
+  }
+}
+
+/// A map from kinds of task.
+template <typename Value>
+void readByKind(YamlSection* parent, const char* name, std::array<Value, TASK_KINDS>* values)
+{
+  readPart(parent, name,
+           [values](YamlSection*, const Reader& read)
+           {
+             for (size_t kind = 0; kind < TASK_KINDS; ++kind)
+             {
+               read(toString(static_cast<TaskKind>(kind)), (*values)[kind]);
+             }
+           });
+}
 
 Point readPoint(const YAML::Node& node, const std::string& name)
 {
-  if (!node.IsSequence() || node.size() != 2)
+  Point point;
+  if (!node.IsSequence() || node.size() != 2 || !YAML::convert<double>::decode(node[0], point.x) ||
+      !YAML::convert<double>::decode(node[1], point.y))
   {
     throw std::invalid_argument(name + " must be a point [x, y]");
   }
-  return {Section::convert<double>(node[0], name), Section::convert<double>(node[1], name)};
+  return point;
 }
 
-void readEngine(Section& section, EngineOptions* engine)
+std::vector<Point> readRoute(YamlSection* section)
 {
-  section.read("eta", &engine->eta);
-  section.read("advertisement_valid_s", &engine->advertisement_valid_s);
-  section.read("probe_period_s", &engine->probe_period_s);
-  section.read("probe_period_far_s", &engine->probe_period_far_s);
-  section.read("max_failures", &engine->max_failures);
-  section.read("max_in_flight", &engine->max_in_flight);
-  section.section("computer",
-                  [&](Section& computer)
-                  {
-                    computer.read("frequency_ghz", &engine->computer.frequency_ghz);
-                    computer.read("least_frequency_ghz", &engine->computer.least_frequency_ghz);
-                    computer.read("static_w", &engine->computer.static_w);
-                    computer.read("beta_w_per_ghz3", &engine->computer.beta_w_per_ghz3);
-                  });
-  section.section("radio",
-                  [&](Section& radio)
-                  {
-                    radio.read("transmit_w", &engine->radio.transmit_w);
-                    radio.read("receive_w", &engine->radio.receive_w);
-                    radio.read("wait_w", &engine->radio.wait_w);
-                    radio.read("tail_w", &engine->radio.tail_w);
-                    radio.read("tail_s", &engine->radio.tail_s);
-                  });
-  section.section("policy",
-                  [&](Section& policy)
-                  {
-                    PolicyOptions& options = engine->policy;
-                    policy.read("miss_cost_j", &options.miss_cost_j);
-                    policy.read("deviations", &options.deviations);
-                    policy.read("residence_share", &options.residence_share);
-                    policy.read("hysteresis", &options.hysteresis);
-                    policy.read("fallback_factor", &options.fallback_factor);
-                    policy.read("needed_capacity_gcycles", &options.needed_capacity_gcycles);
-                    policy.read("scale_frequency", &options.scale_frequency);
-                  });
+  const YAML::Node points = section->node("route");
+  if (!points.IsSequence())
+  {
+    throw std::invalid_argument(section->name("route") + " must be a list of points [x, y]");
+  }
+  std::vector<Point> route;
+  for (size_t i = 0; i < points.size(); ++i)
+  {
+    route.push_back(readPoint(points[i], section->name("route") + "/" + std::to_string(i)));
+  }
+  return route;
 }
 
-void readAdmission(Section& section, AdmissionOptions* admission)
+void readEngine(YamlSection* section, EngineOptions* engine)
 {
-  section.read("max_queued", &admission->max_queued);
-  section.read("max_queued_per_vehicle", &admission->max_queued_per_vehicle);
-  section.read("lease_s", &admission->lease_s);
-  section.read("lease_turn_s", &admission->lease_turn_s);
-  section.read("max_leased_load", &admission->max_leased_load);
-  section.read("fair_window_s", &admission->fair_window_s);
-  section.read("max_vehicles", &admission->max_vehicles);
-  section.readByKind("first_service_s", &admission->first_service_s);
-  section.readByKind("served", &admission->served);
+  const Reader read(section);
+  read("eta", engine->eta);
+  read("advertisement_valid_s", engine->advertisement_valid_s);
+  read("probe_period_s", engine->probe_period_s);
+  read("probe_period_far_s", engine->probe_period_far_s);
+  read("max_failures", engine->max_failures);
+  read("max_in_flight", engine->max_in_flight);
+  readPart(section, "computer",
+           [computer = &engine->computer](YamlSection*, const Reader& of)
+           {
+             of("frequency_ghz", computer->frequency_ghz);
+             of("least_frequency_ghz", computer->least_frequency_ghz);
+             of("static_w", computer->static_w);
+             of("beta_w_per_ghz3", computer->beta_w_per_ghz3);
+           });
+  readPart(section, "radio",
+           [radio = &engine->radio](YamlSection*, const Reader& of)
+           {
+             of("transmit_w", radio->transmit_w);
+             of("receive_w", radio->receive_w);
+             of("wait_w", radio->wait_w);
+             of("tail_w", radio->tail_w);
+             of("tail_s", radio->tail_s);
+           });
+  readPart(section, "policy",
+           [policy = &engine->policy](YamlSection*, const Reader& of)
+           {
+             of("miss_cost_j", policy->miss_cost_j);
+             of("deviations", policy->deviations);
+             of("residence_share", policy->residence_share);
+             of("hysteresis", policy->hysteresis);
+             of("fallback_factor", policy->fallback_factor);
+             of("needed_capacity_gcycles", policy->needed_capacity_gcycles);
+             of("scale_frequency", policy->scale_frequency);
+           });
 }
 
-Scenario::Stream readStream(Section& section)
+void readAdmission(YamlSection* section, AdmissionOptions* admission)
+{
+  const Reader read(section);
+  read("max_queued", admission->max_queued);
+  read("max_queued_per_vehicle", admission->max_queued_per_vehicle);
+  read("lease_s", admission->lease_s);
+  read("lease_turn_s", admission->lease_turn_s);
+  read("max_leased_load", admission->max_leased_load);
+  read("fair_window_s", admission->fair_window_s);
+  read("max_vehicles", admission->max_vehicles);
+  readByKind(section, "first_service_s", &admission->first_service_s);
+  readByKind(section, "served", &admission->served);
+}
+
+Scenario::Stream readStream(YamlSection* section)
 {
   Scenario::Stream stream;
-  stream.kind = parseTaskKind(Section::convert<std::string>(section.node("kind"), section.name("kind")));
-  section.read("rate_hz", &stream.rate_hz);
-  section.read("regular", &stream.regular);
-  section.read("deadline_s", &stream.deadline_s);
-  section.read("work_gcycles", &stream.work_gcycles);
-  section.read("local_s", &stream.local_s);
-  section.read("local_deviation", &stream.local_deviation);
-  section.read("local_j", &stream.local_j);
-  section.read("input_bytes", &stream.input_bytes);
-  section.read("output_bytes", &stream.output_bytes);
+  stream.kind = parseTaskKind(section->get<std::string>("kind", "a text"));
+  visitStream(stream, Reader(section));
   return stream;
 }
 
-Scenario::Node readNode(Section& section)
+Scenario::Node readNode(YamlSection* section)
 {
   Scenario::Node node;
-  node.description.id = Section::convert<std::string>(section.node("id"), section.name("id"));
-  node.description.address = node.description.id + ":1";
-  node.description.position = readPoint(section.node("position"), section.name("position"));
-  node.description.range_m = Section::convert<double>(section.node("range_m"), section.name("range_m"));
-  section.read("frequency_ghz", &node.description.frequency_ghz);
-  section.read("workers", &node.workers);
-  section.readByKind("service_s", &node.service_s);
-  section.read("service_deviation", &node.service_deviation);
+  NodeDescription& description = node.description;
+  description.id = section->get<std::string>("id", "a text");
+  description.address = description.id + ":1";
+  description.position = readPoint(section->node("position"), section->name("position"));
+  description.range_m = section->get<double>("range_m", "a number");
+  const Reader read(section);
+  read("frequency_ghz", description.frequency_ghz);
+  visitNode(node, read);
+  readByKind(section, "service_s", &node.service_s);
   return node;
 }
 
-void readNetwork(Section& section, Scenario::Network* network)
-{
-  section.read("rate_near_mbps", &network->rate_near_mbps);
-  section.read("rate_edge_mbps", &network->rate_edge_mbps);
-  section.read("shadowing_db", &network->shadowing_db);
-  section.read("correlation_m", &network->correlation_m);
-  section.read("round_trip_s", &network->round_trip_s);
-  section.read("round_trip_deviation", &network->round_trip_deviation);
-  section.read("loss", &network->loss);
-  section.read("retransmission_s", &network->retransmission_s);
-}
-
-void readLoad(Section& section, Scenario::Load* load)
-{
-  section.read("base_load", &load->base_load);
-  section.read("heavy_share", &load->heavy_share);
-  section.read("heavy_load", &load->heavy_load);
-  section.read("mean_burst_s", &load->mean_burst_s);
-  section.read("task_s", &load->task_s);
-  section.read("time_left", &load->time_left);
-  section.read("vehicles", &load->vehicles);
-  section.read("leases", &load->leases);
-}
-
-Scenario read(const YAML::Node& root)
+Scenario readScenario(YamlSection section)
 {
   Scenario scenario;
-  Section section(root, "");
-  section.read("name", &scenario.name);
-  section.read("duration_s", &scenario.duration_s);
-  section.read("vehicles", &scenario.vehicles);
-  section.read("speed", &scenario.speed);
-  const YAML::Node route = section.node("route");
-  if (!route.IsSequence())
+  const Reader read(&section);
+  read("name", scenario.name);
+  visitWorld(scenario, read);
+  scenario.route = readRoute(&section);
+  readPart(&section, "engine", [&](YamlSection* engine, const Reader&) { readEngine(engine, &scenario.engine); });
+  readPart(&section, "admission",
+           [&](YamlSection* admission, const Reader&) { readAdmission(admission, &scenario.admission); });
+  for (YamlSection& stream : section.list("streams"))
   {
-    throw std::invalid_argument("route must be a list of points [x, y]");
+    scenario.streams.push_back(readStream(&stream));
+    stream.finish();
   }
-  for (size_t i = 0; i < route.size(); ++i)
+  for (YamlSection& node : section.list("nodes"))
   {
-    scenario.route.push_back(readPoint(route[i], "route[" + std::to_string(i) + "]"));
+    scenario.nodes.push_back(readNode(&node));
+    node.finish();
   }
-  section.section("engine", [&](Section& engine) { readEngine(engine, &scenario.engine); });
-  section.section("admission", [&](Section& admission) { readAdmission(admission, &scenario.admission); });
-  section.list("streams", [&](Section& stream) { scenario.streams.push_back(readStream(stream)); });
-  section.list("nodes", [&](Section& node) { scenario.nodes.push_back(readNode(node)); });
-  section.section("network", [&](Section& network) { readNetwork(network, &scenario.network); });
-  section.section("load", [&](Section& load) { readLoad(load, &scenario.load); });
-  section.section("failures",
-                  [&](Section& failures)
-                  {
-                    failures.read("mean_between_s", &scenario.failures.mean_between_s);
-                    failures.read("mean_repair_s", &scenario.failures.mean_repair_s);
-                  });
+  readPart(&section, "network", [&](YamlSection*, const Reader& of) { visitNetwork(scenario.network, of); });
+  readPart(&section, "load", [&](YamlSection*, const Reader& of) { visitLoad(scenario.load, of); });
+  readPart(&section, "failures", [&](YamlSection*, const Reader& of) { visitFailures(scenario.failures, of); });
   section.finish();
   for (const Scenario::Stream& stream : scenario.streams)
   {
-    TaskNeeds& needs = scenario.engine.needs[static_cast<size_t>(stream.kind)];
-    needs.work_gcycles = stream.work_gcycles;
-    needs.input_mbit = 8e-6 * static_cast<double>(stream.input_bytes);
-    needs.output_mbit = 8e-6 * static_cast<double>(stream.output_bytes);
-    needs.deadline_s = stream.deadline_s;
+    scenario.engine.needs[static_cast<size_t>(stream.kind)] = {
+        stream.work_gcycles, 8e-6 * static_cast<double>(stream.input_bytes),
+        8e-6 * static_cast<double>(stream.output_bytes), stream.deadline_s};
   }
   return scenario;
 }
@@ -319,15 +298,7 @@ void validateStreams(const Scenario& scenario)
   for (const Scenario::Stream& stream : scenario.streams)
   {
     const std::string group = std::string("streams/") + toString(stream.kind);
-    const pi_node::OptionCheck check(group);
-    check.range("rate_hz", stream.rate_hz, 1e-3, 1000.0);
-    check.range("deadline_s", stream.deadline_s, 1e-3, 60.0);
-    check.range("work_gcycles", stream.work_gcycles, 0.0, 1e6);
-    check.range("local_s", stream.local_s, 1e-6, 60.0);
-    check.range("local_deviation", stream.local_deviation, 0.0, 3.0);
-    check.range("local_j", stream.local_j, 1e-9, 1e6);
-    check.range<size_t>("input_bytes", stream.input_bytes, 0, 1U << 25U);
-    check.range<size_t>("output_bytes", stream.output_bytes, 0, 1U << 25U);
+    visitStream(stream, Checker(group));
     if (!kinds.insert(stream.kind).second)
     {
       refuse(group, "given twice", "given once");
@@ -346,13 +317,12 @@ void validateNodes(const Scenario& scenario)
   {
     node.description.validate();
     const std::string group = "nodes/" + node.description.id;
-    const pi_node::OptionCheck check(group);
-    check.range("workers", node.workers, 1, 1024);
+    const Checker check(group);
+    visitNode(node, check);
     for (const double service_s : node.service_s)
     {
-      check.range("service_s", service_s, 1e-6, 60.0);
+      check("service_s", service_s, 1e-6, 60.0);
     }
-    check.range("service_deviation", node.service_deviation, 0.0, 3.0);
     if (!ids.insert(node.description.id).second)
     {
       refuse(group, "given twice", "given once");
@@ -383,36 +353,17 @@ const Scenario::Stream* Scenario::stream(TaskKind kind) const
 
 void Scenario::validate() const
 {
-  const pi_node::OptionCheck check("");
-  check.range("duration_s", duration_s, 1e-3, 1e6);
-  check.range("vehicles", vehicles, 1, 10000);
-  check.range("speed", speed, 0.0, 100.0);
+  const Checker check("");
+  visitWorld(*this, check);
   for (const Point& point : route)
   {
-    check.range("route", point.x, -MOST_METRES, MOST_METRES);
-    check.range("route", point.y, -MOST_METRES, MOST_METRES);
+    check("route", point.x, -MOST_METRES, MOST_METRES);
+    check("route", point.y, -MOST_METRES, MOST_METRES);
   }
   const simulation::LoopRoute loop(route);  // throws if it has no length
-  const pi_node::OptionCheck net("network");
-  net.range("rate_near_mbps", network.rate_near_mbps, 1e-3, 1e6);
-  net.range("rate_edge_mbps", network.rate_edge_mbps, 1e-3, 1e6);
-  net.range("shadowing_db", network.shadowing_db, 0.0, 30.0);
-  net.range("correlation_m", network.correlation_m, 0.1, 1e6);
-  net.range("round_trip_s", network.round_trip_s, 0.0, 60.0);
-  net.range("round_trip_deviation", network.round_trip_deviation, 0.0, 3.0);
-  net.range("loss", network.loss, 0.0, 1.0);
-  net.range("retransmission_s", network.retransmission_s, 0.0, 60.0);
-  const pi_node::OptionCheck others("load");
-  others.range("base_load", load.base_load, 0.0, 100.0);
-  others.range("heavy_share", load.heavy_share, 0.0, 1.0);
-  others.range("heavy_load", load.heavy_load, 0.0, 100.0);
-  others.range("mean_burst_s", load.mean_burst_s, 1e-3, 1e6);
-  others.range("task_s", load.task_s, 1e-6, 60.0);
-  others.range("time_left", load.time_left, 1e-3, 1.0);
-  others.range("vehicles", load.vehicles, 1, 10000);
-  const pi_node::OptionCheck faults("failures");
-  faults.range("mean_between_s", failures.mean_between_s, 0.0, 1e9);
-  faults.range("mean_repair_s", failures.mean_repair_s, 1e-3, 1e9);
+  visitNetwork(network, Checker("network"));
+  visitLoad(load, Checker("load"));
+  visitFailures(failures, Checker("failures"));
   validateStreams(*this);
   validateNodes(*this);
   admission.validate();
@@ -428,24 +379,33 @@ Scenario Scenario::load_file(const std::string& path)
                              ": there is no such file: a scenario is a YAML file, see "
                              "pi_offload/config/scenarios");
   }
+  Scenario scenario;
   try
   {
-    Scenario scenario = read(YAML::LoadFile(path));
-    if (scenario.name.empty())
-    {
-      scenario.name = std::filesystem::path(path).stem().string();
-    }
-    scenario.validate();
-    return scenario;
+    scenario = readScenario(YamlSection::load(path));
   }
   catch (const YAML::Exception& failure)
   {
-    throw std::runtime_error(path + ": no YAML that can be read: " + failure.what());
+    throw std::runtime_error(path + ": no YAML: " + failure.what());
+  }
+  catch (const std::invalid_argument& failure)
+  {
+    const std::string text = failure.what();
+    throw std::runtime_error(text.rfind(path, 0) == 0 ? text : path + ": " + text);
+  }
+  if (scenario.name.empty())
+  {
+    scenario.name = std::filesystem::path(path).stem().string();
+  }
+  try
+  {
+    scenario.validate();
   }
   catch (const std::invalid_argument& failure)
   {
     throw std::runtime_error(path + ": " + failure.what());
   }
+  return scenario;
 }
 
 }  // namespace pi_offload

@@ -1,10 +1,10 @@
 #include "simulation/simulation.h"
 
-#include "simulation/run.h"
-
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
+
+#include "simulation/run.h"
 
 namespace pi_offload
 {

@@ -1,16 +1,16 @@
 #include "simulation/world.h"
 
-#include "simulation/hash_random.h"
-
 #include <algorithm>
 #include <cmath>
+
+#include "simulation/hash_random.h"
 
 namespace pi_offload::simulation
 {
 namespace
 {
 
-/// What random numbers are for.
+/// Purposes of random numbers.
 enum Purpose : uint64_t
 {
   PLACE,
@@ -23,7 +23,7 @@ enum Purpose : uint64_t
   OUTAGE,
 };
 
-/// Messages may be under way for so long after the last task.
+/// Longest time of messages after the last task.
 constexpr double TAIL_S = 60.0;
 constexpr double SHADOWING_STEPS = 10.0;  ///< per correlation distance
 constexpr unsigned VEHICLE_SHIFT = 32;

@@ -1,14 +1,14 @@
 #pragma once
 
-#include "simulation/loop_route.h"
-
-#include "simulation/simulation.h"
-
 #include <cmath>
+
+#include "simulation/loop_route.h"
+#include "simulation/simulation.h"
 
 namespace pi_offload::simulation
 {
 
+// Results in docs/ depend on this rounding; pi_node::nanoseconds() truncates.
 constexpr double NS_PER_S = 1e9;
 inline int64_t toNs(double seconds)
 {
@@ -19,7 +19,7 @@ inline double toS(int64_t ns)
   return static_cast<double>(ns) / NS_PER_S;
 }
 
-/// A task that somebody else gives to a node.
+/// A task of another vehicle at a node.
 struct OthersTask
 {
   int64_t arrived_ns = 0;
@@ -27,18 +27,17 @@ struct OthersTask
   int vehicle = 0;
   double service_s = 0.0;
   double remaining_s = 0.0;
-  double lease_hz = 0.0;  ///< that its vehicle asks for; 0: none
+  double lease_hz = 0.0;  ///< rate of the lease asked for; 0: none
 };
 
 struct Outage
 {
   int64_t begin_ns = 0;
   int64_t end_ns = 0;
-  bool silent = false;  ///< nobody is told
+  bool silent = false;  ///< connections do not break
 };
 
-/// All that does not depend on what vehicles decide; a function of scenario and seed. Instants from 0, the start. Const
-/// methods are thread safe.
+/// What does not depend on decisions: a function of scenario and seed. Times start at 0. Const methods are thread safe.
 class World
 {
 public:
@@ -50,21 +49,20 @@ public:
   const std::vector<Task>& tasks(size_t vehicle) const { return tasks_[vehicle]; }
   const std::vector<OthersTask>& others(size_t node) const { return others_[node]; }
   const std::vector<Outage>& outages(size_t node) const { return outages_[node]; }
-  /// The one of the outage at that instant; null: the node is up.
+  /// The outage at that time; null: the node is up.
   const Outage* outage(size_t node, int64_t now_ns) const;
 
   VehicleState vehicle(size_t vehicle, int64_t now_ns) const;
   std::vector<Point> routeAhead(size_t vehicle, int64_t now_ns) const;
-  /// Of the link; 0 out of range.
+  /// Rate of the link; 0 out of range.
   double rate_mbps(size_t vehicle, size_t node, int64_t now_ns) const;
 
-  /// From the last bit sent to the message's arrival, and likewise back. @param key  of the message, unique for vehicle
-  /// and node
+  /// Time from the last sent bit to the arrival, each way. @param key  of the message, unique for vehicle and node
   double uplink_latency_s(size_t vehicle, size_t node, uint64_t key) const;
   double downlink_latency_s(size_t vehicle, size_t node, uint64_t key) const;
-  /// On a worker.
+  /// Time on a worker.
   double service_s(size_t node, const Task& task) const;
-  /// On the vehicle, at its highest frequency.
+  /// Time on the vehicle at its highest frequency.
   double local_s(const Task& task) const;
 
 private:
@@ -83,7 +81,7 @@ private:
   std::vector<std::vector<Task>> tasks_;
   std::vector<std::vector<OthersTask>> others_;
   std::vector<std::vector<Outage>> outages_;
-  std::vector<std::vector<float>> shadowing_;  ///< ln of the factor, per vehicle and node, by way driven
+  std::vector<std::vector<float>> shadowing_;  ///< ln of the factor, per vehicle and node, by driven distance
   double shadowing_step_m_;
 };
 

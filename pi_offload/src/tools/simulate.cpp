@@ -1,25 +1,23 @@
 // simulate --scenario S.yaml --policy P[,P2...]: energy, missed deadlines and handovers of policies in a simulated
 // world, beside those of an oracle. Needs no ROS master.
 
-#include "simulation/simulation.h"
+#include <pi_node/command_line.h>
 #include <pi_node/progress.h>
 #include <pi_node/stop_signal.h>
 
 #include <algorithm>
 #include <atomic>
-#include <boost/program_options.hpp>
-#include <condition_variable>
-#include <cstdlib>
-#include <exception>
+#include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <future>
 #include <iostream>
-#include <mutex>
 #include <sstream>
 #include <stdexcept>
 #include <thread>
 
+#include "simulation/simulation.h"
 #include "tools/simulation_report.h"
 
 namespace
@@ -28,6 +26,8 @@ namespace
 namespace fs = std::filesystem;
 namespace po = boost::program_options;
 using namespace pi_offload;
+
+constexpr std::chrono::milliseconds PROGRESS_PERIOD(100);
 
 struct CommandLine
 {
@@ -116,71 +116,48 @@ std::vector<Case> makeCases(const std::vector<std::string>& policies, const std:
   return cases;
 }
 
-/// Runs jobs 0 .. count-1 in threads; the first exception ends it and is thrown again.
-void runParallel(int threads, size_t count, const std::string& unit, bool quiet, const std::function<void(size_t)>& job)
+/// Runs job(0) to job(count - 1) on threads, until a StopSignal comes. @throws what a job threw.
+void runParallel(int threads, size_t count, bool quiet, const std::function<void(size_t)>& job)
 {
   std::atomic<size_t> next{0};
-  std::mutex mutex;
-  std::condition_variable changed;
-  size_t done = 0;
-  int running = threads;
-  std::exception_ptr error;
+  std::atomic<size_t> done{0};
   const auto work = [&]
   {
-    while (!pi_node::StopSignal::came())
+    for (size_t i = next++; i < count && !pi_node::StopSignal::came(); i = next++)
     {
-      const size_t i = next++;
-      if (i >= count)
-      {
-        break;
-      }
-      std::exception_ptr failure;
       try
       {
         job(i);
       }
       catch (...)
       {
-        failure = std::current_exception();
-      }
-      const std::lock_guard<std::mutex> lock(mutex);
-      ++done;
-      if (failure)
-      {
-        error = failure;
         next = count;
+        throw;
       }
-      changed.notify_one();
+      ++done;
     }
-    const std::lock_guard<std::mutex> lock(mutex);
-    --running;
-    changed.notify_one();
   };
-  std::vector<std::thread> workers;
+  std::vector<std::future<void>> workers;
   for (int i = 0; i < threads; ++i)
   {
-    workers.emplace_back(work);
+    workers.push_back(std::async(std::launch::async, work));
   }
+  pi_node::Progress progress("runs", quiet);
+  for (std::future<void>& worker : workers)
   {
-    pi_node::Progress progress(unit, quiet);
-    std::unique_lock<std::mutex> lock(mutex);
-    while (running > 0)
+    while (worker.wait_for(PROGRESS_PERIOD) != std::future_status::ready)
     {
-      changed.wait(lock);
       progress.show(done, count);
     }
   }
-  for (std::thread& worker : workers)
+  progress.show(done, count);
+  for (std::future<void>& worker : workers)
   {
-    worker.join();
-  }
-  if (error)
-  {
-    std::rethrow_exception(error);
+    worker.get();
   }
 }
 
-/// A file that appears when it is complete.
+/// Writes a file that appears only when it is complete.
 void writeFile(const std::string& path, const std::string& text)
 {
   const bool special = fs::exists(path) && !fs::is_regular_file(path);
@@ -202,20 +179,12 @@ void writeFile(const std::string& path, const std::string& text)
   }
 }
 
-/// @return exit status.
-int run(const CommandLine& line)
+/// Runs each policy, and the oracle, in the same worlds. @return false if a StopSignal came.
+bool simulateAll(const CommandLine& line, const Scenario& scenario, std::vector<Case>* cases)
 {
-  Scenario scenario = Scenario::load_file(line.scenario);
-  if (line.duration_s > 0.0)
-  {
-    scenario.duration_s = line.duration_s;
-    scenario.validate();
-  }
-  std::vector<Case> cases =
-      makeCases(parsePolicies(line.policies), parseLambdas(line.lambdas), scenario.engine.policy.miss_cost_j);
   Case oracle{"oracle", scenario.engine.policy.miss_cost_j, {}};
   std::vector<Case*> all{&oracle};
-  for (Case& one : cases)
+  for (Case& one : *cases)
   {
     if (one.policy != "oracle")
     {
@@ -227,7 +196,7 @@ int run(const CommandLine& line)
   {
     one->results.resize(seeds);
   }
-  runParallel(line.threads, seeds * all.size(), "runs", line.quiet,
+  runParallel(line.threads, seeds * all.size(), line.quiet,
               [&](size_t i)
               {
                 Case& one = *all[i / seeds];
@@ -235,12 +204,7 @@ int run(const CommandLine& line)
                 own.engine.policy.miss_cost_j = one.lambda;
                 one.results[i % seeds] = simulate(own, one.policy, line.seed + static_cast<uint32_t>(i % seeds));
               });
-  if (pi_node::StopSignal::came())
-  {
-    std::cerr << "stopped; nothing was written\n";
-    return pi_node::StopSignal::exitStatus();
-  }
-  for (Case& one : cases)
+  for (Case& one : *cases)
   {
     if (one.policy == "oracle")
     {
@@ -251,8 +215,28 @@ int run(const CommandLine& line)
       compareWithOracle(oracle.results[i], &one.results[i]);
     }
   }
+  return !pi_node::StopSignal::came();
+}
+
+/// @return exit status.
+int run(const CommandLine& line)
+{
+  pi_node::StopSignal::install();
+  Scenario scenario = Scenario::load_file(line.scenario);
+  if (line.duration_s > 0.0)
+  {
+    scenario.duration_s = line.duration_s;
+    scenario.validate();
+  }
+  std::vector<Case> cases =
+      makeCases(parsePolicies(line.policies), parseLambdas(line.lambdas), scenario.engine.policy.miss_cost_j);
+  if (!simulateAll(line, scenario, &cases))
+  {
+    std::cerr << "stopped; nothing was written\n";
+    return pi_node::StopSignal::exitStatus();
+  }
   std::cout << scenario.name << ": " << scenario.vehicles << (scenario.vehicles == 1 ? " vehicle, " : " vehicles, ")
-            << scenario.nodes.size() << " nodes, " << seeds << (seeds == 1 ? " seed" : " seeds") << " of "
+            << scenario.nodes.size() << " nodes, " << line.seeds << (line.seeds == 1 ? " seed" : " seeds") << " of "
             << plain(scenario.duration_s) << " s; +- is the standard deviation over seeds; cost is energy + lambda per "
             << "miss, over the oracle's\n\n";
   printTable(cases);
@@ -268,41 +252,38 @@ int run(const CommandLine& line)
   return EXIT_SUCCESS;
 }
 
+void requireRange(const char* option, int value, int most)
+{
+  if (value < 1 || value > most)
+  {
+    throw po::error(std::string(option) + " " + std::to_string(value) + ", must be in [1, " + std::to_string(most) +
+                    "]");
+  }
+}
+
 bool parse(int argc, char** argv, CommandLine* line)
 {
-  po::options_description visible("simulate --scenario S.yaml [--policy P[,P2...]] [options]");
-  auto add = visible.add_options();
-  add("help", "prints this");
-  add("scenario", po::value(&line->scenario)->required(), "the world, YAML");
-  add("policy", po::value(&line->policies)->default_value(line->policies),
-      "names with commas between them: local, nearest, nearest_anywhere, paper_literal, paper, deadline, "
-      "expected_cost, oracle; or all");
-  add("seed", po::value(&line->seed)->default_value(line->seed), "of the first run");
-  add("seeds", po::value(&line->seeds)->default_value(line->seeds), "runs, each with the next seed, in [1, 10000]");
-  add("lambda", po::value(&line->lambdas),
-      "prices of a missed deadline [J], with commas between them: expected_cost is run with each");
-  add("duration", po::value(&line->duration_s), "of a run [s]; default: the scenario's");
-  add("csv", po::value(&line->csv), "writes a line per policy, price and seed, for plot_offload");
-  add("json", po::value(&line->json), "writes means and standard deviations over the seeds");
-  add("threads", po::value(&line->threads)->default_value(line->threads), "runs at once, in [1, 64]");
-  add("quiet", po::bool_switch(&line->quiet), "no progress");
-  po::variables_map values;
-  po::store(po::command_line_parser(argc, argv).options(visible).positional({}).run(), values);
-  if (values.count("help") != 0)
+  pi_node::CommandLine options("simulate --scenario S.yaml [--policy P[,P2...]] [options]");
+  options.add("scenario", po::value(&line->scenario)->required(), "the world, YAML");
+  options.addValue("policy", &line->policies,
+                   "names with commas between them: local, nearest, nearest_anywhere, paper_literal, paper, deadline, "
+                   "expected_cost, oracle; or all");
+  options.addValue("seed", &line->seed, "of the first run");
+  options.addValue("seeds", &line->seeds, "runs, each with the next seed, in [1, 10000]");
+  options.add("lambda", po::value(&line->lambdas),
+              "prices of a missed deadline [J], with commas between them: expected_cost is run with each");
+  options.add("duration", po::value(&line->duration_s), "of a run [s]; default: the scenario's");
+  options.add("csv", po::value(&line->csv), "writes a line per policy, price and seed, for plot_offload");
+  options.add("json", po::value(&line->json), "writes means and standard deviations over the seeds");
+  options.addValue("threads", &line->threads, "runs at once, in [1, 64]");
+  options.addFlag("quiet", &line->quiet, "no progress");
+  if (!options.parse(argc, argv))
   {
-    std::cout << visible;
     return false;
   }
-  po::notify(values);
-  if (line->seeds < 1 || line->seeds > 10000)
-  {
-    throw po::error("--seeds " + std::to_string(line->seeds) + ", must be in [1, 10000]");
-  }
-  if (line->threads < 1 || line->threads > 64)
-  {
-    throw po::error("--threads " + std::to_string(line->threads) + ", must be in [1, 64]");
-  }
-  if (values.count("duration") != 0 && !(line->duration_s > 0.0))
+  requireRange("--seeds", line->seeds, 10000);
+  requireRange("--threads", line->threads, 64);
+  if (options.given("duration") && !(line->duration_s > 0.0))
   {
     throw po::error("--duration " + plain(line->duration_s) + ", must be positive");
   }
@@ -316,26 +297,6 @@ bool parse(int argc, char** argv, CommandLine* line)
 int main(int argc, char** argv)
 {
   CommandLine line;
-  try
-  {
-    if (!parse(argc, argv, &line))
-    {
-      return EXIT_SUCCESS;
-    }
-  }
-  catch (const std::exception& error)
-  {
-    std::cerr << "simulate: " << error.what() << "; see --help\n";
-    return 2;
-  }
-  try
-  {
-    pi_node::StopSignal::install();
-    return run(line);
-  }
-  catch (const std::exception& error)
-  {
-    std::cerr << "simulate: " << error.what() << "\n";
-    return EXIT_FAILURE;
-  }
+  return pi_node::runTool(
+      "simulate", [&] { return parse(argc, argv, &line); }, [&] { return run(line); });
 }

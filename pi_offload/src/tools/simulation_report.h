@@ -1,17 +1,15 @@
 #pragma once
 
-#include "simulation/simulation.h"
-
 #include <cstdint>
 #include <string>
 #include <vector>
 
+#include "simulation/simulation.h"
+
 namespace pi_offload
 {
 
-/// What simulate found, as text.
-
-/// A policy with its price of a miss, over all seeds.
+/// A policy with a price of a miss, and its results over all seeds.
 struct Case
 {
   std::string policy;
@@ -19,10 +17,10 @@ struct Case
   std::vector<SimulationResult> results;  ///< by seed
 };
 
-/// Whether the price of a miss makes a difference.
+/// Whether the policy depends on the price of a miss.
 bool usesLambda(const std::string& policy);
 
-/// A number in as few digits as it needs, nine at most.
+/// A number with as few digits as needed, at most nine.
 std::string plain(double value);
 
 /// One line per case and seed.
@@ -30,7 +28,7 @@ std::string csvText(const std::string& scenario, uint32_t first_seed, const std:
 /// Means and standard deviations over the seeds.
 std::string jsonText(const std::string& scenario, uint32_t first_seed, const std::vector<Case>& cases);
 void printTable(const std::vector<Case>& cases);
-/// Why tasks that went to nodes came home, and why deadlines were missed, per run.
+/// Reasons of fallbacks and of missed deadlines, per run.
 void printCauses(const std::vector<Case>& cases);
 
 }  // namespace pi_offload

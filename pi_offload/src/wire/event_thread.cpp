@@ -1,4 +1,6 @@
 #include "wire/event_thread.h"
+
+#include <pi_node/durations.h>
 #include <pthread.h>
 
 #include <algorithm>
@@ -12,7 +14,7 @@ namespace
 
 using Clock = std::chrono::steady_clock;
 
-constexpr int64_t LONGEST_SLEEP_NS = 3600LL * 1000000000;  ///< keeps instants far away from overflowing
+constexpr int64_t LONGEST_SLEEP_NS = 3600LL * 1000000000;  ///< keeps instants from overflowing
 
 }  // namespace
 
@@ -40,7 +42,7 @@ void EventThread::stop()
     dropped.swap(functions_);
   }
   changed_.notify_all();
-  dropped.clear();  // not under the lock, and before waiting: the function in work may wait for who waits for these
+  dropped.clear();  // before join(): the function in work may wait for a caller that waits for one of these
   if (thread_.joinable())
   {
     thread_.join();
@@ -67,7 +69,7 @@ void EventThread::run()
   {
     try
     {
-      function(monotonicNs());
+      function(pi_node::monotonicNs());
     }
     catch (const std::exception& error)
     {
@@ -83,12 +85,12 @@ void EventThread::run()
       functions_.pop_front();
       lock.unlock();
       guarded(function);
-      function = nullptr;  // what it holds ends here, not under the lock
+      function = nullptr;  // destroys what it holds without the lock
       lock.lock();
     }
     lock.unlock();
-    const int64_t next_ns = callbacks_.next_time();
-    const int64_t now_ns = monotonicNs();
+    const int64_t next_ns = callbacks_.next_time ? callbacks_.next_time() : INT64_MAX;
+    const int64_t now_ns = pi_node::monotonicNs();
     if (next_ns <= now_ns)
     {
       guarded(callbacks_.on_time);

@@ -15,19 +15,16 @@
 namespace pi_offload
 {
 
-/// The clock of all instants *_ns: monotonic, the same in all processes of a computer.
-int64_t monotonicNs();  // in socket_tools.cpp
-
-/// A thread that runs functions in the order in which they were posted, and a timer beside them. It sleeps in between.
+/// A thread that runs posted functions in their order, and a timer function beside them.
 class EventThread
 {
 public:
   using Function = std::function<void(int64_t now_ns)>;
   struct Callbacks
   {
-    std::function<int64_t()> next_time;  ///< when on_time wants to be called [ns]; INT64_MAX: never
+    std::function<int64_t()> next_time;  ///< when to call on_time [ns]; empty or INT64_MAX: never
     Function on_time;
-    std::function<void(const std::string& text)> failed;  ///< something threw; the thread goes on
+    std::function<void(const std::string& text)> failed;  ///< a function threw; the thread goes on
   };
 
   /// @param name  of the thread, at most 15 characters.
@@ -37,13 +34,13 @@ public:
   EventThread& operator=(const EventThread&) = delete;
 
   void start();
-  /// Ends the thread after the function in work; those that wait are dropped. Any thread but its own.
+  /// Ends the thread after the function in work; drops those that wait. Not from the thread itself.
   void stop();
 
-  /// Any thread; after stop() nothing happens.
+  /// From any thread. Does nothing after stop().
   void post(Function function);
 
-  /// Runs a function on the thread, and waits for what it returns. Any thread but its own.
+  /// Runs a function on the thread and waits for its result. Not from the thread itself.
   /// @throws what the function throws; std::future_error after stop().
   template <typename Callable>
   auto call(Callable&& callable) -> std::invoke_result_t<Callable, int64_t>
@@ -51,7 +48,7 @@ public:
     using Result = std::invoke_result_t<Callable, int64_t>;
     auto task = std::make_shared<std::packaged_task<Result(int64_t)>>(std::forward<Callable>(callable));
     std::future<Result> result = task->get_future();
-    // Nobody else holds the task then: where it is dropped, its promise is broken, and nobody waits for ever.
+    // The thread holds the only reference: if it drops the task, the promise breaks and the caller stops waiting.
     post([task = std::move(task)](int64_t now_ns) { (*task)(now_ns); });
     return result.get();
   }

@@ -8,8 +8,8 @@
 namespace pi_offload
 {
 
-/// How much longer a message was on its way than the fastest one lately, though sender and receiver have clocks of
-/// their own: those may differ by any amount and drift apart slowly. Not thread safe.
+/// Delay of a message beyond the fastest recent one. The clocks of sender and receiver may differ by any amount and
+/// drift slowly. Not thread safe.
 class OneWayDelay
 {
 public:
@@ -19,7 +19,7 @@ public:
   {
     if (!begun_ || static_cast<double>(received_ns) - static_cast<double>(since_ns_) >= WINDOW_NS)
     {
-      // The least one of this window and the last one counts: clocks drift.
+      // Clocks drift: only this window and the last one count.
       least_ns_ = {std::numeric_limits<double>::infinity(), least_ns_[0]};
       since_ns_ = received_ns;
       begun_ = true;

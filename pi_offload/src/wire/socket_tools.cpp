@@ -2,6 +2,7 @@
 
 #include <netdb.h>
 #include <netinet/tcp.h>
+#include <pi_node/unique_fd.h>
 #include <sys/eventfd.h>
 #include <unistd.h>
 
@@ -20,12 +21,12 @@ namespace
 {
 
 constexpr int BACKLOG = 128;
-/// For the name to listen on.
+/// Longest look-up of the name to listen on.
 constexpr double RESOLVE_S = 5.0;
 
 void setOption(int fd, int level, int name, int value)
 {
-  setsockopt(fd, level, name, &value, sizeof(value));  // all of them are improvements that work without
+  setsockopt(fd, level, name, &value, sizeof(value));  // an improvement; the connection works without it
 }
 
 Resolver::Answer lookUp(const HostPort& name, int flags)
@@ -59,15 +60,6 @@ Resolver::Answer lookUp(const HostPort& name, int flags)
 
 }  // namespace
 
-void UniqueFd::reset()
-{
-  if (fd_ >= 0)
-  {
-    ::close(fd_);
-    fd_ = -1;
-  }
-}
-
 WakeEvent::WakeEvent() : fd_(eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC))
 {
   if (!fd_)
@@ -79,7 +71,7 @@ WakeEvent::WakeEvent() : fd_(eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC))
 void WakeEvent::wake() const
 {
   const uint64_t one = 1;
-  // Full means that it is awake already.
+  // A failure means that the counter is full, so the thread is awake.
   [[maybe_unused]] const ssize_t written = ::write(fd_.get(), &one, sizeof(one));
 }
 
@@ -200,7 +192,7 @@ void setConnectionOptions(int fd, double acknowledge_s)
   setOption(fd, IPPROTO_TCP, TCP_USER_TIMEOUT, static_cast<int>(acknowledge_s * 1e3));
 }
 
-UniqueFd listenOn(const std::string& host, uint16_t* port)
+pi_node::UniqueFd listenOn(const std::string& host, uint16_t* port)
 {
   const auto fail = [&](const std::string& what) -> std::runtime_error
   { return std::runtime_error("cannot listen on " + host + ":" + std::to_string(*port) + ": " + what); };
@@ -220,7 +212,7 @@ UniqueFd listenOn(const std::string& host, uint16_t* port)
     throw fail(!answer.error.empty() ? answer.error : "its name was not resolved in time");
   }
   const SocketAddress& address = answer.addresses.front();
-  UniqueFd fd(socket(address.family(), SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
+  pi_node::UniqueFd fd(socket(address.family(), SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
   if (!fd)
   {
     throw fail(errorText(errno));
@@ -252,12 +244,6 @@ bool isShortage(int error)
 std::string errorText(int error)
 {
   return std::generic_category().message(error);
-}
-
-int64_t monotonicNs()
-{
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
-      .count();
 }
 
 }  // namespace pi_offload

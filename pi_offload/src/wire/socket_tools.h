@@ -1,6 +1,7 @@
 #pragma once
 
 #include <netinet/in.h>
+#include <pi_node/unique_fd.h>
 #include <sys/socket.h>
 
 #include <cstdint>
@@ -13,45 +14,18 @@
 namespace pi_offload
 {
 
-/// Owns a descriptor; -1: none. Not thread safe.
-class UniqueFd
-{
-public:
-  UniqueFd() = default;
-  explicit UniqueFd(int fd) : fd_(fd) {}
-  ~UniqueFd() { reset(); }
-  UniqueFd(UniqueFd&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
-  UniqueFd& operator=(UniqueFd&& other) noexcept
-  {
-    if (this != &other)
-    {
-      reset();
-      fd_ = std::exchange(other.fd_, -1);
-    }
-    return *this;
-  }
-  UniqueFd(const UniqueFd&) = delete;
-  UniqueFd& operator=(const UniqueFd&) = delete;
-  int get() const { return fd_; }
-  explicit operator bool() const { return fd_ >= 0; }
-  void reset();
-
-private:
-  int fd_ = -1;
-};
-
 /// Wakes a thread that polls its descriptor. wake() is thread safe.
 class WakeEvent
 {
 public:
-  /// @throws std::runtime_error without descriptors.
+  /// @throws std::runtime_error if no descriptor is free.
   WakeEvent();
   int fd() const { return fd_.get(); }
   void wake() const;
   void clear() const;
 
 private:
-  UniqueFd fd_;
+  pi_node::UniqueFd fd_;
 };
 
 struct HostPort
@@ -72,8 +46,8 @@ struct SocketAddress
 /// "host:port" in numbers.
 std::string toText(const SocketAddress& address);
 
-/// Looks names up in a thread of its own: a name server that does not answer stops nobody. Numbers need no thread.
-/// Thread safe; a look-up that is still under way when this ends is left to end on its own.
+/// Looks names up on a thread of its own, so that a silent name server blocks nobody; numeric addresses need no thread.
+/// Thread safe. A look-up that outlives this object ends on its own.
 class Resolver
 {
 public:
@@ -83,12 +57,12 @@ public:
     std::vector<SocketAddress> addresses;
     std::string error;
   };
-  /// @param wake  woken when a look-up has ended; may be null.
+  /// @param wake  woken after a look-up; may be null.
   explicit Resolver(std::shared_ptr<WakeEvent> wake);
-  /// Begins to look up, if nothing is under way. The answer to numbers is there at once.
+  /// Begins a look-up unless one is under way. A numeric address is answered at once.
   void start(const HostPort& name);
   Answer take();
-  /// Waits for an answer. @return one that is not done after the time.
+  /// Waits for an answer. After a timeout its `done` is false.
   Answer waitFor(double seconds);
 
 private:
@@ -97,21 +71,18 @@ private:
   std::shared_ptr<WakeEvent> wake_;
 };
 
-/// No Nagle, keepalive after 2 s, and data that nobody acknowledges ends the connection after `acknowledge_s`.
+/// No Nagle, keepalive after 2 s; data without an acknowledgement ends the connection after `acknowledge_s`.
 void setConnectionOptions(int fd, double acknowledge_s);
 
-/// @param host  name or number; empty: all.
-/// @return a listening socket that does not block, and its port in `port`.
+/// @param host  name or numeric address; empty: all addresses. @param[in,out] port  0 becomes the chosen port.
+/// @return a listening socket that does not block.
 /// @throws std::runtime_error naming host, port and reason.
-UniqueFd listenOn(const std::string& host, uint16_t* port);
+pi_node::UniqueFd listenOn(const std::string& host, uint16_t* port);
 
-/// Not to be taken for the end of a connection.
+/// Whether the call can be repeated on the same connection.
 bool isTemporary(int error);
-/// Accept again later: descriptors or memory are used up.
+/// Whether descriptors or memory are used up; accept again later.
 bool isShortage(int error);
 std::string errorText(int error);
-
-/// Of the monotonic clock.
-int64_t monotonicNs();
 
 }  // namespace pi_offload

@@ -1,5 +1,7 @@
 #include "wire/sp_connection.h"
 
+#include <pi_node/unique_fd.h>
+
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
@@ -11,9 +13,9 @@ namespace
 {
 
 constexpr size_t BUFFER_BYTES = 64U << 10U;
-/// What one connection may bring before the others have their turn.
+/// Budget of one connection before the others have their turn.
 constexpr size_t BYTES_PER_TURN = 1U << 20U;
-/// Memory for a message grows with what has come of it, not with what was announced.
+/// Memory for a message grows with the received bytes, not with the announced length.
 constexpr size_t FIRST_ROOM = 64U << 10U;
 
 std::array<uint8_t, 8> greetingOf(uint16_t type)
@@ -46,7 +48,7 @@ std::string reasonOf(int error)
 
 }  // namespace
 
-SpConnection::SpConnection(UniqueFd fd, uint16_t own_type, uint16_t peer_type, size_t max_message_bytes,
+SpConnection::SpConnection(pi_node::UniqueFd fd, uint16_t own_type, uint16_t peer_type, size_t max_message_bytes,
                            size_t max_queued_bytes)
   : fd_(std::move(fd))
   , peer_type_(peer_type)
@@ -63,7 +65,7 @@ bool SpConnection::receive(const Sink& sink, std::string* reason)
   std::array<uint8_t, BUFFER_BYTES> buffer;
   for (size_t turn_bytes = 0; turn_bytes < BYTES_PER_TURN;)
   {
-    // The rest of a large message goes straight to its place.
+    // The rest of a large message is received in its place.
     const bool straight = stage_ == Stage::MESSAGE && length_ - received_ >= BUFFER_BYTES / 4;
     uint8_t* place = buffer.data();
     size_t room = buffer.size();
@@ -91,7 +93,7 @@ bool SpConnection::receive(const Sink& sink, std::string* reason)
     }
     if (taken < room)
     {
-      return true;  // that was all there is
+      return true;  // no more bytes are there
     }
   }
   return true;
@@ -136,7 +138,7 @@ bool SpConnection::takeBytes(const uint8_t* bytes, size_t count, const Sink& sin
   return true;
 }
 
-/// More of the SP header or of a length has come.
+/// Handles new bytes of the SP header or of a length.
 bool SpConnection::onHead(const Sink& sink, std::string* reason)
 {
   if (stage_ == Stage::GREETING)

@@ -1,6 +1,8 @@
 #include "wire/sp_socket.h"
 
+#include <pi_node/durations.h>
 #include <pi_node/option_check.h>
+#include <pi_node/unique_fd.h>
 
 #include <sys/epoll.h>
 
@@ -16,7 +18,6 @@
 #include <thread>
 #include <utility>
 
-#include "wire/durations.h"
 #include "wire/sp_connection.h"
 
 namespace pi_offload
@@ -24,13 +25,13 @@ namespace pi_offload
 namespace
 {
 
-/// Devices that may lie between a vehicle and the node, as nanomsg's NN_MAXTTL.
+/// Most devices between a vehicle and the node, as nanomsg's NN_MAXTTL.
 constexpr size_t MAX_IDS = 9;
 constexpr int EVENTS_PER_ROUND = 64;
 constexpr int ACCEPTED_PER_ROUND = 64;
-/// How long nobody is let in after descriptors or memory ran out.
+/// Pause of accepting after descriptors or memory ran out.
 constexpr double ACCEPT_PAUSE_S = 0.1;
-/// epoll's data of what is no connection; connections have their number.
+/// epoll's data of the other descriptors; connections have their number.
 constexpr uint64_t WAKE = 0;
 constexpr uint64_t LISTENER = 1;
 constexpr uint64_t FIRST_CONNECTION = 2;
@@ -58,13 +59,13 @@ struct SpReplier::Impl
     SpConnection sp;
     const std::string address;
     // Of the thread only:
-    int64_t until_ns = 0;  ///< of the handshake, or of the next request
+    int64_t until_ns = 0;  ///< limit of the handshake or of the next request
     bool greeted = false;
     size_t receiving_bytes = 0;
     // Under the mutex:
-    bool broken = false;  ///< the thread is to close it
+    bool broken = false;  ///< the thread must close it
     std::string reason;
-    uint32_t events = 0;  ///< that epoll looks for
+    uint32_t events = 0;  ///< watched by epoll
   };
 
   Impl(const Options& options, Callbacks callbacks) : options(options), callbacks(std::move(callbacks)) {}
@@ -83,8 +84,8 @@ struct SpReplier::Impl
   const Options options;
   const Callbacks callbacks;
   WakeEvent wake;
-  UniqueFd listener;
-  UniqueFd epoll;
+  pi_node::UniqueFd listener;
+  pi_node::UniqueFd epoll;
   uint16_t port = 0;
 
   std::mutex mutex;
@@ -197,19 +198,19 @@ void SpReplier::Impl::acceptAll()
   {
     SocketAddress address;
     address.length = sizeof(address.storage);
-    UniqueFd fd(accept4(listener.get(), reinterpret_cast<sockaddr*>(&address.storage), &address.length,
-                        SOCK_NONBLOCK | SOCK_CLOEXEC));
+    pi_node::UniqueFd fd(accept4(listener.get(), reinterpret_cast<sockaddr*>(&address.storage), &address.length,
+                                 SOCK_NONBLOCK | SOCK_CLOEXEC));
     if (!fd)
     {
       if (isShortage(errno))
       {
-        // The caller stays in the queue, and the event with it: it is not looked at for a while.
+        // The caller stays in the kernel's queue; the listener is not watched for a while.
         epoll_event event{};
         event.data.u64 = LISTENER;
         epoll_ctl(epoll.get(), EPOLL_CTL_MOD, listener.get(), &event);
-        accept_again_ns = monotonicNs() + nanoseconds(ACCEPT_PAUSE_S);
+        accept_again_ns = pi_node::monotonicNs() + pi_node::nanoseconds(ACCEPT_PAUSE_S);
       }
-      return;  // others are of a caller that has left; if there is another one, the event comes again
+      return;  // the caller has left; further callers bring another event
     }
     if (connections.size() >= options.max_connections)
     {
@@ -220,7 +221,7 @@ void SpReplier::Impl::acceptAll()
     auto connection = std::make_unique<Connection>(SpConnection(std::move(fd), SpConnection::REP, SpConnection::REQ,
                                                                 options.max_message_bytes, options.max_queued_bytes),
                                                    toText(address));
-    connection->until_ns = monotonicNs() + nanoseconds(options.handshake_timeout_s);
+    connection->until_ns = pi_node::monotonicNs() + pi_node::nanoseconds(options.handshake_timeout_s);
     const std::lock_guard<std::mutex> lock(mutex);
     std::string reason;
     if (!connection->sp.flush(&reason))
@@ -242,8 +243,8 @@ bool SpReplier::Impl::onMessage(uint64_t id, Connection* connection, std::vector
   }
   peer.connection = id;
   peer.address = connection->address;
-  const int64_t now_ns = monotonicNs();
-  connection->until_ns = now_ns + nanoseconds(options.idle_timeout_s);
+  const int64_t now_ns = pi_node::monotonicNs();
+  connection->until_ns = now_ns + pi_node::nanoseconds(options.idle_timeout_s);
   try
   {
     if (callbacks.request)
@@ -280,7 +281,7 @@ void SpReplier::Impl::onEvent(uint64_t id, uint32_t events)
     if (!connection->greeted && connection->sp.greeted())
     {
       connection->greeted = true;
-      connection->until_ns = monotonicNs() + nanoseconds(options.idle_timeout_s);
+      connection->until_ns = pi_node::monotonicNs() + pi_node::nanoseconds(options.idle_timeout_s);
     }
     if (fine && receiving_bytes > options.max_receiving_bytes)
     {
@@ -317,7 +318,7 @@ int SpReplier::Impl::waitMilliseconds() const
   {
     return -1;
   }
-  const int64_t left_ns = std::max<int64_t>(0, next_ns - monotonicNs());
+  const int64_t left_ns = std::max<int64_t>(0, next_ns - pi_node::monotonicNs());
   return static_cast<int>(std::min<int64_t>((left_ns + 999999) / 1000000, 3600 * 1000));
 }
 
@@ -351,7 +352,7 @@ void SpReplier::Impl::run()
         return;
       }
     }
-    const int64_t now_ns = monotonicNs();
+    const int64_t now_ns = pi_node::monotonicNs();
     closeLate(now_ns);
     if (accept_again_ns != 0 && now_ns >= accept_again_ns)
     {
@@ -370,7 +371,7 @@ SpReplier::SpReplier(const Options& options, Callbacks callbacks)
   impl_ = std::make_unique<Impl>(options, std::move(callbacks));
   impl_->port = options.port;
   impl_->listener = listenOn(options.host, &impl_->port);
-  impl_->epoll = UniqueFd(epoll_create1(EPOLL_CLOEXEC));
+  impl_->epoll = pi_node::UniqueFd(epoll_create1(EPOLL_CLOEXEC));
   const auto add = [&](int fd, uint64_t id)
   {
     epoll_event event{};

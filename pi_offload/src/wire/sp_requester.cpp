@@ -1,6 +1,8 @@
 #include "wire/sp_socket.h"
 
+#include <pi_node/durations.h>
 #include <pi_node/option_check.h>
+#include <pi_node/unique_fd.h>
 
 #include <poll.h>
 #include <sys/socket.h>
@@ -13,7 +15,6 @@
 #include <thread>
 #include <utility>
 
-#include "wire/durations.h"
 #include "wire/sp_connection.h"
 
 namespace pi_offload
@@ -37,7 +38,7 @@ void SpRequester::Options::validate() const
   check.range<size_t>("max_message_bytes", max_message_bytes, 16, 1U << 30U);
 }
 
-/// The thread runs one state after the other: pause, name look-up, connection, handshake, open.
+/// States of the thread in their order: pause, name look-up, connection, handshake, open.
 struct SpRequester::Impl
 {
   enum class State
@@ -88,7 +89,7 @@ struct SpRequester::Impl
   double pause_s;
   std::vector<SocketAddress> addresses;
   size_t next_address = 0;
-  UniqueFd connecting;
+  pi_node::UniqueFd connecting;
   bool told_up = false;
   std::string told_reason;
 
@@ -109,7 +110,7 @@ void SpRequester::Impl::tell(bool up, const std::string& reason)
   }
 }
 
-/// Back to the pause, or to the next attempt.
+/// Ends the connection or attempt. @param at_once  connect again without a pause.
 void SpRequester::Impl::lose(const std::string& reason, bool at_once)
 {
   {
@@ -120,8 +121,8 @@ void SpRequester::Impl::lose(const std::string& reason, bool at_once)
   }
   connecting.reset();
   state = State::PAUSE;
-  const int64_t now_ns = monotonicNs();
-  until_ns = at_once ? now_ns : now_ns + nanoseconds(pause_s);
+  const int64_t now_ns = pi_node::monotonicNs();
+  until_ns = at_once ? now_ns : now_ns + pi_node::nanoseconds(pause_s);
   pause_s = at_once ? options.reconnect_s : std::min(2.0 * pause_s, options.max_reconnect_s);
   tell(false, reason);
 }
@@ -134,15 +135,15 @@ void SpRequester::Impl::startAttempt(int64_t now_ns)
     return;
   }
   state = State::RESOLVING;
-  until_ns = now_ns + nanoseconds(options.connect_timeout_s);
+  until_ns = now_ns + pi_node::nanoseconds(options.connect_timeout_s);
   resolver.start(name);
-  wake->wake();  // numbers are answered at once
+  wake->wake();  // a numeric address is answered already
 }
 
 void SpRequester::Impl::connectToNext(int64_t now_ns)
 {
   const SocketAddress address = addresses[next_address++];
-  UniqueFd fd(socket(address.family(), SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
+  pi_node::UniqueFd fd(socket(address.family(), SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
   if (!fd)
   {
     lose("no socket: " + errorText(errno), false);
@@ -157,7 +158,7 @@ void SpRequester::Impl::connectToNext(int64_t now_ns)
   }
   connecting = std::move(fd);
   state = State::CONNECTING;
-  until_ns = now_ns + nanoseconds(options.connect_timeout_s);
+  until_ns = now_ns + pi_node::nanoseconds(options.connect_timeout_s);
 }
 
 void SpRequester::Impl::onConnected(int64_t now_ns)
@@ -184,7 +185,7 @@ void SpRequester::Impl::onConnected(int64_t now_ns)
     return;
   }
   state = State::GREETING;
-  until_ns = now_ns + nanoseconds(options.connect_timeout_s);
+  until_ns = now_ns + pi_node::nanoseconds(options.connect_timeout_s);
 }
 
 bool SpRequester::Impl::onMessage(std::vector<uint8_t> message, std::string* reason)
@@ -199,14 +200,14 @@ bool SpRequester::Impl::onMessage(std::vector<uint8_t> message, std::string* rea
     const std::lock_guard<std::mutex> lock(mutex);
     if (reconnect || stop)
     {
-      return true;  // of a connection that is given up
+      return true;  // the connection is given up
     }
   }
   try
   {
     if (callbacks.reply)
     {
-      callbacks.reply(ids.front() & ~SpConnection::LAST_ID, std::move(message), monotonicNs());
+      callbacks.reply(ids.front() & ~SpConnection::LAST_ID, std::move(message), pi_node::monotonicNs());
     }
   }
   catch (const std::exception& error)
@@ -227,7 +228,7 @@ void SpRequester::Impl::onReadable()
     state = State::OPEN;
     pause_s = options.reconnect_s;
     next_address = 0;
-    addresses.clear();  // looked up anew for the next connection
+    addresses.clear();  // the next connection looks them up again
     {
       const std::lock_guard<std::mutex> lock(mutex);
       open = !reconnect;
@@ -318,7 +319,7 @@ void SpRequester::Impl::run()
   short events = 0;
   for (;;)
   {
-    step(monotonicNs(), events);
+    step(pi_node::monotonicNs(), events);
     pollfd watched[2] = {{wake->fd(), POLLIN, 0}, {-1, 0, 0}};
     {
       const std::lock_guard<std::mutex> lock(mutex);
@@ -338,7 +339,7 @@ void SpRequester::Impl::run()
     int wait_ms = -1;
     if (state != State::OPEN)
     {
-      const int64_t left_ns = std::max<int64_t>(0, until_ns - monotonicNs());
+      const int64_t left_ns = std::max<int64_t>(0, until_ns - pi_node::monotonicNs());
       wait_ms = static_cast<int>((left_ns + 999999) / 1000000);
     }
     const int count = poll(watched, 2, wait_ms);
@@ -385,7 +386,7 @@ bool SpRequester::send(uint32_t id, const std::vector<uint8_t>& body)
     return false;
   }
   std::string reason;
-  // From here, not from the thread: that saves waking it. It learns of an error by its own call.
+  // Sending here saves waking the thread, which will see an error itself.
   if (was_empty)
   {
     impl_->connection->flush(&reason);

@@ -9,22 +9,22 @@
 namespace pi_offload
 {
 
-/// nanomsg's request-reply protocol over TCP (SP, protocol numbers 48 REQ and 49 REP): what is here talks to NN_REQ and
-/// NN_REP of libnanomsg too. Own sockets, for the reasons of docs/design/device_bridge.md: hostile bytes must not end
-/// the process, and what is queued for a dead link must be thrown away. Link and close callbacks must not throw; if a
-/// reply or request callback does, the connection is closed with that text as its reason.
+// nanomsg's request-reply protocol over TCP (SP, protocol numbers 48 REQ and 49 REP), compatible with NN_REQ and NN_REP
+// of libnanomsg. docs/design/device_bridge.md gives the reasons for own sockets: hostile bytes must not end the
+// process, and data queued for a dead link must be dropped. Link and close callbacks must not throw. If a reply or
+// request callback throws, the connection is closed with that text as the reason.
 
-/// The vehicle's end: one connection to one node, that is made again whenever it breaks. Everything happens in a thread
-/// of its own; callbacks come from it, one after the other. Methods are thread safe.
+/// The vehicle's end: one connection to one node, which is renewed when it breaks. Callbacks come from a thread of this
+/// class. Methods are thread safe.
 class SpRequester
 {
 public:
   struct Options
   {
     std::string address;                 ///< host:port
-    double connect_timeout_s = 1.0;      ///< for name look-up, connection and handshake, each
-    double acknowledge_timeout_s = 5.0;  ///< data that the other end's kernel does not acknowledge: the link is dead
-    double reconnect_s = 0.2;            ///< first pause; doubled up to the next
+    double connect_timeout_s = 1.0;      ///< for each of name look-up, connection and handshake
+    double acknowledge_timeout_s = 5.0;  ///< data without an acknowledgement for longer: the link is dead
+    double reconnect_s = 0.2;            ///< first pause; doubles up to max_reconnect_s
     double max_reconnect_s = 2.0;
     size_t max_queued_bytes = 4U << 20U;   ///< not taken by the kernel yet
     size_t max_message_bytes = 1U << 20U;  ///< of a reply
@@ -34,20 +34,19 @@ public:
   struct Callbacks
   {
     std::function<void(uint32_t id, std::vector<uint8_t> body, int64_t received_ns)> reply;
-    /// `up`: requests can be sent. Not `up`: the connection is over, or could not be made; told once, and again when
-    /// the reason is another one. reconnect() is one.
+    /// `up`: requests can be sent. Else the connection ended or failed; repeated only with a new reason.
     std::function<void(bool up, const std::string& reason)> link;
   };
   /// @throws std::invalid_argument for options.
   SpRequester(const Options& options, Callbacks callbacks);
-  ~SpRequester();  ///< Ends the thread; no callback comes any more. Not to be called from a callback.
+  ~SpRequester();  ///< Ends the thread and all callbacks. Not from a callback.
   SpRequester(const SpRequester&) = delete;
   SpRequester& operator=(const SpRequester&) = delete;
 
   /// @param id  of the request, below 2^31; the reply carries it.
-  /// @return false without a connection, or if too much is queued: nothing of it is sent then.
+  /// @return false without a connection or if too much is queued; then nothing is sent.
   bool send(uint32_t id, const std::vector<uint8_t>& body);
-  /// Breaks the connection and makes it again: what is on its way does not arrive any more.
+  /// Renews the connection. Data under way is lost.
   void reconnect(const std::string& reason);
   bool connected() const;
 
@@ -56,8 +55,8 @@ private:
   std::unique_ptr<Impl> impl_;
 };
 
-/// The node's end: takes connections, gives out requests, sends replies in any order. Everything happens in a thread of
-/// its own; callbacks come from it. Methods are thread safe.
+/// The node's end: accepts connections, hands out requests, sends replies in any order. Callbacks come from a thread of
+/// this class. Methods are thread safe.
 class SpReplier
 {
 public:
@@ -67,37 +66,39 @@ public:
     uint16_t port = 0;  ///< 0: any free one
     size_t max_connections = 256;
     size_t max_message_bytes = 34U << 20U;
-    size_t max_queued_bytes = 4U << 20U;  ///< per connection; one that does not read its replies is closed
+    size_t max_queued_bytes = 4U << 20U;  ///< per connection; a peer that does not read is closed
     double handshake_timeout_s = 2.0;
-    double idle_timeout_s = 60.0;              ///< connections without a request are closed
-    double acknowledge_timeout_s = 10.0;       ///< data that the other end's kernel does not acknowledge: it is closed
-    size_t max_receiving_bytes = 256U << 20U;  ///< of unfinished messages on all connections; who exceeds it is closed
+    double idle_timeout_s = 60.0;         ///< connections without a request are closed
+    double acknowledge_timeout_s = 10.0;  ///< data without an acknowledgement for longer: it is closed
+    size_t max_receiving_bytes =
+        256U << 20U;  ///< of unfinished messages on all connections; the connection that exceeds it is closed
     /// @throws std::invalid_argument naming field, value and bound.
     void validate() const;
   };
-  /// Whom a reply goes to; copies are cheap.
+  /// Receiver of a reply; copies are cheap.
   struct Peer
   {
     uint64_t connection = 0;
-    std::vector<uint32_t> route;  ///< SP's stack of request numbers, as it came
+    std::vector<uint32_t> route;  ///< SP's stack of request numbers, as received
     std::string address;
   };
   struct Callbacks
   {
     std::function<void(const Peer& peer, std::vector<uint8_t> body, int64_t received_ns)> request;
-    std::function<void(uint64_t connection, const std::string& reason)> closed;  ///< it had been greeted
+    std::function<void(uint64_t connection, const std::string& reason)>
+        closed;  ///< of a connection that had sent its header
   };
   /// @throws std::runtime_error naming host, port and reason if it cannot listen.
   SpReplier(const Options& options, Callbacks callbacks);
-  ~SpReplier();  ///< Ends the thread; no callback comes any more. Not to be called from a callback.
+  ~SpReplier();  ///< Ends the thread and all callbacks. Not from a callback.
   SpReplier(const SpReplier&) = delete;
   SpReplier& operator=(const SpReplier&) = delete;
 
   uint16_t port() const;
-  /// @return false if the connection is gone, or is closed now as it does not read its replies.
+  /// @return false if the connection is gone, or is closed now because it does not read.
   bool reply(const Peer& peer, const std::vector<uint8_t>& body);
   void close(uint64_t connection, const std::string& reason = "closed here");
-  /// Waits until the kernel has taken all replies. @return false if it did not in time.
+  /// Waits until the kernel has all replies. @return false after a timeout.
   bool flush(double timeout_s);
   size_t connections() const;
 

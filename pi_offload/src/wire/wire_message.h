@@ -1,19 +1,19 @@
 #pragma once
 
-#include "engine/node.h"
-
 #include <cstdint>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
+#include "engine/node.h"
+
 namespace pi_offload
 {
 
-/// What vehicles and nodes tell each other; bodies of SP request-reply messages (nanomsg's REQ and REP). All numbers
-/// little endian, layout in docs/design/offload.md. Decoding checks every length and count against what is there.
+// Bodies of the request-reply messages between vehicles and nodes. Numbers are little endian; docs/design/offload.md
+// shows the layout. Decoding checks every length and count.
 
-/// A received message that is none of these, or is damaged. The text says what is wrong.
+/// A received message of another kind or with damage; the text tells which.
 class WireError : public std::runtime_error
 {
 public:
@@ -23,7 +23,7 @@ public:
 constexpr uint16_t WIRE_VERSION = 1;
 constexpr size_t MAX_PAYLOAD = 32U << 20U;  ///< [bytes]
 
-/// How a picture or sound is sent.
+/// Format of a picture or sound.
 enum class Encoding : uint8_t
 {
   NONE = 0,
@@ -43,17 +43,17 @@ struct OffloadRequest
     CANCEL = 3,
   };
   Type type = Type::PROBE;
-  uint64_t request = 0;  ///< unique for the vehicle; a CANCEL names the one to cancel
+  uint64_t request = 0;  ///< unique for the vehicle; CANCEL: the request to cancel
   std::string vehicle;   ///< 1 to 64 printable ASCII characters, no spaces
   TaskKind kind = TaskKind::DETECTION;
   int64_t sent_ns = 0;                             ///< by the vehicle's monotonic clock
-  double remaining_s = 0.0;                        ///< until the answer is worth nothing any more, at sent_ns
+  double remaining_s = 0.0;                        ///< from sent_ns until the answer is useless
   std::array<double, TASK_KINDS> lease_rate_hz{};  ///< wanted; 0: none
   Encoding encoding = Encoding::NONE;
-  uint32_t width = 0;  ///< pictures [px]; of JPEG: not used
+  uint32_t width = 0;  ///< of a picture [px]; not used for JPEG
   uint32_t height = 0;
-  double speech_s = 0.0;  ///< length of the speech in the sound of SPEECH; 0: not known, all of it
-  std::string options;    ///< of the task: for SPEECH the commands, one per line; empty: the node's own
+  double speech_s = 0.0;  ///< length of the speech in the sound; 0: all of it
+  std::string options;    ///< of SPEECH: the commands, one per line; empty: the node's own
   std::vector<uint8_t> payload;
 };
 
@@ -73,31 +73,30 @@ struct OffloadReply
   enum class Status : uint8_t
   {
     OK = 0,
-    REFUSED = 1,  ///< not taken: `text` says why
-    FAILED = 2,   ///< taken, but not done: `text` says why
-    EXPIRED = 3,  ///< the time was over before a worker was free
+    REFUSED = 1,  ///< not taken; `text` tells why
+    FAILED = 2,   ///< taken but not done; `text` tells why
+    EXPIRED = 3,  ///< no worker was free in time
   };
   Status status = Status::OK;
-  OffloadRequest::Type type = OffloadRequest::Type::PROBE;  ///< that it answers
+  OffloadRequest::Type type = OffloadRequest::Type::PROBE;  ///< of the request
   uint64_t request = 0;
   TaskKind kind = TaskKind::DETECTION;
   double queue_s = 0.0;
   double service_s = 0.0;
   NodeAdvertisement advertisement;
-  std::string text;                     ///< of a failure; of SPEECH: the command, empty if none was accepted
+  std::string text;                     ///< reason of a failure; SPEECH: the command, empty if none was accepted
   std::vector<DetectedObject> objects;  ///< of DETECTION
-  std::string model;                    ///< network that the node detects with; empty: it does not, or does not say
+  std::string model;                    ///< network of the node's detector; empty: none or not told
   float confidence = 0.0F;              ///< of SPEECH
   bool accepted = false;                ///< of SPEECH
 };
 
-/// Texts of replies are cut at 4096 bytes, names of models at 256.
-/// @throws std::invalid_argument naming the field that could not be decoded again: numbers that are not finite, a
-///   vehicle without a name, more than 64 KiB of options, MAX_PAYLOAD or 10000 objects.
+/// Cuts texts of replies at 4096 bytes and names of models at 256.
+/// @throws std::invalid_argument naming a field that cannot be decoded again: numbers that are not finite, a vehicle
+///   without a name, more than 64 KiB of options, MAX_PAYLOAD or 10000 objects.
 std::vector<uint8_t> encode(const OffloadRequest& request);
 std::vector<uint8_t> encode(const OffloadReply& reply);
-/// @throws WireError naming what is wrong: too short, no message of this kind, another version, a length beyond the
-/// end.
+/// @throws WireError for a short message, another kind or version, or a length beyond the end.
 OffloadRequest decodeRequest(const uint8_t* data, size_t size);
 OffloadReply decodeReply(const uint8_t* data, size_t size);
 

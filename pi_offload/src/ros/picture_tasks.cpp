@@ -1,0 +1,250 @@
+#include "ros/picture_tasks.h"
+
+#include <pi_detect/ros/conversions.h>
+#include <pi_node/durations.h>
+#include <pi_node/formatting.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <stdexcept>
+#include <vector>
+
+#include "ros/conversions.h"
+
+namespace pi_offload
+{
+namespace
+{
+
+namespace zero_copy = pi_os_transport::zero_copy;
+using pi_node::format;
+
+constexpr size_t MOST_POSTED = 16;      ///< pictures on their way to the engine thread
+constexpr double BEGINS_AGAIN_S = 1.0;  ///< a stamp that goes back further starts another drive
+
+PictureData dataOf(const pi_detect::PictureView& view)
+{
+  PictureData data;
+  data.data = view.data;
+  data.width = view.width;
+  data.height = view.height;
+  data.stride = view.stride;
+  switch (view.format)
+  {
+    case pi_detect::PictureView::Format::BGR8:
+      data.encoding = Encoding::BGR8;
+      break;
+    case pi_detect::PictureView::Format::RGB8:
+      data.encoding = Encoding::RGB8;
+      break;
+    case pi_detect::PictureView::Format::MONO8:
+      data.encoding = Encoding::MONO8;
+      break;
+  }
+  return data;
+}
+
+}  // namespace
+
+PictureTasks::PictureTasks(ros::NodeHandle input_node, ros::NodeHandle service_node,
+                           const CoordinatorRosOptions* options, OffloadClient* client, TaskLedger* ledger,
+                           pi_node::WarningBoard* warnings)
+  : input_node_(std::move(input_node))
+  , topic_(input_node_.resolveName("image"))
+  , options_(options)
+  , deadline_s_(options->client.engine.needs[static_cast<size_t>(TaskKind::DETECTION)].deadline_s)
+  , client_(client)
+  , ledger_(ledger)
+  , warnings_(warnings)
+  , rate_limit_(options->max_rate_hz)
+  , detector_(&input_node_, &service_node, options, client, detectorCallbacks())
+{
+  const auto look = [this](const ros::SingleSubscriberPublisher&) { updateSubscription(); };
+  detections_ = service_node.advertise<pi_detect::Detection2DArray>("detections", 10, look, look);
+}
+
+LocalDetector::Callbacks PictureTasks::detectorCallbacks()
+{
+  LocalDetector::Callbacks callbacks;
+  callbacks.message = [this](uint64_t task) { return pictures_.at(task).message; };
+  callbacks.result = [this](uint64_t task, const LocalDetector::Result& result)
+  {
+    const auto picture = pictures_.find(task);
+    if (picture != pictures_.end())
+    {
+      picture->second.local = result;
+    }
+  };
+  return callbacks;
+}
+
+// ------------------------------------------------------------------------------------------------------ service thread
+
+void PictureTasks::updateSubscription()
+{
+  const bool wanted = options_->always_on || detections_.getNumSubscribers() > 0;
+  if (wanted == subscribed_)
+  {
+    return;
+  }
+  subscribed_ = wanted;
+  if (!wanted)
+  {
+    image_.shutdown();
+    local_detections_.shutdown();
+    client_->post([this](int64_t now_ns) { detector_.clear(now_ns); });
+    return;
+  }
+  came_at_ns_ = pi_node::monotonicNs();
+  const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
+  local_detections_ = input_node_.subscribe("local/detections", 8, &PictureTasks::onLocalDetections, this, hints);
+  image_ = zero_copy::subscribeImages(
+      input_node_, "image", 8, options_->zero_copy, [this](const zero_copy::ImageHandle& message) { onImage(message); },
+      hints);
+}
+
+void PictureTasks::fillInput(CoordinatorFigures* figures) const
+{
+  figures->topic = topic_;
+  figures->subscribed = subscribed_;
+  figures->pictures = came_;
+  figures->silent_s = pi_node::seconds(pi_node::monotonicNs() - came_at_ns_);
+  figures->crowded = crowded_;
+}
+
+// -------------------------------------------------------------------------------------------------------- input thread
+
+void PictureTasks::onImage(const zero_copy::ImageHandle& message)
+{
+  const int64_t arrived_ns = pi_node::monotonicNs();
+  came_at_ns_ = arrived_ns;
+  ++came_;
+  if (!rate_limit_.take(std::chrono::steady_clock::now()))
+  {
+    return;
+  }
+  std::shared_ptr<const pi_detect::MessagePicture> picture;
+  try
+  {
+    picture = std::make_shared<const pi_detect::MessagePicture>(message);
+  }
+  catch (const std::invalid_argument& error)
+  {
+    warnings_->error(topic_ + ": " + error.what() + "; picture ignored");
+    return;
+  }
+  if (posted_ >= MOST_POSTED)
+  {
+    ++crowded_;
+    warnings_->warn(topic_ + ": too many pictures at once, some are dropped; the computer is too busy");
+    return;
+  }
+  // The deadline counts from the stamp, unless the stamp is in the future or older than the deadline.
+  int64_t created_ns = arrived_ns;
+  if (!message->header.stamp.isZero())
+  {
+    const int64_t age_ns = pi_detect::fromMsg(ros::Time::now()) - pi_detect::fromMsg(message->header.stamp);
+    if (age_ns > 0 && pi_node::seconds(age_ns) <= deadline_s_)
+    {
+      created_ns -= age_ns;
+    }
+  }
+  ++posted_;
+  client_->post(
+      [this, picture, message, created_ns](int64_t now_ns)
+      {
+        --posted_;
+        submit(picture, message, created_ns, now_ns);
+      });
+}
+
+void PictureTasks::onLocalDetections(const pi_detect::Detection2DArrayConstPtr& message)
+{
+  client_->post([this, message](int64_t now_ns) { detector_.onResult(message, now_ns); });
+}
+
+// ------------------------------------------------------------------------------------------------------- engine thread
+
+void PictureTasks::submit(const std::shared_ptr<const pi_detect::MessagePicture>& picture,
+                          const zero_copy::ImageHandle& message, int64_t created_ns, int64_t now_ns)
+{
+  const ros::Time& stamp = message->header.stamp;
+  const double back_s = pi_node::seconds(pi_detect::fromMsg(submitted_stamp_) - pi_detect::fromMsg(stamp));
+  if (back_s > BEGINS_AGAIN_S)
+  {
+    warnings_->warn(topic_ + format(": stamps went back by %.1f s", back_s) + "; a recording that begins again?");
+    ++epoch_;
+    published_stamp_ = ros::Time();
+  }
+  submitted_stamp_ = stamp;
+  const uint64_t task = ledger_->newTask();
+  pictures_[task] = {picture, message, epoch_, created_ns + std::llround(1e9 * deadline_s_), nullptr};
+  TaskData data;
+  data.picture = dataOf(picture->view());
+  data.keeper = picture;
+  try
+  {
+    client_->submit(task, TaskKind::DETECTION, created_ns, deadline_s_, std::move(data), now_ns);
+  }
+  catch (const std::invalid_argument&)
+  {
+    pictures_.erase(task);
+    throw;
+  }
+}
+
+void PictureTasks::runLocal(const Task& task)
+{
+  const int64_t now_ns = pi_node::monotonicNs();
+  const auto picture = pictures_.find(task.id);
+  if (picture == pictures_.end())
+  {
+    client_->engine().onLocalFailed(task.id, now_ns);
+    return;
+  }
+  const int64_t stamp_ns = pi_detect::fromMsg(picture->second.message->header.stamp);
+  detector_.add({task.id, stamp_ns, picture->second.deadline_ns}, now_ns);
+}
+
+void PictureTasks::deliver(const Outcome& outcome, const OffloadReply* reply)
+{
+  const auto found = pictures_.find(outcome.task.id);
+  if (found == pictures_.end())
+  {
+    return;
+  }
+  const Picture picture = std::move(found->second);
+  pictures_.erase(found);
+  const std_msgs::Header header = zero_copy::standardHeader(picture.message->header);
+  if (reply != nullptr)
+  {
+    publish(picture, toMsg(reply->objects, picture.message->width, picture.message->height, header));
+  }
+  else if (picture.local)
+  {
+    publish(picture, picture.local);
+  }
+  ledger_->publish(outcome, header);
+  detector_.release(outcome);
+}
+
+void PictureTasks::publish(const Picture& picture, const pi_detect::Detection2DArrayConstPtr& result)
+{
+  const ros::Time& stamp = picture.message->header.stamp;
+  if (options_->keep_order && (picture.epoch != epoch_ || stamp < published_stamp_))
+  {
+    ++late_;
+    return;
+  }
+  published_stamp_ = picture.epoch == epoch_ ? std::max(published_stamp_, stamp) : published_stamp_;
+  detections_.publish(result);
+}
+
+void PictureTasks::fill(CoordinatorFigures* figures) const
+{
+  figures->late = late_;
+  detector_.fill(figures);
+}
+
+}  // namespace pi_offload

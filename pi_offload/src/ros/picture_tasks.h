@@ -1,0 +1,99 @@
+#pragma once
+
+#include <pi_detect/Detection2DArray.h>
+#include <pi_detect/ros/message_picture.h>
+#include <pi_node/rate_limit.h>
+#include <pi_node/ros/warning_board.h>
+#include <pi_os_transport/zero_copy/image_subscriber.h>
+#include <ros/ros.h>
+
+#include <atomic>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <string>
+
+#include "client/offload_client.h"
+#include "ros/coordinator_diagnostics.h"
+#include "ros/coordinator_ros_options.h"
+#include "ros/local_detector.h"
+#include "ros/task_ledger.h"
+
+namespace pi_offload
+{
+
+/// Makes a task of each picture on `image` and publishes the task's result on `detections`.
+class PictureTasks
+{
+public:
+  /// Advertises `detections`.
+  /// @param input_node    callbacks of pictures and of the detector's results.
+  /// @param service_node  callbacks of subscribers that come and go.
+  /// @param options, client, ledger, warnings  outlive this object.
+  PictureTasks(ros::NodeHandle input_node, ros::NodeHandle service_node, const CoordinatorRosOptions* options,
+               OffloadClient* client, TaskLedger* ledger, pi_node::WarningBoard* warnings);
+
+  // On the service thread:
+
+  /// Subscribes to pictures while somebody listens to the results.
+  void updateSubscription();
+  void fillInput(CoordinatorFigures* figures) const;
+
+  // On the engine thread:
+
+  void runLocal(const Task& task);
+  void deliver(const Outcome& outcome, const OffloadReply* reply);
+  void dropUnanswered(int64_t now_ns) { detector_.dropUnanswered(now_ns); }
+  void fill(CoordinatorFigures* figures) const;
+
+private:
+  /// A picture whose task has not ended.
+  struct Picture
+  {
+    std::shared_ptr<const pi_detect::MessagePicture> picture;
+    pi_os_transport::zero_copy::ImageHandle message;
+    uint64_t epoch = 0;  ///< how often stamps had gone back before
+    int64_t deadline_ns = 0;
+    pi_detect::Detection2DArrayConstPtr local;  ///< result of the vehicle's detector
+  };
+
+  LocalDetector::Callbacks detectorCallbacks();
+
+  // Input thread:
+  void onImage(const pi_os_transport::zero_copy::ImageHandle& message);
+  void onLocalDetections(const pi_detect::Detection2DArrayConstPtr& message);
+
+  // Engine thread:
+  void submit(const std::shared_ptr<const pi_detect::MessagePicture>& picture,
+              const pi_os_transport::zero_copy::ImageHandle& message, int64_t created_ns, int64_t now_ns);
+  void publish(const Picture& picture, const pi_detect::Detection2DArrayConstPtr& result);
+
+  ros::NodeHandle input_node_;
+  const std::string topic_;
+  const CoordinatorRosOptions* const options_;
+  const double deadline_s_;
+  OffloadClient* const client_;
+  TaskLedger* const ledger_;
+  pi_node::WarningBoard* const warnings_;
+
+  std::atomic<size_t> posted_{0};  ///< pictures on their way from the input to the engine thread
+  std::atomic<uint64_t> came_{0};
+  std::atomic<uint64_t> crowded_{0};
+  std::atomic<int64_t> came_at_ns_{0};
+  pi_node::RateLimit rate_limit_;  ///< of the input thread
+
+  // Engine thread:
+  std::map<uint64_t, Picture> pictures_;
+  uint64_t epoch_ = 0;
+  ros::Time submitted_stamp_;
+  ros::Time published_stamp_;
+  uint64_t late_ = 0;
+
+  bool subscribed_ = false;  ///< of the service thread
+  ros::Publisher detections_;
+  ros::Subscriber image_;
+  ros::Subscriber local_detections_;
+  LocalDetector detector_;
+};
+
+}  // namespace pi_offload
