@@ -4,7 +4,7 @@
 ///   bench_consistency [RUNS [SECONDS]]
 ///
 /// Consistent is what stays near the degrees of freedom: above, the estimator believes too much in itself.
-#include "consistency_run.h"
+#include "estimator/consistency_run.h"
 
 #include <cmath>
 #include <cstdio>

@@ -1,12 +1,13 @@
 /// Processor time of one optimisation of the window, by the own solver and by Ceres in turns on the same data.
 ///
 ///   bench_window [KEYFRAMES_TO_DRIVE]
-#include "consistency_run.h"
-#include "simulated_features.h"
+#include "estimator/ceres_solver.h"
+#include "estimator/consistency_run.h"
+#include "estimator/simulated_features.h"
 
-#include "inertial/imu_preintegration.h"
 #include <pi_slam/imu_simulator.h>
 #include "estimator/window_estimator.h"
+#include "inertial/imu_preintegration.h"
 
 #include <algorithm>
 #include <cmath>
@@ -77,7 +78,7 @@ int main(int argc, char** argv)
     WindowOptions options;
     options.max_iterations = ITERATIONS;
     WindowOptions with_ceres = options;
-    with_ceres.solver = WindowSolver::CERES;
+    with_ceres.solver = estimator::solveCeres;
     Contender contenders[2] = {{"schur", WindowEstimator(calibration, model, options), {}, {}, 0.0},
                                {"ceres", WindowEstimator(calibration, model, with_ceres), {}, {}, 0.0}};
     int64_t stamp_ns = trajectory.startNs();

@@ -31,8 +31,8 @@ struct CameraModel
   void validate() const;
 
   /// @param p_camera point in the camera frame; its length does not matter.
-  /// @return the pixel, which may lie outside of the picture; nullopt beyond the angle from which the distortion folds
-  ///         back, and for z <= 0, which only a fisheye may see.
+  /// @return the pixel, which may lie outside of the picture; nullopt beyond the angle at which the distortion folds
+  ///         back, and for z <= 0 without a fisheye.
   std::optional<Eigen::Vector2d> project(const Eigen::Vector3d& p_camera) const;
 
   /// @return unit vector in the camera frame; nullopt where the model sees nothing (outside of the image circle).

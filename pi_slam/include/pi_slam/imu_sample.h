@@ -21,7 +21,7 @@ struct ImuBias
   Eigen::Vector3d accel = Eigen::Vector3d::Zero();  ///< [m/s^2]
 };
 
-/// Continuous-time noise model of an IMU as in Kalibr's imu.yaml, and what else is to be known of it.
+/// Continuous-time noise model of an IMU as in Kalibr's imu.yaml, with its limits and time offset.
 struct ImuModel
 {
   double rate_hz = 200.0;                 ///< nominal; in [20, 4000]
@@ -38,7 +38,7 @@ struct ImuModel
   void validate() const;
 
   /// Reads Kalibr's imu.yaml: update_rate, gyroscope_noise_density, gyroscope_random_walk, accelerometer_noise_density,
-  /// accelerometer_random_walk; other keys are left alone. EuRoC's imu0/sensor.yaml (rate_hz and the same keys) too.
+  /// accelerometer_random_walk; ignores other keys. Also reads EuRoC's imu0/sensor.yaml (rate_hz and the same keys).
   /// @throws CalibrationError naming file, key and defect.
   static ImuModel loadYaml(const std::string& file);
 };

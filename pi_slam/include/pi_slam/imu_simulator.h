@@ -40,8 +40,8 @@ public:
   /// @throws std::invalid_argument for options out of range.
   explicit ImuNoise(const ImuSimulatorOptions& options);
 
-  /// Of the sample that comes next; the biases walk on by one period.
-  /// @param sample  has the true w and f; measured ones after it.
+  /// Adds the errors of the next sample. The biases walk by one period.
+  /// @param sample  true w and f; measured ones afterwards.
   void apply(ImuSample* sample);
   const ImuBias& bias() const { return bias_; }  ///< of the next sample
 
@@ -54,7 +54,8 @@ private:
   ImuBias bias_;
 };
 
-/// What an IMU at the body's origin measures along a trajectory. The same seed gives the same samples.
+/// Test support of the estimators and of pi_simulation: the samples of an IMU at the body's origin along a trajectory.
+/// The same seed gives the same samples.
 class ImuSimulator
 {
 public:
@@ -71,7 +72,7 @@ private:
   ImuSimulatorOptions options_;
 };
 
-/// A recorded log that is passed on as it is.
+/// A recorded log that is copied unchanged.
 struct ImuLog
 {
   std::string header;              ///< first line if it is a comment, else empty

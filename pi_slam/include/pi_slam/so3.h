@@ -5,8 +5,8 @@
 namespace pi_slam
 {
 
-/// exp and log of SO(3), rotation vector [rad]; exp gives a unit quaternion, log a vector of at most pi. log takes
-/// quaternions of either sign and any length above 0.
+/// exp and log of SO(3) with a rotation vector [rad]. exp gives a unit quaternion, log a vector of at most pi. log
+/// takes quaternions of either sign and any length above 0.
 Eigen::Quaterniond expSo3(const Eigen::Vector3d& phi);
 Eigen::Vector3d logSo3(const Eigen::Quaterniond& q);
 

@@ -10,10 +10,10 @@
 namespace pi_slam
 {
 
-/// Smooth motion through given poses: a uniform cubic B-spline of positions and a cumulative cubic B-spline of
-/// rotations (Kim, Kim and Shin 1995; Lovegrove, Patron-Perez and Sibley 2013), twice continuously differentiable, with
-/// exact derivatives by the recursion of Sommer, Usenko, Schubert, Demmel and Cremers (CVPR 2020). Immutable once
-/// built: any thread may evaluate.
+/// Test support of the estimators and of pi_simulation: smooth motion through given poses. A uniform cubic B-spline of
+/// positions and a cumulative cubic B-spline of rotations (Kim, Kim and Shin 1995; Lovegrove, Patron-Perez and Sibley
+/// 2013), twice continuously differentiable, with exact derivatives by the recursion of Sommer, Usenko, Schubert,
+/// Demmel and Cremers (CVPR 2020). Immutable once built: any thread may evaluate.
 class SplineTrajectory
 {
 public:
@@ -30,8 +30,8 @@ public:
   /// SO(3) for rotations. With about as many knots as poses it passes through them; with fewer it smooths their noise.
   /// @param poses            two or more, with increasing stamps.
   /// @param knot_interval_s  0: 4 samples of the input, but at most 0.1 s, at least one sample, and at least 0.05 s for
-  ///                         positions and 0.02 s for rotations: measured ground truth jumps by millimetres, which
-  ///                         shorter intervals turn into blows of tens of m/s^2, while hand-held cameras turn quickly.
+  ///                         positions and 0.02 s for rotations. Measured ground truth jumps by millimetres; shorter
+  ///                         intervals turn these jumps into accelerations of tens of m/s^2.
   /// @throws std::invalid_argument for fewer poses, stamps that do not increase, or an interval outside [0.001, 10].
   static SplineTrajectory fit(const std::vector<StampedPose>& poses, double knot_interval_s = 0.0);
 

@@ -25,7 +25,7 @@ public:
 /// Decimal seconds ("1403636580.83856") as nanoseconds, without the rounding of a double.
 /// @return false if `text` is no such number of at most ten digits before the point.
 bool parseSeconds(const std::string& text, int64_t* stamp_ns);
-/// The opposite: always nine decimals.
+/// The inverse of parseSeconds(); always nine decimals.
 std::string formatSeconds(int64_t stamp_ns);
 
 /// Reads poses from a TUM file (`t x y z qx qy qz qw`, seconds; further columns are ignored) or from EuRoC's ground

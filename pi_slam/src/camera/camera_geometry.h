@@ -5,9 +5,7 @@
 #include <Eigen/Core>
 #include <array>
 
-namespace pi_slam
-{
-namespace estimator
+namespace pi_slam::estimator
 {
 
 /// What the factors need of a camera.
@@ -20,5 +18,4 @@ struct CameraGeometry
 };
 std::array<CameraGeometry, 2> cameraGeometry(const StereoCalibration& calibration);
 
-}  // namespace estimator
-}  // namespace pi_slam
+}  // namespace pi_slam::estimator

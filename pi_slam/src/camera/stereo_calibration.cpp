@@ -1,11 +1,10 @@
 #include <pi_slam/stereo_calibration.h>
-#include <yaml-cpp/yaml.h>
 
 #include <Eigen/LU>
 #include <cmath>
-#include <fstream>
-#include <sstream>
 #include <vector>
+
+#include "camera/calibration_yaml.h"
 
 namespace pi_slam
 {
@@ -19,28 +18,7 @@ class YamlMap
 public:
   YamlMap(std::string name, YAML::Node node) : name_(std::move(name)), node_(std::move(node)) {}
 
-  static YamlMap load(const std::string& file)
-  {
-    std::ifstream stream(file);
-    if (!stream)
-    {
-      throw CalibrationError(file + ": missing or not readable");
-    }
-    // OpenCV's "%YAML:1.0" is no directive that other parsers know.
-    std::string text;
-    for (std::string line; std::getline(stream, line);)
-    {
-      text += (line.rfind("%YAML", 0) == 0 ? "" : line) + "\n";
-    }
-    try
-    {
-      return YamlMap(file, YAML::Load(text));
-    }
-    catch (const YAML::Exception& exception)
-    {
-      throw CalibrationError(file + ": is not YAML: " + exception.what());
-    }
-  }
+  static YamlMap load(const std::string& file) { return YamlMap(file, loadCalibrationYaml(file)); }
 
   bool has(const std::string& key) const { return node_.IsMap() && node_[key].IsDefined(); }
 

@@ -6,9 +6,7 @@
 #include <cmath>
 #include <optional>
 
-namespace pi_slam
-{
-namespace estimator
+namespace pi_slam::estimator
 {
 
 namespace
@@ -229,5 +227,4 @@ Vector15d StateLink::error(const NavState& begin, const NavState& end, Eigen::Ma
   return sqrt_information_.triangularView<Eigen::Lower>() * error;
 }
 
-}  // namespace estimator
-}  // namespace pi_slam
+}  // namespace pi_slam::estimator

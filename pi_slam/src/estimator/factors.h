@@ -6,9 +6,7 @@
 
 #include <Eigen/Core>
 
-namespace pi_slam
-{
-namespace estimator
+namespace pi_slam::estimator
 {
 
 /// Two rows that take a vector to the plane tangent to the unit sphere at `bearing`.
@@ -63,5 +61,4 @@ private:
   Matrix15d sqrt_information_;  ///< lower triangular
 };
 
-}  // namespace estimator
-}  // namespace pi_slam
+}  // namespace pi_slam::estimator

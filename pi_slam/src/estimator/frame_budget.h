@@ -2,9 +2,7 @@
 
 #include <algorithm>
 
-namespace pi_slam
-{
-namespace estimator
+namespace pi_slam::estimator
 {
 
 /// Keeps the time per pair within a budget by doing less: each level takes a tenth of the features and one iteration.
@@ -46,5 +44,4 @@ private:
   int calm_ = 0;
 };
 
-}  // namespace estimator
-}  // namespace pi_slam
+}  // namespace pi_slam::estimator

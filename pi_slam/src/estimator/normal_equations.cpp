@@ -7,9 +7,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace pi_slam
-{
-namespace estimator
+namespace pi_slam::estimator
 {
 
 namespace
@@ -537,5 +535,4 @@ void marginalizeOldest(WindowProblem* problem, const std::vector<Landmark*>& lea
   ++problem->first_keyframe;
 }
 
-}  // namespace estimator
-}  // namespace pi_slam
+}  // namespace pi_slam::estimator

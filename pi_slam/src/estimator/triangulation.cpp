@@ -4,9 +4,7 @@
 #include <Eigen/LU>
 #include <cmath>
 
-namespace pi_slam
-{
-namespace estimator
+namespace pi_slam::estimator
 {
 
 namespace
@@ -102,5 +100,4 @@ bool triangulate(const WindowProblem& problem, double max_error, Landmark* landm
   return true;
 }
 
-}  // namespace estimator
-}  // namespace pi_slam
+}  // namespace pi_slam::estimator

@@ -2,9 +2,7 @@
 
 #include "estimator/window_problem.h"
 
-namespace pi_slam
-{
-namespace estimator
+namespace pi_slam::estimator
 {
 
 /// Position of a landmark from its views: the point nearest to all rays, then Gauss-Newton on the reprojection error.
@@ -13,5 +11,4 @@ namespace estimator
 /// @return false, and known unset, if the rays are nearly parallel, meet behind a camera, or do not meet.
 bool triangulate(const WindowProblem& problem, double max_error, Landmark* landmark);
 
-}  // namespace estimator
-}  // namespace pi_slam
+}  // namespace pi_slam::estimator

@@ -1,9 +1,9 @@
 #include "estimator/window_estimator.h"
 
+#include <pi_node/option_check.h>
 #include "estimator/normal_equations.h"
 #include "estimator/triangulation.h"
 #include "estimator/window_problem.h"
-#include <pi_node/option_check.h>
 
 #include <Eigen/Cholesky>
 #include <algorithm>
@@ -20,7 +20,7 @@ using estimator::View;
 namespace
 {
 
-/// How well the first state is known: position and heading are nobody's to question, roll and pitch are as good as the
+/// How well the first state is known. Position and heading define the frame; roll and pitch come from the
 /// initialisation.
 constexpr double FIRST_POSITION_M = 1e-3;
 constexpr double FIRST_TILT_RAD = 0.05;
@@ -57,10 +57,11 @@ void WindowOptions::validate() const
   check.range("pixel_noise", pixel_noise, 0.1, 10.0);
   check.range("huber_px", huber_px, 0.1, 100.0);
   check.range("max_error_px", max_error_px, 0.5, 100.0);
-  if ((refine_extrinsics || refine_time_offset) && solver != WindowSolver::CERES)
+  if ((refine_extrinsics || refine_time_offset) && !solver)
   {
     throw std::invalid_argument(
-        "window/refine_extrinsics and window/refine_time_offset need window/solver ceres: set it, or both to false");
+        "window/refine_extrinsics and window/refine_time_offset need another solver than the own one: set both to "
+        "false");
   }
 }
 
@@ -364,9 +365,9 @@ WindowReport WindowEstimator::optimize(int max_iterations)
   const std::vector<Landmark*> use = impl_->selectLandmarks();
   const int iterations = std::clamp(max_iterations, 1, impl_->options.max_iterations);
   WindowReport report;
-  if (impl_->options.solver == WindowSolver::CERES)
+  if (impl_->options.solver)
   {
-    report = estimator::solveCeres(&problem, use, iterations, impl_->options);
+    report = impl_->options.solver(&problem, use, iterations, impl_->options);
     const WindowReport last = estimator::solveSchur(&problem, use, 0, &impl_->equations);
     report.failed = report.failed || last.failed;
     impl_->storeCalibration();

@@ -1,36 +1,44 @@
 #pragma once
 
+#include <pi_slam/stereo_calibration.h>
 #include "front_end/frame_features.h"
 #include "inertial/imu_preintegration.h"
-#include "initialization/initializer.h"
 #include "inertial/nav_state.h"
-#include <pi_slam/stereo_calibration.h>
+#include "initialization/initializer.h"
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <vector>
 
 namespace pi_slam
 {
 
-enum class WindowSolver
+namespace estimator
 {
-  SCHUR,  ///< own Levenberg-Marquardt on the normal equations, landmarks eliminated one by one
-  CERES,  ///< the same problem handed to Ceres; several times slower, can refine the calibration
-};
+struct Landmark;
+struct WindowProblem;
+}  // namespace estimator
+
+struct WindowOptions;
+struct WindowReport;
+/// Optimises states, and the landmarks that take part, in place.
+using WindowSolver =
+    std::function<WindowReport(estimator::WindowProblem* problem, const std::vector<estimator::Landmark*>& use,
+                               int max_iterations, const WindowOptions& options)>;
 
 struct WindowOptions
 {
-  WindowSolver solver = WindowSolver::SCHUR;
+  WindowSolver solver;              ///< for tests and benchmarks, in place of the own one
   int keyframes = 9;                ///< states in the window; in [3, 30]
   int max_landmarks = 120;          ///< used in one optimisation; in [20, 2000]
   int max_iterations = 5;           ///< in [1, 50]
   double pixel_noise = 1.0;         ///< standard deviation of an observation [px]; in [0.1, 10]
   double huber_px = 2.0;            ///< where the robust loss begins [px]; in [0.1, 100]
   double max_error_px = 6.0;        ///< landmarks whose mean error is larger are dropped; in [0.5, 100]
-  bool refine_extrinsics = false;   ///< T_body_camera of both cameras, about the calibration; needs CERES
-  bool refine_time_offset = false;  ///< between cameras and IMU; needs CERES
+  bool refine_extrinsics = false;   ///< T_body_camera of both cameras, about the calibration; needs `solver`
+  bool refine_time_offset = false;  ///< between cameras and IMU; needs `solver`
 
   /// @throws std::invalid_argument that names field, value and bound.
   void validate() const;
@@ -72,12 +80,12 @@ public:
   WindowEstimator(const StereoCalibration& calibration, const ImuModel& model, const WindowOptions& options);
   ~WindowEstimator();
 
-  /// Begins anew from an initial solution; position and heading of its first state are fixed by a prior.
+  /// Starts again from an initial solution. A prior fixes position and heading of its first state.
   /// @param imu  covers the states.
   /// @throws std::invalid_argument if there are fewer than two states, or the IMU does not cover them.
   void start(const InitialSolution& solution, const ImuBuffer& imu);
 
-  /// Begins anew from one state of known covariance.
+  /// Starts again from one state of known covariance.
   void start(const NavState& state, const Matrix15d& covariance, const FrameFeatures& features);
 
   bool empty() const;

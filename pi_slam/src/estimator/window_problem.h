@@ -2,10 +2,10 @@
 
 #include "estimator/factors.h"
 
-#include "front_end/frame_features.h"
-#include "inertial/nav_state.h"
 #include <pi_slam/so3.h>
 #include "estimator/window_estimator.h"
+#include "front_end/frame_features.h"
+#include "inertial/nav_state.h"
 
 #include <Eigen/Core>
 #include <array>
@@ -13,9 +13,7 @@
 #include <map>
 #include <vector>
 
-namespace pi_slam
-{
-namespace estimator
+namespace pi_slam::estimator
 {
 
 /// One camera's view of a landmark from a keyframe.
@@ -48,7 +46,8 @@ struct PictureBody
   Eigen::Vector3d p_odom_body;
 };
 
-/// What is known of the states from what has left the window: 0.5 d^T H d + b^T d with d = states - linearised.
+/// What the states and landmarks that have left the window tell about those inside: 0.5 d^T H d + b^T d with d = states
+/// - linearised.
 ///
 /// It knows nothing about velocity and biases but those of the first state: what left was tied to no others.
 struct Prior
@@ -110,5 +109,4 @@ inline double huberCost(double squared, double huber, double* weight)
 /// Gradient of the prior at the states of now, and its cost.
 double priorCost(const Prior& prior, const std::vector<Keyframe>& keyframes, Eigen::VectorXd* gradient);
 
-}  // namespace estimator
-}  // namespace pi_slam
+}  // namespace pi_slam::estimator

@@ -237,7 +237,7 @@ private:
     }
   }
 
-  /// Counts what cannot be taken any more.
+  /// Counts messages that come too late.
   bool inTime(Stream stream, int64_t stamp_ns)
   {
     newest_ns_[stream] = std::max(newest_ns_[stream], stamp_ns);

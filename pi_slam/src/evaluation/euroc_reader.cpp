@@ -1,5 +1,4 @@
 #include "evaluation/sequence_reader.h"
-#include <yaml-cpp/yaml.h>
 
 #include <algorithm>
 #include <cmath>
@@ -10,6 +9,8 @@
 #include <opencv2/imgcodecs.hpp>
 #include <utility>
 #include <vector>
+
+#include "camera/calibration_yaml.h"
 
 namespace pi_slam
 {
@@ -171,16 +172,10 @@ std::vector<PairRow> joinPairs(const std::vector<PictureRow>& left, const std::v
 /// The IMU's frame must be the body's: the estimator knows no other.
 void requireImuIsBody(const std::string& file)
 {
-  std::ifstream stream(file);
-  std::string text;
-  for (std::string line; std::getline(stream, line);)
-  {
-    text += (line.rfind("%YAML", 0) == 0 ? "" : line) + "\n";
-  }
   std::vector<double> values;
   try
   {
-    const YAML::Node transform = YAML::Load(text)["T_BS"];
+    const YAML::Node transform = loadCalibrationYaml(file)["T_BS"];
     if (!transform)
     {
       return;

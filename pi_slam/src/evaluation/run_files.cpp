@@ -1,6 +1,7 @@
 #include "evaluation/run_files.h"
 
 #include <Eigen/Geometry>
+#include <cmath>
 #include <fstream>
 #include <iomanip>
 #include <sstream>
@@ -30,6 +31,29 @@ std::string cell(std::string text)
     character = character == ',' || character == '\n' ? ';' : character;
   }
   return text;
+}
+
+void writeTrajectory(const Judged& judged, std::ostream* stream)
+{
+  *stream << "trajectory," << cell(judged.name) << "\n";
+  const std::vector<StampedPose> poses =
+      judged.accuracy ? transformed(judged.poses, judged.accuracy->se3.T_truth_estimate) : judged.poses;
+  for (const StampedPose& pose : poses)
+  {
+    const Eigen::Vector3d p = pose.T_world_body.translation();
+    const Eigen::Matrix3d R = pose.T_world_body.linear();
+    *stream << "pose," << pose.stamp_ns << ',' << p.x() << ',' << p.y() << ',' << p.z() << ','
+            << std::atan2(R(1, 0), R(0, 0)) << "\n";
+  }
+  if (judged.accuracy)
+  {
+    const Accuracy& accuracy = *judged.accuracy;
+    for (size_t i = 0; i < accuracy.pairs.size(); ++i)
+    {
+      *stream << "error," << accuracy.pairs[i].stamp_ns << ',' << accuracy.se3.position_errors[i] << ','
+              << accuracy.se3.rotation_errors[i] << "\n";
+    }
+  }
 }
 
 }  // namespace
@@ -68,6 +92,42 @@ void writeTiming(const std::string& file, const std::vector<PairRecord>& pairs)
          << report.front_end_ms << ',' << report.filter_ms << ',' << report.window_ms << ',' << report.total_ms << ','
          << pair.wall_ms << ',' << pair.cpu_ms << ',' << pair.map_ms << ',' << std::setprecision(6)
          << report.time_offset_s << std::setprecision(4) << ',' << cell(report.message) << "\n";
+  }
+  writeText(file, text.str());
+}
+
+void writeRun(const std::string& file, const std::string& name, const SequenceRunResult& result,
+              const std::vector<Judged>& judged, const std::vector<StampedPose>& truth)
+{
+  std::ostringstream text;
+  const std::vector<StampedPose>& poses = judged.front().poses;
+  text << std::setprecision(12) << "name," << cell(name) << "\npairs," << result.pairs.size() << "\nposes,"
+       << poses.size() << "\n";
+  if (const std::optional<Accuracy>& accuracy = judged.front().accuracy)
+  {
+    text << "path_m," << accuracy->se3.length_m << "\nse3_rmse_m," << accuracy->se3.position.rmse << "\nyaw_rmse_m,"
+         << accuracy->yaw.position.rmse << "\nrotation_rmse_rad," << accuracy->se3.rotation.rmse << "\n";
+    for (const StampedPose& pose : truth)
+    {
+      if (pose.stamp_ns >= poses.front().stamp_ns && pose.stamp_ns <= poses.back().stamp_ns)
+      {
+        const Eigen::Vector3d p = pose.T_world_body.translation();
+        text << "truth," << pose.stamp_ns << ',' << p.x() << ',' << p.y() << ',' << p.z() << "\n";
+      }
+    }
+  }
+  writeTrajectory(judged.front(), &text);
+  // At IMU rate it is the same line: only the map's path is drawn beside.
+  if (judged.back().name == MAP_PATH_NAME && judged.back().accuracy.has_value() == judged.front().accuracy.has_value())
+  {
+    writeTrajectory(judged.back(), &text);
+  }
+  for (const StatusInterval& interval : statusIntervals(result.pairs))
+  {
+    if (interval.status != VioStatus::TRACKING)
+    {
+      text << "span," << toString(interval.status) << ',' << interval.from_ns << ',' << interval.to_ns << "\n";
+    }
   }
   writeText(file, text.str());
 }

@@ -13,7 +13,7 @@
 namespace pi_slam
 {
 
-/// How near one of the trajectories of a run is to the truth.
+/// How near a trajectory of a run is to the truth.
 struct Accuracy
 {
   std::string name;
@@ -42,7 +42,7 @@ std::vector<Judged> judge(const SequenceRunResult& result, const std::vector<Sta
 /// Name of the keyframes' trajectory.
 constexpr char MAP_PATH_NAME[] = "keyframes in the map";
 
-/// Prints what became of the pairs: counts, start, intervals without sight, warnings, time per stage.
+/// Prints the result: counts, start, intervals without sight, warnings, time per stage.
 void printRun(const SequenceRunResult& result, const SequenceDescription& description, const SequenceDefects& defects,
               std::ostream* stream);
 

@@ -38,7 +38,7 @@ struct SequenceReaderOptions
 /// IMU samples are handed out from this long before the first pair to as long after the last one [s].
 constexpr double IMU_MARGIN_S = 1.0;
 
-/// What was wrong with a recording that could be used nevertheless.
+/// Faults of a recording that can be used nevertheless.
 struct SequenceDefects
 {
   size_t single = 0;      ///< pairs handed out with one picture, the other is missing or damaged
@@ -79,7 +79,7 @@ public:
 /// mav0/imu0/{data.csv,sensor.yaml}; sensor.yaml and ground truth may be missing.
 /// @param folder  with mav0 in it, or mav0 itself.
 /// @throws RecordingError for a missing or unreadable csv, a line that cannot be read, nothing within the span, or
-///         pictures of which no two belong together; CalibrationError for a sensor.yaml that cannot be used;
+///         pictures without any pair; CalibrationError for a sensor.yaml that cannot be used;
 ///         std::invalid_argument for options out of range.
 std::unique_ptr<SequenceSource> openEuroc(const std::string& folder, const SequenceReaderOptions& options = {});
 
@@ -96,7 +96,7 @@ public:
   SequenceReader& operator=(const SequenceReader&) = delete;
 
   const SequenceDescription& description() const;
-  /// As SequenceSource::next(); waits for what is not loaded yet. What the source throws comes out here, in its turn.
+  /// As SequenceSource::next(); waits for pictures that are not loaded yet. Throws in its turn what the source threw.
   std::optional<SequenceItem> next();
   /// Of what was read so far.
   SequenceDefects defects() const;

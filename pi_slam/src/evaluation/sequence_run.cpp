@@ -52,7 +52,7 @@ void requireSize(const cv::Mat& picture, const CameraModel& model, const char* s
   }
 }
 
-/// Odometry, the map beside it, and what is noted about both.
+/// Runs odometry and the map, and records both.
 class Run
 {
 public:

@@ -5,9 +5,7 @@
 #include <limits>
 #include <opencv2/core/hal/intrin.hpp>
 
-namespace pi_slam
-{
-namespace front_end
+namespace pi_slam::front_end
 {
 
 namespace
@@ -158,5 +156,4 @@ const std::vector<CurveSearch::Candidate>& CurveSearch::search(int from, const P
   return candidates_;
 }
 
-}  // namespace front_end
-}  // namespace pi_slam
+}  // namespace pi_slam::front_end

@@ -6,9 +6,7 @@
 #include "front_end/picture_kernels.h"
 #include "front_end/stereo_geometry.h"
 
-namespace pi_slam
-{
-namespace front_end
+namespace pi_slam::front_end
 {
 
 /// Looks for a point of one camera along its epipolar curve in the other camera's picture, from infinity to the nearest
@@ -43,5 +41,4 @@ private:
   std::vector<Candidate> candidates_;
 };
 
-}  // namespace front_end
-}  // namespace pi_slam
+}  // namespace pi_slam::front_end

@@ -49,7 +49,7 @@ bool StereoTracker::Impl::acceptMatch(Track* track, int from, const Pixel& pixel
   return true;
 }
 
-/// Makes the right picture as bright as the left one, by what is known to be seen in both.
+/// Makes the right picture as bright as the left one, by the features that both show.
 void StereoTracker::Impl::equalisePair()
 {
   same_places.clear();
@@ -112,7 +112,7 @@ void StereoTracker::Impl::matchKnown()
     if (!(track.seen.seen[LEFT] && track.seen.seen[RIGHT]) && out_of_sight[i] == 0)
     {
       ++track.missed;
-      // What is wrong about its depth will not get right by itself.
+      // A wrong depth does not become right by itself.
       track.has_depth = track.has_depth && track.missed < LONGEST_DEPTH;
     }
   }

@@ -9,9 +9,7 @@
 
 #include "estimator/factors.h"
 
-namespace pi_slam
-{
-namespace front_end
+namespace pi_slam::front_end
 {
 
 namespace
@@ -247,5 +245,4 @@ bool MotionCheck::check(const std::vector<MovedFeature>& features, double rotati
   return known;
 }
 
-}  // namespace front_end
-}  // namespace pi_slam
+}  // namespace pi_slam::front_end

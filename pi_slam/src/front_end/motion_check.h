@@ -7,9 +7,7 @@
 
 #include "front_end/stereo_geometry.h"
 
-namespace pi_slam
-{
-namespace front_end
+namespace pi_slam::front_end
 {
 
 /// A feature that one camera has seen in two pairs.
@@ -68,5 +66,4 @@ private:
   std::vector<Point> points_;
 };
 
-}  // namespace front_end
-}  // namespace pi_slam
+}  // namespace pi_slam::front_end

@@ -5,9 +5,7 @@
 #include <algorithm>
 #include <cstring>
 
-namespace pi_slam
-{
-namespace front_end
+namespace pi_slam::front_end
 {
 
 namespace kernels = pi_runtime::kernels;
@@ -258,5 +256,4 @@ void PictureKernels::findCorners(const Pyramid& pyramid, int threshold, std::vec
   corners->resize(std::min(count, MOST_CORNERS));
 }
 
-}  // namespace front_end
-}  // namespace pi_slam
+}  // namespace pi_slam::front_end

@@ -17,9 +17,7 @@ namespace pi_runtime
 class Runtime;
 }
 
-namespace pi_slam
-{
-namespace front_end
+namespace pi_slam::front_end
 {
 
 using Pixel = pi_runtime::kernels::Point2f;
@@ -90,5 +88,4 @@ private:
   std::unique_ptr<Tasks> tasks_;  ///< null: direct calls
 };
 
-}  // namespace front_end
-}  // namespace pi_slam
+}  // namespace pi_slam::front_end

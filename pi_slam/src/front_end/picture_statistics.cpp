@@ -4,9 +4,7 @@
 #include <cmath>
 #include <opencv2/core/hal/intrin.hpp>
 
-namespace pi_slam
-{
-namespace front_end
+namespace pi_slam::front_end
 {
 
 namespace
@@ -124,5 +122,4 @@ bool isBlank(const PictureStatistics& statistics)
   return statistics.contrast < LEAST_CONTRAST;
 }
 
-}  // namespace front_end
-}  // namespace pi_slam
+}  // namespace pi_slam::front_end

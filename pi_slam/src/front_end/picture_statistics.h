@@ -6,9 +6,7 @@
 
 #include "front_end/picture_kernels.h"
 
-namespace pi_slam
-{
-namespace front_end
+namespace pi_slam::front_end
 {
 
 struct PictureStatistics
@@ -34,5 +32,4 @@ void multiplyPyramid(const Pyramid& pyramid, double gain);
 /// True if there is nothing to be seen: black, white, or a lens cap's grey.
 bool isBlank(const PictureStatistics& statistics);
 
-}  // namespace front_end
-}  // namespace pi_slam
+}  // namespace pi_slam::front_end

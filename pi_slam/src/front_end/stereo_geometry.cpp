@@ -2,9 +2,7 @@
 
 #include <cmath>
 
-namespace pi_slam
-{
-namespace front_end
+namespace pi_slam::front_end
 {
 
 StereoGeometry::StereoGeometry(const StereoCalibration& calibration) : calibration_(calibration)
@@ -37,5 +35,4 @@ double StereoGeometry::inverseDistance(int from, const Eigen::Vector3d& bearing,
   return squared > 1e-18 ? -at_infinity.dot(slope) / squared : 0.0;
 }
 
-}  // namespace front_end
-}  // namespace pi_slam
+}  // namespace pi_slam::front_end

@@ -1,15 +1,13 @@
 #pragma once
 
-#include "front_end/frame_features.h"
 #include <pi_slam/stereo_calibration.h>
+#include "front_end/frame_features.h"
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <optional>
 
-namespace pi_slam
-{
-namespace front_end
+namespace pi_slam::front_end
 {
 
 /// Two calibrated cameras, numbered LEFT and RIGHT, and what follows from how they are mounted. Points are given by the
@@ -46,5 +44,4 @@ private:
   Eigen::Vector3d p_other_[2];  ///< camera `from` in the other one's frame [m]
 };
 
-}  // namespace front_end
-}  // namespace pi_slam
+}  // namespace pi_slam::front_end

@@ -1,7 +1,7 @@
 #pragma once
 
-#include "front_end/frame_features.h"
 #include <pi_slam/stereo_calibration.h>
+#include "front_end/frame_features.h"
 
 #include <Eigen/Geometry>
 #include <cstdint>
@@ -38,7 +38,7 @@ struct StereoTrackerOptions
   void validate() const;
 };
 
-/// What the tracker is told about the motion since the last pair.
+/// The predicted motion since the last pair.
 struct TrackerPrediction
 {
   /// R_last_now of the body (from the gyro).
@@ -47,7 +47,7 @@ struct TrackerPrediction
   std::function<std::optional<Eigen::Vector3d>(int64_t id)> p_body;
 };
 
-/// What went on in one call.
+/// The figures of one call.
 struct TrackerReport
 {
   int tracked = 0;                   ///< features that go on from the last pair
@@ -73,7 +73,7 @@ struct TrackerReport
 /// geometry of the pair and of the motion, and a check of tracking back for new stereo matches. If one camera is blank
 /// the other one goes on alone; features keep their ids when the roles change as far as both cameras saw them.
 ///
-/// Nothing is known about the size of the pictures or the lens but by the calibration. Deterministic. Not thread safe.
+/// Size of the pictures and lens come from the calibration alone. Deterministic. Not thread safe.
 class StereoTracker
 {
 public:
@@ -101,7 +101,7 @@ private:
   std::unique_ptr<Impl> impl_;
 };
 
-/// A picture of what is tracked: the pair side by side (BGR), points coloured by age (red: new, blue: old), hollow
+/// A picture of the tracked features: the pair side by side (BGR), points coloured by age (red: new, blue: old), hollow
 /// where only one camera sees them, with their paths over the last frames.
 /// @param earlier  features of earlier pairs, newest last; may be empty.
 cv::Mat drawTracks(const cv::Mat& left, const cv::Mat& right, const FrameFeatures& features,

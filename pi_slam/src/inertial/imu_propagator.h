@@ -36,8 +36,8 @@ public:
   ///         count ten times meanwhile, and 300 times beside axes at the sensor's limit, which hold their last value.
   std::optional<PropagatedState> add(const ImuSample& sample);
 
-  /// Goes on from a corrected state: samples after its stamp are integrated again. A state that is older than the
-  /// samples kept (5 s), or not finite, is refused; what was before goes on then.
+  /// Continues from a corrected state: samples after its stamp are integrated again. A state that is older than the
+  /// samples kept (5 s), or not finite, is refused; the propagation continues from the state before.
   /// @return false if refused.
   bool rebase(const NavState& state, const Matrix15d& covariance);
 

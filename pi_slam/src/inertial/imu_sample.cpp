@@ -1,40 +1,15 @@
+#include <pi_node/option_check.h>
 #include <pi_slam/imu_sample.h>
-#include <pi_slam/stereo_calibration.h>
-#include <yaml-cpp/yaml.h>
 
-#include <fstream>
 #include <stdexcept>
 
-#include <pi_node/option_check.h>
+#include "camera/calibration_yaml.h"
 
 namespace pi_slam
 {
 
 namespace
 {
-
-YAML::Node loadFile(const std::string& file)
-{
-  std::ifstream stream(file);
-  if (!stream)
-  {
-    throw CalibrationError(file + ": missing or not readable");
-  }
-  // OpenCV's "%YAML:1.0" is no directive that other parsers know.
-  std::string text;
-  for (std::string line; std::getline(stream, line);)
-  {
-    text += (line.rfind("%YAML", 0) == 0 ? "" : line) + "\n";
-  }
-  try
-  {
-    return YAML::Load(text);
-  }
-  catch (const YAML::Exception& exception)
-  {
-    throw CalibrationError(file + ": is not YAML: " + exception.what());
-  }
-}
 
 double number(const YAML::Node& node, const std::string& file, const std::string& key)
 {
@@ -70,7 +45,7 @@ void ImuModel::validate() const
 
 ImuModel ImuModel::loadYaml(const std::string& file)
 {
-  YAML::Node node = loadFile(file);
+  YAML::Node node = loadCalibrationYaml(file);
   // Kalibr's output has the keys below imu0, its input at the top.
   if (node.IsMap() && node["imu0"].IsMap())
   {

@@ -1,8 +1,8 @@
 #pragma once
 
 #include <pi_slam/imu_sample.h>
-#include "inertial/nav_state.h"
 #include <pi_slam/so3.h>
+#include "inertial/nav_state.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -26,7 +26,7 @@ inline ImuSample interpolate(const ImuSample& a, const ImuSample& b, int64_t sta
   return ImuSample{stamp_ns, (1.0 - s) * a.w + s * b.w, (1.0 - s) * a.f + s * b.f, a.saturated || b.saturated};
 }
 
-/// Noise is larger by this where the IMU said nothing, or only that it was at its limit.
+/// Noise is larger by this in gaps, and where an axis was at its limit.
 constexpr double GAP_NOISE_FACTOR = 10.0;
 constexpr double SATURATED_NOISE_FACTOR = 300.0;
 constexpr double LARGEST_NOISE_FACTOR = 1e5;
@@ -50,7 +50,7 @@ inline double noiseFactor(const ImuSample& from, const ImuSample& to, bool gap, 
   return std::clamp(acceleration * std::sqrt(length_s) / accel_noise_density, sensor, LARGEST_NOISE_FACTOR);
 }
 
-/// What is known of a sample with axes at the sensor's limit: those hold the value they had before.
+/// A sample whose axes at the sensor's limit hold the value they had before.
 /// @param before  earlier sample, or null.
 inline ImuSample withoutSaturation(const ImuSample& sample, const ImuSample* before, const ImuModel& model)
 {

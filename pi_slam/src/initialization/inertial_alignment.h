@@ -13,7 +13,7 @@ namespace pi_slam
 /// Gyro bias that makes integrated rates agree with the rotations between poses: Gauss-Newton on the sum of
 /// log(deltaR(bias)^T R_k^T R_k+1)^2 with Huber weights (Qin, Li and Shen, TRO 2018, section V.B.1).
 /// @param integrals  between neighbouring poses, one fewer than these; reintegrated for the bias that is returned.
-/// @param rms        of what is left, per interval [rad].
+/// @param rms        of the residuals, per interval [rad].
 Eigen::Vector3d alignRotations(const std::vector<StereoOdometry::Pose>& poses,
                                std::vector<ImuPreintegration>* integrals, double* rms);
 

@@ -4,7 +4,6 @@
 #include <pi_node/ros/parameter_values.h>
 #include <xmlrpcpp/XmlRpcValue.h>
 
-#include <cstdio>
 #include <map>
 #include <stdexcept>
 #include <string>
@@ -14,9 +13,9 @@
 namespace pi_node
 {
 
-/// Options from parameters and back. Options name their fields in a function visitFields(options, visit), found by
-/// their type, that calls visit(path, field) for each; fields of a type of their own have read(value, &field) and
-/// write(field), found by that type.
+/// All parameters of a node to and from its options. The namespace of the options has a function
+/// visitFields(options, visit), which calls visit(path, field) for each field. The namespace of a field's type has
+/// read(value, &field) and write(field); those for numbers, texts, durations and lists are in parameter_values.h.
 namespace parameter_tree
 {
 
@@ -25,59 +24,13 @@ using Scores = std::map<std::string, float>;
 
 constexpr double MAX_DURATION_S = 3600.0;
 
-inline void read(XmlRpcValue value, float* field)
-{
-  double number = 0.0;
-  parameters::read(value, &number);
-  *field = static_cast<float>(number);
-}
-
-inline void read(XmlRpcValue value, std::vector<std::string>* field)
-{
-  parameters::requireType(value, XmlRpcValue::TypeArray, "a list of texts");
-  field->assign(static_cast<size_t>(value.size()), "");
-  for (int i = 0; i < value.size(); ++i)
-  {
-    parameters::read(value[i], &(*field)[static_cast<size_t>(i)]);
-  }
-}
-
-inline void read(XmlRpcValue value, std::vector<double>* field)
-{
-  parameters::requireType(value, XmlRpcValue::TypeArray, "a list of numbers");
-  field->assign(static_cast<size_t>(value.size()), 0.0);
-  for (int i = 0; i < value.size(); ++i)
-  {
-    parameters::read(value[i], &(*field)[static_cast<size_t>(i)]);
-  }
-}
-
-/// With the digits that a float has.
-inline XmlRpcValue write(float field)
-{
-  char text[32];
-  std::snprintf(text, sizeof text, "%.7g", static_cast<double>(field));
-  return XmlRpcValue(std::stod(text));
-}
-
-template <typename Element>
-XmlRpcValue write(const std::vector<Element>& field)
-{
-  XmlRpcValue value;
-  value.setSize(static_cast<int>(field.size()));
-  for (size_t i = 0; i < field.size(); ++i)
-  {
-    value[static_cast<int>(i)] = field[i];
-  }
-  return value;
-}
+using parameters::read;
+using parameters::write;
 
 /// Takes a parameter out of the leaves, if it is there.
 template <typename Field>
 void take(const std::string& name, std::map<std::string, XmlRpcValue>* leaves, Field* field)
 {
-  using parameter_tree::read;
-  using parameters::read;
   const auto leaf = leaves->find(name);
   if (leaf == leaves->end())
   {
@@ -89,7 +42,8 @@ void take(const std::string& name, std::map<std::string, XmlRpcValue>* leaves, F
   }
   catch (const std::invalid_argument& error)
   {
-    throw std::invalid_argument(name + " " + error.what());
+    const std::string problem = error.what();
+    throw std::invalid_argument(name + (problem[0] == ':' ? "" : " ") + problem);
   }
   leaves->erase(leaf);
 }
@@ -151,8 +105,6 @@ XmlRpcValue save(const Options& options)
   visitFields(options,
               [&put](const std::string& name, const auto& field)
               {
-                using parameter_tree::write;
-                using parameters::write;
                 if constexpr (std::is_same_v<std::decay_t<decltype(field)>, Scores>)
                 {
                   for (const auto& [label, score] : field)
