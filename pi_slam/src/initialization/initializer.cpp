@@ -1,13 +1,14 @@
 #include "initialization/initializer.h"
 
+#include <pi_node/formatting.h>
+#include <pi_node/option_check.h>
+
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <deque>
 
 #include "initialization/inertial_alignment.h"
 #include "initialization/stereo_odometry.h"
-#include <pi_node/option_check.h>
 
 namespace pi_slam
 {
@@ -27,23 +28,8 @@ constexpr double STILL_ANGLE = 0.005;           ///< likewise [rad]
 constexpr double STILL_GYRO_DEVIATION = 0.02;   ///< beyond the sensor's noise [rad/s]
 constexpr double STILL_ACCEL_DEVIATION = 0.15;  ///< likewise [m/s^2]
 
-int64_t nanoseconds(double seconds)
-{
-  return std::llround(1e9 * seconds);
-}
-
-double seconds(int64_t ns)
-{
-  return 1e-9 * static_cast<double>(ns);
-}
-
-template <typename... Values>
-std::string format(const char* text, Values... values)
-{
-  char buffer[400];
-  std::snprintf(buffer, sizeof(buffer), text, values...);
-  return buffer;
-}
+using pi_node::format;
+using pi_node::seconds;
 
 /// Median distance that features went between two pairs in the same camera [px]; a large number for fewer than 8.
 double medianFlow(const FrameFeatures& a, const FrameFeatures& b)
@@ -121,6 +107,11 @@ struct Initializer::Impl
   Outcome add(const FrameFeatures& features, const ImuBuffer& imu, InitialSolution* solution);
   Outcome tryStill(const ImuBuffer& imu, InitialSolution* solution);
   Outcome tryMoving(const ImuBuffer& imu, InitialSolution* solution);
+  Outcome integrate(const std::vector<FrameFeatures>& used, const ImuBuffer& imu,
+                    std::vector<ImuPreintegration>* integrals);
+  Outcome followPictures(const std::vector<FrameFeatures>& used, const std::vector<ImuPreintegration>& integrals);
+  Outcome judge(const InertialAlignment& alignment, const std::vector<StereoOdometry::Pose>& poses);
+  void forgetBefore(int64_t stamp_ns);
   Outcome refuse(Outcome outcome, const std::string& reason)
   {
     message = reason;
@@ -159,7 +150,7 @@ Initializer::Outcome Initializer::Impl::add(const FrameFeatures& features, const
   any = true;
   last_ns = stamp_ns;
   // Pairs come at their own rate: a tenth early is no other pair.
-  if (!pairs.empty() && stamp_ns - pairs.back().stamp_ns < nanoseconds(0.9 * options.interval_s))
+  if (!pairs.empty() && stamp_ns - pairs.back().stamp_ns < std::llround(1e9 * (0.9 * options.interval_s)))
   {
     return Outcome::COLLECTING;
   }
@@ -175,16 +166,14 @@ Initializer::Outcome Initializer::Impl::add(const FrameFeatures& features, const
   const StereoOdometry::Triangulated stereo = odometry.countStereo(pair);
   if (stereo.valid < options.min_features)
   {
-    return refuse(Outcome::FEW_FEATURES,
-                  format("initializer: %d features of the pair can be placed by stereo, of %d that both cameras see, "
-                         "must be %d; is there light and texture, are the cameras swapped or their calibration wrong?",
-                         stereo.valid, stereo.matched, options.min_features));
+    return refuse(
+        Outcome::FEW_FEATURES,
+        format("initializer: %.0f features of the pair can be placed by stereo, of %.0f that both cameras "
+               "see, must be %.0f; is there light and texture, are the cameras swapped or their calibration wrong?",
+               stereo.valid, stereo.matched, options.min_features));
   }
   pairs.push_back(std::move(pair));
-  while (pairs.front().stamp_ns < std::max(stamp_ns - nanoseconds(options.max_window_s), imu.firstNs()))
-  {
-    pairs.pop_front();
-  }
+  forgetBefore(std::max<int64_t>(stamp_ns - std::llround(1e9 * options.max_window_s), imu.firstNs()));
   const double span_s = seconds(stamp_ns - pairs.front().stamp_ns);
   if (span_s >= 0.95 * options.still_window_s)
   {
@@ -202,8 +191,9 @@ Initializer::Outcome Initializer::Impl::tryStill(const ImuBuffer& imu, InitialSo
 {
   const int64_t to_ns = pairs.back().stamp_ns;
   const auto first = std::find_if(pairs.rbegin(), pairs.rend(),
-                                  [&](const FrameFeatures& pair)
-                                  { return to_ns - pair.stamp_ns >= nanoseconds(0.95 * options.still_window_s); });
+                                  [&](const FrameFeatures& pair) {
+                                    return to_ns - pair.stamp_ns >= std::llround(1e9 * (0.95 * options.still_window_s));
+                                  });
   const auto begin = first.base() - 1;
   Eigen::Vector3d w, f, w_deviation, f_deviation;
   if (!imu.statistics(begin->stamp_ns, to_ns, &w, &f, &w_deviation, &f_deviation))
@@ -265,6 +255,7 @@ Initializer::Outcome Initializer::Impl::tryStill(const ImuBuffer& imu, InitialSo
   return Outcome::DONE;
 }
 
+/// Rotations, then positions, of pictures and IMU are brought together.
 Initializer::Outcome Initializer::Impl::tryMoving(const ImuBuffer& imu, InitialSolution* solution)
 {
   // The newest pairs, thinned out if there are too many.
@@ -275,57 +266,14 @@ Initializer::Outcome Initializer::Impl::tryMoving(const ImuBuffer& imu, InitialS
     used.push_back(pairs[i]);
   }
   std::vector<ImuPreintegration> integrals;
-  for (size_t k = 1; k < used.size(); ++k)
+  Outcome outcome = integrate(used, imu, &integrals);
+  if (outcome == Outcome::DONE)
   {
-    ImuBuffer::Quality quality;
-    integrals.push_back(imu.integrate(used[k - 1].stamp_ns, used[k].stamp_ns,
-                                      ImuBias{gyro_bias_guess, Eigen::Vector3d::Zero()}, &quality));
-    if (!quality.complete || quality.gap_s > 0.0 || quality.saturated)
-    {
-      // What is before can no longer be joined.
-      const int64_t from_ns = used[k].stamp_ns;
-      while (pairs.front().stamp_ns < from_ns)
-      {
-        pairs.pop_front();
-      }
-      return quality.saturated
-                 ? refuse(Outcome::NOT_CONSISTENT,
-                          "initializer: the IMU is saturated (imu/gyro_limit, imu/accel_limit)")
-                 : refuse(Outcome::NO_IMU, format("initializer: samples of the IMU have a gap of %.3f s, must be at "
-                                                  "most %.3f",
-                                                  quality.gap_s, imu.longestInterval()));
-    }
+    outcome = followPictures(used, integrals);
   }
-
-  odometry.start(used.front());
-  Eigen::Quaterniond last_error = Eigen::Quaterniond::Identity();
-  for (size_t k = 1; k < used.size(); ++k)
+  if (outcome != Outcome::DONE)
   {
-    // A bias not known yet turns the next interval as it did the last one.
-    const double inliers = odometry.append(used[k], integrals[k - 1].deltaR() * last_error);
-    if (inliers < MIN_INLIER_RATIO)
-    {
-      const int64_t from_ns = used[k].stamp_ns;
-      while (pairs.front().stamp_ns < from_ns)
-      {
-        pairs.pop_front();
-      }
-      return refuse(
-          Outcome::NOT_CONSISTENT,
-          format("initializer: %.0f %% of the features of a pair agree with one motion, must be %.0f; do most "
-                 "of them move, or is the calibration of the cameras wrong?",
-                 100.0 * std::max(0.0, inliers), 100.0 * MIN_INLIER_RATIO));
-    }
-    const std::vector<StereoOdometry::Pose>& poses = odometry.poses();
-    last_error = integrals[k - 1].deltaR().conjugate() * rotationBetween(poses[k - 1], poses[k]);
-  }
-  const double adjusted = odometry.adjust();
-  if (adjusted < MIN_ADJUSTED_RATIO)
-  {
-    return refuse(Outcome::NOT_CONSISTENT,
-                  format("initializer: %.0f %% of the observations agree with one scene, must be %.0f; is the "
-                         "calibration of the cameras wrong?",
-                         100.0 * adjusted, 100.0 * MIN_ADJUSTED_RATIO));
+    return outcome;
   }
   const std::vector<StereoOdometry::Pose>& poses = odometry.poses();
   double rotation_rms = 0.0;
@@ -343,8 +291,98 @@ Initializer::Outcome Initializer::Impl::tryMoving(const ImuBuffer& imu, InitialS
                                                   gyro_bias.norm(), options.max_gyro_bias));
   }
   gyro_bias_guess = gyro_bias;
-
   const InertialAlignment alignment = alignPositions(poses, integrals, model.gravity);
+  outcome = judge(alignment, poses);
+  if (outcome != Outcome::DONE)
+  {
+    return outcome;
+  }
+  const Eigen::Quaterniond q_odom_ref = levelBody(-alignment.gravity);
+  solution->states.clear();
+  for (size_t k = 0; k < poses.size(); ++k)
+  {
+    NavState state;
+    state.stamp_ns = used[k].stamp_ns;
+    state.p = q_odom_ref * poses[k].p;
+    state.q = (q_odom_ref * poses[k].q).normalized();
+    state.v = q_odom_ref * alignment.velocities[k];
+    state.bias.gyro = gyro_bias;
+    state.bias.accel = alignment.accel_bias;
+    solution->states.push_back(state);
+  }
+  solution->frames = std::move(used);
+  solution->still = false;
+  return Outcome::DONE;
+}
+
+void Initializer::Impl::forgetBefore(int64_t stamp_ns)
+{
+  while (pairs.front().stamp_ns < stamp_ns)
+  {
+    pairs.pop_front();
+  }
+}
+
+/// The IMU between neighbouring pairs. DONE: without gap and saturation.
+Initializer::Outcome Initializer::Impl::integrate(const std::vector<FrameFeatures>& used, const ImuBuffer& imu,
+                                                  std::vector<ImuPreintegration>* integrals)
+{
+  for (size_t k = 1; k < used.size(); ++k)
+  {
+    ImuBuffer::Quality quality;
+    integrals->push_back(imu.integrate(used[k - 1].stamp_ns, used[k].stamp_ns,
+                                       ImuBias{gyro_bias_guess, Eigen::Vector3d::Zero()}, &quality));
+    if (!quality.complete || quality.gap_s > 0.0 || quality.saturated)
+    {
+      forgetBefore(used[k].stamp_ns);  // what is before can no longer be joined
+      return quality.saturated
+                 ? refuse(Outcome::NOT_CONSISTENT,
+                          "initializer: the IMU is saturated (imu/gyro_limit, imu/accel_limit)")
+                 : refuse(Outcome::NO_IMU, format("initializer: samples of the IMU have a gap of %.3f s, must be at "
+                                                  "most %.3f",
+                                                  quality.gap_s, imu.longestInterval()));
+    }
+  }
+  return Outcome::DONE;
+}
+
+/// Visual odometry over the pairs. DONE: most features agree with one motion and one scene.
+Initializer::Outcome Initializer::Impl::followPictures(const std::vector<FrameFeatures>& used,
+                                                       const std::vector<ImuPreintegration>& integrals)
+{
+  odometry.start(used.front());
+  Eigen::Quaterniond last_error = Eigen::Quaterniond::Identity();
+  for (size_t k = 1; k < used.size(); ++k)
+  {
+    // A bias not known yet turns the next interval as it did the last one.
+    const double inliers = odometry.append(used[k], integrals[k - 1].deltaR() * last_error);
+    if (inliers < MIN_INLIER_RATIO)
+    {
+      forgetBefore(used[k].stamp_ns);
+      return refuse(
+          Outcome::NOT_CONSISTENT,
+          format("initializer: %.0f %% of the features of a pair agree with one motion, must be %.0f; do most "
+                 "of them move, or is the calibration of the cameras wrong?",
+                 100.0 * std::max(0.0, inliers), 100.0 * MIN_INLIER_RATIO));
+    }
+    const std::vector<StereoOdometry::Pose>& poses = odometry.poses();
+    last_error = integrals[k - 1].deltaR().conjugate() * rotationBetween(poses[k - 1], poses[k]);
+  }
+  const double adjusted = odometry.adjust();
+  if (adjusted < MIN_ADJUSTED_RATIO)
+  {
+    return refuse(Outcome::NOT_CONSISTENT,
+                  format("initializer: %.0f %% of the observations agree with one scene, must be %.0f; is the "
+                         "calibration of the cameras wrong?",
+                         100.0 * adjusted, 100.0 * MIN_ADJUSTED_RATIO));
+  }
+  return Outcome::DONE;
+}
+
+/// DONE: gravity, biases and residuals are plausible, and known well enough.
+Initializer::Outcome Initializer::Impl::judge(const InertialAlignment& alignment,
+                                              const std::vector<StereoOdometry::Pose>& poses)
+{
   const double bound = std::min(options.max_accel_bias, options.gravity_tolerance * model.gravity);
   if (!alignment.solvable || std::abs(alignment.gravity_found - model.gravity) > bound)
   {
@@ -377,22 +415,6 @@ Initializer::Outcome Initializer::Impl::tryMoving(const ImuBuffer& imu, InitialS
                          "%.3f",
                          alignment.gravity_sigma, alignment.velocity_sigma, MAX_GRAVITY_SIGMA, MAX_VELOCITY_SIGMA));
   }
-
-  const Eigen::Quaterniond q_odom_ref = levelBody(-alignment.gravity);
-  solution->states.clear();
-  for (size_t k = 0; k < poses.size(); ++k)
-  {
-    NavState state;
-    state.stamp_ns = used[k].stamp_ns;
-    state.p = q_odom_ref * poses[k].p;
-    state.q = (q_odom_ref * poses[k].q).normalized();
-    state.v = q_odom_ref * alignment.velocities[k];
-    state.bias.gyro = gyro_bias;
-    state.bias.accel = alignment.accel_bias;
-    solution->states.push_back(state);
-  }
-  solution->frames = std::move(used);
-  solution->still = false;
   return Outcome::DONE;
 }
 

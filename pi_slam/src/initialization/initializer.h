@@ -1,9 +1,9 @@
 #pragma once
 
+#include <pi_slam/stereo_calibration.h>
 #include "front_end/frame_features.h"
 #include "inertial/imu_preintegration.h"
 #include "inertial/nav_state.h"
-#include <pi_slam/stereo_calibration.h>
 
 #include <memory>
 #include <string>
@@ -27,7 +27,7 @@ struct InitializerOptions
   void validate() const;
 };
 
-/// Where to begin: states that agree with pictures and IMU well enough for the window to take them over.
+/// The result: states that agree with pictures and IMU well enough for the window to start with them.
 struct InitialSolution
 {
   std::vector<NavState> states;       ///< of the pairs used, oldest first. odom: z up, origin and heading (yaw 0 along
@@ -36,12 +36,12 @@ struct InitialSolution
   bool still = false;                 ///< found at rest
 };
 
-/// Finds gravity, velocities and gyro bias at the start, at rest or in motion, without any of them known before:
-/// stereo odometry over the pairs (landmarks triangulated by the pair, poses by robust resection and refinement), gyro
-/// bias from the rotations (Qin, Li and Shen, VINS-Mono, TRO 2018, section V), then velocities, gravity and its
-/// refinement to known length linearly from positions and preintegrated IMU; scale is known from stereo. Of the
-/// accelerometer's bias only the part along gravity can be told in short windows: the rest stays near 0, and tilts the
-/// gravity found by 0.6 degrees for 0.1 m/s^2.
+/// Finds gravity, velocities and gyro bias at the start, at rest or in motion, without a guess: stereo odometry over
+/// the pairs (landmarks triangulated by the pair, poses by robust resection and refinement), gyro bias from the
+/// rotations (Qin, Li and Shen, VINS-Mono, TRO 2018, section V), then velocities, gravity and its refinement to known
+/// length linearly from positions and preintegrated IMU; scale is known from stereo. Of the accelerometer's bias only
+/// the part along gravity can be told in short windows: the rest stays near 0, and tilts the gravity found by 0.6
+/// degrees for 0.1 m/s^2.
 ///
 /// One attempt takes 15 to 30 ms for 11 pairs with 150 features, and uses at most 20 pairs.
 /// Deterministic. Not thread safe.
@@ -67,7 +67,7 @@ public:
   /// One sentence about the last outcome that was neither COLLECTING nor DONE: object, value, bound.
   const std::string& message() const;
 
-  /// Begins anew, with nothing known.
+  /// Starts again without any state.
   void reset();
 
 private:

@@ -30,11 +30,6 @@ const StandstillOptions& validated(const StandstillOptions& options)
   return options;
 }
 
-int64_t nanoseconds(double seconds)
-{
-  return std::llround(1e9 * seconds);
-}
-
 }  // namespace
 
 void StandstillOptions::validate() const
@@ -66,17 +61,17 @@ bool StandstillDetector::update(const FrameFeatures& features, const ImuBuffer& 
     return false;
   }
   const int64_t stamp_ns = features.stamp_ns;
-  if (!pairs_.empty() && (stamp_ns <= last_ns_ || stamp_ns - last_ns_ > nanoseconds(LONGEST_PAUSE_S)))
+  if (!pairs_.empty() && (stamp_ns <= last_ns_ || stamp_ns - last_ns_ > std::llround(1e9 * LONGEST_PAUSE_S)))
   {
     reset();
   }
   last_ns_ = stamp_ns;
 
   const double slack = still_ ? LEAVING_FACTOR : 1.0;
-  const Pair* reference = pairBefore(stamp_ns - nanoseconds(options_.window_s));
+  const Pair* reference = pairBefore(stamp_ns - std::llround(1e9 * options_.window_s));
   flow_px_ = reference != nullptr ? flowSince(*reference, features) : -1.0;
   bool calm = flow_px_ >= 0.0 && flow_px_ <= slack * options_.max_flow_px && imuIsCalm(stamp_ns, imu, bias, slack);
-  const Pair* earlier = pairBefore(stamp_ns - nanoseconds(LONG_WINDOWS * options_.window_s));
+  const Pair* earlier = pairBefore(stamp_ns - std::llround(1e9 * (LONG_WINDOWS * options_.window_s)));
   if (calm && earlier != nullptr && (!still_ || earlier->stamp_ns >= since_ns_))
   {
     // Features that are not seen any more tell nothing here.
@@ -88,9 +83,9 @@ bool StandstillDetector::update(const FrameFeatures& features, const ImuBuffer& 
   }
   still_ = calm;
 
-  if (pairs_.empty() || stamp_ns - pairs_.back().stamp_ns >= nanoseconds(options_.window_s / PARTS))
+  if (pairs_.empty() || stamp_ns - pairs_.back().stamp_ns >= std::llround(1e9 * (options_.window_s / PARTS)))
   {
-    const int64_t oldest_ns = stamp_ns - nanoseconds(LONG_WINDOWS * options_.window_s);
+    const int64_t oldest_ns = stamp_ns - std::llround(1e9 * (LONG_WINDOWS * options_.window_s));
     std::vector<Track> tracks;
     // The last pair at or before the oldest time stays.
     while (pairs_.size() > 1 && pairs_[1].stamp_ns <= oldest_ns)
@@ -151,7 +146,7 @@ double StandstillDetector::flowSince(const Pair& pair, const FrameFeatures& feat
 
 bool StandstillDetector::imuIsCalm(int64_t stamp_ns, const ImuBuffer& imu, const ImuBias& bias, double slack) const
 {
-  const int64_t window_ns = nanoseconds(options_.window_s);
+  const int64_t window_ns = std::llround(1e9 * options_.window_s);
   if (imu.empty() || imu.lastNs() < stamp_ns || imu.firstNs() > stamp_ns - window_ns)
   {
     return false;

@@ -24,8 +24,8 @@ struct StandstillOptions
   void validate() const;
 };
 
-/// Tells standing still from slow motion: neither pictures nor IMU may see any over a window. Without pictures it says
-/// no, since an IMU alone cannot tell standstill from constant velocity.
+/// Distinguishes standstill from slow motion: neither pictures nor IMU may see motion over a window. Without pictures
+/// the answer is no, since an IMU alone cannot tell standstill from constant velocity.
 ///
 /// Features are compared with where they were a window ago, and four windows ago (with twice the bound), so that the
 /// verdict does not depend on the rate of pictures: 0.05 m/s is 0.1 px per pair at 60 Hz. Deviations of the IMU are
@@ -39,7 +39,7 @@ public:
   /// @throws std::invalid_argument for a model or options out of range.
   StandstillDetector(const ImuModel& model, const StandstillOptions& options);
 
-  /// @param features  of each pair, in order of time; another order, or a second without pairs, begins anew.
+  /// @param features  of each pair, in order of time; another order, or a second without pairs, starts again.
   /// @param imu       covers the window before the pair; if not, the answer is no.
   /// @return true if the body has stood still over the window that ends at the stamp of `features`.
   bool update(const FrameFeatures& features, const ImuBuffer& imu, const ImuBias& bias);

@@ -97,7 +97,7 @@ bool StereoOdometry::triangulate(const FeatureObservation& feature, Eigen::Vecto
   depth = std::min(depth, far_m_);
   const Eigen::Vector3d on_left = cameras_[LEFT].p_body + depth * a;
   const Eigen::Vector3d seen_right = (on_left - cameras_[RIGHT].p_body).normalized();
-  // What is left over is half the misfit if shared by both cameras.
+  // Half the misfit is left if both cameras share it.
   if (!((seen_right - b).norm() * cameras_[RIGHT].focal < EPIPOLAR_PX))
   {
     return false;
@@ -311,7 +311,7 @@ double StereoOdometry::cost(const std::vector<Pose>& poses, const std::vector<Ei
     for (const Observation& observation : entry.second.observations)
     {
       const Residual r = residual(poses[observation.frame], observation, points[i]);
-      // What is behind the camera costs as much as anything may.
+      // A point behind the camera costs the maximum.
       sum += huberCost(r.valid ? r.error.norm() : 1000.0);
     }
     ++i;

@@ -4,9 +4,7 @@
 
 #include <algorithm>
 
-namespace pi_slam
-{
-namespace map
+namespace pi_slam::map
 {
 
 namespace kernels = pi_runtime::kernels;
@@ -80,5 +78,4 @@ std::vector<DescriptorMatch> DescriptorMatcher::match(const FeatureSet& queries,
   return pairs;
 }
 
-}  // namespace map
-}  // namespace pi_slam
+}  // namespace pi_slam::map

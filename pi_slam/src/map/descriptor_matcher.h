@@ -12,9 +12,7 @@ namespace pi_runtime
 class Runtime;
 }
 
-namespace pi_slam
-{
-namespace map
+namespace pi_slam::map
 {
 
 struct DescriptorMatch
@@ -46,5 +44,4 @@ private:
   std::vector<pi_runtime::kernels::HammingMatch> backward_;
 };
 
-}  // namespace map
-}  // namespace pi_slam
+}  // namespace pi_slam::map

@@ -5,9 +5,7 @@
 
 #include "map/map_data.h"
 
-namespace pi_slam
-{
-namespace map
+namespace pi_slam::map
 {
 
 void DriftFilter::start(const Eigen::Isometry3d& T_odom_body, const Eigen::Isometry3d& T_map_odom,
@@ -70,5 +68,4 @@ void DriftFilter::update(const PlaceMatch& place)
   covariance_ = I_K * covariance_ * I_K.transpose() + K * place.covariance * K.transpose();
 }
 
-}  // namespace map
-}  // namespace pi_slam
+}  // namespace pi_slam::map

@@ -4,9 +4,7 @@
 
 #include "map/place_verifier.h"
 
-namespace pi_slam
-{
-namespace map
+namespace pi_slam::map
 {
 
 /// Where the body is in map, from odometry, which drifts, and recognised places: a Kalman filter of position and
@@ -14,7 +12,7 @@ namespace map
 class DriftFilter
 {
 public:
-  /// What a recognised place says that the filter does not know.
+  /// Difference between a recognised place and the filter.
   struct Innovation
   {
     double distance_m = 0.0;
@@ -22,17 +20,17 @@ public:
     double chi2 = 0.0;  ///< 4 degrees of freedom
   };
 
-  /// Begins anew: odometry's pose at this time, and where that is in map.
+  /// Starts again with odometry's pose at this time and its place in map.
   void start(const Eigen::Isometry3d& T_odom_body, const Eigen::Isometry3d& T_map_odom,
              const Eigen::Matrix4d& covariance);
   /// The body moved to T_odom_body.
   void predict(const Eigen::Isometry3d& T_odom_body);
   Innovation innovation(const PlaceMatch& place) const;
   void update(const PlaceMatch& place);
-  /// The map moved under the body by this much; what is known of it stays.
+  /// The map moved under the body; the covariance stays.
   void move(const Eigen::Isometry3d& T_map_odom) { T_map_odom_ = T_map_odom; }
 
-  /// The map moved, turned about z, with the body in it: what is known turns along.
+  /// The map moved, turned about z, with the body in it: the covariance turns along.
   void turn(const Eigen::Isometry3d& T_map_odom);
 
   const Eigen::Isometry3d& T_map_odom() const { return T_map_odom_; }
@@ -48,5 +46,4 @@ private:
   Eigen::Matrix4d covariance_ = Eigen::Matrix4d::Zero();
 };
 
-}  // namespace map
-}  // namespace pi_slam
+}  // namespace pi_slam::map

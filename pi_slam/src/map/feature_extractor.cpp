@@ -7,9 +7,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace pi_slam
-{
-namespace map
+namespace pi_slam::map
 {
 
 namespace kernels = pi_runtime::kernels;
@@ -246,7 +244,7 @@ void FeatureExtractor::blur(int level)
 
 void FeatureExtractor::describe(const Point& point, uint8_t* descriptor) const
 {
-  const kernels::OrbTables& tables = kernels::orbTables();
+  const kernels::OrbPattern& tables = kernels::ORB_PATTERN;
   const front_end::Picture picture = kernels_.view(pyramids_[LEFT], point.level);
   const uint8_t* const pixels = smoothed_[static_cast<size_t>(point.level)].data();
   const auto scale = static_cast<float>(1 << point.level);
@@ -323,5 +321,4 @@ std::shared_ptr<FeatureSet> FeatureExtractor::extract(const MapFrame& frame)
   return set;
 }
 
-}  // namespace map
-}  // namespace pi_slam
+}  // namespace pi_slam::map

@@ -1,7 +1,7 @@
 #pragma once
 
-#include "map/map_frame.h"
 #include <pi_slam/stereo_calibration.h>
+#include "map/map_frame.h"
 
 #include <array>
 #include <memory>
@@ -12,9 +12,7 @@
 #include "front_end/stereo_geometry.h"
 #include "map/feature_set.h"
 
-namespace pi_slam
-{
-namespace map
+namespace pi_slam::map
 {
 
 /// Corners of a pair with descriptor and distance.
@@ -58,5 +56,4 @@ private:
   front_end::PointBatch back_;
 };
 
-}  // namespace map
-}  // namespace pi_slam
+}  // namespace pi_slam::map

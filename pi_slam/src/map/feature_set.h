@@ -6,9 +6,7 @@
 #include <memory>
 #include <vector>
 
-namespace pi_slam
-{
-namespace map
+namespace pi_slam::map
 {
 
 constexpr size_t DESCRIPTOR_BYTES = 32;
@@ -51,5 +49,4 @@ struct FeatureSet
 };
 using FeatureSetPtr = std::shared_ptr<const FeatureSet>;
 
-}  // namespace map
-}  // namespace pi_slam
+}  // namespace pi_slam::map

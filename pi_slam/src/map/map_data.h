@@ -6,9 +6,7 @@
 
 #include "map/feature_set.h"
 
-namespace pi_slam
-{
-namespace map
+namespace pi_slam::map
 {
 
 /// A place where the body was. With features it is a keyframe.
@@ -37,7 +35,7 @@ struct MapNode
   Eigen::Isometry3d T_map_odom() const { return T_map_body() * T_odom_body.inverse(); }
 };
 
-/// What is known of two nodes: p_to - p_from = Rz(heading_from) shift, heading_to - heading_from = turn.
+/// A measurement between two nodes: p_to - p_from = Rz(heading_from) shift, heading_to - heading_from = turn.
 struct MapEdge
 {
   uint32_t from = 0;  ///< index of the node
@@ -62,5 +60,4 @@ constexpr double DRIFT_HEADING_PER_TURN = 0.001;  ///< [rad / sqrt(rad)]
 constexpr double DRIFT_POSITION_LEAST = 0.002;    ///< of any step [m]
 constexpr double DRIFT_HEADING_LEAST = 0.0003;    ///< [rad]
 
-}  // namespace map
-}  // namespace pi_slam
+}  // namespace pi_slam::map

@@ -1,6 +1,7 @@
 #include "map/map_file.h"
 
 #include <fcntl.h>
+#include <pi_node/unique_fd.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -10,9 +11,7 @@
 #include <cstring>
 #include <filesystem>
 
-namespace pi_slam
-{
-namespace map
+namespace pi_slam::map
 {
 
 namespace
@@ -54,7 +53,7 @@ public:
   std::vector<uint8_t> bytes;
 };
 
-/// Takes numbers off the bytes, and refuses what is out of range.
+/// Reads numbers from the bytes, and refuses those out of range.
 class Reader
 {
 public:
@@ -281,25 +280,6 @@ MapEdge getEdge(uint32_t nodes, Reader* reader)
   return edge;
 }
 
-class Descriptor
-{
-public:
-  explicit Descriptor(int number) : number_(number) {}
-  ~Descriptor() { close(); }
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
-  bool close()
-  {
-    const int number = number_;
-    number_ = -1;
-    return number < 0 || ::close(number) == 0;
-  }
-  int number() const { return number_; }
-
-private:
-  int number_;
-};
-
 [[noreturn]] void failed(const std::string& file, const char* action)
 {
   throw MapError("map " + file + ": cannot " + action + ": " + std::strerror(errno));
@@ -442,25 +422,25 @@ MapData decodeMap(const std::vector<uint8_t>& bytes, const StereoCalibration& ca
 void writeFileAtomically(const std::string& file, const std::vector<uint8_t>& bytes)
 {
   std::string beside = file + ".XXXXXX";
-  Descriptor descriptor(::mkostemp(beside.data(), O_CLOEXEC));
-  if (descriptor.number() < 0)
+  pi_node::UniqueFd descriptor(::mkostemp(beside.data(), O_CLOEXEC));
+  if (!descriptor)
   {
     failed(file, "write beside it");
   }
   try
   {
-    ::fchmod(descriptor.number(), 0644);
+    ::fchmod(descriptor.get(), 0644);
     size_t written = 0;
     while (written < bytes.size())
     {
-      const ssize_t count = ::write(descriptor.number(), bytes.data() + written, bytes.size() - written);
+      const ssize_t count = ::write(descriptor.get(), bytes.data() + written, bytes.size() - written);
       if (count < 0 && errno != EINTR)
       {
         failed(file, "write");
       }
       written += count > 0 ? static_cast<size_t>(count) : 0;
     }
-    if (::fsync(descriptor.number()) != 0 || !descriptor.close())
+    if (::fsync(descriptor.get()) != 0 || !descriptor.reset())
     {
       failed(file, "bring it to the disk");
     }
@@ -476,18 +456,18 @@ void writeFileAtomically(const std::string& file, const std::vector<uint8_t>& by
   }
   // The new name must outlive a loss of power, too; not all file systems can do that.
   const std::string folder = std::filesystem::path(file).parent_path().string();
-  const Descriptor parent(::open(folder.empty() ? "." : folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
-  if (parent.number() >= 0)
+  const pi_node::UniqueFd parent(::open(folder.empty() ? "." : folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  if (parent)
   {
-    ::fsync(parent.number());
+    ::fsync(parent.get());
   }
 }
 
 std::vector<uint8_t> readFile(const std::string& file)
 {
-  const Descriptor descriptor(::open(file.c_str(), O_RDONLY | O_CLOEXEC));
+  const pi_node::UniqueFd descriptor(::open(file.c_str(), O_RDONLY | O_CLOEXEC));
   struct stat status = {};
-  if (descriptor.number() < 0 || ::fstat(descriptor.number(), &status) != 0)
+  if (!descriptor || ::fstat(descriptor.get(), &status) != 0)
   {
     failed(file, "open it");
   }
@@ -499,7 +479,7 @@ std::vector<uint8_t> readFile(const std::string& file)
   size_t read = 0;
   while (read < bytes.size())
   {
-    const ssize_t count = ::read(descriptor.number(), bytes.data() + read, bytes.size() - read);
+    const ssize_t count = ::read(descriptor.get(), bytes.data() + read, bytes.size() - read);
     if (count < 0 && errno != EINTR)
     {
       failed(file, "read it");
@@ -514,5 +494,4 @@ std::vector<uint8_t> readFile(const std::string& file)
   return bytes;
 }
 
-}  // namespace map
-}  // namespace pi_slam
+}  // namespace pi_slam::map

@@ -1,7 +1,7 @@
 #pragma once
 
-#include "map/mapper.h"
 #include <pi_slam/stereo_calibration.h>
+#include "map/mapper.h"
 
 #include <cstdint>
 #include <string>
@@ -9,16 +9,13 @@
 
 #include "map/map_data.h"
 
-namespace pi_slam
-{
-namespace map
+namespace pi_slam::map
 {
 
 /// The content of a map file, little-endian:
 ///   magic "PISLMAP" and a zero, version (u32), 0 (u32), length of the whole file (u64)
-///   calibration: per camera width, height (i32), fx, fy, cx, cy (f64), distortion (i32), 4 coefficients (f64),
-///   position
-///     and quaternion x, y, z, w of T_body_camera (7 f64)
+///   calibration, per camera: width, height (i32), fx, fy, cx, cy (f64), distortion (i32), 4 coefficients (f64),
+///     position and quaternion x, y, z, w of T_body_camera (7 f64)
 ///   number of nodes and edges (u64), then nodes and edges one after the other
 ///   CRC-64 (ECMA-182, reflected, as in XZ) of all bytes before (u64)
 std::vector<uint8_t> encodeMap(const MapData& map, const StereoCalibration& calibration);
@@ -37,5 +34,4 @@ std::vector<uint8_t> readFile(const std::string& file);
 
 uint64_t crc64(const uint8_t* bytes, size_t count);
 
-}  // namespace map
-}  // namespace pi_slam
+}  // namespace pi_slam::map

@@ -10,7 +10,7 @@
 namespace pi_slam
 {
 
-/// What odometry hands to the map: a pair of pictures, where it was taken, and the landmarks seen.
+/// What odometry gives to the map: a pair of pictures, where it was taken, and the landmarks seen.
 struct MapFrame
 {
   struct Landmark

@@ -1,5 +1,5 @@
-#include <malloc.h>
 #include "map/mapper.h"
+#include <malloc.h>
 #include <pthread.h>
 
 #include <algorithm>
@@ -13,6 +13,7 @@
 #include <thread>
 #include <utility>
 
+#include <pi_node/option_check.h>
 #include "map/drift_filter.h"
 #include "map/feature_extractor.h"
 #include "map/map_data.h"
@@ -21,7 +22,6 @@
 #include "map/pose_graph.h"
 #include "map/redundancy.h"
 #include "map/voxel_cloud.h"
-#include <pi_node/option_check.h>
 
 namespace pi_slam
 {
@@ -213,7 +213,7 @@ struct Mapper::Impl
   {
     return loops_pending && nodes_since_correction >= NODES_PER_CORRECTION + data.nodes.size() / CORRECTION_PART;
   }
-  /// Frames are not added: there is a map from a file, and nobody knows where in it.
+  /// Frames are not added: there is a map from a file, in which the body is not localised yet.
   bool isWaiting() const { return loaded && !was_localized; }
   uint32_t ownPart() const { return part_of_segment[segment]; }
 
@@ -348,7 +348,7 @@ void Mapper::Impl::process(const MapFrame& frame, bool begins_anew)
   publish();
 }
 
-/// Odometry does not drift by so much: if a place says that it did, the picture does not show this place.
+/// Odometry does not drift by more: a place that needs more is a false recognition.
 bool Mapper::Impl::fits(const RecognizedPlace& place) const
 {
   const DriftFilter::Innovation innovation = filter.innovation(place.match);
@@ -356,7 +356,7 @@ bool Mapper::Impl::fits(const RecognizedPlace& place) const
   return innovation.distance_m < GATE_M + GATE_PER_M * way && innovation.angle_rad < GATE_RAD + GATE_RAD_PER_M * way;
 }
 
-/// Whether a picture from elsewhere, taken shortly before, says the same about where odom is in map.
+/// Whether a picture taken shortly before, at another place, gives the same T_map_odom.
 bool Mapper::Impl::hasWitness(const MapFrame& frame, const RecognizedPlace& place)
 {
   const Eigen::Isometry3d& T_map_odom = place.match.T_map_odom;
@@ -430,7 +430,7 @@ void Mapper::Impl::moveTo(const Eigen::Isometry3d& T_map_odom)
   filter.turn(T_map_odom);
 }
 
-/// Where the body should be, and what is there.
+/// Recognises places near where the body should be.
 void Mapper::Impl::recognizeNear(const MapFrame& frame, const PlaceQuery& query, std::vector<RecognizedPlace>* places)
 {
   const double deviation = std::sqrt(filter.covariance().topLeftCorner<3, 3>().trace());
@@ -635,7 +635,7 @@ void Mapper::Impl::correct()
   malloc_trim(0);
   if (usable && last_node >= 0)
   {
-    // What odometry did since the newest node goes on from there.
+    // The motion of odometry since the newest node is added to it.
     filter.move(data.nodes[static_cast<size_t>(last_node)].T_map_odom());
   }
   nodes_since_correction = 0;

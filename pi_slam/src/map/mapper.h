@@ -1,7 +1,7 @@
 #pragma once
 
-#include "map/map_frame.h"
 #include <pi_slam/stereo_calibration.h>
+#include "map/map_frame.h"
 
 #include <Eigen/Geometry>
 #include <cstdint>
@@ -87,19 +87,18 @@ public:
   /// Returns when no frame waits or is in work.
   void flush();
 
-  /// Odometry began anew at another place than it ended: what follows is not connected to what was before by motion,
-  /// only by recognised places.
+  /// Odometry was restarted at another place. From now on only recognised places connect new keyframes to old ones.
   void odometryReset();
 
-  /// Somebody knows where the body is: T_map_odom becomes so that it puts the body, which odometry has at T_odom_body,
-  /// at the position and heading of T_map_body. Roll and pitch stay those of odometry, which knows gravity. Takes
+  /// Sets the place of the body in map: T_map_odom becomes so that T_odom_body is at the position and heading of
+  /// T_map_body. Roll and pitch stay those of odometry, which knows gravity. Takes
   /// effect before it returns, which may wait for the frame in work.
   ///
   /// What was mapped since odometry began, and all that recognised places tie to it, moves along as one: path, cloud
   /// and recognised places stay right. A map from a file keeps its place: the body leaves it, statistics().localized
   /// becomes (or stays) false, and the next place of it that is recognised overrides this pose. It is no prior of that
   /// search, which looks in the whole map anyway.
-  /// @throws std::invalid_argument for poses that are none; nothing is changed then.
+  /// @throws std::invalid_argument for matrices that are no poses; changes nothing then.
   void setPose(const Eigen::Isometry3d& T_odom_body, const Eigen::Isometry3d& T_map_body);
 
   Eigen::Isometry3d T_map_odom() const;
@@ -117,7 +116,7 @@ public:
   /// @throws MapError for a file that cannot be written, or an empty map.
   void save(const std::string& file) const;
   /// Replaces the map. Until the first place in it is recognised, statistics().localized is false and frames are not
-  /// added; then T_map_odom jumps there and mapping goes on.
+  /// added; then T_map_odom jumps there and mapping continues.
   /// @throws MapError for a file that is missing, truncated, damaged, of another version, or made with cameras of
   ///         another size; the map is unchanged then.
   void load(const std::string& file);

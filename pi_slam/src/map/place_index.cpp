@@ -4,9 +4,7 @@
 #include <cmath>
 #include <cstring>
 
-namespace pi_slam
-{
-namespace map
+namespace pi_slam::map
 {
 
 namespace
@@ -166,5 +164,4 @@ std::vector<PlaceIndex::Vote> PlaceIndex::query(const FeatureSet& features) cons
   return votes;
 }
 
-}  // namespace map
-}  // namespace pi_slam
+}  // namespace pi_slam::map

@@ -7,9 +7,7 @@
 
 #include "map/feature_set.h"
 
-namespace pi_slam
-{
-namespace map
+namespace pi_slam::map
 {
 
 /// Finds keyframes that look like a picture, by their binary descriptors, without a vocabulary learned before:
@@ -33,7 +31,7 @@ public:
   void clear();
 
   /// Keyframes that share features with `features`, best first. Each feature has one vote, which it splits among the
-  /// places that it fits, so that what is seen everywhere counts little.
+  /// places that it fits. So features that are seen everywhere count little.
   std::vector<Vote> query(const FeatureSet& features) const;
 
   size_t bytes() const { return bytes_; }
@@ -53,5 +51,4 @@ private:
   size_t bytes_ = 0;
 };
 
-}  // namespace map
-}  // namespace pi_slam
+}  // namespace pi_slam::map

@@ -3,9 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace pi_slam
-{
-namespace map
+namespace pi_slam::map
 {
 
 namespace
@@ -263,5 +261,4 @@ std::optional<RecognizedPlace> PlaceRecognizer::anywhere(const MapData& map, con
   return best;
 }
 
-}  // namespace map
-}  // namespace pi_slam
+}  // namespace pi_slam::map

@@ -11,9 +11,7 @@
 #include "map/place_index.h"
 #include "map/place_verifier.h"
 
-namespace pi_slam
-{
-namespace map
+namespace pi_slam::map
 {
 
 /// A node of the map from whose features the body was found in map.
@@ -24,7 +22,7 @@ struct RecognizedPlace
   bool strong = false;  ///< enough on its own; else another picture has to say the same
 };
 
-/// What is seen now, and where on the way: nodes shortly before are not recognised again.
+/// The picture of now and its place on the path: nodes shortly before it are not recognised again.
 struct PlaceQuery
 {
   const FeatureSet* features = nullptr;
@@ -71,5 +69,4 @@ private:
   std::vector<uint32_t> free_slots_;
 };
 
-}  // namespace map
-}  // namespace pi_slam
+}  // namespace pi_slam::map

@@ -8,9 +8,7 @@
 
 #include "estimator/factors.h"
 
-namespace pi_slam
-{
-namespace map
+namespace pi_slam::map
 {
 
 namespace
@@ -265,7 +263,7 @@ void PlaceVerifier::refine(std::vector<Match>* matches, Pose* pose, Eigen::Matri
         Jd(2) = (1.0 / length - match.estimate / (length * length) * u_map.dot(offset)) * query_weight;
         Jd(3) = prior_weight;
       };
-      // The distance that fits this pose, in two steps; what is left is a function of the pose alone.
+      // The distance that fits this pose, in two steps; the rest is a function of the pose alone.
       for (int inner = 0; inner < 2; ++inner)
       {
         linearize();
@@ -312,7 +310,7 @@ int PlaceVerifier::expectedIn(const PlaceView& view, const Pose& pose) const
   return expected;
 }
 
-/// Matches near the places where the pose says that features must be.
+/// Matches near the pixels where the pose predicts the features.
 void PlaceVerifier::guided(const FeatureSet& query, const std::vector<PlaceView>& views, const Pose& pose,
                            std::vector<Match>* matches) const
 {
@@ -480,5 +478,4 @@ std::optional<PlaceMatch> PlaceVerifier::verify(const FeatureSet& query, const E
   return result;
 }
 
-}  // namespace map
-}  // namespace pi_slam
+}  // namespace pi_slam::map

@@ -10,9 +10,7 @@
 #include "map/descriptor_matcher.h"
 #include "map/feature_set.h"
 
-namespace pi_slam
-{
-namespace map
+namespace pi_slam::map
 {
 
 /// Features and where they were seen from. map: any frame with z up.
@@ -53,9 +51,9 @@ public:
                 std::shared_ptr<pi_runtime::Runtime> runtime = nullptr);
   ~PlaceVerifier();
 
-  /// @param query        what is seen now, with its pose by odometry: roll and pitch are taken from it.
+  /// @param query        the picture of now, with its pose by odometry, whose roll and pitch are taken.
   /// @param views        of one place, the best first; their poses must fit together.
-  /// @param expected     the body should be near, by what is known else.
+  /// @param expected     the body should be near, by odometry.
   /// @return nullopt if the picture does not show this place, or not enough of it.
   std::optional<PlaceMatch> verify(const FeatureSet& query, const Eigen::Isometry3d& T_odom_body,
                                    const std::vector<PlaceView>& views, bool expected = false);
@@ -79,5 +77,4 @@ private:
   Eigen::Isometry3d T_odom_body_ = Eigen::Isometry3d::Identity();  ///< of the query in work
 };
 
-}  // namespace map
-}  // namespace pi_slam
+}  // namespace pi_slam::map

@@ -7,9 +7,7 @@
 #include <cmath>
 #include <numeric>
 
-namespace pi_slam
-{
-namespace map
+namespace pi_slam::map
 {
 
 namespace
@@ -176,5 +174,4 @@ PoseGraphReport optimizePoseGraph(MapData* map)
   return report;
 }
 
-}  // namespace map
-}  // namespace pi_slam
+}  // namespace pi_slam::map

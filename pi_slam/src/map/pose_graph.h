@@ -2,9 +2,7 @@
 
 #include "map/map_data.h"
 
-namespace pi_slam
-{
-namespace map
+namespace pi_slam::map
 {
 
 struct PoseGraphReport
@@ -20,5 +18,4 @@ struct PoseGraphReport
 /// through, then Cauchy). The first node of each connected part stays where it is.
 PoseGraphReport optimizePoseGraph(MapData* map);
 
-}  // namespace map
-}  // namespace pi_slam
+}  // namespace pi_slam::map

@@ -4,9 +4,7 @@
 #include <cmath>
 #include <limits>
 
-namespace pi_slam
-{
-namespace map
+namespace pi_slam::map
 {
 
 namespace
@@ -192,5 +190,4 @@ std::optional<std::vector<int64_t>> thinOut(MapData* map, size_t most)
   return moved;
 }
 
-}  // namespace map
-}  // namespace pi_slam
+}  // namespace pi_slam::map

@@ -5,9 +5,7 @@
 
 #include "map/map_data.h"
 
-namespace pi_slam
-{
-namespace map
+namespace pi_slam::map
 {
 
 /// Keyframes that a map with more than `most` of them can best do without: those with another one nearest to them, in
@@ -25,5 +23,4 @@ std::optional<std::vector<int64_t>> thinOut(MapData* map, size_t most);
 MapEdge compose(const MapEdge& first, const MapEdge& second);
 MapEdge inverse(const MapEdge& edge);
 
-}  // namespace map
-}  // namespace pi_slam
+}  // namespace pi_slam::map

@@ -6,9 +6,7 @@
 
 #include <cmath>
 
-namespace pi_slam
-{
-namespace map
+namespace pi_slam::map
 {
 
 namespace
@@ -121,5 +119,4 @@ const std::vector<MapPoint>& VoxelCloud::update(const MapData& map)
   return points_;
 }
 
-}  // namespace map
-}  // namespace pi_slam
+}  // namespace pi_slam::map

@@ -9,9 +9,7 @@
 
 #include "map/map_data.h"
 
-namespace pi_slam
-{
-namespace map
+namespace pi_slam::map
 {
 
 /// The landmarks of a map in space, one per voxel (PCL's VoxelGrid), kept up to date: keyframes that are new are added,
@@ -35,5 +33,4 @@ private:
   std::vector<MapPoint> points_;
 };
 
-}  // namespace map
-}  // namespace pi_slam
+}  // namespace pi_slam::map

@@ -1,18 +1,19 @@
 #include "odometry/vio.h"
 
+#include <pi_node/formatting.h>
+
 #include "estimator/factors.h"
 #include "estimator/frame_budget.h"
 
-#include "front_end/frame_filter.h"
-#include "inertial/imu_preintegration.h"
 #include <pi_slam/so3.h>
 #include "estimator/window_estimator.h"
+#include "front_end/frame_filter.h"
+#include "inertial/imu_preintegration.h"
 
 #include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <cmath>
-#include <cstdio>
 #include <mutex>
 #include <unordered_map>
 #include <utility>
@@ -37,29 +38,13 @@ constexpr int START_ITERATIONS = 20;
 constexpr double LONGEST_GAP_S = 0.2;  ///< of the IMU, after which there is no pose before pictures have corrected it
 constexpr double IMU_KEPT_S = 12.0;    ///< of samples, for the initialiser and long gaps
 
+using pi_node::format;
+using pi_node::seconds;
 using Clock = std::chrono::steady_clock;
 
 double millisecondsSince(Clock::time_point start)
 {
   return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
-}
-
-double seconds(int64_t ns)
-{
-  return 1e-9 * static_cast<double>(ns);
-}
-
-int64_t nanoseconds(double s)
-{
-  return static_cast<int64_t>(std::llround(1e9 * s));
-}
-
-template <typename... Arguments>
-std::string text(const char* format, Arguments... arguments)
-{
-  char buffer[256];
-  std::snprintf(buffer, sizeof buffer, format, arguments...);
-  return buffer;
 }
 
 }  // namespace
@@ -92,8 +77,14 @@ struct Vio::Impl
   void forgetPairs();
   void clearEstimate();
   void takeInbox();
+  std::string whyUnusable(int64_t stamp_ns, bool running) const;
+  TrackerPrediction predictViews(const ImuPreintegration& since_pair, bool running);
+  void runFrontEnd(const cv::Mat& left, const cv::Mat& right, const TrackerPrediction& prediction, int64_t stamp_ns,
+                   FrameReport* report);
   void start(FrameReport* report);
   void track(const ImuPreintegration& since_pair, const ImuBuffer::Quality& quality, FrameReport* report);
+  void noteMissingCorrection(const FilterReport& filtered, size_t views, FrameReport* report);
+  void enterStandstill();
   bool leaveStandstill(FrameReport* report);
   std::vector<LandmarkView> viewsOfKnown() const;
   void noteOutliers(const FilterReport& filtered);
@@ -163,7 +154,7 @@ std::optional<PropagatedState> Vio::Impl::addImu(ImuSample sample)
   }
   // Inside, all stamps are those of the cameras.
   const int64_t own_stamp_ns = sample.stamp_ns;
-  sample.stamp_ns -= nanoseconds(options.imu.time_offset_s);
+  sample.stamp_ns -= std::llround(1e9 * options.imu.time_offset_s);
   const int64_t before_ns = inbox_check.empty() ? 0 : inbox_check.lastNs();
   const ImuBuffer::Added added = inbox_check.add(sample);
   {
@@ -171,15 +162,15 @@ std::optional<PropagatedState> Vio::Impl::addImu(ImuSample sample)
     switch (added)
     {
       case ImuBuffer::Added::OUT_OF_ORDER:
-        imu_message = text("imu/data: stamp goes back by %.4f s, sample ignored; check the driver's clock",
-                           seconds(before_ns - sample.stamp_ns));
+        imu_message = format("imu/data: stamp goes back by %.4f s, sample ignored; check the driver's clock",
+                             seconds(before_ns - sample.stamp_ns));
         break;
       case ImuBuffer::Added::NOT_FINITE:
         imu_message = "imu/data: a sample is not finite, ignored; check the driver";
         break;
       case ImuBuffer::Added::GAP:
-        imu_message = text("imu/data: gap of %.3f s, bridged by interpolation; check load and transport",
-                           seconds(sample.stamp_ns - before_ns));
+        imu_message = format("imu/data: gap of %.3f s, bridged by interpolation; check load and transport",
+                             seconds(sample.stamp_ns - before_ns));
         break;
       case ImuBuffer::Added::SATURATED:
         imu_message = "imu/data: an axis is at the sensor's limit, the pose gets inaccurate; choose a wider range";
@@ -220,7 +211,7 @@ void Vio::Impl::forgetPairs()
   corrected.reset();
 }
 
-/// Nothing is known any more but the samples of the IMU.
+/// Forgets everything but the samples of the IMU.
 void Vio::Impl::clearEstimate()
 {
   window.clear();
@@ -257,24 +248,10 @@ FrameReport Vio::Impl::addPair(int64_t stamp_ns, const cv::Mat& left, const cv::
   }
   report.status = status;
   takeInbox();
-  if (stamp_ns <= last_pair_ns)
-  {
-    report.message = text("pictures: stamp goes back by %.3f s, pair ignored; call reset if the recording began anew",
-                          seconds(last_pair_ns - stamp_ns));
-    return report;
-  }
   const bool running = status != VioStatus::INITIALIZING && status != VioStatus::LOST;
-  if (imu.empty() || imu.lastNs() < stamp_ns)
+  report.message = whyUnusable(stamp_ns, running);
+  if (!report.message.empty())
   {
-    report.message = imu.empty() ? "imu/data: no sample yet, pair ignored"
-                                 : text("imu/data: newest sample is %.3f s older than the pair, pair ignored",
-                                        seconds(stamp_ns - imu.lastNs()));
-    return report;
-  }
-  if (imu.firstNs() > (running ? last_pair_ns : stamp_ns))
-  {
-    report.message =
-        text("imu/data: first sample is %.3f s younger than the pair, pair ignored", seconds(imu.firstNs() - stamp_ns));
     return report;
   }
 
@@ -285,44 +262,8 @@ FrameReport Vio::Impl::addPair(int64_t stamp_ns, const cv::Mat& left, const cv::
     since_pair = imu.integrate(last_pair_ns, stamp_ns, running ? filter.state().bias : ImuBias(), &quality);
   }
 
-  NavState predicted = filter.state();
-  TrackerPrediction prediction;
-  if (!since_pair.empty())
-  {
-    prediction.R_last_now = since_pair.deltaR();
-    if (running)
-    {
-      predicted = since_pair.predict(filter.state());
-      const Eigen::Matrix3d R_body_odom = predicted.q.toRotationMatrix().transpose();
-      prediction.p_body = [this, R_body_odom, p = predicted.p](int64_t id) -> std::optional<Eigen::Vector3d>
-      {
-        const LandmarkEstimate* const landmark = window.landmark(id);
-        if (landmark == nullptr)
-        {
-          return std::nullopt;
-        }
-        return Eigen::Vector3d(R_body_odom * (landmark->p_odom - p));
-      };
-    }
-  }
-  still_features = features;
-  features = tracker.process(stamp_ns, left, right, prediction, budget.features(options.tracker.max_features),
-                             &report.tracker);
+  runFrontEnd(left, right, predictViews(since_pair, running), stamp_ns, &report);
   report.front_end_ms = millisecondsSince(begin);
-  report.features = static_cast<int>(features.features.size());
-  report.processed = true;
-  report.reduced = budget.reduced();
-  if (report.tracker.blank[LEFT] || report.tracker.blank[RIGHT])
-  {
-    const bool both = report.tracker.blank[LEFT] && report.tracker.blank[RIGHT];
-    report.message = text("%s without content (mean grey %.0f, contrast %.1f); check lens cap, light and exposure",
-                          both                         ? "both pictures are"
-                          : report.tracker.blank[LEFT] ? "left picture is"
-                                                       : "right picture is",
-                          report.tracker.mean_grey[report.tracker.blank[LEFT] ? LEFT : RIGHT],
-                          report.tracker.contrast[report.tracker.blank[LEFT] ? LEFT : RIGHT]);
-  }
-
   last_pair_ns = stamp_ns;
   if (running)
   {
@@ -337,11 +278,85 @@ FrameReport Vio::Impl::addPair(int64_t stamp_ns, const cv::Mat& left, const cv::
     offerToMap(stamp_ns, left, right);
   }
   report.status = status;
-  imu.forgetBefore(stamp_ns - nanoseconds(IMU_KEPT_S));
+  imu.forgetBefore(stamp_ns - std::llround(1e9 * IMU_KEPT_S));
   publish();
   report.total_ms = millisecondsSince(begin);
   budget.update(1e-3 * report.total_ms);
   return report;
+}
+
+/// Why a pair cannot be used; empty if it can.
+std::string Vio::Impl::whyUnusable(int64_t stamp_ns, bool running) const
+{
+  if (stamp_ns <= last_pair_ns)
+  {
+    return format("pictures: stamp goes back by %.3f s, pair ignored; call reset if the recording began anew",
+                  seconds(last_pair_ns - stamp_ns));
+  }
+  if (imu.empty())
+  {
+    return "imu/data: no sample yet, pair ignored";
+  }
+  if (imu.lastNs() < stamp_ns)
+  {
+    return format("imu/data: newest sample is %.3f s older than the pair, pair ignored",
+                  seconds(stamp_ns - imu.lastNs()));
+  }
+  if (imu.firstNs() > (running ? last_pair_ns : stamp_ns))
+  {
+    return format("imu/data: first sample is %.3f s younger than the pair, pair ignored",
+                  seconds(imu.firstNs() - stamp_ns));
+  }
+  return std::string();
+}
+
+/// Where the tracker has to look for features, by the IMU.
+TrackerPrediction Vio::Impl::predictViews(const ImuPreintegration& since_pair, bool running)
+{
+  TrackerPrediction prediction;
+  if (since_pair.empty())
+  {
+    return prediction;
+  }
+  prediction.R_last_now = since_pair.deltaR();
+  if (running)
+  {
+    const NavState predicted = since_pair.predict(filter.state());
+    const Eigen::Matrix3d R_body_odom = predicted.q.toRotationMatrix().transpose();
+    prediction.p_body = [this, R_body_odom, p = predicted.p](int64_t id) -> std::optional<Eigen::Vector3d>
+    {
+      const LandmarkEstimate* const landmark = window.landmark(id);
+      if (landmark == nullptr)
+      {
+        return std::nullopt;
+      }
+      return Eigen::Vector3d(R_body_odom * (landmark->p_odom - p));
+    };
+  }
+  return prediction;
+}
+
+void Vio::Impl::runFrontEnd(const cv::Mat& left, const cv::Mat& right, const TrackerPrediction& prediction,
+                            int64_t stamp_ns, FrameReport* report)
+{
+  TrackerReport& tracked = report->tracker;
+  still_features = features;
+  features =
+      tracker.process(stamp_ns, left, right, prediction, budget.features(options.tracker.max_features), &tracked);
+  report->features = static_cast<int>(features.features.size());
+  report->processed = true;
+  report->reduced = budget.reduced();
+  if (tracked.blank[LEFT] || tracked.blank[RIGHT])
+  {
+    const int camera = tracked.blank[LEFT] ? LEFT : RIGHT;
+    const std::string which = tracked.blank[LEFT] && tracked.blank[RIGHT] ? "both pictures are"
+                              : tracked.blank[LEFT]                       ? "left picture is"
+                                                                          : "right picture is";
+    report->message = which + format(
+                                  " without content (mean grey %.0f, contrast %.1f); check lens cap, light and "
+                                  "exposure",
+                                  tracked.mean_grey[camera], tracked.contrast[camera]);
+  }
 }
 
 /// Before the start, and after the estimate was given up.
@@ -359,7 +374,7 @@ void Vio::Impl::start(FrameReport* report)
   }
   if (last_known)
   {
-    // Goes on where the estimate ended: same position and heading, the tilt is the new one.
+    // Continues where the estimate ended: same position and heading, the new tilt.
     const NavState& now = solution.states.back();
     const Eigen::Matrix3d turn = (last_known->q * now.q.conjugate()).toRotationMatrix();
     const Eigen::Quaterniond heading(
@@ -452,33 +467,9 @@ void Vio::Impl::track(const ImuPreintegration& since_pair, const ImuBuffer::Qual
   }
   else
   {
-    const bool at_odds = views.size() >= 2 * MIN_VIEWS;
-    if (at_odds && odds_since_ns == 0)
+    noteMissingCorrection(filtered, views.size(), report);
+    if (status == VioStatus::LOST || status == VioStatus::INITIALIZING)
     {
-      odds_since_ns = stamp_ns;
-    }
-    if (seconds(stamp_ns - last_corrected_ns) > BLIND_AFTER_S)
-    {
-      status = VioStatus::BLIND;
-      if (report->message.empty())
-      {
-        report->message = at_odds ? text(
-                                        "pictures and IMU are at odds for %.2f s (%d of %zu views agree): check that "
-                                        "their stamps are of one clock, and the calibration",
-                                        seconds(stamp_ns - odds_since_ns), filtered.used, views.size())
-                                  : text("%zu known landmarks in view, need %d: by IMU only for %.2f s", views.size(),
-                                         MIN_VIEWS, seconds(stamp_ns - last_corrected_ns));
-      }
-    }
-    if (at_odds && seconds(stamp_ns - odds_since_ns) > MAX_ODDS_S)
-    {
-      // Landmarks and state will not come together again: both are believed, but not the connection.
-      tracker.reset();
-      odds_since_ns = 0;
-    }
-    if (seconds(stamp_ns - last_corrected_ns) > options.max_blind_s)
-    {
-      giveUp(text("no pictures that help for %.1f s", seconds(stamp_ns - last_corrected_ns)), report);
       return;
     }
   }
@@ -493,17 +484,58 @@ void Vio::Impl::track(const ImuPreintegration& since_pair, const ImuBuffer::Qual
   }
   if (still && report->keyframe)
   {
-    status = VioStatus::STANDSTILL;
-    still_state = filter.state();
-    still_state.v.setZero();
-    still_covariance = filter.covariance();
-    filter.holdStill(still_state, still_covariance);
+    enterStandstill();
   }
   const std::string wrong = failure(*report);
   if (!wrong.empty())
   {
     giveUp(wrong, report);
   }
+}
+
+/// The filter found too few views that agree: by IMU only, and after a while the estimate is given up.
+void Vio::Impl::noteMissingCorrection(const FilterReport& filtered, size_t views, FrameReport* report)
+{
+  const int64_t stamp_ns = features.stamp_ns;
+  const double uncorrected_s = seconds(stamp_ns - last_corrected_ns);
+  const bool at_odds = views >= 2 * MIN_VIEWS;
+  if (at_odds && odds_since_ns == 0)
+  {
+    odds_since_ns = stamp_ns;
+  }
+  if (uncorrected_s > BLIND_AFTER_S)
+  {
+    status = VioStatus::BLIND;
+    if (report->message.empty())
+    {
+      report->message =
+          at_odds ? format(
+                        "pictures and IMU are at odds for %.2f s (%.0f of %.0f views agree): check that their stamps "
+                        "are of one clock, and the calibration",
+                        seconds(stamp_ns - odds_since_ns), filtered.used, views)
+                  : format("%.0f known landmarks in view, need %.0f: by IMU only for %.2f s", views, MIN_VIEWS,
+                           uncorrected_s);
+    }
+  }
+  if (at_odds && seconds(stamp_ns - odds_since_ns) > MAX_ODDS_S)
+  {
+    // Landmarks and state will not come together again: both are believed, but not the connection.
+    tracker.reset();
+    odds_since_ns = 0;
+  }
+  if (uncorrected_s > options.max_blind_s)
+  {
+    giveUp(format("no pictures that help for %.1f s", uncorrected_s), report);
+  }
+}
+
+void Vio::Impl::enterStandstill()
+{
+  status = VioStatus::STANDSTILL;
+  still_state = filter.state();
+  still_state.v.setZero();
+  still_covariance = filter.covariance();
+  filter.holdStill(still_state, still_covariance);
 }
 
 /// The last pair at rest becomes a keyframe, tied to the one at which the rest began.
@@ -561,7 +593,7 @@ std::vector<LandmarkView> Vio::Impl::viewsOfKnown() const
   return views;
 }
 
-/// Views that disagree are not used by the window either; a landmark that goes on disagreeing is given up: it moves, or
+/// Views that disagree are not used by the window either; a landmark that keeps disagreeing is given up: it moves, or
 /// was never one.
 void Vio::Impl::noteOutliers(const FilterReport& filtered)
 {
@@ -667,7 +699,7 @@ void Vio::Impl::optimize(int iterations, FrameReport* report)
   if (optimized.failed || optimized.mean_error_px > MAX_ERROR_PX)
   {
     giveUp(optimized.failed ? "the optimisation found no finite solution"
-                            : text("mean reprojection error of %.1f px", optimized.mean_error_px),
+                            : format("mean reprojection error of %.1f px", optimized.mean_error_px),
            report);
     return;
   }
@@ -717,7 +749,7 @@ void Vio::Impl::offerToMap(int64_t stamp_ns, const cv::Mat& left, const cv::Mat&
   keyframe_callback(frame);
 }
 
-/// @return what is wrong with the estimate; empty if nothing is.
+/// @return the fault of the estimate; empty: none.
 std::string Vio::Impl::failure(const FrameReport& report) const
 {
   if (window.empty())
@@ -731,19 +763,19 @@ std::string Vio::Impl::failure(const FrameReport& report) const
   }
   if (state.v.norm() > options.max_speed)
   {
-    return text("speed %.1f m/s, above vio/max_speed = %.1f", state.v.norm(), options.max_speed);
+    return format("speed %.1f m/s, above vio/max_speed = %.1f", state.v.norm(), options.max_speed);
   }
   if (state.bias.gyro.norm() > MAX_GYRO_BIAS || state.bias.accel.norm() > MAX_ACCEL_BIAS)
   {
-    return text("biases of %.2f rad/s and %.2f m/s^2 cannot be: check calibration and time offset of camera and IMU",
-                state.bias.gyro.norm(), state.bias.accel.norm());
+    return format("biases of %.2f rad/s and %.2f m/s^2 cannot be: check calibration and time offset of camera and IMU",
+                  state.bias.gyro.norm(), state.bias.accel.norm());
   }
   return std::string();
 }
 
 void Vio::Impl::giveUp(const std::string& why, FrameReport* report)
 {
-  // The last pose that a correction confirmed, or came near to, is where odometry goes on.
+  // Odometry continues from the last pose that a correction confirmed, or came near to.
   if (corrected && corrected->state.isFinite())
   {
     last_known = corrected->state;

@@ -1,14 +1,14 @@
 #pragma once
 
-#include "front_end/frame_features.h"
-#include "inertial/imu_propagator.h"
-#include "initialization/initializer.h"
-#include "map/map_frame.h"
-#include "inertial/nav_state.h"
-#include "initialization/standstill_detector.h"
 #include <pi_slam/stereo_calibration.h>
-#include "front_end/stereo_tracker.h"
 #include "estimator/window_estimator.h"
+#include "front_end/frame_features.h"
+#include "front_end/stereo_tracker.h"
+#include "inertial/imu_propagator.h"
+#include "inertial/nav_state.h"
+#include "initialization/initializer.h"
+#include "initialization/standstill_detector.h"
+#include "map/map_frame.h"
 
 #include <cstdint>
 #include <functional>
@@ -57,7 +57,7 @@ enum class VioStatus
 };
 const char* toString(VioStatus status);
 
-/// What happened with one pair.
+/// The result of one pair.
 struct FrameReport
 {
   int64_t stamp_ns = 0;
@@ -92,7 +92,7 @@ struct WindowLandmark
 /// Per pair an iterated Kalman filter corrects the state against the landmarks of the window (FrameFilter); at
 /// keyframes the window of states and landmarks is optimised (WindowEstimator) and the filter begins again from its
 /// result. Between them addImu() gives a pose per sample. odom begins where the body was at first, z up, and stays
-/// continuous but for corrections; after a reset it goes on from the last pose.
+/// continuous but for corrections; after a reset it continues from the last pose.
 ///
 /// addImu() may be called from one thread, addPair() from another; what they return belongs to the caller. With no
 /// frame budget the result depends on the input only.
@@ -105,7 +105,7 @@ public:
       std::shared_ptr<pi_runtime::Runtime> runtime = nullptr);
   ~Vio();
 
-  /// Never waits for pictures. Samples must come in order of time; what is wrong with one is told by imuMessage().
+  /// Never waits for pictures. Samples must come in order of time; imuMessage() tells their faults.
   /// @return the pose at the sample's stamp; nullopt before the start.
   std::optional<PropagatedState> addImu(const ImuSample& sample);
 
@@ -128,7 +128,7 @@ public:
   /// Called on the thread of addPair() for keyframes that a map could use, with pictures.
   void setKeyframeCallback(std::function<void(const MapFrame&)> callback);
 
-  /// Begins anew, with odom at the origin and stamps that may be older than before. Any thread; takes effect with the
+  /// Starts again, with odom at the origin and stamps that may be older than before. Any thread; takes effect with the
   /// next sample and the next pair.
   void reset();
 

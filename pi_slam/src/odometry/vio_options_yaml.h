@@ -35,7 +35,7 @@ std::string nearestKey(const std::string& key, const std::vector<OptionField>& f
 
 /// Replaces the options that a YAML file names; the others stay as they are. Groups are nested maps or written with a
 /// slash: {tracker: {max_features: 200}} or {tracker/max_features: 200}. Ranges are checked by validate().
-/// @param foreign  keys, or whole groups, that belong to somebody else (frames of the nodelet) and are passed over.
+/// @param foreign  keys, or whole groups, of other readers (frames of the nodelet), which are ignored.
 /// @throws OptionsError for a file that is missing or no YAML, an unknown key (with the nearest known one), a key that
 ///         is there twice, or a value of another type; the options are unchanged then.
 void loadOptionsYaml(const std::string& file, VioOptions* vio, MapperOptions* mapper,

@@ -1,13 +1,13 @@
 #include "ros/calibration_loader.h"
-#include "ros/conversions.h"
-#include <yaml-cpp/yaml.h>
 
 #include <Eigen/LU>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <sstream>
 #include <stdexcept>
+
+#include "camera/calibration_yaml.h"
+#include "ros/conversions.h"
 
 namespace pi_slam
 {
@@ -50,14 +50,7 @@ CameraModel cameraModel(const sensor_msgs::CameraInfo& info, bool rectified, con
 /// Kalibr: stamp of the IMU = stamp of the camera + timeshift_cam_imu.
 std::optional<double> kalibrTimeShift(const std::string& file)
 {
-  // The same file has been read as a calibration, so it is YAML.
-  std::ifstream stream(file);
-  std::string text;
-  for (std::string line; std::getline(stream, line);)
-  {
-    text += (line.rfind("%YAML", 0) == 0 ? "" : line) + "\n";
-  }
-  const YAML::Node shift = YAML::Load(text)["cam0"]["timeshift_cam_imu"];
+  const YAML::Node shift = loadCalibrationYaml(file)["cam0"]["timeshift_cam_imu"];
   if (!shift.IsDefined())
   {
     return std::nullopt;

@@ -61,7 +61,7 @@ StereoCalibration fromCameraInfo(const sensor_msgs::CameraInfo& left, const sens
                                  const std::string& right_name);
 
 /// @param name  where the calibration is from, for errors.
-/// @throws std::invalid_argument for cameras that are swapped, or a baseline that cannot be.
+/// @throws std::invalid_argument for swapped cameras or an impossible baseline.
 void checkStereo(const StereoCalibration& calibration, const std::string& name);
 
 }  // namespace pi_slam

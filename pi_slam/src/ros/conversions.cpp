@@ -1,7 +1,7 @@
+#include "ros/conversions.h"
+#include <pi_node/formatting.h>
 #include <pi_os_transport/zero_copy/cv_bridge.h>
 #include <pi_os_transport/zero_copy/shared_image.h>
-#include <pi_node/formatting.h>
-#include "ros/conversions.h"
 #include <pi_slam/so3.h>
 #include <sensor_msgs/image_encodings.h>
 
@@ -91,7 +91,7 @@ cv::Mat greyLevels(const ImagePtr& image)
       throw std::invalid_argument("step " + std::to_string(image->step) + ", must be at least the width " +
                                   std::to_string(image->width));
     }
-    // OpenCV knows no constant pictures; whoever gets this one must not write to it.
+    // OpenCV has no constant pictures; the caller must not write to this one.
     return zero_copy::shareMat(image);
   }
   try

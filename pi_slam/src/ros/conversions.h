@@ -6,14 +6,14 @@
 #include <nav_msgs/Odometry.h>
 #include <pi_os_transport/zero_copy/image_subscriber.h>
 #include <pi_slam/camera_model.h>
-#include "inertial/imu_propagator.h"
 #include <pi_slam/imu_sample.h>
-#include "map/mapper.h"
 #include <ros/time.h>
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/Image.h>
 #include <sensor_msgs/Imu.h>
 #include <sensor_msgs/PointCloud2.h>
+#include "inertial/imu_propagator.h"
+#include "map/mapper.h"
 
 #include <Eigen/Geometry>
 #include <cstdint>
@@ -28,7 +28,7 @@ int64_t fromMsg(const ros::Time& stamp);  ///< [ns]
 /// @throws std::invalid_argument unless 0 <= stamp_ns < 2^32 s.
 ros::Time toTime(int64_t stamp_ns);
 
-/// @throws std::invalid_argument for a message that says it has no angular velocity or no acceleration (first element
+/// @throws std::invalid_argument for a message without angular velocity or acceleration (first element
 ///         of the covariance is -1).
 ImuSample fromMsg(const sensor_msgs::Imu& imu);
 

@@ -1,6 +1,6 @@
-#include "ros/conversions.h"
 #include "ros/ground_truth_alignment.h"
 #include <tf2/exceptions.h>
+#include "ros/conversions.h"
 
 #include <cmath>
 #include <cstdlib>
@@ -73,7 +73,7 @@ void GroundTruthAlignmentRos::onOdometry(const nav_msgs::OdometryConstPtr& odome
   const int64_t stamp_ns = fromMsg(odometry->header.stamp);
   if (stamp_ns < last_ns_)
   {
-    // Odometry began anew, and at another place.
+    // Odometry was restarted, at another place.
     alignment_.clear();
     first_ns_ = 0;
     published_ns_ = 0;

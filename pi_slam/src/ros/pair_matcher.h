@@ -18,7 +18,7 @@ struct PicturePair
 };
 
 /// Brings pictures of two cameras together by their stamps, as they arrive and in order of time. A picture whose
-/// partner is missing goes on alone, once the partner cannot come any more or is not waited for any longer.
+/// partner is missing goes on alone once the partner can no longer come or the waiting time is over.
 /// Not thread safe.
 class PairMatcher
 {

@@ -3,9 +3,9 @@
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <pi_node/ros/recent_values.h>
 #include <pi_node/ros/warning_board.h>
+#include <ros/node_handle.h>
 #include "map/mapper.h"
 #include "odometry/vio.h"
-#include <ros/node_handle.h>
 
 #include <chrono>
 #include <cstdint>
@@ -17,7 +17,7 @@
 namespace pi_slam
 {
 
-/// What the adapter knows of itself, for the diagnostics.
+/// Figures of the adapter for the diagnostics.
 struct VioFigures
 {
   struct Input
@@ -37,7 +37,7 @@ struct VioFigures
   std::optional<MapStatistics> map;  ///< nullopt: no mapping
 };
 
-/// What /diagnostics says: status and frame times of the odometry, what comes in and what was wrong with it, the map.
+/// The diagnostics: status and frame times of odometry, rates and faults of the inputs, the map.
 class VioDiagnostics
 {
 public:
@@ -50,7 +50,7 @@ public:
   void addFrame(const FrameReport& report);
   /// After each IMU sample: from its callback to the odometry handed over [ms]. Any thread.
   void addImu(double work_ms);
-  /// Odometry begins anew.
+  /// Odometry was restarted.
   void reset();
 
   /// Looks at everything and publishes. One thread at a time.

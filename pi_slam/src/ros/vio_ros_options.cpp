@@ -1,32 +1,43 @@
-#include <pi_node/ros/parameter_values.h>
 #include "ros/vio_ros_options.h"
-#include "odometry/vio_options_yaml.h"
 
-#include <map>
+#include <pi_node/ros/parameter_tree.h>
+
 #include <set>
 #include <stdexcept>
 #include <variant>
 
+#include "odometry/vio_options_yaml.h"
+
 namespace pi_slam
 {
+
+using pi_node::parameter_tree::requireDuration;
+using pi_node::parameters::require;
+using XmlRpc::XmlRpcValue;
+
 namespace
 {
-
-using pi_node::parameters::flatten;
-using pi_node::parameters::read;
-using pi_node::parameters::require;
-using pi_node::parameters::requireType;
-using pi_node::parameters::text;
-using pi_node::parameters::write;
-using XmlRpc::XmlRpcValue;
 
 constexpr double MAX_DURATION_S = 3600.0;
 constexpr double MAX_TF_RATE_HZ = 4000.0;
 
-/// Every parameter that is not of the core, by the path of its name, with its field.
-template <typename Options, typename Visitor>
-void visitFields(Options& options, Visitor&& visit)
+void requireFrame(const char* name, const std::string& frame)
 {
+  require(!frame.empty() && frame.front() != '/', name, "\"" + frame + "\"", "a frame name without leading /");
+}
+
+}  // namespace
+
+/// Every parameter by the path of its name, with its field; found by parameter_tree.
+template <typename Options, typename Visitor>
+static void visitFields(Options& options, Visitor&& visit)
+{
+  // optionFields() gives fields that can be written to; visit() writes only to those of options that are not const.
+  auto& fields = const_cast<VioRosOptions&>(options);
+  for (const OptionField& core_field : optionFields(&fields.vio, &fields.mapper))
+  {
+    std::visit([&](auto* field) { visit(core_field.key.c_str(), *field); }, core_field.value);
+  }
   auto& calibration = options.calibration;
   visit("calibration/source", calibration.source);
   visit("calibration/camchain", calibration.camchain);
@@ -60,20 +71,10 @@ void visitFields(Options& options, Visitor&& visit)
   visit("warning_period_s", options.warning_period_s);
 }
 
-void read(XmlRpcValue value, std::vector<double>* field)
-{
-  requireType(value, XmlRpcValue::TypeArray, "a list of numbers");
-  field->assign(static_cast<size_t>(value.size()), 0.0);
-  for (int i = 0; i < value.size(); ++i)
-  {
-    read(value[i], &(*field)[static_cast<size_t>(i)]);
-  }
-}
-
-void read(XmlRpcValue value, CalibrationSource* field)
+static void read(XmlRpcValue value, CalibrationSource* field)
 {
   std::string name;
-  read(value, &name);
+  pi_node::parameters::read(value, &name);
   try
   {
     *field = parseCalibrationSource(name);
@@ -84,32 +85,10 @@ void read(XmlRpcValue value, CalibrationSource* field)
   }
 }
 
-XmlRpcValue write(const std::vector<double>& field)
-{
-  XmlRpcValue value;
-  value.setSize(static_cast<int>(field.size()));
-  for (size_t i = 0; i < field.size(); ++i)
-  {
-    value[static_cast<int>(i)] = field[i];
-  }
-  return value;
-}
-XmlRpcValue write(CalibrationSource field)
+static XmlRpcValue write(const CalibrationSource& field)
 {
   return XmlRpcValue(toString(field));
 }
-
-void requireDuration(const char* name, double value)
-{
-  require(value > 0.0 && value <= MAX_DURATION_S, name, value, "in (0, 3600]");
-}
-
-void requireFrame(const char* name, const std::string& frame)
-{
-  require(!frame.empty() && frame.front() != '/', name, "\"" + frame + "\"", "a frame name without leading /");
-}
-
-}  // namespace
 
 void VioRosOptions::validate() const
 {
@@ -151,69 +130,17 @@ VioRosOptions VioRosOptions::load(const ros::NodeHandle& private_node, std::vect
 VioRosOptions VioRosOptions::fromParameters(const XmlRpcValue& tree, const std::string& path,
                                             std::vector<std::string>* unknown)
 {
-  VioRosOptions options;
-  std::map<std::string, XmlRpcValue> leaves;
-  if (tree.getType() == XmlRpcValue::TypeStruct)
-  {
-    flatten(tree, "", &leaves);
-  }
-  const auto load = [&leaves, &path](const std::string& name, auto& field)
-  {
-    const auto leaf = leaves.find(name);
-    if (leaf == leaves.end())
-    {
-      return;
-    }
-    try
-    {
-      read(leaf->second, &field);
-    }
-    catch (const std::invalid_argument& error)
-    {
-      throw std::invalid_argument("parameter " + path + name + " " + error.what());
-    }
-    leaves.erase(leaf);
-  };
-  for (const OptionField& core_field : optionFields(&options.vio, &options.mapper))
-  {
-    std::visit([&load, &core_field](auto* field) { load(core_field.key, *field); }, core_field.value);
-  }
-  visitFields(options, load);
-  try
-  {
-    options.validate();
-  }
-  catch (const std::invalid_argument& error)
-  {
-    throw std::invalid_argument("parameter " + path + error.what());
-  }
-  for (const auto& [name, value] : leaves)
-  {
-    unknown->push_back(path + name);
-  }
-  return options;
+  return pi_node::parameter_tree::load<VioRosOptions>(tree, path, unknown);
 }
 
 XmlRpcValue VioRosOptions::toParameters() const
 {
-  XmlRpcValue tree;
-  const auto add = [&tree](const std::string& name, const auto& field)
-  {
-    const size_t slash = name.find('/');
-    (slash == std::string::npos ? tree[name] : tree[name.substr(0, slash)][name.substr(slash + 1)]) = write(field);
-  };
-  VioRosOptions copy = *this;  // optionFields() gives fields that can be written to
-  for (const OptionField& core_field : optionFields(&copy.vio, &copy.mapper))
-  {
-    std::visit([&add, &core_field](const auto* field) { add(core_field.key, *field); }, core_field.value);
-  }
-  visitFields(*this, add);
-  return tree;
+  return pi_node::parameter_tree::save(*this);
 }
 
 std::string VioRosOptions::toText() const
 {
-  return text(toParameters());
+  return pi_node::parameters::text(toParameters());
 }
 
 }  // namespace pi_slam

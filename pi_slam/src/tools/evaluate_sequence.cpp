@@ -1,14 +1,15 @@
 // evaluate_sequence EUROC_DIR|BAG: runs odometry over a recording and compares it with ground truth. Needs no ROS
 // master.
 
+#include <pi_node/child_process.h>
+#include <pi_node/command_line.h>
 #include <pi_node/progress.h>
 #include <pi_node/stop_signal.h>
-#include "ros/vio_ros_options.h"
 #include "evaluation/sequence_reader.h"
 #include "odometry/vio_options_yaml.h"
+#include "ros/vio_ros_options.h"
 
 #include <algorithm>
-#include <boost/program_options.hpp>
 #include <cstdlib>
 #include <filesystem>
 #include <iostream>
@@ -16,7 +17,6 @@
 
 #include "evaluation/bag_reader.h"
 #include "evaluation/run_files.h"
-#include "evaluation/run_plot.h"
 #include "evaluation/run_report.h"
 #include "evaluation/sequence_run.h"
 
@@ -27,7 +27,9 @@ namespace po = boost::program_options;
 namespace fs = std::filesystem;
 using namespace pi_slam;
 
-struct CommandLine
+constexpr double PLOT_TIMEOUT_S = 120.0;  ///< matplotlib writes a cache when it runs for the first time
+
+struct Options
 {
   std::string recording;
   std::string config;
@@ -47,7 +49,7 @@ struct CommandLine
   BagTopics topics;
 };
 
-std::unique_ptr<SequenceSource> openRecording(const CommandLine& line)
+std::unique_ptr<SequenceSource> openRecording(const Options& line)
 {
   if (!fs::exists(line.recording))
   {
@@ -60,7 +62,7 @@ std::unique_ptr<SequenceSource> openRecording(const CommandLine& line)
   return openBag(line.recording, line.topics, line.reader);
 }
 
-StereoCalibration readCalibration(const CommandLine& line, const SequenceDescription& description)
+StereoCalibration readCalibration(const Options& line, const SequenceDescription& description)
 {
   if (line.calibration.empty())
   {
@@ -110,7 +112,7 @@ void takeImu(const ImuModel& imu, ImuModel* options)
   options->accel_random_walk = imu.accel_random_walk;
 }
 
-SequenceRunOptions readOptions(const CommandLine& line, const SequenceDescription& description)
+SequenceRunOptions readOptions(const Options& line, const SequenceDescription& description)
 {
   SequenceRunOptions options;
   if (!line.config.empty())
@@ -133,14 +135,14 @@ SequenceRunOptions readOptions(const CommandLine& line, const SequenceDescriptio
 }
 
 /// Empty if there is none.
-std::vector<StampedPose> readTruth(const CommandLine& line, const SequenceDescription& description)
+std::vector<StampedPose> readTruth(const Options& line, const SequenceDescription& description)
 {
   const std::string& file = line.ground_truth.empty() ? description.ground_truth : line.ground_truth;
   return file.empty() || file == "none" ? std::vector<StampedPose>() : readTrajectory(file);
 }
 
-/// Beside the poses, unless said otherwise; empty: none.
-std::string plotFile(const CommandLine& line)
+/// By default beside the poses; empty: none.
+std::string plotFile(const Options& line)
 {
   if (line.plot.empty())
   {
@@ -149,15 +151,32 @@ std::string plotFile(const CommandLine& line)
   return line.plot == "none" ? "" : line.plot;
 }
 
+/// What the picture shows, beside it.
+std::string runFile(const std::string& plot)
+{
+  return fs::path(plot).replace_extension(".run.csv").string();
+}
+
+/// Calls plot_run, which stands beside this program.
+void drawRun(const std::string& plot)
+{
+  pi_node::ChildOptions options;
+  options.timeout_s = PLOT_TIMEOUT_S;
+  const std::string program = (fs::read_symlink("/proc/self/exe").parent_path() / "plot_run").string();
+  const pi_node::ChildResult result = pi_node::runChild(program, {runFile(plot), plot}, options);
+  if (!result.in_time || result.status != 0)
+  {
+    throw std::runtime_error(plot + ": not drawn by " + program + ": " +
+                             (result.in_time ? result.output : std::string("it took too long")));
+  }
+}
+
 /// Now, rather than after minutes of work.
-void requireOutputs(const CommandLine& line)
+void requireOutputs(const Options& line)
 {
   const std::string plot = plotFile(line);
-  if (!plot.empty() && fs::path(plot).extension() != ".png")
-  {
-    throw po::error("--plot \"" + plot + "\", expected a name that ends in .png, or none");
-  }
-  for (const std::string& file : {line.output, line.output_imu_rate, line.timing, plot})
+  for (const std::string& file :
+       {line.output, line.output_imu_rate, line.timing, plot, plot.empty() ? plot : runFile(plot)})
   {
     if (!file.empty())
     {
@@ -171,7 +190,7 @@ void requireOutputs(const CommandLine& line)
   }
 }
 
-void writeOutputs(const CommandLine& line, const SequenceRunResult& result)
+void writeOutputs(const Options& line, const SequenceRunResult& result)
 {
   if (!line.output.empty())
   {
@@ -188,7 +207,7 @@ void writeOutputs(const CommandLine& line, const SequenceRunResult& result)
   }
 }
 
-int evaluate(const CommandLine& line)
+int evaluate(const Options& line)
 {
   cv::setNumThreads(line.opencv_threads);
   std::unique_ptr<SequenceSource> source = openRecording(line);
@@ -222,14 +241,16 @@ int evaluate(const CommandLine& line)
   {
     std::cout << "no ground truth; give it by --groundtruth\n";
   }
-  if (!plotFile(line).empty())
+  if (const std::string plot = plotFile(line); !plot.empty())
   {
-    writePlot(plotFile(line), description.name, result, judged, truth);
+    writeRun(runFile(plot), description.name, result, judged, truth);
+    drawRun(plot);
   }
   return pi_node::StopSignal::exitStatus();
 }
 
-po::options_description describe(CommandLine* line)
+/// @return false if there is nothing to do.
+bool parse(int argc, char** argv, Options* line)
 {
   po::options_description input("Recording");
   input.add_options()("config", po::value(&line->config),
@@ -252,54 +273,41 @@ po::options_description describe(CommandLine* line)
       "longest time for one pair [ms]; 0: none, and so the same result every time")(
       "opencv-threads", po::value(&line->opencv_threads)->default_value(1), "1: times are those of one core");
   po::options_description output("Output");
-  output.add_options()("help,h", "show this text")("output,o", po::value(&line->output),
-                                                   "TUM file: a pose per pair, as it was at that time")(
+  output.add_options()("output,o", po::value(&line->output), "TUM file: a pose per pair, as it was at that time")(
       "output-imu-rate", po::value(&line->output_imu_rate), "TUM file: a pose per IMU sample, likewise")(
       "timing", po::value(&line->timing), "csv: status, counts and times of every pair")(
-      "plot", po::value(&line->plot), "PNG; default: beside --output; none: no plot")(
+      "plot", po::value(&line->plot),
+      "PNG, drawn by plot_run from a .run.csv beside it; default: beside --output; none: no plot")(
       "quiet,q", po::bool_switch(&line->quiet), "no progress bar");
-  po::options_description all(
+  pi_node::CommandLine command(
       "Usage: evaluate_sequence [options] EUROC_DIR|BAG\n"
       "Runs visual-inertial odometry over a recording, prints accuracy and times, writes poses and a plot.\n");
-  all.add(input).add(run).add(output);
-  return all;
+  command.addGroup(input);
+  command.addGroup(run);
+  command.addGroup(output);
+  command.addPositional("recording", &line->recording, "EUROC_DIR or BAG is missing");
+  if (!command.parse(argc, argv))
+  {
+    return false;
+  }
+  const std::string plot = plotFile(*line);
+  if (!plot.empty() && fs::path(plot).extension() != ".png")
+  {
+    throw po::error("--plot \"" + plot + "\", expected a name that ends in .png, or none");
+  }
+  return true;
 }
 
 }  // namespace
 
 int main(int argc, char** argv)
 {
-  CommandLine line;
-  const po::options_description visible = describe(&line);
-  try
-  {
-    po::options_description all;
-    all.add(visible).add_options()("recording", po::value(&line.recording));
-    po::positional_options_description positional;
-    positional.add("recording", 1);
-    po::variables_map values;
-    po::store(po::command_line_parser(argc, argv).options(all).positional(positional).run(), values);
-    po::notify(values);
-    if (values.count("help") > 0)
-    {
-      std::cout << visible;
-      return 0;
-    }
-    if (line.recording.empty())
-    {
-      throw po::error("EUROC_DIR or BAG is missing; evaluate_sequence --help shows all options");
-    }
-    pi_node::StopSignal::install();
-    return evaluate(line);
-  }
-  catch (const po::error& error)
-  {
-    std::cerr << "evaluate_sequence: " << error.what() << "\n";
-    return 2;
-  }
-  catch (const std::exception& exception)
-  {
-    std::cerr << "evaluate_sequence: " << exception.what() << "\n";
-    return 1;
-  }
+  Options line;
+  return pi_node::runTool(
+      "evaluate_sequence", [&] { return parse(argc, argv, &line); },
+      [&]
+      {
+        pi_node::StopSignal::install();
+        return evaluate(line);
+      });
 }

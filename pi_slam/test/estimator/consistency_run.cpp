@@ -1,9 +1,9 @@
-#include "consistency_run.h"
+#include "estimator/consistency_run.h"
 
-#include "front_end/frame_filter.h"
-#include "inertial/imu_preintegration.h"
 #include <pi_slam/imu_simulator.h>
 #include <pi_slam/so3.h>
+#include "front_end/frame_filter.h"
+#include "inertial/imu_preintegration.h"
 
 #include <Eigen/Cholesky>
 #include <cmath>

@@ -1,11 +1,11 @@
 #pragma once
 
-#include "simulated_features.h"
+#include "estimator/simulated_features.h"
 
 #include <pi_slam/imu_sample.h>
-#include "inertial/nav_state.h"
 #include <pi_slam/spline_trajectory.h>
 #include "estimator/window_estimator.h"
+#include "inertial/nav_state.h"
 
 #include <cstdint>
 #include <vector>

@@ -1,0 +1,44 @@
+#include "ros/vio_pipeline.h"
+
+namespace pi_slam
+{
+
+VioPipeline::Ptr VioPipeline::make(const VioRosOptions& options, const RuntimePtr& runtime,
+                                   const FileCalibration& calibration, const Eigen::Isometry3d& T_base_body)
+{
+  const auto pipeline = std::make_shared<VioPipeline>();
+  pipeline->cameras = calibration.cameras;
+  pipeline->vio_options = options.vio;
+  pipeline->vio_options.imu = calibration.imu;
+  pipeline->T_base_body = T_base_body;
+  pipeline->gyro_variance =
+      calibration.imu.gyro_noise_density * calibration.imu.gyro_noise_density * calibration.imu.rate_hz;
+  if (options.mapping)
+  {
+    pipeline->mapper = std::make_shared<Mapper>(calibration.cameras, options.mapper, runtime);
+  }
+  pipeline->startVio(runtime);
+  return pipeline;
+}
+
+VioPipeline::Ptr VioPipeline::again(const VioRosOptions& options, const RuntimePtr& runtime, bool forget_map) const
+{
+  const auto pipeline = std::make_shared<VioPipeline>(*this);
+  if (pipeline->mapper && forget_map)
+  {
+    pipeline->mapper = std::make_shared<Mapper>(pipeline->cameras, options.mapper, runtime);
+  }
+  pipeline->startVio(runtime);
+  return pipeline;
+}
+
+void VioPipeline::startVio(const RuntimePtr& runtime)
+{
+  vio = std::make_shared<Vio>(cameras, vio_options, runtime);
+  if (mapper)
+  {
+    vio->setKeyframeCallback([mapper = mapper](const MapFrame& frame) { mapper->add(frame); });
+  }
+}
+
+}  // namespace pi_slam

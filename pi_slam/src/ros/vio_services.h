@@ -1,0 +1,37 @@
+#pragma once
+
+#include <pi_slam/LoadMap.h>
+#include <pi_slam/SaveMap.h>
+#include <ros/ros.h>
+#include <std_srvs/Trigger.h>
+
+#include <memory>
+#include <string>
+
+#include "ros/vio_session.h"
+
+namespace pi_slam
+{
+
+/// The services ~save_map, ~load_map and ~reset.
+class VioServices
+{
+public:
+  /// Calls come on the queue of the handle. The other arguments outlive it.
+  VioServices(const VioRosOptions& options, ros::NodeHandle private_node, VioSession* session);
+
+private:
+  bool saveMap(SaveMap::Request& request, SaveMap::Response& response);
+  bool loadMap(LoadMap::Request& request, LoadMap::Response& response);
+  bool reset(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
+  /// The mapper, or why there is none.
+  std::shared_ptr<Mapper> mapperFor(const std::string& file, std::string* problem) const;
+
+  const VioRosOptions& options_;
+  VioSession& session_;
+  ros::ServiceServer save_map_;
+  ros::ServiceServer load_map_;
+  ros::ServiceServer reset_;
+};
+
+}  // namespace pi_slam

@@ -1,0 +1,261 @@
+#include "ros/vio_session.h"
+
+#include <pi_node/durations.h>
+
+namespace pi_slam
+{
+
+VioSession::VioSession(const VioRosOptions& options, VioPipeline::RuntimePtr runtime, pi_node::WarningBoard* warnings,
+                       VioDiagnostics* diagnostics)
+  : options_(options)
+  , runtime_(std::move(runtime))
+  , warnings_(warnings)
+  , diagnostics_(diagnostics)
+  , matcher_(options.pair_tolerance_s, options.pair_wait_s)
+{
+}
+
+VioPipeline::Ptr VioSession::pipeline() const
+{
+  std::lock_guard<std::mutex> lock(mutex_);
+  return pipeline_;
+}
+
+bool VioSession::replace(VioPipeline::Ptr pipeline)
+{
+  std::lock_guard<std::mutex> restart_lock(restart_mutex_);
+  return replaceLocked(std::move(pipeline));
+}
+
+void VioSession::restart(const std::string& reason, bool forget_map)
+{
+  std::lock_guard<std::mutex> restart_lock(restart_mutex_);
+  const VioPipeline::Ptr before = pipeline();
+  if (before)
+  {
+    warnings_->warn(reason);
+    replaceLocked(before->again(options_, runtime_, forget_map));
+  }
+}
+
+bool VioSession::replaceLocked(VioPipeline::Ptr pipeline)
+{
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    pipeline_.swap(pipeline);  // the old one ends after the lock
+    ++generation_;
+    pairs_.clear();
+    matcher_.clear();
+    poses_.clear(pipeline_->mapper ? pipeline_->mapper->T_map_odom() : Eigen::Isometry3d::Identity());
+    last_odometry_ns = 0;
+    problem_ = {};
+  }
+  imu_arrived_.notify_all();
+  diagnostics_->reset();
+  return pipeline != nullptr;
+}
+
+void VioSession::setProblem(const std::string& problem, bool failed)
+{
+  {
+    VioPipeline::Ptr before;
+    std::lock_guard<std::mutex> lock(mutex_);
+    if (problem_.text != problem)
+    {
+      waiting_since_ = Clock::now();
+    }
+    problem_ = {problem, failed};
+    if (failed && pipeline_)
+    {
+      pipeline_.swap(before);
+      ++generation_;
+      pairs_.clear();
+      matcher_.clear();
+    }
+  }
+  if (failed)
+  {
+    warnings_->error(problem + "; no odometry until this is right");
+  }
+  else if (std::chrono::duration<double>(Clock::now() - waiting_since_).count() > options_.input_timeout_s)
+  {
+    warnings_->warn(problem);
+  }
+}
+
+VioSession::Problem VioSession::problem() const
+{
+  std::lock_guard<std::mutex> lock(mutex_);
+  return problem_;
+}
+
+std::optional<double> VioSession::addPicture(const VioPipeline::Ptr& pipeline, int camera, int64_t stamp_ns,
+                                             const cv::Mat& picture, const std::string& frame)
+{
+  std::optional<double> mismatch_s;
+  {
+    std::vector<PicturePair> pairs;
+    std::lock_guard<std::mutex> lock(mutex_);
+    if (pipeline_ != pipeline)
+    {
+      return std::nullopt;
+    }
+    if (camera == LEFT && left_frame_ != frame)
+    {
+      left_frame_ = frame;
+    }
+    matcher_.add(camera, stamp_ns, picture, &pairs);
+    mismatch_s = matcher_.takeMismatch();
+    for (PicturePair& pair : pairs)
+    {
+      delay_ns = last_imu_ns - pair.stamp_ns;
+      pairs_.push_back(std::move(pair));
+    }
+    while (pairs_.size() > static_cast<size_t>(options_.queue_size))
+    {
+      pairs_.pop_front();
+      ++dropped_pairs_;
+    }
+  }
+  pairs_changed_.notify_one();
+  return mismatch_s;
+}
+
+void VioSession::clearPairs()
+{
+  std::lock_guard<std::mutex> lock(mutex_);
+  matcher_.clear();
+  pairs_.clear();
+}
+
+std::optional<VioSession::Work> VioSession::take()
+{
+  std::unique_lock<std::mutex> lock(mutex_);
+  while (true)
+  {
+    pairs_changed_.wait(lock, [this] { return stopping_ || !pairs_.empty(); });
+    if (stopping_)
+    {
+      return std::nullopt;
+    }
+    Work work{std::move(pairs_.front()), pipeline_, generation_, false};
+    pairs_.pop_front();
+    if (!work.pipeline)
+    {
+      continue;
+    }
+    worker_waits_for_imu_ = true;
+    const auto replaced = [&] { return stopping_ || generation_ != work.generation; };
+    work.covered =
+        imu_arrived_.wait_for(lock, std::chrono::duration<double>(options_.imu_wait_s),
+                              [&] { return replaced() || work.pipeline->vio->imuCovers(work.pair.stamp_ns); });
+    worker_waits_for_imu_ = false;
+    if (!replaced())
+    {
+      return work;
+    }
+  }
+}
+
+void VioSession::imuArrived()
+{
+  if (worker_waits_for_imu_)
+  {
+    // The lock makes sure that the worker is not between its look and its sleep.
+    std::unique_lock<std::mutex>(mutex_).unlock();
+    imu_arrived_.notify_all();
+  }
+}
+
+void VioSession::stop()
+{
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    stopping_ = true;
+  }
+  pairs_changed_.notify_all();
+  imu_arrived_.notify_all();
+}
+
+void VioSession::addOdometry(const VioPipeline& pipeline, int64_t stamp_ns, const Eigen::Isometry3d& T_odom_base)
+{
+  std::lock_guard<std::mutex> lock(mutex_);
+  if (pipeline_.get() == &pipeline)
+  {
+    poses_.history.add(stamp_ns, T_odom_base);
+  }
+}
+
+void VioSession::updateMapPlace(const VioPipeline& pipeline, uint64_t generation)
+{
+  std::lock_guard<std::mutex> lock(mutex_);
+  if (generation_ == generation)
+  {
+    poses_.map_place.T_map_odom = pipeline.mapper->T_map_odom();
+    const MapStatistics map = pipeline.mapper->statistics();
+    poses_.map_place.covariance = map.localized ? std::optional(map.covariance) : std::nullopt;
+  }
+}
+
+void VioSession::setMapPlace(const Place& place, const Eigen::Isometry3d& T_map_odom)
+{
+  std::lock_guard<std::mutex> lock(mutex_);
+  if (generation_ == place.generation)
+  {
+    poses_.map_place.T_map_odom = place.pipeline->mapper ? place.pipeline->mapper->T_map_odom() : T_map_odom;
+  }
+}
+
+VioPoses::MapPlace VioSession::mapPlace() const
+{
+  std::lock_guard<std::mutex> lock(mutex_);
+  return poses_.map_place;
+}
+
+VioSession::Place VioSession::placeAt(int64_t stamp_ns) const
+{
+  std::lock_guard<std::mutex> lock(mutex_);
+  return {pipeline_, generation_, poses_.map_place.T_map_odom, poses_.history.at(stamp_ns), poses_.history.newest()};
+}
+
+void VioSession::keepForPath(uint64_t generation, int64_t stamp_ns, const Eigen::Isometry3d& T_odom_body)
+{
+  std::lock_guard<std::mutex> lock(mutex_);
+  if (generation_ == generation)
+  {
+    poses_.keepForPath(stamp_ns, T_odom_body, options_.path_spacing_m, static_cast<size_t>(options_.path_length));
+  }
+}
+
+VioPoses::Path VioSession::odomPathInMap() const
+{
+  std::lock_guard<std::mutex> lock(mutex_);
+  return poses_.pathInMap();
+}
+
+std::string VioSession::leftFrame() const
+{
+  std::lock_guard<std::mutex> lock(mutex_);
+  return left_frame_;
+}
+
+void VioSession::fill(VioFigures* figures) const
+{
+  VioPipeline::Ptr pipeline;
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    pipeline = pipeline_;
+    figures->problem = problem_.text;
+    figures->failed = problem_.failed;
+    figures->dropped_pairs = dropped_pairs_;
+    figures->late_pictures = matcher_.late();
+    figures->single_pictures = matcher_.single();
+  }
+  figures->delay_s = pi_node::seconds(delay_ns);
+  if (pipeline && pipeline->mapper)
+  {
+    figures->map = pipeline->mapper->statistics();
+  }
+}
+
+}  // namespace pi_slam
