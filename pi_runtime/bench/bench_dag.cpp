@@ -24,8 +24,8 @@
 #include <thread>
 #include <vector>
 
-#include "dag_families.h"
 #include <pi_runtime/inner_core_scheduler.h>
+#include "dag_families.h"
 #include "textbook_heft.h"
 
 namespace pi_runtime_bench

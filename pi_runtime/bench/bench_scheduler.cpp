@@ -4,11 +4,11 @@
 ///   bench_scheduler --classes | --noise | --large                       other ETC classes, run-time errors, large sets
 /// Baseline: Min-Min with ct = mat + ETC. plot_scheduler.py draws the CSV file.
 
+#include <pi_runtime/inter_core_scheduler.h>
 #include "etc_instances.h"
 #include "execution_model.h"
 #include "grid_report.h"
 #include "makespan_oracle.h"
-#include <pi_runtime/inter_core_scheduler.h>
 
 #include <boost/program_options.hpp>
 

@@ -5,9 +5,9 @@
 #include <stdexcept>
 #include <thread>
 
+#include <pi_runtime/runtime.h>
 #include "drive_streams.h"
 #include "drive_work.h"
-#include <pi_runtime/runtime.h>
 #include "runtime_bench.h"
 
 namespace pi_runtime_bench

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "codelet_runner.h"
+#include "kernels/codelet_runner.h"
 
 namespace pi_runtime
 {

@@ -1,12 +1,10 @@
-#include <opencv2/calib3d.hpp>
 #include <opencv2/dnn.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "kernel_pictures.h"
-#include "ssd_outputs.h"
-#include "kernel_cases.h"
 #include <pi_runtime/kernels/blob.h>
-#include "kernels/rectify.h"
+#include "kernel_cases.h"
+#include "kernels/kernel_pictures.h"
+#include "kernels/ssd_outputs.h"
 
 namespace pi_runtime
 {
@@ -14,37 +12,6 @@ namespace
 {
 
 using namespace kernels;
-
-KernelCase remapCase(CodeletRunner& runner, int channels)
-{
-  // The left camera of EuRoC, turned a little as rectification does.
-  CameraIntrinsics camera{LensModel::RADTAN, 458.654 * 640 / 752,
-                          457.296,           367.215 * 640 / 752,
-                          248.375,           {-0.28340811, 0.07395907, 0.00019359, 1.76187e-05, 0.0}};
-  RectifiedCamera rectified;
-  const cv::Matx33d R(0.9999, -0.002, 0.0135, 0.0021, 0.99998, -0.007, -0.0135, 0.007, 0.9999);
-  std::copy(R.val, R.val + 9, rectified.R_rect_cam.begin());
-  rectified.fx = rectified.fy = 400.0;
-  rectified.cx = 320.0;
-  rectified.cy = 240.0;
-  const cv::Mat source = makePicture(640, 480, channels);
-  cv::Mat xy(480, 640, CV_16SC2);
-  cv::Mat fraction(480, 640, CV_16UC1);
-  buildRemapTable(camera, rectified, 640, 480, xy.ptr<int16_t>(), fraction.ptr<uint16_t>());
-  const BufferPtr destination = Buffer::allocate(640 * 480 * channels);
-  const RemapGeometry geometry{640, 480, 640 * channels, channels, 640, 480, 640 * channels};
-  const std::vector<Argument> arguments{Argument::in(wrapMat(source)), Argument::in(wrapMat(xy)),
-                                        Argument::in(wrapMat(fraction)), Argument::out(destination),
-                                        Argument::value(geometry)};
-  const CodeletPtr codelet = remapCodelet();
-  KernelCase result;
-  result.name = "remap 640x480x" + std::to_string(channels);
-  result.native = [&runner, codelet, arguments] { runner.native(codelet, arguments, 480); };
-  result.opencl = [&runner, codelet, arguments] { runner.opencl(codelet, arguments, 480); };
-  result.opencv = [source, xy, fraction, output = cv::Mat()]() mutable
-  { cv::remap(source, output, xy, fraction, cv::INTER_LINEAR, cv::BORDER_CONSTANT); };
-  return result;
-}
 
 KernelCase blobCase(CodeletRunner& runner, int size, bool half)
 {
@@ -117,9 +84,7 @@ std::vector<KernelCase> imageCases(CodeletRunner& runner)
 {
   const SsdOutputs mobilenet = makeSsdOutputs(mobilenetSsdPriors(), 91, 1);
   const SsdOutputs ssd300 = makeSsdOutputs(ssd300Priors(), 21, 2);
-  return {remapCase(runner, 1),
-          remapCase(runner, 3),
-          blobCase(runner, 300, false),
+  return {blobCase(runner, 300, false),
           blobCase(runner, 300, true),
           ssdCase(runner, "ssd_postprocess 1917 x 91", mobilenet, false),
           ssdCase(runner, "ssd_postprocess 1917 x 91", mobilenet, true),

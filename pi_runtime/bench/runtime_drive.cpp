@@ -6,8 +6,8 @@
 #include <fstream>
 #include <stdexcept>
 
-#include "drive_work.h"
 #include <pi_runtime/runtime.h>
+#include "drive_work.h"
 #include "runtime_bench.h"
 
 namespace pi_runtime_bench

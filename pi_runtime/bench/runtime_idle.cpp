@@ -8,10 +8,10 @@
 #include <stdexcept>
 #include <thread>
 
-#include "units/native_executor.h"
 #include <pi_runtime/opencl_command.h>
 #include <pi_runtime/runtime.h>
 #include "runtime_bench.h"
+#include "units/native_executor.h"
 
 namespace pi_runtime_bench
 {

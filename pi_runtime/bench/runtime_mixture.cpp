@@ -9,11 +9,11 @@
 #include <stdexcept>
 #include <thread>
 
-#include "drive_work.h"
 #include <pi_runtime/inter_core_scheduler.h>
-#include "units/native_executor.h"
 #include <pi_runtime/runtime.h>
+#include "drive_work.h"
 #include "runtime_bench.h"
+#include "units/native_executor.h"
 
 namespace pi_runtime_bench
 {

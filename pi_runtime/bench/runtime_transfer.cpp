@@ -6,8 +6,8 @@
 #include <stdexcept>
 
 #include <pi_runtime/opencl_command.h>
-#include "opencl/opencl_executor.h"
 #include <pi_runtime/runtime.h>
+#include "opencl/opencl_executor.h"
 #include "runtime_bench.h"
 
 namespace pi_runtime_bench

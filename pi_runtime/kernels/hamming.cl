@@ -22,15 +22,6 @@ typedef struct
   float max_disparity;
 } HammingShape;
 
-typedef struct
-{
-  int queries;
-  int trains;
-  int max_distance;
-  int ratio_percent;
-  int mutual;
-} HammingFilter;
-
 // PoCL 3.1 makes popcount() of shifts and masks; the compiler's own becomes the processor's instruction.
 #ifdef __clang__
 #define COUNT_BITS(bits) (uint)__builtin_popcountl(bits)
@@ -122,20 +113,4 @@ kernel void match_in_window(global const ulong* queries, global const ulong* tra
     }
   }
   matches[i] = matchOf(best, second);
-}
-
-kernel void filter_matches(global const HammingMatch* forward, global const HammingMatch* backward,
-                           global int* accepted, const HammingFilter filter, const int begin, const int end)
-{
-  const int i = begin + (int)get_global_id(0);
-  if (i >= end)
-  {
-    return;
-  }
-  const HammingMatch match = forward[i];
-  bool keep = match.best >= 0 && match.best < filter.trains && match.best_distance <= filter.max_distance;
-  keep = keep && (filter.ratio_percent == 0 ||
-                  100 * match.best_distance < filter.ratio_percent * match.second_distance);
-  keep = keep && (filter.mutual == 0 || backward[match.best].best == i);
-  accepted[i] = keep ? match.best : -1;
 }

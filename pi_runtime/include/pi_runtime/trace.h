@@ -92,28 +92,10 @@ private:
 };
 
 /// Writes records as Chrome trace events (Trace Event Format, JSON object form), for ui.perfetto.dev, chrome://tracing
-/// and readChromeTrace(). Each unit is a thread; "X" events are the transfer and the run of a task, with all fields of
+/// and draw_gantt. Each unit is a thread; "X" events are the transfer and the run of a task, with all fields of
 /// the record as arguments of the latter; "b" and "e" events are its wait for the unit; tasks that never ran are "i".
 /// @param units  names by unit number; units without a name are called "unit <number>".
 void writeChromeTrace(std::ostream& stream, const std::vector<TaskTrace>& records,
                       const std::vector<std::string>& units);
-
-/// A trace that was read back.
-struct ChromeTrace
-{
-  std::vector<TaskTrace> records;  ///< in the order of the file; their names live in `names`
-  std::vector<std::string> units;
-  std::set<std::string, std::less<>> names;
-
-  ChromeTrace() = default;
-  ChromeTrace(ChromeTrace&&) = default;
-  ChromeTrace& operator=(ChromeTrace&&) = default;
-  ChromeTrace(const ChromeTrace&) = delete;  // the names of the copy would be those of the original
-  ChromeTrace& operator=(const ChromeTrace&) = delete;
-};
-
-/// Reads what writeChromeTrace() has written; events of others are skipped.
-/// @throws std::runtime_error, naming the place, if it is no JSON or a record lacks a field.
-ChromeTrace readChromeTrace(std::istream& stream);
 
 }  // namespace pi_runtime

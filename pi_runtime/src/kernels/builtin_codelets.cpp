@@ -2,12 +2,9 @@
 
 #include <pi_runtime/kernels/blob.h>
 #include <pi_runtime/kernels/fast_corners.h>
-#include <pi_runtime/kernels/gaussian_blur.h>
 #include <pi_runtime/kernels/hamming.h>
 #include <pi_runtime/kernels/lucas_kanade.h>
-#include <pi_runtime/kernels/orb.h>
 #include <pi_runtime/kernels/pyramid.h>
-#include "kernels/rectify.h"
 #include <pi_runtime/kernels/ssd_postprocess.h>
 
 namespace pi_runtime
@@ -27,31 +24,16 @@ void registerBuiltinCodelets(CodeletRegistry& registry)
                 "0 in uint8[height * stride]; 1 out {uint16 x, uint16 y, int32 score}[capacity]; "
                 "2 out uint32 number of corners found; 3 out working memory of fastCornersWorkBytes(); "
                 "4 value {width, height, stride, threshold, capacity}; range: 1"});
-  registry.add({gaussianBlur7Codelet(), "Gaussian blur of 7 x 7 px with sigma 2 of an 8-bit image",
-                "0 in uint8[height * source_stride]; 1 out uint8[height * stride]; "
-                "2 value {width, height, source_stride, stride}; range: height"});
   registry.add({hammingCodelet(), "the two nearest of a set of 256-bit descriptors to each of another",
                 "0 in uint8 queries[32 each]; 1 in uint8 trains[32 each]; 2 in float x, y of the queries; "
                 "3 in float x, y of the trains; 4 out {int32 best, second, best_distance, second_distance} per query; "
                 "5 value {queries, trains, use_window, float max_rows, min_disparity, max_disparity}; range: queries"});
-  registry.add({hammingFilterCodelet(), "keeps the matches that are near, clear and mutual",
-                "0 in matches of hamming, per query; 1 in the same per train, backwards; 2 out int32 per query; "
-                "3 value {queries, trains, max_distance, ratio_percent, mutual}; range: queries"});
   registry.add({imagePyramidCodelet(), "all levels of the Gaussian pyramid of an 8-bit image",
                 "0 in uint8[height * source_stride]; 1 out uint8[PyramidLayout::bytes]; "
                 "2 value {width, height, source_stride, destination_stride, levels}; range: 1"});
-  registry.add({orbCodelet(), "oriented BRIEF descriptors of points of an 8-bit image",
-                "0 in uint8 image; 1 in uint8 image of gaussian_blur7; 2 in float x, y per point; "
-                "3 in orbTablesBuffer(); 4 out uint8[32] per point; 5 out uint16 angle per point; "
-                "6 value {width, height, image_stride, smoothed_stride, points}; range: points"});
   registry.add({pyramidDownCodelet(), "the next smaller level of the Gaussian pyramid of an 8-bit image",
                 "0 in uint8[height * source_stride]; 1 out uint8[(height + 1) / 2 * destination_stride]; "
                 "2 value {width, height, source_stride, destination_stride, levels}; range: (height + 1) / 2"});
-  registry.add({remapCodelet(), "warps an 8-bit image by a table of positions, as to rectify it",
-                "0 in uint8[source_height * source_stride]; 1 in int16 xy[height * width * 2]; "
-                "2 in uint16 fraction[height * width]; 3 out uint8[height * stride]; "
-                "4 value {source_width, source_height, source_stride, channels, width, height, stride}; "
-                "range: height"});
   registry.add(
       {ssdPostprocessCodelet(), "detections from the output of an SSD network",
        "0 in float locations[priors * 4]; 1 in float confidences[priors * classes]; 2 in SsdPrior[priors]; "

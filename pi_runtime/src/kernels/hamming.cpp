@@ -102,19 +102,5 @@ void matchHamming(const uint8_t* queries, const uint8_t* trains, const float* qu
   }
 }
 
-void filterHamming(const HammingMatch* forward, const HammingMatch* backward, const HammingFilter& filter, size_t begin,
-                   size_t end, int32_t* accepted)
-{
-  for (size_t i = begin; i < end; ++i)
-  {
-    const HammingMatch& match = forward[i];
-    const bool known = match.best >= 0 && match.best < filter.trains && match.best_distance <= filter.max_distance;
-    const bool distinct =
-        filter.ratio_percent == 0 || 100 * match.best_distance < filter.ratio_percent * match.second_distance;
-    const bool keep = known && distinct && (filter.mutual == 0 || backward[match.best].best == static_cast<int32_t>(i));
-    accepted[i] = keep ? match.best : HAMMING_NOBODY;
-  }
-}
-
 }  // namespace kernels
 }  // namespace pi_runtime

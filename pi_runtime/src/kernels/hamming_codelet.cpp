@@ -1,9 +1,9 @@
 #include <string>
 
-#include "kernels/codelet_arguments.h"
-#include "kernel_sources.h"
 #include <pi_runtime/kernels/hamming.h>
 #include <pi_runtime/opencl_command.h>
+#include "kernel_sources.h"
+#include "kernels/codelet_arguments.h"
 
 namespace pi_runtime
 {
@@ -12,26 +12,25 @@ namespace kernels
 namespace
 {
 
-constexpr char MATCH[] = "hamming";
-constexpr char FILTER[] = "hamming_filter";
+constexpr char NAME[] = "hamming";
 constexpr size_t LOCAL = 8;  ///< work items per group
 
 HammingShape checkedShape(const TaskArguments& call)
 {
   const auto shape = call.value<HammingShape>(5);
-  requireBetween(MATCH, "queries", shape.queries, 0, HAMMING_MOST);
-  requireBetween(MATCH, "trains", shape.trains, 0, HAMMING_MOST);
+  requireBetween(NAME, "queries", shape.queries, 0, HAMMING_MOST);
+  requireBetween(NAME, "trains", shape.trains, 0, HAMMING_MOST);
   const auto queries = static_cast<size_t>(shape.queries);
   const auto trains = static_cast<size_t>(shape.trains);
-  requireBytes(call, MATCH, 0, "queries", queries * HAMMING_BYTES);
-  requireBytes(call, MATCH, 1, "trains", trains * HAMMING_BYTES);
+  requireBytes(call, NAME, 0, "queries", queries * HAMMING_BYTES);
+  requireBytes(call, NAME, 1, "trains", trains * HAMMING_BYTES);
   if (shape.use_window != 0)
   {
-    requireBytes(call, MATCH, 2, "positions of the queries", queries * 2 * sizeof(float));
-    requireBytes(call, MATCH, 3, "positions of the trains", trains * 2 * sizeof(float));
+    requireBytes(call, NAME, 2, "positions of the queries", queries * 2 * sizeof(float));
+    requireBytes(call, NAME, 3, "positions of the trains", trains * 2 * sizeof(float));
   }
-  requireBytes(call, MATCH, 4, "matches", queries * sizeof(HammingMatch));
-  requireRange(call, MATCH, "queries", queries);
+  requireBytes(call, NAME, 4, "matches", queries * sizeof(HammingMatch));
+  requireRange(call, NAME, "queries", queries);
   return shape;
 }
 
@@ -57,38 +56,6 @@ void matchOpenCl(OpenClCommand& command)
                   command.buffer(4), shape, begin, end);
 }
 
-HammingFilter checkedFilter(const TaskArguments& call)
-{
-  const auto filter = call.value<HammingFilter>(3);
-  requireBetween(FILTER, "queries", filter.queries, 0, HAMMING_MOST);
-  requireBetween(FILTER, "trains", filter.trains, 0, HAMMING_MOST);
-  requireBetween(FILTER, "ratio_percent", filter.ratio_percent, 0, 1000);
-  const auto queries = static_cast<size_t>(filter.queries);
-  requireBytes(call, FILTER, 0, "matches of the queries", queries * sizeof(HammingMatch));
-  if (filter.mutual != 0)
-  {
-    requireBytes(call, FILTER, 1, "matches of the trains", static_cast<size_t>(filter.trains) * sizeof(HammingMatch));
-  }
-  requireBytes(call, FILTER, 2, "accepted matches", queries * sizeof(int32_t));
-  requireRange(call, FILTER, "queries", queries);
-  return filter;
-}
-
-void filterNative(const NativeCall& call)
-{
-  const HammingFilter filter = checkedFilter(call);
-  filterHamming(call.buffer<const HammingMatch>(0), call.buffer<const HammingMatch>(1), filter, call.begin(),
-                call.end(), call.buffer<int32_t>(2));
-}
-
-void filterOpenCl(OpenClCommand& command)
-{
-  const HammingFilter filter = checkedFilter(command);
-  command.enqueue("filter_matches", NdRange(roundUp(command.end() - command.begin(), LOCAL), LOCAL), command.buffer(0),
-                  command.buffer(1), command.buffer(2), filter, static_cast<cl_int>(command.begin()),
-                  static_cast<cl_int>(command.end()));
-}
-
 }  // namespace
 
 CodeletPtr hammingCodelet()
@@ -96,24 +63,10 @@ CodeletPtr hammingCodelet()
   static const CodeletPtr instance = []
   {
     Codelet codelet;
-    codelet.name = MATCH;
+    codelet.name = NAME;
     codelet.native = {NativeImplementation{matchNative}};
     codelet.opencl = {
         OpenClImplementation{std::string(prelude_cl) + hamming_cl, "", {"match_all", "match_in_window"}, matchOpenCl}};
-    codelet.sliceable = true;
-    return makeCodelet(std::move(codelet));
-  }();
-  return instance;
-}
-
-CodeletPtr hammingFilterCodelet()
-{
-  static const CodeletPtr instance = []
-  {
-    Codelet codelet;
-    codelet.name = FILTER;
-    codelet.native = {NativeImplementation{filterNative}};
-    codelet.opencl = {OpenClImplementation{std::string(prelude_cl) + hamming_cl, "", {"filter_matches"}, filterOpenCl}};
     codelet.sliceable = true;
     return makeCodelet(std::move(codelet));
   }();

@@ -1,121 +1,57 @@
 #include <pi_runtime/kernels/orb.h>
 
-#include <cmath>
-#include <cstring>
-
-#include "kernels/simd.h"
-
 namespace pi_runtime
 {
 namespace kernels
 {
-namespace
-{
 
-constexpr int SIDE = 2 * ORB_RADIUS + 1;
-
-struct Moments
-{
-  int m10;
-  int m01;
-};
-
-/// First moments of the disc around a pixel; reads one column more than the disc has.
-PI_RUNTIME_SIMD_CLONES
-Moments momentsOf(const uint8_t* centre, ptrdiff_t stride, const OrbTables& tables)
-{
-  const uint8_t* row = centre - ORB_RADIUS * stride - ORB_RADIUS;
-  Moments moments{0, 0};
-  for (int y = 0; y < SIDE; ++y, row += stride)
-  {
-    int sum = 0;
-    int weighted = 0;
-    for (int x = 0; x < SIDE + 1; ++x)
-    {
-      sum += static_cast<int16_t>(row[x]) * tables.disc[y][x];
-      weighted += static_cast<int16_t>(row[x]) * tables.column[y][x];
-    }
-    moments.m10 += weighted;
-    moments.m01 += (y - ORB_RADIUS) * sum;
-  }
-  return moments;
-}
-
-/// Direction (m10, m01) as a multiple of 1 / 256 turn: within its octant by comparison with tangents, so that every
-/// implementation gets the same one.
-int angleOf(Moments moments, const OrbTables& tables)
-{
-  const int64_t ax = std::abs(static_cast<int64_t>(moments.m10));
-  const int64_t ay = std::abs(static_cast<int64_t>(moments.m01));
-  const int64_t low = ax < ay ? ax : ay;
-  const int64_t high = ax < ay ? ay : ax;
-  int angle = 0;
-  for (int i = 0; i < ORB_ANGLES / 8; ++i)
-  {
-    angle += low * (1 << 14) > tables.octant[i] * high;
-  }
-  angle = ax < ay ? ORB_ANGLES / 4 - angle : angle;
-  angle = moments.m10 < 0 ? ORB_ANGLES / 2 - angle : angle;
-  return (moments.m01 < 0 ? ORB_ANGLES - angle : angle) % ORB_ANGLES;
-}
-
-PI_RUNTIME_SIMD_CLONES
-void describe(const uint8_t* centre, int stride, const OrbTables& tables, int angle, uint8_t* descriptor)
-{
-  const int c = tables.cosine[angle];
-  const int s = tables.sine[angle];
-  int32_t offset[2 * ORB_BITS];
-  for (int i = 0; i < 2 * ORB_BITS; ++i)
-  {
-    const int x = (tables.x[i] * c - tables.y[i] * s + (1 << 13)) >> 14;
-    const int y = (tables.x[i] * s + tables.y[i] * c + (1 << 13)) >> 14;
-    offset[i] = y * stride + x;
-  }
-  uint8_t level[2 * ORB_BITS];
-  for (int i = 0; i < 2 * ORB_BITS; ++i)
-  {
-    level[i] = centre[offset[i]];
-  }
-  uint8_t darker[ORB_BITS];
-  for (int i = 0; i < ORB_BITS; ++i)
-  {
-    darker[i] = level[i] < level[i + ORB_BITS] ? 1 : 0;
-  }
-  for (int i = 0; i < ORB_BYTES; ++i)
-  {
-    // Eight bytes of 0 or 1 to eight bits: byte k lands in bit 56 + k of the product.
-    uint64_t eight;
-    std::memcpy(&eight, darker + 8 * i, sizeof(eight));
-    descriptor[i] = static_cast<uint8_t>(eight * 0x0102040810204080U >> 56);
-  }
-}
-
-}  // namespace
-
-void describeOrb(const ImageView<const uint8_t>& image, const ImageView<const uint8_t>& smoothed, const float* points,
-                 const OrbTables& tables, size_t begin, size_t end, uint8_t* descriptors, uint16_t* angles)
-{
-  for (size_t i = begin; i < end; ++i)
-  {
-    const float x = std::nearbyint(points[2 * i]);
-    const float y = std::nearbyint(points[2 * i + 1]);
-    uint8_t* const descriptor = descriptors + i * ORB_BYTES;
-    const bool inside = x >= ORB_BORDER && y >= ORB_BORDER && x < static_cast<float>(image.width - ORB_BORDER) &&
-                        y < static_cast<float>(image.height - ORB_BORDER);
-    if (!inside)
-    {
-      std::memset(descriptor, 0, ORB_BYTES);
-      angles[i] = ORB_NO_ANGLE;
-      continue;
-    }
-    const int column = static_cast<int>(x);
-    const int row = static_cast<int>(y);
-    const Moments moments = momentsOf(image.row(row) + column, static_cast<ptrdiff_t>(image.stride), tables);
-    const int angle = angleOf(moments, tables);
-    angles[i] = static_cast<uint16_t>(angle);
-    describe(smoothed.row(row) + column, static_cast<int>(smoothed.stride), tables, angle, descriptor);
-  }
-}
+const OrbPattern ORB_PATTERN = {
+    {0,   -2,  10,  3,   5,   -2,  -3,  0,   -2,  1,   -2,  13,  -5,  -1,  4,   -17, 12,  4,   -5,  3,   -5, -4,  -8,
+     8,   -6,  0,   1,   -3,  0,   -1,  -3,  0,   -6,  -5,  5,   -5,  -5,  -2,  5,   8,   -2,  -7,  -11, 11, 2,   -15,
+     3,   -3,  7,   17,  2,   -13, 2,   6,   2,   -7,  12,  -6,  6,   12,  0,   11,  6,   -2,  -14, -17, 17, 1,   7,
+     8,   4,   11,  -2,  1,   -13, -10, 1,   -1,  7,   9,   13,  4,   2,   -10, 3,   0,   10,  -14, 3,   3,  -6,  -9,
+     -12, 6,   -3,  14,  4,   9,   -1,  6,   8,   5,   -1,  -9,  -9,  9,   4,   16,  -10, 6,   7,   11,  -2, 14,  3,
+     12,  6,   13,  1,   7,   -6,  -17, -2,  -5,  6,   -12, 1,   11,  -7,  -11, -16, 12,  -3,  13,  -3,  -6, -15, -12,
+     -12, -6,  -13, 1,   4,   -8,  0,   2,   -8,  6,   0,   1,   6,   12,  -7,  -15, 0,   4,   12,  -10, -2, -4,  11,
+     -12, -13, -13, -3,  5,   -1,  0,   14,  15,  -14, 10,  -3,  3,   -3,  0,   -7,  -3,  -1,  2,   18,  -6, 8,   -12,
+     11,  9,   2,   -13, 7,   -10, -16, 5,   0,   -17, 0,   -6,  1,   7,   9,   -6,  -6,  4,   7,   15,  1,  0,   4,
+     4,   -18, -10, -8,  -14, 5,   -6,  -15, 11,  -9,  11,  13,  6,   -6,  -14, 13,  4,   8,   16,  -11, 9,  -2,  -16,
+     -15, 7,   -5,  11,  -4,  -6,  12,  -2,  -14, -10, 1,   -3,  5,   -10, -1,  0,   13,  11,  15,  11,  1,  -4,  3,
+     14,  -2,  1,   -4,  -15, 4,   3,   14,  1,   0,   12,  -16, -9,  -7,  2,   -8,  3,   4,   -5,  12,  13, -1,  7,
+     -10, -12, -13, 9,   -12, 5,   -6,  -8,  -1,  -1,  -13, 9,   -11, -4,  8,   -2,  1,   -11, 8,   10,  -8, -8,  -11,
+     11,  -3,  -6,  4,   -5,  8,   2,   -2,  -7,  8,   16,  0,   -6,  6,   -1,  12,  1,   3,   -2,  14,  5,  -3,  -15,
+     11,  -4,  5,   0,   11,  2,   1,   -10, -7,  -4,  8,   -1,  0,   -8,  0,   8,   2,   -6,  17,  -17, 3,  -9,  -2,
+     8,   -8,  -4,  -1,  17,  -13, 5,   -3,  2,   17,  -13, 15,  9,   -7,  -4,  -8,  17,  2,   12,  -9,  2,  2,   4,
+     -6,  6,   1,   4,   13,  0,   6,   13,  -2,  -5,  -3,  -2,  5,   -5,  -12, 17,  -10, -16, -7,  15,  -8, 13,  2,
+     -2,  -5,  -5,  -7,  -1,  0,   -14, -3,  -13, 4,   1,   5,   12,  10,  3,   5,   7,   -2,  -9,  -11, 5,  0,   -4,
+     6,   -13, 9,   -8,  -13, -14, 2,   8,   6,   0,   3,   8,   -8,  5,   -4,  9,   -10, 17,  -7,  -7,  -7, 16,  1,
+     -8,  2,   -5,  -1,  6,   -14, -7,  6,   -3,  0,   12,  -4,  -9,  -2,  -3,  5,   4,   3,   -10, -8,  8,  0,   10,
+     16,  1,   3,   2,   -4,  -4,  -9,  -8,  16,  -5,  -2,  8,   -16, -1,  5,   -9,  -17, -1,  3,   -4,  1,  10,  -2,
+     4,   4,   -11, -6,  1,   -12, 13,  -5,  2,   5,   -13, -10, -14, -5,  -16, -3,  -9,  -2,  -7,  1,   12, 17,  12,
+     4,   -8,  9,   12,  -9,  2},
+    {-7,  -4,  4,   -15, 0,   11,  -2,  -13, -12, -9,  7,   5,   -1,  -5,  -2,  -4,  4,   -4,  -12, -5,  -4,  7,   -11,
+     -1,  0,   18,  0,   -12, 3,   16,  8,   16,  5,   -10, 5,   8,   -15, 4,   -11, -8,  5,   0,   12,  -3,  -3,  -8,
+     -1,  6,   11,  5,   16,  -2,  -6,  4,   -17, 12,  1,   -4,  5,   -10, 13,  -14, -8,  6,   5,   5,   1,   -2,  5,
+     14,  2,   -8,  7,   10,  7,   -2,  -13, -6,  9,   15,  10,  -7,  -9,  0,   -1,  6,   -6,  3,   14,  -9,  13,  10,
+     12,  -16, -9,  -3,  -9,  5,   -13, 15,  11,  3,   -5,  4,   -15, 5,   5,   1,   -7,  -8,  -6,  11,  -6,  6,   0,
+     -8,  8,   -11, -14, 14,  -2,  -3,  -12, 15,  -11, 3,   -2,  -5,  3,   -2,  8,   -3,  -16, 1,   -16, 4,   1,   4,
+     0,   0,   9,   13,  13,  11,  -15, 11,  -13, -9,  8,   3,   5,   2,   2,   6,   -11, -5,  12,  -6,  -3,  15,  10,
+     9,   -6,  0,   17,  8,   6,   -1,  1,   8,   -2,  8,   11,  2,   5,   3,   4,   1,   -13, -7,  0,   -12, -14, -5,
+     -11, -6,  11,  9,   6,   -8,  -6,  17,  18,  3,   6,   -2,  7,   15,  -13, -4,  -2,  5,   14,  -4,  -7,  -9,  -16,
+     -11, 0,   6,   10,  4,   7,   -1,  6,   11,  1,   13,  -12, -15, 11,  -6,  0,   -14, 7,   -1,  13,  -14, -1,  -1,
+     -7,  -9,  -9,  -14, 9,   15,  7,   -13, 9,   -3,  -17, -2,  -14, 14,  0,   -6,  -8,  1,   9,   -2,  -6,  -5,  -3,
+     -8,  9,   6,   3,   1,   6,   15,  -6,  -7,  10,  8,   2,   13,  0,   -3,  16,  4,   12,  -5,  -12, -3,  14,  -12,
+     -11, -9,  8,   -11, -1,  -17, -14, 8,   -11, 9,   -1,  -12, 11,  1,   -2,  0,   -8,  -6,  11,  1,   15,  9,   2,
+     6,   14,  -6,  17,  -7,  -4,  8,   -3,  12,  14,  0,   8,   6,   -1,  16,  -6,  -7,  3,   -12, -5,  -11, 6,   -1,
+     -3,  -10, -4,  10,  3,   14,  -3,  -12, 8,   2,   -9,  -14, 0,   14,  12,  -2,  6,   -11, 3,   -4,  -2,  9,   3,
+     5,   -5,  3,   7,   -3,  -2,  16,  -14, 0,   -4,  -12, -2,  8,   8,   -8,  -1,  -5,  -2,  -11, 8,   12,  4,   -2,
+     13,  1,   7,   -13, 11,  11,  5,   5,   -7,  -11, -3,  -11, 2,   3,   12,  5,   -6,  5,   -6,  8,   -5,  8,   8,
+     -2,  -17, -1,  16,  -16, -13, -10, -8,  -11, -4,  -11, -17, -10, 10,  10,  12,  10,  -12, 14,  -14, 1,   -7,  -11,
+     -14, -6,  -15, 15,  10,  -6,  5,   -9,  13,  -17, -7,  -8,  -9,  -7,  3,   -3,  -14, -4,  -13, -5,  -9,  6,   13,
+     15,  -9,  -5,  0,   -14, 11,  -1,  16,  -3,  -9,  -11, 4,   5,   12,  4,   -4,  9,   6,   1,   4,   13,  15,  -10,
+     -3,  -15, 4,   -2,  4,   4,   4,   -1,  -4,  -13, -8,  2,   3,   0,   -4,  13,  5,   0,   7,   11,  -4,  2,   14,
+     0,   -10, 3,   1,   -9,  -12, -1,  -16, 2,   10,  -8,  2,   -10, -8,  6,   -14, -2,  -6,  -11, 3,   -6,  0,   12,
+     10,  0,   1,   9,   -5,  17}};
 
 }  // namespace kernels
 }  // namespace pi_runtime

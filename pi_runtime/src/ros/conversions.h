@@ -9,9 +9,9 @@
 #include <pi_runtime/Stream.h>
 #include <pi_runtime/TaskReport.h>
 #include <pi_runtime/Unit.h>
-#include "core/codelet_registry.h"
 #include <pi_runtime/runtime.h>
 #include <ros/duration.h>
+#include "core/codelet_registry.h"
 
 #include <chrono>
 

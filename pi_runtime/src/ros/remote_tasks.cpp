@@ -1,6 +1,5 @@
-#include "ros/conversions.h"
 #include "ros/remote_tasks.h"
-#include <pthread.h>
+#include "ros/conversions.h"
 
 #include <algorithm>
 #include <boost/make_shared.hpp>
@@ -17,8 +16,7 @@ RemoteTasks::RemoteTasks(std::shared_ptr<Runtime> runtime, const CodeletRegistry
   , buffers_(buffers)
   , limits_(limits)
   , memory_(limits.max_task_memory)
-  , ended_(std::make_shared<Ended>())
-  , thread_(&RemoteTasks::reportLoop, this)
+  , reports_([this](const EntryPtr& entry, const TaskReportPtr& report) { finish(entry, report); })
 {
 }
 
@@ -40,12 +38,7 @@ RemoteTasks::~RemoteTasks()
   {
     handle.cancel();
   }
-  {
-    std::lock_guard<std::mutex> lock(ended_->mutex);
-    ended_->closed = true;
-    ended_->changed.notify_all();
-  }
-  thread_.join();
+  reports_.stop();
 }
 
 void RemoteTasks::close()
@@ -90,27 +83,10 @@ void RemoteTasks::requireRoom(size_t tasks) const
 
 RemoteTasks::EntryPtr RemoteTasks::makeEntry(const TaskConstPtr& task, KeptBuffers::Draft* draft, Listener listener)
 {
-  auto entry = std::make_shared<Entry>();
+  auto entry = std::make_shared<RemoteTask>();
   entry->intake = takeIn(task, *codelets_, draft, [this](size_t bytes) { return takeMemory(bytes); });
   entry->listener = std::move(listener);
   return entry;
-}
-
-TaskRequest RemoteTasks::requestOf(const EntryPtr& entry) const
-{
-  TaskRequest request = std::move(entry->intake.request);
-  request.done = [entry, ended = ended_](const TaskResult& result)
-  {
-    std::lock_guard<std::mutex> lock(ended->mutex);
-    if (ended->closed)
-    {
-      entry->handle = TaskHandle();  // which refers to this function, which refers to the entry
-      return;
-    }
-    ended->queue.emplace_back(entry, result);
-    ended->changed.notify_one();
-  };
-  return request;
 }
 
 void RemoteTasks::enrol(const EntryPtr& entry, TaskHandle handle)
@@ -129,7 +105,7 @@ RemoteTasks::EntryPtr RemoteTasks::start(const TaskConstPtr& task, Listener list
   std::lock_guard<std::mutex> lock(mutex_);
   requireRoom(1);
   draft.commit();
-  enrol(entry, runtime_->submit(requestOf(entry)));
+  enrol(entry, runtime_->submit(reports_.requestOf(entry)));
   return entry;
 }
 
@@ -174,7 +150,7 @@ std::vector<RemoteTasks::EntryPtr> RemoteTasks::submitGraph(const std::vector<Ta
     {
       throw std::runtime_error("task " + std::to_string(entries.size()) + ": " + error.what());
     }
-    graph.tasks.push_back(requestOf(entries.back()));
+    graph.tasks.push_back(reports_.requestOf(entries.back()));
   }
   for (const GraphEdge& edge : edges)
   {
@@ -280,53 +256,6 @@ void RemoteTasks::forgetLocked(const EntryPtr& entry)
   const EntryPtr forgotten = entry;  // the parameter may be the element that goes
   entries_.erase(forgotten->id);
   kept_.erase(std::remove(kept_.begin(), kept_.end(), forgotten), kept_.end());
-}
-
-void RemoteTasks::reportLoop()
-{
-  pthread_setname_np(pthread_self(), "pi_reports");
-  std::unique_lock<std::mutex> lock(ended_->mutex);
-  for (;;)
-  {
-    ended_->changed.wait(lock, [this] { return ended_->closed || !ended_->queue.empty(); });
-    if (ended_->queue.empty())
-    {
-      return;
-    }
-    auto [entry, result] = std::move(ended_->queue.front());
-    ended_->queue.pop_front();
-    lock.unlock();
-    finish(entry, makeReport(entry, std::move(result)));
-    entry.reset();
-    lock.lock();
-  }
-}
-
-TaskReportPtr RemoteTasks::makeReport(const EntryPtr& entry, TaskResult result)
-{
-  try
-  {
-    for (const BufferPtr& output : entry->intake.outputs)
-    {
-      if (output && result.ok())
-      {
-        output->host(Access::READ);
-      }
-    }
-  }
-  catch (const std::exception& error)
-  {
-    result.outcome = Outcome::UNIT_FAILED;
-    result.message = std::string("its results cannot be fetched: ") + error.what();
-  }
-  const TaskReportPtr report = boost::make_shared<TaskReport>(toMsg(result));
-  report->client_key = entry->intake.report->client_key;
-  if (result.ok())
-  {
-    report->outputs = std::move(entry->intake.report->outputs);
-  }
-  // Else the outputs stay where they are, with the buffers: a unit that hangs may still write into them.
-  return report;
 }
 
 void RemoteTasks::finish(const EntryPtr& entry, const TaskReportPtr& report)

@@ -3,23 +3,20 @@
 #include <pi_runtime/GraphEdge.h>
 #include <pi_runtime/Task.h>
 #include <pi_runtime/TaskReport.h>
+#include <pi_runtime/runtime.h>
 #include "core/codelet_registry.h"
 #include "core/kept_buffers.h"
 #include "core/memory_budget.h"
-#include "ros/task_intake.h"
-#include <pi_runtime/runtime.h>
+#include "ros/report_thread.h"
 
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
 #include <deque>
-#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
 #include <string>
-#include <thread>
-#include <utility>
 #include <vector>
 
 namespace pi_runtime
@@ -38,20 +35,8 @@ public:
     size_t max_kept_reports;  ///< the oldest go first
     std::chrono::nanoseconds report_keep;
   };
-  /// Called once per task, on a thread of this object or, if the task was refused, the caller's.
-  using Listener = std::function<void(const TaskReportConstPtr&)>;
-
-  /// One task from submission on.
-  struct Entry
-  {
-    uint64_t id = 0;
-    TaskIntake intake;
-    TaskHandle handle;          ///< valid until it has ended
-    Listener listener;          ///< null: the report is kept
-    TaskReportConstPtr report;  ///< null until it has ended
-    std::chrono::steady_clock::time_point ended_at;
-  };
-  using EntryPtr = std::shared_ptr<Entry>;
+  using Listener = RemoteTask::Listener;
+  using EntryPtr = std::shared_ptr<RemoteTask>;
 
   /// What is known of a task.
   struct Answer
@@ -94,23 +79,11 @@ public:
   size_t memoryBytes() const { return memory_.used(); }
 
 private:
-  /// Tasks that the runtime is done with, on their way to the thread. Outlives this object with the last task.
-  struct Ended
-  {
-    std::mutex mutex;
-    std::condition_variable changed;
-    std::deque<std::pair<EntryPtr, TaskResult>> queue;
-    bool closed = false;
-  };
-
   EntryPtr makeEntry(const TaskConstPtr& task, KeptBuffers::Draft* draft, Listener listener);
-  TaskRequest requestOf(const EntryPtr& entry) const;
   EntryPtr start(const TaskConstPtr& task, Listener listener);
   std::shared_ptr<const void> takeMemory(size_t bytes);
   void requireRoom(size_t tasks) const;
   void enrol(const EntryPtr& entry, TaskHandle handle);
-  void reportLoop();
-  TaskReportPtr makeReport(const EntryPtr& entry, TaskResult result);
   void finish(const EntryPtr& entry, const TaskReportPtr& report);
   void expireLocked();
   void forgetLocked(const EntryPtr& entry);
@@ -120,7 +93,6 @@ private:
   KeptBuffers* const buffers_;
   const Limits limits_;
   MemoryBudget memory_;
-  const std::shared_ptr<Ended> ended_;
 
   mutable std::mutex mutex_;
   std::condition_variable changed_;  ///< a task has ended, or closing_
@@ -128,7 +100,7 @@ private:
   std::deque<EntryPtr> kept_;  ///< ended, oldest first
   size_t open_ = 0;
   bool closing_ = false;
-  std::thread thread_;
+  ReportThread reports_;
 };
 
 }  // namespace pi_runtime

@@ -1,5 +1,5 @@
-#include <diagnostic_msgs/DiagnosticStatus.h>
 #include "ros/runtime_diagnostics.h"
+#include <diagnostic_msgs/DiagnosticStatus.h>
 #include <unistd.h>
 
 #include <algorithm>

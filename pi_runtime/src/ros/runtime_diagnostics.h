@@ -2,9 +2,9 @@
 
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <pi_node/power_monitor.h>
-#include "ros/remote_tasks.h"
 #include <pi_runtime/runtime.h>
 #include <ros/node_handle.h>
+#include "ros/remote_tasks.h"
 
 #include <chrono>
 #include <map>

@@ -1,5 +1,5 @@
-#include "ros/conversions.h"
 #include "ros/runtime_ros.h"
+#include "ros/conversions.h"
 
 #include <boost/make_shared.hpp>
 #include <utility>
@@ -71,6 +71,7 @@ RuntimeRos::RuntimeRos(ros::NodeHandle node, ros::NodeHandle private_node)
   tasks_subscriber_ =
       private_node_.subscribe("tasks", queue_size, &RuntimeRos::onTask, this, ros::TransportHints().tcpNoDelay());
   advertiseServices();
+  runtime_services_ = std::make_unique<RuntimeServices>(private_node_, runtime_, &codelets_);
   diagnostics_timer_ = node_.createWallTimer(ros::WallDuration(options_.diagnostic_period),
                                              [this](const ros::WallTimerEvent&)
                                              {
@@ -92,6 +93,7 @@ RuntimeRos::~RuntimeRos()
   spinner_.stop();
   tasks_subscriber_.shutdown();
   services_.clear();
+  runtime_services_.reset();
   diagnostics_timer_.stop();
   tasks_.reset();
 }
@@ -100,23 +102,12 @@ void RuntimeRos::advertiseServices()
 {
   const auto advertise = [this](const char* name, auto handler)
   { services_.push_back(private_node_.advertiseService(name, handler, this)); };
-  advertise("list_units", &RuntimeRos::listUnits);
-  advertise("list_codelets", &RuntimeRos::listCodelets);
   advertise("submit_task", &RuntimeRos::submitTask);
   advertise("submit_graph", &RuntimeRos::submitGraph);
   advertise("query_task", &RuntimeRos::queryTask);
   advertise("cancel_task", &RuntimeRos::cancelTask);
-  advertise("get_etc", &RuntimeRos::getEtc);
-  advertise("set_etc", &RuntimeRos::setEtc);
-  advertise("get_policy", &RuntimeRos::getPolicy);
-  advertise("set_policy", &RuntimeRos::setPolicy);
-  advertise("admit_stream", &RuntimeRos::admitStream);
-  advertise("retire_stream", &RuntimeRos::retireStream);
-  advertise("list_streams", &RuntimeRos::listStreams);
-  advertise("set_unit_available", &RuntimeRos::setUnitAvailable);
   advertise("get_statistics", &RuntimeRos::getStatistics);
   advertise("drop_buffer", &RuntimeRos::dropBuffer);
-  advertise("save_trace", &RuntimeRos::saveTrace);
 }
 
 void RuntimeRos::onTask(const TaskConstPtr& task)

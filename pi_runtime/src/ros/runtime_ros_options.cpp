@@ -1,5 +1,6 @@
-#include <pi_node/ros/parameter_values.h>
 #include "ros/runtime_ros_options.h"
+
+#include <pi_node/ros/parameter_tree.h>
 
 #include <map>
 #include <set>
@@ -8,22 +9,64 @@
 
 namespace pi_runtime
 {
+
+using pi_node::parameters::require;
+using XmlRpc::XmlRpcValue;
+
 namespace
 {
 
-using pi_node::parameters::flatten;
-using pi_node::parameters::read;
-using pi_node::parameters::require;
-using pi_node::parameters::requireType;
-using pi_node::parameters::text;
-using pi_node::parameters::write;
-using XmlRpc::XmlRpcValue;
-
-/// What stands for RuntimeOptions::defaultCacheFolder(), which depends on the user.
+/// Stands for RuntimeOptions::defaultCacheFolder(), which depends on the user.
 constexpr char DEFAULT_FOLDER[] = "default";
 constexpr double MAX_DURATION_S = 1e6;
 
-/// Every parameter, by the path of its name, with its field.
+template <typename Enum>
+void readName(const XmlRpcValue& value, Enum* field, Enum (*parse)(const std::string&))
+{
+  std::string name;
+  pi_node::parameters::read(value, &name);
+  try
+  {
+    *field = parse(name);
+  }
+  catch (const std::invalid_argument& error)
+  {
+    throw std::invalid_argument(std::string(": ") + error.what());
+  }
+}
+
+MemoryModel parseMemoryModel(const std::string& name)
+{
+  for (const MemoryModel model : {MemoryModel::DIRECT, MemoryModel::MAPPED, MemoryModel::SEPARATE})
+  {
+    if (name == toString(model))
+    {
+      return model;
+    }
+  }
+  throw std::invalid_argument("memory \"" + name + "\" is unknown, must be direct, mapped or separate");
+}
+
+/// @return the members of a struct with these names, and no others.
+std::map<std::string, XmlRpcValue> members(XmlRpcValue value, const std::set<std::string>& names)
+{
+  pi_node::parameters::requireType(value, XmlRpcValue::TypeStruct,
+                                   "a list of {unit, active_power_w, idle_power_w, slowdown}");
+  std::map<std::string, XmlRpcValue> result;
+  for (auto& [name, member] : value)
+  {
+    if (names.count(name) == 0)
+    {
+      throw std::invalid_argument("has an entry with \"" + name +
+                                  "\"; known are unit, active_power_w, idle_power_w, slowdown");
+    }
+    result[name] = member;
+  }
+  return result;
+}
+
+}  // namespace
+
 template <typename Options, typename Visitor>
 void visitFields(Options& options, Visitor&& visit)
 {
@@ -66,96 +109,44 @@ void visitFields(Options& options, Visitor&& visit)
   visit("diagnostic_period", options.diagnostic_period);
 }
 
-template <typename Period>
-void read(const XmlRpcValue& value, std::chrono::duration<int64_t, Period>* field)
-{
-  int number = 0;
-  read(value, &number);
-  *field = std::chrono::duration<int64_t, Period>(number);
-}
-
-template <typename Enum>
-void readName(const XmlRpcValue& value, Enum* field, Enum (*parse)(const std::string&))
-{
-  std::string name;
-  read(value, &name);
-  try
-  {
-    *field = parse(name);
-  }
-  catch (const std::invalid_argument& error)
-  {
-    throw std::invalid_argument(std::string(": ") + error.what());
-  }
-}
-
-MemoryModel parseMemoryModel(const std::string& name)
-{
-  for (const MemoryModel model : {MemoryModel::DIRECT, MemoryModel::MAPPED, MemoryModel::SEPARATE})
-  {
-    if (name == toString(model))
-    {
-      return model;
-    }
-  }
-  throw std::invalid_argument("memory \"" + name + "\" is unknown, must be direct, mapped or separate");
-}
-
-void read(const XmlRpcValue& value, MemoryModel* field)
+static void read(const XmlRpcValue& value, MemoryModel* field)
 {
   readName(value, field, parseMemoryModel);
 }
-void read(const XmlRpcValue& value, InterCorePolicy* field)
+static void read(const XmlRpcValue& value, InterCorePolicy* field)
 {
   readName(value, field, parseInterCorePolicy);
 }
-void read(const XmlRpcValue& value, DiffMinOrder* field)
+static void read(const XmlRpcValue& value, DiffMinOrder* field)
 {
   readName(value, field, parseDiffMinOrder);
 }
-void read(const XmlRpcValue& value, InnerCorePolicy* field)
+static void read(const XmlRpcValue& value, InnerCorePolicy* field)
 {
   readName(value, field, parseInnerCorePolicy);
 }
-void read(const XmlRpcValue& value, LevelMapping* field)
+static void read(const XmlRpcValue& value, LevelMapping* field)
 {
   readName(value, field, parseLevelMapping);
 }
-void read(const XmlRpcValue& value, QueueOrder* field)
+static void read(const XmlRpcValue& value, QueueOrder* field)
 {
   readName(value, field, parseQueueOrder);
 }
 
-/// @return the members of a struct with these names, and no others.
-std::map<std::string, XmlRpcValue> members(XmlRpcValue value, const std::set<std::string>& names)
-{
-  requireType(value, XmlRpcValue::TypeStruct, "a list of {unit, active_power_w, idle_power_w, slowdown}");
-  std::map<std::string, XmlRpcValue> result;
-  for (auto& [name, member] : value)
-  {
-    if (names.count(name) == 0)
-    {
-      throw std::invalid_argument("has an entry with \"" + name +
-                                  "\"; known are unit, active_power_w, idle_power_w, slowdown");
-    }
-    result[name] = member;
-  }
-  return result;
-}
-
-void read(const XmlRpcValue& value, UnitTuning* field)
+static void read(const XmlRpcValue& value, UnitTuning* field)
 {
   for (const auto& [name, member] : members(value, {"unit", "active_power_w", "idle_power_w", "slowdown"}))
   {
     if (name == "unit")
     {
-      read(member, &field->unit);
+      pi_node::parameters::read(member, &field->unit);
     }
     else
     {
-      read(member, name == "active_power_w" ? &field->active_power_w
-                   : name == "idle_power_w" ? &field->idle_power_w
-                                            : &field->slowdown);
+      pi_node::parameters::read(member, name == "active_power_w" ? &field->active_power_w
+                                        : name == "idle_power_w" ? &field->idle_power_w
+                                                                 : &field->slowdown);
     }
   }
   if (field->unit.empty())
@@ -164,28 +155,12 @@ void read(const XmlRpcValue& value, UnitTuning* field)
   }
 }
 
-template <typename Element>
-void read(XmlRpcValue value, std::vector<Element>* field)
-{
-  requireType(value, XmlRpcValue::TypeArray, "a list");
-  field->assign(static_cast<size_t>(value.size()), Element());
-  for (int i = 0; i < value.size(); ++i)
-  {
-    read(value[i], &(*field)[static_cast<size_t>(i)]);
-  }
-}
-
-template <typename Period>
-XmlRpcValue write(const std::chrono::duration<int64_t, Period>& field)
-{
-  return XmlRpcValue(static_cast<int>(field.count()));
-}
 template <typename Enum, std::enable_if_t<std::is_enum<Enum>::value, int> = 0>
 XmlRpcValue write(const Enum& field)
 {
   return XmlRpcValue(toString(field));
 }
-XmlRpcValue write(const UnitTuning& field)
+static XmlRpcValue write(const UnitTuning& field)
 {
   XmlRpcValue value;
   value["unit"] = field.unit;
@@ -194,30 +169,10 @@ XmlRpcValue write(const UnitTuning& field)
   value["slowdown"] = field.slowdown;
   return value;
 }
-template <typename Element>
-XmlRpcValue write(const std::vector<Element>& field)
-{
-  XmlRpcValue value;
-  value.setSize(static_cast<int>(field.size()));
-  for (size_t i = 0; i < field.size(); ++i)
-  {
-    value[static_cast<int>(i)] = write(field[i]);
-  }
-  return value;
-}
-
-}  // namespace
 
 void RuntimeRosOptions::validate() const
 {
-  try
-  {
-    runtime.inter_core.validate();
-  }
-  catch (const std::invalid_argument& error)
-  {
-    throw std::invalid_argument(std::string("inter_core/") + error.what());
-  }
+  pi_node::parameter_tree::validateGroup("inter_core", runtime.inter_core);
   runtime.validate();
   require(max_tasks >= 1, "max_tasks", max_tasks, "at least 1");
   require(max_task_memory_mb >= 1, "max_task_memory_mb", max_task_memory_mb, "at least 1");
@@ -240,61 +195,17 @@ RuntimeRosOptions RuntimeRosOptions::load(const ros::NodeHandle& private_node, s
 RuntimeRosOptions RuntimeRosOptions::fromParameters(const XmlRpcValue& tree, const std::string& path,
                                                     std::vector<std::string>* unknown)
 {
-  RuntimeRosOptions options;
-  std::map<std::string, XmlRpcValue> leaves;
-  if (tree.getType() == XmlRpcValue::TypeStruct)
-  {
-    flatten(tree, "", &leaves);
-  }
-  const auto load = [&leaves, &path](const char* name, auto& field)
-  {
-    const auto leaf = leaves.find(name);
-    if (leaf == leaves.end())
-    {
-      return;
-    }
-    try
-    {
-      read(leaf->second, &field);
-    }
-    catch (const std::invalid_argument& error)
-    {
-      const std::string problem = error.what();
-      throw std::invalid_argument("parameter " + path + name + (problem[0] == ':' ? "" : " ") + problem);
-    }
-    leaves.erase(leaf);
-  };
-  visitFields(options, load);
+  auto options = pi_node::parameter_tree::load<RuntimeRosOptions>(tree, path, unknown);
   if (options.runtime.cache_folder == DEFAULT_FOLDER)
   {
     options.runtime.cache_folder = RuntimeOptions::defaultCacheFolder();
-  }
-  try
-  {
-    options.validate();
-  }
-  catch (const std::invalid_argument& error)
-  {
-    throw std::invalid_argument("parameter " + path + error.what());
-  }
-  for (const auto& [name, value] : leaves)
-  {
-    unknown->push_back(path + name);
   }
   return options;
 }
 
 XmlRpcValue RuntimeRosOptions::toParameters() const
 {
-  XmlRpcValue tree;
-  visitFields(*this,
-              [&tree](const std::string& name, const auto& field)
-              {
-                const size_t slash = name.find('/');
-                XmlRpcValue& parameter =
-                    slash == std::string::npos ? tree[name] : tree[name.substr(0, slash)][name.substr(slash + 1)];
-                parameter = write(field);
-              });
+  XmlRpcValue tree = pi_node::parameter_tree::save(*this);
   if (runtime.cache_folder == RuntimeOptions::defaultCacheFolder())
   {
     tree["cache_folder"] = DEFAULT_FOLDER;
@@ -304,7 +215,7 @@ XmlRpcValue RuntimeRosOptions::toParameters() const
 
 std::string RuntimeRosOptions::toText() const
 {
-  return text(toParameters());
+  return pi_node::parameters::text(toParameters());
 }
 
 }  // namespace pi_runtime

@@ -1,13 +1,15 @@
-// RuntimeRos: the services that show and set what the runtime knows.
-#include "trace/gantt.h"
-#include "ros/conversions.h"
-#include "ros/runtime_ros.h"
+#include "ros/runtime_services.h"
+
+#include <pi_node/child_process.h>
 
 #include <algorithm>
 #include <cerrno>
+#include <cstdio>
 #include <cstring>
 #include <fstream>
 #include <stdexcept>
+
+#include "ros/conversions.h"
 
 namespace pi_runtime
 {
@@ -44,9 +46,46 @@ void writeChromeFile(const std::string& path, const std::vector<TaskTrace>& reco
   }
 }
 
+/// @param trace_path  file that writeChromeFile() has written.
+/// @param keep  false: removes that file.
+void drawGantt(const std::string& trace_path, bool keep, const std::string& picture_path)
+{
+  const pi_node::ChildResult drawing =
+      pi_node::runChild("/usr/bin/env", {"rosrun", "pi_runtime", "draw_gantt", trace_path, picture_path}, {});
+  if (!keep)
+  {
+    std::remove(trace_path.c_str());
+  }
+  if (!drawing.in_time || drawing.status != 0)
+  {
+    const std::string reason =
+        drawing.in_time ? drawing.output : "it took longer than 60 s; use a smaller trace_capacity";
+    throw std::runtime_error("gantt_path " + picture_path + " cannot be drawn: " + reason);
+  }
+}
+
 }  // namespace
 
-bool RuntimeRos::listUnits(ListUnits::Request&, ListUnits::Response& response)
+RuntimeServices::RuntimeServices(ros::NodeHandle private_node, std::shared_ptr<Runtime> runtime,
+                                 const CodeletRegistry* codelets)
+  : runtime_(std::move(runtime)), codelets_(codelets)
+{
+  const auto advertise = [this, &private_node](const char* name, auto handler)
+  { services_.push_back(private_node.advertiseService(name, handler, this)); };
+  advertise("list_units", &RuntimeServices::listUnits);
+  advertise("list_codelets", &RuntimeServices::listCodelets);
+  advertise("get_etc", &RuntimeServices::getEtc);
+  advertise("set_etc", &RuntimeServices::setEtc);
+  advertise("get_policy", &RuntimeServices::getPolicy);
+  advertise("set_policy", &RuntimeServices::setPolicy);
+  advertise("admit_stream", &RuntimeServices::admitStream);
+  advertise("retire_stream", &RuntimeServices::retireStream);
+  advertise("list_streams", &RuntimeServices::listStreams);
+  advertise("set_unit_available", &RuntimeServices::setUnitAvailable);
+  advertise("save_trace", &RuntimeServices::saveTrace);
+}
+
+bool RuntimeServices::listUnits(ListUnits::Request&, ListUnits::Response& response)
 {
   for (const UnitStatus& unit : runtime_->units())
   {
@@ -55,16 +94,16 @@ bool RuntimeRos::listUnits(ListUnits::Request&, ListUnits::Response& response)
   return true;
 }
 
-bool RuntimeRos::listCodelets(ListCodelets::Request&, ListCodelets::Response& response)
+bool RuntimeServices::listCodelets(ListCodelets::Request&, ListCodelets::Response& response)
 {
-  for (const RegisteredCodelet& entry : codelets_.list())
+  for (const RegisteredCodelet& entry : codelets_->list())
   {
     response.codelets.push_back(toMsg(entry));
   }
   return true;
 }
 
-bool RuntimeRos::getEtc(GetEtc::Request&, GetEtc::Response& response)
+bool RuntimeServices::getEtc(GetEtc::Request&, GetEtc::Response& response)
 {
   for (const EtcTable::Entry& entry : runtime_->etcEntries())
   {
@@ -73,7 +112,7 @@ bool RuntimeRos::getEtc(GetEtc::Request&, GetEtc::Response& response)
   return true;
 }
 
-bool RuntimeRos::setEtc(SetEtc::Request& request, SetEtc::Response& response)
+bool RuntimeServices::setEtc(SetEtc::Request& request, SetEtc::Response& response)
 {
   return answer(response,
                 [&]
@@ -91,13 +130,13 @@ bool RuntimeRos::setEtc(SetEtc::Request& request, SetEtc::Response& response)
                 });
 }
 
-bool RuntimeRos::getPolicy(GetPolicy::Request&, GetPolicy::Response& response)
+bool RuntimeServices::getPolicy(GetPolicy::Request&, GetPolicy::Response& response)
 {
   response.policy = toMsg(SchedulerOptions{runtime_->interCoreOptions(), runtime_->innerCoreOptions()});
   return true;
 }
 
-bool RuntimeRos::setPolicy(SetPolicy::Request& request, SetPolicy::Response& response)
+bool RuntimeServices::setPolicy(SetPolicy::Request& request, SetPolicy::Response& response)
 {
   return answer(response,
                 [&]
@@ -108,11 +147,11 @@ bool RuntimeRos::setPolicy(SetPolicy::Request& request, SetPolicy::Response& res
                 });
 }
 
-bool RuntimeRos::admitStream(AdmitStream::Request& request, AdmitStream::Response& response)
+bool RuntimeServices::admitStream(AdmitStream::Request& request, AdmitStream::Response& response)
 {
   try
   {
-    const CodeletPtr codelet = codelets_.find(request.codelet);
+    const CodeletPtr codelet = codelets_->find(request.codelet);
     if (!codelet)
     {
       throw std::invalid_argument("there is no codelet \"" + request.codelet + "\"; list_codelets tells the names");
@@ -129,7 +168,7 @@ bool RuntimeRos::admitStream(AdmitStream::Request& request, AdmitStream::Respons
   return true;
 }
 
-bool RuntimeRos::retireStream(RetireStream::Request& request, RetireStream::Response& response)
+bool RuntimeServices::retireStream(RetireStream::Request& request, RetireStream::Response& response)
 {
   return answer(response,
                 [&]
@@ -144,7 +183,7 @@ bool RuntimeRos::retireStream(RetireStream::Request& request, RetireStream::Resp
                 });
 }
 
-bool RuntimeRos::listStreams(ListStreams::Request&, ListStreams::Response& response)
+bool RuntimeServices::listStreams(ListStreams::Request&, ListStreams::Response& response)
 {
   for (const StreamStatus& stream : runtime_->streams())
   {
@@ -153,12 +192,12 @@ bool RuntimeRos::listStreams(ListStreams::Request&, ListStreams::Response& respo
   return true;
 }
 
-bool RuntimeRos::setUnitAvailable(SetUnitAvailable::Request& request, SetUnitAvailable::Response& response)
+bool RuntimeServices::setUnitAvailable(SetUnitAvailable::Request& request, SetUnitAvailable::Response& response)
 {
   return answer(response, [&] { runtime_->setUnitAvailable(request.unit, request.available); });
 }
 
-bool RuntimeRos::saveTrace(SaveTrace::Request& request, SaveTrace::Response& response)
+bool RuntimeServices::saveTrace(SaveTrace::Request& request, SaveTrace::Response& response)
 {
   return answer(response,
                 [&]
@@ -177,15 +216,15 @@ bool RuntimeRos::saveTrace(SaveTrace::Request& request, SaveTrace::Response& res
                   {
                     units.push_back(unit.name);
                   }
-                  if (!request.chrome_path.empty())
-                  {
-                    writeChromeFile(request.chrome_path, records, units);
-                    response.message = request.chrome_path;
-                  }
+                  // Without chrome_path the trace is only a file between this node and draw_gantt.
+                  const bool keep = !request.chrome_path.empty();
+                  const std::string path = keep ? request.chrome_path : request.gantt_path + ".trace.json";
+                  writeChromeFile(path, records, units);
+                  response.message = keep ? path : "";
                   if (!request.gantt_path.empty())
                   {
-                    writeGantt(request.gantt_path, records, units);
-                    response.message += (response.message.empty() ? "" : ", ") + request.gantt_path;
+                    drawGantt(path, keep, request.gantt_path);
+                    response.message += (keep ? ", " : "") + request.gantt_path;
                   }
                   response.message += " written";
                   response.tasks = static_cast<uint32_t>(records.size());

@@ -1,5 +1,5 @@
-#include "ros/conversions.h"
 #include "ros/task_intake.h"
+#include "ros/conversions.h"
 
 #include <boost/make_shared.hpp>
 #include <cstring>

@@ -2,9 +2,9 @@
 
 #include <pi_runtime/Task.h>
 #include <pi_runtime/TaskReport.h>
+#include <pi_runtime/task.h>
 #include "core/codelet_registry.h"
 #include "core/kept_buffers.h"
-#include <pi_runtime/task.h>
 
 #include <functional>
 #include <memory>

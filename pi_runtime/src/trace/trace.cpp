@@ -1,13 +1,10 @@
 #include <pi_runtime/trace.h>
 
 #include <algorithm>
-#define BOOST_BIND_GLOBAL_PLACEHOLDERS  // silences a note of Boost 1.74 about its own use of them
-#include <boost/property_tree/json_parser.hpp>
-#include <boost/property_tree/ptree.hpp>
 #include <cinttypes>
 #include <cmath>
 #include <cstdio>
-#include <istream>
+#include <nlohmann/json.hpp>
 #include <ostream>
 #include <stdexcept>
 
@@ -19,60 +16,11 @@ namespace
 constexpr const char* OUTCOMES[] = {"ok", "failed", "cancelled"};
 constexpr std::string_view OTHER = "(other)";
 
-/// Length of the UTF-8 character at the start of `text` (RFC 3629), 0 if there is none.
-size_t utf8Length(std::string_view text)
-{
-  const auto byte = [&text](size_t index) { return static_cast<uint8_t>(text[index]); };
-  const uint8_t first = byte(0);
-  const size_t length = first < 0x80   ? 1
-                        : first < 0xc2 ? 0
-                        : first < 0xe0 ? 2
-                        : first < 0xf0 ? 3
-                        : first < 0xf5 ? 4
-                                       : 0;
-  if (length == 0 || length > text.size())
-  {
-    return 0;
-  }
-  for (size_t index = 1; index < length; ++index)
-  {
-    if ((byte(index) & 0xc0) != 0x80)
-    {
-      return 0;
-    }
-  }
-  // Too long a form, a surrogate, or above U+10FFFF.
-  const bool invalid = length > 2 && ((first == 0xe0 && byte(1) < 0xa0) || (first == 0xed && byte(1) > 0x9f) ||
-                                      (first == 0xf0 && byte(1) < 0x90) || (first == 0xf4 && byte(1) > 0x8f));
-  return invalid ? 0 : length;
-}
-
-/// A JSON string (RFC 8259). Bytes that are no UTF-8 become U+FFFD.
+/// A JSON string. Bytes that are no UTF-8 become U+FFFD.
 std::string jsonString(std::string_view text)
 {
-  std::string result = "\"";
-  while (!text.empty())
-  {
-    const size_t length = utf8Length(text);
-    const auto character = static_cast<uint8_t>(text[0]);
-    if (length == 0)
-    {
-      result += "\\ufffd";
-    }
-    else if (character < 0x20 || character == 0x7f)
-    {
-      char escaped[8];
-      std::snprintf(escaped, sizeof escaped, "\\u%04x", character);
-      result += escaped;
-    }
-    else
-    {
-      result += character == '"' || character == '\\' ? "\\" : "";
-      result += text.substr(0, length);
-    }
-    text.remove_prefix(std::max<size_t>(length, 1));
-  }
-  return result + "\"";
+  using Json = nlohmann::json;
+  return Json(text).dump(-1, ' ', false, Json::error_handler_t::replace);
 }
 
 /// Nanoseconds as the microseconds of the format, without loss.
@@ -170,51 +118,6 @@ void writeRecord(EventWriter& writer, const TaskTrace& record)
   writer.write("X", record.codelet,
                R"(,"cat":"run")" + thread(record.unit) + at(record.started_ns) +
                    lasting(record.finished_ns - record.started_ns) + arguments(record));
-}
-
-using Tree = boost::property_tree::ptree;
-
-TaskOutcome outcomeOf(const std::string& text)
-{
-  const auto* const found = std::find(std::begin(OUTCOMES), std::end(OUTCOMES), text);
-  if (found == std::end(OUTCOMES))
-  {
-    throw std::runtime_error("a record has the outcome \"" + text + "\", known are ok, failed and cancelled");
-  }
-  return static_cast<TaskOutcome>(found - std::begin(OUTCOMES));
-}
-
-TaskTrace readRecord(const Tree& arguments, std::set<std::string, std::less<>>* names)
-{
-  TaskTrace record;
-  record.task = arguments.get<uint64_t>("task");
-  record.codelet = *names->insert(arguments.get<std::string>("codelet")).first;
-  record.implementation = *names->insert(arguments.get<std::string>("implementation")).first;
-  record.unit = arguments.get<uint32_t>("unit");
-  record.slice = arguments.get<uint32_t>("slice");
-  record.slices = arguments.get<uint32_t>("slices");
-  record.submitted_ns = arguments.get<int64_t>("submitted_ns");
-  record.queued_ns = arguments.get<int64_t>("queued_ns");
-  record.started_ns = arguments.get<int64_t>("started_ns");
-  record.transfer_ns = arguments.get<int64_t>("transfer_ns");
-  record.finished_ns = arguments.get<int64_t>("finished_ns");
-  record.deadline_ns = arguments.get<int64_t>("deadline_ns");
-  record.outcome = outcomeOf(arguments.get<std::string>("outcome"));
-  record.stolen = arguments.get<bool>("stolen");
-  record.predicted_s = arguments.get<double>("predicted_s");
-  return record;
-}
-
-void readUnitName(const Tree& event, std::vector<std::string>* units)
-{
-  constexpr uint64_t MOST_UNITS = 4096;
-  const auto thread = event.get<uint64_t>("tid");
-  if (thread < 1 || thread > MOST_UNITS)
-  {
-    throw std::runtime_error("a thread_name has the tid " + std::to_string(thread) + ", must be in [1, 4096]");
-  }
-  units->resize(std::max<size_t>(units->size(), thread));
-  (*units)[thread - 1] = event.get<std::string>("args.name");
 }
 
 }  // namespace
@@ -315,33 +218,6 @@ void writeChromeTrace(std::ostream& stream, const std::vector<TaskTrace>& record
     writeRecord(writer, record);
   }
   stream << "\n]}\n";
-}
-
-ChromeTrace readChromeTrace(std::istream& stream)
-{
-  try
-  {
-    Tree tree;
-    boost::property_tree::read_json(stream, tree);
-    ChromeTrace trace;
-    for (const auto& [key, event] : tree.get_child("traceEvents"))
-    {
-      const auto arguments = event.get_child_optional("args");
-      if (event.get<std::string>("cat", "") == "run" && arguments)
-      {
-        trace.records.push_back(readRecord(*arguments, &trace.names));
-      }
-      else if (event.get<std::string>("ph", "") == "M" && event.get<std::string>("name", "") == "thread_name")
-      {
-        readUnitName(event, &trace.units);
-      }
-    }
-    return trace;
-  }
-  catch (const boost::property_tree::ptree_error& error)
-  {
-    throw std::runtime_error(std::string("not a trace of pi_runtime: ") + error.what());
-  }
 }
 
 }  // namespace pi_runtime

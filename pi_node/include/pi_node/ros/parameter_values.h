@@ -2,17 +2,22 @@
 
 #include <XmlRpcValue.h>
 
+#include <chrono>
+#include <cstdint>
+#include <cstdio>
 #include <map>
 #include <sstream>
 #include <stdexcept>
 #include <string>
 #include <type_traits>
+#include <vector>
 
 namespace pi_node
 {
 
-/// Parameters of ROS as the parameter server has them, to and from fields of options. What is wrong is an
-/// std::invalid_argument that goes on after the parameter's name: "= 5, must be true or false".
+/// One parameter to and from one field. parameter_tree.h does the same for all fields of an options struct, by these
+/// functions. An error is an std::invalid_argument whose text follows the parameter's name: "= 5, must be true or
+/// false".
 namespace parameters
 {
 
@@ -61,10 +66,43 @@ inline void read(XmlRpc::XmlRpcValue value, double* field)
   *field = static_cast<double>(value);
 }
 
+inline void read(XmlRpc::XmlRpcValue value, float* field)
+{
+  double number = 0.0;
+  read(value, &number);
+  *field = static_cast<float>(number);
+}
+
+template <typename Period>
+void read(XmlRpc::XmlRpcValue value, std::chrono::duration<int64_t, Period>* field)
+{
+  int number = 0;
+  read(value, &number);
+  *field = std::chrono::duration<int64_t, Period>(number);
+}
+
 inline void read(XmlRpc::XmlRpcValue value, std::string* field)
 {
   requireType(value, XmlRpc::XmlRpcValue::TypeString, "a text");
   *field = static_cast<std::string>(value);
+}
+
+/// Elements of a type of their own are read by the read() of their namespace.
+/// @param kind  what the parameter must be.
+template <typename Element>
+void read(XmlRpc::XmlRpcValue value, std::vector<Element>* field, const char* kind = "a list")
+{
+  requireType(value, XmlRpc::XmlRpcValue::TypeArray, kind);
+  field->assign(static_cast<size_t>(value.size()), Element());
+  for (int i = 0; i < value.size(); ++i)
+  {
+    read(value[i], &(*field)[static_cast<size_t>(i)]);
+  }
+}
+
+inline void read(XmlRpc::XmlRpcValue value, std::vector<std::string>* field)
+{
+  read<std::string>(value, field, "a list of texts");
 }
 
 template <typename Integer, std::enable_if_t<std::is_integral<Integer>::value, int> = 0>
@@ -83,6 +121,30 @@ inline XmlRpc::XmlRpcValue write(const double& field)
 inline XmlRpc::XmlRpcValue write(const std::string& field)
 {
   return XmlRpc::XmlRpcValue(field);
+}
+
+/// With the digits that a float has.
+inline XmlRpc::XmlRpcValue write(const float& field)
+{
+  char text[32];
+  std::snprintf(text, sizeof text, "%.7g", static_cast<double>(field));
+  return XmlRpc::XmlRpcValue(std::stod(text));
+}
+template <typename Period>
+XmlRpc::XmlRpcValue write(const std::chrono::duration<int64_t, Period>& field)
+{
+  return XmlRpc::XmlRpcValue(static_cast<int>(field.count()));
+}
+template <typename Element>
+XmlRpc::XmlRpcValue write(const std::vector<Element>& field)
+{
+  XmlRpc::XmlRpcValue value;
+  value.setSize(static_cast<int>(field.size()));
+  for (size_t i = 0; i < field.size(); ++i)
+  {
+    value[static_cast<int>(i)] = write(field[i]);
+  }
+  return value;
 }
 
 /// The parameters of a tree by the paths of their names.

@@ -54,28 +54,5 @@ void matchHamming(const uint8_t* queries, const uint8_t* trains, const float* qu
 /// A set without descriptors still needs a buffer of at least one byte.
 CodeletPtr hammingCodelet();
 
-/// Argument 3 of hammingFilterCodelet().
-struct HammingFilter
-{
-  int32_t queries;
-  int32_t trains;
-  int32_t max_distance;   ///< of the best match; 256: any
-  int32_t ratio_percent;  ///< 100 * best distance < ratio_percent * second distance must hold (Lowe 2004); 0: not asked
-  int32_t mutual;         ///< 1: the query must be the best match of its best match, too
-};
-
-/// Keeps the matches that pass the filter.
-/// @param backward  matches of the trains among the queries, one per train; not read unless filter.mutual is set
-/// @param accepted  for each query, the index of its match, or HAMMING_NOBODY
-void filterHamming(const HammingMatch* forward, const HammingMatch* backward, const HammingFilter& filter, size_t begin,
-                   size_t end, int32_t* accepted);
-
-/// "hamming_filter": filterHamming() above. Range: queries; sliceable. Both implementations give the same bits.
-///   0 in   HammingMatch per query
-///   1 in   HammingMatch per train (any buffer if not mutual)
-///   2 out  int32 per query
-///   3      HammingFilter
-CodeletPtr hammingFilterCodelet();
-
 }  // namespace kernels
 }  // namespace pi_runtime
