@@ -7,19 +7,19 @@
 // the time that this chunk took. Commands before the end of speech count with their negative latency and are told
 // apart.
 
+#include <pi_node/command_line.h>
 #include <pi_speech/audio.h>
 #include <pi_speech/command_recognizer.h>
-#include "recognizer/grammar.h"
 #include <pi_speech/noise_mixing.h>
-#include "ros/default_models.h"
-#include "audio/sound_files.h"
 #include <pocketsphinx.h>
 #include <sphinxbase/err.h>
 #include <sys/wait.h>
 #include <unistd.h>
+#include "audio/sound_files.h"
+#include "recognizer/grammar.h"
+#include "ros/default_models.h"
 
 #include <algorithm>
-#include <boost/program_options.hpp>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -505,7 +505,7 @@ double percent(size_t part, size_t all)
                   : 100.0 * static_cast<double>(part) / static_cast<double>(all);
 }
 
-struct CommandLine
+struct Arguments
 {
   std::string list;
   std::string commands;
@@ -561,7 +561,7 @@ void printStreams(const std::vector<Contender>& contenders, const std::vector<St
   }
 }
 
-void run(const CommandLine& line)
+void run(const Arguments& line)
 {
   const CommandTable table = CommandTable::load(line.commands);
   std::vector<Contender> contenders;
@@ -632,43 +632,36 @@ void run(const CommandLine& line)
   printStreams(contenders, readStreams(clips, line.noises, line.speech));
 }
 
-bool parse(int argc, char** argv, CommandLine* line)
+bool parse(int argc, char** argv, Arguments* line)
 {
-  RecognizerOptions& options = line->recognizer;
-  options = withDefaultModels();
-  options.sphinx.check_model = false;  // the time of loading is that of the models
-  po::options_description visible("bench_speech [options] LIST.tsv (columns file, word)");
-  auto add = visible.add_options();
-  add("help", "prints this");
-  add("commands", po::value(&line->commands)->default_value(packageFile("commands.yaml")), "table of commands, YAML");
-  add("every", po::value(&line->every)->default_value(line->every), "take every n-th clip of each word");
-  add("noise", po::value(&line->noises)->multitoken(), "sound files or folders, looped: streams without commands");
-  add("speech", po::value(&line->speech)->multitoken(), "sound files or folders: streams of talk");
-  add("threshold", po::value(&options.threshold)->default_value(options.threshold), "least confidence, in (0, 1)");
-  add("word-models", po::value(&options.word_models)->default_value(options.word_models),
-      "models of whole words; none: without");
-  add("confidence", po::value(&options.confidence)->default_value(options.confidence), "weights of the confidence");
-  add("garbage-words", po::value(&options.garbage_words)->default_value(options.garbage_words), "of other speech");
-  add("list", po::value(&line->list)->required(), "or as the first argument");
-  po::positional_options_description positional;
-  positional.add("list", 1);
-  po::variables_map values;
-  po::store(po::command_line_parser(argc, argv).options(visible).positional(positional).run(), values);
-  if (values.count("help") != 0)
+  RecognizerOptions& recognizer = line->recognizer;
+  recognizer = withDefaultModels();
+  recognizer.sphinx.check_model = false;  // the time of loading is that of the models
+  line->commands = packageFile("commands.yaml");
+  pi_node::CommandLine options("bench_speech [options] LIST.tsv (columns file, word)");
+  options.addValue("commands", &line->commands, "table of commands, YAML");
+  options.addValue("every", &line->every, "take every n-th clip of each word");
+  options.add("noise", po::value(&line->noises)->multitoken(),
+              "sound files or folders, looped: streams without commands");
+  options.add("speech", po::value(&line->speech)->multitoken(), "sound files or folders: streams of talk");
+  options.addValue("threshold", &recognizer.threshold, "least confidence, in (0, 1)");
+  options.addValue("word-models", &recognizer.word_models, "models of whole words; none: without");
+  options.addValue("confidence", &recognizer.confidence, "weights of the confidence");
+  options.addValue("garbage-words", &recognizer.garbage_words, "of other speech");
+  options.addPositional("list", &line->list, "no list of clips is named");
+  if (!options.parse(argc, argv))
   {
-    std::cout << visible;
     return false;
   }
-  po::notify(values);
   if (line->every < 1)
   {
     throw po::error("--every " + std::to_string(line->every) + ", must be at least 1");
   }
-  if (options.word_models == "none")
+  if (recognizer.word_models == "none")
   {
-    options.word_models.clear();
+    recognizer.word_models.clear();
   }
-  options.validate();
+  recognizer.validate();
   return true;
 }
 
@@ -676,27 +669,12 @@ bool parse(int argc, char** argv, CommandLine* line)
 
 int main(int argc, char** argv)
 {
-  CommandLine line;
-  try
-  {
-    if (!parse(argc, argv, &line))
-    {
-      return EXIT_SUCCESS;
-    }
-  }
-  catch (const std::exception& error)
-  {
-    std::cerr << "bench_speech: " << error.what() << "; see --help\n";
-    return 2;
-  }
-  try
-  {
-    run(line);
-    return EXIT_SUCCESS;
-  }
-  catch (const std::exception& error)
-  {
-    std::cerr << "bench_speech: " << error.what() << "\n";
-    return EXIT_FAILURE;
-  }
+  Arguments line;
+  return pi_node::runTool(
+      "bench_speech", [&] { return parse(argc, argv, &line); },
+      [&]
+      {
+        run(line);
+        return EXIT_SUCCESS;
+      });
 }

@@ -6,8 +6,8 @@
 namespace pi_detect
 {
 
-/// A box in a picture [px]: from x1, y1 (the outer edge of the first pixel) to x2, y2 (that of the last). Boxes may
-/// reach beyond the picture only where that is said.
+/// A box in a picture [px], from the outer edge of its first pixel (x1, y1) to that of its last (x2, y2). The box lies
+/// inside the picture unless the comment of a field says otherwise.
 struct Box
 {
   float x1 = 0.0F;
@@ -17,11 +17,11 @@ struct Box
 
   float width() const { return x2 - x1; }
   float height() const { return y2 - y1; }
-  /// 0 for a box that is turned inside out.
+  /// 0 if width or height is negative.
   float area() const { return std::max(0.0F, width()) * std::max(0.0F, height()); }
 };
 
-/// What both boxes cover [px^2].
+/// Area that both boxes cover [px^2].
 inline float intersection(const Box& a, const Box& b)
 {
   return Box{std::max(a.x1, b.x1), std::max(a.y1, b.y1), std::min(a.x2, b.x2), std::min(a.y2, b.y2)}.area();
@@ -44,8 +44,8 @@ struct Detection
 };
 using Detections = std::vector<Detection>;
 
-/// Greedy non-maximum suppression whatever the class: of boxes that overlap more than the threshold, the one with the
-/// best score stays. Best scores first afterwards. For networks that give one object two labels.
+/// Greedy non-maximum suppression across all classes, for networks that give one object two labels: of boxes that
+/// overlap more than the threshold, the one with the best score stays. Sorts by score, best first.
 void suppressAcrossClasses(float overlap_threshold, Detections* detections);
 
 }  // namespace pi_detect

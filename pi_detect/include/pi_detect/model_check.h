@@ -14,13 +14,13 @@ struct ModelCheckOptions
   std::string program;         ///< check_model; empty: the one installed beside this library
 };
 
-/// Loads a model and runs it once on an empty picture in a child process, since OpenCV can crash on a file that is
-/// damaged or malicious, and a crash cannot be caught. Also compares sizes and SHA-256 sums first. Blocks.
+/// Compares the SHA-256 sums of a model's files, then loads the model and runs it once on an empty picture in a child
+/// process: OpenCV can crash on a damaged or malicious file, and a crash cannot be caught. Blocks.
 /// @throws ModelError with the reason: what is missing, differs or is refused, or the signal that ended the child.
 void checkModel(const ModelDescription& model, const ModelCheckOptions& options = ModelCheckOptions());
 
-/// What check_model does: files there, not empty, sums right, network loads, outputs have the shape that the
-/// description promises, on an empty picture. In this process. @throws ModelError. May crash.
+/// The same check in this process, as the program check_model does it: files, sums, and the shape of the outputs on an
+/// empty picture. May crash. @throws ModelError
 void checkModelHere(const ModelDescription& model);
 
 }  // namespace pi_detect

@@ -11,7 +11,7 @@
 namespace pi_detect
 {
 
-/// What is wrong with a model: its description, its files, or what OpenCV makes of them. Names file, value and way out.
+/// An error in a model's description or files, or of OpenCV when it loads them. Names file, value and way out.
 class ModelError : public std::runtime_error
 {
   using std::runtime_error::runtime_error;
@@ -24,7 +24,7 @@ struct ModelFile
   std::string sha256;  ///< 64 hexadecimal digits; empty: not checked
 };
 
-/// How a picture becomes the network's input: (value - mean) * scale, planes.
+/// How a picture becomes the network's input: planes of (value - mean) * scale.
 struct NetworkInput
 {
   int width = 300;                                ///< [px]
@@ -36,7 +36,7 @@ struct NetworkInput
   int bar_level = 114;     ///< grey level of the bars
 };
 
-/// What the network gives.
+/// Format of the network's outputs.
 enum class OutputKind
 {
   DETECTIONS,  ///< rows [image, class, score, x1, y1, x2, y2] of a DetectionOutput layer, corners in parts of the input
@@ -60,8 +60,8 @@ struct RawOutputs
   int keep_top_k = 100;            ///< detections at most
 };
 
-/// A Single Shot MultiBox Detector (Liu et al. 2016) that OpenCV reads, with all that is needed to use it. One YAML
-/// file; config/models/ shows every field.
+/// A Single Shot MultiBox Detector (Liu et al. 2016) for OpenCV, as a YAML file describes it; config/models/ shows
+/// every field.
 struct ModelDescription
 {
   std::string name;   ///< letters, digits, _ and -: part of the codelet's name
@@ -71,14 +71,15 @@ struct ModelDescription
   NetworkInput input;
   OutputKind output_kind = OutputKind::DETECTIONS;
   RawOutputs raw;
-  std::map<int, std::string> labels;  ///< class id (column of the scores if RAW) to name; ids without name are dropped
-  float score_threshold = 0.5F;       ///< that makes sense for this network, where the user asks for none
+  std::map<int, std::string>
+      labels;  ///< class id (column of the scores if RAW) to name; detections of other ids are dropped
+  float score_threshold = 0.5F;         ///< for users who set none
   float class_agnostic_overlap = 0.0F;  ///< likewise; 0: no suppression across classes
-  std::string origin;                   ///< where it comes from, for people
+  std::string origin;                   ///< source of the model, for people
   std::string licence;
 
-  /// Reads and validates a YAML file. Relative paths in it start at its folder, "${NAME}" is replaced by the
-  /// environment's value. Does not open the network's files.
+  /// Reads and validates a YAML file. Relative paths in it start at its folder; "${NAME}" stands for a variable of the
+  /// environment. Does not open the network's files.
   /// @throws ModelError naming file, field, value and bound.
   static ModelDescription load(const std::string& path);
 

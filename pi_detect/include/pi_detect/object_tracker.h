@@ -11,20 +11,20 @@ namespace pi_detect
 
 struct ObjectTrackerOptions
 {
-  double high_score = 0.6;      ///< detections that may begin a track; those below only continue one
-  double low_score = 0.4;       ///< detections below are not looked at
-  double min_overlap = 0.2;     ///< of detection and predicted box, both with margin, to continue a track
-  double margin = 0.3;          ///< by which boxes grow at each side to be compared, in parts of width and height
-  double time_to_live_s = 1.0;  ///< a track that was not seen for longer ends [s]
-  int confirm_hits = 3;         ///< detections until a track is published
-  double max_gap_s = 2.0;       ///< between pictures, after which all tracks end [s]
-  int max_objects = 200;        ///< detections looked at per picture, the best, and tracks at a time
+  double high_score = 0.6;      ///< of a detection that may begin a track; others only continue one
+  double low_score = 0.4;       ///< detections below are ignored
+  double min_overlap = 0.2;     ///< of detection and predicted box, both grown by margin, to continue a track
+  double margin = 0.3;          ///< growth of boxes at each side before they are compared, in parts of width and height
+  double time_to_live_s = 1.0;  ///< a track that was not detected for longer ends [s]
+  int confirm_hits = 3;         ///< detections before a track is published
+  double max_gap_s = 2.0;       ///< gap between pictures that ends all tracks [s]
+  int max_objects = 200;        ///< most detections used per picture (the best ones), and most tracks at a time
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
 };
 
-/// An object that is followed.
+/// A tracked object.
 struct ObjectTrack
 {
   int64_t id = 0;  ///< from 1; never used again by this tracker
@@ -38,11 +38,11 @@ struct ObjectTrack
   int hits = 0;  ///< detections so far
 };
 
-/// Follows objects through the pictures of one camera: a Kalman filter with constant velocity per box, assignment of
-/// least cost in rounds, first of confident detections, then of weak ones (ByteTrack, Zhang et al. 2022), then to where
-/// a lost object was seen last (OC-SORT, Cao et al. 2023). Boxes are compared with a margin, so that small and fast
-/// ones find each other (C-BIoU, Yang et al. 2023). A detection that covers an object that was just seen begins none.
-/// Not thread safe.
+/// Tracks objects through the pictures of one camera. Each box has a Kalman filter with constant velocity. Detections
+/// are assigned at least cost in rounds: first confident ones, then weak ones (ByteTrack, Zhang et al. 2022), then
+/// those near the last place of a lost object (OC-SORT, Cao et al. 2023). Boxes are compared with a margin, so that
+/// small and fast objects still overlap (C-BIoU, Yang et al. 2023). A detection that covers an object of the same
+/// picture begins no track. Not thread safe.
 class ObjectTracker
 {
 public:
@@ -52,10 +52,10 @@ public:
   ObjectTracker(const ObjectTracker&) = delete;
   ObjectTracker& operator=(const ObjectTracker&) = delete;
 
-  /// Takes the detections of one picture; those with boxes that are empty or not finite are left out. Pictures that are
-  /// not newer than the last are left out, unless the time goes back by more than max_gap_s: then all begins anew (ids
-  /// do not).
-  /// @return confirmed tracks, by id; those not seen in this picture are predicted.
+  /// Takes the detections of one picture; those with empty or infinite boxes are ignored. A picture that is not newer
+  /// than the last one is ignored. If time goes back by more than max_gap_s, all tracks end; ids are still not used
+  /// again.
+  /// @return confirmed tracks, by id; those not detected in this picture are predicted.
   std::vector<ObjectTrack> update(int64_t stamp_ns, const Detections& detections);
 
   /// Ends all tracks.

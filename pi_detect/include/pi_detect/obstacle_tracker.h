@@ -15,13 +15,12 @@ namespace pi_detect
 
 struct ObstacleTrackerOptions
 {
-  double time_to_live_s = 0.6;  ///< an obstacle in view that was not seen for longer ends [s]
-  double memory_s = 3.0;        ///< one that left the view is kept for as long (it may still be beside the vehicle) [s]
-  int confirm_hits = 3;         ///< measurements until it is reported
-  double acceleration_m_s2 = 1.0;  ///< of obstacles, standard deviation [m/s^2]
-  double max_speed_m_s = 15.0;     ///< of obstacles [m/s]
-  double min_depth_m =
-      0.7;  ///< nearer things are not seen, so not missed either (fx * baseline / max_disparity_px) [m]
+  double time_to_live_s = 0.6;        ///< an obstacle in view that was not measured for longer ends [s]
+  double memory_s = 3.0;              ///< an obstacle that left the view is kept for this time [s]
+  int confirm_hits = 3;               ///< measurements before an obstacle is reported
+  double acceleration_m_s2 = 1.0;     ///< of obstacles, standard deviation [m/s^2]
+  double max_speed_m_s = 15.0;        ///< of obstacles [m/s]
+  double min_depth_m = 0.7;           ///< nearer obstacles cannot be measured (fx * baseline / max_disparity_px) [m]
   double vehicle_front_m = 1.0;       ///< outline of the vehicle in base_link, for the time to collision [m]
   double vehicle_rear_m = 0.5;        ///< behind the origin, > 0 [m]
   double vehicle_half_width_m = 0.6;  ///< [m]
@@ -31,7 +30,7 @@ struct ObstacleTrackerOptions
   void validate() const;
 };
 
-/// An obstacle that is followed, in base_link at the stamp of the update.
+/// A tracked obstacle, in base_link at the stamp of the update.
 struct Obstacle
 {
   int64_t id = 0;  ///< from 1; never used again by this tracker
@@ -40,7 +39,7 @@ struct Obstacle
   int64_t track_id = -1;                               ///< of the ObjectTrack it was seen with last
   Eigen::Vector3d position = Eigen::Vector3d::Zero();  ///< centre of its box [m]
   Eigen::Vector3d size = Eigen::Vector3d::Zero();      ///< along the axes of base_link [m]
-  Outline outline;                                     ///< on the ground; empty: its box is all that is known [m]
+  Outline outline;                                     ///< on the ground [m]; empty: only the box is known
   Eigen::Matrix3d position_covariance = Eigen::Matrix3d::Zero();
   Eigen::Vector3d velocity = Eigen::Vector3d::Zero();  ///< over the ground, in the axes of base_link [m/s]
   Eigen::Matrix3d velocity_covariance = Eigen::Matrix3d::Zero();
@@ -58,9 +57,9 @@ struct VehicleState
   Eigen::Vector3d velocity = Eigen::Vector3d::Zero();  ///< of base_link in its own axes [m/s]
 };
 
-/// Follows obstacles in odom: Kalman filter with constant velocity on the ground plane, Hungarian assignment, labels
-/// from the detector's tracks. Outlines keep the axes of odom; what should be seen of a remembered one and is not, is
-/// taken away. Not thread safe.
+/// Tracks obstacles in odom: Kalman filter with constant velocity on the ground plane, optimal assignment, labels from
+/// the detector's tracks. Outlines do not turn with the vehicle. If a part of a remembered outline should be in view
+/// but is not measured, the part is removed. Not thread safe.
 class ObstacleTracker
 {
 public:
@@ -70,9 +69,9 @@ public:
   ObstacleTracker& operator=(const ObstacleTracker&) = delete;
 
   /// @param tracks  of the left rectified picture at (about) this stamp; may be empty.
-  /// @param geometry, T_base_left  of the camera: what should be seen and is not, ends after time_to_live_s.
-  /// @return confirmed obstacles, nearest first. Stamps that are not newer are left out (returns the last result);
-  ///         one that goes back by more than a second begins anew.
+  /// @param geometry, T_base_left  of the camera, to tell which obstacles should be in view.
+  /// @return confirmed obstacles, nearest first. For a stamp that is not newer, the last result; if time goes back by
+  ///         more than 1 s, tracking begins anew.
   std::vector<Obstacle> update(int64_t stamp_ns, const VehicleState& vehicle,
                                const std::vector<ObstacleMeasurement>& measurements,
                                const std::vector<ObjectTrack>& tracks, const StereoGeometry& geometry,
@@ -85,8 +84,8 @@ private:
   std::unique_ptr<Implementation> implementation_;
 };
 
-/// Time until a point at p, moving with v (both relative to the vehicle, base_link) enters the vehicle's outline with
-/// the box's half size added; 0 if it is inside, infinite if it never does.
+/// Time until a box at p, moving with v (both relative to the vehicle, in base_link), touches the vehicle's outline; 0
+/// if it does already, infinite if it never does.
 double timeToCollision(const Eigen::Vector2d& p, const Eigen::Vector2d& v, const Eigen::Vector2d& half_size,
                        const ObstacleTrackerOptions& options);
 

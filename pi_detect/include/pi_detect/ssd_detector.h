@@ -14,7 +14,7 @@
 namespace pi_detect
 {
 
-/// A picture that belongs to the caller.
+/// A picture owned by the caller.
 struct PictureView
 {
   enum class Format
@@ -33,7 +33,7 @@ struct PictureView
 struct DetectorOptions
 {
   Target target = Target::CPU;
-  /// Refuse to run elsewhere. false: what is used instead is reported.
+  /// Fail if the target cannot be had. false: another one is used and reported.
   bool require_target = false;
   /// Threads of OpenCV, which has one pool per process; 0: as many as cores.
   int threads = 0;
@@ -57,15 +57,15 @@ struct DetectionResult
 
 /// Finds objects in pictures with an SSD network.
 ///
-/// Three steps: "blob", "ssd_forward_<model>_<target>" and, for raw outputs, "ssd_postprocess"; each is a task of the
-/// runtime with its own entry in the ETC table, or a plain call if there is no runtime. Where OpenCV uses a GPU, the
-/// network's task goes to the GPU's unit.
+/// The steps are "blob", "ssd_forward_<model>_<target>" and, for raw outputs, "ssd_postprocess". Each step is a task of
+/// the runtime with its own entry in the ETC table, or a plain call without a runtime. If OpenCV uses a GPU, the
+/// network's task runs on the unit of the GPU.
 ///
-/// Not thread safe. Calls keep the buffers of the last picture size and allocate nothing new for pictures of that size.
+/// Not thread safe. Buffers are kept, so pictures of one size allocate nothing new.
 class SsdDetector
 {
 public:
-  /// Loads, checks and runs the network once. Takes as long (with OpenCL: seconds when kernels are compiled first).
+  /// Loads, checks and runs the network once. With OpenCL the first time takes seconds, to compile the kernels.
   /// @param runtime  null: everything runs on the calling thread.
   /// @throws ModelError, or std::invalid_argument for options, unknown labels in the filter included.
   SsdDetector(const ModelDescription& model, const DetectorOptions& options,

@@ -13,7 +13,7 @@
 namespace pi_detect
 {
 
-/// A rectified pair: both pictures have these intrinsics, rows are epipolar lines.
+/// A rectified stereo camera: both pictures have these intrinsics, and rows are epipolar lines.
 struct StereoGeometry
 {
   int width = 0;   ///< [px]
@@ -23,8 +23,8 @@ struct StereoGeometry
   double cx = 0.0;  ///< of the left camera
   double cy = 0.0;
   double baseline_m = 0.0;     ///< right camera's distance along x [m], > 0
-  double cx_difference = 0.0;  ///< cx of the left camera - cx of the right one [px]; usually 0. Disparities here are
-                               ///< without it: depth = fx * baseline / disparity
+  double cx_difference = 0.0;  ///< cx of the left camera - cx of the right one [px]; usually 0. It is subtracted from
+                               ///< all disparities here, so that depth = fx * baseline / disparity
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
@@ -35,45 +35,45 @@ struct GroundPlane
 {
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();  ///< up
   double offset_m = 0.0;  ///< height of the plane at the frame's origin along the normal [m]
-  bool measured = false;  ///< false: not enough of the ground was seen; the last one, or what the mounting says
+  bool measured = false;  ///< false: too little ground was seen; the last plane, or that of the mounting
 };
 
 struct StereoObstacleOptions
 {
-  /// On the ground, from the origin of base_link [m]. Where disparities are below 2 px, their noise makes obstacles.
+  /// On the ground, from the origin of base_link [m]. Below 2 px of disparity, noise would look like obstacles.
   double max_range_m = 18.0;
   double ground_z_m =
       0.0;  ///< of the ground in base_link, where the vehicle stands level; below its origin: negative [m]
-  double min_height_m = 0.15;       ///< above the ground, from which something is an obstacle [m]
-  double max_height_m = 2.2;        ///< the vehicle passes below what is higher [m]
+  double min_height_m = 0.15;       ///< least height of an obstacle above the ground [m]
+  double max_height_m = 2.2;        ///< the vehicle can pass below what is higher [m]
   double min_size_m = 0.25;         ///< smallest extent (height or width) of an obstacle [m]
-  double max_ground_tilt = 0.12;    ///< between the ground and the mounting's idea of it [rad]
-  double max_ground_step_m = 0.15;  ///< likewise at base_link [m]
-  int max_disparity_px = 64;        ///< multiple of 16; nearer things than fx * baseline / this are not seen
-  double downscale = 1.0;           ///< pictures are made smaller by this before matching, 1 to 4
+  double max_ground_tilt = 0.12;    ///< between the ground and the plane that the mounting implies [rad]
+  double max_ground_step_m = 0.15;  ///< height difference of both planes at base_link [m]
+  int max_disparity_px = 64;        ///< multiple of 16; what is nearer than fx * baseline / this is not seen
+  double downscale = 1.0;           ///< factor by which pictures are made smaller before matching, 1 to 4
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
 };
 
-/// Something above the ground, as one stereo pair shows it.
+/// Something above the ground, measured in one stereo pair.
 struct ObstacleMeasurement
 {
   Eigen::Vector3d min = Eigen::Vector3d::Zero();  ///< box around its points in base_link [m]
   Eigen::Vector3d max = Eigen::Vector3d::Zero();
   Eigen::Vector3d nearest = Eigen::Vector3d::Zero();         ///< robust nearest point (by distance on the ground) [m]
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Identity();  ///< of nearest [m^2]
-  /// Around what is seen of it, in base_link [m]; empty: unknown. No smaller than what is seen, but for single points.
+  /// Around the visible part, in base_link [m]; empty: unknown. Only single stray points may lie outside.
   Outline outline;
   Box box;                 ///< in the left rectified picture [px]
   int points = 0;          ///< pixels that see it
-  bool cut_left = false;   ///< it may go on beyond max.y: the picture ends there, or something nearer hides the rest
+  bool cut_left = false;   ///< it may extend beyond max.y: the picture ends there, or something nearer hides the rest
   bool cut_right = false;  ///< likewise beyond min.y
-  bool piece = false;      ///< of a surface that was taken apart: where its ends are seen shifts with the view
+  bool piece = false;      ///< of a surface that was split: its ends move with the view
 };
 
-/// Finds obstacles in stereo pairs: disparity, ground plane, what stands out of it, clusters. No classes.
-/// Not thread safe; keeps the ground plane from pair to pair.
+/// Finds obstacles in stereo pairs, without classes: matches disparities, fits the ground plane, and clusters what
+/// stands above it. Keeps the ground plane from pair to pair. Not thread safe.
 class StereoObstacles
 {
 public:

@@ -16,8 +16,8 @@ const char* toString(Target target);  ///< "cpu", "opencl", "opencl_fp16"
 /// @throws std::invalid_argument listing the valid names.
 Target parseTarget(const std::string& name);
 
-/// What OpenCV makes of a wish: it goes to the CPU by itself where it does not like the OpenCL device, and only says so
-/// on the error stream.
+/// The target that OpenCV really uses: it falls back to the CPU if it does not support the OpenCL device, and reports
+/// that on the error stream only.
 struct TargetInUse
 {
   Target requested = Target::CPU;
@@ -26,7 +26,7 @@ struct TargetInUse
   std::string reason;  ///< why used is not what was requested, with the way out; empty if it is
   bool gpu = false;    ///< the device is a GPU
 };
-/// By the rules of OpenCV 4.6 (dnn.cpp, setUpNet()), before a network is set up.
+/// Predicts the target by the rules of OpenCV 4.6 (dnn.cpp, setUpNet()).
 TargetInUse findTarget(Target requested);
 
 }  // namespace pi_detect

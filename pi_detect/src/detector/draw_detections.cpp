@@ -1,8 +1,9 @@
 #include "detector/draw_detections.h"
 
+#include <pi_node/formatting.h>
+
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <opencv2/imgproc.hpp>
 
 namespace pi_detect
@@ -50,9 +51,9 @@ void drawDetections(const Detections& detections, const std::map<int, std::strin
   for (auto detection = detections.rbegin(); detection != detections.rend(); ++detection)
   {
     const auto label = labels.find(detection->class_id);
-    char score[16];
-    std::snprintf(score, sizeof(score), " %.2f", static_cast<double>(detection->score));
-    drawBox(detection->box, (label == labels.end() ? std::to_string(detection->class_id) : label->second) + score,
+    drawBox(detection->box,
+            (label == labels.end() ? std::to_string(detection->class_id) : label->second) +
+                pi_node::format(" %.2f", detection->score),
             colourOf(detection->class_id), picture);
   }
 }

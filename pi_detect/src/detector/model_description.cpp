@@ -1,19 +1,20 @@
 #include <pi_detect/model_description.h>
 
-#include <yaml-cpp/yaml.h>
+#include <pi_node/yaml_section.h>
 
 #include <algorithm>
 #include <cctype>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
-#include <set>
+#include <sstream>
 
 namespace pi_detect
 {
 namespace
 {
 
+using pi_node::YamlSection;
 using pi_runtime::kernels::SSD_RAW;
 using pi_runtime::kernels::SSD_SIGMOID;
 using pi_runtime::kernels::SSD_SOFTMAX;
@@ -47,86 +48,8 @@ bool isWord(const std::string& text)
                                       [](unsigned char c) { return std::isalnum(c) != 0 || c == '_' || c == '-'; });
 }
 
-/// A YAML map whose fields are asked for one by one; at the end, what nobody asked for is refused.
-class Section
-{
-public:
-  Section(YAML::Node node, std::string path) : node_(std::move(node)), path_(std::move(path))
-  {
-    if (!node_.IsMap())
-    {
-      throw ModelError((path_.empty() ? std::string("the file") : path_) + " must be a map of fields");
-    }
-  }
-
-  std::string name(const std::string& field) const { return path_.empty() ? field : path_ + "/" + field; }
-
-  bool has(const std::string& field)
-  {
-    known_.insert(field);
-    return node_[field].IsDefined() && !node_[field].IsNull();
-  }
-
-  YAML::Node node(const std::string& field)
-  {
-    if (!has(field))
-    {
-      throw ModelError(name(field) + " is missing");
-    }
-    return node_[field];
-  }
-
-  Section section(const std::string& field) { return Section(node(field), name(field)); }
-
-  template <typename Value>
-  Value get(const std::string& field, const char* kind)
-  {
-    const YAML::Node value = node(field);
-    try
-    {
-      return value.as<Value>();
-    }
-    catch (const YAML::Exception&)
-    {
-      refuse(name(field), value.IsScalar() ? "\"" + value.Scalar() + "\"" : "(not a single value)", kind);
-    }
-  }
-
-  template <typename Value>
-  void read(const std::string& field, const char* kind, Value* value)
-  {
-    if (has(field))
-    {
-      *value = get<Value>(field, kind);
-    }
-  }
-
-  /// @throws ModelError for a field that nobody knows: likely a slip.
-  void finish() const
-  {
-    for (const auto& entry : node_)
-    {
-      const auto field = entry.first.as<std::string>();
-      if (known_.count(field) == 0)
-      {
-        std::string list;
-        for (const std::string& known : known_)
-        {
-          list += (list.empty() ? "" : ", ") + known;
-        }
-        throw ModelError(name(field) + " means nothing here; known are " + list);
-      }
-    }
-  }
-
-private:
-  YAML::Node node_;
-  const std::string path_;
-  std::set<std::string> known_;
-};
-
 template <size_t N>
-void readNumbers(Section& section, const std::string& field, std::array<float, N>* numbers)
+void readNumbers(YamlSection& section, const std::string& field, std::array<float, N>* numbers)
 {
   if (!section.has(field))
   {
@@ -140,7 +63,8 @@ void readNumbers(Section& section, const std::string& field, std::array<float, N
 
 /// One of several names, as the value it stands for.
 template <typename Value>
-void readChoice(Section& section, const std::string& field, const std::map<std::string, Value>& choices, Value* value)
+void readChoice(YamlSection& section, const std::string& field, const std::map<std::string, Value>& choices,
+                Value* value)
 {
   if (!section.has(field))
   {
@@ -184,7 +108,7 @@ std::string expand(const std::string& field, const std::string& text)
   return result + text.substr(at);
 }
 
-ModelFile readFile(Section section, const std::filesystem::path& folder)
+ModelFile readFile(YamlSection section, const std::filesystem::path& folder)
 {
   ModelFile file;
   const std::filesystem::path path = expand(section.name("file"), section.get<std::string>("file", "a path"));
@@ -194,7 +118,7 @@ ModelFile readFile(Section section, const std::filesystem::path& folder)
   return file;
 }
 
-NetworkInput readInput(Section section)
+NetworkInput readInput(YamlSection section)
 {
   NetworkInput input;
   input.width = section.get<int>("width", "a whole number");
@@ -208,7 +132,7 @@ NetworkInput readInput(Section section)
   return input;
 }
 
-SsdFeatureMap readFeatureMap(Section section)
+SsdFeatureMap readFeatureMap(YamlSection section)
 {
   SsdFeatureMap map{};
   map.columns = section.get<int>("columns", "a whole number");
@@ -227,7 +151,7 @@ SsdFeatureMap readFeatureMap(Section section)
   return map;
 }
 
-RawOutputs readRaw(Section& section)
+RawOutputs readRaw(YamlSection& section)
 {
   RawOutputs raw;
   section.read("boxes", "a word", &raw.boxes);
@@ -242,18 +166,16 @@ RawOutputs readRaw(Section& section)
   section.read("top_k", "a whole number", &raw.top_k);
   section.read("keep_top_k", "a whole number", &raw.keep_top_k);
   section.read("clip_priors", "true or false", &raw.clip_priors);
-  const YAML::Node maps = section.node("feature_maps");
-  for (size_t i = 0; i < maps.size(); ++i)
+  for (const YamlSection& map : section.list("feature_maps"))
   {
-    raw.feature_maps.push_back(readFeatureMap(Section(maps[i], section.name("feature_maps/" + std::to_string(i)))));
+    raw.feature_maps.push_back(readFeatureMap(map));
   }
   return raw;
 }
 
-ModelDescription read(const YAML::Node& root, const std::filesystem::path& folder)
+ModelDescription read(YamlSection section, const std::filesystem::path& folder)
 {
   ModelDescription model;
-  Section section(root, "");
   model.name = section.get<std::string>("name", "a word");
   model.weights = readFile(section.section("weights"), folder);
   if (section.has("config"))
@@ -261,7 +183,7 @@ ModelDescription read(const YAML::Node& root, const std::filesystem::path& folde
     model.config = readFile(section.section("config"), folder);
   }
   model.input = readInput(section.section("input"));
-  Section output = section.section("output");
+  YamlSection output = section.section("output");
   readChoice<OutputKind>(output, "kind", {{"detections", OutputKind::DETECTIONS}, {"raw", OutputKind::RAW}},
                          &model.output_kind);
   if (model.output_kind == OutputKind::RAW)
@@ -380,15 +302,31 @@ ModelDescription ModelDescription::load(const std::string& path)
   }
   try
   {
+    const YAML::Node root = YAML::LoadFile(path);
+    if (!root.IsMap())
+    {
+      throw std::invalid_argument(path + ": the file must be a map of fields");
+    }
     const fs::path absolute = fs::absolute(path);
-    ModelDescription model = read(YAML::LoadFile(path), absolute.parent_path());
+    ModelDescription model = read(YamlSection(root, path + ":"), absolute.parent_path());
     model.path = absolute.string();
-    model.validate();
+    try
+    {
+      model.validate();
+    }
+    catch (const ModelError& error)
+    {
+      throw ModelError(path + ": " + error.what());
+    }
     return model;
   }
-  catch (const std::exception& failure)  // YAML's, and those of the fields
+  catch (const std::invalid_argument& error)  // of the fields; they name the file
   {
-    throw ModelError(path + ": " + failure.what());
+    throw ModelError(error.what());
+  }
+  catch (const YAML::Exception& error)
+  {
+    throw ModelError(path + ": " + error.what());
   }
 }
 

@@ -1,8 +1,9 @@
 #include <pi_detect/ssd_detector.h>
 
+#include <pi_node/durations.h>
+#include <pi_node/option_check.h>
 #include <pi_runtime/kernels/blob.h>
 #include <pi_runtime/kernels/ssd_postprocess.h>
-#include <pi_node/option_check.h>
 
 #include <algorithm>
 #include <chrono>
@@ -34,11 +35,6 @@ constexpr int MAX_PICTURE = 32767;
 constexpr size_t DETECTION_COLUMNS = 7;
 static_assert(sizeof(SsdDetection) == DETECTION_COLUMNS * sizeof(float), "a row of DetectionOutput");
 
-double secondsOf(const pi_runtime::TaskResult& result)
-{
-  return 1e-9 * static_cast<double>(result.finished_ns - result.started_ns);
-}
-
 }  // namespace
 
 void DetectorOptions::validate() const
@@ -63,13 +59,6 @@ public:
   std::string codelet_name_;
 
 private:
-  /// The network, and what it leaves. Belongs to the codelet, which a runtime may keep longer than this object.
-  struct Forward
-  {
-    Forward(const ModelDescription& model, const TargetInUse& target) : network(model, target) {}
-    Network network;
-  };
-
   void makeBuffers();
   void adaptTo(const PictureView& picture);
   void runSteps(DetectionResult* result);
@@ -83,7 +72,7 @@ private:
   const float class_agnostic_overlap_;
   const size_t max_detections_;
   const std::shared_ptr<pi_runtime::Runtime> runtime_;
-  std::shared_ptr<Forward> forward_;
+  std::shared_ptr<Network> network_;  ///< the codelet holds it too: a runtime may keep that longer than this object
   pi_runtime::CodeletPtr forward_codelet_;
 
   BlobGeometry geometry_{};
@@ -128,7 +117,7 @@ SsdDetector::Implementation::Implementation(ModelDescription model, const Detect
   {
     checkFiles(model_);
   }
-  forward_ = std::make_shared<Forward>(model_, target_);
+  network_ = std::make_shared<Network>(model_, target_);
   codelet_name_ = "ssd_forward_" + model_.name + "_" + toString(target_.used);
   makeBuffers();
 }
@@ -175,11 +164,10 @@ void SsdDetector::Implementation::makeBuffers()
 
   pi_runtime::Codelet codelet;
   codelet.name = codelet_name_;
-  const std::shared_ptr<Forward> forward = forward_;
   pi_runtime::NativeImplementation implementation;
-  implementation.function = [forward, raw](const pi_runtime::NativeCall& call)
+  implementation.function = [network = network_, raw](const pi_runtime::NativeCall& call)
   {
-    const std::vector<cv::Mat>& outputs = forward->network.forward(call.buffer<const float>(0));
+    const std::vector<cv::Mat>& outputs = network->forward(call.buffer<const float>(0));
     if (raw)
     {
       for (size_t i = 0; i < 2; ++i)
@@ -297,7 +285,7 @@ void SsdDetector::Implementation::runTasks(DetectionResult* result)
     {
       throw std::runtime_error(codelet_name_ + ": " + toString(task.outcome) + ": " + task.message);
     }
-    *seconds[i] = secondsOf(task);
+    *seconds[i] = pi_node::secondsBetween(task.started_ns, task.finished_ns);
   }
   result->unit = handles[1].wait().unit;
 }

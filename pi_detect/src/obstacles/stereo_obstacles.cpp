@@ -1,4 +1,5 @@
 #include <pi_detect/stereo_obstacles.h>
+#include <pi_node/durations.h>
 
 #include <algorithm>
 #include <chrono>
@@ -7,11 +8,11 @@
 #include <stdexcept>
 #include <string>
 
+#include <pi_node/option_check.h>
 #include "obstacles/disparity_matcher.h"
 #include "obstacles/ground_estimator.h"
 #include "obstacles/measure_surface.h"
 #include "obstacles/surfaces.h"
-#include <pi_node/option_check.h>
 
 namespace pi_detect
 {
@@ -19,12 +20,9 @@ namespace pi_detect
 namespace
 {
 
-using Clock = std::chrono::steady_clock;
+using pi_node::secondsSince;
 
-double secondsSince(Clock::time_point start)
-{
-  return std::chrono::duration<double>(Clock::now() - start).count();
-}
+using Clock = std::chrono::steady_clock;
 
 void checkPicture(const char* name, const cv::Mat& picture, int type, const char* type_name,
                   const StereoGeometry& geometry)

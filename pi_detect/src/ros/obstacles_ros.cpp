@@ -1,26 +1,44 @@
-// The threads obs_input and obs_output of ObstaclesRos.
-
-#include "ros/image_transports.h"
+#include "ros/obstacles_ros.h"
 
 #include <pi_detect/ObstacleArray.h>
-#include "ros/obstacles_ros.h"
 #include <pi_node/formatting.h>
 #include <pi_node/ros/node_options.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <visualization_msgs/MarkerArray.h>
 
-#include <algorithm>
 #include <exception>
-#include <utility>
+
+#include "ros/image_transports.h"
 
 namespace pi_detect
 {
 namespace
 {
 
-using pi_node::format;
+using Clock = std::chrono::steady_clock;
 
-constexpr size_t KEPT_TRACKS = 30;
+/// Relative name of a camera's topic.
+std::string nameOf(Side side, const char* topic)
+{
+  return std::string(side == LEFT ? "left/" : "right/") + topic;
+}
+
+const char* pictureTopic(const ObstaclesRosOptions& options)
+{
+  return options.source == StereoSource::RAW ? "image_raw" : "image_rect";
+}
+
+StereoTopics topicsOf(const ros::NodeHandle& node, const ObstaclesRosOptions& options)
+{
+  StereoTopics topics;
+  for (const Side side : {LEFT, RIGHT})
+  {
+    topics.pictures[side] = node.resolveName(nameOf(side, pictureTopic(options)));
+    topics.infos[side] = node.resolveName(nameOf(side, "camera_info"));
+  }
+  topics.disparity = node.resolveName("disparity");
+  return topics;
+}
 
 }  // namespace
 
@@ -47,26 +65,24 @@ ObstaclesRos::ObstaclesRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , output_node_(output_thread_.handle(node))
   , private_node_(private_node)
   , options_(pi_node::loadNodeOptions<ObstaclesRosOptions>(private_node, "obstacles"))
+  , topics_(topicsOf(node, options_))
   , warnings_(options_.warning_period_s, pi_node::warningLog<ObstaclesRosOptions>("obstacles"))
   , diagnostics_(output_node_, private_node, &warnings_, options_.input_timeout_s, options_.min_coverage)
-  , motion_(node, options_.odom_frame, options_.base_link_frame, options_.tf_wait_s)
-  , pairing_(options_.pair_tolerance_s)
-  , tracker_(options_.tracker)
+  , worker_(node, options_, topics_, &warnings_, &diagnostics_,
+            [this](const ObstaclesWorker::Found& found) { publish(found); })
   , marker_maker_(options_.marker_lifetime_s)
   , transport_(input_node_)
 {
   requireTransport(transport_, options_.image_transport, private_node.resolveName("image_transport"));
   const bool pictures = options_.source != StereoSource::DISPARITY;
-  const std::string picture = options_.source == StereoSource::RAW ? "/image_raw" : "/image_rect";
   for (const Side side : {LEFT, RIGHT})
   {
-    const std::string name = side == LEFT ? "left" : "right";
-    picture_inputs_[side].topic = node.resolveName(name + picture);
+    picture_inputs_[side].topic = topics_.pictures[side];
     picture_inputs_[side].used = pictures;
-    info_inputs_[side].topic = node.resolveName(name + "/camera_info");
+    info_inputs_[side].topic = topics_.infos[side];
     info_inputs_[side].used = pictures || side == LEFT;
   }
-  disparity_input_.topic = node.resolveName("disparity");
+  disparity_input_.topic = topics_.disparity;
   disparity_input_.used = !pictures;
   track_input_.topic = node.resolveName("tracks");
   track_input_.used = true;
@@ -81,20 +97,14 @@ ObstaclesRos::ObstaclesRos(ros::NodeHandle node, ros::NodeHandle private_node)
                                         [this](const ros::WallTimerEvent&) { publishDiagnostics(); });
   output_thread_.post([this] { updateSubscription(); });
 
-  worker_ = std::thread([this] { work(); });
+  worker_.start();
   input_thread_.start();
   output_thread_.start();
 }
 
 ObstaclesRos::~ObstaclesRos()
 {
-  {
-    std::lock_guard<std::mutex> lock(mutex_);
-    stopping_ = true;
-  }
-  motion_.stop();
-  job_changed_.notify_all();
-  worker_.join();
+  worker_.stop();
   input_thread_.stop();
   output_thread_.stop();
   images_[LEFT].shutdown();
@@ -102,75 +112,37 @@ ObstaclesRos::~ObstaclesRos()
   subscribers_.clear();
 }
 
-// ---------------------------------------------------------------------------------------------------------- obs_input
-
-bool ObstaclesRos::isStamped(const Input& input, const ros::Time& stamp)
+bool ObstaclesRos::accept(Input* input, const ros::Time& stamp)
 {
+  input->note();
   if (stamp.isZero())
   {
-    warnings_.error(input.topic + ": stamp is 0, message ignored; the driver must stamp its messages");
+    warnings_.error(input->topic + ": stamp is 0, message ignored; the driver must stamp its messages");
     return false;
   }
   return true;
 }
 
-void ObstaclesRos::onImage(Side side, const pi_os_transport::zero_copy::ImageHandle& message)
+void ObstaclesRos::publish(const ObstaclesWorker::Found& found)
 {
-  picture_inputs_[side].note();
-  if (!isStamped(picture_inputs_[side], message->header.stamp))
+  std_msgs::Header header;
+  header.stamp = found.job.header().stamp;
+  header.frame_id = options_.base_link_frame;
+  const ObstacleArrayPtr message = toMsg(found.obstacles, found.labels, header);
+  obstacles_.publish(message);
+  markers_.publish(marker_maker_.update(*message));
+  if (points_.getNumSubscribers() > 0)
   {
-    return;
+    points_.publish(toPointCloud(found.result.points, header));
   }
-  std::lock_guard<std::mutex> lock(mutex_);
-  if (std::optional<StereoPair> pair = pairing_.add(side == RIGHT, message))
+  if (disparity_.getNumSubscribers() > 0)
   {
-    Job job;
-    job.pair = std::move(*pair);
-    offer(std::move(job));
+    disparity_.publish(toDisparityImage(found.finder.disparity(), found.finder.geometry(),
+                                        options_.stereo.max_disparity_px, found.job.header()));
   }
 }
 
-void ObstaclesRos::onDisparity(const stereo_msgs::DisparityImageConstPtr& message)
-{
-  disparity_input_.note();
-  if (!isStamped(disparity_input_, message->header.stamp))
-  {
-    return;
-  }
-  Job job;
-  job.disparity = message;
-  std::lock_guard<std::mutex> lock(mutex_);
-  offer(std::move(job));
-}
-
-void ObstaclesRos::offer(Job job)
-{
-  if (!rate_limit_.take(Clock::now()))
-  {
-    ++left_out_;
-    return;
-  }
-  dropped_ += job_ ? 1 : 0;
-  job_ = std::move(job);
-  job_changed_.notify_one();
-}
-
-void ObstaclesRos::onTracks(const Track2DArrayConstPtr& message)
-{
-  track_input_.note();
-  std::lock_guard<std::mutex> lock(mutex_);
-  if (!recent_tracks_.empty() && message->header.stamp < recent_tracks_.back()->header.stamp)
-  {
-    recent_tracks_.clear();  // time began anew
-  }
-  recent_tracks_.push_back(message);
-  if (recent_tracks_.size() > KEPT_TRACKS)
-  {
-    recent_tracks_.pop_front();
-  }
-}
-
-// --------------------------------------------------------------------------------------------------------- obs_output
+// ---------------------------------------------------------------------------------------------------------- obs_output
 
 void ObstaclesRos::updateSubscription()
 {
@@ -189,10 +161,7 @@ void ObstaclesRos::updateSubscription()
   images_[LEFT].shutdown();
   images_[RIGHT].shutdown();
   subscribers_.clear();
-  std::lock_guard<std::mutex> lock(mutex_);
-  pairing_.clear();
-  job_.reset();
-  recent_tracks_.clear();
+  worker_.clear();
 }
 
 void ObstaclesRos::subscribe()
@@ -200,39 +169,31 @@ void ObstaclesRos::subscribe()
   const auto no_delay = ros::TransportHints().tcpNoDelay();
   try
   {
-    for (const Side side : {LEFT, RIGHT})
-    {
-      const std::string name = side == LEFT ? "left" : "right";
-      if (picture_inputs_[side].used)
-      {
-        picture_inputs_[side].restart();
-        const image_transport::TransportHints hints(options_.image_transport, no_delay, private_node_);
-        images_[side].subscribe(
-            input_node_, transport_, name + (options_.source == StereoSource::RAW ? "/image_raw" : "/image_rect"), 2,
-            options_.zero_copy, hints,
-            [this, side](const PictureSubscription::ImageHandle& message) { onImage(side, message); });
-      }
-      if (info_inputs_[side].used)
-      {
-        info_inputs_[side].restart();
-        subscribers_.push_back(input_node_.subscribe<sensor_msgs::CameraInfo>(
-            name + "/camera_info", 2,
-            [this, side](const sensor_msgs::CameraInfoConstPtr& info)
-            {
-              info_inputs_[side].note();
-              std::lock_guard<std::mutex> lock(mutex_);
-              infos_[side] = info;
-            },
-            ros::VoidConstPtr(), no_delay));
-      }
-    }
+    subscribeCamera(LEFT);
+    subscribeCamera(RIGHT);
     if (disparity_input_.used)
     {
       disparity_input_.restart();
-      subscribers_.push_back(input_node_.subscribe("disparity", 1, &ObstaclesRos::onDisparity, this, no_delay));
+      subscribers_.push_back(input_node_.subscribe<stereo_msgs::DisparityImage>(
+          "disparity", 1,
+          [this](const stereo_msgs::DisparityImageConstPtr& message)
+          {
+            if (accept(&disparity_input_, message->header.stamp))
+            {
+              worker_.add(message);
+            }
+          },
+          ros::VoidConstPtr(), no_delay));
     }
     track_input_.restart();
-    subscribers_.push_back(input_node_.subscribe("tracks", 5, &ObstaclesRos::onTracks, this, no_delay));
+    subscribers_.push_back(input_node_.subscribe<Track2DArray>(
+        "tracks", 5,
+        [this](const Track2DArrayConstPtr& message)
+        {
+          track_input_.note();
+          worker_.add(message);
+        },
+        ros::VoidConstPtr(), no_delay));
   }
   catch (const std::exception& error)
   {
@@ -240,10 +201,41 @@ void ObstaclesRos::subscribe()
   }
 }
 
+void ObstaclesRos::subscribeCamera(Side side)
+{
+  const auto no_delay = ros::TransportHints().tcpNoDelay();
+  if (picture_inputs_[side].used)
+  {
+    picture_inputs_[side].restart();
+    const image_transport::TransportHints hints(options_.image_transport, no_delay, private_node_);
+    images_[side].subscribe(input_node_, transport_, nameOf(side, pictureTopic(options_)), 2, options_.zero_copy, hints,
+                            [this, side](const PictureSubscription::ImageHandle& message)
+                            {
+                              if (accept(&picture_inputs_[side], message->header.stamp))
+                              {
+                                worker_.add(side, message);
+                              }
+                            });
+  }
+  if (info_inputs_[side].used)
+  {
+    info_inputs_[side].restart();
+    subscribers_.push_back(input_node_.subscribe<sensor_msgs::CameraInfo>(
+        nameOf(side, "camera_info"), 2,
+        [this, side](const sensor_msgs::CameraInfoConstPtr& info)
+        {
+          info_inputs_[side].note();
+          worker_.add(side, info);
+        },
+        ros::VoidConstPtr(), no_delay));
+  }
+}
+
 void ObstaclesRos::publishDiagnostics()
 {
   updateSubscription();  // also when somebody left without saying so
   ObstaclesFigures figures;
+  worker_.report(&figures);
   figures.subscribed = subscribed_;
   for (const Input* input : {&picture_inputs_[LEFT], &picture_inputs_[RIGHT], &info_inputs_[LEFT], &info_inputs_[RIGHT],
                              &disparity_input_, &track_input_})
@@ -255,19 +247,9 @@ void ObstaclesRos::publishDiagnostics()
     figures.inputs.push_back({input->topic, input->messages, input->silentSeconds(), input->required});
     if (subscribed_ && input->required && figures.inputs.back().silent_s > options_.input_timeout_s)
     {
-      warnings_.warn(input->topic + format(": nothing for %.1f s", figures.inputs.back().silent_s) +
+      warnings_.warn(input->topic + pi_node::format(": nothing for %.1f s", figures.inputs.back().silent_s) +
                      "; check that its driver runs and that the topic is its");
     }
-  }
-  {
-    std::lock_guard<std::mutex> lock(mutex_);
-    figures.dropped = dropped_;
-    figures.left_out = left_out_;
-    figures.single = pairing_.single();
-    figures.problem = problem_;
-    figures.failed = problem_failed_;
-    figures.motion_problem = motion_problem_;
-    figures.motion_known = motion_known_;
   }
   diagnostics_.update(figures);
 }

@@ -124,28 +124,6 @@ void ObstaclesRosOptions::validate() const
   parameter_tree::requireDuration("warning_period_s", warning_period_s);
 }
 
-ObstaclesRosOptions ObstaclesRosOptions::load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown)
-{
-  XmlRpcValue tree;
-  const std::string& path = private_node.getNamespace();
-  private_node.getParam(path, tree);
-  return fromParameters(tree, path + "/", unknown);
-}
-
-ObstaclesRosOptions ObstaclesRosOptions::fromParameters(const XmlRpcValue& tree, const std::string& path,
-                                                        std::vector<std::string>* unknown)
-{
-  return parameter_tree::load<ObstaclesRosOptions>(tree, path, unknown);
-}
-
-XmlRpcValue ObstaclesRosOptions::toParameters() const
-{
-  return parameter_tree::save(*this);
-}
-
-std::string ObstaclesRosOptions::toText() const
-{
-  return pi_node::parameters::text(toParameters());
-}
-
 }  // namespace pi_detect
+
+template struct pi_node::NodeParameters<pi_detect::ObstaclesRosOptions>;

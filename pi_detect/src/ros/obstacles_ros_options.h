@@ -2,8 +2,7 @@
 
 #include <pi_detect/obstacle_tracker.h>
 #include <pi_detect/stereo_obstacles.h>
-#include <ros/node_handle.h>
-#include <xmlrpcpp/XmlRpcValue.h>
+#include <pi_node/ros/node_parameters.h>
 
 #include <string>
 #include <vector>
@@ -23,7 +22,7 @@ const char* toString(StereoSource source);  ///< "rectified", "raw", "disparity"
 StereoSource parseStereoSource(const std::string& name);
 
 /// The parameters of the obstacles node; config/obstacles.yaml shows each with its unit.
-struct ObstaclesRosOptions
+struct ObstaclesRosOptions : pi_node::NodeParameters<ObstaclesRosOptions>
 {
   StereoSource source = StereoSource::RECTIFIED;
   bool zero_copy = true;  ///< raw pictures are read where their publisher wrote them, if the transport can
@@ -49,13 +48,6 @@ struct ObstaclesRosOptions
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
-
-  /// As of SsdRosOptions.
-  static ObstaclesRosOptions load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown);
-  static ObstaclesRosOptions fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path,
-                                            std::vector<std::string>* unknown);
-  XmlRpc::XmlRpcValue toParameters() const;
-  std::string toText() const;
 };
 
 }  // namespace pi_detect

@@ -1,5 +1,6 @@
-#include <diagnostic_msgs/DiagnosticStatus.h>
 #include "ros/ssd_diagnostics.h"
+#include <diagnostic_msgs/DiagnosticStatus.h>
+#include <pi_node/durations.h>
 #include <pi_node/formatting.h>
 
 #include <utility>
@@ -10,6 +11,8 @@ namespace pi_detect
 namespace
 {
 
+using pi_node::secondsSince;
+
 using pi_node::format;
 using pi_node::RecentValues;
 
@@ -17,11 +20,6 @@ using diagnostic_msgs::DiagnosticStatus;
 
 constexpr double RATE_SMOOTHING = 0.1;  ///< weight of the newest picture
 constexpr double RATE_PAUSE_S = 2.0;    ///< without a picture, after which the rate is counted anew
-
-double secondsSince(std::chrono::steady_clock::time_point time)
-{
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - time).count();
-}
 
 }  // namespace
 

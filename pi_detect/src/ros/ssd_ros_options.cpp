@@ -96,28 +96,6 @@ DetectorOptions SsdRosOptions::detectorOptions(const ModelDescription& model) co
   return lowered;
 }
 
-SsdRosOptions SsdRosOptions::load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown)
-{
-  XmlRpcValue tree;
-  const std::string& path = private_node.getNamespace();
-  private_node.getParam(path, tree);
-  return fromParameters(tree, path + "/", unknown);
-}
-
-SsdRosOptions SsdRosOptions::fromParameters(const XmlRpcValue& tree, const std::string& path,
-                                            std::vector<std::string>* unknown)
-{
-  return parameter_tree::load<SsdRosOptions>(tree, path, unknown);
-}
-
-XmlRpcValue SsdRosOptions::toParameters() const
-{
-  return parameter_tree::save(*this);
-}
-
-std::string SsdRosOptions::toText() const
-{
-  return pi_node::parameters::text(toParameters());
-}
-
 }  // namespace pi_detect
+
+template struct pi_node::NodeParameters<pi_detect::SsdRosOptions>;

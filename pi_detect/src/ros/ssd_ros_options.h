@@ -2,8 +2,7 @@
 
 #include <pi_detect/object_tracker.h>
 #include <pi_detect/ssd_detector.h>
-#include <ros/node_handle.h>
-#include <xmlrpcpp/XmlRpcValue.h>
+#include <pi_node/ros/node_parameters.h>
 
 #include <string>
 #include <vector>
@@ -12,7 +11,7 @@ namespace pi_detect
 {
 
 /// The parameters of the ssd node; config/ssd.yaml shows each with its unit.
-struct SsdRosOptions
+struct SsdRosOptions : pi_node::NodeParameters<SsdRosOptions>
 {
   std::string model;         ///< YAML file of the model, absolute; empty: the package's ssd_street.yaml
   DetectorOptions detector;  ///< its filter is that of `detections`
@@ -34,18 +33,6 @@ struct SsdRosOptions
   /// Options of the detector, whose thresholds are lowered to those of the tracker, which follows objects through
   /// pictures where they score low.
   DetectorOptions detectorOptions(const ModelDescription& model) const;
-
-  /// Reads the private parameters of a node, and validates.
-  /// @param[out] unknown  names of parameters that mean nothing here.
-  /// @throws std::invalid_argument naming the parameter that is wrong, its value and its bound.
-  static SsdRosOptions load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown);
-  /// The same with a tree as the parameter server has it. @param path  in front of names in messages.
-  static SsdRosOptions fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path,
-                                      std::vector<std::string>* unknown);
-  /// All parameters as the parameter server would have them.
-  XmlRpc::XmlRpcValue toParameters() const;
-  /// The same in one line, for the log.
-  std::string toText() const;
 };
 
 }  // namespace pi_detect

@@ -24,28 +24,6 @@ void TrackerRosOptions::validate() const
   parameter_tree::requireDuration("warning_period_s", warning_period_s);
 }
 
-TrackerRosOptions TrackerRosOptions::load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown)
-{
-  XmlRpcValue tree;
-  const std::string& path = private_node.getNamespace();
-  private_node.getParam(path, tree);
-  return fromParameters(tree, path + "/", unknown);
-}
-
-TrackerRosOptions TrackerRosOptions::fromParameters(const XmlRpcValue& tree, const std::string& path,
-                                                    std::vector<std::string>* unknown)
-{
-  return parameter_tree::load<TrackerRosOptions>(tree, path, unknown);
-}
-
-XmlRpcValue TrackerRosOptions::toParameters() const
-{
-  return parameter_tree::save(*this);
-}
-
-std::string TrackerRosOptions::toText() const
-{
-  return pi_node::parameters::text(toParameters());
-}
-
 }  // namespace pi_detect
+
+template struct pi_node::NodeParameters<pi_detect::TrackerRosOptions>;

@@ -1,8 +1,7 @@
 #pragma once
 
 #include <pi_detect/object_tracker.h>
-#include <ros/node_handle.h>
-#include <xmlrpcpp/XmlRpcValue.h>
+#include <pi_node/ros/node_parameters.h>
 
 #include <string>
 #include <vector>
@@ -11,7 +10,7 @@ namespace pi_detect
 {
 
 /// The parameters of the tracker node; config/tracker.yaml shows each with its unit.
-struct TrackerRosOptions
+struct TrackerRosOptions : pi_node::NodeParameters<TrackerRosOptions>
 {
   ObjectTrackerOptions tracker;
   bool always_on = false;         ///< also while nobody listens
@@ -19,18 +18,6 @@ struct TrackerRosOptions
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
-
-  /// Reads the private parameters of a node, and validates.
-  /// @param[out] unknown  names of parameters that mean nothing here.
-  /// @throws std::invalid_argument naming the parameter that is wrong, its value and its bound.
-  static TrackerRosOptions load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown);
-  /// The same with a tree as the parameter server has it. @param path  in front of names in messages.
-  static TrackerRosOptions fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path,
-                                          std::vector<std::string>* unknown);
-  /// All parameters as the parameter server would have them.
-  XmlRpc::XmlRpcValue toParameters() const;
-  /// The same in one line, for the log.
-  std::string toText() const;
 };
 
 }  // namespace pi_detect

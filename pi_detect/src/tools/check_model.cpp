@@ -2,17 +2,15 @@
 // runs it as a child process, since OpenCV can crash on a damaged file.
 
 #include <pi_detect/model_check.h>
+#include <pi_node/command_line.h>
 #include <sys/resource.h>
 
-#include <boost/program_options.hpp>
 #include <cstdlib>
 #include <iostream>
 #include <new>
 
 namespace
 {
-
-namespace po = boost::program_options;
 
 void limit(int resource, rlim_t value)
 {
@@ -26,27 +24,20 @@ int main(int argc, char** argv)
 {
   std::string description;
   int memory_mb = pi_detect::ModelCheckOptions().memory_limit_mb;
-  po::options_description options("check_model MODEL.yaml");
-  options.add_options()("help", "prints this")("memory-mb", po::value(&memory_mb)->default_value(memory_mb),
-                                               "address space that loading may take [MB]")(
-      "model", po::value(&description)->required(), "description of the model");
-  po::positional_options_description positional;
-  positional.add("model", 1);
+  pi_node::CommandLine options("check_model MODEL.yaml");
+  options.addValue("memory-mb", &memory_mb, "address space that loading may take [MB]");
+  options.addPositional("model", &description, "no description of a model is named");
   try
   {
-    po::variables_map values;
-    po::store(po::command_line_parser(argc, argv).options(options).positional(positional).run(), values);
-    if (values.count("help") != 0)
+    if (!options.parse(argc, argv))
     {
-      std::cout << options;
       return EXIT_SUCCESS;
     }
-    po::notify(values);
   }
-  catch (const po::error& error)
+  catch (const std::exception& error)
   {
     std::cout << "check_model: " << error.what() << "\n";
-    return 2;
+    return pi_node::CommandLine::BAD_USAGE;
   }
   limit(RLIMIT_CORE, 0);
   limit(RLIMIT_AS, static_cast<rlim_t>(memory_mb) << 20);

@@ -1,25 +1,25 @@
 // detect_images --model M.yaml --output det.json PICTURES_OR_FOLDERS: finds objects in picture files. Needs no ROS
 // master.
 
-#include "detector/draw_detections.h"
-#include "ros/default_model.h"
 #include <pi_detect/ssd_detector.h>
+#include <pi_node/command_line.h>
+#include <pi_node/output_file.h>
 #include <pi_node/progress.h>
 #include <pi_node/stop_signal.h>
+#include "detector/draw_detections.h"
+#include "ros/default_model.h"
 
 #include <algorithm>
-#include <boost/program_options.hpp>
 #include <cctype>
 #include <chrono>
 #include <cstdlib>
 #include <filesystem>
-#include <fstream>
 #include <iomanip>
 #include <iostream>
+#include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
 #include <set>
-#include <sstream>
 
 namespace
 {
@@ -28,7 +28,7 @@ namespace fs = std::filesystem;
 namespace po = boost::program_options;
 using namespace pi_detect;
 
-struct CommandLine
+struct Arguments
 {
   std::string model;
   std::string output;
@@ -154,91 +154,42 @@ private:
 
 std::string quoted(const std::string& text)
 {
-  std::ostringstream stream;
-  stream << '"';
-  for (const unsigned char c : text)
-  {
-    if (c == '"' || c == '\\')
-    {
-      stream << '\\' << c;
-    }
-    else if (c < 0x20)
-    {
-      stream << "\\u" << std::hex << std::setw(4) << std::setfill('0') << static_cast<int>(c) << std::dec;
-    }
-    else
-    {
-      stream << c;
-    }
-  }
-  stream << '"';
-  return stream.str();
+  return nlohmann::json(text).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 
 /// A JSON list, one detection per line; or an object that holds this list, the model's name and all pictures looked at.
-/// The file appears when it is complete. What is no file, as /dev/stdout, is written to as it is.
 class DetectionFile
 {
 public:
   /// @param model  name for the object; empty: the plain list.
-  DetectionFile(const std::string& path, const std::string& model)
-    : path_(path)
-    , is_special_(fs::exists(path) && !fs::is_regular_file(path))
-    , partial_(is_special_ ? path : path + ".partial")
-    , is_object_(!model.empty())
-    , stream_(partial_)
+  DetectionFile(const std::string& path, const std::string& model) : file_(path), is_object_(!model.empty())
   {
-    if (!stream_)
-    {
-      throw std::runtime_error(partial_ + ": cannot be written: does the folder exist, and is it yours?");
-    }
-    stream_ << (is_object_ ? "{\"model\": " + quoted(model) + ", \"detections\": [" : "[") << std::fixed;
+    file_.stream() << (is_object_ ? "{\"model\": " + quoted(model) + ", \"detections\": [" : "[") << std::fixed;
   }
-  ~DetectionFile()
-  {
-    if (!is_special_)
-    {
-      std::error_code ignored;
-      fs::remove(partial_, ignored);
-    }
-  }
-  DetectionFile(const DetectionFile&) = delete;
-  DetectionFile& operator=(const DetectionFile&) = delete;
 
   void add(const std::string& picture, const Detections& detections, const std::map<int, std::string>& labels)
   {
     pictures_ += (pictures_.empty() ? "" : ", ") + quoted(picture);
     for (const Detection& detection : detections)
     {
-      stream_ << (empty_ ? "\n" : ",\n") << "{\"image\": " << quoted(picture)
-              << ", \"class\": " << quoted(labels.at(detection.class_id)) << ", \"score\": " << std::setprecision(5)
-              << detection.score << std::setprecision(2) << ", \"x1\": " << detection.box.x1
-              << ", \"y1\": " << detection.box.y1 << ", \"x2\": " << detection.box.x2
-              << ", \"y2\": " << detection.box.y2 << "}";
+      file_.stream() << (empty_ ? "\n" : ",\n") << "{\"image\": " << quoted(picture)
+                     << ", \"class\": " << quoted(labels.at(detection.class_id))
+                     << ", \"score\": " << std::setprecision(5) << detection.score << std::setprecision(2)
+                     << ", \"x1\": " << detection.box.x1 << ", \"y1\": " << detection.box.y1
+                     << ", \"x2\": " << detection.box.x2 << ", \"y2\": " << detection.box.y2 << "}";
       empty_ = false;
     }
   }
 
   void complete()
   {
-    stream_ << "\n]" << (is_object_ ? ", \"images\": [" + pictures_ + "]}" : "") << "\n";
-    stream_.close();
-    if (!stream_)
-    {
-      throw std::runtime_error(partial_ + ": could not be written to its end: is the disk full?");
-    }
-    if (!is_special_)
-    {
-      fs::rename(partial_, path_);
-    }
+    file_.stream() << "\n]" << (is_object_ ? ", \"images\": [" + pictures_ + "]}" : "") << "\n";
+    file_.complete();
   }
 
 private:
-  const std::string path_;
-  const bool is_special_;
-  const std::string partial_;
+  pi_node::OutputFile file_;
   const bool is_object_;
-  std::ofstream stream_;
   std::string pictures_;
   bool empty_ = true;
 };
@@ -257,7 +208,7 @@ void saveOverlay(const std::string& folder, const std::string& path, const Detec
 }
 
 /// @return exit status.
-int run(const CommandLine& line)
+int run(const Arguments& line)
 {
   Pictures pictures(listFiles(line.inputs), line.every);
   const ModelDescription model = ModelDescription::load(line.model);
@@ -319,46 +270,36 @@ int run(const CommandLine& line)
   return unreadable == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
 }
 
-bool parse(int argc, char** argv, CommandLine* line)
+bool parse(int argc, char** argv, Arguments* line)
 {
   std::vector<std::string> thresholds;
   DetectionFilter& filter = line->detector.filter;
-  po::options_description visible("detect_images --output DETECTIONS.json [options] PICTURE_FOLDER_OR_VIDEO...");
-  auto add = visible.add_options();
-  add("help", "prints this");
-  add("model", po::value(&line->model)->default_value(defaultModel()), "description of the network, YAML");
-  add("output", po::value(&line->output)->required(), "JSON list of image, class, score, x1, y1, x2, y2 [px]");
-  add("name-pictures", po::bool_switch(&line->name_pictures),
+  pi_node::CommandLine options("detect_images --output DETECTIONS.json [options] PICTURE_FOLDER_OR_VIDEO...");
+  options.add("model", po::value(&line->model)->default_value(defaultModel()), "description of the network, YAML");
+  options.add("output", po::value(&line->output)->required(), "JSON list of image, class, score, x1, y1, x2, y2 [px]");
+  options.addFlag(
+      "name-pictures", &line->name_pictures,
       "write an object with the model and all pictures beside the list; for evaluate_detections --only-seen");
-  add("overlay", po::value(&line->overlay), "folder for the pictures with boxes drawn");
-  add("score", po::value(&filter.score_threshold)->default_value(0.0F, "the model's"), "least score, in (0, 1]");
-  add("class-score", po::value(&thresholds)->composing(), "CLASS=SCORE, least score of one class; may be repeated");
-  add("class", po::value(&filter.classes)->composing(), "look for this class only; may be repeated");
-  add("agnostic-overlap", po::value(&filter.class_agnostic_overlap)->default_value(-1.0F, "the model's"),
-      "above which boxes of different classes suppress each other; 0: never");
-  add("max", po::value(&filter.max_detections)->default_value(filter.max_detections), "detections per picture at most");
-  add("every", po::value(&line->every)->default_value(line->every), "of a video, take every N-th picture");
-  add("target", po::value(&line->target)->default_value(line->target), "cpu, opencl or opencl_fp16");
-  add("require-target", po::bool_switch(&line->detector.require_target), "fail where the target cannot be had");
-  add("threads", po::value(&line->detector.threads)->default_value(0, "all cores"), "of OpenCV");
-  add("direct", po::bool_switch(&line->direct), "without the runtime");
-  add("quiet", po::bool_switch(&line->quiet), "no progress");
-  po::options_description all;
-  all.add(visible).add_options()("inputs", po::value(&line->inputs)->required());
-  po::positional_options_description positional;
-  positional.add("inputs", -1);
-  po::variables_map values;
-  po::store(po::command_line_parser(argc, argv).options(all).positional(positional).run(), values);
-  if (values.count("help") != 0)
+  options.add("overlay", po::value(&line->overlay), "folder for the pictures with boxes drawn");
+  options.add("score", po::value(&filter.score_threshold)->default_value(0.0F, "the model's"),
+              "least score, in (0, 1]");
+  options.add("class-score", po::value(&thresholds)->composing(),
+              "CLASS=SCORE, least score of one class; may be repeated");
+  options.add("class", po::value(&filter.classes)->composing(), "look for this class only; may be repeated");
+  options.add("agnostic-overlap", po::value(&filter.class_agnostic_overlap)->default_value(-1.0F, "the model's"),
+              "above which boxes of different classes suppress each other; 0: never");
+  options.addValue("max", &filter.max_detections, "detections per picture at most");
+  options.addValue("every", &line->every, "of a video, take every N-th picture");
+  options.addValue("target", &line->target, "cpu, opencl or opencl_fp16");
+  options.addFlag("require-target", &line->detector.require_target, "fail where the target cannot be had");
+  options.add("threads", po::value(&line->detector.threads)->default_value(0, "all cores"), "of OpenCV");
+  options.addFlag("direct", &line->direct, "without the runtime");
+  options.addFlag("quiet", &line->quiet, "no progress");
+  options.addPositional("inputs", &line->inputs, "no picture, folder or video is named; see --help");
+  if (!options.parse(argc, argv))
   {
-    std::cout << visible;
     return false;
   }
-  if (values.count("inputs") == 0)
-  {
-    throw po::error("no picture, folder or video is named");
-  }
-  po::notify(values);
   for (const std::string& text : thresholds)
   {
     const size_t equals = text.rfind('=');
@@ -383,27 +324,12 @@ bool parse(int argc, char** argv, CommandLine* line)
 
 int main(int argc, char** argv)
 {
-  CommandLine line;
-  try
-  {
-    if (!parse(argc, argv, &line))
-    {
-      return EXIT_SUCCESS;
-    }
-  }
-  catch (const std::exception& error)
-  {
-    std::cerr << "detect_images: " << error.what() << "; see --help\n";
-    return 2;
-  }
-  try
-  {
-    pi_node::StopSignal::install();
-    return run(line);
-  }
-  catch (const std::exception& error)
-  {
-    std::cerr << "detect_images: " << error.what() << "\n";
-    return EXIT_FAILURE;
-  }
+  Arguments line;
+  return pi_node::runTool(
+      "detect_images", [&] { return parse(argc, argv, &line); },
+      [&]
+      {
+        pi_node::StopSignal::install();
+        return run(line);
+      });
 }

@@ -29,4 +29,9 @@ inline int64_t monotonicNs()
       .count();
 }
 
+inline double secondsSince(std::chrono::steady_clock::time_point time)
+{
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - time).count();
+}
+
 }  // namespace pi_node

@@ -9,7 +9,7 @@
 namespace pi_speech
 {
 
-/// Everything behind the input works at this rate, in one channel [Hz].
+/// Rate at which all sound is processed, in one channel [Hz].
 constexpr int SAMPLE_RATE_HZ = 16000;
 
 /// Sound at SAMPLE_RATE_HZ, one channel, full scale = 32767.
@@ -27,7 +27,7 @@ struct AudioFormat
 
 bool operator==(const AudioFormat& a, const AudioFormat& b);
 
-/// Brings a stream of any rate and number of channels to SAMPLE_RATE_HZ and one channel (the mean of all), by
+/// Converts a stream of any rate and number of channels to SAMPLE_RATE_HZ and one channel (the mean of all) with
 /// libsamplerate. Not thread safe.
 class Resampler
 {
@@ -40,9 +40,9 @@ public:
 
   const AudioFormat& format() const;
   /// @param samples  interleaved; count is a multiple of the number of channels.
-  /// @param out      gets what is ready, at its end. Sound at SAMPLE_RATE_HZ in one channel passes unchanged, at once.
+  /// @param out      converted samples are appended. Sound at SAMPLE_RATE_HZ in one channel passes unchanged at once.
   void process(const int16_t* samples, size_t count, Samples* out);
-  /// The stream has ended: what is still inside.
+  /// Ends the stream and appends the samples that the filter still holds.
   void flush(Samples* out);
 
 private:
@@ -50,12 +50,12 @@ private:
   std::unique_ptr<Impl> impl_;
 };
 
-/// Number of samples up to the end of speech: of the last piece of 10 ms with energy, within 25 dB of the loudest and
-/// 6 dB above the quietest tenth. All of them where nothing stands out. For judges, who know the whole clip.
+/// Number of samples up to the end of speech, for evaluations that know the whole clip. Speech ends with the last piece
+/// of 10 ms that is at most 25 dB below the loudest and 6 dB above the quietest tenth. All samples if there is none.
 size_t endOfSpeech(const Samples& samples);
 
-/// Reads a sound file, whole: WAV, FLAC, Ogg and what else libsndfile reads; a name that ends in .raw is
-/// SAMPLE_RATE_HZ, one channel, signed 16 bit, little endian. Any rate and number of channels.
+/// Reads a whole sound file: WAV, FLAC, Ogg and other formats of libsndfile, of any rate and number of channels. A file
+/// whose name ends in .raw holds signed 16 bit, little endian, at SAMPLE_RATE_HZ in one channel.
 /// @param[out] format  that of the file; may be null.
 /// @throws std::runtime_error naming the file, what is wrong and the way out: missing, no sound file, damaged, empty.
 Samples readAudioFile(const std::string& path, AudioFormat* format = nullptr);

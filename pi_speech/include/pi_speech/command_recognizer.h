@@ -16,11 +16,11 @@
 namespace pi_speech
 {
 
-/// How much it takes to be a command.
+/// How strictly utterances are rejected.
 enum class RecognitionMode
 {
-  SAFE,    ///< other words and noises are rejected: the vehicle's
-  CLOSED,  ///< whatever is said is taken for the command that fits best
+  SAFE,    ///< other words and noises are rejected; for vehicles
+  CLOSED,  ///< every utterance is taken for the command that fits best
 };
 const char* toString(RecognitionMode mode);
 /// @throws std::invalid_argument naming the value and the choices.
@@ -30,13 +30,13 @@ struct RecognizerOptions
 {
   RecognitionMode mode = RecognitionMode::SAFE;
   double threshold = 0.5;  ///< least confidence of a command that has none of its own, in (0, 1)
-  /// Confidence at which any command is told after end_pointer/early_silence_s already, as fast ones are, unless
-  /// another command begins with it; in (0, 1], 1: none is.
+  /// Confidence above which every command is reported after end_pointer/early_silence_s, like fast commands, unless
+  /// another command begins with it. In (0, 1]; 1: never.
   double sure_confidence = 0.8;
-  double max_command_s = 2.5;  ///< of speech; longer is talk, not a command. Counts in SAFE mode
+  double max_command_s = 2.5;  ///< of speech; longer speech is talk, no command. For mode SAFE
   EndPointerOptions end_pointer;
   SphinxModel sphinx;
-  std::string word_models;    ///< file of WordModels; empty: without. Used where it has all words of the table
+  std::string word_models;    ///< file of WordModels; empty: none. Used if it has all words of the table
   std::string garbage_words;  ///< list of words that stand for other speech
   std::string confidence;     ///< file of ConfidenceModel
 
@@ -44,25 +44,25 @@ struct RecognizerOptions
   void validate() const;
 };
 
-/// What was made of an utterance.
+/// Result for an utterance.
 struct Recognition
 {
-  std::string text;  ///< the command that fits best, as in the table; empty: none does
+  std::string text;  ///< the command that fits best, as in the table; empty: none
   bool accepted = false;
   std::string reason;        ///< why it was rejected: "other speech", "confidence 0.31 below 0.5", "too long", ...
-  double confidence = 0.0;   ///< in [0, 1]: that this command was said, and nothing else
-  bool fast = false;         ///< before the pause that ends an utterance
+  double confidence = 0.0;   ///< that this command was said, in [0, 1]
+  bool fast = false;         ///< reported before the pause that ends an utterance
   int64_t speech_begin = 0;  ///< samples since the stream's beginning
   int64_t speech_end = 0;
-  int64_t decided_at = 0;  ///< samples of the stream that had come when it was decided
+  int64_t decided_at = 0;  ///< samples of the stream that had come at the decision
   double snr_db = 0.0;
-  double work_s = 0.0;  ///< that the decision took, here or elsewhere
-  std::string place;    ///< where it was made; empty: here
-  Evidence evidence;    ///< for the command; of no use where there is none
+  double work_s = 0.0;  ///< time of the decision, here or elsewhere
+  std::string place;    ///< where the decision was made; empty: here
+  Evidence evidence;    ///< for the command; undefined without one
 };
 
-/// Spoken commands in a stream of sound: end-pointing, PocketSphinx with the whole utterance, models of whole words,
-/// and a confidence from both. Not thread safe.
+/// Recognises spoken commands in a stream of sound: finds utterances, decodes each with PocketSphinx and models of
+/// whole words, and computes a confidence from both. Not thread safe.
 class CommandRecognizer
 {
 public:
@@ -78,27 +78,27 @@ public:
 
   /// Called for each utterance that has ended, and for fast commands, on the thread of process().
   using Sink = std::function<void(const Recognition& recognition)>;
-  /// @param samples  the next of the stream. Takes long where an utterance ends: some 70 ms per second of speech.
+  /// @param samples  the next of the stream. At the end of an utterance it takes about 70 ms per second of speech.
   void process(const int16_t* samples, size_t count, const Sink& sink);
-  /// The stream has ended or has a gap.
+  /// Ends an utterance in progress, because the stream ends or has a gap.
   void flush(const Sink& sink);
-  /// Another stream begins: nothing is known of its noise.
+  /// Forgets the noise, because another stream begins.
   void reset();
-  /// Called for each utterance that has ended, after its Recognition was told: with its sound.
+  /// Called with the sound of each utterance that has ended, after its Recognition was reported.
   using UtteranceSink = std::function<void(const Utterance& utterance, const Recognition& recognition)>;
   void setUtteranceSink(UtteranceSink sink);
-  /// Called around each decision with the length of the speech [s] and the work, which it has to call before it
-  /// returns, on any thread: a scheduler's hook. Without it decisions are plain calls.
+  /// Runs each decision, for example on a scheduler: must call `work` on any thread before it returns.
+  /// @param speech_s  length of the speech [s].
   using Runner = std::function<void(double speech_s, const std::function<void()>& work)>;
   void setRunner(Runner runner);
-  /// Asked for each decision before it is made here, within process() and flush(): what another computer made of the
-  /// utterance (text, accepted, confidence, reason), or nothing. A text that is no command of the table counts as none.
+  /// Asked before each decision, within process() and flush(). Returns the decision of another computer (text,
+  /// accepted, confidence, reason), or nothing to decide here. A text that is no command of the table counts as empty.
   using Elsewhere = std::function<std::optional<Recognition>(const Utterance& utterance)>;
   void setElsewhere(Elsewhere elsewhere);
   bool inSpeech() const;
   double noiseLevelDbfs() const;
 
-  /// One utterance on its own, without end-pointing: speech with a little sound before and behind it.
+  /// Recognises one utterance, without end-pointing: speech with some sound before and after it.
   /// @param speech_s  length of the speech in it [s].
   Recognition recognize(const int16_t* samples, size_t count, double speech_s);
   /// All of it is speech.

@@ -6,11 +6,11 @@
 namespace pi_speech
 {
 
-/// One command that can be spoken.
+/// A spoken command.
 struct Command
 {
-  std::string text;        ///< words in lower case, one space between two: "go left"; published as it stands here
-  bool fast = false;       ///< published as soon as it is recognised, before the pause that ends an utterance
+  std::string text;        ///< words in lower case with single spaces, for example "go left"; published unchanged
+  bool fast = false;       ///< published before the pause that ends an utterance
   double threshold = 0.0;  ///< least confidence, in (0, 1]; 0: that of the recogniser
 };
 

@@ -7,7 +7,7 @@
 namespace pi_speech
 {
 
-/// What is known of a candidate for a command, from which its confidence is computed. Log-likelihoods are natural.
+/// Evidence for a candidate command, from which its confidence is computed. Logarithms are natural.
 struct Evidence
 {
   std::string command;  ///< the candidate's text
@@ -25,12 +25,12 @@ struct Evidence
   int words = 1;               ///< of the candidate
 };
 
-/// Logistic model of the confidence, with one set of weights where word models take part and one where they do not.
-/// With word models each word has a bias of its own.
+/// Logistic model of the confidence, with one set of weights for use with word models and one for use without. With
+/// word models each word has its own bias.
 class ConfidenceModel
 {
 public:
-  /// Names of the features, in order: what the file has weights of.
+  /// Names of the features, in order, as in the file.
   static const std::vector<std::string>& featureNames();
   static std::vector<double> features(const Evidence& evidence);
 

@@ -12,15 +12,15 @@ namespace pi_speech
 
 struct EndPointerOptions
 {
-  double begin_threshold = 0.9;   ///< mean excess over the noise in the bands that is speech [ln of energy]
-  double end_threshold = 0.55;    ///< below which speech in progress pauses
-  double min_level_dbfs = -65.0;  ///< sound below is no speech, however quiet the noise [dB of full scale]
-  double min_speech_s = 0.08;     ///< speech that begins an utterance; shorter is a click
-  double end_silence_s = 0.22;    ///< pause that ends an utterance: most of the time from speech to command
-  double early_silence_s = 0.07;  ///< pause after which a fast command is looked for; 0: never
-  double tail_s = 0.10;           ///< sound behind the speech that belongs to the utterance, at most
+  double begin_threshold = 0.9;   ///< mean excess over the noise in the bands at which speech begins [ln of energy]
+  double end_threshold = 0.55;    ///< mean excess below which speech pauses
+  double min_level_dbfs = -65.0;  ///< least level of speech, however quiet the noise [dB of full scale]
+  double min_speech_s = 0.08;     ///< least speech in an utterance; shorter sounds are clicks
+  double end_silence_s = 0.22;    ///< pause that ends an utterance; most of the latency of a command
+  double early_silence_s = 0.07;  ///< pause after which fast commands are reported; 0: never
+  double tail_s = 0.10;           ///< most sound after the speech that belongs to the utterance
   double lead_s = 0.20;           ///< sound before the speech that belongs to the utterance
-  double max_utterance_s = 5.0;   ///< longer is no command: it is cut, and the noise is learned again
+  double max_utterance_s = 5.0;   ///< longer utterances are cut, and the noise is learned again
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
@@ -37,10 +37,10 @@ struct Utterance
   Samples samples;           ///< from lead_s before the speech to tail_s behind it, as far as there is sound
 };
 
-/// Finds speech in a stream of sound, by the excess of energy over a running estimate of the noise in each band.
+/// Finds speech in a stream of sound by the energy above a running estimate of the noise in each band.
 ///
-/// The estimate follows pauses with a time constant of 0.2 s, speech slowly, and sinks fast; a hum, wind or a
-/// motor becomes noise within seconds. Not thread safe.
+/// The estimate follows pauses with a time constant of 0.2 s, rises slowly during speech, and falls fast. A hum, wind
+/// or a motor becomes noise within seconds. Not thread safe.
 class EndPointer
 {
 public:
@@ -56,10 +56,10 @@ public:
 
   /// Calls the sink, on this thread, for each event in these samples.
   void process(const int16_t* samples, size_t count);
-  /// The stream has ended or has a gap: an utterance in progress ends, and no later one holds sound from before. What
-  /// is known of the noise stays.
+  /// Ends an utterance in progress, because the stream ends or has a gap. Later utterances hold no sound from before
+  /// it. The estimate of the noise stays.
   void flush();
-  /// Another stream: the noise is learned again. An utterance in progress is forgotten.
+  /// Forgets the noise and an utterance in progress, because another stream begins.
   void reset();
 
   bool inSpeech() const { return state_ != State::NOISE; }

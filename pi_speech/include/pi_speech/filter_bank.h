@@ -15,7 +15,7 @@ constexpr int HOP_SAMPLES = 160;    ///< from one frame to the next, 10 ms
 constexpr int BANDS = 26;           ///< triangular in mel scale, 60 to 7600 Hz
 constexpr double FRAME_S = static_cast<double>(HOP_SAMPLES) / SAMPLE_RATE_HZ;
 
-/// Natural logarithm of the energies of one frame in the bands. A floor below one step of the samples keeps it finite.
+/// Natural logarithms of the energies of one frame in the bands, with a floor that keeps them finite.
 using BandEnergies = Eigen::Matrix<float, BANDS, 1>;
 
 /// Short-time energies in bands, the first half of mel-frequency cepstral coefficients (Davis and Mermelstein 1980):

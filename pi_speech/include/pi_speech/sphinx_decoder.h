@@ -10,6 +10,8 @@
 namespace pi_speech
 {
 
+class SphinxEngine;
+
 /// Files of an acoustic model of PocketSphinx.
 struct SphinxModel
 {
@@ -41,9 +43,9 @@ struct SphinxHypothesis
   std::string text() const;
 };
 
-/// PocketSphinx (GMM/HMM, Viterbi) with the whole utterance at once, so that the cepstral mean is that of the whole
-/// utterance: 8 of 100 commands more are right than in a stream. The likelihoods of all states are computed once per
-/// utterance; each search through a grammar of some words takes a millisecond then. Not thread safe.
+/// PocketSphinx (GMM/HMM, Viterbi) on whole utterances. The cepstral mean is then that of the whole utterance, which
+/// gets 8 of 100 commands more right than decoding a stream. The likelihoods of all states are computed once per
+/// utterance; each search through a grammar of some words then takes 1 ms. Not thread safe.
 class SphinxDecoder
 {
 public:
@@ -70,8 +72,7 @@ public:
   SphinxHypothesis decode(const Samples& samples) { return decode(samples.data(), samples.size()); }
 
 private:
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
+  std::unique_ptr<SphinxEngine> engine_;
 };
 
 }  // namespace pi_speech

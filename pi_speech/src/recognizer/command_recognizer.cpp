@@ -1,13 +1,14 @@
+#include <pi_node/durations.h>
+#include <pi_node/formatting.h>
 #include <pi_node/option_check.h>
 #include <pi_speech/command_recognizer.h>
-#include "recognizer/grammar.h"
 #include "features/speech_features.h"
 #include "hmm/word_models.h"
+#include "recognizer/grammar.h"
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <optional>
 #include <sstream>
@@ -18,6 +19,8 @@ namespace pi_speech
 
 namespace
 {
+
+using pi_node::secondsSince;
 
 /// Natural logarithms of likelihoods are brought to these scales for choosing a command and for the margins: frames are
 /// no independent witnesses.
@@ -38,11 +41,6 @@ constexpr int TALK_WORDS_IN_A_ROW = 2;
 double seconds(int64_t samples)
 {
   return static_cast<double>(samples) / SAMPLE_RATE_HZ;
-}
-
-double secondsSince(std::chrono::steady_clock::time_point start)
-{
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
 /// ln of the sum of exponentials of all but one.
@@ -97,9 +95,7 @@ double wordScoreOf(const SphinxHypothesis& hypothesis)
 
 std::string number(double value)
 {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.2f", value);
-  return text;
+  return pi_node::format("%.2f", value);
 }
 
 }  // namespace

@@ -1,5 +1,6 @@
-#include <fcntl.h>
 #include "recognizer/pronunciation.h"
+#include <fcntl.h>
+#include <pi_node/unique_fd.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -72,38 +73,15 @@ struct Pronunciation::Impl
 {
   Impl(const std::string& path_in, bool guess_words_in) : path(path_in), guess_words(guess_words_in)
   {
-    file = open(path.c_str(), O_RDONLY | O_CLOEXEC);
-    struct stat status
+    file = pi_node::UniqueFd(open(path.c_str(), O_RDONLY | O_CLOEXEC));
+    struct stat status = {};
+    if (!file || fstat(file.get(), &status) != 0 || !S_ISREG(status.st_mode))
     {
-    };
-    if (file == -1 || fstat(file, &status) != 0 || !S_ISREG(status.st_mode))
-    {
-      const std::string reason = file == -1 ? std::strerror(errno) : "it is no file";
-      closeFile();
-      throw std::runtime_error(path + ": the dictionary cannot be read (" + reason +
+      throw std::runtime_error(path + ": the dictionary cannot be read (" +
+                               (file ? "it is no file" : std::strerror(errno)) +
                                "); install pocketsphinx-en-us, or give the path of a dictionary in the format of CMU");
     }
-    try
-    {
-      index(static_cast<size_t>(status.st_size));
-    }
-    catch (...)
-    {
-      closeFile();
-      throw;
-    }
-  }
-  Impl(const Impl&) = delete;
-  Impl& operator=(const Impl&) = delete;
-  ~Impl() { closeFile(); }
-
-  void closeFile()
-  {
-    if (file != -1)
-    {
-      close(file);
-      file = -1;
-    }
+    index(static_cast<size_t>(status.st_size));
   }
 
   void index(size_t size)
@@ -119,7 +97,7 @@ struct Pronunciation::Impl
     int number = 1;
     while (true)
     {
-      const ssize_t got = pread(file, block.data() + held, block.size() - held, offset + held);
+      const ssize_t got = pread(file.get(), block.data() + held, block.size() - held, offset + held);
       if (got < 0 && errno == EINTR)
       {
         continue;
@@ -202,7 +180,7 @@ struct Pronunciation::Impl
   std::string readLine(uint32_t offset) const
   {
     std::array<char, MAX_LINE> block{};
-    const ssize_t got = pread(file, block.data(), block.size(), offset);
+    const ssize_t got = pread(file.get(), block.data(), block.size(), offset);
     const char* end = std::find(block.data(), block.data() + std::max<ssize_t>(got, 0), '\n');
     return {block.data(), static_cast<size_t>(end - block.data())};
   }
@@ -216,7 +194,7 @@ struct Pronunciation::Impl
 
   const std::string path;
   const bool guess_words;
-  int file = -1;
+  pi_node::UniqueFd file;
   std::vector<Line> lines;
   std::unique_ptr<Impl> additions;
   std::map<std::string, Entry> known;

@@ -1,8 +1,8 @@
+#include "ros/microphone_ros.h"
 #include <diagnostic_msgs/DiagnosticStatus.h>
 #include <pi_node/formatting.h>
 #include <pi_node/ros/node_options.h>
 #include <pi_speech/ros/audio_conversions.h>
-#include "ros/microphone_ros.h"
 
 #include <boost/make_shared.hpp>
 #include <chrono>
@@ -18,20 +18,17 @@ using pi_node::format;
 
 constexpr uint32_t QUEUE = 100;  ///< messages that wait for a subscriber: 2 s of 20 ms
 
-template <typename Clock>
-int64_t nowNs()
-{
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now().time_since_epoch()).count();
-}
-
-/// A time of the system's clock by that of ROS, which may be simulated.
+/// Converts a time of the system's clock to ROS time, which may be simulated.
 ros::Time rosTime(int64_t system_ns)
 {
   if (!ros::Time::isSimTime())
   {
     return ros::Time().fromNSec(static_cast<uint64_t>(system_ns));
   }
-  const ros::Duration age = ros::Duration().fromNSec(nowNs<std::chrono::system_clock>() - system_ns);
+  using std::chrono::nanoseconds;
+  const auto system_now = std::chrono::system_clock::now().time_since_epoch();
+  const ros::Duration age =
+      ros::Duration().fromNSec(std::chrono::duration_cast<nanoseconds>(system_now).count() - system_ns);
   const ros::Time now = ros::Time::now();
   return now.toSec() > age.toSec() ? now - age : now;
 }
@@ -49,8 +46,8 @@ MicrophoneRos::MicrophoneRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , service_node_(service_thread_.handle(node))
   , options_(pi_node::loadNodeOptions<MicrophoneRosOptions>(private_node, "microphone"))
   , warnings_(options_.warning_period_s, pi_node::warningLog<MicrophoneRosOptions>("microphone"))
+  , watch_(options_.check, "", &warnings_)
   , updater_(service_node_, private_node, private_node.getNamespace())
-  , check_(options_.check, nowNs<std::chrono::steady_clock>())
 {
   audio_ = service_node_.advertise<AudioDataStamped>("audio_stamped", QUEUE);
   info_ = service_node_.advertise<AudioInfo>("audio_info", 1, true);
@@ -100,20 +97,7 @@ void MicrophoneRos::onSound(const MicrophoneSound& sound)
   header.stamp = rosTime(sound.stamp_ns);
   header.frame_id = options_.frame_id;
   audio_.publish(boost::make_shared<const AudioDataStamped>(toMsg(sound.samples, sound.count, header)));
-
-  std::string warning;
-  {
-    std::lock_guard<std::mutex> lock(mutex_);
-    if (const auto change = check_.add(sound.format, sound.samples, sound.count, nowNs<std::chrono::steady_clock>()))
-    {
-      sound_ = *change;
-      warning = change->state == SoundState::GOOD ? "" : change->text;
-    }
-  }
-  if (!warning.empty())
-  {
-    warnings_.warn(warning);
-  }
+  watch_.add(sound.format, sound.samples, sound.count);
 }
 
 // -------------------------------------------------------------------------------------------------------- mic_service
@@ -155,25 +139,17 @@ void MicrophoneRos::reportDevice(Status& status) const
   status.add("times that the device was lost", status_.times_lost);
 }
 
-void MicrophoneRos::reportSound(Status& status)
+void MicrophoneRos::reportSound(Status& status) const
 {
-  double level_dbfs = 0.0;
-  double clipped_share = 0.0;
-  SoundChange sound;
-  {
-    std::lock_guard<std::mutex> lock(mutex_);
-    level_dbfs = check_.levelDbfs();
-    clipped_share = check_.clippedShare();
-    sound = sound_;
-  }
+  const SoundWatch::Figures sound = watch_.figures();
   const std::vector<pi_node::WarningBoard::Entry> warnings = warnings_.recent();
   if (!status_.recording)
   {
     status.summary(DiagnosticStatus::WARN, "no sound");
   }
-  else if (sound.state != SoundState::GOOD)
+  else if (sound.last.state != SoundState::GOOD)
   {
-    status.summary(DiagnosticStatus::WARN, sound.text);
+    status.summary(DiagnosticStatus::WARN, sound.last.text);
   }
   else if (!warnings.empty())
   {
@@ -181,10 +157,10 @@ void MicrophoneRos::reportSound(Status& status)
   }
   else
   {
-    status.summary(DiagnosticStatus::OK, format("level %.0f dB of full scale", level_dbfs));
+    status.summary(DiagnosticStatus::OK, format("level %.0f dB of full scale", sound.level_dbfs));
   }
-  status.add("level [dB of full scale]", format("%.1f", level_dbfs));
-  status.add("clipped [%]", format("%.2f", 100.0 * clipped_share));
+  status.add("level [dB of full scale]", format("%.1f", sound.level_dbfs));
+  status.add("clipped [%]", format("%.2f", 100.0 * sound.clipped_share));
   for (size_t i = 0; i < warnings.size(); ++i)
   {
     status.add("warning " + std::to_string(i + 1), warnings[i].text);

@@ -3,26 +3,24 @@
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <pi_node/ros/callback_thread.h>
 #include <pi_node/ros/warning_board.h>
+#include <ros/ros.h>
 #include "audio/microphone.h"
 #include "ros/microphone_ros_options.h"
-#include "audio/sound_check.h"
-#include <ros/ros.h>
+#include "ros/sound_watch.h"
 
 #include <cstdint>
 #include <memory>
-#include <mutex>
 #include <string>
 
 namespace pi_speech
 {
 
-/// A microphone on the graph: `audio_stamped` (pi_speech/AudioDataStamped, one per period, stamped with when its first
-/// sample was recorded) and latched `audio_info` (pi_speech/AudioInfo: what the device really gives), as audio_capture
-/// has them.
+/// A microphone on the graph, with the topics of audio_capture: `audio_stamped` (pi_speech/AudioDataStamped, one per
+/// period; the stamp is the time of its first sample) and latched `audio_info` (pi_speech/AudioInfo: the format of the
+/// device).
 ///
-/// Two threads: `microphone` records and publishes; `mic_service` publishes diagnostics. A device that cannot be
-/// opened, or goes, is one error in the log and stays in the diagnostics; the node stays, and tries again until it is
-/// there.
+/// Two threads: `microphone` records and publishes; `mic_service` publishes diagnostics. If the device cannot be opened
+/// or vanishes, the node logs one error, shows it in the diagnostics, and tries again until the device is there.
 class MicrophoneRos
 {
 public:
@@ -43,12 +41,13 @@ private:
   // mic_service
   void publishDiagnostics();
   void reportDevice(Status& status) const;
-  void reportSound(Status& status);
+  void reportSound(Status& status) const;
 
   pi_node::CallbackThread service_thread_;
   ros::NodeHandle service_node_;
   const MicrophoneRosOptions options_;
   pi_node::WarningBoard warnings_;
+  SoundWatch watch_;
   diagnostic_updater::Updater updater_;
   ros::Publisher audio_;
   ros::Publisher info_;
@@ -57,10 +56,6 @@ private:
   // microphone
   AudioFormat published_format_;
   bool format_published_ = false;
-
-  std::mutex mutex_;  ///< of all below; held briefly
-  SoundCheck check_;
-  SoundChange sound_;  ///< as it is
 
   // mic_service
   MicrophoneStatus status_;  ///< at this update

@@ -1,5 +1,5 @@
-#include <pi_node/ros/parameter_tree.h>
 #include "ros/microphone_ros_options.h"
+#include <pi_node/ros/parameter_tree.h>
 
 namespace pi_speech
 {
@@ -36,28 +36,6 @@ void MicrophoneRosOptions::validate() const
   parameter_tree::requireDuration("warning_period_s", warning_period_s);
 }
 
-MicrophoneRosOptions MicrophoneRosOptions::load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown)
-{
-  XmlRpcValue tree;
-  const std::string& path = private_node.getNamespace();
-  private_node.getParam(path, tree);
-  return fromParameters(tree, path + "/", unknown);
-}
-
-MicrophoneRosOptions MicrophoneRosOptions::fromParameters(const XmlRpcValue& tree, const std::string& path,
-                                                          std::vector<std::string>* unknown)
-{
-  return parameter_tree::load<MicrophoneRosOptions>(tree, path, unknown);
-}
-
-XmlRpcValue MicrophoneRosOptions::toParameters() const
-{
-  return parameter_tree::save(*this);
-}
-
-std::string MicrophoneRosOptions::toText() const
-{
-  return pi_node::parameters::text(toParameters());
-}
-
 }  // namespace pi_speech
+
+template struct pi_node::NodeParameters<pi_speech::MicrophoneRosOptions>;

@@ -1,9 +1,8 @@
 #pragma once
 
+#include <pi_node/ros/node_parameters.h>
 #include "audio/microphone.h"
 #include "audio/sound_check.h"
-#include <ros/node_handle.h>
-#include <xmlrpcpp/XmlRpcValue.h>
 
 #include <string>
 #include <vector>
@@ -12,7 +11,7 @@ namespace pi_speech
 {
 
 /// The parameters of the microphone node; config/microphone.yaml shows each with its unit.
-struct MicrophoneRosOptions
+struct MicrophoneRosOptions : pi_node::NodeParameters<MicrophoneRosOptions>
 {
   MicrophoneOptions microphone;
   SoundCheckOptions check;  ///< but missing_s: the microphone says itself that it is gone
@@ -23,18 +22,6 @@ struct MicrophoneRosOptions
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
-
-  /// Reads the private parameters of a node, and validates.
-  /// @param[out] unknown  names of parameters that mean nothing here.
-  /// @throws std::invalid_argument naming the parameter that is wrong, its value and its bound.
-  static MicrophoneRosOptions load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown);
-  /// The same with a tree as the parameter server has it. @param path  in front of names in messages.
-  static MicrophoneRosOptions fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path,
-                                             std::vector<std::string>* unknown);
-  /// All parameters as the parameter server would have them.
-  XmlRpc::XmlRpcValue toParameters() const;
-  /// The same in one line, for the log.
-  std::string toText() const;
 };
 
 }  // namespace pi_speech

@@ -1,6 +1,6 @@
+#include "ros/player_ros_options.h"
 #include <pi_node/option_check.h>
 #include <pi_node/ros/parameter_tree.h>
-#include "ros/player_ros_options.h"
 
 namespace pi_speech
 {
@@ -36,12 +36,12 @@ static void read(const XmlRpcValue& value, SoundFileEntries* field)
     return;
   }
   pi_node::parameters::requireType(value, XmlRpcValue::TypeArray, "a text or a list of texts");
-  parameter_tree::read(value, &field->entries);
+  pi_node::parameters::read(value, &field->entries);
 }
 
 static XmlRpcValue write(const SoundFileEntries& field)
 {
-  return parameter_tree::write(field.entries);
+  return pi_node::parameters::write(field.entries);
 }
 
 void PlayerRosOptions::validate() const
@@ -49,7 +49,7 @@ void PlayerRosOptions::validate() const
   for (const std::string& entry : files.entries)
   {
     pi_node::parameters::require(!entry.empty() && entry.front() == '/', "files", "\"" + entry + "\"",
-                                    "absolute paths: a node's working folder is not its user's");
+                                 "absolute paths: a node's working folder is not its user's");
   }
   const pi_node::OptionCheck check("");
   check.range("rate", rate, 0.01, 1000.0);
@@ -58,28 +58,6 @@ void PlayerRosOptions::validate() const
   check.range("period_s", period_s, 0.002, 1.0);
 }
 
-PlayerRosOptions PlayerRosOptions::load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown)
-{
-  XmlRpcValue tree;
-  const std::string& path = private_node.getNamespace();
-  private_node.getParam(path, tree);
-  return fromParameters(tree, path + "/", unknown);
-}
-
-PlayerRosOptions PlayerRosOptions::fromParameters(const XmlRpcValue& tree, const std::string& path,
-                                                  std::vector<std::string>* unknown)
-{
-  return parameter_tree::load<PlayerRosOptions>(tree, path, unknown);
-}
-
-XmlRpcValue PlayerRosOptions::toParameters() const
-{
-  return parameter_tree::save(*this);
-}
-
-std::string PlayerRosOptions::toText() const
-{
-  return pi_node::parameters::text(toParameters());
-}
-
 }  // namespace pi_speech
+
+template struct pi_node::NodeParameters<pi_speech::PlayerRosOptions>;

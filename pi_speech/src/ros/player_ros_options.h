@@ -1,7 +1,6 @@
 #pragma once
 
-#include <ros/node_handle.h>
-#include <xmlrpcpp/XmlRpcValue.h>
+#include <pi_node/ros/node_parameters.h>
 
 #include <string>
 #include <vector>
@@ -16,7 +15,7 @@ struct SoundFileEntries
 };
 
 /// The parameters of the player node; config/player.yaml shows each with its unit.
-struct PlayerRosOptions
+struct PlayerRosOptions : pi_node::NodeParameters<PlayerRosOptions>
 {
   SoundFileEntries files;             ///< absolute
   double rate = 1.0;                  ///< of playing: seconds of sound per second, in [0.01, 1000]
@@ -29,18 +28,6 @@ struct PlayerRosOptions
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
-
-  /// Reads the private parameters of a node, and validates.
-  /// @param[out] unknown  names of parameters that mean nothing here.
-  /// @throws std::invalid_argument naming the parameter that is wrong, its value and its bound.
-  static PlayerRosOptions load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown);
-  /// The same with a tree as the parameter server has it. @param path  in front of names in messages.
-  static PlayerRosOptions fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path,
-                                         std::vector<std::string>* unknown);
-  /// All parameters as the parameter server would have them.
-  XmlRpc::XmlRpcValue toParameters() const;
-  /// The same in one line, for the log.
-  std::string toText() const;
 };
 
 }  // namespace pi_speech

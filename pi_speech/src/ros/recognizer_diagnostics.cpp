@@ -1,6 +1,6 @@
+#include "ros/recognizer_diagnostics.h"
 #include <diagnostic_msgs/DiagnosticStatus.h>
 #include <pi_node/formatting.h>
-#include "ros/recognizer_diagnostics.h"
 
 #include <vector>
 
@@ -89,9 +89,9 @@ void RecognizerDiagnostics::reportRecognition(Status& status)
   {
     status.summary(DiagnosticStatus::WARN, now_.problem + "; goes on with " + number);
   }
-  else if (!now_.dictation_problem.empty())
+  else if (now_.dictation && !now_.dictation->problem.empty())
   {
-    status.summary(DiagnosticStatus::WARN, "no dictation: " + now_.dictation_problem);
+    status.summary(DiagnosticStatus::WARN, "no dictation: " + now_.dictation->problem);
   }
   else if (!now_.listening)
   {
@@ -134,9 +134,9 @@ void RecognizerDiagnostics::reportRecognition(Status& status)
   }
   if (now_.dictation)
   {
-    status.add("dictation", now_.dictation_problem.empty() ? "on" : now_.dictation_problem);
-    status.add("utterances written down", now_.dictated);
-    status.add("utterances not written down, as others waited", now_.dictation_dropped);
+    status.add("dictation", now_.dictation->problem.empty() ? "on" : now_.dictation->problem);
+    status.add("utterances written down", now_.dictation->written);
+    status.add("utterances not written down, as others waited", now_.dictation->dropped);
   }
   if (!now_.loading.empty())
   {
@@ -147,9 +147,9 @@ void RecognizerDiagnostics::reportRecognition(Status& status)
 void RecognizerDiagnostics::reportSound(Status& status) const
 {
   const std::vector<pi_node::WarningBoard::Entry> warnings = warnings_->recent();
-  if (!now_.input_problem.empty())
+  if (!now_.queue.problem.empty())
   {
-    status.summary(DiagnosticStatus::ERROR, now_.input_problem);
+    status.summary(DiagnosticStatus::ERROR, now_.queue.problem);
   }
   else if (!now_.subscribed)
   {
@@ -160,9 +160,9 @@ void RecognizerDiagnostics::reportSound(Status& status) const
   {
     status.summary(DiagnosticStatus::ERROR, warnings.front().text);
   }
-  else if (now_.sound != SoundState::GOOD)
+  else if (now_.sound.last.state != SoundState::GOOD)
   {
-    status.summary(DiagnosticStatus::WARN, now_.topic + ": " + now_.sound_text);
+    status.summary(DiagnosticStatus::WARN, now_.topic + ": " + now_.sound.last.text);
   }
   else if (!warnings.empty())
   {
@@ -170,21 +170,23 @@ void RecognizerDiagnostics::reportSound(Status& status) const
   }
   else
   {
-    status.summary(DiagnosticStatus::OK, now_.topic + format(" comes, level %.0f dB of full scale", now_.level_dbfs));
+    status.summary(DiagnosticStatus::OK,
+                   now_.topic + format(" comes, level %.0f dB of full scale", now_.sound.level_dbfs));
   }
-  status.add("format", describe(now_.format) + (now_.format_known ? "" : ", by parameters: no audio_info yet"));
-  status.add("state of the sound", toString(now_.sound));
-  status.add("level [dB of full scale]", format("%.1f", now_.level_dbfs));
+  status.add("format",
+             describe(now_.queue.format) + (now_.queue.format_known ? "" : ", by parameters: no audio_info yet"));
+  status.add("state of the sound", toString(now_.sound.last.state));
+  status.add("level [dB of full scale]", format("%.1f", now_.sound.level_dbfs));
   status.add("noise [dB of full scale]", format("%.1f", now_.noise_dbfs));
-  status.add("clipped [%]", format("%.2f", 100.0 * now_.clipped_share));
+  status.add("clipped [%]", format("%.2f", 100.0 * now_.sound.clipped_share));
   status.add("speech", now_.in_speech ? "yes" : "no");
-  status.add("messages that came", now_.chunks);
-  status.add("messages dropped, as others waited", now_.dropped);
-  status.add("messages that could not be used", now_.unusable);
+  status.add("messages that came", now_.queue.chunks);
+  status.add("messages dropped, as others waited", now_.queue.dropped);
+  status.add("messages that could not be used", now_.queue.unusable + now_.damaged);
   status.add("gaps", now_.gaps);
   status.add("times that stamps went back", now_.backs);
   status.add("changes of format", now_.formats);
-  status.add("sound that waits [s]", format("%.2f", now_.waiting_s));
+  status.add("sound that waits [s]", format("%.2f", now_.queue.waiting_s));
   for (size_t i = 0; i < warnings.size(); ++i)
   {
     status.add("warning " + std::to_string(i + 1), warnings[i].text);

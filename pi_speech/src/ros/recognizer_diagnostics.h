@@ -5,18 +5,22 @@
 #include <pi_node/ros/warning_board.h>
 #include <pi_speech/audio.h>
 #include <pi_speech/command_recognizer.h>
-#include "ros/recognizer_tasks.h"
-#include "audio/sound_check.h"
 #include <ros/node_handle.h>
 
 #include <cstdint>
 #include <mutex>
+#include <optional>
 #include <string>
+
+#include "ros/dictation.h"
+#include "ros/recognizer_tasks.h"
+#include "ros/sound_queue.h"
+#include "ros/sound_watch.h"
 
 namespace pi_speech
 {
 
-/// What the adapter knows of itself, for the diagnostics.
+/// What the recognizer node knows of itself, for the diagnostics.
 struct RecognizerFigures
 {
   std::string topic;
@@ -30,34 +34,21 @@ struct RecognizerFigures
   std::string loading;  ///< table that is being loaded; empty: none
   std::string problem;  ///< why the table asked for last is not in use; empty: it is
 
-  AudioFormat format;         ///< of the sound that comes
-  bool format_known = false;  ///< from audio_info
-  std::string input_problem;  ///< why the sound cannot be used; empty: it can
-  SoundState sound = SoundState::GOOD;
-  std::string sound_text;
-  double level_dbfs = 0.0;
-  double clipped_share = 0.0;
+  SoundQueue::Figures queue;
+  SoundWatch::Figures sound;
   double noise_dbfs = 0.0;
   bool in_speech = false;
-
-  uint64_t chunks = 0;     ///< that came
-  uint64_t dropped = 0;    ///< as the worker was not free in time
-  uint64_t unusable = 0;   ///< truncated, or of a format that is not understood
-  uint64_t gaps = 0;       ///< in the stamps
-  uint64_t backs = 0;      ///< times that the stamps went back
-  uint64_t formats = 0;    ///< changes of format on the way
-  double waiting_s = 0.0;  ///< sound in the queue
+  uint64_t damaged = 0;  ///< messages
+  uint64_t gaps = 0;     ///< in the stamps
+  uint64_t backs = 0;    ///< times that the stamps went back
+  uint64_t formats = 0;  ///< changes of format on the way
 
   bool use_runtime = false;
   RecognizerTasks::Figures tasks;
-
-  bool dictation = false;
-  std::string dictation_problem;
-  uint64_t dictated = 0;
-  uint64_t dictation_dropped = 0;
+  std::optional<Dictation::Figures> dictation;  ///< nullopt: not asked for
 };
 
-/// What /diagnostics says: what is understood and how soon, what comes in and what was wrong with it.
+/// Publishes on /diagnostics what is understood and how soon, what sound comes in, and what was wrong with it.
 class RecognizerDiagnostics
 {
 public:
@@ -66,8 +57,7 @@ public:
   RecognizerDiagnostics(const ros::NodeHandle& node, const ros::NodeHandle& private_node,
                         const pi_node::WarningBoard* warnings);
 
-  /// After each that was decided. Any thread.
-  /// @param latency_s  from the end of the speech until it was published; counts for commands.
+  /// After each decision. Any thread. @param latency_s  from the end of the speech until it was published.
   void addRecognition(const Recognition& recognition, double latency_s);
   /// Any thread. @param cpu_s  that worker and tasks used for it. @param sound_s  length of that sound.
   void addWork(double cpu_s, double sound_s);

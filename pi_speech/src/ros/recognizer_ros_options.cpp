@@ -1,6 +1,6 @@
+#include "ros/recognizer_ros_options.h"
 #include <pi_node/option_check.h>
 #include <pi_node/ros/parameter_tree.h>
-#include "ros/recognizer_ros_options.h"
 
 #include <filesystem>
 #include <stdexcept>
@@ -165,28 +165,6 @@ std::string RecognizerRosOptions::commandsFile(const std::string& package) const
   return commands.empty() ? package + "/" + COMMANDS : commands;
 }
 
-RecognizerRosOptions RecognizerRosOptions::load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown)
-{
-  XmlRpcValue tree;
-  const std::string& path = private_node.getNamespace();
-  private_node.getParam(path, tree);
-  return fromParameters(tree, path + "/", unknown);
-}
-
-RecognizerRosOptions RecognizerRosOptions::fromParameters(const XmlRpcValue& tree, const std::string& path,
-                                                          std::vector<std::string>* unknown)
-{
-  return parameter_tree::load<RecognizerRosOptions>(tree, path, unknown);
-}
-
-XmlRpcValue RecognizerRosOptions::toParameters() const
-{
-  return parameter_tree::save(*this);
-}
-
-std::string RecognizerRosOptions::toText() const
-{
-  return pi_node::parameters::text(toParameters());
-}
-
 }  // namespace pi_speech
+
+template struct pi_node::NodeParameters<pi_speech::RecognizerRosOptions>;

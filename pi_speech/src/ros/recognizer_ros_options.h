@@ -1,10 +1,9 @@
 #pragma once
 
+#include <pi_node/ros/node_parameters.h>
 #include <pi_speech/audio.h>
 #include <pi_speech/command_recognizer.h>
 #include "audio/sound_check.h"
-#include <ros/node_handle.h>
-#include <xmlrpcpp/XmlRpcValue.h>
 
 #include <string>
 #include <vector>
@@ -13,7 +12,7 @@ namespace pi_speech
 {
 
 /// The parameters of the recognizer node; config/recognizer.yaml shows each with its unit.
-struct RecognizerRosOptions
+struct RecognizerRosOptions : pi_node::NodeParameters<RecognizerRosOptions>
 {
   std::string commands;  ///< YAML file of the commands, absolute; empty: the package's commands.yaml
   /// Its files are absolute; empty: the package's. word_models and sphinx.adaptation may be "none".
@@ -46,18 +45,6 @@ struct RecognizerRosOptions
   RecognizerOptions recognizerOptions(const std::string& package) const;
   /// @param package  as above.
   std::string commandsFile(const std::string& package) const;
-
-  /// Reads the private parameters of a node, and validates.
-  /// @param[out] unknown  names of parameters that mean nothing here.
-  /// @throws std::invalid_argument naming the parameter that is wrong, its value and its bound.
-  static RecognizerRosOptions load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown);
-  /// The same with a tree as the parameter server has it. @param path  in front of names in messages.
-  static RecognizerRosOptions fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path,
-                                             std::vector<std::string>* unknown);
-  /// All parameters as the parameter server would have them.
-  XmlRpc::XmlRpcValue toParameters() const;
-  /// The same in one line, for the log.
-  std::string toText() const;
 };
 
 }  // namespace pi_speech

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <pi_node/durations.h>
 #include <pi_runtime/runtime.h>
 
 #include <chrono>
@@ -16,16 +17,16 @@ namespace pi_speech
 
 /// Runs the decisions of a recogniser as native tasks "speech_decode" of a runtime, one after the other.
 ///
-/// Their size is the speech in milliseconds. They have a deadline, and so go before everything that has none, such as
-/// the network of a picture. What a unit has begun is not interrupted, though: a task that no unit has begun within
-/// the patience is taken back, and the decision is a plain call, so that a command never waits for other work. A task
-/// that fails is told, and the decision is a plain call as well.
+/// The size of a task is the length of the speech in milliseconds. Tasks have a deadline, so they go before tasks
+/// without one, such as the network of a picture. A unit does not interrupt the task that it runs. If no unit has begun
+/// the decision within the patience, the task is cancelled and the decision becomes a plain call; so does one whose
+/// task fails.
 class RecognizerTasks
 {
 public:
   static constexpr char CODELET[] = "speech_decode";
-  static constexpr std::chrono::milliseconds DEADLINE{100};  ///< in which a vehicle's command is expected to be decided
-  static constexpr std::chrono::milliseconds PATIENCE{20};  ///< in the queue, unless the constructor was told otherwise
+  static constexpr std::chrono::milliseconds DEADLINE{100};
+  static constexpr std::chrono::milliseconds PATIENCE{20};  ///< for a unit to begin, by default
 
   /// @param tell_error  is called by run() with what failed and what was done instead.
   RecognizerTasks(std::shared_ptr<pi_runtime::Runtime> runtime, std::function<void(const std::string& text)> tell_error,
@@ -86,6 +87,14 @@ public:
   /// On the thread of run().
   const Figures& figures() const { return figures_; }
 
+  /// Processor time of the calling thread.
+  static double threadCpuSeconds()
+  {
+    timespec time{};
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
+    return static_cast<double>(time.tv_sec) + pi_node::seconds(time.tv_nsec);
+  }
+
 private:
   /// The work in hand. Belongs to the codelet, whose function the runtime may call late.
   class Order
@@ -132,13 +141,6 @@ private:
     }
 
   private:
-    static double threadCpuSeconds()
-    {
-      timespec time{};
-      clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
-      return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
-    }
-
     std::mutex mutex_;  ///< held while the work is done
     const std::function<void()>* work_ = nullptr;
     uint64_t number_ = 0;

@@ -20,13 +20,12 @@ namespace fs = std::filesystem;
 constexpr char NAME[] = "pi_speech_";
 constexpr int ATTEMPTS = 10;
 
-int lockFolder(const std::string& path)
+pi_node::UniqueFd lockFolder(const std::string& path)
 {
-  const int lock = ::open(path.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC | O_NOFOLLOW);
-  if (lock >= 0 && ::flock(lock, LOCK_EX | LOCK_NB) != 0)
+  pi_node::UniqueFd lock(::open(path.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC | O_NOFOLLOW));
+  if (lock && ::flock(lock.get(), LOCK_EX | LOCK_NB) != 0)
   {
-    ::close(lock);
-    return -1;
+    lock.reset();
   }
   return lock;
 }
@@ -42,12 +41,10 @@ void removeDead(const std::string& place)
     {
       continue;
     }
-    const int lock = lockFolder(entry.path());
-    if (lock >= 0)
+    if (const pi_node::UniqueFd lock = lockFolder(entry.path()))
     {
       std::error_code ignored;
       fs::remove_all(entry.path(), ignored);
-      ::close(lock);
     }
   }
 }
@@ -73,7 +70,6 @@ HeldFolder::~HeldFolder()
 {
   std::error_code ignored;
   fs::remove_all(path_, ignored);
-  ::close(lock_);
 }
 
 bool HeldFolder::make(const std::string& place)
@@ -88,12 +84,11 @@ bool HeldFolder::make(const std::string& place)
     }
     // Another process may have taken it for a dead one's before it was locked.
     lock_ = lockFolder(name);
-    if (lock_ >= 0 && ::access(name.c_str(), F_OK) == 0)
+    if (lock_ && ::access(name.c_str(), F_OK) == 0)
     {
       path_ = name;
       return true;
     }
-    ::close(lock_);
   }
   return false;
 }

@@ -1,12 +1,14 @@
 #pragma once
 
+#include <pi_node/unique_fd.h>
+
 #include <string>
 
 namespace pi_speech
 {
 
-/// A folder for temporary files that exists as long as the object. What a process left that was killed is removed by
-/// the next one that makes a folder in the same place; which are dead is known by a lock that ends with its process.
+/// A folder for temporary files that exists as long as the object. A process that was killed leaves its folder behind;
+/// the next process that makes a folder in the same place removes it. A lock tells which folders are in use.
 class HeldFolder
 {
 public:
@@ -23,7 +25,7 @@ private:
   bool make(const std::string& place);
 
   std::string path_;
-  int lock_ = -1;
+  pi_node::UniqueFd lock_;
 };
 
 }  // namespace pi_speech

@@ -1,6 +1,6 @@
+#include <pi_speech/sphinx_decoder.h>
 #include "recognizer/pronunciation.h"
 #include "sphinx/speech_model_check.h"
-#include <pi_speech/sphinx_decoder.h>
 
 #include <filesystem>
 
@@ -33,53 +33,38 @@ std::string SphinxHypothesis::text() const
   return result;
 }
 
-struct SphinxDecoder::Impl
-{
-  Impl(const SphinxModel& model, const std::vector<std::string>& grammars, const std::string& dictionary)
-    : engine(checked(model, grammars, dictionary), dictionary, grammars)
-  {
-  }
-
-  /// One grammar is enough to find out whether the model is good.
-  static const SphinxModel& checked(const SphinxModel& model, const std::vector<std::string>& grammars,
-                                    const std::string& dictionary)
-  {
-    if (model.check_model)
-    {
-      checkSpeechModel(model, dictionary, grammars.empty() ? std::string() : grammars.front());
-    }
-    return model;
-  }
-
-  SphinxEngine engine;
-};
-
 SphinxDecoder::SphinxDecoder(const SphinxModel& model, const std::vector<std::string>& grammars,
                              const std::vector<std::string>& words)
-  : impl_(std::make_unique<Impl>(model, grammars, grammars.empty() ? std::string() : dictionaryOf(model, words)))
 {
+  const std::string dictionary = grammars.empty() ? std::string() : dictionaryOf(model, words);
+  if (model.check_model)
+  {
+    // One grammar is enough to find out whether the model is good.
+    checkSpeechModel(model, dictionary, grammars.empty() ? std::string() : grammars.front());
+  }
+  engine_ = std::make_unique<SphinxEngine>(model, dictionary, grammars);
 }
 
 SphinxDecoder::~SphinxDecoder() = default;
 
 void SphinxDecoder::listen(const int16_t* samples, size_t count)
 {
-  impl_->engine.listen(samples, count);
+  engine_->listen(samples, count);
 }
 
 SphinxHypothesis SphinxDecoder::find(size_t grammar)
 {
-  return impl_->engine.find(grammar);
+  return engine_->find(grammar);
 }
 
 SphinxHypothesis SphinxDecoder::findPhones()
 {
-  return impl_->engine.findPhones();
+  return engine_->findPhones();
 }
 
 SphinxHypothesis SphinxDecoder::decode(const int16_t* samples, size_t count)
 {
-  return impl_->engine.decode(samples, count);
+  return engine_->decode(samples, count);
 }
 
 }  // namespace pi_speech

@@ -3,20 +3,19 @@
 // damaged files. Standard input: lines of a dictionary, an empty line, a grammar in JSGF; without a grammar the model
 // is loaded for dictation. Ends with 0: good, 2: not, with the reason, anything else: by PocketSphinx itself.
 
-#include "sphinx/speech_model_check.h"
+#include <pi_node/command_line.h>
 #include <sys/resource.h>
 
-#include <boost/program_options.hpp>
 #include <cstdlib>
 #include <iostream>
 #include <iterator>
 #include <new>
 #include <string>
 
+#include "sphinx/speech_model_check.h"
+
 namespace
 {
-
-namespace po = boost::program_options;
 
 constexpr int BAD_MODEL = 2;
 
@@ -32,27 +31,20 @@ int main(int argc, char** argv)
 {
   pi_speech::SphinxModel model;
   int memory_mb = pi_speech::SpeechModelCheckOptions().memory_limit_mb;
-  po::options_description options("check_speech_model FOLDER < DICTIONARY_AND_GRAMMAR");
-  options.add_options()("help", "prints this")("memory-mb", po::value(&memory_mb)->default_value(memory_mb),
-                                               "address space that loading may take [MB]")(
-      "dictionary", po::value(&model.dictionary)->default_value(model.dictionary), "of dictation")(
-      "language-model", po::value(&model.language_model)->default_value(model.language_model), "of dictation")(
-      "adaptation", po::value(&model.adaptation)->default_value(""), "folder of an adaptation; empty: none")(
-      "model", po::value(&model.acoustic_model)->required(), "folder of the acoustic model");
-  po::positional_options_description positional;
-  positional.add("model", 1);
+  pi_node::CommandLine options("check_speech_model FOLDER < DICTIONARY_AND_GRAMMAR");
+  options.addValue("memory-mb", &memory_mb, "address space that loading may take [MB]");
+  options.addValue("dictionary", &model.dictionary, "of dictation");
+  options.addValue("language-model", &model.language_model, "of dictation");
+  options.addValue("adaptation", &model.adaptation, "folder of an adaptation; empty: none");
+  options.addPositional("model", &model.acoustic_model, "no folder of an acoustic model is named");
   try
   {
-    po::variables_map values;
-    po::store(po::command_line_parser(argc, argv).options(options).positional(positional).run(), values);
-    if (values.count("help") != 0)
+    if (!options.parse(argc, argv))
     {
-      std::cout << options;
       return EXIT_SUCCESS;
     }
-    po::notify(values);
   }
-  catch (const po::error& error)
+  catch (const std::exception& error)
   {
     std::cout << "check_speech_model: " << error.what() << "\n";
     return BAD_MODEL;

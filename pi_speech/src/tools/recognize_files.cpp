@@ -1,15 +1,16 @@
 // recognize_files --output OUT.tsv CLIPS: what CommandRecognizer makes of sound files, as a table for
 // evaluate_commands. Needs no ROS master.
 
+#include <pi_node/command_line.h>
+#include <pi_node/output_file.h>
 #include <pi_node/progress.h>
 #include <pi_node/stop_signal.h>
 #include <pi_speech/command_recognizer.h>
 #include <pi_speech/noise_mixing.h>
-#include "ros/default_models.h"
 #include "audio/sound_files.h"
+#include "ros/default_models.h"
 
 #include <algorithm>
-#include <boost/program_options.hpp>
 #include <chrono>
 #include <cstdlib>
 #include <filesystem>
@@ -32,7 +33,7 @@ using namespace pi_speech;
 constexpr size_t CHUNK = SAMPLE_RATE_HZ / 50;
 constexpr double NONE = std::numeric_limits<double>::quiet_NaN();
 
-struct CommandLine
+struct Arguments
 {
   std::string commands;
   std::string mode = "safe";
@@ -158,31 +159,11 @@ ClipList readInputs(const std::vector<std::string>& inputs)
   return list;
 }
 
-/// A table that appears when it is complete. What is no file, as /dev/stdout, is written to as it is.
+/// A table with tabs between its columns.
 class TableFile
 {
 public:
-  explicit TableFile(const std::string& path)
-    : path_(path)
-    , is_special_(fs::exists(path) && !fs::is_regular_file(path))
-    , partial_(is_special_ ? path : path + ".partial")
-    , stream_(partial_)
-  {
-    if (!stream_)
-    {
-      throw std::runtime_error(partial_ + ": cannot be written: does the folder exist, and is it yours?");
-    }
-  }
-  ~TableFile()
-  {
-    if (!is_special_)
-    {
-      std::error_code ignored;
-      fs::remove(partial_, ignored);
-    }
-  }
-  TableFile(const TableFile&) = delete;
-  TableFile& operator=(const TableFile&) = delete;
+  explicit TableFile(const std::string& path) : file_(path) {}
 
   /// @throws std::runtime_error if a cell, such as the name of a file, cannot stand in a table.
   void add(const std::vector<std::string>& cells)
@@ -196,29 +177,14 @@ public:
     }
     for (size_t i = 0; i < cells.size(); ++i)
     {
-      stream_ << (i == 0 ? "" : "\t") << cells[i];
+      file_.stream() << (i == 0 ? "" : "\t") << cells[i];
     }
-    stream_ << "\n";
+    file_.stream() << "\n";
   }
-
-  void complete()
-  {
-    stream_.close();
-    if (!stream_)
-    {
-      throw std::runtime_error(partial_ + ": could not be written to its end: is the disk full?");
-    }
-    if (!is_special_)
-    {
-      fs::rename(partial_, path_);
-    }
-  }
+  void complete() { file_.complete(); }
 
 private:
-  const std::string path_;
-  const bool is_special_;
-  const std::string partial_;
-  std::ofstream stream_;
+  pi_node::OutputFile file_;
 };
 
 std::string number(double value, int digits)
@@ -284,7 +250,7 @@ const Found& bestOf(const std::vector<Found>& all)
   return *std::max_element(all.begin(), all.end(), [&](const Found& a, const Found& b) { return rank(a) < rank(b); });
 }
 
-Samples prepare(const Clip& clip, const CommandLine& line, NoiseSource* noise)
+Samples prepare(const Clip& clip, const Arguments& line, NoiseSource* noise)
 {
   Samples samples = readAudioFile(clip.path);
   const Samples tail = continueBackground(samples, static_cast<size_t>(line.tail_s * SAMPLE_RATE_HZ));
@@ -294,7 +260,7 @@ Samples prepare(const Clip& clip, const CommandLine& line, NoiseSource* noise)
 }
 
 /// @return the clip's utterances; empty if StopSignal came.
-std::vector<Found> recognize(CommandRecognizer* recognizer, const Samples& samples, const CommandLine& line)
+std::vector<Found> recognize(CommandRecognizer* recognizer, const Samples& samples, const Arguments& line)
 {
   std::vector<Found> all;
   bool in_stream = true;
@@ -360,7 +326,7 @@ void addEvidence(const Clip& clip, const std::vector<Found>& all, TableFile* fil
   }
 }
 
-void recognizeClip(const Clip& clip, const CommandLine& line, CommandRecognizer* recognizer, NoiseSource* noise,
+void recognizeClip(const Clip& clip, const Arguments& line, CommandRecognizer* recognizer, NoiseSource* noise,
                    TableFile* output, TableFile* evidence, Totals* totals)
 {
   const Samples samples = prepare(clip, line, noise);
@@ -395,7 +361,7 @@ void recognizeClip(const Clip& clip, const CommandLine& line, CommandRecognizer*
 }
 
 /// @return exit status.
-int run(const CommandLine& line)
+int run(const Arguments& line)
 {
   const ClipList list = readInputs(line.inputs);
   const CommandTable table = CommandTable::load(line.commands);
@@ -474,54 +440,41 @@ int run(const CommandLine& line)
   return totals.unreadable == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
 }
 
-bool parse(int argc, char** argv, CommandLine* line)
+bool parse(int argc, char** argv, Arguments* line)
 {
-  RecognizerOptions& options = line->recognizer;
-  options = withDefaultModels();
-  SphinxModel& sphinx = options.sphinx;
-  po::options_description visible("recognize_files --output OUT.tsv [options] LIST.tsv|SOUND_FILE|FOLDER...");
-  auto add = visible.add_options();
-  add("help", "prints this");
-  add("commands", po::value(&line->commands)->default_value(packageFile("commands.yaml")), "table of commands, YAML");
-  add("output", po::value(&line->output)->required(),
-      "table: file, text, confidence, accepted, reason, latency_ms, ..., and the further columns of LIST.tsv");
-  add("evidence", po::value(&line->evidence), "table of what each confidence comes from, for calibrate_confidence");
-  add("mode", po::value(&line->mode)->default_value(line->mode),
-      "safe: other words are rejected; closed: each clip is a command");
-  add("threshold", po::value(&options.threshold)->default_value(options.threshold), "least confidence, in (0, 1)");
-  add("word-models", po::value(&options.word_models)->default_value(options.word_models),
-      "models of whole words; none: without");
-  add("confidence", po::value(&options.confidence)->default_value(options.confidence), "weights of the confidence");
-  add("garbage-words", po::value(&options.garbage_words)->default_value(options.garbage_words),
-      "words that stand for other speech");
-  add("acoustic-model", po::value(&sphinx.acoustic_model)->default_value(sphinx.acoustic_model), "folder");
-  add("adaptation", po::value(&sphinx.adaptation)->default_value(sphinx.adaptation),
-      "folder of what replaces parts of it; none: without");
-  add("dictionary", po::value(&sphinx.dictionary)->default_value(sphinx.dictionary), "how words are spoken");
-  add("stream", po::bool_switch(&line->stream), "long recordings: a line for each utterance, not for each clip");
-  add("tail", po::value(&line->tail_s)->default_value(line->tail_s),
+  RecognizerOptions& recognizer = line->recognizer;
+  recognizer = withDefaultModels();
+  SphinxModel& sphinx = recognizer.sphinx;
+  line->commands = packageFile("commands.yaml");
+  pi_node::CommandLine options("recognize_files --output OUT.tsv [options] LIST.tsv|SOUND_FILE|FOLDER...");
+  options.addValue("commands", &line->commands, "table of commands, YAML");
+  options.add("output", po::value(&line->output)->required(),
+              "table: file, text, confidence, accepted, reason, latency_ms, ..., and the further columns of LIST.tsv");
+  options.add("evidence", po::value(&line->evidence),
+              "table of what each confidence comes from, for calibrate_confidence");
+  options.addValue("mode", &line->mode, "safe: other words are rejected; closed: each clip is a command");
+  options.addValue("threshold", &recognizer.threshold, "least confidence, in (0, 1)");
+  options.addValue("word-models", &recognizer.word_models, "models of whole words; none: without");
+  options.addValue("confidence", &recognizer.confidence, "weights of the confidence");
+  options.addValue("garbage-words", &recognizer.garbage_words, "words that stand for other speech");
+  options.addValue("acoustic-model", &sphinx.acoustic_model, "folder");
+  options.addValue("adaptation", &sphinx.adaptation, "folder of what replaces parts of it; none: without");
+  options.addValue("dictionary", &sphinx.dictionary, "how words are spoken");
+  options.addFlag("stream", &line->stream, "long recordings: a line for each utterance, not for each clip");
+  options.addValue(
+      "tail", &line->tail_s,
       "continue each clip by its own background [s], in [0, 60]: what ends with the clip has no latency else");
-  add("noise", po::value(&line->noise), "white, pink or a sound file: noise behind the clips");
-  add("snr", po::value(&line->snr_db), "power of the clip's speech over that of the noise [dB]; goes with --noise");
-  add("seed", po::value(&line->seed)->default_value(line->seed), "of the noise");
-  add("quiet", po::bool_switch(&line->quiet), "no progress");
-  po::options_description all;
-  all.add(visible).add_options()("inputs", po::value(&line->inputs)->required());
-  po::positional_options_description positional;
-  positional.add("inputs", -1);
-  po::variables_map values;
-  po::store(po::command_line_parser(argc, argv).options(all).positional(positional).run(), values);
-  if (values.count("help") != 0)
+  options.add("noise", po::value(&line->noise), "white, pink or a sound file: noise behind the clips");
+  options.add("snr", po::value(&line->snr_db),
+              "power of the clip's speech over that of the noise [dB]; goes with --noise");
+  options.addValue("seed", &line->seed, "of the noise");
+  options.addFlag("quiet", &line->quiet, "no progress");
+  options.addPositional("inputs", &line->inputs, "no list, sound file or folder is named; see --help");
+  if (!options.parse(argc, argv))
   {
-    std::cout << visible;
     return false;
   }
-  if (values.count("inputs") == 0)
-  {
-    throw po::error("no list, sound file or folder is named");
-  }
-  po::notify(values);
-  if ((values.count("noise") == 0) != (values.count("snr") == 0))
+  if (options.given("noise") != options.given("snr"))
   {
     throw po::error("--noise and --snr go together");
   }
@@ -537,20 +490,20 @@ bool parse(int argc, char** argv, CommandLine* line)
   {
     throw po::error("--commands: no table of commands is named, and the package's own one is not found");
   }
-  if (!line->evidence.empty() && options.confidence.empty())
+  if (!line->evidence.empty() && recognizer.confidence.empty())
   {
     throw po::error("--evidence needs a file of weights, --confidence: any will do, they have no part in the evidence");
   }
-  if (options.word_models == "none")
+  if (recognizer.word_models == "none")
   {
-    options.word_models.clear();
+    recognizer.word_models.clear();
   }
   if (sphinx.adaptation == "none")
   {
     sphinx.adaptation.clear();
   }
-  options.mode = parseRecognitionMode(line->mode);
-  options.validate();
+  recognizer.mode = parseRecognitionMode(line->mode);
+  recognizer.validate();
   return true;
 }
 
@@ -558,27 +511,12 @@ bool parse(int argc, char** argv, CommandLine* line)
 
 int main(int argc, char** argv)
 {
-  CommandLine line;
-  try
-  {
-    if (!parse(argc, argv, &line))
-    {
-      return EXIT_SUCCESS;
-    }
-  }
-  catch (const std::exception& error)
-  {
-    std::cerr << "recognize_files: " << error.what() << "; see --help\n";
-    return 2;
-  }
-  try
-  {
-    pi_node::StopSignal::install();
-    return run(line);
-  }
-  catch (const std::exception& error)
-  {
-    std::cerr << "recognize_files: " << error.what() << "\n";
-    return EXIT_FAILURE;
-  }
+  Arguments line;
+  return pi_node::runTool(
+      "recognize_files", [&] { return parse(argc, argv, &line); },
+      [&]
+      {
+        pi_node::StopSignal::install();
+        return run(line);
+      });
 }

@@ -38,9 +38,9 @@ Eigen::Isometry3d fromMsg(const geometry_msgs::Transform& transform);
 BoundingBox2D toMsg(const Box& box);
 Box fromMsg(const BoundingBox2D& box);
 
-/// One result per detection. @param header  of the picture.
+/// Each detection gets one result. @param header  of the picture.
 Detection2DArrayPtr toMsg(const Detections& detections, const std_msgs::Header& header);
-/// Of each detection the result with the best score; those without result are left out.
+/// Takes the best result of each detection; detections without result are left out.
 Detections fromMsg(const Detection2DArray& message);
 
 /// @param header  of the picture; ages are counted up to its stamp.
@@ -59,11 +59,11 @@ Labels fromMsg(const LabelArray& message);
 /// Fields x, y, z, float32.
 sensor_msgs::PointCloud2Ptr toPointCloud(const std::vector<Eigen::Vector3f>& points, const std_msgs::Header& header);
 
-/// @param disparity  as StereoObstacles::disparity() gives it. The message's unknown pixels are -1, and a difference of
-///        the principal points is taken out, so that depth = f * T / disparity.
+/// @param disparity  as StereoObstacles::disparity() returns it. In the message unknown pixels are -1, and depth is
+///        f * T / disparity even if the principal points differ.
 stereo_msgs::DisparityImagePtr toDisparityImage(const cv::Mat& disparity, const StereoGeometry& geometry,
                                                 int max_disparity_px, const std_msgs::Header& header);
-/// CV_32FC1 [px], unknown pixels -1. @throws std::invalid_argument for a message that cannot be.
+/// CV_32FC1 [px], unknown pixels -1. @throws std::invalid_argument for an inconsistent message.
 cv::Mat fromMsg(const stereo_msgs::DisparityImage& message);
 
 /// @param picture  CV_8UC1 or CV_8UC3 (BGR).

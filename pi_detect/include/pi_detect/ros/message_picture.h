@@ -9,8 +9,8 @@
 namespace pi_detect
 {
 
-/// A picture that came as a message, for the detector. mono8, 8UC1, bgr8, 8UC3 (taken as BGR) and rgb8 stay where they
-/// are; bgra8, rgba8, mono16, bayer_* and yuv422 are converted. Keeps the message, or what it became, alive.
+/// The picture of a message, for the detector. mono8, 8UC1, bgr8, 8UC3 (taken as BGR) and rgb8 are used without a copy;
+/// bgra8, rgba8, mono16, bayer_* and yuv422 are converted. Keeps the message or the converted picture alive.
 class MessagePicture
 {
 public:

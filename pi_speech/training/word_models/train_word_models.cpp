@@ -1,5 +1,6 @@
 // train_word_models: models of whole words from clips with one word each. See training/README.md.
 
+#include <pi_node/command_line.h>
 #include <pi_node/stop_signal.h>
 #include <pi_speech/audio.h>
 #include <pi_speech/end_pointer.h>
@@ -8,7 +9,7 @@
 #include "hmm/word_models.h"
 
 #include <algorithm>
-#include <boost/program_options.hpp>
+#include <boost/crc.hpp>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -21,7 +22,7 @@
 #include <string>
 #include <vector>
 
-#include "training/word_model_trainer.h"
+#include "word_models/word_model_trainer.h"
 
 namespace
 {
@@ -37,6 +38,18 @@ constexpr double COPY_NOISE_SHARE = 0.7;  ///< of the copies with noise
 constexpr double LEAST_SNR_DB = 5.0;
 constexpr double MOST_SNR_DB = 25.0;
 constexpr size_t MOST_FRAMES = 220;
+
+struct Arguments
+{
+  std::string clips;
+  std::vector<std::string> words;
+  std::string output;
+  std::vector<std::string> noises;
+  int copies = 4;
+  int folds = 5;
+  int left_out = -1;
+  pi_speech::TrainerOptions trainer;
+};
 
 struct Clip
 {
@@ -74,19 +87,12 @@ std::vector<Clip> readList(const std::string& path)
   return clips;
 }
 
-/// CRC-32 of IEEE 802.3, which Python's zlib has too: folds are the same everywhere.
+/// Python's zlib.crc32() is the same: folds are equal everywhere.
 uint32_t crc32(const std::string& text)
 {
-  uint32_t crc = 0xFFFFFFFFU;
-  for (const char c : text)
-  {
-    crc ^= static_cast<unsigned char>(c);
-    for (int bit = 0; bit < 8; ++bit)
-    {
-      crc = (crc >> 1) ^ ((crc & 1U) != 0U ? 0xEDB88320U : 0U);
-    }
-  }
-  return ~crc;
+  boost::crc_32_type sum;
+  sum.process_bytes(text.data(), text.size());
+  return sum.checksum();
 }
 
 /// The longest utterance of a clip, as the recogniser cuts it.
@@ -188,28 +194,54 @@ private:
   std::vector<pi_speech::TrainingExample> examples_;
 };
 
-int run(const po::variables_map& values, const pi_speech::TrainerOptions& options)
+bool parse(int argc, char** argv, Arguments* line)
 {
-  const auto words = values["words"].as<std::vector<std::string>>();
-  const int folds = values["folds"].as<int>();
-  const int left_out = values["leave-out"].as<int>();
-  if (folds < 2 || left_out >= folds)
+  pi_speech::TrainerOptions& trainer = line->trainer;
+  trainer.components = 8;
+  trainer.filler_components = 8;
+  trainer.background_components = 16;
+  trainer.epochs = 0;
+  pi_node::CommandLine options(
+      "train_word_models --clips LIST.tsv --words WORD... --output FILE\n"
+      "Trains hidden Markov models of whole words. The list has the columns file, word and speaker; other words stand\n"
+      "for other speech, _silence_ for background");
+  options.add("clips", po::value(&line->clips)->required(), "list of clips");
+  options.add("words", po::value(&line->words)->multitoken()->required(), "words that get a model");
+  options.add("output", po::value(&line->output)->required(), "file of the models");
+  options.addValue("copies", &line->copies, "of each clip, at other speeds and in noise");
+  options.add("noise", po::value(&line->noises)->multitoken(), "sound files of noise, besides white and pink");
+  options.addValue("folds", &line->folds, "parts of the speakers, by the CRC-32 of their names");
+  options.addValue("leave-out", &line->left_out, "part whose speakers are left out, for cross-validation");
+  options.addValue("states", &trainer.states_per_word, "of a word");
+  options.addValue("components", &trainer.components, "Gaussians of a state");
+  options.addValue("posterior-epochs", &trainer.epochs, "of training for the posterior after that for the likelihood");
+  options.addValue("rate", &trainer.rate, "of that training");
+  options.addValue("threads", &trainer.threads, "that work");
+  options.addValue("seed", &trainer.seed, "of copies and clusters");
+  if (!options.parse(argc, argv))
   {
-    throw std::invalid_argument("leave-out = " + std::to_string(left_out) +
-                                ", must be below folds = " + std::to_string(folds) + ", which must be at least 2");
+    return false;
   }
-  const auto noises =
-      values.count("noise") != 0 ? values["noise"].as<std::vector<std::string>>() : std::vector<std::string>();
-  Examples examples(words, noises, options.seed);
-  for (const Clip& clip : readList(values["clips"].as<std::string>()))
+  if (line->folds < 2 || line->left_out >= line->folds)
+  {
+    throw std::invalid_argument("leave-out = " + std::to_string(line->left_out) + ", must be below folds = " +
+                                std::to_string(line->folds) + ", which must be at least 2");
+  }
+  return true;
+}
+
+int run(const Arguments& line)
+{
+  Examples examples(line.words, line.noises, line.trainer.seed);
+  for (const Clip& clip : readList(line.clips))
   {
     if (pi_node::StopSignal::came())
     {
       return pi_node::StopSignal::exitStatus();
     }
-    if (left_out < 0 || static_cast<int>(crc32(clip.speaker) % static_cast<uint32_t>(folds)) != left_out)
+    if (line.left_out < 0 || static_cast<int>(crc32(clip.speaker) % static_cast<uint32_t>(line.folds)) != line.left_out)
     {
-      examples.add(clip, values["copies"].as<int>());
+      examples.add(clip, line.copies);
     }
   }
   std::cerr << examples.all().size() << " examples\n";
@@ -221,12 +253,12 @@ int run(const po::variables_map& values, const pi_speech::TrainerOptions& option
       throw std::runtime_error("stopped");
     }
   };
-  pi_speech::WordModels models = pi_speech::trainLikelihood(words, examples.all(), options, progress);
-  if (options.epochs > 0)
+  pi_speech::WordModels models = pi_speech::trainLikelihood(line.words, examples.all(), line.trainer, progress);
+  if (line.trainer.epochs > 0)
   {
-    pi_speech::trainPosterior(&models, examples.all(), options, progress);
+    pi_speech::trainPosterior(&models, examples.all(), line.trainer, progress);
   }
-  models.save(values["output"].as<std::string>());
+  models.save(line.output);
   return EXIT_SUCCESS;
 }
 
@@ -234,45 +266,12 @@ int run(const po::variables_map& values, const pi_speech::TrainerOptions& option
 
 int main(int argc, char** argv)
 {
-  pi_speech::TrainerOptions trainer;
-  trainer.components = 8;
-  trainer.filler_components = 8;
-  trainer.background_components = 16;
-  trainer.epochs = 0;
-  po::options_description options(
-      "train_word_models --clips LIST.tsv --words WORD... --output FILE\n"
-      "Trains hidden Markov models of whole words. The list has the columns file, word and speaker; other words stand\n"
-      "for other speech, _silence_ for background");
-  options.add_options()("help", "prints this")("clips", po::value<std::string>()->required(), "list of clips")(
-      "words", po::value<std::vector<std::string>>()->multitoken()->required(), "words that get a model")(
-      "output", po::value<std::string>()->required(), "file of the models")(
-      "copies", po::value<int>()->default_value(4), "of each clip, at other speeds and in noise")(
-      "noise", po::value<std::vector<std::string>>()->multitoken(), "sound files of noise, besides white and pink")(
-      "folds", po::value<int>()->default_value(5), "parts of the speakers, by the CRC-32 of their names")(
-      "leave-out", po::value<int>()->default_value(-1), "part whose speakers are left out, for cross-validation")(
-      "states", po::value(&trainer.states_per_word)->default_value(trainer.states_per_word), "of a word")(
-      "components", po::value(&trainer.components)->default_value(trainer.components), "Gaussians of a state")(
-      "posterior-epochs", po::value(&trainer.epochs)->default_value(trainer.epochs),
-      "of training for the posterior after that for the likelihood")(
-      "rate", po::value(&trainer.rate)->default_value(trainer.rate), "of that training")(
-      "threads", po::value(&trainer.threads)->default_value(trainer.threads), "that work")(
-      "seed", po::value(&trainer.seed)->default_value(trainer.seed), "of copies and clusters");
-  try
-  {
-    po::variables_map values;
-    po::store(po::parse_command_line(argc, argv, options), values);
-    if (values.count("help") != 0)
-    {
-      std::cout << options;
-      return EXIT_SUCCESS;
-    }
-    po::notify(values);
-    pi_node::StopSignal::install();
-    return run(values, trainer);
-  }
-  catch (const std::exception& error)
-  {
-    std::cerr << "train_word_models: " << error.what() << "\n";
-    return pi_node::StopSignal::came() ? pi_node::StopSignal::exitStatus() : EXIT_FAILURE;
-  }
+  Arguments line;
+  return pi_node::runTool(
+      "train_word_models", [&] { return parse(argc, argv, &line); },
+      [&]
+      {
+        pi_node::StopSignal::install();
+        return run(line);
+      });
 }

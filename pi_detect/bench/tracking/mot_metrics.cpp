@@ -1,5 +1,5 @@
-#include "tracking/assignment.h"
 #include "tracking/mot_metrics.h"
+#include "tracking/assignment.h"
 
 #include <map>
 #include <set>

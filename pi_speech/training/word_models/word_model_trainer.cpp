@@ -1,4 +1,4 @@
-#include "training/word_model_trainer.h"
+#include "word_models/word_model_trainer.h"
 
 #include "hmm/forward_backward.h"
 

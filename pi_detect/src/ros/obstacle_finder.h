@@ -1,0 +1,91 @@
+#pragma once
+
+#include <pi_detect/object_tracker.h>
+#include <pi_detect/stereo_obstacles.h>
+#include <sensor_msgs/CameraInfo.h>
+#include <stereo_msgs/DisparityImage.h>
+
+#include <Eigen/Geometry>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "ros/obstacles_diagnostics.h"
+#include "ros/obstacles_ros_options.h"
+#include "ros/stereo_camera.h"
+#include "ros/vehicle_motion.h"
+
+namespace pi_detect
+{
+
+enum Side
+{
+  LEFT,
+  RIGHT,
+};
+
+/// Resolved names of the inputs, for messages.
+struct StereoTopics
+{
+  std::string pictures[2];
+  std::string infos[2];
+  std::string disparity;
+};
+
+/// A stereo pair or a disparity image, with the calibration that is known.
+struct StereoJob
+{
+  StereoPair pair;
+  stereo_msgs::DisparityImageConstPtr disparity;
+  sensor_msgs::CameraInfoConstPtr infos[2];
+
+  std_msgs::Header header() const
+  {
+    return disparity ? disparity->header : pi_os_transport::zero_copy::standardHeader(pair.left->header);
+  }
+};
+
+/// Why there can be no obstacles.
+struct ObstacleProblem
+{
+  std::string text;     ///< empty: there can
+  bool failed = false;  ///< an error, not something to wait for
+};
+
+/// Finds obstacles in single stereo pairs. Keeps what is built on calibration and mounting as long as they stay.
+/// Not thread safe.
+class ObstacleFinder
+{
+public:
+  /// @param options, motion  outlive it.
+  ObstacleFinder(const ObstaclesRosOptions& options, StereoTopics topics, const VehicleMotion* motion);
+
+  /// Takes calibration and mounting of the cameras over. @return the problem if they are not known or not usable.
+  ObstacleProblem prepare(const StereoJob& job);
+  /// After prepare() without problem. @throws std::invalid_argument naming the topic whose picture cannot be used.
+  StereoObstacles::Result find(const StereoJob& job, PairFigures* figures);
+
+  // After prepare() without problem:
+  const StereoGeometry& geometry() const { return camera_->geometry; }
+  const Eigen::Isometry3d& T_base_left() const { return T_base_left_; }  ///< left rectified optical frame
+  const cv::Mat& disparity() const { return stereo_->disparity(); }      ///< of the last pair
+  /// A box of the left raw picture in the rectified one. Only without tracks_rectified.
+  Box rectify(const Box& raw) const { return rectifiers_[LEFT]->rectify(raw); }
+
+private:
+  bool usesInfo(Side side) const { return side == LEFT || options_.source != StereoSource::DISPARITY; }
+  bool hasChanged(Side side, const StereoJob& job) const;
+  /// @throws std::invalid_argument for a wrong calibration.
+  StereoCamera cameraOf(const StereoJob& job);
+
+  const ObstaclesRosOptions& options_;
+  const StereoTopics topics_;
+  const VehicleMotion* const motion_;
+  sensor_msgs::CameraInfoConstPtr infos_[2];
+  std::optional<StereoCamera> camera_;
+  std::unique_ptr<Rectifier> rectifiers_[2];
+  Eigen::Isometry3d T_base_left_ = Eigen::Isometry3d::Identity();
+  std::unique_ptr<StereoObstacles> stereo_;
+};
+
+}  // namespace pi_detect

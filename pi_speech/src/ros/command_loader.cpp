@@ -1,0 +1,115 @@
+#include "ros/command_loader.h"
+
+#include <ros/console.h>
+
+#include <exception>
+#include <memory>
+#include <utility>
+
+#include "recognizer/words.h"
+
+namespace pi_speech
+{
+namespace
+{
+
+std::string textsOf(const CommandTable& table)
+{
+  std::string texts;
+  for (const Command& command : table.commands)
+  {
+    texts += (texts.empty() ? "" : ", ") + command.text;
+  }
+  return texts;
+}
+
+CommandTable tableOf(const std::vector<std::string>& texts)
+{
+  CommandTable table;
+  for (const std::string& text : texts)
+  {
+    table.commands.emplace_back().text = normalised(text);
+  }
+  table.validate();
+  return table;
+}
+
+}  // namespace
+
+CommandLoader::CommandLoader(ros::NodeHandle private_node, const RecognizerRosOptions& options,
+                             const std::string& package, RecognizerWorker* worker)
+  : thread_("speech_loader")
+  , private_node_(thread_.handle(std::move(private_node)))
+  , options_(options)
+  , package_(package)
+  , worker_(worker)
+{
+  asked_for_.file = options_.commandsFile(package_);
+  worker_->beginLoading(asked_for_.name());
+  service_ = private_node_.advertiseService("set_commands", &CommandLoader::setCommands, this);
+  thread_.post(
+      [this]
+      {
+        std::string message;
+        load(asked_for_, &message);
+      });
+}
+
+void CommandLoader::stop()
+{
+  thread_.stop();
+  service_.shutdown();
+}
+
+std::string CommandLoader::Source::name() const
+{
+  return file.empty() ? "a list of " + std::to_string(texts.size()) + " commands" : file;
+}
+
+bool CommandLoader::load(const Source& source, std::string* message)
+{
+  worker_->beginLoading(source.name());
+  try
+  {
+    const CommandTable table = source.file.empty() ? tableOf(source.texts) : CommandTable::load(source.file);
+    auto recognizer = std::make_unique<CommandRecognizer>(options_.recognizerOptions(package_), table);
+    const std::string understood = textsOf(recognizer->table());
+    *message = "understands " + understood + " (" + (recognizer->usesWordModels() ? "with" : "without") +
+               " models of whole words)";
+    ROS_INFO_STREAM_NAMED("recognizer", *message);
+    worker_->use(std::move(recognizer), understood);
+    return true;
+  }
+  catch (const std::exception& error)
+  {
+    const std::string problem = error.what();
+    const std::string understood = worker_->failLoading(problem);
+    *message = problem + (understood.empty() ? "; nothing is understood until set_commands is called and all is right"
+                                             : "; these stay in use: " + understood);
+    ROS_ERROR_STREAM_NAMED("recognizer", *message);
+    return false;
+  }
+}
+
+bool CommandLoader::setCommands(SetCommands::Request& request, SetCommands::Response& response)
+{
+  if (!request.file.empty() && !request.commands.empty())
+  {
+    response.message = "file and commands are both given, must be one of them";
+    return true;
+  }
+  if (!request.file.empty() && request.file.front() != '/')
+  {
+    response.message =
+        "file = \"" + request.file + "\", must be an absolute path: the node's working folder is not the caller's";
+    return true;
+  }
+  if (!request.file.empty() || !request.commands.empty())
+  {
+    asked_for_ = Source{request.file, request.commands};
+  }
+  response.success = load(asked_for_, &response.message);
+  return true;
+}
+
+}  // namespace pi_speech
