@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
-#include "ros/conversions.h"
 #include <pi_slam/so3.h>
 #include <sensor_msgs/point_cloud2_iterator.h>
+#include "ros/conversions.h"
 
 #include <Eigen/Eigenvalues>
 #include <boost/make_shared.hpp>

@@ -1,6 +1,5 @@
-#include "temporary_folder.h"
-
 #include <gtest/gtest.h>
+#include <pi_node/test_support/temporary_folder.h>
 #include "ros/calibration_loader.h"
 
 #include <stdexcept>
@@ -152,7 +151,7 @@ TEST(CalibrationLoader, RefusesOptionsThatContradict)
 
 TEST(CalibrationLoader, ReadsKalibrsFilesAsTheyAre)
 {
-  const TemporaryFolder folder;
+  const pi_node::test_support::TemporaryFolder folder;
   CalibrationOptions options;
   options.source = CalibrationSource::KALIBR;
   options.camchain = folder.file("camchain.yaml", R"(cam0:
@@ -196,16 +195,16 @@ cam1:
 
   options.imu_yaml.clear();
   EXPECT_EQ(imu.rate_hz, loadCalibrationFiles(options, imu).imu.rate_hz);
-  options.camchain = (folder.path() / "missing.yaml").string();
+  options.camchain = folder.path() + "/missing.yaml";
   EXPECT_THROW(loadCalibrationFiles(options, imu), CalibrationError);
 }
 
 TEST(CalibrationLoader, NamesAFolderWithoutCalibration)
 {
-  const TemporaryFolder folder;
+  const pi_node::test_support::TemporaryFolder folder;
   CalibrationOptions options;
   options.source = CalibrationSource::EUROC;
-  options.euroc_folder = (folder.path() / "recording").string();
+  options.euroc_folder = folder.path() + "/recording";
   try
   {
     loadCalibrationFiles(options, ImuModel());

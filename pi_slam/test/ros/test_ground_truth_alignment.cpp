@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
-#include "ros/ground_truth_alignment.h"
 #include <pi_slam/so3.h>
+#include "ros/ground_truth_alignment.h"
 
 #include <cmath>
 

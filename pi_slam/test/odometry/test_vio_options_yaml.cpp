@@ -1,14 +1,16 @@
 #include <gtest/gtest.h>
+#include <pi_node/test_support/temporary_folder.h>
 #include "odometry/vio_options_yaml.h"
 
 #include <set>
 
-#include "temporary_folder.h"
+#include "message_of.h"
 
 namespace
 {
 
 using namespace pi_slam;
+using pi_node::test_support::TemporaryFolder;
 
 class VioOptionsYaml : public testing::Test
 {

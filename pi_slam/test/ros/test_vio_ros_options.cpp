@@ -2,8 +2,8 @@
 
 #include <gtest/gtest.h>
 #include <pi_node/test_support/options_reader.h>
-#include "ros/vio_ros_options.h"
 #include "odometry/vio_options_yaml.h"
+#include "ros/vio_ros_options.h"
 
 #include <string>
 

@@ -1,0 +1,18 @@
+#pragma once
+
+#include <string>
+
+/// what() of the exception that `action` throws, or "" if it throws none of this kind.
+template <typename Exception, typename Action>
+std::string messageOf(const Action& action)
+{
+  try
+  {
+    action();
+  }
+  catch (const Exception& exception)
+  {
+    return exception.what();
+  }
+  return "";
+}
