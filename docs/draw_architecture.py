@@ -5,7 +5,7 @@ from pathlib import Path
 
 WIDTH, HEIGHT = 1240, 810
 COLOURS = {"pi_slam": "#cfe8dc", "pi_detect": "#fbe3c8", "pi_speech": "#e4dbf2", "pi_offload": "#f6d5d5",
-           "pi_bringup": "#d6e6f5", "pi_runtime": "#eeeeee", "outside": "#ffffff"}
+           "pi_vehicle": "#d6e6f5", "pi_runtime": "#eeeeee", "outside": "#ffffff"}
 BOX = (150, 50)  # px
 BOXES = {  # name: (left, top, what it does, package)
     "cameras": (20, 100, "left, right, 20 Hz", "outside"),
@@ -15,17 +15,17 @@ BOXES = {  # name: (left, top, what it does, package)
     "obstacles": (300, 220, "stereo, in space", "pi_detect"),
     "coordinator": (300, 330, "here or at a node", "pi_offload"),
     "recognizer": (300, 440, "spoken commands", "pi_speech"),
-    "pose_keeper": (560, 100, "pose over crashes", "pi_bringup"),
+    "pose_keeper": (560, 100, "pose over crashes", "pi_vehicle"),
     "tracker": (560, 220, "follows objects", "pi_detect"),
     "ssd": (560, 330, "detector on board", "pi_detect"),
-    "command": (560, 440, "words to actions", "pi_bringup"),
+    "command": (560, 440, "words to actions", "pi_vehicle"),
     "edge servers": (300, 570, "along the road", "pi_offload"),
-    "navigation": (790, 100, "path, speed, stops", "pi_bringup"),
-    "reaction": (790, 270, "rules", "pi_bringup"),
-    "arbiter": (1060, 270, "who may move it", "pi_bringup"),
-    "chassis": (1060, 440, "serial line, watchdog", "pi_bringup"),
+    "navigation": (790, 100, "path, speed, stops", "pi_vehicle"),
+    "reaction": (790, 270, "rules", "pi_vehicle"),
+    "arbiter": (1060, 270, "who may move it", "pi_vehicle"),
+    "chassis": (1060, 440, "serial line, watchdog", "pi_vehicle"),
     "motors": (1060, 570, "and wheel encoders", "outside"),
-    "power": (560, 570, "watts, battery", "pi_bringup"),
+    "power": (560, 570, "watts, battery", "pi_vehicle"),
     "runtime": (790, 570, "cores, GPUs, deadlines", "pi_runtime"),
 }
 # name -> name: corners on the way, label and where it stands. Sides: l, r, t, b with an offset from their middle.
@@ -99,9 +99,9 @@ def draw(path):
             "through shared memory on one device,",
             "and once per device over the network with pi_os_bridge. Each service is a process of its own, or all are "
             "nodelets of one (together:=true).",
-            "chassis also says vehicle_state, wheel_odometry and battery: to arbiter, navigation, power, pose_keeper "
-            "and coordinator. Detection and speech",
-            "are tasks of pi_runtime. power and runtime report; diagnostics of all go to diagnostic_aggregator.")):
+            "chassis also publishes vehicle_state, wheel_odometry and battery for arbiter, navigation, power, "
+            "pose_keeper and coordinator. Detection and",
+            "speech run as tasks of pi_runtime. All nodes publish diagnostics for diagnostic_aggregator.")):
         text(20, 724 + 22 * row, words, 13, color="#444444")
     figure.savefig(path, dpi=130)
 

@@ -4,7 +4,7 @@
 // The three take turns picture by picture, in an order that rotates; a second network (--other) takes part likewise.
 // Wall time is what the user waits; processor time counts all threads and is disturbed less by other programs.
 
-#include <pi_detect/ros/default_model.h>
+#include "ros/default_model.h"
 #include <pi_detect/ssd_detector.h>
 
 #include <algorithm>

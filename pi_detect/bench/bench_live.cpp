@@ -5,7 +5,7 @@
 // of dnn_detect_recipe, the usual way to write such a node. Starts a master of its own.
 
 #include <pi_detect/Detection2DArray.h>
-#include <pi_detect/ros/default_model.h>
+#include "ros/default_model.h"
 #include <ros/ros.h>
 #include <sensor_msgs/Image.h>
 #include <spawn.h>

@@ -9,8 +9,8 @@
 /// --overlay     pictures with true boxes (white) and tracks are written there.
 /// --every       uses each N-th picture only, as a slower camera would give them.
 /// --predicted   counts tracks also where they are not seen but predicted.
-#include <pi_detect/assignment.h>
-#include <pi_detect/mot_metrics.h>
+#include "tracking/assignment.h"
+#include "tracking/mot_metrics.h"
 #include <pi_detect/object_tracker.h>
 #include <pi_detect/ssd_detector.h>
 

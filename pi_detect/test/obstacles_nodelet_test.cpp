@@ -6,7 +6,7 @@
 #include <pi_detect/ObstacleArray.h>
 #include <pi_detect/Track2DArray.h>
 #include <pi_detect/ros/conversions.h>
-#include <pi_runtime/test_support/on_graph.h>
+#include <pi_node/test_support/on_graph.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <visualization_msgs/MarkerArray.h>
 
@@ -17,7 +17,7 @@
 namespace pi_detect
 {
 
-using namespace pi_runtime::test_support;
+using namespace pi_node::test_support;
 namespace
 {
 

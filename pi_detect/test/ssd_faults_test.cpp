@@ -7,8 +7,8 @@
 #include <pi_detect/DetectObjects.h>
 #include <pi_detect/Detection2DArray.h>
 #include <pi_detect/SetModel.h>
-#include <pi_runtime/test_support/on_graph.h>
-#include <pi_runtime/test_support/temporary_folder.h>
+#include <pi_node/test_support/on_graph.h>
+#include <pi_node/test_support/temporary_folder.h>
 
 #include <filesystem>
 #include <memory>
@@ -17,7 +17,7 @@
 namespace pi_detect
 {
 
-using namespace pi_runtime::test_support;
+using namespace pi_node::test_support;
 namespace
 {
 

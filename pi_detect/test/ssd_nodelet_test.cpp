@@ -9,8 +9,8 @@
 #include <pi_detect/LabelArray.h>
 #include <pi_detect/SetModel.h>
 #include <pi_detect/Track2DArray.h>
-#include <pi_runtime/test_support/on_graph.h>
-#include <pi_runtime/test_support/temporary_folder.h>
+#include <pi_node/test_support/on_graph.h>
+#include <pi_node/test_support/temporary_folder.h>
 
 #include <algorithm>
 #include <string>
@@ -18,7 +18,7 @@
 namespace pi_detect
 {
 
-using namespace pi_runtime::test_support;
+using namespace pi_node::test_support;
 namespace
 {
 

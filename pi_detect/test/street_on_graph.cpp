@@ -1,7 +1,7 @@
 #include "street_on_graph.h"
 
 #include <pi_detect/ros/conversions.h>
-#include <pi_runtime/test_support/on_graph.h>
+#include <pi_node/test_support/on_graph.h>
 #include <tf2_ros/static_transform_broadcaster.h>
 #include <tf2_ros/transform_broadcaster.h>
 
@@ -12,7 +12,7 @@
 namespace pi_detect
 {
 
-using namespace pi_runtime::test_support;
+using namespace pi_node::test_support;
 namespace
 {
 

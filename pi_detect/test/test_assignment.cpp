@@ -1,5 +1,5 @@
 #include <gtest/gtest.h>
-#include <pi_detect/assignment.h>
+#include "tracking/assignment.h"
 
 #include <algorithm>
 #include <limits>

@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
 #include <pi_detect/model_check.h>
-#include <pi_runtime/test_support/temporary_folder.h>
+#include <pi_node/test_support/temporary_folder.h>
 
 #include <cstdlib>
 #include <filesystem>
@@ -14,7 +14,7 @@
 namespace pi_detect
 {
 
-using namespace pi_runtime::test_support;
+using namespace pi_node::test_support;
 namespace
 {
 

@@ -1,5 +1,5 @@
 #include <gtest/gtest.h>
-#include <pi_detect/mot_metrics.h>
+#include "tracking/mot_metrics.h"
 
 #include <filesystem>
 #include <fstream>

@@ -1,15 +1,15 @@
 // config/obstacles.yaml and the defaults in the code must be the same, and impossible values must be named.
 
 #include <gtest/gtest.h>
-#include <pi_detect/ros/obstacles_ros_options.h>
-#include <pi_runtime/test_support/options_reader.h>
+#include "ros/obstacles_ros_options.h"
+#include <pi_node/test_support/options_reader.h>
 
 #include <string>
 
 namespace pi_detect
 {
 
-using namespace pi_runtime::test_support;
+using namespace pi_node::test_support;
 namespace
 {
 

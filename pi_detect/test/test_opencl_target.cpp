@@ -4,7 +4,7 @@
 #include <gtest/gtest.h>
 #include <pi_detect/ssd_detector.h>
 #include <pi_runtime/runtime.h>
-#include <pi_runtime/test_support/temporary_folder.h>
+#include <pi_node/test_support/temporary_folder.h>
 #include <unistd.h>
 
 #include <cmath>
@@ -19,7 +19,7 @@
 namespace pi_detect
 {
 
-using namespace pi_runtime::test_support;
+using namespace pi_node::test_support;
 namespace
 {
 

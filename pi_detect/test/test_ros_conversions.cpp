@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
 #include <pi_detect/ros/conversions.h>
 #include <pi_detect/ros/message_picture.h>
-#include <pi_detect/ros/obstacle_markers.h>
+#include "ros/obstacle_markers.h"
 #include <sensor_msgs/point_cloud2_iterator.h>
 
 #include <boost/make_shared.hpp>

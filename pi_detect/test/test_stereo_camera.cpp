@@ -1,5 +1,5 @@
 #include <gtest/gtest.h>
-#include <pi_detect/ros/stereo_camera.h>
+#include "ros/stereo_camera.h"
 
 #include <boost/make_shared.hpp>
 #include <cmath>

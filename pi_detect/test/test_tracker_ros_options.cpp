@@ -1,13 +1,13 @@
 // config/tracker.yaml and the defaults in the code must be the same, and impossible values must be named.
 
 #include <gtest/gtest.h>
-#include <pi_detect/ros/tracker_ros_options.h>
-#include <pi_runtime/test_support/options_reader.h>
+#include "ros/tracker_ros_options.h"
+#include <pi_node/test_support/options_reader.h>
 
 namespace pi_detect
 {
 
-using namespace pi_runtime::test_support;
+using namespace pi_node::test_support;
 namespace
 {
 

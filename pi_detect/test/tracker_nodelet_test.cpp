@@ -5,14 +5,14 @@
 #include <pi_detect/LabelArray.h>
 #include <pi_detect/Track2DArray.h>
 #include <pi_detect/ros/conversions.h>
-#include <pi_runtime/test_support/on_graph.h>
+#include <pi_node/test_support/on_graph.h>
 
 #include <memory>
 
 namespace pi_detect
 {
 
-using namespace pi_runtime::test_support;
+using namespace pi_node::test_support;
 namespace
 {
 

@@ -3,7 +3,7 @@
 // Nodes are random: half of them in range, a tenth not connected. In the worst case figure 12 as printed goes through
 // all its loops (no node has the capacity), and all nodes are connected and in range. The bar is 20 us for 100 nodes.
 
-#include <pi_offload/policy.h>
+#include "policies/policy.h"
 
 #include <algorithm>
 #include <chrono>

@@ -3,7 +3,7 @@
 #include "coordinator_on_graph.h"
 
 #include <gtest/gtest.h>
-#include <pi_runtime/test_support/temporary_folder.h>
+#include <pi_node/test_support/temporary_folder.h>
 
 #include <string>
 

@@ -9,8 +9,8 @@
 #include <pi_offload/OffloadDecision.h>
 #include <pi_offload/RegisterNode.h>
 #include <pi_offload/Statistics.h>
-#include <pi_offload/ros/coordinator_ros.h>
-#include <pi_runtime/test_support/on_graph.h>
+#include "ros/coordinator_ros.h"
+#include <pi_node/test_support/on_graph.h>
 #include <sensor_msgs/Image.h>
 #include <std_srvs/SetBool.h>
 
@@ -25,7 +25,7 @@
 namespace pi_offload
 {
 
-using namespace pi_runtime::test_support;
+using namespace pi_node::test_support;
 
 constexpr int LOCAL_CLASS = 7;   ///< what the vehicle's detector finds
 constexpr int REMOTE_CLASS = 3;  ///< what the fake nodes find

@@ -4,7 +4,7 @@
 
 #include <fcntl.h>
 #include <gtest/gtest.h>
-#include <pi_runtime/test_support/temporary_folder.h>
+#include <pi_node/test_support/temporary_folder.h>
 #include <pi_speech/RecognizeUtterance.h>
 #include <sys/wait.h>
 #include <unistd.h>

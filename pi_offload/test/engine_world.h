@@ -1,6 +1,6 @@
 #pragma once
 
-#include <pi_offload/offload_engine.h>
+#include "engine/offload_engine.h"
 
 #include <functional>
 #include <limits>

@@ -1,7 +1,7 @@
 #pragma once
 
-#include <pi_offload/sp_socket.h>
-#include <pi_offload/wire_message.h>
+#include "wire/sp_socket.h"
+#include "wire/wire_message.h"
 
 #include <chrono>
 #include <condition_variable>

@@ -1,4 +1,4 @@
-#include <pi_offload/admission.h>
+#include "policies/admission.h"
 
 #include <gtest/gtest.h>
 

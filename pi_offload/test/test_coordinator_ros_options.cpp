@@ -1,8 +1,8 @@
 // config/coordinator.yaml and the defaults in the code must be the same, and impossible values must be named.
 
 #include <gtest/gtest.h>
-#include <pi_offload/ros/coordinator_ros_options.h>
-#include <pi_runtime/test_support/options_reader.h>
+#include "ros/coordinator_ros_options.h"
+#include <pi_node/test_support/options_reader.h>
 
 #include <cmath>
 #include <string>
@@ -10,7 +10,7 @@
 namespace pi_offload
 {
 
-using namespace pi_runtime::test_support;
+using namespace pi_node::test_support;
 namespace
 {
 

@@ -1,5 +1,5 @@
 #include <gtest/gtest.h>
-#include <pi_offload/cost_model.h>
+#include "policies/cost_model.h"
 
 #include <cmath>
 #include <functional>

@@ -1,4 +1,4 @@
-#include <pi_offload/edge_server.h>
+#include "server/edge_server.h"
 
 #include <gtest/gtest.h>
 
@@ -11,7 +11,7 @@
 #include <random>
 #include <thread>
 
-#include "one_way_delay.h"
+#include "wire/one_way_delay.h"
 #include "raw_socket.h"
 
 using namespace pi_offload;

@@ -1,9 +1,9 @@
 // config/edge_server.yaml and the defaults in the code must be the same, and impossible values must be named.
 
 #include <gtest/gtest.h>
-#include <pi_offload/ros/edge_server_ros_options.h>
-#include <pi_runtime/test_support/options_reader.h>
-#include <pi_runtime/test_support/temporary_folder.h>
+#include "ros/edge_server_ros_options.h"
+#include <pi_node/test_support/options_reader.h>
+#include <pi_node/test_support/temporary_folder.h>
 
 #include <cmath>
 #include <stdexcept>
@@ -12,7 +12,7 @@
 namespace pi_offload
 {
 
-using namespace pi_runtime::test_support;
+using namespace pi_node::test_support;
 namespace
 {
 

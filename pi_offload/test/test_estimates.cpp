@@ -1,4 +1,4 @@
-#include <pi_offload/estimates.h>
+#include "policies/estimates.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 #include <gtest/gtest.h>
-#include <pi_offload/event_thread.h>
+#include "wire/event_thread.h"
 
 #include <atomic>
 #include <chrono>

@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
-#include <pi_offload/executors.h>
-#include <pi_runtime/test_support/temporary_folder.h>
+#include "server/executors.h"
+#include <pi_node/test_support/temporary_folder.h>
 #include <pi_speech/audio.h>
 
 #include <cstdlib>
@@ -78,7 +78,7 @@ protected:
     options_.detector.check_model = false;
     options_.detector.threads = 1;
   }
-  pi_runtime::test_support::TemporaryFolder folder_;
+  pi_node::test_support::TemporaryFolder folder_;
   DetectionExecutorOptions options_;
 };
 

@@ -1,4 +1,4 @@
-#include <pi_offload/policy.h>
+#include "policies/policy.h"
 
 #include <gtest/gtest.h>
 

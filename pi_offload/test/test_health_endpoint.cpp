@@ -1,4 +1,4 @@
-#include <pi_offload/health_endpoint.h>
+#include "server/health_endpoint.h"
 
 #include <gtest/gtest.h>
 

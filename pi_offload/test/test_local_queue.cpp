@@ -1,5 +1,5 @@
 #include <gtest/gtest.h>
-#include <pi_offload/local_queue.h>
+#include "engine/local_queue.h"
 
 #include <stdexcept>
 

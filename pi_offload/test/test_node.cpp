@@ -1,5 +1,5 @@
 #include <gtest/gtest.h>
-#include <pi_offload/node.h>
+#include "engine/node.h"
 
 #include <cmath>
 #include <limits>

@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
-#include <pi_offload/node_file.h>
-#include <pi_runtime/test_support/temporary_folder.h>
+#include "engine/node_file.h"
+#include <pi_node/test_support/temporary_folder.h>
 
 #include <cmath>
 #include <stdexcept>
@@ -10,7 +10,7 @@ namespace pi_offload
 namespace
 {
 
-using pi_runtime::test_support::TemporaryFolder;
+using pi_node::test_support::TemporaryFolder;
 
 /// What is said of a file, without its path.
 std::string refusal(const std::string& yaml)

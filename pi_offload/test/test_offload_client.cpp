@@ -3,7 +3,7 @@
 #include "fake_edge_node.h"
 
 #include <gtest/gtest.h>
-#include <pi_offload/offload_client.h>
+#include "client/offload_client.h"
 
 #include <atomic>
 #include <chrono>

@@ -1,4 +1,4 @@
-#include <pi_offload/offload_engine.h>
+#include "engine/offload_engine.h"
 
 #include <gtest/gtest.h>
 

@@ -2,10 +2,10 @@
 // paper_literal failing, and what replaces it right.
 
 #include <gtest/gtest.h>
-#include <pi_offload/admission.h>
-#include <pi_offload/offload_engine.h>
-#include <pi_offload/policy.h>
-#include <pi_offload/residence.h>
+#include "policies/admission.h"
+#include "engine/offload_engine.h"
+#include "policies/policy.h"
+#include "policies/residence.h"
 
 #include <cmath>
 #include <map>

@@ -1,5 +1,5 @@
 #include <gtest/gtest.h>
-#include <pi_offload/picture_encoder.h>
+#include "client/picture_encoder.h"
 
 #include <numeric>
 #include <opencv2/core/mat.hpp>

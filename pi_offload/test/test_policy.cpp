@@ -1,5 +1,5 @@
 #include <gtest/gtest.h>
-#include <pi_offload/policy.h>
+#include "policies/policy.h"
 
 #include <atomic>
 #include <cmath>

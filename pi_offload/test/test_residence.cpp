@@ -1,5 +1,5 @@
 #include <gtest/gtest.h>
-#include <pi_offload/residence.h>
+#include "policies/residence.h"
 
 #include <cmath>
 #include <limits>

@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
-#include <pi_offload/ros/conversions.h>
-#include <pi_offload/ros/node_markers.h>
+#include "ros/conversions.h"
+#include "ros/node_markers.h"
 
 #include <cmath>
 #include <limits>

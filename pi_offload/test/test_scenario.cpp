@@ -1,5 +1,5 @@
-#include <pi_offload/simulation.h>
-#include <pi_runtime/test_support/temporary_folder.h>
+#include "simulation/simulation.h"
+#include <pi_node/test_support/temporary_folder.h>
 
 #include <gtest/gtest.h>
 
@@ -46,7 +46,7 @@ protected:
     return "no error";
   }
 
-  pi_runtime::test_support::TemporaryFolder folder_;
+  pi_node::test_support::TemporaryFolder folder_;
 };
 
 }  // namespace

@@ -1,4 +1,4 @@
-#include <pi_offload/sp_socket.h>
+#include "wire/sp_socket.h"
 
 #include <gtest/gtest.h>
 #include <nanomsg/nn.h>

@@ -1,4 +1,4 @@
-#include <pi_offload/wire_message.h>
+#include "wire/wire_message.h"
 
 #include <gtest/gtest.h>
 

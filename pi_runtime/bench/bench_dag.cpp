@@ -25,7 +25,7 @@
 #include <vector>
 
 #include "dag_families.h"
-#include "pi_runtime/inner_core_scheduler.h"
+#include <pi_runtime/inner_core_scheduler.h>
 #include "textbook_heft.h"
 
 namespace pi_runtime_bench

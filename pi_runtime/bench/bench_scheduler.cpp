@@ -8,7 +8,7 @@
 #include "execution_model.h"
 #include "grid_report.h"
 #include "makespan_oracle.h"
-#include "pi_runtime/inter_core_scheduler.h"
+#include <pi_runtime/inter_core_scheduler.h>
 
 #include <boost/program_options.hpp>
 

@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "pi_runtime/inner_core_scheduler.h"
+#include <pi_runtime/inner_core_scheduler.h>
 
 namespace pi_runtime_bench
 {

@@ -4,9 +4,9 @@
 #include <cstdint>
 #include <random>
 
-#include "pi_runtime/etc_matrix.h"
-#include "pi_runtime/task_graph.h"
-#include "pi_runtime/transfer_model.h"
+#include <pi_runtime/etc_matrix.h>
+#include <pi_runtime/task_graph.h>
+#include <pi_runtime/transfer_model.h>
 
 namespace pi_runtime_bench
 {

@@ -7,7 +7,7 @@
 
 #include "drive_streams.h"
 #include "drive_work.h"
-#include "pi_runtime/runtime.h"
+#include <pi_runtime/runtime.h>
 #include "runtime_bench.h"
 
 namespace pi_runtime_bench

@@ -10,7 +10,7 @@
 #include <string>
 #include <thread>
 
-#include "pi_runtime/opencl_command.h"
+#include <pi_runtime/opencl_command.h>
 #include "runtime_bench.h"
 
 namespace pi_runtime_bench

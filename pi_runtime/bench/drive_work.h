@@ -4,10 +4,10 @@
 #include <cstdint>
 #include <vector>
 
-#include "pi_runtime/buffer.h"
-#include "pi_runtime/codelet.h"
-#include "pi_runtime/kernels/fast_corners.h"
-#include "pi_runtime/kernels/pyramid.h"
+#include <pi_runtime/buffer.h>
+#include <pi_runtime/codelet.h>
+#include <pi_runtime/kernels/fast_corners.h>
+#include <pi_runtime/kernels/pyramid.h>
 
 namespace pi_runtime_bench
 {

@@ -1,7 +1,7 @@
 #pragma once
 
-#include "pi_runtime/etc_matrix.h"
-#include "pi_runtime/inter_core_scheduler.h"
+#include <pi_runtime/etc_matrix.h>
+#include <pi_runtime/inter_core_scheduler.h>
 
 namespace pi_runtime_bench
 {

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "../test/codelet_runner.h"
+#include "codelet_runner.h"
 
 namespace pi_runtime
 {

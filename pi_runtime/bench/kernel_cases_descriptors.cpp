@@ -1,10 +1,10 @@
 #include <opencv2/features2d.hpp>
 
-#include "../test/kernel_pictures.h"
+#include "kernel_pictures.h"
 #include "kernel_cases.h"
-#include "pi_runtime/kernels/gaussian_blur.h"
-#include "pi_runtime/kernels/hamming.h"
-#include "pi_runtime/kernels/orb.h"
+#include <pi_runtime/kernels/gaussian_blur.h>
+#include <pi_runtime/kernels/hamming.h>
+#include <pi_runtime/kernels/orb.h>
 
 namespace pi_runtime
 {

@@ -2,11 +2,11 @@
 #include <opencv2/features2d.hpp>
 #include <opencv2/video/tracking.hpp>
 
-#include "../test/kernel_test_images.h"
+#include "kernel_test_images.h"
 #include "kernel_cases.h"
-#include "pi_runtime/kernels/fast_corners.h"
-#include "pi_runtime/kernels/lucas_kanade.h"
-#include "pi_runtime/kernels/pyramid.h"
+#include <pi_runtime/kernels/fast_corners.h>
+#include <pi_runtime/kernels/lucas_kanade.h>
+#include <pi_runtime/kernels/pyramid.h>
 
 namespace pi_runtime
 {

@@ -2,11 +2,11 @@
 #include <opencv2/dnn.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "../test/kernel_pictures.h"
-#include "../test/ssd_outputs.h"
+#include "kernel_pictures.h"
+#include "ssd_outputs.h"
 #include "kernel_cases.h"
-#include "pi_runtime/kernels/blob.h"
-#include "pi_runtime/kernels/rectify.h"
+#include <pi_runtime/kernels/blob.h>
+#include "kernels/rectify.h"
 
 namespace pi_runtime
 {

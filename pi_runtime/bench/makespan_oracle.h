@@ -1,6 +1,6 @@
 #pragma once
 
-#include "pi_runtime/etc_matrix.h"
+#include <pi_runtime/etc_matrix.h>
 
 #include <cstddef>
 #include <cstdint>

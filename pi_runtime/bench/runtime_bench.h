@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "pi_runtime/runtime_options.h"
+#include <pi_runtime/runtime_options.h>
 
 namespace pi_runtime_bench
 {

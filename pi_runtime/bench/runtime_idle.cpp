@@ -8,9 +8,9 @@
 #include <stdexcept>
 #include <thread>
 
-#include "pi_runtime/native_executor.h"
-#include "pi_runtime/opencl_command.h"
-#include "pi_runtime/runtime.h"
+#include "units/native_executor.h"
+#include <pi_runtime/opencl_command.h>
+#include <pi_runtime/runtime.h>
 #include "runtime_bench.h"
 
 namespace pi_runtime_bench

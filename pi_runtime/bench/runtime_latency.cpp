@@ -5,8 +5,8 @@
 #include <stdexcept>
 #include <thread>
 
-#include "pi_runtime/opencl_command.h"
-#include "pi_runtime/runtime.h"
+#include <pi_runtime/opencl_command.h>
+#include <pi_runtime/runtime.h>
 #include "runtime_bench.h"
 
 namespace pi_runtime_bench

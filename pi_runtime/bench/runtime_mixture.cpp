@@ -10,9 +10,9 @@
 #include <thread>
 
 #include "drive_work.h"
-#include "pi_runtime/inter_core_scheduler.h"
-#include "pi_runtime/native_executor.h"
-#include "pi_runtime/runtime.h"
+#include <pi_runtime/inter_core_scheduler.h>
+#include "units/native_executor.h"
+#include <pi_runtime/runtime.h>
 #include "runtime_bench.h"
 
 namespace pi_runtime_bench

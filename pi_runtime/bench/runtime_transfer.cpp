@@ -5,9 +5,9 @@
 #include <cstdio>
 #include <stdexcept>
 
-#include "pi_runtime/opencl_command.h"
-#include "pi_runtime/opencl_executor.h"
-#include "pi_runtime/runtime.h"
+#include <pi_runtime/opencl_command.h>
+#include "opencl/opencl_executor.h"
+#include <pi_runtime/runtime.h>
 #include "runtime_bench.h"
 
 namespace pi_runtime_bench

@@ -1,8 +1,8 @@
 // y = a x + y on whichever computing unit does it first: the smallest program with pi_runtime.
 #include <cstdio>
 
-#include "pi_runtime/opencl_command.h"
-#include "pi_runtime/runtime.h"
+#include <pi_runtime/opencl_command.h>
+#include <pi_runtime/runtime.h>
 
 using namespace pi_runtime;
 

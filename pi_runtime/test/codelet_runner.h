@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "pi_runtime/native_executor.h"
-#include "pi_runtime/opencl_executor.h"
+#include "units/native_executor.h"
+#include "opencl/opencl_executor.h"
 
 namespace pi_runtime
 {

@@ -15,7 +15,7 @@
 #include <utility>
 #include <vector>
 
-#include "pi_runtime/runtime.h"
+#include <pi_runtime/runtime.h>
 
 namespace pi_runtime
 {

@@ -17,7 +17,7 @@
 #include <string>
 #include <thread>
 
-#include "pi_runtime/unit_arbiter.h"
+#include "units/unit_arbiter.h"
 
 namespace pi_runtime
 {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "dag_families.h"
-#include "pi_runtime/inner_core_scheduler.h"
+#include <pi_runtime/inner_core_scheduler.h>
 
 /// What the tests of the inner-core scheduler share: options, problems, and plans that have been checked.
 namespace pi_runtime

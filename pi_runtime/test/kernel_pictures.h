@@ -3,7 +3,7 @@
 #include <memory>
 #include <opencv2/imgproc.hpp>
 
-#include "pi_runtime/buffer.h"
+#include <pi_runtime/buffer.h>
 
 namespace pi_runtime
 {

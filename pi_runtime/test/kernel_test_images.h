@@ -3,7 +3,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "kernel_pictures.h"
-#include "pi_runtime/buffer.h"
+#include <pi_runtime/buffer.h>
 
 namespace pi_runtime
 {

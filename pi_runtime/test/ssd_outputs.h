@@ -4,7 +4,7 @@
 #include <opencv2/dnn.hpp>
 #include <vector>
 
-#include "pi_runtime/kernels/ssd_postprocess.h"
+#include <pi_runtime/kernels/ssd_postprocess.h>
 
 namespace pi_runtime
 {

@@ -1,4 +1,4 @@
-#include "pi_runtime/buffer.h"
+#include <pi_runtime/buffer.h>
 
 #include <gtest/gtest.h>
 
@@ -9,7 +9,7 @@
 #include <thread>
 
 #include "fake_executor.h"
-#include "pi_runtime/opencl.h"
+#include <pi_runtime/opencl.h>
 
 namespace pi_runtime
 {

@@ -1,8 +1,8 @@
-#include "pi_runtime/codelet.h"
+#include <pi_runtime/codelet.h>
 
 #include <gtest/gtest.h>
 
-#include "pi_runtime/opencl_command.h"
+#include <pi_runtime/opencl_command.h>
 
 namespace pi_runtime
 {

@@ -1,4 +1,4 @@
-#include "pi_runtime/codelet_registry.h"
+#include "core/codelet_registry.h"
 
 #include <gtest/gtest.h>
 
@@ -6,7 +6,7 @@
 #include <thread>
 #include <vector>
 
-#include "pi_runtime/kernels/builtin_codelets.h"
+#include "kernels/builtin_codelets.h"
 
 namespace pi_runtime
 {

@@ -1,5 +1,5 @@
 #include <gtest/gtest.h>
-#include <pi_runtime/ros/conversions.h>
+#include "ros/conversions.h"
 
 #include <cmath>
 #include <limits>

@@ -1,4 +1,4 @@
-#include "pi_runtime/dag_plan.h"
+#include <pi_runtime/dag_plan.h>
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "pi_runtime/edf_admission.h"
+#include "scheduler/edf_admission.h"
 
 #include <gtest/gtest.h>
 

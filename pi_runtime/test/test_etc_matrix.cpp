@@ -1,4 +1,4 @@
-#include "pi_runtime/etc_matrix.h"
+#include <pi_runtime/etc_matrix.h>
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "pi_runtime/etc_table.h"
+#include <pi_runtime/etc_table.h>
 
 #include <gtest/gtest.h>
 

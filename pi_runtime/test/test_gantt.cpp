@@ -1,4 +1,4 @@
-#include "pi_runtime/gantt.h"
+#include "trace/gantt.h"
 
 #include <gtest/gtest.h>
 #include <unistd.h>

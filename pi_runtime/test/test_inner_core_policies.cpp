@@ -7,7 +7,7 @@
 
 #include "dag_families.h"
 #include "inner_core_problems.h"
-#include "pi_runtime/inner_core_scheduler.h"
+#include <pi_runtime/inner_core_scheduler.h>
 #include "textbook_heft.h"
 
 namespace pi_runtime

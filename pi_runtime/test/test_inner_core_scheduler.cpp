@@ -10,7 +10,7 @@
 
 #include "dag_families.h"
 #include "inner_core_problems.h"
-#include "pi_runtime/inner_core_scheduler.h"
+#include <pi_runtime/inner_core_scheduler.h>
 
 namespace pi_runtime
 {

@@ -1,4 +1,4 @@
-#include "pi_runtime/inter_core_scheduler.h"
+#include <pi_runtime/inter_core_scheduler.h>
 
 #include <gtest/gtest.h>
 

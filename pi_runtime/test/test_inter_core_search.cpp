@@ -1,5 +1,5 @@
-#include "../bench/makespan_oracle.h"
-#include "pi_runtime/inter_core_scheduler.h"
+#include "makespan_oracle.h"
+#include <pi_runtime/inter_core_scheduler.h>
 
 #include <gtest/gtest.h>
 

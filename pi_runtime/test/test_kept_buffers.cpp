@@ -1,4 +1,4 @@
-#include "pi_runtime/kept_buffers.h"
+#include "core/kept_buffers.h"
 
 #include <gtest/gtest.h>
 

@@ -4,7 +4,7 @@
 
 #include "codelet_runner.h"
 #include "kernel_pictures.h"
-#include "pi_runtime/kernels/blob.h"
+#include <pi_runtime/kernels/blob.h>
 
 namespace pi_runtime
 {

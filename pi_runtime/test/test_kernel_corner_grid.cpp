@@ -5,7 +5,7 @@
 #include <random>
 #include <stdexcept>
 
-#include "pi_runtime/kernels/corner_grid.h"
+#include <pi_runtime/kernels/corner_grid.h>
 
 namespace pi_runtime
 {

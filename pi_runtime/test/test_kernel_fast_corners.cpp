@@ -6,7 +6,7 @@
 
 #include "kernel_test_images.h"
 #include "kernel_test_runs.h"
-#include "pi_runtime/kernels/fast_corners.h"
+#include <pi_runtime/kernels/fast_corners.h>
 
 namespace pi_runtime
 {

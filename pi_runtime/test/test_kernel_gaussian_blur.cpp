@@ -2,7 +2,7 @@
 
 #include "codelet_runner.h"
 #include "kernel_pictures.h"
-#include "pi_runtime/kernels/gaussian_blur.h"
+#include <pi_runtime/kernels/gaussian_blur.h>
 
 namespace pi_runtime
 {

@@ -5,7 +5,7 @@
 
 #include "codelet_runner.h"
 #include "kernel_pictures.h"
-#include "pi_runtime/kernels/hamming.h"
+#include <pi_runtime/kernels/hamming.h>
 
 namespace pi_runtime
 {

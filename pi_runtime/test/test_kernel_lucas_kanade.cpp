@@ -9,7 +9,7 @@
 
 #include "kernel_test_images.h"
 #include "kernel_test_runs.h"
-#include "pi_runtime/kernels/lucas_kanade.h"
+#include <pi_runtime/kernels/lucas_kanade.h>
 
 namespace pi_runtime
 {

@@ -8,8 +8,8 @@
 
 #include "codelet_runner.h"
 #include "kernel_test_images.h"
-#include "pi_runtime/kernels/gaussian_blur.h"
-#include "pi_runtime/kernels/orb.h"
+#include <pi_runtime/kernels/gaussian_blur.h>
+#include <pi_runtime/kernels/orb.h>
 
 namespace pi_runtime
 {

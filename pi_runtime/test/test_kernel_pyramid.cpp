@@ -4,7 +4,7 @@
 
 #include "kernel_test_images.h"
 #include "kernel_test_runs.h"
-#include "pi_runtime/kernels/pyramid.h"
+#include <pi_runtime/kernels/pyramid.h>
 
 namespace pi_runtime
 {

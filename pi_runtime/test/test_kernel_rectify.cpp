@@ -4,7 +4,7 @@
 
 #include "codelet_runner.h"
 #include "kernel_pictures.h"
-#include "pi_runtime/kernels/rectify.h"
+#include "kernels/rectify.h"
 
 namespace pi_runtime
 {

@@ -1,4 +1,4 @@
-#include "../bench/makespan_oracle.h"
+#include "makespan_oracle.h"
 
 #include <glpk.h>
 #include <gtest/gtest.h>

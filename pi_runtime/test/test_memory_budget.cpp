@@ -1,4 +1,4 @@
-#include "pi_runtime/memory_budget.h"
+#include "core/memory_budget.h"
 
 #include <gtest/gtest.h>
 

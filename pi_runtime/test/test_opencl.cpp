@@ -1,5 +1,5 @@
 // OpenCL devices, programs and their cache, and memory models: on PoCL.
-#include "pi_runtime/opencl.h"
+#include <pi_runtime/opencl.h>
 
 #include <gtest/gtest.h>
 
@@ -9,8 +9,8 @@
 #include <thread>
 
 #include "fake_executor.h"
-#include "pi_runtime/native_executor.h"
-#include "pi_runtime/opencl_executor.h"
+#include "units/native_executor.h"
+#include "opencl/opencl_executor.h"
 
 namespace pi_runtime
 {

@@ -1,7 +1,7 @@
 // Tasks as messages, without a master: on one native unit, with codelets of the test's own.
 
 #include <gtest/gtest.h>
-#include <pi_runtime/ros/remote_tasks.h>
+#include "ros/remote_tasks.h"
 
 #include <boost/make_shared.hpp>
 #include <boost/weak_ptr.hpp>

@@ -1,5 +1,5 @@
 // Life of tasks: requests, results, batches, callbacks, cancellation, the end of the runtime.
-#include "pi_runtime/runtime.h"
+#include <pi_runtime/runtime.h>
 
 #include <gtest/gtest.h>
 

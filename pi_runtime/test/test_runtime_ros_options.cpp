@@ -1,8 +1,8 @@
 // config/runtime.yaml and the defaults in the code must be the same, and impossible values must be named.
 
 #include <gtest/gtest.h>
-#include <pi_runtime/ros/runtime_ros_options.h>
-#include <pi_runtime/test_support/options_reader.h>
+#include "ros/runtime_ros_options.h"
+#include <pi_node/test_support/options_reader.h>
 
 #include <map>
 #include <string>

@@ -1,4 +1,4 @@
-#include "pi_runtime/task_graph.h"
+#include <pi_runtime/task_graph.h>
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "pi_runtime/trace.h"
+#include <pi_runtime/trace.h>
 
 #include <gtest/gtest.h>
 

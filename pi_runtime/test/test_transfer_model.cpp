@@ -1,4 +1,4 @@
-#include "pi_runtime/transfer_model.h"
+#include <pi_runtime/transfer_model.h>
 
 #include <gtest/gtest.h>
 

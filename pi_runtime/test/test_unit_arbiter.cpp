@@ -1,4 +1,4 @@
-#include "pi_runtime/unit_arbiter.h"
+#include "units/unit_arbiter.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "pi_runtime/unit_table.h"
+#include "units/unit_table.h"
 
 #include <gtest/gtest.h>
 #include <sys/resource.h>
@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "forked_users.h"
-#include "pi_runtime/unit_arbiter.h"
+#include "units/unit_arbiter.h"
 
 namespace pi_runtime
 {

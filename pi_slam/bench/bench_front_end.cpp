@@ -4,7 +4,7 @@
 // disturb less. OpenCV's rows: corners where there are none, tracked from left to left and back, then from left to
 // right and back; no epipolar checks, no undistortion.
 
-#include <pi_slam/stereo_tracker.h>
+#include "front_end/stereo_tracker.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,7 +1,7 @@
 // Cost of the IMU's part: a pose per sample, and going on from a corrected state. Run: bench_propagation
 
-#include <pi_slam/imu_preintegration.h>
-#include <pi_slam/imu_propagator.h>
+#include "inertial/imu_preintegration.h"
+#include "inertial/imu_propagator.h"
 
 #include <algorithm>
 #include <chrono>

@@ -4,9 +4,9 @@
 #include "consistency_run.h"
 #include "simulated_features.h"
 
-#include <pi_slam/imu_preintegration.h>
+#include "inertial/imu_preintegration.h"
 #include <pi_slam/imu_simulator.h>
-#include <pi_slam/window_estimator.h>
+#include "estimator/window_estimator.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,7 +1,7 @@
 #include "consistency_run.h"
 
-#include <pi_slam/frame_filter.h>
-#include <pi_slam/imu_preintegration.h>
+#include "front_end/frame_filter.h"
+#include "inertial/imu_preintegration.h"
 #include <pi_slam/imu_simulator.h>
 #include <pi_slam/so3.h>
 

@@ -3,9 +3,9 @@
 #include "simulated_features.h"
 
 #include <pi_slam/imu_sample.h>
-#include <pi_slam/nav_state.h>
+#include "inertial/nav_state.h"
 #include <pi_slam/spline_trajectory.h>
-#include <pi_slam/window_estimator.h>
+#include "estimator/window_estimator.h"
 
 #include <cstdint>
 #include <vector>

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <pi_slam/sequence_reader.h>
+#include "evaluation/sequence_reader.h"
 
 #include <cstdint>
 #include <optional>

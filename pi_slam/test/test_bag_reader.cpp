@@ -1,4 +1,4 @@
-#include "bag_reader.h"
+#include "evaluation/bag_reader.h"
 
 #include <gtest/gtest.h>
 #include <rosbag/bag.h>

@@ -1,7 +1,7 @@
 #include "temporary_folder.h"
 
 #include <gtest/gtest.h>
-#include <pi_slam/ros/calibration_loader.h>
+#include "ros/calibration_loader.h"
 
 #include <stdexcept>
 

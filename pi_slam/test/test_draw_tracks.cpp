@@ -1,5 +1,5 @@
 #include <gtest/gtest.h>
-#include <pi_slam/stereo_tracker.h>
+#include "front_end/stereo_tracker.h"
 
 #include <stdexcept>
 

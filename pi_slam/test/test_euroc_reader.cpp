@@ -1,5 +1,5 @@
 #include <gtest/gtest.h>
-#include <pi_slam/sequence_reader.h>
+#include "evaluation/sequence_reader.h"
 
 #include <cstdlib>
 #include <opencv2/imgcodecs.hpp>

@@ -1,4 +1,4 @@
-#include <pi_slam/frame_filter.h>
+#include "front_end/frame_filter.h"
 
 #include <gtest/gtest.h>
 

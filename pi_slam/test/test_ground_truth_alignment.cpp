@@ -1,5 +1,5 @@
 #include <gtest/gtest.h>
-#include <pi_slam/ros/ground_truth_alignment.h>
+#include "ros/ground_truth_alignment.h"
 #include <pi_slam/so3.h>
 
 #include <cmath>

@@ -1,5 +1,5 @@
 #include <gtest/gtest.h>
-#include <pi_slam/imu_preintegration.h>
+#include "inertial/imu_preintegration.h"
 #include <pi_slam/so3.h>
 
 #include <cmath>

@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
-#include <pi_slam/imu_preintegration.h>
-#include <pi_slam/imu_propagator.h>
+#include "inertial/imu_preintegration.h"
+#include "inertial/imu_propagator.h"
 #include <pi_slam/so3.h>
 
 #include <atomic>

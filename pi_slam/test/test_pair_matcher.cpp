@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
-#include <pi_slam/frame_features.h>
-#include <pi_slam/ros/pair_matcher.h>
+#include "front_end/frame_features.h"
+#include "ros/pair_matcher.h"
 
 #include <vector>
 

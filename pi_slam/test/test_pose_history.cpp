@@ -1,5 +1,5 @@
 #include <gtest/gtest.h>
-#include <pi_slam/pose_history.h>
+#include "odometry/pose_history.h"
 
 #include <cmath>
 

@@ -1,5 +1,5 @@
 #include <gtest/gtest.h>
-#include <pi_slam/ros/conversions.h>
+#include "ros/conversions.h"
 #include <pi_slam/so3.h>
 #include <sensor_msgs/point_cloud2_iterator.h>
 

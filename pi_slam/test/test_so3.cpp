@@ -1,5 +1,5 @@
 #include <gtest/gtest.h>
-#include <pi_slam/nav_state.h>
+#include "inertial/nav_state.h"
 #include <pi_slam/so3.h>
 
 #include <cmath>

@@ -1,5 +1,5 @@
 #include <gtest/gtest.h>
-#include <pi_slam/standstill_detector.h>
+#include "initialization/standstill_detector.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,5 +1,5 @@
 #include <gtest/gtest.h>
-#include <pi_slam/trajectory_metrics.h>
+#include "evaluation/trajectory_metrics.h"
 
 #include <cmath>
 #include <limits>

@@ -1,5 +1,5 @@
 #include <gtest/gtest.h>
-#include <pi_slam/trajectory_plot.h>
+#include "evaluation/trajectory_plot.h"
 
 #include <cmath>
 #include <limits>

@@ -1,5 +1,5 @@
 #include <gtest/gtest.h>
-#include <pi_slam/vio_options_yaml.h>
+#include "odometry/vio_options_yaml.h"
 
 #include <set>
 

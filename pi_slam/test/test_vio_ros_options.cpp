@@ -1,9 +1,9 @@
 // config/vio.yaml and the defaults in the code must be the same, and impossible values must be named.
 
 #include <gtest/gtest.h>
-#include <pi_runtime/test_support/options_reader.h>
-#include <pi_slam/ros/vio_ros_options.h>
-#include <pi_slam/vio_options_yaml.h>
+#include <pi_node/test_support/options_reader.h>
+#include "ros/vio_ros_options.h"
+#include "odometry/vio_options_yaml.h"
 
 #include <string>
 
@@ -12,7 +12,7 @@ namespace pi_slam
 namespace
 {
 
-using namespace pi_runtime::test_support;
+using namespace pi_node::test_support;
 
 const OptionsReader<VioRosOptions> reader("/vio/");
 

@@ -1,4 +1,4 @@
-#include <pi_slam/window_estimator.h>
+#include "estimator/window_estimator.h"
 
 #include "estimator/normal_equations.h"
 #include "estimator/triangulation.h"

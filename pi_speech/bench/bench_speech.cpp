@@ -9,10 +9,10 @@
 
 #include <pi_speech/audio.h>
 #include <pi_speech/command_recognizer.h>
-#include <pi_speech/grammar.h>
+#include "recognizer/grammar.h"
 #include <pi_speech/noise_mixing.h>
-#include <pi_speech/ros/default_models.h>
-#include <pi_speech/sound_files.h>
+#include "ros/default_models.h"
+#include "audio/sound_files.h"
 #include <pocketsphinx.h>
 #include <sphinxbase/err.h>
 #include <sys/wait.h>

@@ -4,7 +4,7 @@
 #include "sound_on_graph.h"
 
 #include <gtest/gtest.h>
-#include <pi_runtime/test_support/temporary_folder.h>
+#include <pi_node/test_support/temporary_folder.h>
 #include <std_msgs/Empty.h>
 #include <std_msgs/String.h>
 
@@ -14,7 +14,7 @@
 namespace pi_speech
 {
 
-using namespace pi_runtime::test_support;
+using namespace pi_node::test_support;
 namespace
 {
 

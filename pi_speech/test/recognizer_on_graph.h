@@ -1,7 +1,7 @@
 #pragma once
 
-#include <pi_runtime/test_support/on_graph.h>
-#include <pi_runtime/test_support/temporary_folder.h>
+#include <pi_node/test_support/on_graph.h>
+#include <pi_node/test_support/temporary_folder.h>
 #include <pi_speech/AudioData.h>
 #include <pi_speech/AudioDataStamped.h>
 #include <pi_speech/AudioInfo.h>
@@ -22,7 +22,7 @@
 namespace pi_speech
 {
 
-using namespace pi_runtime::test_support;
+using namespace pi_node::test_support;
 
 /// A recording of one word; empty path where there are no recordings.
 inline std::string clipPath(const std::string& name)

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <pi_runtime/test_support/on_graph.h>
+#include <pi_node/test_support/on_graph.h>
 #include <pi_speech/AudioDataStamped.h>
 #include <pi_speech/AudioInfo.h>
 #include <pi_speech/ros/audio_conversions.h>
@@ -11,7 +11,7 @@
 namespace pi_speech
 {
 
-using namespace pi_runtime::test_support;
+using namespace pi_node::test_support;
 
 /// Keeps the sound of a node.
 class SoundCollector

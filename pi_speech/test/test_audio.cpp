@@ -3,7 +3,7 @@
 #include "sound_bytes.h"
 
 #include <gtest/gtest.h>
-#include <pi_runtime/test_support/temporary_folder.h>
+#include <pi_node/test_support/temporary_folder.h>
 #include <pi_speech/audio.h>
 #include <sndfile.h>
 #include <sys/stat.h>
@@ -20,7 +20,7 @@
 namespace pi_speech
 {
 
-using namespace pi_runtime::test_support;
+using namespace pi_node::test_support;
 namespace
 {
 

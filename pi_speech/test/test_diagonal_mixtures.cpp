@@ -1,5 +1,5 @@
 #include <gtest/gtest.h>
-#include <pi_speech/diagonal_mixtures.h>
+#include "hmm/diagonal_mixtures.h"
 
 #include <cmath>
 #include <functional>

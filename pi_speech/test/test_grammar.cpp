@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
-#include <pi_runtime/test_support/temporary_folder.h>
-#include <pi_speech/grammar.h>
-#include <pi_speech/pronunciation.h>
+#include <pi_node/test_support/temporary_folder.h>
+#include "recognizer/grammar.h"
+#include "recognizer/pronunciation.h"
 
 #include <algorithm>
 #include <filesystem>
@@ -13,7 +13,7 @@
 namespace pi_speech
 {
 
-using namespace pi_runtime::test_support;
+using namespace pi_node::test_support;
 namespace
 {
 

@@ -1,7 +1,7 @@
-#include "held_folder.h"
+#include "sphinx/held_folder.h"
 
 #include <gtest/gtest.h>
-#include <pi_runtime/test_support/temporary_folder.h>
+#include <pi_node/test_support/temporary_folder.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -41,7 +41,7 @@ protected:
   }
   ptrdiff_t folders() const { return std::distance(fs::directory_iterator(place_.path()), fs::directory_iterator()); }
 
-  const pi_runtime::test_support::TemporaryFolder place_;
+  const pi_node::test_support::TemporaryFolder place_;
 
 private:
   std::string before_;

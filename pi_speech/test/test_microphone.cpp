@@ -5,8 +5,8 @@
 #include "sound_bytes.h"
 
 #include <gtest/gtest.h>
-#include <pi_runtime/test_support/temporary_folder.h>
-#include <pi_speech/microphone.h>
+#include <pi_node/test_support/temporary_folder.h>
+#include "audio/microphone.h"
 
 #include <algorithm>
 #include <cerrno>
@@ -24,7 +24,7 @@
 namespace pi_speech
 {
 
-using namespace pi_runtime::test_support;
+using namespace pi_node::test_support;
 namespace
 {
 

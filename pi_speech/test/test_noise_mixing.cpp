@@ -1,5 +1,5 @@
 #include <gtest/gtest.h>
-#include <pi_runtime/test_support/temporary_folder.h>
+#include <pi_node/test_support/temporary_folder.h>
 #include <pi_speech/noise_mixing.h>
 
 #include <algorithm>
@@ -12,7 +12,7 @@
 namespace pi_speech
 {
 
-using namespace pi_runtime::test_support;
+using namespace pi_node::test_support;
 namespace
 {
 

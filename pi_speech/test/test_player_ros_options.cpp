@@ -1,15 +1,15 @@
 // config/player.yaml and the defaults in the code must be the same, and impossible values must be named.
 
 #include <gtest/gtest.h>
-#include <pi_runtime/test_support/options_reader.h>
-#include <pi_speech/ros/player_ros_options.h>
+#include <pi_node/test_support/options_reader.h>
+#include "ros/player_ros_options.h"
 
 #include <string>
 
 namespace pi_speech
 {
 
-using namespace pi_runtime::test_support;
+using namespace pi_node::test_support;
 namespace
 {
 

@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
-#include <pi_runtime/test_support/temporary_folder.h>
-#include <pi_speech/pronunciation.h>
+#include <pi_node/test_support/temporary_folder.h>
+#include "recognizer/pronunciation.h"
 
 #include <algorithm>
 #include <clocale>
@@ -16,7 +16,7 @@
 namespace pi_speech
 {
 
-using namespace pi_runtime::test_support;
+using namespace pi_node::test_support;
 namespace
 {
 

@@ -1,9 +1,9 @@
 // config/recognizer.yaml and the defaults in the code must be the same, and impossible values must be named.
 
 #include <gtest/gtest.h>
-#include <pi_runtime/test_support/options_reader.h>
-#include <pi_runtime/test_support/temporary_folder.h>
-#include <pi_speech/ros/recognizer_ros_options.h>
+#include <pi_node/test_support/options_reader.h>
+#include <pi_node/test_support/temporary_folder.h>
+#include "ros/recognizer_ros_options.h"
 
 #include <filesystem>
 #include <string>
@@ -11,7 +11,7 @@
 namespace pi_speech
 {
 
-using namespace pi_runtime::test_support;
+using namespace pi_node::test_support;
 namespace
 {
 

@@ -1,7 +1,7 @@
 // Decisions run on the runtime's units, are told by them in their table, and never wait long for other work.
 
 #include <gtest/gtest.h>
-#include <pi_speech/ros/recognizer_tasks.h>
+#include "ros/recognizer_tasks.h"
 
 #include <algorithm>
 #include <future>

@@ -3,7 +3,7 @@
 #include "sound_bytes.h"
 
 #include <gtest/gtest.h>
-#include <pi_speech/sound_check.h>
+#include "audio/sound_check.h"
 
 #include <cmath>
 #include <functional>

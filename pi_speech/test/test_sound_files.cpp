@@ -1,8 +1,8 @@
 // Folders and lists of sound files become files, in an order that one can rely on.
 
 #include <gtest/gtest.h>
-#include <pi_runtime/test_support/temporary_folder.h>
-#include <pi_speech/sound_files.h>
+#include <pi_node/test_support/temporary_folder.h>
+#include "audio/sound_files.h"
 
 #include <filesystem>
 #include <stdexcept>
@@ -12,7 +12,7 @@
 namespace pi_speech
 {
 
-using namespace pi_runtime::test_support;
+using namespace pi_node::test_support;
 namespace
 {
 

@@ -1,7 +1,7 @@
 #include "sound_bytes.h"
 
 #include <gtest/gtest.h>
-#include <pi_speech/ros/sound_stream.h>
+#include "ros/sound_stream.h"
 
 #include <cmath>
 #include <vector>

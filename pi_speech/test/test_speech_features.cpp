@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
 #include <pi_speech/filter_bank.h>
-#include <pi_speech/speech_features.h>
+#include "features/speech_features.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
-#include <pi_runtime/test_support/temporary_folder.h>
-#include <pi_speech/speech_model_check.h>
+#include <pi_node/test_support/temporary_folder.h>
+#include "sphinx/speech_model_check.h"
 
 #include <filesystem>
 #include <fstream>
@@ -12,7 +12,7 @@
 namespace pi_speech
 {
 
-using namespace pi_runtime::test_support;
+using namespace pi_node::test_support;
 namespace
 {
 

@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
-#include <pi_runtime/test_support/temporary_folder.h>
-#include <pi_speech/grammar.h>
+#include <pi_node/test_support/temporary_folder.h>
+#include "recognizer/grammar.h"
 #include <pi_speech/sphinx_decoder.h>
 
 #include <algorithm>
@@ -19,7 +19,7 @@
 namespace pi_speech
 {
 
-using namespace pi_runtime::test_support;
+using namespace pi_node::test_support;
 namespace
 {
 

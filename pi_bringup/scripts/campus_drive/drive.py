@@ -209,7 +209,7 @@ class CampusDrive:
 
     def _goal(self, rospy):
         from geometry_msgs.msg import PoseStamped
-        from pi_bringup.msg import DriveActionGoal
+        from pi_vehicle.msg import DriveActionGoal
         goal = DriveActionGoal()
         goal.header.stamp = goal.goal_id.stamp = rospy.Time.now()
         goal.goal_id.id = "drive_campus-%s" % uuid.uuid4().hex[:8]
@@ -224,7 +224,7 @@ class CampusDrive:
 
     def _drive(self, events, launch, started, screen, edge):
         rospy = events.rospy
-        from pi_bringup.msg import DriveActionGoal
+        from pi_vehicle.msg import DriveActionGoal
         from std_msgs.msg import String
         goals = rospy.Publisher("/drive/goal", DriveActionGoal, queue_size=1)
         mouth = rospy.Publisher("/microphone/play", String, queue_size=10)
@@ -299,7 +299,7 @@ class CampusDrive:
 
     @staticmethod
     def _commander(rospy):
-        from pi_bringup.srv import SimulatorCommand
+        from pi_simulation.srv import SimulatorCommand
 
         def command(service, line):
             """@throws DemoError"""

@@ -62,7 +62,7 @@ class Observer:
         from actionlib_msgs.msg import GoalStatusArray
         from diagnostic_msgs.msg import DiagnosticArray
         from nav_msgs.msg import Odometry
-        from pi_bringup.msg import (ArbiterState, CommandState, DriveActionFeedback, DriveActionResult,
+        from pi_vehicle.msg import (ArbiterState, CommandState, DriveActionFeedback, DriveActionResult,
                                     LocalisationState, MotionCommand, PlayedSound, PowerState, ReactionEvent,
                                     VehicleState)
         from pi_speech.msg import VoiceCommand

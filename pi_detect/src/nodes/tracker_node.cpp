@@ -1,21 +1,8 @@
-#include <pi_detect/ros/tracker_ros.h>
-#include <ros/ros.h>
+#include <pi_node/ros/node_main.h>
 
-#include <exception>
+#include "ros/tracker_ros.h"
 
 int main(int argc, char** argv)
 {
-  ros::init(argc, argv, "tracker");
-  const ros::NodeHandle node;  // outlives the work: roscpp ends with the last handle, and its log with it
-  try
-  {
-    pi_detect::TrackerRos tracker(node, ros::NodeHandle("~"));
-    ros::spin();
-    return 0;
-  }
-  catch (const std::exception& error)
-  {
-    ROS_FATAL_STREAM_NAMED("tracker", error.what());
-    return 1;
-  }
+  return pi_node::runNode<pi_detect::TrackerRos>(argc, argv, "tracker");
 }

@@ -1,4 +1,4 @@
-#include "carried_outline.h"
+#include "obstacles/carried_outline.h"
 
 #include <algorithm>
 #include <utility>

@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "obstacle_place.h"
+#include "obstacles/obstacle_place.h"
 
 namespace pi_detect::obstacles
 {

@@ -1,4 +1,4 @@
-#include "disparity_matcher.h"
+#include "obstacles/disparity_matcher.h"
 
 #include <algorithm>
 #include <cmath>

@@ -3,7 +3,7 @@
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core/mat.hpp>
 
-#include "matched_camera.h"
+#include "obstacles/matched_camera.h"
 
 namespace pi_detect::obstacles
 {

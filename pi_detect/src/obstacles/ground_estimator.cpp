@@ -1,4 +1,4 @@
-#include "ground_estimator.h"
+#include "obstacles/ground_estimator.h"
 
 #include <Eigen/LU>
 #include <algorithm>

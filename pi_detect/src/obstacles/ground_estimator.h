@@ -6,7 +6,7 @@
 #include <random>
 #include <vector>
 
-#include "matched_camera.h"
+#include "obstacles/matched_camera.h"
 
 namespace pi_detect::obstacles
 {

@@ -1,4 +1,4 @@
-#include "ground_filter.h"
+#include "obstacles/ground_filter.h"
 
 #include <Eigen/LU>
 #include <algorithm>

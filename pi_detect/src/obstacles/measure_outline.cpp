@@ -1,9 +1,9 @@
-#include "measure_outline.h"
+#include "obstacles/measure_outline.h"
 
 #include <algorithm>
 #include <cmath>
 
-#include "matched_camera.h"
+#include "obstacles/matched_camera.h"
 
 namespace pi_detect::obstacles
 {

@@ -5,7 +5,7 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "surface_point.h"
+#include "obstacles/surface_point.h"
 
 namespace pi_detect::obstacles
 {

@@ -1,10 +1,10 @@
-#include "measure_surface.h"
+#include "obstacles/measure_surface.h"
 
 #include <algorithm>
 #include <cmath>
 #include <set>
 
-#include "split_view.h"
+#include "obstacles/split_view.h"
 
 namespace pi_detect::obstacles
 {

@@ -5,10 +5,10 @@
 #include <Eigen/Geometry>
 #include <vector>
 
-#include "matched_camera.h"
-#include "measure_outline.h"
-#include "surface_point.h"
-#include "surfaces.h"
+#include "obstacles/matched_camera.h"
+#include "obstacles/measure_outline.h"
+#include "obstacles/surface_point.h"
+#include "obstacles/surfaces.h"
 
 namespace pi_detect::obstacles
 {

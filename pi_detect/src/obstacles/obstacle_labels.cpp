@@ -1,4 +1,4 @@
-#include "obstacle_labels.h"
+#include "obstacles/obstacle_labels.h"
 
 #include <cmath>
 #include <optional>

@@ -1,4 +1,4 @@
-#include "obstacle_place.h"
+#include "obstacles/obstacle_place.h"
 
 #include <algorithm>
 

@@ -1,4 +1,4 @@
-#include "obstacle_view.h"
+#include "obstacles/obstacle_view.h"
 
 #include <algorithm>
 #include <cmath>

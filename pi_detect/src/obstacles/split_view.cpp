@@ -1,10 +1,10 @@
-#include "split_view.h"
+#include "obstacles/split_view.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
-#include "matched_camera.h"
+#include "obstacles/matched_camera.h"
 
 namespace pi_detect::obstacles
 {

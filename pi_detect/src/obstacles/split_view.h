@@ -3,8 +3,8 @@
 #include <optional>
 #include <vector>
 
-#include "measure_outline.h"
-#include "surface_point.h"
+#include "obstacles/measure_outline.h"
+#include "obstacles/surface_point.h"
 
 namespace pi_detect::obstacles
 {

@@ -1,4 +1,4 @@
-#include "surfaces.h"
+#include "obstacles/surfaces.h"
 
 #include <algorithm>
 #include <cmath>

@@ -5,8 +5,8 @@
 #include <opencv2/core/mat.hpp>
 #include <vector>
 
-#include "ground_estimator.h"
-#include "matched_camera.h"
+#include "obstacles/ground_estimator.h"
+#include "obstacles/matched_camera.h"
 
 namespace pi_detect::obstacles
 {

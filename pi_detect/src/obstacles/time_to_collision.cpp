@@ -2,7 +2,7 @@
 #include <cmath>
 #include <limits>
 
-#include "pi_detect/obstacle_tracker.h"
+#include <pi_detect/obstacle_tracker.h>
 
 namespace pi_detect
 {

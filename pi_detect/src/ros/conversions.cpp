@@ -1,6 +1,6 @@
 #include <cv_bridge/cv_bridge.h>
 #include <pi_detect/ros/conversions.h>
-#include <pi_runtime/ros/formatting.h>
+#include <pi_node/formatting.h>
 #include <sensor_msgs/image_encodings.h>
 #include <sensor_msgs/point_cloud2_iterator.h>
 
@@ -14,8 +14,8 @@ namespace pi_detect
 namespace
 {
 
-using pi_runtime::format;
-using pi_runtime::sizeText;
+using pi_node::format;
+using pi_node::sizeText;
 
 namespace encodings = sensor_msgs::image_encodings;
 

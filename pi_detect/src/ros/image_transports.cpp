@@ -1,4 +1,4 @@
-#include "image_transports.h"
+#include "ros/image_transports.h"
 
 #include <stdexcept>
 

@@ -1,6 +1,6 @@
 #include <pi_detect/ros/message_picture.h>
 #include <pi_os_transport/zero_copy/cv_bridge.h>
-#include <pi_runtime/ros/formatting.h>
+#include <pi_node/formatting.h>
 #include <sensor_msgs/image_encodings.h>
 
 #include <boost/shared_ptr.hpp>
@@ -16,7 +16,7 @@ namespace pi_detect
 namespace
 {
 
-using pi_runtime::sizeText;
+using pi_node::sizeText;
 
 namespace encodings = sensor_msgs::image_encodings;
 namespace zero_copy = pi_os_transport::zero_copy;

@@ -1,6 +1,6 @@
-#include <pi_detect/draw_detections.h>
-#include <pi_detect/ros/obstacle_markers.h>
-#include <pi_runtime/ros/formatting.h>
+#include "detector/draw_detections.h"
+#include "ros/obstacle_markers.h"
+#include <pi_node/formatting.h>
 
 #include <algorithm>
 #include <boost/make_shared.hpp>
@@ -12,7 +12,7 @@ namespace pi_detect
 namespace
 {
 
-using pi_runtime::format;
+using pi_node::format;
 
 using visualization_msgs::Marker;
 

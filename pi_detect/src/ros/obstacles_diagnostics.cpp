@@ -1,6 +1,6 @@
 #include <diagnostic_msgs/DiagnosticStatus.h>
-#include <pi_detect/ros/obstacles_diagnostics.h>
-#include <pi_runtime/ros/formatting.h>
+#include "ros/obstacles_diagnostics.h"
+#include <pi_node/formatting.h>
 #include <unistd.h>
 
 #include <cmath>
@@ -11,7 +11,7 @@ namespace pi_detect
 namespace
 {
 
-using pi_runtime::format;
+using pi_node::format;
 
 using diagnostic_msgs::DiagnosticStatus;
 
@@ -30,7 +30,7 @@ std::string finite(const char* pattern, double value)
 }  // namespace
 
 ObstaclesDiagnostics::ObstaclesDiagnostics(const ros::NodeHandle& node, const ros::NodeHandle& private_node,
-                                           const pi_runtime::WarningBoard* warnings, double input_timeout_s,
+                                           const pi_node::WarningBoard* warnings, double input_timeout_s,
                                            double min_coverage)
   : warnings_(warnings)
   , input_timeout_s_(input_timeout_s)
@@ -113,7 +113,7 @@ void ObstaclesDiagnostics::reportObstacles(Status& status)
 
 void ObstaclesDiagnostics::reportInput(Status& status) const
 {
-  const std::vector<pi_runtime::WarningBoard::Entry> warnings = warnings_->recent();
+  const std::vector<pi_node::WarningBoard::Entry> warnings = warnings_->recent();
   std::string missing;
   for (const ObstaclesFigures::Input& input : now_.inputs)
   {

@@ -1,11 +1,11 @@
 // The threads obs_input and obs_output of ObstaclesRos.
 
-#include "image_transports.h"
+#include "ros/image_transports.h"
 
 #include <pi_detect/ObstacleArray.h>
-#include <pi_detect/ros/obstacles_ros.h>
-#include <pi_runtime/ros/formatting.h>
-#include <pi_runtime/ros/node_options.h>
+#include "ros/obstacles_ros.h"
+#include <pi_node/formatting.h>
+#include <pi_node/ros/node_options.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <visualization_msgs/MarkerArray.h>
 
@@ -18,7 +18,7 @@ namespace pi_detect
 namespace
 {
 
-using pi_runtime::format;
+using pi_node::format;
 
 constexpr size_t KEPT_TRACKS = 30;
 
@@ -46,8 +46,8 @@ ObstaclesRos::ObstaclesRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , input_node_(input_thread_.handle(node))
   , output_node_(output_thread_.handle(node))
   , private_node_(private_node)
-  , options_(pi_runtime::loadNodeOptions<ObstaclesRosOptions>(private_node, "obstacles"))
-  , warnings_(options_.warning_period_s, pi_runtime::warningLog<ObstaclesRosOptions>("obstacles"))
+  , options_(pi_node::loadNodeOptions<ObstaclesRosOptions>(private_node, "obstacles"))
+  , warnings_(options_.warning_period_s, pi_node::warningLog<ObstaclesRosOptions>("obstacles"))
   , diagnostics_(output_node_, private_node, &warnings_, options_.input_timeout_s, options_.min_coverage)
   , motion_(node, options_.odom_frame, options_.base_link_frame, options_.tf_wait_s)
   , pairing_(options_.pair_tolerance_s)

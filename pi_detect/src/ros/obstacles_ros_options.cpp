@@ -1,13 +1,13 @@
-#include <pi_detect/ros/obstacles_ros_options.h>
-#include <pi_runtime/ros/parameter_tree.h>
+#include "ros/obstacles_ros_options.h"
+#include <pi_node/ros/parameter_tree.h>
 
 #include <stdexcept>
 
 namespace pi_detect
 {
 
-namespace parameter_tree = pi_runtime::parameter_tree;
-using pi_runtime::parameters::require;
+namespace parameter_tree = pi_node::parameter_tree;
+using pi_node::parameters::require;
 using XmlRpc::XmlRpcValue;
 
 const char* toString(StereoSource source)
@@ -82,7 +82,7 @@ static void visitFields(Options& options, Visitor&& visit)
 static void read(XmlRpcValue value, StereoSource* field)
 {
   std::string name;
-  pi_runtime::parameters::read(value, &name);
+  pi_node::parameters::read(value, &name);
   try
   {
     *field = parseStereoSource(name);
@@ -145,7 +145,7 @@ XmlRpcValue ObstaclesRosOptions::toParameters() const
 
 std::string ObstaclesRosOptions::toText() const
 {
-  return pi_runtime::parameters::text(toParameters());
+  return pi_node::parameters::text(toParameters());
 }
 
 }  // namespace pi_detect

@@ -1,8 +1,8 @@
 // The thread obs_worker of ObstaclesRos.
 
 #include <pi_detect/ros/message_picture.h>
-#include <pi_detect/ros/obstacles_ros.h>
-#include <pi_runtime/ros/formatting.h>
+#include "ros/obstacles_ros.h"
+#include <pi_node/formatting.h>
 #include <pthread.h>
 
 #include <algorithm>
@@ -17,7 +17,7 @@ namespace pi_detect
 namespace
 {
 
-using pi_runtime::sizeText;
+using pi_node::sizeText;
 
 /// A camera that has moved by less is where it was.
 constexpr double SAME_POSITION_M = 1e-3;

@@ -1,4 +1,4 @@
-#include <pi_detect/ros/picture_subscription.h>
+#include "ros/picture_subscription.h"
 #include <sensor_msgs/Image.h>
 
 namespace pi_detect

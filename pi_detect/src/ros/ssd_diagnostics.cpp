@@ -1,6 +1,6 @@
 #include <diagnostic_msgs/DiagnosticStatus.h>
-#include <pi_detect/ros/ssd_diagnostics.h>
-#include <pi_runtime/ros/formatting.h>
+#include "ros/ssd_diagnostics.h"
+#include <pi_node/formatting.h>
 
 #include <utility>
 #include <vector>
@@ -10,8 +10,8 @@ namespace pi_detect
 namespace
 {
 
-using pi_runtime::format;
-using pi_runtime::RecentValues;
+using pi_node::format;
+using pi_node::RecentValues;
 
 using diagnostic_msgs::DiagnosticStatus;
 
@@ -26,7 +26,7 @@ double secondsSince(std::chrono::steady_clock::time_point time)
 }  // namespace
 
 SsdDiagnostics::SsdDiagnostics(const ros::NodeHandle& node, const ros::NodeHandle& private_node,
-                               const pi_runtime::WarningBoard* warnings, double input_timeout_s)
+                               const pi_node::WarningBoard* warnings, double input_timeout_s)
   : warnings_(warnings)
   , input_timeout_s_(input_timeout_s)
   , updater_(node, private_node, private_node.getNamespace())
@@ -142,7 +142,7 @@ void SsdDiagnostics::reportDetection(Status& status)
 
 void SsdDiagnostics::reportInput(Status& status) const
 {
-  const std::vector<pi_runtime::WarningBoard::Entry> warnings = warnings_->recent();
+  const std::vector<pi_node::WarningBoard::Entry> warnings = warnings_->recent();
   if (!warnings.empty())
   {
     status.summary(warnings.front().error ? DiagnosticStatus::ERROR : DiagnosticStatus::WARN, warnings.front().text);

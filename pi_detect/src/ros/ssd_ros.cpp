@@ -1,12 +1,12 @@
-#include "image_transports.h"
+#include "ros/image_transports.h"
 
 #include <pi_detect/Detection2DArray.h>
 #include <pi_detect/LabelArray.h>
 #include <pi_detect/Track2DArray.h>
 #include <pi_detect/ros/conversions.h>
-#include <pi_detect/ros/default_model.h>
-#include <pi_detect/ros/ssd_ros.h>
-#include <pi_runtime/ros/node_options.h>
+#include "ros/default_model.h"
+#include "ros/ssd_ros.h"
+#include <pi_node/ros/node_options.h>
 #include <pi_runtime/runtime.h>
 #include <pthread.h>
 
@@ -47,10 +47,10 @@ SsdRos::SsdRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , loader_node_(loader_thread_.handle(node))
   , service_node_(service_thread_.handle(node))
   , private_node_(private_node)
-  , options_(pi_runtime::loadNodeOptions<SsdRosOptions>(private_node, "ssd"))
+  , options_(pi_node::loadNodeOptions<SsdRosOptions>(private_node, "ssd"))
   , topic_(node.resolveName("image"))
   , runtime_(options_.use_runtime ? pi_runtime::Runtime::shared() : nullptr)
-  , warnings_(options_.warning_period_s, pi_runtime::warningLog<SsdRosOptions>("ssd"))
+  , warnings_(options_.warning_period_s, pi_node::warningLog<SsdRosOptions>("ssd"))
   , diagnostics_(service_node_, private_node, &warnings_, options_.input_timeout_s)
   , tracker_(options_.tracker)
   , input_transport_(input_node_)

@@ -1,16 +1,16 @@
-#include <pi_detect/ros/ssd_ros_options.h>
-#include <pi_runtime/ros/parameter_tree.h>
+#include "ros/ssd_ros_options.h"
+#include <pi_node/ros/parameter_tree.h>
 
 #include <algorithm>
 #include <stdexcept>
 
-#include "tracker_fields.h"
+#include "ros/tracker_fields.h"
 
 namespace pi_detect
 {
 
-namespace parameter_tree = pi_runtime::parameter_tree;
-using pi_runtime::parameters::require;
+namespace parameter_tree = pi_node::parameter_tree;
+using pi_node::parameters::require;
 using XmlRpc::XmlRpcValue;
 
 namespace
@@ -53,7 +53,7 @@ static void visitFields(Options& options, Visitor&& visit)
 static void read(XmlRpcValue value, Target* field)
 {
   std::string name;
-  pi_runtime::parameters::read(value, &name);
+  pi_node::parameters::read(value, &name);
   try
   {
     *field = parseTarget(name);
@@ -117,7 +117,7 @@ XmlRpcValue SsdRosOptions::toParameters() const
 
 std::string SsdRosOptions::toText() const
 {
-  return pi_runtime::parameters::text(toParameters());
+  return pi_node::parameters::text(toParameters());
 }
 
 }  // namespace pi_detect

@@ -1,9 +1,9 @@
 // The thread ssd_service of SsdRos.
 
-#include <pi_detect/draw_detections.h>
+#include "detector/draw_detections.h"
 #include <pi_detect/ros/conversions.h>
-#include <pi_detect/ros/ssd_ros.h>
-#include <pi_runtime/ros/formatting.h>
+#include "ros/ssd_ros.h"
+#include <pi_node/formatting.h>
 
 #include <exception>
 #include <opencv2/core/utility.hpp>
@@ -15,7 +15,7 @@ namespace pi_detect
 namespace
 {
 
-using pi_runtime::format;
+using pi_node::format;
 
 namespace zero_copy = pi_os_transport::zero_copy;
 

@@ -1,6 +1,6 @@
 #include <pi_detect/ros/conversions.h>
-#include <pi_detect/ros/stereo_camera.h>
-#include <pi_runtime/ros/formatting.h>
+#include "ros/stereo_camera.h"
+#include <pi_node/formatting.h>
 
 #include <Eigen/Geometry>
 #include <Eigen/LU>
@@ -18,8 +18,8 @@ namespace
 {
 
 using pi_os_transport::zero_copy::ImageHandle;
-using pi_runtime::format;
-using pi_runtime::sizeText;
+using pi_node::format;
+using pi_node::sizeText;
 
 constexpr uint32_t MAX_SIDE_PX = 16384;
 constexpr double MIN_BASELINE_M = 0.01;

@@ -1,6 +1,6 @@
 #include <pi_detect/Track2DArray.h>
-#include <pi_detect/ros/tracker_ros.h>
-#include <pi_runtime/ros/node_options.h>
+#include "ros/tracker_ros.h"
+#include <pi_node/ros/node_options.h>
 
 #include <stdexcept>
 #include <utility>
@@ -17,9 +17,9 @@ constexpr uint32_t QUEUE = 20;
 TrackerRos::TrackerRos(ros::NodeHandle node, ros::NodeHandle private_node)
   : thread_("tracker")
   , node_(thread_.handle(std::move(node)))
-  , options_(pi_runtime::loadNodeOptions<TrackerRosOptions>(private_node, "tracker"))
+  , options_(pi_node::loadNodeOptions<TrackerRosOptions>(private_node, "tracker"))
   , topic_(node_.resolveName("detections"))
-  , warnings_(options_.warning_period_s, pi_runtime::warningLog<TrackerRosOptions>("tracker"))
+  , warnings_(options_.warning_period_s, pi_node::warningLog<TrackerRosOptions>("tracker"))
   , tracker_(options_.tracker)
 {
   const auto look = [this](const ros::SingleSubscriberPublisher&) { updateSubscription(); };

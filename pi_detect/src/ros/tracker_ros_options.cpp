@@ -1,12 +1,12 @@
-#include <pi_detect/ros/tracker_ros_options.h>
-#include <pi_runtime/ros/parameter_tree.h>
+#include "ros/tracker_ros_options.h"
+#include <pi_node/ros/parameter_tree.h>
 
-#include "tracker_fields.h"
+#include "ros/tracker_fields.h"
 
 namespace pi_detect
 {
 
-namespace parameter_tree = pi_runtime::parameter_tree;
+namespace parameter_tree = pi_node::parameter_tree;
 using XmlRpc::XmlRpcValue;
 
 /// Every parameter by the path of its name, with its field.
@@ -45,7 +45,7 @@ XmlRpcValue TrackerRosOptions::toParameters() const
 
 std::string TrackerRosOptions::toText() const
 {
-  return pi_runtime::parameters::text(toParameters());
+  return pi_node::parameters::text(toParameters());
 }
 
 }  // namespace pi_detect

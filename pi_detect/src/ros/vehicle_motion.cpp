@@ -1,6 +1,6 @@
 #include <pi_detect/ros/conversions.h>
-#include <pi_detect/ros/vehicle_motion.h>
-#include <pi_runtime/ros/formatting.h>
+#include "ros/vehicle_motion.h"
+#include <pi_node/formatting.h>
 #include <tf2/exceptions.h>
 
 #include <chrono>
@@ -10,7 +10,7 @@ namespace pi_detect
 namespace
 {
 
-using pi_runtime::format;
+using pi_node::format;
 
 /// tf that is further behind is not waited for: it is that of another time, or has ended [s].
 constexpr double MAX_BEHIND_S = 1.0;

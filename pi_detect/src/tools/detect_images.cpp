@@ -1,11 +1,11 @@
 // detect_images --model M.yaml --output det.json PICTURES_OR_FOLDERS: finds objects in picture files. Needs no ROS
 // master.
 
-#include <pi_detect/draw_detections.h>
-#include <pi_detect/ros/default_model.h>
+#include "detector/draw_detections.h"
+#include "ros/default_model.h"
 #include <pi_detect/ssd_detector.h>
-#include <pi_runtime/tools/progress.h>
-#include <pi_runtime/tools/stop_signal.h>
+#include <pi_node/progress.h>
+#include <pi_node/stop_signal.h>
 
 #include <algorithm>
 #include <boost/program_options.hpp>
@@ -278,10 +278,10 @@ int run(const CommandLine& line)
   size_t found = 0;
   std::vector<double> times_ms;
   {
-    pi_runtime::Progress progress("files", line.quiet);
+    pi_node::Progress progress("files", line.quiet);
     std::string name;
     cv::Mat picture;
-    while (!pi_runtime::StopSignal::came() && pictures.next(&name, &picture))
+    while (!pi_node::StopSignal::came() && pictures.next(&name, &picture))
     {
       if (picture.cols < 2 || picture.rows < 2)
       {
@@ -302,10 +302,10 @@ int run(const CommandLine& line)
       progress.show(pictures.done(), pictures.total());
     }
   }
-  if (pi_runtime::StopSignal::came())
+  if (pi_node::StopSignal::came())
   {
     std::cerr << "stopped; " << line.output << " was not written\n";
-    return pi_runtime::StopSignal::exitStatus();
+    return pi_node::StopSignal::exitStatus();
   }
   if (times_ms.empty())
   {
@@ -398,7 +398,7 @@ int main(int argc, char** argv)
   }
   try
   {
-    pi_runtime::StopSignal::install();
+    pi_node::StopSignal::install();
     return run(line);
   }
   catch (const std::exception& error)

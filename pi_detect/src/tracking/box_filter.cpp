@@ -1,4 +1,4 @@
-#include "box_filter.h"
+#include "tracking/box_filter.h"
 
 #include <algorithm>
 #include <cmath>

@@ -6,7 +6,7 @@
 #include <random>
 #include <utility>
 
-#include "socket_tools.h"
+#include "wire/socket_tools.h"
 #include "vehicle.h"
 
 namespace pi_offload_bench

@@ -4,7 +4,7 @@
 #include <cstring>
 #include <utility>
 
-#include "socket_tools.h"
+#include "wire/socket_tools.h"
 
 namespace pi_offload_bench
 {

@@ -1,8 +1,8 @@
 #pragma once
 
-#include <pi_offload/offload_engine.h>
-#include <pi_offload/sp_socket.h>
-#include <pi_offload/wire_message.h>
+#include "engine/offload_engine.h"
+#include "wire/sp_socket.h"
+#include "wire/wire_message.h"
 
 #include <array>
 #include <cstdint>

@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "client/client_impl.h"
-#include "durations.h"
+#include "wire/durations.h"
 
 namespace pi_offload
 {

@@ -1,4 +1,4 @@
-#include "encode_thread.h"
+#include "client/encode_thread.h"
 
 #include <pthread.h>
 

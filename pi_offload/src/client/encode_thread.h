@@ -1,6 +1,6 @@
 #pragma once
 
-#include <pi_offload/offload_client.h>
+#include "client/offload_client.h"
 
 #include <condition_variable>
 #include <cstdint>

@@ -1,4 +1,4 @@
-#include "node_links.h"
+#include "client/node_links.h"
 
 #include <utility>
 

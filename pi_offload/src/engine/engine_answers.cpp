@@ -1,4 +1,4 @@
-#include "engine_impl.h"
+#include "engine/engine_impl.h"
 
 #include <algorithm>
 #include <cmath>

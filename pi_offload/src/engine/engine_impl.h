@@ -1,9 +1,9 @@
 #pragma once
 
-#include "local_model.h"
-#include "route_tracker.h"
+#include "engine/local_model.h"
+#include "engine/route_tracker.h"
 
-#include <pi_offload/offload_engine.h>
+#include "engine/offload_engine.h"
 
 #include <cstdint>
 #include <deque>

@@ -1,4 +1,4 @@
-#include "local_model.h"
+#include "engine/local_model.h"
 
 #include <algorithm>
 #include <cmath>

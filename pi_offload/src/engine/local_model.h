@@ -1,6 +1,6 @@
 #pragma once
 
-#include <pi_offload/node.h>
+#include "engine/node.h"
 
 #include <array>
 #include <cstdint>

@@ -1,4 +1,4 @@
-#include "route_tracker.h"
+#include "engine/route_tracker.h"
 
 #include <algorithm>
 #include <cmath>

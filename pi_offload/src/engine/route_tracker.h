@@ -1,6 +1,6 @@
 #pragma once
 
-#include <pi_offload/residence.h>
+#include "policies/residence.h"
 
 #include <cstddef>
 #include <vector>

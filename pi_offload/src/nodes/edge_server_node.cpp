@@ -1,11 +1,11 @@
 // An edge-cloud node, with and without ROS.
 
-#include <pi_offload/edge_server.h>
-#include <pi_offload/health_endpoint.h>
-#include <pi_offload/ros/edge_server_ros.h>
-#include <pi_offload/ros/edge_server_ros_options.h>
-#include <pi_runtime/ros/formatting.h>
-#include <pi_runtime/ros/warning_board.h>
+#include "server/edge_server.h"
+#include "server/health_endpoint.h"
+#include "ros/edge_server_ros.h"
+#include "ros/edge_server_ros_options.h"
+#include <pi_node/formatting.h>
+#include <pi_node/ros/warning_board.h>
 #include <ros/ros.h>
 #include <sys/eventfd.h>
 #include <unistd.h>
@@ -183,7 +183,7 @@ void run(const Arguments& arguments, Log* log)
     return;
   }
   log->info("parameters: " + options.toText());
-  pi_runtime::WarningBoard warnings(options.warning_period_s,
+  pi_node::WarningBoard warnings(options.warning_period_s,
                                     [log](bool, const std::string& text) { log->warn(text); });
   EdgeServer::Callbacks callbacks;
   callbacks.event = [&warnings](const std::string& text) { warnings.warn(text); };
@@ -218,7 +218,7 @@ void run(const Arguments& arguments, Log* log)
   log->info("drains");
   if (!server.drain(options.drain_s))
   {
-    log->warn(pi_runtime::format("not all tasks were done within %.1f s", options.drain_s));
+    log->warn(pi_node::format("not all tasks were done within %.1f s", options.drain_s));
   }
   on_graph.reset();
   if (shutdown.joinable())

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <pi_offload/policy.h>
+#include "policies/policy.h"
 
 #include <memory>
 

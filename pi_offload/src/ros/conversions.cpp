@@ -1,11 +1,11 @@
 #include <pi_detect/ros/conversions.h>
-#include <pi_offload/ros/conversions.h>
+#include "ros/conversions.h"
 
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
 
-#include "durations.h"
+#include "wire/durations.h"
 
 namespace pi_offload
 {

@@ -1,6 +1,6 @@
 #include <diagnostic_msgs/DiagnosticStatus.h>
-#include <pi_offload/ros/coordinator_diagnostics.h>
-#include <pi_runtime/ros/formatting.h>
+#include "ros/coordinator_diagnostics.h"
+#include <pi_node/formatting.h>
 
 #include <algorithm>
 #include <cmath>
@@ -12,12 +12,12 @@ namespace
 {
 
 using diagnostic_msgs::DiagnosticStatus;
-using pi_runtime::format;
+using pi_node::format;
 
 }  // namespace
 
 CoordinatorDiagnostics::CoordinatorDiagnostics(const ros::NodeHandle& node, const ros::NodeHandle& private_node,
-                                               const pi_runtime::WarningBoard* warnings, double input_timeout_s)
+                                               const pi_node::WarningBoard* warnings, double input_timeout_s)
   : warnings_(warnings)
   , input_timeout_s_(input_timeout_s)
   , updater_(node, private_node, private_node.getNamespace())
@@ -136,7 +136,7 @@ void CoordinatorDiagnostics::reportNodes(Status& status) const
 
 void CoordinatorDiagnostics::reportInput(Status& status) const
 {
-  const std::vector<pi_runtime::WarningBoard::Entry> warnings = warnings_->recent();
+  const std::vector<pi_node::WarningBoard::Entry> warnings = warnings_->recent();
   if (!warnings.empty())
   {
     status.summary(warnings.front().error ? DiagnosticStatus::ERROR : DiagnosticStatus::WARN, warnings.front().text);

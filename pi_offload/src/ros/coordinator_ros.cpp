@@ -1,9 +1,9 @@
 #include <pi_detect/ros/conversions.h>
-#include <pi_offload/node_file.h>
-#include <pi_offload/ros/conversions.h>
-#include <pi_offload/ros/coordinator_ros.h>
-#include <pi_runtime/ros/formatting.h>
-#include <pi_runtime/ros/node_options.h>
+#include "engine/node_file.h"
+#include "ros/conversions.h"
+#include "ros/coordinator_ros.h"
+#include <pi_node/formatting.h>
+#include <pi_node/ros/node_options.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -18,7 +18,7 @@ namespace
 {
 
 using pi_os_transport::zero_copy::ImageHandle;
-using pi_runtime::format;
+using pi_node::format;
 
 constexpr size_t MOST_POSTED = 16;      ///< pictures on their way to the engine
 constexpr size_t RECENT_TASKS = 1000;   ///< for quantiles of the response time
@@ -66,17 +66,17 @@ CoordinatorRos::CoordinatorRos(ros::NodeHandle node, ros::NodeHandle private_nod
   , input_node_(input_thread_.handle(node))
   , service_node_(service_thread_.handle(node))
   , service_private_node_(service_thread_.handle(private_node))
-  , options_(pi_runtime::loadNodeOptions<CoordinatorRosOptions>(private_node, "coordinator"))
+  , options_(pi_node::loadNodeOptions<CoordinatorRosOptions>(private_node, "coordinator"))
   , topic_(node.resolveName("image"))
   , vehicle_name_(options_.vehicle.empty() ? defaultVehicle(private_node.getNamespace()) : options_.vehicle)
-  , warnings_(options_.warning_period_s, pi_runtime::warningLog<CoordinatorRosOptions>("coordinator"))
+  , warnings_(options_.warning_period_s, pi_node::warningLog<CoordinatorRosOptions>("coordinator"))
   , diagnostics_(service_node_, private_node, &warnings_, options_.input_timeout_s)
   , map_(node, options_.map_frame)
   , node_markers_(options_.map_frame)
   , local_(options_.max_local_waiting, options_.local_lost_s)
   , local_s_(options_.detection_local_s)
   , model_(options_.local_model)
-  , response_s_{pi_runtime::RecentValues(RECENT_TASKS), pi_runtime::RecentValues(RECENT_TASKS)}
+  , response_s_{pi_node::RecentValues(RECENT_TASKS), pi_node::RecentValues(RECENT_TASKS)}
   , policy_name_(options_.client.engine.policy_name)
   , policy_(options_.client.engine.policy)
 {

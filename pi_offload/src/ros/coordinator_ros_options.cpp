@@ -1,7 +1,7 @@
-#include <pi_offload/node_file.h>
-#include <pi_offload/ros/coordinator_ros_options.h>
-#include <pi_runtime/option_check.h>
-#include <pi_runtime/ros/parameter_tree.h>
+#include "engine/node_file.h"
+#include "ros/coordinator_ros_options.h"
+#include <pi_node/option_check.h>
+#include <pi_node/ros/parameter_tree.h>
 
 #include <algorithm>
 #include <cmath>
@@ -12,8 +12,8 @@
 namespace pi_offload
 {
 
-namespace parameter_tree = pi_runtime::parameter_tree;
-namespace parameters = pi_runtime::parameters;
+namespace parameter_tree = pi_node::parameter_tree;
+namespace parameters = pi_node::parameters;
 using XmlRpc::XmlRpcValue;
 
 namespace
@@ -218,7 +218,7 @@ static void visitFields(Options& options, Visitor&& visit)
 
 void BatteryOptions::validate() const
 {
-  const pi_runtime::OptionCheck check("");
+  const pi_node::OptionCheck check("");
   check.range("eta_full", eta_full, 0.0, 1.0);
   check.range("eta_empty", eta_empty, 0.0, 1.0);
   check.range("charge_full", charge_full, 0.0, 1.0);
@@ -239,7 +239,7 @@ CoordinatorRosOptions::CoordinatorRosOptions()
 
 void CoordinatorRosOptions::validate() const
 {
-  const pi_runtime::OptionCheck own("");
+  const pi_node::OptionCheck own("");
   parameters::require(max_rate_hz >= 0.0 && max_rate_hz <= 1000.0, "max_rate_hz", max_rate_hz, "in [0, 1000]");
   parameters::require(!map_frame.empty(), "map_frame", "\"\"", "the name of a frame");
   parameters::require(vehicle.size() <= 64, "vehicle", "\"" + vehicle + "\"", "at most 64 bytes");

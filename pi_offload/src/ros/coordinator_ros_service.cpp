@@ -1,9 +1,9 @@
 // The thread offload_service of CoordinatorRos.
 
 #include <pi_offload/OffloadDecision.h>
-#include <pi_offload/ros/conversions.h>
-#include <pi_offload/ros/coordinator_ros.h>
-#include <pi_runtime/ros/formatting.h>
+#include "ros/conversions.h"
+#include "ros/coordinator_ros.h"
+#include <pi_node/formatting.h>
 #include <visualization_msgs/MarkerArray.h>
 
 #include <algorithm>
@@ -12,14 +12,14 @@
 #include <exception>
 #include <utility>
 
-#include "durations.h"
+#include "wire/durations.h"
 
 namespace pi_offload
 {
 namespace
 {
 
-using pi_runtime::format;
+using pi_node::format;
 
 constexpr double WATCH_PERIOD_S = 0.2;
 constexpr size_t MOST_WAITING_NODES = 256;

@@ -1,6 +1,6 @@
 #include <diagnostic_msgs/DiagnosticStatus.h>
-#include <pi_offload/ros/edge_server_ros.h>
-#include <pi_runtime/ros/formatting.h>
+#include "ros/edge_server_ros.h"
+#include <pi_node/formatting.h>
 
 #include <algorithm>
 #include <vector>
@@ -11,12 +11,12 @@ namespace
 {
 
 using diagnostic_msgs::DiagnosticStatus;
-using pi_runtime::format;
+using pi_node::format;
 
 }  // namespace
 
 EdgeServerRos::EdgeServerRos(ros::NodeHandle node, ros::NodeHandle private_node, const EdgeServerRosOptions& options,
-                             const EdgeServer* server, const pi_runtime::WarningBoard* warnings)
+                             const EdgeServer* server, const pi_node::WarningBoard* warnings)
   : thread_("edge_server_ros")
   , node_(thread_.handle(node))
   , options_(options)
@@ -43,7 +43,7 @@ void EdgeServerRos::report(Status& status)
 {
   const EdgeServer::Statistics now = server_->statistics();
   const EdgeServer::Health health = server_->health();
-  const std::vector<pi_runtime::WarningBoard::Entry> warnings = warnings_->recent();
+  const std::vector<pi_node::WarningBoard::Entry> warnings = warnings_->recent();
   const uint64_t refused = now.admission.refused - before_.admission.refused;
   if (!health.live)
   {

@@ -1,19 +1,19 @@
-#include <pi_offload/ros/edge_server_ros_options.h>
-#include <pi_runtime/option_check.h>
-#include <pi_runtime/ros/parameter_tree.h>
+#include "ros/edge_server_ros_options.h"
+#include <pi_node/option_check.h>
+#include <pi_node/ros/parameter_tree.h>
 #include <unistd.h>
 #include <yaml-cpp/yaml.h>
 
 #include <cmath>
 #include <stdexcept>
 
-#include "package_files.h"
+#include "ros/package_files.h"
 
 namespace pi_offload
 {
 
-namespace parameter_tree = pi_runtime::parameter_tree;
-namespace parameters = pi_runtime::parameters;
+namespace parameter_tree = pi_node::parameter_tree;
+namespace parameters = pi_node::parameters;
 using XmlRpc::XmlRpcValue;
 
 namespace
@@ -132,7 +132,7 @@ namespace pi_detect
 static void read(const XmlRpc::XmlRpcValue& value, Target* field)
 {
   std::string name;
-  pi_runtime::parameters::read(value, &name);
+  pi_node::parameters::read(value, &name);
   try
   {
     *field = parseTarget(name);
@@ -156,7 +156,7 @@ namespace pi_speech
 static void read(const XmlRpc::XmlRpcValue& value, RecognitionMode* field)
 {
   std::string name;
-  pi_runtime::parameters::read(value, &name);
+  pi_node::parameters::read(value, &name);
   try
   {
     *field = parseRecognitionMode(name);
@@ -242,7 +242,7 @@ EdgeServerRosOptions::EdgeServerRosOptions()
 
 void EdgeServerRosOptions::validate() const
 {
-  const pi_runtime::OptionCheck own("");
+  const pi_node::OptionCheck own("");
   own.range("port", port, 0, 65535);
   own.range("health/port", health_port, 0, 65535);
   parameters::require(std::isfinite(server.position.x), "x", server.position.x, "finite");

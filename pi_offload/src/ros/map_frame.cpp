@@ -1,5 +1,5 @@
 #include <pi_detect/ros/conversions.h>
-#include <pi_offload/ros/map_frame.h>
+#include "ros/map_frame.h"
 #include <tf2/exceptions.h>
 
 namespace pi_offload

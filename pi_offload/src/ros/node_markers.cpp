@@ -1,5 +1,5 @@
-#include <pi_offload/ros/node_markers.h>
-#include <pi_runtime/ros/formatting.h>
+#include "ros/node_markers.h"
+#include <pi_node/formatting.h>
 
 #include <algorithm>
 #include <boost/make_shared.hpp>
@@ -10,7 +10,7 @@ namespace pi_offload
 namespace
 {
 
-using pi_runtime::format;
+using pi_node::format;
 using visualization_msgs::Marker;
 
 constexpr char NODES[] = "nodes";

@@ -5,9 +5,9 @@
 #include <exception>
 #include <optional>
 
-#include "durations.h"
+#include "wire/durations.h"
 #include "server/edge_server_impl.h"
-#include "socket_tools.h"
+#include "wire/socket_tools.h"
 
 namespace pi_offload
 {

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <pi_offload/edge_server.h>
+#include "server/edge_server.h"
 
 #include <array>
 #include <condition_variable>
@@ -15,7 +15,7 @@
 #include <utility>
 #include <vector>
 
-#include "one_way_delay.h"
+#include "wire/one_way_delay.h"
 
 namespace pi_offload
 {

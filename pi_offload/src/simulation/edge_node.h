@@ -2,7 +2,7 @@
 
 #include "simulation/world.h"
 
-#include <pi_offload/admission.h>
+#include "policies/admission.h"
 
 #include <map>
 #include <string>

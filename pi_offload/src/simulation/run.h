@@ -4,7 +4,7 @@
 #include "simulation/oracle.h"
 #include "simulation/world.h"
 
-#include <pi_offload/offload_engine.h>
+#include "engine/offload_engine.h"
 
 #include <limits>
 #include <memory>

@@ -1,6 +1,6 @@
-#include <pi_offload/simulation.h>
+#include "simulation/simulation.h"
 
-#include <pi_runtime/option_check.h>
+#include <pi_node/option_check.h>
 
 #include <yaml-cpp/yaml.h>
 
@@ -319,7 +319,7 @@ void validateStreams(const Scenario& scenario)
   for (const Scenario::Stream& stream : scenario.streams)
   {
     const std::string group = std::string("streams/") + toString(stream.kind);
-    const pi_runtime::OptionCheck check(group);
+    const pi_node::OptionCheck check(group);
     check.range("rate_hz", stream.rate_hz, 1e-3, 1000.0);
     check.range("deadline_s", stream.deadline_s, 1e-3, 60.0);
     check.range("work_gcycles", stream.work_gcycles, 0.0, 1e6);
@@ -346,7 +346,7 @@ void validateNodes(const Scenario& scenario)
   {
     node.description.validate();
     const std::string group = "nodes/" + node.description.id;
-    const pi_runtime::OptionCheck check(group);
+    const pi_node::OptionCheck check(group);
     check.range("workers", node.workers, 1, 1024);
     for (const double service_s : node.service_s)
     {
@@ -383,7 +383,7 @@ const Scenario::Stream* Scenario::stream(TaskKind kind) const
 
 void Scenario::validate() const
 {
-  const pi_runtime::OptionCheck check("");
+  const pi_node::OptionCheck check("");
   check.range("duration_s", duration_s, 1e-3, 1e6);
   check.range("vehicles", vehicles, 1, 10000);
   check.range("speed", speed, 0.0, 100.0);
@@ -393,7 +393,7 @@ void Scenario::validate() const
     check.range("route", point.y, -MOST_METRES, MOST_METRES);
   }
   const simulation::LoopRoute loop(route);  // throws if it has no length
-  const pi_runtime::OptionCheck net("network");
+  const pi_node::OptionCheck net("network");
   net.range("rate_near_mbps", network.rate_near_mbps, 1e-3, 1e6);
   net.range("rate_edge_mbps", network.rate_edge_mbps, 1e-3, 1e6);
   net.range("shadowing_db", network.shadowing_db, 0.0, 30.0);
@@ -402,7 +402,7 @@ void Scenario::validate() const
   net.range("round_trip_deviation", network.round_trip_deviation, 0.0, 3.0);
   net.range("loss", network.loss, 0.0, 1.0);
   net.range("retransmission_s", network.retransmission_s, 0.0, 60.0);
-  const pi_runtime::OptionCheck others("load");
+  const pi_node::OptionCheck others("load");
   others.range("base_load", load.base_load, 0.0, 100.0);
   others.range("heavy_share", load.heavy_share, 0.0, 1.0);
   others.range("heavy_load", load.heavy_load, 0.0, 100.0);
@@ -410,7 +410,7 @@ void Scenario::validate() const
   others.range("task_s", load.task_s, 1e-6, 60.0);
   others.range("time_left", load.time_left, 1e-3, 1.0);
   others.range("vehicles", load.vehicles, 1, 10000);
-  const pi_runtime::OptionCheck faults("failures");
+  const pi_node::OptionCheck faults("failures");
   faults.range("mean_between_s", failures.mean_between_s, 0.0, 1e9);
   faults.range("mean_repair_s", failures.mean_repair_s, 1e-3, 1e9);
   validateStreams(*this);

@@ -1,4 +1,4 @@
-#include <pi_offload/simulation.h>
+#include "simulation/simulation.h"
 
 #include "simulation/run.h"
 

@@ -2,7 +2,7 @@
 
 #include "simulation/loop_route.h"
 
-#include <pi_offload/simulation.h>
+#include "simulation/simulation.h"
 
 #include <cmath>
 

@@ -1,9 +1,9 @@
 // simulate --scenario S.yaml --policy P[,P2...]: energy, missed deadlines and handovers of policies in a simulated
 // world, beside those of an oracle. Needs no ROS master.
 
-#include <pi_offload/simulation.h>
-#include <pi_runtime/tools/progress.h>
-#include <pi_runtime/tools/stop_signal.h>
+#include "simulation/simulation.h"
+#include <pi_node/progress.h>
+#include <pi_node/stop_signal.h>
 
 #include <algorithm>
 #include <atomic>
@@ -127,7 +127,7 @@ void runParallel(int threads, size_t count, const std::string& unit, bool quiet,
   std::exception_ptr error;
   const auto work = [&]
   {
-    while (!pi_runtime::StopSignal::came())
+    while (!pi_node::StopSignal::came())
     {
       const size_t i = next++;
       if (i >= count)
@@ -162,7 +162,7 @@ void runParallel(int threads, size_t count, const std::string& unit, bool quiet,
     workers.emplace_back(work);
   }
   {
-    pi_runtime::Progress progress(unit, quiet);
+    pi_node::Progress progress(unit, quiet);
     std::unique_lock<std::mutex> lock(mutex);
     while (running > 0)
     {
@@ -235,10 +235,10 @@ int run(const CommandLine& line)
                 own.engine.policy.miss_cost_j = one.lambda;
                 one.results[i % seeds] = simulate(own, one.policy, line.seed + static_cast<uint32_t>(i % seeds));
               });
-  if (pi_runtime::StopSignal::came())
+  if (pi_node::StopSignal::came())
   {
     std::cerr << "stopped; nothing was written\n";
-    return pi_runtime::StopSignal::exitStatus();
+    return pi_node::StopSignal::exitStatus();
   }
   for (Case& one : cases)
   {
@@ -330,7 +330,7 @@ int main(int argc, char** argv)
   }
   try
   {
-    pi_runtime::StopSignal::install();
+    pi_node::StopSignal::install();
     return run(line);
   }
   catch (const std::exception& error)

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <pi_offload/simulation.h>
+#include "simulation/simulation.h"
 
 #include <cstdint>
 #include <string>

@@ -12,7 +12,7 @@
 #include <type_traits>
 #include <vector>
 
-#include "pi_runtime/buffer.h"
+#include <pi_runtime/buffer.h>
 
 namespace pi_runtime
 {

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "pi_runtime/codelet.h"
+#include <pi_runtime/codelet.h>
 
 namespace pi_runtime
 {

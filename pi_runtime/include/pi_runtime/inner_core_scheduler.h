@@ -3,10 +3,10 @@
 #include <memory>
 #include <string>
 
-#include "pi_runtime/dag_plan.h"
-#include "pi_runtime/etc_matrix.h"
-#include "pi_runtime/task_graph.h"
-#include "pi_runtime/transfer_model.h"
+#include <pi_runtime/dag_plan.h>
+#include <pi_runtime/etc_matrix.h>
+#include <pi_runtime/task_graph.h>
+#include <pi_runtime/transfer_model.h>
 
 namespace pi_runtime
 {

@@ -14,8 +14,8 @@
 #include <utility>
 #include <vector>
 
-#include "pi_runtime/buffer.h"
-#include "pi_runtime/codelet.h"
+#include <pi_runtime/buffer.h>
+#include <pi_runtime/codelet.h>
 
 namespace pi_runtime
 {

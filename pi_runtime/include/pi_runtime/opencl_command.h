@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "pi_runtime/codelet.h"
-#include "pi_runtime/opencl.h"
+#include <pi_runtime/codelet.h>
+#include <pi_runtime/opencl.h>
 
 namespace pi_runtime
 {

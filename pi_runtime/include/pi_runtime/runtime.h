@@ -7,13 +7,13 @@
 #include <string>
 #include <vector>
 
-#include "pi_runtime/etc_table.h"
-#include "pi_runtime/executor.h"
-#include "pi_runtime/inner_core_scheduler.h"
-#include "pi_runtime/inter_core_scheduler.h"
-#include "pi_runtime/runtime_options.h"
-#include "pi_runtime/task.h"
-#include "pi_runtime/trace.h"
+#include <pi_runtime/etc_table.h>
+#include <pi_runtime/executor.h>
+#include <pi_runtime/inner_core_scheduler.h>
+#include <pi_runtime/inter_core_scheduler.h>
+#include <pi_runtime/runtime_options.h>
+#include <pi_runtime/task.h>
+#include <pi_runtime/trace.h>
 
 namespace pi_runtime
 {

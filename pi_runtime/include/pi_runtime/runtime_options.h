@@ -6,10 +6,10 @@
 #include <string>
 #include <vector>
 
-#include "pi_runtime/executor.h"
-#include "pi_runtime/inner_core_scheduler.h"
-#include "pi_runtime/inter_core_scheduler.h"
-#include "pi_runtime/opencl.h"
+#include <pi_runtime/executor.h>
+#include <pi_runtime/inner_core_scheduler.h>
+#include <pi_runtime/inter_core_scheduler.h>
+#include <pi_runtime/opencl.h>
 
 namespace pi_runtime
 {

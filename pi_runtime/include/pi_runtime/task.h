@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "pi_runtime/codelet.h"
-#include "pi_runtime/executor.h"
+#include <pi_runtime/codelet.h>
+#include <pi_runtime/executor.h>
 
 namespace pi_runtime
 {

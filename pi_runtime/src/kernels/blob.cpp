@@ -1,4 +1,4 @@
-#include "pi_runtime/kernels/blob.h"
+#include <pi_runtime/kernels/blob.h>
 
 #include <algorithm>
 #include <array>
@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "codelet_arguments.h"
-#include "simd.h"
+#include "kernels/codelet_arguments.h"
+#include "kernels/simd.h"
 
 namespace pi_runtime
 {

@@ -1,14 +1,14 @@
-#include "pi_runtime/kernels/builtin_codelets.h"
+#include "kernels/builtin_codelets.h"
 
-#include "pi_runtime/kernels/blob.h"
-#include "pi_runtime/kernels/fast_corners.h"
-#include "pi_runtime/kernels/gaussian_blur.h"
-#include "pi_runtime/kernels/hamming.h"
-#include "pi_runtime/kernels/lucas_kanade.h"
-#include "pi_runtime/kernels/orb.h"
-#include "pi_runtime/kernels/pyramid.h"
-#include "pi_runtime/kernels/rectify.h"
-#include "pi_runtime/kernels/ssd_postprocess.h"
+#include <pi_runtime/kernels/blob.h>
+#include <pi_runtime/kernels/fast_corners.h>
+#include <pi_runtime/kernels/gaussian_blur.h>
+#include <pi_runtime/kernels/hamming.h>
+#include <pi_runtime/kernels/lucas_kanade.h>
+#include <pi_runtime/kernels/orb.h>
+#include <pi_runtime/kernels/pyramid.h>
+#include "kernels/rectify.h"
+#include <pi_runtime/kernels/ssd_postprocess.h>
 
 namespace pi_runtime
 {

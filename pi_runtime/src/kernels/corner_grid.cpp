@@ -1,4 +1,4 @@
-#include "pi_runtime/kernels/corner_grid.h"
+#include <pi_runtime/kernels/corner_grid.h>
 
 #include <algorithm>
 #include <cmath>

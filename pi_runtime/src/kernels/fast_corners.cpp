@@ -1,11 +1,11 @@
-#include "pi_runtime/kernels/fast_corners.h"
+#include <pi_runtime/kernels/fast_corners.h>
 
 #include <algorithm>
 #include <array>
 #include <cstring>
 #include <vector>
 
-#include "simd.h"
+#include "kernels/simd.h"
 
 namespace pi_runtime
 {

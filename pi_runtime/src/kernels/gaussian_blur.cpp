@@ -1,9 +1,9 @@
-#include "pi_runtime/kernels/gaussian_blur.h"
+#include <pi_runtime/kernels/gaussian_blur.h>
 
 #include <vector>
 
-#include "border.h"
-#include "simd.h"
+#include "kernels/border.h"
+#include "kernels/simd.h"
 
 namespace pi_runtime
 {

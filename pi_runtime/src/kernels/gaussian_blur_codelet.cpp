@@ -1,10 +1,10 @@
 #include <string>
 
-#include "codelet_arguments.h"
-#include "image_bytes.h"
+#include "kernels/codelet_arguments.h"
+#include "kernels/image_bytes.h"
 #include "kernel_sources.h"
-#include "pi_runtime/kernels/gaussian_blur.h"
-#include "pi_runtime/opencl_command.h"
+#include <pi_runtime/kernels/gaussian_blur.h>
+#include <pi_runtime/opencl_command.h>
 
 namespace pi_runtime
 {

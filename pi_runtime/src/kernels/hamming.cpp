@@ -1,11 +1,11 @@
-#include "pi_runtime/kernels/hamming.h"
+#include <pi_runtime/kernels/hamming.h>
 
 #include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <vector>
 
-#include "simd.h"
+#include "kernels/simd.h"
 
 namespace pi_runtime
 {

@@ -1,9 +1,9 @@
 #include <string>
 
-#include "codelet_arguments.h"
+#include "kernels/codelet_arguments.h"
 #include "kernel_sources.h"
-#include "pi_runtime/kernels/hamming.h"
-#include "pi_runtime/opencl_command.h"
+#include <pi_runtime/kernels/hamming.h>
+#include <pi_runtime/opencl_command.h>
 
 namespace pi_runtime
 {

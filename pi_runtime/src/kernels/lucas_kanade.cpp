@@ -1,12 +1,12 @@
-#include "pi_runtime/kernels/lucas_kanade.h"
+#include <pi_runtime/kernels/lucas_kanade.h>
 
 #include <cfloat>
 #include <cmath>
 #include <stdexcept>
 #include <string>
 
-#include "codelet_arguments.h"
-#include "lucas_kanade_window.h"
+#include "kernels/codelet_arguments.h"
+#include "kernels/lucas_kanade_window.h"
 
 namespace pi_runtime
 {

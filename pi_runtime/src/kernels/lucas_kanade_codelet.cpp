@@ -1,7 +1,7 @@
-#include "codelet_arguments.h"
+#include "kernels/codelet_arguments.h"
 #include "kernel_sources.h"
-#include "pi_runtime/kernels/lucas_kanade.h"
-#include "pi_runtime/opencl_command.h"
+#include <pi_runtime/kernels/lucas_kanade.h>
+#include <pi_runtime/opencl_command.h>
 
 namespace pi_runtime
 {

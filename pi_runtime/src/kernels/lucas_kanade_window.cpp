@@ -1,10 +1,10 @@
-#include "lucas_kanade_window.h"
+#include "kernels/lucas_kanade_window.h"
 
 #include <cmath>
 #include <cstdlib>
 
-#include "border.h"
-#include "simd.h"
+#include "kernels/border.h"
+#include "kernels/simd.h"
 
 namespace pi_runtime
 {

@@ -3,7 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "pi_runtime/kernels/image_view.h"
+#include <pi_runtime/kernels/image_view.h>
 
 namespace pi_runtime
 {

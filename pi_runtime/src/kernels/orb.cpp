@@ -1,9 +1,9 @@
-#include "pi_runtime/kernels/orb.h"
+#include <pi_runtime/kernels/orb.h>
 
 #include <cmath>
 #include <cstring>
 
-#include "simd.h"
+#include "kernels/simd.h"
 
 namespace pi_runtime
 {

@@ -3,7 +3,7 @@
 #include <random>
 #include <vector>
 
-#include "pi_runtime/kernels/orb.h"
+#include <pi_runtime/kernels/orb.h>
 
 namespace pi_runtime
 {

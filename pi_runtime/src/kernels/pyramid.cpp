@@ -1,11 +1,11 @@
-#include "pi_runtime/kernels/pyramid.h"
+#include <pi_runtime/kernels/pyramid.h>
 
 #include <cstring>
 #include <vector>
 
-#include "border.h"
-#include "codelet_arguments.h"
-#include "simd.h"
+#include "kernels/border.h"
+#include "kernels/codelet_arguments.h"
+#include "kernels/simd.h"
 
 namespace pi_runtime
 {

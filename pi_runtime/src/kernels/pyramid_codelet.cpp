@@ -1,8 +1,8 @@
-#include "codelet_arguments.h"
-#include "image_bytes.h"
+#include "kernels/codelet_arguments.h"
+#include "kernels/image_bytes.h"
 #include "kernel_sources.h"
-#include "pi_runtime/kernels/pyramid.h"
-#include "pi_runtime/opencl_command.h"
+#include <pi_runtime/kernels/pyramid.h>
+#include <pi_runtime/opencl_command.h>
 
 namespace pi_runtime
 {

@@ -1,4 +1,4 @@
-#include "pi_runtime/kernels/rectify.h"
+#include "kernels/rectify.h"
 
 #include <algorithm>
 #include <cmath>
@@ -6,7 +6,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "simd.h"
+#include "kernels/simd.h"
 
 namespace pi_runtime
 {

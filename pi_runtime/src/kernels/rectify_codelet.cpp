@@ -1,11 +1,11 @@
 #include <stdexcept>
 #include <string>
 
-#include "codelet_arguments.h"
-#include "image_bytes.h"
+#include "kernels/codelet_arguments.h"
+#include "kernels/image_bytes.h"
 #include "kernel_sources.h"
-#include "pi_runtime/kernels/rectify.h"
-#include "pi_runtime/opencl_command.h"
+#include "kernels/rectify.h"
+#include <pi_runtime/opencl_command.h>
 
 namespace pi_runtime
 {

@@ -1,5 +1,5 @@
 // To be compiled with -ffp-contract=off: fused multiply-add would give other bits than the OpenCL kernels.
-#include "pi_runtime/kernels/ssd_postprocess.h"
+#include <pi_runtime/kernels/ssd_postprocess.h>
 
 #include <algorithm>
 #include <cmath>
@@ -7,8 +7,8 @@
 #include <limits>
 #include <vector>
 
-#include "simd.h"
-#include "ssd_work.h"
+#include "kernels/simd.h"
+#include "kernels/ssd_work.h"
 
 namespace pi_runtime
 {

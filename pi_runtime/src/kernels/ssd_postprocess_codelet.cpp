@@ -1,11 +1,11 @@
 #include <stdexcept>
 #include <string>
 
-#include "codelet_arguments.h"
+#include "kernels/codelet_arguments.h"
 #include "kernel_sources.h"
-#include "pi_runtime/kernels/ssd_postprocess.h"
-#include "pi_runtime/opencl_command.h"
-#include "ssd_work.h"
+#include <pi_runtime/kernels/ssd_postprocess.h>
+#include <pi_runtime/opencl_command.h>
+#include "kernels/ssd_work.h"
 
 namespace pi_runtime
 {

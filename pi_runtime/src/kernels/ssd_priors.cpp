@@ -3,7 +3,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "pi_runtime/kernels/ssd_postprocess.h"
+#include <pi_runtime/kernels/ssd_postprocess.h>
 
 namespace pi_runtime
 {

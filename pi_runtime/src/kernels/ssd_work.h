@@ -3,7 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "pi_runtime/kernels/ssd_postprocess.h"
+#include <pi_runtime/kernels/ssd_postprocess.h>
 
 namespace pi_runtime
 {

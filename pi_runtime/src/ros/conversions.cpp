@@ -1,4 +1,4 @@
-#include <pi_runtime/ros/conversions.h>
+#include "ros/conversions.h"
 
 #include <stdexcept>
 #include <utility>

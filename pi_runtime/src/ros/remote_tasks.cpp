@@ -1,5 +1,5 @@
-#include <pi_runtime/ros/conversions.h>
-#include <pi_runtime/ros/remote_tasks.h>
+#include "ros/conversions.h"
+#include "ros/remote_tasks.h"
 #include <pthread.h>
 
 #include <algorithm>

@@ -1,5 +1,5 @@
 #include <diagnostic_msgs/DiagnosticStatus.h>
-#include <pi_runtime/ros/runtime_diagnostics.h>
+#include "ros/runtime_diagnostics.h"
 #include <unistd.h>
 
 #include <algorithm>
@@ -131,23 +131,23 @@ void RuntimeDiagnostics::reportScheduler(Status& status) const
 
 void RuntimeDiagnostics::reportPower(Status& status)
 {
-  const PowerReading reading = power_.read();
+  const pi_node::PowerReading reading = power_.read();
   std::string summary;
   const auto mention = [&summary](const std::string& text) { summary += (summary.empty() ? "" : ", ") + text; };
-  for (const PowerReading::Power& power : reading.powers)
+  for (const pi_node::PowerReading::Power& power : reading.powers)
   {
     status.add("power " + power.name + " [W]", power.watts);
     status.add("energy " + power.name + " [J]", power.joules);
     mention(power.name + format(" %.1f W", power.watts));
   }
-  for (const PowerReading::Battery& battery : reading.batteries)
+  for (const pi_node::PowerReading::Battery& battery : reading.batteries)
   {
     status.add("battery " + battery.name + " [W]", battery.watts);
     status.add("battery " + battery.name + " charge", battery.charge);
     mention(battery.name + format(" %.0f %%", 100.0 * battery.charge));
   }
   double hottest = -INFINITY;
-  for (const PowerReading::Temperature& temperature : reading.temperatures)
+  for (const pi_node::PowerReading::Temperature& temperature : reading.temperatures)
   {
     status.add("temperature " + temperature.name + " [degC]", temperature.celsius);
     hottest = std::max(hottest, temperature.celsius);
@@ -156,11 +156,11 @@ void RuntimeDiagnostics::reportPower(Status& status)
   {
     mention(format("%.0f degC", hottest));
   }
-  for (const PowerReading::Frequency& frequency : reading.frequencies)
+  for (const pi_node::PowerReading::Frequency& frequency : reading.frequencies)
   {
     status.add("frequency of core " + std::to_string(frequency.core) + " [Hz]", frequency.hertz);
   }
-  for (const PowerMonitor::Unreadable& sensor : power_.unreadable())
+  for (const pi_node::PowerMonitor::Unreadable& sensor : power_.unreadable())
   {
     status.add("unreadable " + sensor.path, sensor.reason);
   }

@@ -1,5 +1,5 @@
-#include <pi_runtime/ros/conversions.h>
-#include <pi_runtime/ros/runtime_ros.h>
+#include "ros/conversions.h"
+#include "ros/runtime_ros.h"
 
 #include <boost/make_shared.hpp>
 #include <utility>

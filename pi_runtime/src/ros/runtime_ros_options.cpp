@@ -1,5 +1,5 @@
-#include <pi_runtime/ros/parameter_values.h>
-#include <pi_runtime/ros/runtime_ros_options.h>
+#include <pi_node/ros/parameter_values.h>
+#include "ros/runtime_ros_options.h"
 
 #include <map>
 #include <set>
@@ -11,12 +11,12 @@ namespace pi_runtime
 namespace
 {
 
-using parameters::flatten;
-using parameters::read;
-using parameters::require;
-using parameters::requireType;
-using parameters::text;
-using parameters::write;
+using pi_node::parameters::flatten;
+using pi_node::parameters::read;
+using pi_node::parameters::require;
+using pi_node::parameters::requireType;
+using pi_node::parameters::text;
+using pi_node::parameters::write;
 using XmlRpc::XmlRpcValue;
 
 /// What stands for RuntimeOptions::defaultCacheFolder(), which depends on the user.

@@ -1,7 +1,7 @@
 // RuntimeRos: the services that show and set what the runtime knows.
-#include <pi_runtime/gantt.h>
-#include <pi_runtime/ros/conversions.h>
-#include <pi_runtime/ros/runtime_ros.h>
+#include "trace/gantt.h"
+#include "ros/conversions.h"
+#include "ros/runtime_ros.h"
 
 #include <algorithm>
 #include <cerrno>

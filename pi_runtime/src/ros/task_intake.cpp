@@ -1,5 +1,5 @@
-#include <pi_runtime/ros/conversions.h>
-#include <pi_runtime/ros/task_intake.h>
+#include "ros/conversions.h"
+#include "ros/task_intake.h"
 
 #include <boost/make_shared.hpp>
 #include <cstring>

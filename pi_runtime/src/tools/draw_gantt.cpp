@@ -8,7 +8,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "pi_runtime/gantt.h"
+#include "trace/gantt.h"
 
 namespace po = boost::program_options;
 

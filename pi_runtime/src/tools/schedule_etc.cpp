@@ -3,8 +3,8 @@
 /// Output: lines `task,unit,start,finish` by start time, figures as comment lines that begin with #.
 /// Exit status: 0; 2 after a bad option or file; 3 if no unit can run some task, which is then printed as refused.
 
-#include "pi_runtime/etc_matrix.h"
-#include "pi_runtime/inter_core_scheduler.h"
+#include <pi_runtime/etc_matrix.h>
+#include <pi_runtime/inter_core_scheduler.h>
 
 #include <boost/program_options.hpp>
 

@@ -1,8 +1,8 @@
 #pragma once
 
-#include <pi_slam/camera_geometry.h>
-#include <pi_slam/imu_preintegration.h>
-#include <pi_slam/nav_state.h>
+#include "camera/camera_geometry.h"
+#include "inertial/imu_preintegration.h"
+#include "inertial/nav_state.h"
 
 #include <Eigen/Core>
 

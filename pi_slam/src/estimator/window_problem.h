@@ -2,10 +2,10 @@
 
 #include "estimator/factors.h"
 
-#include <pi_slam/frame_features.h>
-#include <pi_slam/nav_state.h>
+#include "front_end/frame_features.h"
+#include "inertial/nav_state.h"
 #include <pi_slam/so3.h>
-#include <pi_slam/window_estimator.h>
+#include "estimator/window_estimator.h"
 
 #include <Eigen/Core>
 #include <array>

@@ -1,4 +1,4 @@
-#include "run_files.h"
+#include "evaluation/run_files.h"
 
 #include <Eigen/Geometry>
 #include <fstream>

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "sequence_run.h"
+#include "evaluation/sequence_run.h"
 
 #include <string>
 #include <vector>

@@ -1,6 +1,6 @@
-#include "run_plot.h"
+#include "evaluation/run_plot.h"
 
-#include <pi_slam/trajectory_plot.h>
+#include "evaluation/trajectory_plot.h"
 
 #include <algorithm>
 #include <cmath>

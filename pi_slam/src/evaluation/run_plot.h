@@ -1,6 +1,6 @@
 #pragma once
 
-#include "run_report.h"
+#include "evaluation/run_report.h"
 
 #include <string>
 #include <vector>

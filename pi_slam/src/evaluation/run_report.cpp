@@ -1,4 +1,4 @@
-#include "run_report.h"
+#include "evaluation/run_report.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,8 +1,8 @@
 #pragma once
 
-#include "sequence_run.h"
+#include "evaluation/sequence_run.h"
 
-#include <pi_slam/trajectory_metrics.h>
+#include "evaluation/trajectory_metrics.h"
 
 #include <iosfwd>
 #include <optional>

@@ -1,4 +1,4 @@
-#include "sequence_run.h"
+#include "evaluation/sequence_run.h"
 
 #include <pi_runtime/runtime.h>
 #include <sys/resource.h>

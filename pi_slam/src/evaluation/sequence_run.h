@@ -1,9 +1,9 @@
 #pragma once
 
-#include <pi_slam/mapper.h>
-#include <pi_slam/sequence_reader.h>
+#include "map/mapper.h"
+#include "evaluation/sequence_reader.h"
 #include <pi_slam/trajectory_file.h>
-#include <pi_slam/vio.h>
+#include "odometry/vio.h"
 
 #include <cstdint>
 #include <functional>

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "pi_runtime/kernels/corner_grid.h"
+#include <pi_runtime/kernels/corner_grid.h>
 
 namespace pi_slam
 {

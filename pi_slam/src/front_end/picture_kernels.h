@@ -6,11 +6,11 @@
 #include <opencv2/core/mat.hpp>
 #include <vector>
 
-#include "pi_runtime/buffer.h"
-#include "pi_runtime/codelet.h"
-#include "pi_runtime/kernels/fast_corners.h"
-#include "pi_runtime/kernels/lucas_kanade.h"
-#include "pi_runtime/kernels/pyramid.h"
+#include <pi_runtime/buffer.h>
+#include <pi_runtime/codelet.h>
+#include <pi_runtime/kernels/fast_corners.h>
+#include <pi_runtime/kernels/lucas_kanade.h>
+#include <pi_runtime/kernels/pyramid.h>
 
 namespace pi_runtime
 {

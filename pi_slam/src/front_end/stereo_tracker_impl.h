@@ -1,6 +1,6 @@
 #pragma once
 
-#include <pi_slam/stereo_tracker.h>
+#include "front_end/stereo_tracker.h"
 
 #include <cmath>
 #include <utility>

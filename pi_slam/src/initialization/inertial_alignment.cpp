@@ -1,4 +1,4 @@
-#include "inertial_alignment.h"
+#include "initialization/inertial_alignment.h"
 
 #include <pi_slam/so3.h>
 

@@ -1,11 +1,11 @@
 #pragma once
 
-#include <pi_slam/imu_preintegration.h>
+#include "inertial/imu_preintegration.h"
 
 #include <Eigen/Core>
 #include <vector>
 
-#include "stereo_odometry.h"
+#include "initialization/stereo_odometry.h"
 
 namespace pi_slam
 {

@@ -1,4 +1,4 @@
-#include "stereo_odometry.h"
+#include "initialization/stereo_odometry.h"
 
 #include <pi_slam/so3.h>
 

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <pi_slam/frame_features.h>
+#include "front_end/frame_features.h"
 #include <pi_slam/stereo_calibration.h>
 
 #include <Eigen/Geometry>

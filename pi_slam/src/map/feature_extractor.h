@@ -1,6 +1,6 @@
 #pragma once
 
-#include <pi_slam/map_frame.h>
+#include "map/map_frame.h"
 #include <pi_slam/stereo_calibration.h>
 
 #include <array>

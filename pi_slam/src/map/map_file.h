@@ -1,6 +1,6 @@
 #pragma once
 
-#include <pi_slam/mapper.h>
+#include "map/mapper.h"
 #include <pi_slam/stereo_calibration.h>
 
 #include <cstdint>

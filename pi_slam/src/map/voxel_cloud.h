@@ -1,6 +1,6 @@
 #pragma once
 
-#include <pi_slam/mapper.h>
+#include "map/mapper.h"
 
 #include <array>
 #include <map>

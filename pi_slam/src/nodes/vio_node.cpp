@@ -1,21 +1,8 @@
-#include <pi_slam/ros/vio_ros.h>
-#include <ros/ros.h>
+#include <pi_node/ros/node_main.h>
 
-#include <exception>
+#include "ros/vio_ros.h"
 
 int main(int argc, char** argv)
 {
-  ros::init(argc, argv, "vio");
-  const ros::NodeHandle node;  // outlives the odometry: roscpp ends with the last handle, and its log with it
-  try
-  {
-    pi_slam::VioRos vio(node, ros::NodeHandle("~"));
-    ros::spin();
-    return 0;
-  }
-  catch (const std::exception& error)
-  {
-    ROS_FATAL_STREAM_NAMED("vio", error.what());
-    return 1;
-  }
+  return pi_node::runNode<pi_slam::VioRos>(argc, argv, "vio");
 }

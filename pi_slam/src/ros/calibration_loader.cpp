@@ -1,5 +1,5 @@
-#include <pi_slam/ros/calibration_loader.h>
-#include <pi_slam/ros/conversions.h>
+#include "ros/calibration_loader.h"
+#include "ros/conversions.h"
 #include <yaml-cpp/yaml.h>
 
 #include <Eigen/LU>

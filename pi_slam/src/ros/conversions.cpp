@@ -1,7 +1,7 @@
 #include <pi_os_transport/zero_copy/cv_bridge.h>
 #include <pi_os_transport/zero_copy/shared_image.h>
-#include <pi_runtime/ros/formatting.h>
-#include <pi_slam/ros/conversions.h>
+#include <pi_node/formatting.h>
+#include "ros/conversions.h"
 #include <pi_slam/so3.h>
 #include <sensor_msgs/image_encodings.h>
 
@@ -16,7 +16,7 @@ namespace pi_slam
 namespace
 {
 
-using pi_runtime::sizeText;
+using pi_node::sizeText;
 
 namespace encodings = sensor_msgs::image_encodings;
 namespace zero_copy = pi_os_transport::zero_copy;

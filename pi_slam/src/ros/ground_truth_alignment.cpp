@@ -1,5 +1,5 @@
-#include <pi_slam/ros/conversions.h>
-#include <pi_slam/ros/ground_truth_alignment.h>
+#include "ros/conversions.h"
+#include "ros/ground_truth_alignment.h"
 #include <tf2/exceptions.h>
 
 #include <cmath>

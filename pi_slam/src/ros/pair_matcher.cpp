@@ -1,5 +1,5 @@
-#include <pi_slam/frame_features.h>
-#include <pi_slam/ros/pair_matcher.h>
+#include "front_end/frame_features.h"
+#include "ros/pair_matcher.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,6 +1,6 @@
 #include <diagnostic_msgs/DiagnosticStatus.h>
-#include <pi_runtime/ros/formatting.h>
-#include <pi_slam/ros/vio_diagnostics.h>
+#include <pi_node/formatting.h>
+#include "ros/vio_diagnostics.h"
 #include <unistd.h>
 
 #include <algorithm>
@@ -13,7 +13,7 @@ namespace pi_slam
 namespace
 {
 
-using pi_runtime::format;
+using pi_node::format;
 
 using diagnostic_msgs::DiagnosticStatus;
 
@@ -30,7 +30,7 @@ std::string hostName()
 }  // namespace
 
 VioDiagnostics::VioDiagnostics(const ros::NodeHandle& node, const ros::NodeHandle& private_node,
-                               const pi_runtime::WarningBoard* warnings, double input_timeout_s)
+                               const pi_node::WarningBoard* warnings, double input_timeout_s)
   : warnings_(warnings)
   , input_timeout_s_(input_timeout_s)
   , updater_(node, private_node, private_node.getNamespace())
@@ -127,7 +127,7 @@ void VioDiagnostics::reportOdometry(Status& status)
 
 void VioDiagnostics::reportInputs(Status& status) const
 {
-  const std::vector<pi_runtime::WarningBoard::Entry> warnings = warnings_->recent();
+  const std::vector<pi_node::WarningBoard::Entry> warnings = warnings_->recent();
   const VioFigures::Input* silent = nullptr;
   for (const VioFigures::Input& input : now_.inputs)
   {

@@ -1,8 +1,8 @@
-#include <pi_runtime/ros/formatting.h>
-#include <pi_runtime/ros/node_options.h>
+#include <pi_node/formatting.h>
+#include <pi_node/ros/node_options.h>
 #include <pi_runtime/runtime.h>
-#include <pi_slam/ros/conversions.h>
-#include <pi_slam/ros/vio_ros.h>
+#include "ros/conversions.h"
+#include "ros/vio_ros.h"
 #include <pthread.h>
 
 #include <algorithm>
@@ -16,9 +16,9 @@ namespace pi_slam
 namespace
 {
 
-using pi_runtime::format;
-using pi_runtime::seconds;
-using pi_runtime::sizeText;
+using pi_node::format;
+using pi_node::seconds;
+using pi_node::sizeText;
 
 namespace zero_copy = pi_os_transport::zero_copy;
 
@@ -66,9 +66,9 @@ VioRos::VioRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , input_node_(input_thread_.handle(node))
   , output_node_(output_thread_.handle(node))
   , private_node_(service_thread_.handle(private_node))
-  , options_(pi_runtime::loadNodeOptions<VioRosOptions>(private_node, "vio"))
+  , options_(pi_node::loadNodeOptions<VioRosOptions>(private_node, "vio"))
   , runtime_(options_.vio.tracker.use_runtime || options_.mapper.use_runtime ? pi_runtime::Runtime::shared() : nullptr)
-  , warnings_(options_.warning_period_s, pi_runtime::warningLog<VioRosOptions>("vio"))
+  , warnings_(options_.warning_period_s, pi_node::warningLog<VioRosOptions>("vio"))
   , diagnostics_(output_node_, private_node, &warnings_, options_.input_timeout_s)
   , matcher_(options_.pair_tolerance_s, options_.pair_wait_s)
   , odom_history_(HISTORY_NS, HISTORY_SPACING_NS)

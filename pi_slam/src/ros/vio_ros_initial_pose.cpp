@@ -1,8 +1,8 @@
 // A pose that somebody says, on vio_service.
 
-#include <pi_runtime/ros/formatting.h>
-#include <pi_slam/ros/conversions.h>
-#include <pi_slam/ros/vio_ros.h>
+#include <pi_node/formatting.h>
+#include "ros/conversions.h"
+#include "ros/vio_ros.h"
 
 #include <algorithm>
 #include <cmath>
@@ -12,8 +12,8 @@ namespace pi_slam
 namespace
 {
 
-using pi_runtime::format;
-using pi_runtime::seconds;
+using pi_node::format;
+using pi_node::seconds;
 
 constexpr double SHORTEST_QUATERNION = 1e-3;
 constexpr size_t Z_VARIANCE = 2 * 6 + 2;

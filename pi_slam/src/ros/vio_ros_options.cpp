@@ -1,6 +1,6 @@
-#include <pi_runtime/ros/parameter_values.h>
-#include <pi_slam/ros/vio_ros_options.h>
-#include <pi_slam/vio_options_yaml.h>
+#include <pi_node/ros/parameter_values.h>
+#include "ros/vio_ros_options.h"
+#include "odometry/vio_options_yaml.h"
 
 #include <map>
 #include <set>
@@ -12,12 +12,12 @@ namespace pi_slam
 namespace
 {
 
-using pi_runtime::parameters::flatten;
-using pi_runtime::parameters::read;
-using pi_runtime::parameters::require;
-using pi_runtime::parameters::requireType;
-using pi_runtime::parameters::text;
-using pi_runtime::parameters::write;
+using pi_node::parameters::flatten;
+using pi_node::parameters::read;
+using pi_node::parameters::require;
+using pi_node::parameters::requireType;
+using pi_node::parameters::text;
+using pi_node::parameters::write;
 using XmlRpc::XmlRpcValue;
 
 constexpr double MAX_DURATION_S = 3600.0;

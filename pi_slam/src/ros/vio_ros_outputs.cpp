@@ -1,8 +1,8 @@
 // The threads vio_output and vio_service of VioRos.
 
-#include <pi_runtime/ros/formatting.h>
-#include <pi_slam/ros/conversions.h>
-#include <pi_slam/ros/vio_ros.h>
+#include <pi_node/formatting.h>
+#include "ros/conversions.h"
+#include "ros/vio_ros.h"
 #include <tf2/exceptions.h>
 
 #include <boost/make_shared.hpp>
@@ -14,9 +14,9 @@ namespace pi_slam
 namespace
 {
 
-using pi_runtime::format;
-using pi_runtime::seconds;
-using pi_runtime::sizeText;
+using pi_node::format;
+using pi_node::seconds;
+using pi_node::sizeText;
 
 constexpr char NO_ODOMETRY[] = "; no odometry until this is right";
 

@@ -1,11 +1,11 @@
 // evaluate_sequence EUROC_DIR|BAG: runs odometry over a recording and compares it with ground truth. Needs no ROS
 // master.
 
-#include <pi_runtime/tools/progress.h>
-#include <pi_runtime/tools/stop_signal.h>
-#include <pi_slam/ros/vio_ros_options.h>
-#include <pi_slam/sequence_reader.h>
-#include <pi_slam/vio_options_yaml.h>
+#include <pi_node/progress.h>
+#include <pi_node/stop_signal.h>
+#include "ros/vio_ros_options.h"
+#include "evaluation/sequence_reader.h"
+#include "odometry/vio_options_yaml.h"
 
 #include <algorithm>
 #include <boost/program_options.hpp>
@@ -14,11 +14,11 @@
 #include <iostream>
 #include <opencv2/core/utility.hpp>
 
-#include "../bag_reader.h"
-#include "../evaluation/run_files.h"
-#include "../evaluation/run_plot.h"
-#include "../evaluation/run_report.h"
-#include "../evaluation/sequence_run.h"
+#include "evaluation/bag_reader.h"
+#include "evaluation/run_files.h"
+#include "evaluation/run_plot.h"
+#include "evaluation/run_report.h"
+#include "evaluation/sequence_run.h"
 
 namespace
 {
@@ -202,12 +202,12 @@ int evaluate(const CommandLine& line)
   SequenceReader reader(std::move(source), line.reader.read_ahead);
   SequenceRunResult result;
   {
-    pi_runtime::Progress progress("pairs", line.quiet);
+    pi_node::Progress progress("pairs", line.quiet);
     result = runSequence(&reader, calibration, options,
                          [&](size_t done)
                          {
                            progress.show(done, description.pairs);
-                           return !pi_runtime::StopSignal::came();
+                           return !pi_node::StopSignal::came();
                          });
   }
   printRun(result, description, reader.defects(), &std::cout);
@@ -226,7 +226,7 @@ int evaluate(const CommandLine& line)
   {
     writePlot(plotFile(line), description.name, result, judged, truth);
   }
-  return pi_runtime::StopSignal::exitStatus();
+  return pi_node::StopSignal::exitStatus();
 }
 
 po::options_description describe(CommandLine* line)
@@ -289,7 +289,7 @@ int main(int argc, char** argv)
     {
       throw po::error("EUROC_DIR or BAG is missing; evaluate_sequence --help shows all options");
     }
-    pi_runtime::StopSignal::install();
+    pi_node::StopSignal::install();
     return evaluate(line);
   }
   catch (const po::error& error)

@@ -1,4 +1,4 @@
-#include "forward_backward.h"
+#include "hmm/forward_backward.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <pi_speech/diagonal_mixtures.h>
+#include "hmm/diagonal_mixtures.h"
 
 #include <vector>
 

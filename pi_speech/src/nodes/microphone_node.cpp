@@ -1,21 +1,8 @@
-#include <pi_speech/ros/microphone_ros.h>
-#include <ros/ros.h>
+#include <pi_node/ros/node_main.h>
 
-#include <exception>
+#include "ros/microphone_ros.h"
 
 int main(int argc, char** argv)
 {
-  ros::init(argc, argv, "microphone");
-  const ros::NodeHandle node;  // outlives the microphone: roscpp ends with the last handle, and its log with it
-  try
-  {
-    pi_speech::MicrophoneRos microphone(node, ros::NodeHandle("~"));
-    ros::spin();
-    return 0;
-  }
-  catch (const std::exception& error)
-  {
-    ROS_FATAL_STREAM_NAMED("microphone", error.what());
-    return 1;
-  }
+  return pi_node::runNode<pi_speech::MicrophoneRos>(argc, argv, "microphone");
 }

@@ -1,4 +1,4 @@
-#include <pi_runtime/option_check.h>
+#include <pi_node/option_check.h>
 #include <pi_speech/ros/audio_conversions.h>
 
 #include <algorithm>

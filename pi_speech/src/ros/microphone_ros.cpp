@@ -1,8 +1,8 @@
 #include <diagnostic_msgs/DiagnosticStatus.h>
-#include <pi_runtime/ros/formatting.h>
-#include <pi_runtime/ros/node_options.h>
+#include <pi_node/formatting.h>
+#include <pi_node/ros/node_options.h>
 #include <pi_speech/ros/audio_conversions.h>
-#include <pi_speech/ros/microphone_ros.h>
+#include "ros/microphone_ros.h"
 
 #include <boost/make_shared.hpp>
 #include <chrono>
@@ -14,7 +14,7 @@ namespace
 {
 
 using diagnostic_msgs::DiagnosticStatus;
-using pi_runtime::format;
+using pi_node::format;
 
 constexpr uint32_t QUEUE = 100;  ///< messages that wait for a subscriber: 2 s of 20 ms
 
@@ -47,8 +47,8 @@ std::string describe(const AudioFormat& format)
 MicrophoneRos::MicrophoneRos(ros::NodeHandle node, ros::NodeHandle private_node)
   : service_thread_("mic_service")
   , service_node_(service_thread_.handle(node))
-  , options_(pi_runtime::loadNodeOptions<MicrophoneRosOptions>(private_node, "microphone"))
-  , warnings_(options_.warning_period_s, pi_runtime::warningLog<MicrophoneRosOptions>("microphone"))
+  , options_(pi_node::loadNodeOptions<MicrophoneRosOptions>(private_node, "microphone"))
+  , warnings_(options_.warning_period_s, pi_node::warningLog<MicrophoneRosOptions>("microphone"))
   , updater_(service_node_, private_node, private_node.getNamespace())
   , check_(options_.check, nowNs<std::chrono::steady_clock>())
 {
@@ -166,7 +166,7 @@ void MicrophoneRos::reportSound(Status& status)
     clipped_share = check_.clippedShare();
     sound = sound_;
   }
-  const std::vector<pi_runtime::WarningBoard::Entry> warnings = warnings_.recent();
+  const std::vector<pi_node::WarningBoard::Entry> warnings = warnings_.recent();
   if (!status_.recording)
   {
     status.summary(DiagnosticStatus::WARN, "no sound");

@@ -1,10 +1,10 @@
-#include <pi_runtime/ros/parameter_tree.h>
-#include <pi_speech/ros/microphone_ros_options.h>
+#include <pi_node/ros/parameter_tree.h>
+#include "ros/microphone_ros_options.h"
 
 namespace pi_speech
 {
 
-namespace parameter_tree = pi_runtime::parameter_tree;
+namespace parameter_tree = pi_node::parameter_tree;
 using XmlRpc::XmlRpcValue;
 
 /// Every parameter by the path of its name, with its field.
@@ -57,7 +57,7 @@ XmlRpcValue MicrophoneRosOptions::toParameters() const
 
 std::string MicrophoneRosOptions::toText() const
 {
-  return pi_runtime::parameters::text(toParameters());
+  return pi_node::parameters::text(toParameters());
 }
 
 }  // namespace pi_speech

@@ -1,7 +1,7 @@
-#include <pi_runtime/ros/node_options.h>
+#include <pi_node/ros/node_options.h>
 #include <pi_speech/ros/audio_conversions.h>
-#include <pi_speech/ros/player_ros.h>
-#include <pi_speech/sound_files.h>
+#include "ros/player_ros.h"
+#include "audio/sound_files.h"
 #include <pthread.h>
 #include <std_msgs/Empty.h>
 #include <std_msgs/String.h>
@@ -23,7 +23,7 @@ constexpr uint32_t QUEUE = 1000;  ///< messages that wait for a subscriber: fast
 
 PlayerRosOptions loadOptions(const ros::NodeHandle& private_node)
 {
-  PlayerRosOptions options = pi_runtime::loadNodeOptions<PlayerRosOptions>(private_node, "player");
+  PlayerRosOptions options = pi_node::loadNodeOptions<PlayerRosOptions>(private_node, "player");
   if (options.files.entries.empty())
   {
     throw std::invalid_argument("parameter " + private_node.resolveName("files") +

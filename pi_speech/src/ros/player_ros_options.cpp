@@ -1,11 +1,11 @@
-#include <pi_runtime/option_check.h>
-#include <pi_runtime/ros/parameter_tree.h>
-#include <pi_speech/ros/player_ros_options.h>
+#include <pi_node/option_check.h>
+#include <pi_node/ros/parameter_tree.h>
+#include "ros/player_ros_options.h"
 
 namespace pi_speech
 {
 
-namespace parameter_tree = pi_runtime::parameter_tree;
+namespace parameter_tree = pi_node::parameter_tree;
 using XmlRpc::XmlRpcValue;
 
 /// Every parameter by the path of its name, with its field.
@@ -27,7 +27,7 @@ static void read(const XmlRpcValue& value, SoundFileEntries* field)
   if (value.getType() == XmlRpcValue::TypeString)
   {
     std::string entry;
-    pi_runtime::parameters::read(value, &entry);
+    pi_node::parameters::read(value, &entry);
     field->entries.clear();
     if (!entry.empty())
     {
@@ -35,7 +35,7 @@ static void read(const XmlRpcValue& value, SoundFileEntries* field)
     }
     return;
   }
-  pi_runtime::parameters::requireType(value, XmlRpcValue::TypeArray, "a text or a list of texts");
+  pi_node::parameters::requireType(value, XmlRpcValue::TypeArray, "a text or a list of texts");
   parameter_tree::read(value, &field->entries);
 }
 
@@ -48,10 +48,10 @@ void PlayerRosOptions::validate() const
 {
   for (const std::string& entry : files.entries)
   {
-    pi_runtime::parameters::require(!entry.empty() && entry.front() == '/', "files", "\"" + entry + "\"",
+    pi_node::parameters::require(!entry.empty() && entry.front() == '/', "files", "\"" + entry + "\"",
                                     "absolute paths: a node's working folder is not its user's");
   }
-  const pi_runtime::OptionCheck check("");
+  const pi_node::OptionCheck check("");
   check.range("rate", rate, 0.01, 1000.0);
   check.range("gap_s", gap_s, 0.0, 60.0);
   check.range("gap_level_dbfs", gap_level_dbfs, -120.0, 0.0);
@@ -79,7 +79,7 @@ XmlRpcValue PlayerRosOptions::toParameters() const
 
 std::string PlayerRosOptions::toText() const
 {
-  return pi_runtime::parameters::text(toParameters());
+  return pi_node::parameters::text(toParameters());
 }
 
 }  // namespace pi_speech

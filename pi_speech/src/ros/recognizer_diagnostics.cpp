@@ -1,6 +1,6 @@
 #include <diagnostic_msgs/DiagnosticStatus.h>
-#include <pi_runtime/ros/formatting.h>
-#include <pi_speech/ros/recognizer_diagnostics.h>
+#include <pi_node/formatting.h>
+#include "ros/recognizer_diagnostics.h"
 
 #include <vector>
 
@@ -10,7 +10,7 @@ namespace
 {
 
 using diagnostic_msgs::DiagnosticStatus;
-using pi_runtime::format;
+using pi_node::format;
 
 std::string describe(const AudioFormat& sound)
 {
@@ -30,7 +30,7 @@ const char* stateOf(const RecognizerFigures& figures)
 }  // namespace
 
 RecognizerDiagnostics::RecognizerDiagnostics(const ros::NodeHandle& node, const ros::NodeHandle& private_node,
-                                             const pi_runtime::WarningBoard* warnings)
+                                             const pi_node::WarningBoard* warnings)
   : warnings_(warnings), updater_(node, private_node, private_node.getNamespace())
 {
   updater_.setHardwareID("none");
@@ -146,7 +146,7 @@ void RecognizerDiagnostics::reportRecognition(Status& status)
 
 void RecognizerDiagnostics::reportSound(Status& status) const
 {
-  const std::vector<pi_runtime::WarningBoard::Entry> warnings = warnings_->recent();
+  const std::vector<pi_node::WarningBoard::Entry> warnings = warnings_->recent();
   if (!now_.input_problem.empty())
   {
     status.summary(DiagnosticStatus::ERROR, now_.input_problem);

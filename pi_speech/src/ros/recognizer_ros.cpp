@@ -1,7 +1,7 @@
-#include <pi_runtime/ros/formatting.h>
-#include <pi_runtime/ros/node_options.h>
+#include <pi_node/formatting.h>
+#include <pi_node/ros/node_options.h>
 #include <pi_speech/ros/audio_conversions.h>
-#include <pi_speech/ros/recognizer_ros.h>
+#include "ros/recognizer_ros.h"
 #include <pthread.h>
 #include <ros/package.h>
 #include <std_msgs/String.h>
@@ -15,14 +15,14 @@
 #include <exception>
 #include <utility>
 
-#include "words.h"
+#include "recognizer/words.h"
 
 namespace pi_speech
 {
 namespace
 {
 
-using pi_runtime::format;
+using pi_node::format;
 
 constexpr uint32_t OUTPUT_QUEUE = 20;
 constexpr size_t DICTATION_QUEUE = 3;  ///< utterances
@@ -92,11 +92,11 @@ RecognizerRos::RecognizerRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , service_node_(service_thread_.handle(node))
   , service_private_node_(service_thread_.handle(private_node))
   , loader_private_node_(loader_thread_.handle(private_node))
-  , options_(pi_runtime::loadNodeOptions<RecognizerRosOptions>(private_node, "recognizer"))
+  , options_(pi_node::loadNodeOptions<RecognizerRosOptions>(private_node, "recognizer"))
   , package_(ros::package::getPath("pi_speech"))
   , topic_(node.resolveName(options_.stamped ? "audio_stamped" : "audio"))
   , info_topic_(node.resolveName("audio_info"))
-  , warnings_(options_.warning_period_s, pi_runtime::warningLog<RecognizerRosOptions>("recognizer"))
+  , warnings_(options_.warning_period_s, pi_node::warningLog<RecognizerRosOptions>("recognizer"))
   , diagnostics_(service_node_, private_node, &warnings_)
   , tasks_(options_.use_runtime
                ? std::make_unique<RecognizerTasks>(pi_runtime::Runtime::shared(),

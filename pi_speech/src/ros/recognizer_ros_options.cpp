@@ -1,6 +1,6 @@
-#include <pi_runtime/option_check.h>
-#include <pi_runtime/ros/parameter_tree.h>
-#include <pi_speech/ros/recognizer_ros_options.h>
+#include <pi_node/option_check.h>
+#include <pi_node/ros/parameter_tree.h>
+#include "ros/recognizer_ros_options.h"
 
 #include <filesystem>
 #include <stdexcept>
@@ -9,7 +9,7 @@
 namespace pi_speech
 {
 
-namespace parameter_tree = pi_runtime::parameter_tree;
+namespace parameter_tree = pi_node::parameter_tree;
 using XmlRpc::XmlRpcValue;
 
 namespace
@@ -25,7 +25,7 @@ constexpr char NONE[] = "none";
 
 void requirePath(const char* name, const std::string& path, bool may_be_none = false)
 {
-  pi_runtime::parameters::require(
+  pi_node::parameters::require(
       path.empty() || path.front() == '/' || (may_be_none && path == NONE), name, "\"" + path + "\"",
       may_be_none
           ? "an absolute path, or none, or empty for the package's own: a node's working folder is not its user's"
@@ -34,7 +34,7 @@ void requirePath(const char* name, const std::string& path, bool may_be_none = f
 
 void requireModel(const char* name, const std::string& path)
 {
-  pi_runtime::parameters::require(!path.empty() && path.front() == '/', name, "\"" + path + "\"", "an absolute path");
+  pi_node::parameters::require(!path.empty() && path.front() == '/', name, "\"" + path + "\"", "an absolute path");
 }
 
 }  // namespace
@@ -92,7 +92,7 @@ static void visitFields(Options& options, Visitor&& visit)
 static void read(const XmlRpcValue& value, RecognitionMode* field)
 {
   std::string name;
-  pi_runtime::parameters::read(value, &name);
+  pi_node::parameters::read(value, &name);
   try
   {
     *field = parseRecognitionMode(name);
@@ -120,7 +120,7 @@ void RecognizerRosOptions::validate() const
   requirePath("sphinx/adaptation", recognizer.sphinx.adaptation, true);
   recognizerOptions("").validate();  // files that are not given will be
   format.validate();
-  const pi_runtime::OptionCheck own("");
+  const pi_node::OptionCheck own("");
   own.range("max_gap_s", max_gap_s, 0.005, 10.0);
   own.range("queue_s", queue_s, 0.1, 60.0);
   own.range("utterance_deadline_s", utterance_deadline_s, 0.05, 5.0);
@@ -186,7 +186,7 @@ XmlRpcValue RecognizerRosOptions::toParameters() const
 
 std::string RecognizerRosOptions::toText() const
 {
-  return pi_runtime::parameters::text(toParameters());
+  return pi_node::parameters::text(toParameters());
 }
 
 }  // namespace pi_speech

@@ -1,6 +1,6 @@
 // The thread speech_service of RecognizerRos.
 
-#include <pi_speech/ros/recognizer_ros.h>
+#include "ros/recognizer_ros.h"
 
 #include <string>
 

@@ -1,4 +1,4 @@
-#include <pi_speech/ros/sound_stream.h>
+#include "ros/sound_stream.h"
 
 #include <algorithm>
 #include <cmath>

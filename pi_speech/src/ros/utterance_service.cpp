@@ -1,4 +1,4 @@
-#include <pi_speech/ros/utterance_service.h>
+#include "ros/utterance_service.h"
 #include <pthread.h>
 
 #include <chrono>

@@ -3,7 +3,7 @@
 // damaged files. Standard input: lines of a dictionary, an empty line, a grammar in JSGF; without a grammar the model
 // is loaded for dictation. Ends with 0: good, 2: not, with the reason, anything else: by PocketSphinx itself.
 
-#include <pi_speech/speech_model_check.h>
+#include "sphinx/speech_model_check.h"
 #include <sys/resource.h>
 
 #include <boost/program_options.hpp>

@@ -1,12 +1,12 @@
 // recognize_files --output OUT.tsv CLIPS: what CommandRecognizer makes of sound files, as a table for
 // evaluate_commands. Needs no ROS master.
 
-#include <pi_runtime/tools/progress.h>
-#include <pi_runtime/tools/stop_signal.h>
+#include <pi_node/progress.h>
+#include <pi_node/stop_signal.h>
 #include <pi_speech/command_recognizer.h>
 #include <pi_speech/noise_mixing.h>
-#include <pi_speech/ros/default_models.h>
-#include <pi_speech/sound_files.h>
+#include "ros/default_models.h"
+#include "audio/sound_files.h"
 
 #include <algorithm>
 #include <boost/program_options.hpp>
@@ -299,7 +299,7 @@ std::vector<Found> recognize(CommandRecognizer* recognizer, const Samples& sampl
   std::vector<Found> all;
   bool in_stream = true;
   const auto sink = [&](const Recognition& recognition) { all.push_back({recognition, in_stream, true}); };
-  for (size_t begin = 0; begin < samples.size() && !pi_runtime::StopSignal::came(); begin += CHUNK)
+  for (size_t begin = 0; begin < samples.size() && !pi_node::StopSignal::came(); begin += CHUNK)
   {
     recognizer->process(samples.data() + begin, std::min(CHUNK, samples.size() - begin), sink);
   }
@@ -370,7 +370,7 @@ void recognizeClip(const Clip& clip, const CommandLine& line, CommandRecognizer*
   totals->work_s += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   totals->sound_s += static_cast<double>(samples.size()) / SAMPLE_RATE_HZ;
   ++totals->clips;
-  if (pi_runtime::StopSignal::came())
+  if (pi_node::StopSignal::came())
   {
     return;
   }
@@ -424,10 +424,10 @@ int run(const CommandLine& line)
   }
   Totals totals;
   {
-    pi_runtime::Progress progress("clips", line.quiet);
+    pi_node::Progress progress("clips", line.quiet);
     for (const Clip& clip : list.clips)
     {
-      if (pi_runtime::StopSignal::came())
+      if (pi_node::StopSignal::came())
       {
         break;
       }
@@ -444,10 +444,10 @@ int run(const CommandLine& line)
       progress.show(totals.clips + totals.unreadable, list.clips.size());
     }
   }
-  if (pi_runtime::StopSignal::came())
+  if (pi_node::StopSignal::came())
   {
     std::cerr << "stopped; " << line.output << " was not written\n";
-    return pi_runtime::StopSignal::exitStatus();
+    return pi_node::StopSignal::exitStatus();
   }
   if (totals.clips == 0)
   {
@@ -573,7 +573,7 @@ int main(int argc, char** argv)
   }
   try
   {
-    pi_runtime::StopSignal::install();
+    pi_node::StopSignal::install();
     return run(line);
   }
   catch (const std::exception& error)

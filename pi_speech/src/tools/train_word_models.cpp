@@ -1,11 +1,11 @@
 // train_word_models: models of whole words from clips with one word each. See training/README.md.
 
-#include <pi_runtime/tools/stop_signal.h>
+#include <pi_node/stop_signal.h>
 #include <pi_speech/audio.h>
 #include <pi_speech/end_pointer.h>
 #include <pi_speech/noise_mixing.h>
-#include <pi_speech/speech_features.h>
-#include <pi_speech/word_models.h>
+#include "features/speech_features.h"
+#include "hmm/word_models.h"
 
 #include <algorithm>
 #include <boost/program_options.hpp>
@@ -203,9 +203,9 @@ int run(const po::variables_map& values, const pi_speech::TrainerOptions& option
   Examples examples(words, noises, options.seed);
   for (const Clip& clip : readList(values["clips"].as<std::string>()))
   {
-    if (pi_runtime::StopSignal::came())
+    if (pi_node::StopSignal::came())
     {
-      return pi_runtime::StopSignal::exitStatus();
+      return pi_node::StopSignal::exitStatus();
     }
     if (left_out < 0 || static_cast<int>(crc32(clip.speaker) % static_cast<uint32_t>(folds)) != left_out)
     {
@@ -216,7 +216,7 @@ int run(const po::variables_map& values, const pi_speech::TrainerOptions& option
   const auto progress = [](const std::string& stage, int pass, double loss)
   {
     std::cerr << stage << " " << pass << ": " << loss << "\n";
-    if (pi_runtime::StopSignal::came())
+    if (pi_node::StopSignal::came())
     {
       throw std::runtime_error("stopped");
     }
@@ -267,12 +267,12 @@ int main(int argc, char** argv)
       return EXIT_SUCCESS;
     }
     po::notify(values);
-    pi_runtime::StopSignal::install();
+    pi_node::StopSignal::install();
     return run(values, trainer);
   }
   catch (const std::exception& error)
   {
     std::cerr << "train_word_models: " << error.what() << "\n";
-    return pi_runtime::StopSignal::came() ? pi_runtime::StopSignal::exitStatus() : EXIT_FAILURE;
+    return pi_node::StopSignal::came() ? pi_node::StopSignal::exitStatus() : EXIT_FAILURE;
   }
 }

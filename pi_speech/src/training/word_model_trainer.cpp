@@ -1,8 +1,8 @@
-#include "word_model_trainer.h"
+#include "training/word_model_trainer.h"
 
-#include "../hmm/forward_backward.h"
+#include "hmm/forward_backward.h"
 
-#include <pi_runtime/option_check.h>
+#include <pi_node/option_check.h>
 
 #include <algorithm>
 #include <cmath>
@@ -569,7 +569,7 @@ void addGradient(const WordModels& models, const Scorers& scorers, const Trainin
 
 void TrainerOptions::validate() const
 {
-  const pi_runtime::OptionCheck check("");
+  const pi_node::OptionCheck check("");
   check.range("states_per_word", states_per_word, 1, 100);
   for (const auto& [name, value] : {std::pair<const char*, int>{"components", components},
                                     {"filler_components", filler_components},

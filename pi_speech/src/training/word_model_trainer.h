@@ -1,6 +1,6 @@
 #pragma once
 
-#include <pi_speech/word_models.h>
+#include "hmm/word_models.h"
 
 #include <cstdint>
 #include <functional>

@@ -3,7 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "pi_runtime/codelet.h"
+#include <pi_runtime/codelet.h>
 
 namespace pi_runtime
 {

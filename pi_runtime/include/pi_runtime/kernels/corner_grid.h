@@ -3,8 +3,8 @@
 #include <cstddef>
 #include <vector>
 
-#include "pi_runtime/kernels/fast_corners.h"
-#include "pi_runtime/kernels/point.h"
+#include <pi_runtime/kernels/fast_corners.h>
+#include <pi_runtime/kernels/point.h>
 
 namespace pi_runtime
 {

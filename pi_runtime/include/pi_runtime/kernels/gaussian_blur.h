@@ -2,8 +2,8 @@
 
 #include <cstdint>
 
-#include "pi_runtime/codelet.h"
-#include "pi_runtime/kernels/image_view.h"
+#include <pi_runtime/codelet.h>
+#include <pi_runtime/kernels/image_view.h>
 
 namespace pi_runtime
 {

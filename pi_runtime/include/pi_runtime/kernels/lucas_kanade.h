@@ -3,9 +3,9 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "pi_runtime/codelet.h"
-#include "pi_runtime/kernels/point.h"
-#include "pi_runtime/kernels/pyramid.h"
+#include <pi_runtime/codelet.h>
+#include <pi_runtime/kernels/point.h>
+#include <pi_runtime/kernels/pyramid.h>
 
 namespace pi_runtime
 {

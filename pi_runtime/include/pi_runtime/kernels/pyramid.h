@@ -4,8 +4,8 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "pi_runtime/codelet.h"
-#include "pi_runtime/kernels/image_view.h"
+#include <pi_runtime/codelet.h>
+#include <pi_runtime/kernels/image_view.h>
 
 namespace pi_runtime
 {

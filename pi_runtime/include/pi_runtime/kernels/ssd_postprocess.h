@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "pi_runtime/codelet.h"
+#include <pi_runtime/codelet.h>
 
 namespace pi_runtime
 {

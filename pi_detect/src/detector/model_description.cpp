@@ -1,0 +1,395 @@
+#include <pi_detect/model_description.h>
+
+#include <yaml-cpp/yaml.h>
+
+#include <algorithm>
+#include <cctype>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <set>
+
+namespace pi_detect
+{
+namespace
+{
+
+using pi_runtime::kernels::SSD_RAW;
+using pi_runtime::kernels::SSD_SIGMOID;
+using pi_runtime::kernels::SSD_SOFTMAX;
+using pi_runtime::kernels::SsdBoxSize;
+using pi_runtime::kernels::SsdFeatureMap;
+
+constexpr int MAX_INPUT = 4096;       // [px]
+constexpr int MAX_PRIORS = 65536;     // of the codelet
+constexpr int MAX_CLASSES = 1024;     // likewise
+constexpr int MAX_DETECTIONS = 1024;  // likewise
+
+[[noreturn]] void refuse(const std::string& field, const std::string& value, const std::string& bound)
+{
+  throw ModelError(field + " = " + value + ", must be " + bound);
+}
+
+template <typename Value>
+void require(bool valid, const std::string& field, const Value& value, const std::string& bound)
+{
+  if (!valid)
+  {
+    std::ostringstream text;
+    text << value;
+    refuse(field, text.str(), bound);
+  }
+}
+
+bool isWord(const std::string& text)
+{
+  return !text.empty() && std::all_of(text.begin(), text.end(),
+                                      [](unsigned char c) { return std::isalnum(c) != 0 || c == '_' || c == '-'; });
+}
+
+/// A YAML map whose fields are asked for one by one; at the end, what nobody asked for is refused.
+class Section
+{
+public:
+  Section(YAML::Node node, std::string path) : node_(std::move(node)), path_(std::move(path))
+  {
+    if (!node_.IsMap())
+    {
+      throw ModelError((path_.empty() ? std::string("the file") : path_) + " must be a map of fields");
+    }
+  }
+
+  std::string name(const std::string& field) const { return path_.empty() ? field : path_ + "/" + field; }
+
+  bool has(const std::string& field)
+  {
+    known_.insert(field);
+    return node_[field].IsDefined() && !node_[field].IsNull();
+  }
+
+  YAML::Node node(const std::string& field)
+  {
+    if (!has(field))
+    {
+      throw ModelError(name(field) + " is missing");
+    }
+    return node_[field];
+  }
+
+  Section section(const std::string& field) { return Section(node(field), name(field)); }
+
+  template <typename Value>
+  Value get(const std::string& field, const char* kind)
+  {
+    const YAML::Node value = node(field);
+    try
+    {
+      return value.as<Value>();
+    }
+    catch (const YAML::Exception&)
+    {
+      refuse(name(field), value.IsScalar() ? "\"" + value.Scalar() + "\"" : "(not a single value)", kind);
+    }
+  }
+
+  template <typename Value>
+  void read(const std::string& field, const char* kind, Value* value)
+  {
+    if (has(field))
+    {
+      *value = get<Value>(field, kind);
+    }
+  }
+
+  /// @throws ModelError for a field that nobody knows: likely a slip.
+  void finish() const
+  {
+    for (const auto& entry : node_)
+    {
+      const auto field = entry.first.as<std::string>();
+      if (known_.count(field) == 0)
+      {
+        std::string list;
+        for (const std::string& known : known_)
+        {
+          list += (list.empty() ? "" : ", ") + known;
+        }
+        throw ModelError(name(field) + " means nothing here; known are " + list);
+      }
+    }
+  }
+
+private:
+  YAML::Node node_;
+  const std::string path_;
+  std::set<std::string> known_;
+};
+
+template <size_t N>
+void readNumbers(Section& section, const std::string& field, std::array<float, N>* numbers)
+{
+  if (!section.has(field))
+  {
+    return;
+  }
+  const auto list = section.get<std::vector<float>>(field, ("a list of " + std::to_string(N) + " numbers").c_str());
+  require(list.size() == N, section.name(field), std::to_string(list.size()) + " numbers",
+          "a list of " + std::to_string(N) + " numbers");
+  std::copy(list.begin(), list.end(), numbers->begin());
+}
+
+/// One of several names, as the value it stands for.
+template <typename Value>
+void readChoice(Section& section, const std::string& field, const std::map<std::string, Value>& choices, Value* value)
+{
+  if (!section.has(field))
+  {
+    return;
+  }
+  const auto word = section.get<std::string>(field, "a word");
+  const auto choice = choices.find(word);
+  if (choice == choices.end())
+  {
+    std::string list;
+    for (const auto& [valid, ignored] : choices)
+    {
+      list += (list.empty() ? "" : " or ") + valid;
+    }
+    refuse(section.name(field), "\"" + word + "\"", list);
+  }
+  *value = choice->second;
+}
+
+/// Puts in the environment's values for ${NAME}.
+std::string expand(const std::string& field, const std::string& text)
+{
+  std::string result;
+  size_t at = 0;
+  for (size_t begin; (begin = text.find("${", at)) != std::string::npos;)
+  {
+    const size_t end = text.find('}', begin);
+    if (end == std::string::npos)
+    {
+      refuse(field, "\"" + text + "\"", "a path in which each ${ has its }");
+    }
+    const std::string variable = text.substr(begin + 2, end - begin - 2);
+    const char* value = std::getenv(variable.c_str());
+    if (value == nullptr)
+    {
+      throw ModelError(field + " = \"" + text + "\", but " + variable + " is not set: set it in the environment");
+    }
+    result += text.substr(at, begin - at) + value;
+    at = end + 1;
+  }
+  return result + text.substr(at);
+}
+
+ModelFile readFile(Section section, const std::filesystem::path& folder)
+{
+  ModelFile file;
+  const std::filesystem::path path = expand(section.name("file"), section.get<std::string>("file", "a path"));
+  file.path = (path.is_absolute() ? path : folder / path).lexically_normal().string();
+  section.read("sha256", "64 hexadecimal digits", &file.sha256);
+  section.finish();
+  return file;
+}
+
+NetworkInput readInput(Section section)
+{
+  NetworkInput input;
+  input.width = section.get<int>("width", "a whole number");
+  input.height = section.get<int>("height", "a whole number");
+  readNumbers(section, "mean", &input.mean);
+  section.read("scale", "a number", &input.scale);
+  readChoice<bool>(section, "channels", {{"rgb", true}, {"bgr", false}}, &input.rgb);
+  readChoice<bool>(section, "resize", {{"letterbox", true}, {"stretch", false}}, &input.letterbox);
+  section.read("bar_level", "a whole number", &input.bar_level);
+  section.finish();
+  return input;
+}
+
+SsdFeatureMap readFeatureMap(Section section)
+{
+  SsdFeatureMap map{};
+  map.columns = section.get<int>("columns", "a whole number");
+  map.rows = section.get<int>("rows", "a whole number");
+  for (const auto& size : section.get<std::vector<std::vector<float>>>("boxes", "a list of [width, height]"))
+  {
+    require(size.size() == 2, section.name("boxes"), std::to_string(size.size()) + " numbers in an entry",
+            "a list of [width, height]");
+    map.boxes.push_back(SsdBoxSize{size[0], size[1]});
+  }
+  map.offset = 0.5F;
+  section.read("offset", "a number", &map.offset);
+  section.read("step_x", "a number", &map.step_x);
+  section.read("step_y", "a number", &map.step_y);
+  section.finish();
+  return map;
+}
+
+RawOutputs readRaw(Section& section)
+{
+  RawOutputs raw;
+  section.read("boxes", "a word", &raw.boxes);
+  section.read("scores", "a word", &raw.scores);
+  readChoice<bool>(section, "box_order", {{"yxhw", true}, {"xywh", false}}, &raw.yxhw);
+  readChoice<int>(section, "activation", {{"none", SSD_RAW}, {"softmax", SSD_SOFTMAX}, {"sigmoid", SSD_SIGMOID}},
+                  &raw.activation);
+  section.read("classes", "a whole number", &raw.classes);
+  section.read("background", "a whole number", &raw.background);
+  readNumbers(section, "variances", &raw.variances);
+  section.read("overlap_threshold", "a number", &raw.overlap_threshold);
+  section.read("top_k", "a whole number", &raw.top_k);
+  section.read("keep_top_k", "a whole number", &raw.keep_top_k);
+  section.read("clip_priors", "true or false", &raw.clip_priors);
+  const YAML::Node maps = section.node("feature_maps");
+  for (size_t i = 0; i < maps.size(); ++i)
+  {
+    raw.feature_maps.push_back(readFeatureMap(Section(maps[i], section.name("feature_maps/" + std::to_string(i)))));
+  }
+  return raw;
+}
+
+ModelDescription read(const YAML::Node& root, const std::filesystem::path& folder)
+{
+  ModelDescription model;
+  Section section(root, "");
+  model.name = section.get<std::string>("name", "a word");
+  model.weights = readFile(section.section("weights"), folder);
+  if (section.has("config"))
+  {
+    model.config = readFile(section.section("config"), folder);
+  }
+  model.input = readInput(section.section("input"));
+  Section output = section.section("output");
+  readChoice<OutputKind>(output, "kind", {{"detections", OutputKind::DETECTIONS}, {"raw", OutputKind::RAW}},
+                         &model.output_kind);
+  if (model.output_kind == OutputKind::RAW)
+  {
+    model.raw = readRaw(output);
+  }
+  output.finish();
+  model.labels = section.get<std::map<int, std::string>>("labels", "a map from class ids to names");
+  if (model.raw.classes == 0 && !model.labels.empty())
+  {
+    model.raw.classes = model.labels.rbegin()->first + 1;
+  }
+  section.read("score_threshold", "a number", &model.score_threshold);
+  section.read("class_agnostic_overlap", "a number", &model.class_agnostic_overlap);
+  section.read("origin", "a text", &model.origin);
+  section.read("licence", "a text", &model.licence);
+  section.finish();
+  return model;
+}
+
+void validateSum(const std::string& field, const std::string& sum)
+{
+  const bool valid =
+      sum.empty() ||
+      (sum.size() == 64 && std::all_of(sum.begin(), sum.end(), [](unsigned char c) { return std::isxdigit(c) != 0; }));
+  require(valid, field, "\"" + sum + "\"", "64 hexadecimal digits");
+}
+
+void validateInput(const NetworkInput& input)
+{
+  require(input.width >= 8 && input.width <= MAX_INPUT, "input/width", input.width, "in [8, 4096]");
+  require(input.height >= 8 && input.height <= MAX_INPUT, "input/height", input.height, "in [8, 4096]");
+  require(std::isfinite(input.scale) && input.scale != 0.0F, "input/scale", input.scale, "finite and not 0");
+  for (const float mean : input.mean)
+  {
+    require(std::isfinite(mean), "input/mean", mean, "finite");
+  }
+  require(input.bar_level >= 0 && input.bar_level <= 255, "input/bar_level", input.bar_level, "in [0, 255]");
+}
+
+void validateRaw(const RawOutputs& raw)
+{
+  require(!raw.boxes.empty(), "output/boxes", "\"\"", "the name of a layer");
+  require(!raw.scores.empty(), "output/scores", "\"\"", "the name of a layer");
+  require(raw.classes >= 1 && raw.classes <= MAX_CLASSES, "output/classes", raw.classes, "in [1, 1024]");
+  require(raw.background >= -1 && raw.background < raw.classes, "output/background", raw.background,
+          "a column of the scores, or -1 for none");
+  for (const float variance : raw.variances)
+  {
+    require(std::isfinite(variance) && variance > 0.0F, "output/variances", variance, "above 0");
+  }
+  require(raw.overlap_threshold > 0.0F && raw.overlap_threshold <= 1.0F, "output/overlap_threshold",
+          raw.overlap_threshold, "in (0, 1]");
+  require(raw.top_k >= 1, "output/top_k", raw.top_k, "at least 1");
+  require(raw.keep_top_k >= 1 && raw.keep_top_k <= MAX_DETECTIONS, "output/keep_top_k", raw.keep_top_k, "in [1, 1024]");
+  require(!raw.feature_maps.empty(), "output/feature_maps", "(empty)", "a list with the network's feature maps");
+  int64_t priors = 0;
+  for (const SsdFeatureMap& map : raw.feature_maps)
+  {
+    require(map.columns >= 1 && map.columns <= MAX_INPUT, "output/feature_maps/columns", map.columns, "in [1, 4096]");
+    require(map.rows >= 1 && map.rows <= MAX_INPUT, "output/feature_maps/rows", map.rows, "in [1, 4096]");
+    require(!map.boxes.empty(), "output/feature_maps/boxes", "(empty)", "a list of [width, height]");
+    for (const SsdBoxSize& box : map.boxes)
+    {
+      require(box.width > 0.0F && std::isfinite(box.width), "output/feature_maps/boxes", box.width, "above 0");
+      require(box.height > 0.0F && std::isfinite(box.height), "output/feature_maps/boxes", box.height, "above 0");
+    }
+    priors += int64_t{map.columns} * map.rows * static_cast<int64_t>(map.boxes.size());
+  }
+  require(priors <= MAX_PRIORS, "output/feature_maps: priors", priors, "at most 65536");
+}
+
+}  // namespace
+
+void ModelDescription::validate() const
+{
+  require(isWord(name), "name", "\"" + name + "\"", "letters, digits, _ and -");
+  require(!weights.path.empty(), "weights/file", "\"\"", "a path");
+  validateSum("weights/sha256", weights.sha256);
+  validateSum("config/sha256", config.sha256);
+  validateInput(input);
+  if (output_kind == OutputKind::RAW)
+  {
+    validateRaw(raw);
+  }
+  require(!labels.empty(), "labels", "(empty)", "a map from class ids to names");
+  for (const auto& [id, label] : labels)
+  {
+    require(id >= 0, "labels: id", id, "at least 0");
+    require(!label.empty(), "labels/" + std::to_string(id), "\"\"", "a name");
+    if (output_kind == OutputKind::RAW)
+    {
+      require(id < raw.classes && id != raw.background, "labels: id", id, "a column of the scores, not the background");
+    }
+  }
+  require(score_threshold > 0.0F && score_threshold <= 1.0F, "score_threshold", score_threshold, "in (0, 1]");
+  require(class_agnostic_overlap >= 0.0F && class_agnostic_overlap < 1.0F, "class_agnostic_overlap",
+          class_agnostic_overlap, "in [0, 1)");
+}
+
+int ModelDescription::idOf(const std::string& label) const
+{
+  const auto found =
+      std::find_if(labels.begin(), labels.end(), [&](const auto& entry) { return entry.second == label; });
+  return found == labels.end() ? -1 : found->first;
+}
+
+ModelDescription ModelDescription::load(const std::string& path)
+{
+  namespace fs = std::filesystem;
+  std::error_code error;
+  if (!fs::is_regular_file(path, error))
+  {
+    throw ModelError(path +
+                     ": there is no such file: a model is described by a YAML file, see pi_detect/config/models");
+  }
+  try
+  {
+    const fs::path absolute = fs::absolute(path);
+    ModelDescription model = read(YAML::LoadFile(path), absolute.parent_path());
+    model.path = absolute.string();
+    model.validate();
+    return model;
+  }
+  catch (const std::exception& failure)  // YAML's, and those of the fields
+  {
+    throw ModelError(path + ": " + failure.what());
+  }
+}
+
+}  // namespace pi_detect

@@ -1,0 +1,446 @@
+#include <pi_detect/obstacle_tracker.h>
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <utility>
+
+#include "obstacles/carried_outline.h"
+#include "obstacles/ground_filter.h"
+#include "obstacles/obstacle_labels.h"
+#include "obstacles/obstacle_place.h"
+#include "obstacles/obstacle_view.h"
+#include "tracking/assignment.h"
+#include <pi_node/option_check.h>
+
+namespace pi_detect
+{
+
+using obstacles::Place;
+
+namespace
+{
+
+constexpr int64_t RESTART_NS = 1000000000;
+constexpr double GATE = 11.8;       // of the squared Mahalanobis distance, 2 degrees of freedom: 99.7 %
+constexpr double SAME_PLACE = 0.5;  // part of the smaller box inside the other: the same, whatever its middle does
+constexpr double START_SPEED_SIGMA = 1.5;  // [m/s]
+constexpr double SIZE_GAIN = 0.2;          // of a new measurement of the size
+constexpr double STEADY_M = 0.25;          // by which the width of one thing that moves may change on average, ...
+constexpr double STEADY_PART = 0.1;        // and this part of it
+constexpr double GATE_EDGE_M = 0.3;        // of the middle's uncertainty, counts to tell one obstacle from the next
+constexpr double SCALE_ERROR = 0.04;       // of depth: what stands seems to move by this part of the vehicle's speed
+constexpr double MOVING_SIGMAS2 = 9.0;     // squared
+constexpr double MOVING_SPEED = 0.4;       // [m/s]
+constexpr int MOVING_HITS = 4;             // measurements one after the other that say so
+constexpr double MOVING_AFTER_S = 0.3;     // without a class, of being followed: what appears may be a piece of another
+constexpr double SAME_ERROR_S = 1.0;       // for which errors of a place stay about the same: they look like motion
+constexpr double GAP_S = 0.3;              // after which what is seen there may be another piece: nothing about motion
+constexpr double BORDER_PX = 12.0;         // at the picture's sides
+
+}  // namespace
+
+void ObstacleTrackerOptions::validate() const
+{
+  const pi_node::OptionCheck check("");
+  check.range("time_to_live_s", time_to_live_s, 0.0, 60.0);
+  check.range("memory_s", memory_s, 0.0, 600.0);
+  check.range("confirm_hits", confirm_hits, 1, 100);
+  check.range("acceleration_m_s2", acceleration_m_s2, 0.01, 50.0);
+  check.range("max_speed_m_s", max_speed_m_s, 0.1, 100.0);
+  check.range("min_depth_m", min_depth_m, 0.0, 20.0);
+  check.range("vehicle_front_m", vehicle_front_m, 0.0, 20.0);
+  check.range("vehicle_rear_m", vehicle_rear_m, 0.0, 20.0);
+  check.range("vehicle_half_width_m", vehicle_half_width_m, 0.05, 10.0);
+  check.range("min_label_overlap", min_label_overlap, 0.0, 1.0);
+}
+
+class ObstacleTracker::Implementation
+{
+public:
+  explicit Implementation(const ObstacleTrackerOptions& options) : options_(options) { options_.validate(); }
+
+  std::vector<Obstacle> update(int64_t stamp_ns, const VehicleState& vehicle,
+                               const std::vector<ObstacleMeasurement>& measurements,
+                               const std::vector<ObjectTrack>& tracks, const StereoGeometry& geometry,
+                               const Eigen::Isometry3d& T_base_left)
+  {
+    if (last_ns_ && stamp_ns <= *last_ns_)
+    {
+      if (*last_ns_ - stamp_ns <= RESTART_NS)
+      {
+        return last_result_;
+      }
+      clear();
+    }
+    setVehicle(vehicle);
+    const double dt_s = last_ns_ ? 1e-9 * static_cast<double>(stamp_ns - *last_ns_) : 0.0;
+    last_ns_ = stamp_ns;
+    for (Known& known : known_)
+    {
+      predict(stamp_ns, dt_s, &known);
+    }
+    const std::vector<int> track_of = obstacles::chooseTracks(measurements, tracks, options_.min_label_overlap);
+    const std::vector<int> known_of = associate(measurements);
+    for (size_t i = 0; i < measurements.size(); ++i)
+    {
+      const ObjectTrack* track = track_of[i] < 0 ? nullptr : &tracks[static_cast<size_t>(track_of[i])];
+      if (known_of[i] >= 0)
+      {
+        correct(stamp_ns, measurements[i], track, geometry, &known_[static_cast<size_t>(known_of[i])]);
+      }
+      else
+      {
+        begin(stamp_ns, measurements[i], track);
+      }
+    }
+    forget(stamp_ns, measurements, geometry, T_base_left);
+    last_result_ = report(vehicle);
+    return last_result_;
+  }
+
+  void clear()
+  {
+    known_.clear();
+    last_result_.clear();
+    last_ns_.reset();
+  }
+
+private:
+  /// An obstacle that is followed. Its place is the middle of the side that faces the vehicle; the box lies behind it.
+  struct Known
+  {
+    explicit Known(obstacles::GroundFilter start) : filter(std::move(start)) {}
+
+    int64_t id = 0;
+    obstacles::GroundFilter filter;
+    Eigen::Vector2d size = Eigen::Vector2d::Zero();
+    obstacles::CarriedOutline outline;  ///< by the filter's position
+    double z_low = 0.0;
+    double z_high = 0.0;
+    Eigen::Matrix2d place_covariance = Eigen::Matrix2d::Zero();  ///< of the last measurement, in odom
+    Eigen::Vector2d seen_at = Eigen::Vector2d::Zero();           ///< estimate at the last measurement, in odom
+    Eigen::Matrix2d seen_covariance = Eigen::Matrix2d::Zero();   ///< to find it there again
+    bool held = false;              ///< not seen for GAP_S, without known motion: stays where it was
+    int64_t followed_since_ns = 0;  ///< without a break: what is known of its velocity is from then on
+    int hits = 0;
+    double unsteady_m = 0.0;  ///< mean change of the width: large where pieces of several things come and go
+    int moving_hits = 0;      ///< one after the other in which it moved
+    int class_id = -1;
+    float score = 0.0F;
+    int64_t track_id = -1;
+    int64_t first_seen_ns = 0;
+    int64_t last_seen_ns = 0;
+  };
+
+  void setVehicle(const VehicleState& vehicle)
+  {
+    const Eigen::Matrix3d R = vehicle.T_odom_base.linear();
+    // The ground plane of odom and base_link are taken as parallel: only the heading turns.
+    const double heading = std::atan2(R(1, 0), R(0, 0));
+    vehicle_.R_odom_base = Eigen::Rotation2Dd(heading).toRotationMatrix();
+    vehicle_.p_odom_base = vehicle.T_odom_base.translation().head<2>();
+    vehicle_speed_ = vehicle.velocity.head<2>().norm();
+  }
+
+  OutlineBounds footprintOf(const Known& known) const
+  {
+    if (known.held && !known.outline.empty())
+    {
+      // Its size was measured along axes that have turned since.
+      return boundsOf(known.outline.at(known.filter.position(), vehicle_));
+    }
+    const Eigen::Vector2d place = vehicle_.toBase(known.filter.position());
+    const Eigen::Vector2d half(0.0, 0.5 * known.size.y());
+    return {place - half, place + half + Eigen::Vector2d(known.size.x(), 0.0)};
+  }
+
+  static bool isMoving(const Known& known) { return known.moving_hits >= MOVING_HITS; }
+
+  static double followedS(const Known& known)
+  {
+    return 1e-9 * static_cast<double>(known.last_seen_ns - known.followed_since_ns);
+  }
+
+  bool isSignificant(const Known& known) const
+  {
+    const Eigen::Vector2d v = known.filter.velocity();
+    return v.norm() > MOVING_SPEED && v.dot(velocityCovariance(known).inverse() * v) > MOVING_SIGMAS2;
+  }
+
+  /// What is not seen goes on as long as it is known to move, but not longer than it was followed; else it stays where
+  /// it was seen last: a velocity that may as well be none takes it anywhere in memory_s, and its growing uncertainty
+  /// takes hold of other things.
+  void predict(int64_t stamp_ns, double dt_s, Known* known) const
+  {
+    if (known->held)
+    {
+      return;
+    }
+    known->filter.predict(dt_s, options_.acceleration_m_s2, options_.max_speed_m_s);
+    const double unseen_s = 1e-9 * static_cast<double>(stamp_ns - known->last_seen_ns);
+    const bool goes_on = isMoving(*known) && isSignificant(*known) && unseen_s <= followedS(*known);
+    if (unseen_s > GAP_S && !goes_on)
+    {
+      const bool moved = isMoving(*known);
+      known->filter.restart(moved ? known->filter.position() : known->seen_at,
+                            moved ? known->filter.positionCovariance() : known->seen_covariance, startSpeedSigma());
+      known->moving_hits = 0;
+      known->held = true;
+    }
+  }
+
+  /// @return known obstacle of each measurement, or -1.
+  std::vector<int> associate(const std::vector<ObstacleMeasurement>& measurements) const
+  {
+    Eigen::MatrixXd cost(static_cast<Eigen::Index>(measurements.size()), static_cast<Eigen::Index>(known_.size()));
+    for (size_t i = 0; i < measurements.size(); ++i)
+    {
+      const OutlineBounds measured = obstacles::footprintOf(measurements[i]);
+      for (size_t k = 0; k < known_.size(); ++k)
+      {
+        const Place place = obstacles::placeOf(measurements[i], known_[k].size, vehicle_, GATE_EDGE_M);
+        const double distance2 = known_[k].filter.distance2(place.position, place.covariance);
+        const double common = obstacles::commonPart(measured, footprintOf(known_[k]));
+        const Eigen::Vector2d size = measured.high - measured.low;
+        const double unlike = (size - known_[k].size).norm() / (0.5 + size.norm() + known_[k].size.norm());
+        double value = 2.0 * GATE;
+        if (distance2 < GATE)
+        {
+          value = distance2;
+        }
+        else if (common > SAME_PLACE)
+        {
+          value = GATE;
+        }
+        cost(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) = value + 4.0 * unlike - 4.0 * common;
+      }
+    }
+    return assign(cost, 1.5 * GATE);
+  }
+
+  void begin(int64_t stamp_ns, const ObstacleMeasurement& measurement, const ObjectTrack* track)
+  {
+    const Eigen::Vector2d size = (measurement.max - measurement.min).head<2>();
+    const Place place = obstacles::placeOf(measurement, size, vehicle_);
+    Known known(obstacles::GroundFilter(place.position, place.covariance, startSpeedSigma()));
+    known.id = ++last_id_;
+    known.size = size;
+    known.place_covariance = place.covariance;
+    known.first_seen_ns = known.followed_since_ns = stamp_ns;
+    known.seen_at = place.position;
+    known.seen_covariance = obstacles::placeOf(measurement, size, vehicle_, GATE_EDGE_M).covariance;
+    known.z_low = measurement.min.z();
+    known.z_high = measurement.max.z();
+    known.outline.take(stamp_ns, measurement.outline, vehicle_, place.position);
+    see(stamp_ns, track, &known);
+    known_.push_back(known);
+  }
+
+  double startSpeedSigma() const { return std::min(START_SPEED_SIGMA, options_.max_speed_m_s); }
+
+  static bool reachesBorder(const ObstacleMeasurement& measurement, const StereoGeometry& geometry)
+  {
+    // The left margin of the left picture has no partner in the right one.
+    const double margin = geometry.fx * geometry.baseline_m / std::max(0.1, measurement.nearest.x());
+    return measurement.box.x1 < margin + BORDER_PX || measurement.box.x2 > geometry.width - BORDER_PX;
+  }
+
+  void correct(int64_t stamp_ns, const ObstacleMeasurement& measurement, const ObjectTrack* track,
+               const StereoGeometry& geometry, Known* known)
+  {
+    const Place place = obstacles::placeOf(measurement, known->size, vehicle_);
+    known->place_covariance = place.covariance;
+    const Place narrow = obstacles::placeOf(measurement, known->size, vehicle_, GATE_EDGE_M);
+    // Where it is known not to have moved, only what is seen of it has changed: its outline stays where it was.
+    const Eigen::Vector2d expected = known->filter.position();
+    const bool cut = measurement.cut_left || measurement.cut_right;
+    const bool anew = known->held;
+    bool stays = cut;
+    if (known->held || known->filter.distance2(narrow.position, narrow.covariance) > GATE)
+    {
+      known->filter.restart(place.position, place.covariance, startSpeedSigma());
+      known->followed_since_ns = stamp_ns;
+      known->held = false;
+      stays = true;
+    }
+    else if (reachesBorder(measurement, geometry))
+    {
+      // What of a wall is seen moves with the view: its ends say nothing about motion.
+      known->filter.moveTo(place.position, place.covariance);
+      known->followed_since_ns = isMoving(*known) ? known->followed_since_ns : stamp_ns;
+      stays = true;
+    }
+    else
+    {
+      known->filter.correct(place.position, place.covariance);
+    }
+    const Eigen::Vector2d position = known->filter.position();
+    if (anew)
+    {
+      known->outline.take(stamp_ns, measurement.outline, vehicle_, position);
+    }
+    else
+    {
+      const Eigen::Vector2d moved = stays ? Eigen::Vector2d(position - expected) : Eigen::Vector2d::Zero();
+      known->outline.correct(stamp_ns, measurement.outline, vehicle_, position, moved, cut);
+    }
+    const Eigen::Vector3d size = measurement.max - measurement.min;
+    const double gain_y = cut && size.y() < known->size.y() ? 0.25 * SIZE_GAIN : SIZE_GAIN;
+    known->unsteady_m += SIZE_GAIN * (std::abs(size.y() - known->size.y()) - known->unsteady_m);
+    known->size.x() += SIZE_GAIN * (size.x() - known->size.x());
+    known->size.y() += gain_y * (size.y() - known->size.y());
+    known->z_low += SIZE_GAIN * (measurement.min.z() - known->z_low);
+    known->z_high += SIZE_GAIN * (measurement.max.z() - known->z_high);
+    known->seen_at = known->filter.position();
+    known->seen_covariance = narrow.covariance;
+    see(stamp_ns, track, known);
+    const bool steady = known->unsteady_m < STEADY_M + STEADY_PART * known->size.y();
+    const bool long_enough = known->class_id >= 0 || followedS(*known) > MOVING_AFTER_S;
+    const bool tells = isMoving(*known) || (long_enough && !measurement.piece);
+    known->moving_hits = steady && tells && isSignificant(*known) ? known->moving_hits + 1 : 0;
+  }
+
+  static void see(int64_t stamp_ns, const ObjectTrack* track, Known* known)
+  {
+    ++known->hits;
+    known->last_seen_ns = stamp_ns;
+    if (track != nullptr)
+    {
+      known->class_id = track->class_id;
+      known->score = track->score;
+      known->track_id = track->id;
+    }
+  }
+
+  /// With what errors that stay the same for a while may look like.
+  Eigen::Matrix2d velocityCovariance(const Known& known) const
+  {
+    const double same_s = std::clamp(followedS(known), 0.1, SAME_ERROR_S);
+    // Depth that is wrong by a constant part looks like motion as the vehicle comes nearer.
+    const double scale_sigma = SCALE_ERROR * vehicle_speed_;
+    return known.filter.velocityCovariance() + known.place_covariance / (same_s * same_s) +
+           scale_sigma * scale_sigma * Eigen::Matrix2d::Identity();
+  }
+
+  void forget(int64_t stamp_ns, const std::vector<ObstacleMeasurement>& measurements, const StereoGeometry& geometry,
+              const Eigen::Isometry3d& T_base_left)
+  {
+    const obstacles::ObstacleView view(measurements, geometry, T_base_left, options_.min_depth_m);
+    const auto isOver = [&](Known& known)
+    {
+      if (known.last_seen_ns == stamp_ns)
+      {
+        return false;
+      }
+      const double unseen_s = 1e-9 * static_cast<double>(stamp_ns - known.last_seen_ns);
+      if (known.hits < options_.confirm_hits)
+      {
+        return unseen_s > 0.5 * options_.time_to_live_s;
+      }
+      if (unseen_s > options_.memory_s + options_.time_to_live_s)
+      {
+        return true;
+      }
+      return unseen_s > options_.time_to_live_s && !keepHidden(view, &known);
+    };
+    known_.erase(std::remove_if(known_.begin(), known_.end(), isOver), known_.end());
+  }
+
+  /// Takes away what should be seen of it. @return false if nothing is left.
+  bool keepHidden(const obstacles::ObstacleView& view, Known* known) const
+  {
+    const Eigen::Vector2d place = vehicle_.toBase(known->filter.position());
+    const double z = 0.5 * (known->z_low + known->z_high);
+    if (view.isExposed({place.x(), place.y(), z}))
+    {
+      return false;
+    }
+    if (known->outline.empty())
+    {
+      return true;
+    }
+    const Eigen::Vector2d position = known->filter.position();
+    Outline hidden = view.hiddenPart(known->outline.at(position, vehicle_), z);
+    limitCorners(&hidden);
+    known->outline.take(known->last_seen_ns, hidden, vehicle_, position);
+    return !hidden.empty();
+  }
+
+  std::vector<Obstacle> report(const VehicleState& vehicle) const
+  {
+    std::vector<Obstacle> result;
+    for (const Known& known : known_)
+    {
+      if (known.hits >= options_.confirm_hits)
+      {
+        result.push_back(describe(known, vehicle));
+      }
+    }
+    std::stable_sort(result.begin(), result.end(),
+                     [](const Obstacle& a, const Obstacle& b) { return a.distance_m < b.distance_m; });
+    return result;
+  }
+
+  Obstacle describe(const Known& known, const VehicleState& vehicle) const
+  {
+    const Eigen::Matrix2d R_base_odom = vehicle_.R_odom_base.transpose();
+    const OutlineBounds box = footprintOf(known);
+    Obstacle obstacle;
+    obstacle.id = known.id;
+    obstacle.class_id = known.class_id;
+    obstacle.score = known.score;
+    obstacle.track_id = known.track_id;
+    obstacle.first_seen_ns = known.first_seen_ns;
+    obstacle.last_seen_ns = known.last_seen_ns;
+    obstacle.position << 0.5 * (box.low + box.high), 0.5 * (known.z_low + known.z_high);
+    obstacle.size << box.size(), known.z_high - known.z_low;
+    obstacle.outline = known.outline.at(known.filter.position(), vehicle_);
+    obstacle.position_covariance.topLeftCorner<2, 2>() =
+        R_base_odom * known.filter.positionCovariance() * R_base_odom.transpose();
+    obstacle.position_covariance(2, 2) = obstacle.position_covariance.topLeftCorner<2, 2>().maxCoeff();
+
+    const Eigen::Vector2d v_base = R_base_odom * known.filter.velocity();
+    const Eigen::Vector2d v_vehicle = vehicle.velocity.head<2>();
+    const Eigen::Matrix2d v_covariance = R_base_odom * velocityCovariance(known) * R_base_odom.transpose();
+    obstacle.velocity << v_base, 0.0;
+    obstacle.velocity_covariance.topLeftCorner<2, 2>() = v_covariance;
+    obstacle.moving = isMoving(known) && known.size.maxCoeff() < obstacles::BULKY_M;
+
+    const Eigen::Vector2d outside = box.low.cwiseMax(-box.high).cwiseMax(0.0);
+    obstacle.distance_m = outside.norm();
+    const Eigen::Vector2d v_relative = (obstacle.moving ? v_base : Eigen::Vector2d::Zero().eval()) - v_vehicle;
+    obstacle.time_to_collision_s = timeToCollision(obstacle.position.head<2>(), v_relative, 0.5 * box.size(), options_);
+    return obstacle;
+  }
+
+  const ObstacleTrackerOptions options_;
+  obstacles::VehiclePlace vehicle_;
+  double vehicle_speed_ = 0.0;
+  std::vector<Known> known_;
+  std::vector<Obstacle> last_result_;
+  std::optional<int64_t> last_ns_;
+  int64_t last_id_ = 0;
+};
+
+ObstacleTracker::ObstacleTracker(const ObstacleTrackerOptions& options)
+  : implementation_(std::make_unique<Implementation>(options))
+{
+}
+
+ObstacleTracker::~ObstacleTracker() = default;
+
+std::vector<Obstacle> ObstacleTracker::update(int64_t stamp_ns, const VehicleState& vehicle,
+                                              const std::vector<ObstacleMeasurement>& measurements,
+                                              const std::vector<ObjectTrack>& tracks, const StereoGeometry& geometry,
+                                              const Eigen::Isometry3d& T_base_left)
+{
+  return implementation_->update(stamp_ns, vehicle, measurements, tracks, geometry, T_base_left);
+}
+
+void ObstacleTracker::clear()
+{
+  implementation_->clear();
+}
+
+}  // namespace pi_detect

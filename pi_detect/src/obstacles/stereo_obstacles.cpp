@@ -1,0 +1,250 @@
+#include <pi_detect/stereo_obstacles.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+#include <stdexcept>
+#include <string>
+
+#include "obstacles/disparity_matcher.h"
+#include "obstacles/ground_estimator.h"
+#include "obstacles/measure_surface.h"
+#include "obstacles/surfaces.h"
+#include <pi_node/option_check.h>
+
+namespace pi_detect
+{
+
+namespace
+{
+
+using Clock = std::chrono::steady_clock;
+
+double secondsSince(Clock::time_point start)
+{
+  return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+void checkPicture(const char* name, const cv::Mat& picture, int type, const char* type_name,
+                  const StereoGeometry& geometry)
+{
+  if (picture.cols != geometry.width || picture.rows != geometry.height)
+  {
+    throw std::invalid_argument(std::string(name) + ": " + std::to_string(picture.cols) + "x" +
+                                std::to_string(picture.rows) + ", the camera's calibration says " +
+                                std::to_string(geometry.width) + "x" + std::to_string(geometry.height));
+  }
+  if (picture.type() != type)
+  {
+    throw std::invalid_argument(std::string(name) + ": type " + cv::typeToString(picture.type()) + ", must be " +
+                                type_name);
+  }
+}
+
+const StereoObstacleOptions& validated(const StereoGeometry& geometry, const Eigen::Isometry3d& T_base_left,
+                                       const StereoObstacleOptions& options)
+{
+  geometry.validate();
+  options.validate();
+  const double height = T_base_left.translation().z() - options.ground_z_m;
+  if (!(height >= 0.1 && height <= 10.0))
+  {
+    throw std::invalid_argument("the left camera is " + std::to_string(height) +
+                                " m above the ground of ground_z_m = " + std::to_string(options.ground_z_m) +
+                                " m, must be 0.1 to 10: set ground_z_m to the ground's height in base_link, or correct "
+                                "the camera's place in tf");
+  }
+  const double forward = T_base_left.linear()(0, 2);
+  pi_node::OptionCheck("T_base_left").range("forward part of the optical axis", forward, 0.5, 1.0 + 1e-6);
+  return options;
+}
+
+}  // namespace
+
+void StereoGeometry::validate() const
+{
+  const pi_node::OptionCheck check("stereo geometry");
+  check.range("width", width, 64, 8192);
+  check.range("height", height, 48, 8192);
+  check.range("fx", fx, 10.0, 1e5);
+  check.range("fy", fy, 10.0, 1e5);
+  check.range("cx", cx, -1.0 * width, 2.0 * width);
+  check.range("cy", cy, -1.0 * height, 2.0 * height);
+  check.range("baseline_m", baseline_m, 1e-3, 10.0);
+  check.range("cx_difference", cx_difference, -0.5 * width, 0.5 * width);
+}
+
+void StereoObstacleOptions::validate() const
+{
+  const pi_node::OptionCheck check("");
+  check.range("max_range_m", max_range_m, 1.0, 200.0);
+  check.range("ground_z_m", ground_z_m, -10.0, 10.0);
+  check.range("min_height_m", min_height_m, 0.02, 2.0);
+  check.range("max_height_m", max_height_m, 0.1, 20.0);
+  check.range("min_size_m", min_size_m, 0.02, 5.0);
+  check.range("max_ground_tilt", max_ground_tilt, 0.0, 0.5);
+  check.range("max_ground_step_m", max_ground_step_m, 0.0, 1.0);
+  check.range("max_disparity_px", max_disparity_px, 16, 512);
+  check.range("downscale", downscale, 1.0, 4.0);
+  if (max_disparity_px % 16 != 0)
+  {
+    throw std::invalid_argument("max_disparity_px = " + std::to_string(max_disparity_px) +
+                                ", must be a multiple of 16");
+  }
+  if (min_height_m >= max_height_m)
+  {
+    throw std::invalid_argument("min_height_m = " + std::to_string(min_height_m) +
+                                ", must be below max_height_m = " + std::to_string(max_height_m));
+  }
+}
+
+namespace
+{
+
+/// The camera in a frame like base_link, but with its origin on the ground.
+Eigen::Isometry3d onGround(const Eigen::Isometry3d& T_base_left, double ground_z_m)
+{
+  return Eigen::Translation3d(0.0, 0.0, -ground_z_m) * T_base_left;
+}
+
+}  // namespace
+
+class StereoObstacles::Implementation
+{
+public:
+  Implementation(const StereoGeometry& geometry, const Eigen::Isometry3d& T_base_left,
+                 const StereoObstacleOptions& options)
+    : geometry_(geometry)
+    , options_(validated(geometry, T_base_left, options))
+    , T_ground_left_(onGround(T_base_left, options.ground_z_m))
+    , matcher_(geometry, options.max_disparity_px, options.downscale)
+    , matched_(matcher_.camera(), geometry, T_ground_left_, options)
+    , given_(obstacles::MatchedCamera(geometry, geometry.width, geometry.height), geometry, T_ground_left_, options)
+  {
+  }
+
+  Result detect(const cv::Mat& left, const cv::Mat& right)
+  {
+    checkPicture("left picture", left, CV_8UC1, "CV_8UC1", geometry_);
+    checkPicture("right picture", right, CV_8UC1, "CV_8UC1", geometry_);
+    const Clock::time_point start = Clock::now();
+    const cv::Mat& disparity = matcher_.compute(left, right);
+    const double disparity_s = secondsSince(start);
+    Result result = find(disparity, &matched_);
+    result.disparity_s = disparity_s;
+    if (disparity.size() == left.size())
+    {
+      disparity_ = disparity;
+    }
+    else
+    {
+      cv::resize(disparity, disparity_, left.size(), 0.0, 0.0, cv::INTER_NEAREST);
+      cv::multiply(disparity_, static_cast<double>(left.cols) / disparity.cols, disparity_);
+      disparity_.setTo(-1.0F, disparity_ <= 0.0F);
+    }
+    return result;
+  }
+
+  Result detect(const cv::Mat& disparity)
+  {
+    checkPicture("disparity", disparity, CV_32FC1, "CV_32FC1", geometry_);
+    disparity.copyTo(disparity_);
+    for (int v = 0; v < disparity_.rows; ++v)
+    {
+      auto* row = disparity_.ptr<float>(v);
+      std::replace_if(
+          row, row + disparity_.cols, [](float d) { return !(d > 0.0F && std::isfinite(d)); }, -1.0F);
+    }
+    return find(disparity_, &given_);
+  }
+
+  const cv::Mat& disparity() const { return disparity_; }
+
+private:
+  /// What depends on the size of the disparity picture.
+  struct Stages
+  {
+    Stages(const obstacles::MatchedCamera& camera, const StereoGeometry& geometry, const Eigen::Isometry3d& T_base_left,
+           const StereoObstacleOptions& options)
+      : ground(camera, T_base_left, options), surfaces(camera, options), meter(camera, geometry, T_base_left, options)
+    {
+    }
+    obstacles::GroundEstimator ground;
+    obstacles::SurfaceFinder surfaces;
+    obstacles::SurfaceMeter meter;
+  };
+
+  Result find(const cv::Mat& disparity, Stages* stages) const
+  {
+    Result result;
+    const Clock::time_point start = Clock::now();
+    result.coverage = static_cast<double>(cv::countNonZero(disparity > 0.0F)) / static_cast<double>(disparity.total());
+    result.ground = stages->ground.update(disparity);
+    result.ground_s = secondsSince(start);
+    const Clock::time_point ground_end = Clock::now();
+    // Along the optical axis nothing within range is further away than this.
+    const double max_depth_m =
+        options_.max_range_m / T_ground_left_.linear()(0, 2) + T_ground_left_.translation().norm();
+    for (const obstacles::Surface& surface :
+         stages->surfaces.find(disparity, stages->ground.disparityPlane(), max_depth_m))
+    {
+      stages->meter.add(surface, &result.obstacles, &result.points);
+    }
+    std::sort(result.obstacles.begin(), result.obstacles.end(),
+              [](const ObstacleMeasurement& a, const ObstacleMeasurement& b)
+              { return a.nearest.head<2>().squaredNorm() < b.nearest.head<2>().squaredNorm(); });
+    toBase(&result);
+    result.clusters_s = secondsSince(ground_end);
+    return result;
+  }
+
+  void toBase(Result* result) const
+  {
+    const Eigen::Vector3d p_base_ground(0.0, 0.0, options_.ground_z_m);
+    for (ObstacleMeasurement& obstacle : result->obstacles)
+    {
+      obstacle.min += p_base_ground;
+      obstacle.max += p_base_ground;
+      obstacle.nearest += p_base_ground;
+    }
+    for (Eigen::Vector3f& point : result->points)
+    {
+      point.z() += static_cast<float>(options_.ground_z_m);
+    }
+    result->ground.offset_m += result->ground.normal.dot(p_base_ground);
+  }
+
+  const StereoGeometry geometry_;
+  const StereoObstacleOptions options_;
+  const Eigen::Isometry3d T_ground_left_;
+  obstacles::DisparityMatcher matcher_;
+  Stages matched_;
+  Stages given_;
+  cv::Mat disparity_;
+};
+
+StereoObstacles::StereoObstacles(const StereoGeometry& geometry, const Eigen::Isometry3d& T_base_left,
+                                 const StereoObstacleOptions& options)
+  : implementation_(std::make_unique<Implementation>(geometry, T_base_left, options))
+{
+}
+
+StereoObstacles::~StereoObstacles() = default;
+
+StereoObstacles::Result StereoObstacles::detect(const cv::Mat& left, const cv::Mat& right)
+{
+  return implementation_->detect(left, right);
+}
+
+StereoObstacles::Result StereoObstacles::detect(const cv::Mat& disparity)
+{
+  return implementation_->detect(disparity);
+}
+
+const cv::Mat& StereoObstacles::disparity() const
+{
+  return implementation_->disparity();
+}
+
+}  // namespace pi_detect

@@ -1,0 +1,37 @@
+#pragma once
+
+#include <nodelet/nodelet.h>
+
+#include <exception>
+#include <memory>
+
+namespace pi_node
+{
+
+/// A nodelet that builds an adapter from its NodeHandles. Export it under a name of the package:
+///
+///   using VioNodelet = pi_node::AdapterNodelet<VioRos>;
+///   PLUGINLIB_EXPORT_CLASS(pi_slam::VioNodelet, nodelet::Nodelet)
+///
+/// If the adapter cannot be built, the reason is logged and the load fails: the manager swallows the text.
+template <typename Adapter>
+class AdapterNodelet : public nodelet::Nodelet
+{
+private:
+  void onInit() override
+  {
+    try
+    {
+      adapter_ = std::make_unique<Adapter>(getNodeHandle(), getPrivateNodeHandle());
+    }
+    catch (const std::exception& error)
+    {
+      NODELET_FATAL_STREAM(error.what());
+      throw;
+    }
+  }
+
+  std::unique_ptr<Adapter> adapter_;
+};
+
+}  // namespace pi_node

@@ -1,0 +1,125 @@
+#pragma once
+
+#include "wire/event_thread.h"
+#include "engine/offload_engine.h"
+#include "client/picture_encoder.h"
+#include "wire/sp_socket.h"
+#include "wire/wire_message.h"
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace pi_offload
+{
+
+struct OffloadClientOptions
+{
+  std::string vehicle;  ///< name at the nodes, 1 to 64 bytes
+  EngineOptions engine;
+  PictureEncoder::Options encoder;
+  SpRequester::Options link;  ///< without the address
+  double unanswered_s = 1.0;  ///< of requests without any answer, then the connection to the node is made anew
+  size_t max_encoding = 4;    ///< pictures that wait to be encoded; further ones are done by the vehicle
+
+  /// @throws std::invalid_argument naming field, value and bound.
+  void validate() const;
+};
+
+/// What a task needs at a node: a picture, that is encoded before it is sent, or bytes as they are.
+struct TaskData
+{
+  PictureData picture;                 ///< of DETECTION; without pixels: `bytes`
+  std::shared_ptr<const void> keeper;  ///< keeps the picture's pixels
+  Encoding encoding = Encoding::NONE;  ///< of `bytes`
+  std::vector<uint8_t> bytes;
+  std::string options;    ///< OffloadRequest::options
+  double speech_s = 0.0;  ///< OffloadRequest::speech_s
+};
+
+/// The vehicle's side: the engine on a thread of its own (`offload_engine`), with a connection to each node, and a
+/// thread that encodes pictures (`offload_encode`).
+///
+/// A node whose network is another one than the vehicle's is not used for DETECTION: classes would mean something else.
+class OffloadClient
+{
+public:
+  /// All on the engine thread.
+  struct Callbacks
+  {
+    /// Does the task on the vehicle; then the engine's onLocalDone() or onLocalFailed(), also from within.
+    std::function<void(const Task& task)> run_local;
+    /// The task has ended. @param reply  the node's answer; null: the result is the vehicle's, or there is none.
+    std::function<void(const Outcome& outcome, const OffloadReply* reply)> deliver;
+    std::function<void(bool error, const std::string& text)> log;
+  };
+
+  /// @throws std::invalid_argument for options.
+  OffloadClient(const OffloadClientOptions& options, Callbacks callbacks);
+  ~OffloadClient();
+  OffloadClient(const OffloadClient&) = delete;
+  OffloadClient& operator=(const OffloadClient&) = delete;
+
+  void start();
+  /// No callback comes afterwards. Tasks under way do not end.
+  void stop();
+
+  /// Functions for the engine thread, see EventThread. Any thread.
+  void post(EventThread::Function function) { thread_.post(std::move(function)); }
+  template <typename Callable>
+  auto call(Callable&& callable)
+  {
+    return thread_.call(std::forward<Callable>(callable));
+  }
+
+  // On the engine thread, or before start():
+
+  OffloadEngine& engine() { return engine_; }
+  /// Adds a node, or changes the one with this id. @throws std::invalid_argument naming what is wrong.
+  void setNode(const NodeDescription& node, int64_t now_ns);
+  /// @return false if there is no such node.
+  bool removeNode(const std::string& node, int64_t now_ns);
+  /// Of the vehicle's own detector. Empty: not known, and DETECTION is not sent then.
+  void setModel(const std::string& name);
+  /// @return the decision. @throws std::invalid_argument as OffloadEngine::submit().
+  Decision submit(uint64_t task, TaskKind kind, int64_t created_ns, double deadline_s, TaskData data, int64_t now_ns);
+  /// The kill switch: no task goes to a node any more, and none is awaited.
+  void setEnabled(bool enabled, int64_t now_ns);
+  bool enabled() const { return enabled_; }
+  /// @param eta  weight of time in [0, 1], else std::invalid_argument.
+  void setEta(double eta);
+  double eta() const;
+  /// Bytes of the last task of the kind, as it was to be sent; 0: there was none.
+  size_t lastInputBytes(TaskKind kind) const { return last_bytes_[static_cast<size_t>(kind)]; }
+
+  struct LinkStatus
+  {
+    bool up = false;
+    std::string problem;  ///< why it is down
+    std::string model;    ///< that the node detects with; empty: not known
+    bool other_model = false;
+  };
+  std::map<std::string, LinkStatus> links() const;
+  const PictureEncoder& encoder() const { return *encoder_; }
+
+private:
+  struct Impl;
+
+  OffloadEngine::Actions actions();
+  EventThread::Callbacks events();
+
+  const OffloadClientOptions options_;
+  const Callbacks callbacks_;
+  bool enabled_ = true;
+  std::array<size_t, TASK_KINDS> last_bytes_{};
+  const std::unique_ptr<PictureEncoder> encoder_;
+  OffloadEngine engine_;
+  std::unique_ptr<Impl> impl_;
+  EventThread thread_;
+};
+
+}  // namespace pi_offload

@@ -1,0 +1,234 @@
+#include "policies/estimates.h"
+#include <pi_node/option_check.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace pi_offload
+{
+namespace
+{
+constexpr double NS = 1e-9;
+constexpr double MBIT_PER_BYTE = 8e-6;
+/// A rate sample is at least this share of the network's time: the round trip is an estimate itself.
+constexpr double LEAST_TRANSFER_SHARE = 0.1;
+/// A usual rate below the first one counts half after so many of Options::memory_s.
+constexpr double USUAL_MEMORIES = 15.0;
+/// A node's own times are believed up to this length [s].
+constexpr double LONGEST_S = 3600.0;
+
+bool usable(double value)
+{
+  return std::isfinite(value) && value >= 0.0;
+}
+
+double bounded(double value)
+{
+  return std::isnan(value) ? 0.0 : std::clamp(value, 0.0, LONGEST_S);
+}
+}  // namespace
+
+MeanDeviation::MeanDeviation(double mean_gain, double deviation_gain)
+  : mean_gain_(mean_gain), deviation_gain_(deviation_gain)
+{
+  const pi_node::OptionCheck check("estimates");
+  check.positive("mean_gain", mean_gain);
+  check.range("mean_gain", mean_gain, 0.0, 1.0);
+  check.positive("deviation_gain", deviation_gain);
+  check.range("deviation_gain", deviation_gain, 0.0, 1.0);
+}
+
+void MeanDeviation::add(double sample)
+{
+  if (!std::isfinite(sample))
+  {
+    return;
+  }
+  if (!known_)
+  {
+    known_ = true;
+    mean_ = sample;
+    deviation_ = 0.5 * std::abs(sample);
+    return;
+  }
+  // RFC 6298, 2.3: the deviation is taken from the mean before it moves.
+  deviation_ += deviation_gain_ * (std::abs(sample - mean_) - deviation_);
+  mean_ += mean_gain_ * (sample - mean_);
+}
+
+void MeanDeviation::reset()
+{
+  known_ = false;
+  mean_ = 0.0;
+  deviation_ = 0.0;
+}
+
+void NodeEstimates::Options::validate() const
+{
+  const pi_node::OptionCheck check("estimates");
+  check.range("least_rate_mbps", least_rate_mbps, 1e-6, 1e6);
+  check.range("first_rate_mbps", first_rate_mbps, least_rate_mbps, 1e6);
+  check.range("first_round_trip_s", first_round_trip_s, 0.0, 10.0);
+  check.range("probe_bytes", probe_bytes, size_t{0}, size_t{1} << 20U);
+  check.range("memory_s", memory_s, 0.01, 3600.0);
+}
+
+NodeEstimates::NodeEstimates(const Options& options) : options_(options)
+{
+  options_.validate();
+}
+
+void NodeEstimates::add(const RequestTiming& timing, int64_t now_ns)
+{
+  if (!usable(timing.total_s) || !usable(timing.queue_s) || !usable(timing.service_s))
+  {
+    return;
+  }
+  unanswered_s_ = 0.0;
+  const size_t kind = static_cast<size_t>(timing.kind);
+  service_[kind].add(std::min(timing.service_s, timing.total_s));
+  queue_[kind].add(std::min(timing.queue_s, timing.total_s));
+  const double network_s = timing.total_s - timing.queue_s - timing.service_s;
+  if (network_s < 0.0)
+  {
+    return;  // the node's clock says more than passed here: nothing follows for the network
+  }
+  const double megabits = static_cast<double>(timing.input_bytes + timing.output_bytes) * MBIT_PER_BYTE;
+  addNetwork(network_s, megabits, timing.input_bytes <= options_.probe_bytes, now_ns);
+}
+
+void NodeEstimates::addNetwork(double network_s, double megabits, bool small, int64_t now_ns)
+{
+  if (small)
+  {
+    round_trip_.add(network_s);
+    return;
+  }
+  const double round_trip_s = round_trip_.known() ? round_trip_.mean() : options_.first_round_trip_s;
+  const double transfer_s = std::max(network_s - round_trip_s, LEAST_TRANSFER_SHARE * network_s);
+  const double sample = std::min(transfer_s / megabits, 1.0 / options_.least_rate_mbps);
+  seconds_per_mbit_.add(sample);
+  usual_seconds_per_mbit_.add(sample);
+  rate_ns_ = now_ns;
+}
+
+void NodeEstimates::addRoundTrip(double round_trip_s, int64_t /*now_ns*/)
+{
+  if (!usable(round_trip_s))
+  {
+    return;
+  }
+  unanswered_s_ = 0.0;
+  round_trip_.add(round_trip_s);
+}
+
+void NodeEstimates::addTimeout(TaskKind kind, size_t input_bytes, double waited_s, int64_t now_ns)
+{
+  if (!usable(waited_s))
+  {
+    return;
+  }
+  const size_t k = static_cast<size_t>(kind);
+  const double network_s = waited_s - service_[k].mean() - queue_[k].mean();
+  const double megabits = static_cast<double>(input_bytes) * MBIT_PER_BYTE;
+  if (network_s <= network(megabits, 0.0, now_ns).mean_s)
+  {
+    return;  // no slower than expected anyway
+  }
+  unanswered_s_ = network_s;
+  // It would have taken at least so long: a sample that can only raise the estimates.
+  addNetwork(network_s, megabits, input_bytes <= options_.probe_bytes, now_ns);
+}
+
+void NodeEstimates::setAdvertisement(const NodeAdvertisement& advertisement, int64_t now_ns)
+{
+  advertisement_ = advertisement;
+  for (NodeAdvertisement::OfKind& of_kind : advertisement_.of_kind)
+  {
+    of_kind.service_s = bounded(of_kind.service_s);
+    of_kind.service_deviation_s = bounded(of_kind.service_deviation_s);
+    of_kind.queue_s = bounded(of_kind.queue_s);
+    of_kind.lease_until_s = bounded(of_kind.lease_until_s);
+    of_kind.lease_rate_hz = usable(of_kind.lease_rate_hz) ? of_kind.lease_rate_hz : 0.0;
+  }
+  advertisement_.capacity_gcycles = usable(advertisement.capacity_gcycles) ? advertisement.capacity_gcycles : 0.0;
+  advertisement_.has_position = advertisement.has_position && std::isfinite(advertisement.position.x) &&
+                                std::isfinite(advertisement.position.y) && advertisement.range_m >= 0.0;
+  advertised_ = true;
+  advertised_ns_ = now_ns;
+}
+
+void NodeEstimates::forgetNetwork()
+{
+  round_trip_.reset();
+  seconds_per_mbit_.reset();
+  unanswered_s_ = 0.0;
+}
+
+double NodeEstimates::advertisementAge(int64_t now_ns) const
+{
+  if (!advertised_)
+  {
+    return std::numeric_limits<double>::infinity();
+  }
+  return std::max(0.0, static_cast<double>(now_ns - advertised_ns_) * NS);
+}
+
+double NodeEstimates::weight(int64_t now_ns, double memory_s) const
+{
+  const double ages = std::max(0.0, static_cast<double>(now_ns - rate_ns_) * NS) / memory_s;
+  return 1.0 / (1.0 + ages * ages);
+}
+
+NetworkTime NodeEstimates::perMbit(int64_t now_ns) const
+{
+  const double first = 1.0 / options_.first_rate_mbps;
+  const bool has_usual = usual_seconds_per_mbit_.known();
+  double usual = has_usual ? usual_seconds_per_mbit_.mean() : first;
+  double usual_deviation = has_usual ? usual_seconds_per_mbit_.deviation() : 0.5 * first;
+  if (usual > first)
+  {
+    // Else a node that was slow when it was tried would never be tried again.
+    const double share = weight(now_ns, USUAL_MEMORIES * options_.memory_s);
+    usual = share * usual + (1.0 - share) * first;
+    usual_deviation = share * usual_deviation + (1.0 - share) * 0.5 * first;
+  }
+  if (!seconds_per_mbit_.known())
+  {
+    return {usual, usual_deviation};
+  }
+  const double share = weight(now_ns, options_.memory_s);
+  return {share * seconds_per_mbit_.mean() + (1.0 - share) * usual,
+          share * seconds_per_mbit_.deviation() + (1.0 - share) * usual_deviation};
+}
+
+double NodeEstimates::rateAge(int64_t now_ns) const
+{
+  return seconds_per_mbit_.known() ? std::max(0.0, static_cast<double>(now_ns - rate_ns_) * NS)
+                                   : std::numeric_limits<double>::infinity();
+}
+
+double NodeEstimates::rate(int64_t now_ns) const
+{
+  const double seconds = perMbit(now_ns).mean_s;
+  return seconds > 0.0 ? 1.0 / seconds : std::numeric_limits<double>::infinity();
+}
+
+NetworkTime NodeEstimates::network(double input_mbit, double output_mbit, int64_t now_ns) const
+{
+  const bool known = round_trip_.known();
+  const double round_trip_s = known ? round_trip_.mean() : options_.first_round_trip_s;
+  const double round_trip_deviation_s = known ? round_trip_.deviation() : 0.5 * options_.first_round_trip_s;
+  const NetworkTime per_mbit = perMbit(now_ns);
+  const double megabits = input_mbit + output_mbit;
+  const double transfer_deviation_s = megabits * per_mbit.deviation_s;
+  NetworkTime time;
+  time.mean_s = std::max(round_trip_s + megabits * per_mbit.mean_s, unanswered_s_);
+  // Independent of each other.
+  time.deviation_s =
+      std::sqrt(round_trip_deviation_s * round_trip_deviation_s + transfer_deviation_s * transfer_deviation_s);
+  return time;
+}
+
+}  // namespace pi_offload

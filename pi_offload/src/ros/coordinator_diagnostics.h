@@ -1,0 +1,74 @@
+#pragma once
+
+#include <diagnostic_updater/diagnostic_updater.h>
+#include "client/offload_client.h"
+#include <pi_node/ros/warning_board.h>
+#include <ros/node_handle.h>
+
+#include <array>
+#include <chrono>
+#include <cstdint>
+#include <map>
+#include <string>
+#include <vector>
+
+namespace pi_offload
+{
+
+/// What the adapter knows of itself, for the diagnostics.
+struct CoordinatorFigures
+{
+  std::string topic;
+  bool subscribed = false;
+  uint64_t pictures = 0;  ///< that came
+  double silent_s = 0.0;  ///< since the last one, or since the subscription [s]
+  uint64_t late = 0;      ///< results dropped as that of a later picture was published
+  uint64_t crowded = 0;   ///< pictures dropped as too many came at once
+  size_t waiting = 0;     ///< for the vehicle's detector
+  std::string model;      ///< of the vehicle's detector; empty: not known
+  bool detector_listens = false;
+  std::string vehicle;   ///< name at the nodes
+  std::string position;  ///< "known", or why it is not
+  bool position_known = false;
+  std::string policy;
+  double eta = 0.0;
+  bool enabled = true;
+  double jpeg_ms_per_mpixel = 0.0;
+  double jpeg_bytes_per_pixel = 0.0;
+  OffloadEngine::Statistics statistics;
+  std::array<double, TASK_KINDS> p50_s{};
+  std::array<double, TASK_KINDS> p99_s{};
+  std::array<std::string, TASK_KINDS> last_node;
+  std::vector<OffloadEngine::NodeStatus> nodes;
+  std::map<std::string, OffloadClient::LinkStatus> links;
+};
+
+/// What /diagnostics says: where tasks go and how that ends, the nodes, and what comes in. One thread at a time.
+class CoordinatorDiagnostics
+{
+public:
+  /// @param private_node  with the parameter diagnostic_period.
+  /// @param warnings  outlives it.
+  CoordinatorDiagnostics(const ros::NodeHandle& node, const ros::NodeHandle& private_node,
+                         const pi_node::WarningBoard* warnings, double input_timeout_s);
+
+  /// Looks at everything and publishes.
+  void update(const CoordinatorFigures& figures);
+
+private:
+  using Clock = std::chrono::steady_clock;
+  using Status = diagnostic_updater::DiagnosticStatusWrapper;
+  void reportOffloading(Status& status) const;
+  void reportNodes(Status& status) const;
+  void reportInput(Status& status) const;
+
+  const pi_node::WarningBoard* const warnings_;
+  const double input_timeout_s_;
+  diagnostic_updater::Updater updater_;
+  CoordinatorFigures now_;
+  CoordinatorFigures before_;  ///< at the previous update
+  Clock::time_point updated_at_;
+  double interval_s_ = 0.0;  ///< between the last two updates
+};
+
+}  // namespace pi_offload

@@ -1,0 +1,439 @@
+// RuntimeCore: life of tasks, what users ask for.
+#include "core/runtime_core.h"
+
+#include <linux/futex.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <climits>
+#include <cmath>
+#include <cstdio>
+#include <stdexcept>
+#include <utility>
+
+namespace pi_runtime
+{
+
+int64_t steadyNow()
+{
+  return std::chrono::steady_clock::now().time_since_epoch() / std::chrono::nanoseconds(1);
+}
+
+std::string milliseconds(double seconds)
+{
+  char text[32];
+  std::snprintf(text, sizeof text, "%.3g ms", seconds * 1e3);
+  return text;
+}
+
+RuntimeCore::RuntimeCore(const RuntimeOptions& options, std::vector<CustomUnit> units)
+  : options_(options)
+  , trace_(std::max<size_t>(options.trace_capacity, 1))
+  , inter_core_(options.inter_core)
+  , inner_core_(options.inner_core)
+{
+  options_.validate();
+  trace_.setEnabled(options_.trace_capacity != 0);
+  std::vector<std::string> problems;
+  units_ = makeUnits(options_, std::move(units), &problems);
+  for (const std::string& problem : problems)
+  {
+    say(LogLevel::WARNING, problem);
+  }
+  for (const std::unique_ptr<Unit>& unit : units_)
+  {
+    unit->reported_at_ns = steadyNow();
+    for (UnitExecutor& entry : unit->executors)
+    {
+      entry.column = etc_.column(unit->name + "/" + entry.executor->name());
+      separate_memory_ = separate_memory_ || entry.executor->memory() != nullptr;
+    }
+  }
+  loadEtc();
+}
+
+void RuntimeCore::start()
+{
+  for (const std::unique_ptr<Unit>& unit : units_)
+  {
+    unit->worker = std::thread(&RuntimeCore::workerLoop, this, std::ref(*unit));
+  }
+  std::vector<TaskPtr> ended;
+  Lock lock(mutex_);
+  refreshOthersBudgets(&ended);
+  lock.unlock();
+  watcher_ = std::thread(&RuntimeCore::watchLoop, this);
+}
+
+void RuntimeCore::stop()
+{
+  std::vector<TaskPtr> ended;
+  Lock lock(mutex_);
+  stopping_ = true;
+  for (const std::unique_ptr<Unit>& unit : units_)
+  {
+    while (!unit->queue.empty())
+    {
+      TaskState& task = **unit->queue.begin();
+      unit->remove(task);
+      end(task, Outcome::SHUT_DOWN, "the runtime ended before it began", &ended);
+    }
+    for (const TaskPtr& task : unit->running)
+    {
+      task->cancelled = true;
+    }
+    unit->wake.notify_all();
+    if (unit->arbiter && unit->waits_for_arbiter)
+    {
+      unit->arbiter->cancelWait();
+    }
+  }
+  watch_.notify_all();
+  leave(lock, ended);
+  watcher_.join();
+  lock.lock();
+  const auto at_rest = [this]
+  {
+    return announcing_ == 0 && std::all_of(units_.begin(), units_.end(),
+                                           [](const std::unique_ptr<Unit>& unit)
+                                           { return unit->worker_left && unit->running.empty() && !unit->starting; });
+  };
+  const bool clean = idle_.wait_for(lock, options_.hang_timeout, at_rest);
+  saveEtc(lock);
+  ended.clear();
+  for (const std::unique_ptr<Unit>& unit : units_)
+  {
+    for (const TaskPtr& task : std::deque<TaskPtr>(unit->running))
+    {
+      if (task->phase == TaskState::Phase::RUNNING)
+      {
+        end(*task, Outcome::UNIT_FAILED, unit->name + " hangs, and the runtime ends", &ended);
+      }
+    }
+  }
+  leave(lock, ended);
+  for (const std::unique_ptr<Unit>& unit : units_)
+  {
+    if (clean)
+    {
+      unit->worker.join();
+    }
+    else
+    {
+      unit->worker.detach();
+    }
+  }
+  if (!clean)
+  {
+    // Something still runs in a driver or in a function of the user, and will come back to this object.
+    say(LogLevel::WARNING, "the runtime ends while a unit hangs; its memory is not given back");
+    new std::shared_ptr<RuntimeCore>(shared_from_this());
+  }
+}
+
+void RuntimeCore::say(LogLevel level, const std::string& text) const
+{
+  if (options_.log)
+  {
+    options_.log(level, text);
+  }
+}
+
+void RuntimeCore::note(const std::string& warning)
+{
+  if (options_.log)
+  {
+    warnings_.push_back(warning);
+  }
+}
+
+void RuntimeCore::leave(Lock& lock, const std::vector<TaskPtr>& ended)
+{
+  const std::vector<std::string> warnings = std::exchange(warnings_, {});
+  const bool calls =
+      !warnings.empty() ||
+      std::any_of(ended.begin(), ended.end(), [](const TaskPtr& task) { return task->request.done != nullptr; });
+  announcing_ += calls ? 1 : 0;
+  lock.unlock();
+  for (const std::string& warning : warnings)
+  {
+    say(LogLevel::WARNING, warning);
+  }
+  announce(ended);
+  if (calls)
+  {
+    // The destructor waits for this: callbacks may use the runtime. Without callbacks nothing of it is touched above.
+    lock.lock();
+    --announcing_;
+    if (stopping_)
+    {
+      idle_.notify_all();
+    }
+    lock.unlock();
+  }
+}
+
+std::string RuntimeCore::problemOf(const TaskRequest& request) const
+{
+  if (!request.codelet)
+  {
+    return "TaskRequest.codelet is null";
+  }
+  if (request.range == 0)
+  {
+    return "TaskRequest.range = 0 of codelet " + request.codelet->name + ", must be at least 1";
+  }
+  if (!std::isfinite(request.size) || request.size < 0.0)
+  {
+    return "TaskRequest.size of codelet " + request.codelet->name + " must be finite and at least 0";
+  }
+  if (request.stream != NO_STREAM && streams_.count(request.stream) == 0)
+  {
+    return "TaskRequest.stream = " + std::to_string(request.stream) + " of codelet " + request.codelet->name +
+           " is not admitted; call admit() first";
+  }
+  return "";
+}
+
+CodeletRecord& RuntimeCore::recordOf(const CodeletPtr& codelet)
+{
+  CodeletRecord& record = codelets_[codelet->name];
+  if (record.codelet != codelet)
+  {
+    // New, or another codelet under a known name: what is known of building the old one does not hold.
+    record.codelet = codelet;
+    record.columns.clear();
+    record.row = &etc_.row(codelet->name);
+  }
+  return record;
+}
+
+TaskPtr RuntimeCore::makeTask(TaskRequest request)
+{
+  auto task = std::make_shared<TaskState>();
+  task->self = task;
+  task->core = weak_from_this();
+  task->submitted_ns = steadyNow();
+  task->request = std::move(request);
+  task->bucket =
+      EtcTable::sizeBucket(task->request.size > 0.0 ? task->request.size : static_cast<double>(task->request.range));
+  if (task->request.deadline)
+  {
+    task->deadline_ns = timeAfter(task->submitted_ns, *task->request.deadline);
+  }
+  return task;
+}
+
+TaskHandle RuntimeCore::submit(TaskRequest request)
+{
+  TaskPtr task = makeTask(std::move(request));
+  std::vector<TaskPtr> ended;
+  Lock lock(mutex_);
+  if (enroll(*task, &ended))
+  {
+    if (Unit* const unit = place(*task, &ended))
+    {
+      wakeIdleWorkers(*unit);
+      pump(lock, *unit, Caller::SUBMITTER);
+    }
+  }
+  leave(lock, ended);
+  return TaskHandle(std::move(task));
+}
+
+bool RuntimeCore::enroll(TaskState& task, std::vector<TaskPtr>* ended)
+{
+  task.id = next_task_++;
+  ++statistics_.submitted;
+  if (stopping_)
+  {
+    end(task, Outcome::SHUT_DOWN, "the runtime has ended", ended);
+    return false;
+  }
+  const std::string problem = problemOf(task.request);
+  if (!problem.empty())
+  {
+    end(task, Outcome::REFUSED, problem, ended);
+    return false;
+  }
+  if (options_.queue_order == QueueOrder::FIFO)
+  {
+    task.sequence = next_sequence_++;
+  }
+  task.record = &recordOf(task.request.codelet);
+  if (task.request.stream != NO_STREAM && !task.realTime())
+  {
+    task.deadline_ns = task.submitted_ns + static_cast<int64_t>(streams_.at(task.request.stream).load.deadline_s * 1e9);
+  }
+  task.urgency_ns = task.deadline_ns;
+  const auto stream = streams_.find(task.request.stream);
+  if (stream != streams_.end())
+  {
+    task.urgency_ns = std::max(task.urgency_ns, stream->second.server_deadline_ns);
+  }
+  return true;
+}
+
+std::vector<TaskHandle> RuntimeCore::submitBatch(std::vector<TaskRequest> requests)
+{
+  std::vector<TaskHandle> handles;
+  std::vector<TaskPtr> batch;
+  std::vector<TaskPtr> ended;
+  handles.reserve(requests.size());
+  for (TaskRequest& request : requests)
+  {
+    handles.push_back(TaskHandle(makeTask(std::move(request))));
+  }
+  Lock lock(mutex_);
+  for (const TaskHandle& handle : handles)
+  {
+    if (enroll(*handle.state_, &ended))
+    {
+      batch.push_back(handle.state_);
+    }
+  }
+  placeBatch(lock, batch, &ended);
+  pumpAll(lock, Caller::SUBMITTER);
+  leave(lock, ended);
+  return handles;
+}
+
+void RuntimeCore::cancel(TaskState& task)
+{
+  std::vector<TaskPtr> ended;
+  Lock lock(mutex_);
+  task.cancelled = true;
+  if (task.phase == TaskState::Phase::NEW || task.phase == TaskState::Phase::QUEUED)
+  {
+    if (task.phase == TaskState::Phase::QUEUED)
+    {
+      task.unit->remove(task);
+    }
+    end(task, Outcome::CANCELLED, task.next == 0 ? "cancelled before it began" : "cancelled between slices", &ended);
+    pumpAll(lock, Caller::COMPLETION);
+  }
+  leave(lock, ended);
+}
+
+void RuntimeCore::end(TaskState& task, Outcome outcome, const std::string& message, std::vector<TaskPtr>* ended)
+{
+  const TaskPtr keep = task.shared_from_this();
+  task.phase = TaskState::Phase::ENDED;
+  TaskResult& result = task.result;
+  result.outcome = outcome;
+  result.message = message;
+  result.submitted_ns = task.submitted_ns;
+  result.finished_ns = steadyNow();
+  result.deadline_ns = task.realTime() ? task.deadline_ns : 0;
+  switch (outcome)
+  {
+    case Outcome::OK:
+      ++statistics_.ended_ok;
+      break;
+    case Outcome::CANCELLED:
+    case Outcome::SHUT_DOWN:
+      ++statistics_.cancelled;
+      break;
+    case Outcome::REFUSED:
+      ++statistics_.refused;
+      break;
+    default:
+      ++statistics_.failed;
+  }
+  const bool missed = result.missedDeadline();
+  statistics_.missed_deadlines += missed ? 1 : 0;
+  if (task.unit != nullptr && result.started_ns != 0)
+  {
+    ++task.unit->tasks;
+    task.unit->deadline_tasks += task.realTime() ? 1 : 0;
+    task.unit->missed_deadlines += missed ? 1 : 0;
+  }
+  countStreamJob(task);
+  if (!task.executing)
+  {
+    task.self.reset();
+  }
+  ended->push_back(keep);
+  if (task.graph)
+  {
+    endGraphNode(task, ended);
+  }
+}
+
+void RuntimeCore::announce(const std::vector<TaskPtr>& ended) const
+{
+  for (const TaskPtr& task : ended)
+  {
+    task->ended.store(1);
+    if (task->waiters.load() != 0)
+    {
+      syscall(SYS_futex, &task->ended, FUTEX_WAKE_PRIVATE, INT_MAX, nullptr, nullptr, 0);
+    }
+    if (!task->request.done)
+    {
+      continue;
+    }
+    try
+    {
+      task->request.done(task->result);
+    }
+    catch (const std::exception& error)
+    {
+      say(LogLevel::WARNING, "TaskRequest.done of task " + std::to_string(task->id) + " threw: " + error.what());
+    }
+    catch (...)
+    {
+      say(LogLevel::WARNING, "TaskRequest.done of task " + std::to_string(task->id) + " threw no std::exception");
+    }
+  }
+}
+
+Unit* RuntimeCore::findUnit(const std::string& name) const
+{
+  for (const std::unique_ptr<Unit>& unit : units_)
+  {
+    if (unit->name == name)
+    {
+      return unit.get();
+    }
+  }
+  return nullptr;
+}
+
+std::string RuntimeCore::unitNames() const
+{
+  std::string names;
+  for (const std::unique_ptr<Unit>& unit : units_)
+  {
+    names += (names.empty() ? "" : ", ") + unit->name;
+  }
+  return names;
+}
+
+void RuntimeCore::setUnitAvailable(const std::string& name, bool available)
+{
+  std::vector<TaskPtr> ended;
+  Lock lock(mutex_);
+  Unit* const unit = findUnit(name);
+  if (unit == nullptr)
+  {
+    throw std::invalid_argument("there is no unit \"" + name + "\", there are " + unitNames());
+  }
+  unit->withdrawn = !available;
+  if (available)
+  {
+    unit->failed = unit->hangs();  // if so, it comes back when it answers
+    housePlaceless(&ended);
+  }
+  else
+  {
+    moveStreams(*unit, &ended);
+    replaceQueued(
+        *unit, [](const TaskState&) { return true; }, &ended);
+  }
+  pumpAll(lock, Caller::COMPLETION);
+  leave(lock, ended);
+}
+
+}  // namespace pi_runtime

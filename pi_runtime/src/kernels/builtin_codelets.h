@@ -1,0 +1,15 @@
+#pragma once
+
+#include "core/codelet_registry.h"
+
+namespace pi_runtime
+{
+namespace kernels
+{
+
+/// Adds all kernels of this package with their descriptions.
+/// @throws std::invalid_argument if one of their names is taken.
+void registerBuiltinCodelets(CodeletRegistry& registry);
+
+}  // namespace kernels
+}  // namespace pi_runtime

@@ -1,0 +1,347 @@
+#include <pi_runtime/trace.h>
+
+#include <algorithm>
+#define BOOST_BIND_GLOBAL_PLACEHOLDERS  // silences a note of Boost 1.74 about its own use of them
+#include <boost/property_tree/json_parser.hpp>
+#include <boost/property_tree/ptree.hpp>
+#include <cinttypes>
+#include <cmath>
+#include <cstdio>
+#include <istream>
+#include <ostream>
+#include <stdexcept>
+
+namespace pi_runtime
+{
+namespace
+{
+
+constexpr const char* OUTCOMES[] = {"ok", "failed", "cancelled"};
+constexpr std::string_view OTHER = "(other)";
+
+/// Length of the UTF-8 character at the start of `text` (RFC 3629), 0 if there is none.
+size_t utf8Length(std::string_view text)
+{
+  const auto byte = [&text](size_t index) { return static_cast<uint8_t>(text[index]); };
+  const uint8_t first = byte(0);
+  const size_t length = first < 0x80   ? 1
+                        : first < 0xc2 ? 0
+                        : first < 0xe0 ? 2
+                        : first < 0xf0 ? 3
+                        : first < 0xf5 ? 4
+                                       : 0;
+  if (length == 0 || length > text.size())
+  {
+    return 0;
+  }
+  for (size_t index = 1; index < length; ++index)
+  {
+    if ((byte(index) & 0xc0) != 0x80)
+    {
+      return 0;
+    }
+  }
+  // Too long a form, a surrogate, or above U+10FFFF.
+  const bool invalid = length > 2 && ((first == 0xe0 && byte(1) < 0xa0) || (first == 0xed && byte(1) > 0x9f) ||
+                                      (first == 0xf0 && byte(1) < 0x90) || (first == 0xf4 && byte(1) > 0x8f));
+  return invalid ? 0 : length;
+}
+
+/// A JSON string (RFC 8259). Bytes that are no UTF-8 become U+FFFD.
+std::string jsonString(std::string_view text)
+{
+  std::string result = "\"";
+  while (!text.empty())
+  {
+    const size_t length = utf8Length(text);
+    const auto character = static_cast<uint8_t>(text[0]);
+    if (length == 0)
+    {
+      result += "\\ufffd";
+    }
+    else if (character < 0x20 || character == 0x7f)
+    {
+      char escaped[8];
+      std::snprintf(escaped, sizeof escaped, "\\u%04x", character);
+      result += escaped;
+    }
+    else
+    {
+      result += character == '"' || character == '\\' ? "\\" : "";
+      result += text.substr(0, length);
+    }
+    text.remove_prefix(std::max<size_t>(length, 1));
+  }
+  return result + "\"";
+}
+
+/// Nanoseconds as the microseconds of the format, without loss.
+std::string microseconds(int64_t time_ns)
+{
+  char text[32];
+  const char* const sign = time_ns < 0 ? "-" : "";
+  const uint64_t magnitude = time_ns < 0 ? 0 - static_cast<uint64_t>(time_ns) : static_cast<uint64_t>(time_ns);
+  std::snprintf(text, sizeof text, "%s%" PRIu64 ".%03" PRIu64, sign, magnitude / 1000, magnitude % 1000);
+  return text;
+}
+
+/// A finite double as JSON, exactly; others, which JSON does not know, as 0.
+std::string number(double value)
+{
+  char text[32];
+  std::snprintf(text, sizeof text, "%.17g", std::isfinite(value) ? value : 0.0);
+  return text;
+}
+
+/// Collects the events and writes the commas between them.
+class EventWriter
+{
+public:
+  explicit EventWriter(std::ostream& stream) : stream_(stream) {}
+
+  /// @param phase  the "ph" of the format. @param rest  further members, each with a comma in front.
+  void write(const char* phase, std::string_view name, const std::string& rest)
+  {
+    stream_ << (first_ ? "\n" : ",\n") << R"({"ph":")" << phase << R"(","pid":1,"name":)" << jsonString(name) << rest
+            << "}";
+    first_ = false;
+  }
+
+private:
+  std::ostream& stream_;
+  bool first_ = true;
+};
+
+std::string thread(uint32_t unit)
+{
+  return ",\"tid\":" + std::to_string(uint64_t{unit} + 1);
+}
+
+std::string at(int64_t time_ns)
+{
+  return ",\"ts\":" + microseconds(time_ns);
+}
+
+std::string lasting(int64_t duration_ns)
+{
+  return ",\"dur\":" + microseconds(std::max<int64_t>(duration_ns, 0));
+}
+
+std::string arguments(const TaskTrace& record)
+{
+  const char* const deadline = record.deadline_ns == 0 ? "none" : record.missedDeadline() ? "missed" : "met";
+  std::string text = ",\"args\":{\"task\":" + std::to_string(record.task);
+  text += ",\"codelet\":" + jsonString(record.codelet) + ",\"implementation\":" + jsonString(record.implementation);
+  text += ",\"unit\":" + std::to_string(record.unit);
+  text += ",\"slice\":" + std::to_string(record.slice) + ",\"slices\":" + std::to_string(record.slices);
+  text += ",\"submitted_ns\":" + std::to_string(record.submitted_ns);
+  text += ",\"queued_ns\":" + std::to_string(record.queued_ns);
+  text += ",\"started_ns\":" + std::to_string(record.started_ns);
+  text += ",\"transfer_ns\":" + std::to_string(record.transfer_ns);
+  text += ",\"finished_ns\":" + std::to_string(record.finished_ns);
+  text += ",\"deadline_ns\":" + std::to_string(record.deadline_ns);
+  text += std::string(",\"deadline\":\"") + deadline + "\",\"outcome\":\"";
+  text += OUTCOMES[static_cast<size_t>(record.outcome)];
+  text += std::string("\",\"stolen\":") + (record.stolen ? "true" : "false");
+  text += ",\"predicted_s\":" + number(record.predicted_s);
+  text +=
+      ",\"real_s\":" + number(record.ran() ? static_cast<double>(record.finished_ns - record.started_ns) * 1e-9 : 0);
+  return text + "}";
+}
+
+void writeRecord(EventWriter& writer, const TaskTrace& record)
+{
+  if (!record.ran())
+  {
+    writer.write("i", record.codelet,
+                 R"(,"cat":"run","s":"t")" + thread(record.unit) + at(record.finished_ns) + arguments(record));
+    return;
+  }
+  const int64_t taken_ns = record.started_ns - record.transfer_ns;
+  const std::string wait = ",\"cat\":\"queue\",\"id\":\"" + std::to_string(record.task) + "." +
+                           std::to_string(record.slice) + "\"" + thread(record.unit);
+  writer.write("b", record.codelet, wait + at(std::min(record.queued_ns, taken_ns)));
+  writer.write("e", record.codelet, wait + at(taken_ns));
+  if (record.transfer_ns > 0)
+  {
+    writer.write("X", "transfer for " + std::string(record.codelet),
+                 R"(,"cat":"transfer")" + thread(record.unit) + at(taken_ns) + lasting(record.transfer_ns));
+  }
+  writer.write("X", record.codelet,
+               R"(,"cat":"run")" + thread(record.unit) + at(record.started_ns) +
+                   lasting(record.finished_ns - record.started_ns) + arguments(record));
+}
+
+using Tree = boost::property_tree::ptree;
+
+TaskOutcome outcomeOf(const std::string& text)
+{
+  const auto* const found = std::find(std::begin(OUTCOMES), std::end(OUTCOMES), text);
+  if (found == std::end(OUTCOMES))
+  {
+    throw std::runtime_error("a record has the outcome \"" + text + "\", known are ok, failed and cancelled");
+  }
+  return static_cast<TaskOutcome>(found - std::begin(OUTCOMES));
+}
+
+TaskTrace readRecord(const Tree& arguments, std::set<std::string, std::less<>>* names)
+{
+  TaskTrace record;
+  record.task = arguments.get<uint64_t>("task");
+  record.codelet = *names->insert(arguments.get<std::string>("codelet")).first;
+  record.implementation = *names->insert(arguments.get<std::string>("implementation")).first;
+  record.unit = arguments.get<uint32_t>("unit");
+  record.slice = arguments.get<uint32_t>("slice");
+  record.slices = arguments.get<uint32_t>("slices");
+  record.submitted_ns = arguments.get<int64_t>("submitted_ns");
+  record.queued_ns = arguments.get<int64_t>("queued_ns");
+  record.started_ns = arguments.get<int64_t>("started_ns");
+  record.transfer_ns = arguments.get<int64_t>("transfer_ns");
+  record.finished_ns = arguments.get<int64_t>("finished_ns");
+  record.deadline_ns = arguments.get<int64_t>("deadline_ns");
+  record.outcome = outcomeOf(arguments.get<std::string>("outcome"));
+  record.stolen = arguments.get<bool>("stolen");
+  record.predicted_s = arguments.get<double>("predicted_s");
+  return record;
+}
+
+void readUnitName(const Tree& event, std::vector<std::string>* units)
+{
+  constexpr uint64_t MOST_UNITS = 4096;
+  const auto thread = event.get<uint64_t>("tid");
+  if (thread < 1 || thread > MOST_UNITS)
+  {
+    throw std::runtime_error("a thread_name has the tid " + std::to_string(thread) + ", must be in [1, 4096]");
+  }
+  units->resize(std::max<size_t>(units->size(), thread));
+  (*units)[thread - 1] = event.get<std::string>("args.name");
+}
+
+}  // namespace
+
+TraceRecorder::TraceRecorder(size_t capacity) : capacity_(capacity)
+{
+  if (capacity == 0)
+  {
+    throw std::invalid_argument("the capacity of a trace recorder is 0, must be at least 1");
+  }
+  ring_.reserve(capacity);
+}
+
+void TraceRecorder::keep(const TaskTrace& record)
+{
+  const std::lock_guard<std::mutex> lock(mutex_);
+  TaskTrace kept = record;
+  kept.codelet = intern(record.codelet);
+  kept.implementation = intern(record.implementation);
+  if (ring_.size() < capacity_)
+  {
+    ring_.push_back(kept);
+  }
+  else
+  {
+    ring_[next_] = kept;
+    next_ = (next_ + 1) % capacity_;
+    ++dropped_;
+  }
+}
+
+std::string_view TraceRecorder::intern(std::string_view name)
+{
+  const auto found = names_.find(name);
+  if (found != names_.end())
+  {
+    return *found;
+  }
+  return names_.size() < MAX_NAMES ? std::string_view(*names_.emplace(name).first) : OTHER;
+}
+
+std::vector<TaskTrace> TraceRecorder::snapshot() const
+{
+  const std::lock_guard<std::mutex> lock(mutex_);
+  std::vector<TaskTrace> records = ring_;
+  std::rotate(records.begin(), records.begin() + static_cast<std::ptrdiff_t>(next_), records.end());
+  return records;
+}
+
+uint64_t TraceRecorder::dropped() const
+{
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return dropped_;
+}
+
+void TraceRecorder::clear()
+{
+  const std::lock_guard<std::mutex> lock(mutex_);
+  ring_.clear();
+  next_ = 0;
+  dropped_ = 0;
+}
+
+void TraceRecorder::keepAtLeast(size_t capacity)
+{
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (capacity > capacity_)
+    {
+      std::rotate(ring_.begin(), ring_.begin() + static_cast<std::ptrdiff_t>(next_), ring_.end());
+      next_ = 0;
+      ring_.reserve(capacity);
+      capacity_ = capacity;
+    }
+  }
+  setEnabled(true);
+}
+
+void writeChromeTrace(std::ostream& stream, const std::vector<TaskTrace>& records,
+                      const std::vector<std::string>& units)
+{
+  stream << R"({"displayTimeUnit":"ms","traceEvents":[)";
+  EventWriter writer(stream);
+  writer.write("M", "process_name", R"(,"args":{"name":"pi_runtime"})");
+  size_t count = units.size();
+  for (const TaskTrace& record : records)
+  {
+    count = std::max<size_t>(count, size_t{record.unit} + 1);
+  }
+  for (uint32_t unit = 0; unit < count; ++unit)
+  {
+    const std::string name = unit < units.size() ? units[unit] : "unit " + std::to_string(unit);
+    writer.write("M", "thread_name", thread(unit) + ",\"args\":{\"name\":" + jsonString(name) + "}");
+    writer.write("M", "thread_sort_index", thread(unit) + ",\"args\":{\"sort_index\":" + std::to_string(unit) + "}");
+  }
+  for (const TaskTrace& record : records)
+  {
+    writeRecord(writer, record);
+  }
+  stream << "\n]}\n";
+}
+
+ChromeTrace readChromeTrace(std::istream& stream)
+{
+  try
+  {
+    Tree tree;
+    boost::property_tree::read_json(stream, tree);
+    ChromeTrace trace;
+    for (const auto& [key, event] : tree.get_child("traceEvents"))
+    {
+      const auto arguments = event.get_child_optional("args");
+      if (event.get<std::string>("cat", "") == "run" && arguments)
+      {
+        trace.records.push_back(readRecord(*arguments, &trace.names));
+      }
+      else if (event.get<std::string>("ph", "") == "M" && event.get<std::string>("name", "") == "thread_name")
+      {
+        readUnitName(event, &trace.units);
+      }
+    }
+    return trace;
+  }
+  catch (const boost::property_tree::ptree_error& error)
+  {
+    throw std::runtime_error(std::string("not a trace of pi_runtime: ") + error.what());
+  }
+}
+
+}  // namespace pi_runtime

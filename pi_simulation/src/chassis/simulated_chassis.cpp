@@ -1,0 +1,194 @@
+#include "chassis/simulated_chassis.h"
+#include <pi_node/option_check.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <sstream>
+#include <stdexcept>
+#include <vector>
+
+namespace pi_simulation
+{
+namespace
+{
+
+constexpr size_t GARBAGE_PER_STEP = 16;
+constexpr size_t MAX_GARBAGE = 100000;
+constexpr int READS_AT_ONCE = 16;
+const char* const COMMANDS =
+    "unplug, plug, restart, silent on|off, garbage BYTES|on|off, stuck on|off, battery CHARGE, button on|off, "
+    "pose X Y YAW";
+
+Hello helloOf(const SimulationOptions& options)
+{
+  Hello hello;
+  hello.kind = options.model.kind;
+  hello.wheelbase = options.model.wheelbase;
+  hello.limits = options.limits;
+  if (options.model.kind == Kind::CAR_LIKE)
+  {
+    hello.limits.curvature =
+        std::min(hello.limits.curvature, std::tan(options.model.max_steering) / options.model.wheelbase);
+  }
+  hello.watchdog_s = options.watchdog_s;
+  hello.status_period_s = options.status_period_s;
+  hello.name = options.name;
+  return hello;
+}
+
+std::optional<bool> flag(const std::string& word)
+{
+  return word == "on" ? std::optional<bool>(true) : word == "off" ? std::optional<bool>(false) : std::nullopt;
+}
+
+}  // namespace
+
+void SimulationOptions::validate() const
+{
+  model.validate();
+  limits.validate();
+  const pi_node::OptionCheck check("");
+  check.range("watchdog_s", watchdog_s, 0.05, 10.0);
+  check.range("status_period_s", status_period_s, 0.005, 1.0);
+}
+
+SimulatedChassis::SimulatedChassis(const SimulationOptions& options, int64_t now_ns)
+  : options_((options.validate(), options))
+  , hello_(helloOf(options))
+  , model_(options.model)
+  , controller_(std::make_unique<ChassisController>(hello_, now_ns))
+  , random_(options.seed)
+  , now_ns_(now_ns)
+{
+  model_.setPose(options_.start);
+  terminal_.emplace(options_.link);
+}
+
+void SimulatedChassis::write(const std::vector<uint8_t>& bytes)
+{
+  if (terminal_ && !bytes.empty())
+  {
+    terminal_->write(bytes.data(), bytes.size());
+  }
+}
+
+void SimulatedChassis::step(int64_t now_ns)
+{
+  std::array<uint8_t, 4096> bytes;
+  for (int i = 0; terminal_ && i < READS_AT_ONCE; ++i)
+  {
+    const size_t count = terminal_->read(bytes.data(), bytes.size());
+    if (count == 0)
+    {
+      break;
+    }
+    controller_->onBytes(bytes.data(), count, now_ns);
+  }
+  const Setpoint setpoint = controller_->update(model_.measurement(), now_ns);
+  model_.step(setpoint, 1e-9 * static_cast<double>(now_ns - now_ns_));
+  now_ns_ = now_ns;
+
+  const std::vector<uint8_t> output = controller_->takeOutput();
+  if (!silent_)
+  {
+    write(output);
+  }
+  if (garbage_)
+  {
+    std::vector<uint8_t> garbage(GARBAGE_PER_STEP);
+    std::generate(garbage.begin(), garbage.end(), [this] { return static_cast<uint8_t>(random_()); });
+    write(garbage);
+  }
+}
+
+std::string SimulatedChassis::command(const std::string& line, int64_t now_ns)
+{
+  std::istringstream words(line);
+  std::string name;
+  std::string value;
+  words >> name >> value;
+  const std::optional<bool> on = flag(value);
+  try
+  {
+    if (name == "unplug" && value.empty())
+    {
+      terminal_.reset();
+      return "";
+    }
+    if (name == "plug" && value.empty())
+    {
+      if (!terminal_)
+      {
+        terminal_.emplace(options_.link);
+      }
+      return "";
+    }
+  }
+  catch (const std::runtime_error& error)
+  {
+    return error.what();
+  }
+  if (name == "restart" && value.empty())
+  {
+    controller_ = std::make_unique<ChassisController>(hello_, now_ns);
+    return "";
+  }
+  if (name == "silent" && on)
+  {
+    silent_ = *on;
+    return "";
+  }
+  if (name == "stuck" && on)
+  {
+    model_.setStuck(*on);
+    return "";
+  }
+  if (name == "button" && on)
+  {
+    model_.setEmergencyButton(*on);
+    return "";
+  }
+  if (name == "garbage" && on)
+  {
+    garbage_ = *on;
+    return "";
+  }
+  std::istringstream numbers(line.substr(std::min(line.size(), line.find(name) + name.size())));
+  double number = 0.0;
+  if (name == "garbage" && numbers >> number && number >= 1.0 && number <= static_cast<double>(MAX_GARBAGE))
+  {
+    std::vector<uint8_t> garbage(static_cast<size_t>(number));
+    std::generate(garbage.begin(), garbage.end(), [this] { return static_cast<uint8_t>(random_()); });
+    write(garbage);
+    return "";
+  }
+  if (name == "battery" && numbers >> number && number >= 0.0 && number <= 1.0)
+  {
+    model_.setBatteryCharge(number);
+    return "";
+  }
+  Pose pose;
+  if (name == "pose" && numbers >> pose.x >> pose.y >> pose.yaw)
+  {
+    model_.setPose(pose);
+    return "";
+  }
+  return "command \"" + line + "\" is not understood, must be one of: " + COMMANDS;
+}
+
+std::string SimulatedChassis::truth() const
+{
+  const Measurement measured = model_.measurement();
+  const Pose& pose = model_.pose();
+  std::array<char, 320> text = {};
+  std::snprintf(text.data(), text.size(),
+                "{\"t\": %.4f, \"x\": %.5f, \"y\": %.5f, \"yaw\": %.6f, \"speed\": %.4f, \"curvature\": %.5f, "
+                "\"mode\": \"%s\"}",
+                model_.time(), pose.x, pose.y, pose.yaw, measured.speed, measured.curvature,
+                modeText(controller_->mode()));
+  return text.data();
+}
+
+}  // namespace pi_simulation

@@ -1,0 +1,68 @@
+#pragma once
+
+#include <pi_vehicle/chassis/chassis_controller.h>
+#include <pi_vehicle/chassis/chassis_model.h>
+#include "chassis/pseudo_terminal.h"
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <random>
+#include <string>
+
+namespace pi_simulation
+{
+
+struct SimulationOptions
+{
+  ModelOptions model;
+  Limits limits;                  ///< curvature and kind of the model are put into the HELLO
+  double watchdog_s = 0.25;       ///< [s], in [0.05, 10]
+  double status_period_s = 0.02;  ///< [s], in [0.005, 1]
+  Pose start;
+  std::string name = "simulated";
+  std::string link;   ///< symbolic link to the pseudo-terminal; empty: none
+  uint64_t seed = 1;  ///< of the garbage
+
+  /// @throws std::invalid_argument naming field, value and bound.
+  void validate() const;
+};
+
+/// A chassis on a pseudo-terminal: controller, model and faults. The caller gives it time, as fast as it likes. Not
+/// thread safe.
+class SimulatedChassis
+{
+public:
+  /// @throws std::invalid_argument for wrong options, std::runtime_error without a pseudo-terminal.
+  SimulatedChassis(const SimulationOptions& options, int64_t now_ns);
+
+  /// Reads, goes on to now, writes. To be called at 100 Hz or faster.
+  void step(int64_t now_ns);
+
+  /// One line of text: unplug, plug, restart, silent on|off, garbage BYTES, garbage on|off, stuck on|off,
+  /// battery CHARGE, button on|off, pose X Y YAW.
+  /// @return what is wrong with it and what would be right; empty: done.
+  std::string command(const std::string& line, int64_t now_ns);
+
+  /// Of the pseudo-terminal; empty: unplugged.
+  std::string path() const { return terminal_ ? terminal_->path() : ""; }
+  const ChassisModel& model() const { return model_; }
+  const ChassisController& controller() const { return *controller_; }
+  /// Where it truly is, as one line of JSON: t [s] simulated, x, y [m], yaw [rad], speed [m/s], curvature [1/m], mode.
+  std::string truth() const;
+
+private:
+  void write(const std::vector<uint8_t>& bytes);
+
+  const SimulationOptions options_;
+  const Hello hello_;
+  ChassisModel model_;
+  std::unique_ptr<ChassisController> controller_;
+  std::optional<PseudoTerminal> terminal_;
+  std::mt19937_64 random_;
+  int64_t now_ns_;
+  bool silent_ = false;
+  bool garbage_ = false;
+};
+
+}  // namespace pi_simulation

@@ -1,0 +1,56 @@
+#pragma once
+
+#include <cstdint>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "renderer/scene.h"
+
+namespace pi_simulation::synthetic
+{
+
+/// Random numbers that are the same with every standard library.
+class Random
+{
+public:
+  explicit Random(uint64_t seed) : engine_(seed) {}
+  double uniform(double low, double high)
+  {
+    return low + (high - low) * static_cast<double>(engine_() >> 11) * 0x1p-53;
+  }
+  uint32_t seed() { return static_cast<uint32_t>(engine_() >> 32); }
+  bool chance(double probability) { return uniform(0.0, 1.0) < probability; }
+
+private:
+  std::mt19937_64 engine_;
+};
+
+/// A thing made of primitives in its own frame: x forward, z up, origin on the ground below its centre.
+struct Prop
+{
+  std::string class_name;
+  Eigen::Vector3d size = Eigen::Vector3d::Zero();  ///< of the box around what one could bump into [m]
+  std::vector<MovingPart> parts;
+};
+
+Prop makeTree(Random* random);
+Prop makeLampPost(Random* random);
+Prop makeSign(Random* random);
+Prop makeCar(Random* random);
+Prop makePerson(Random* random);
+Prop makeCart(Random* random);
+Prop makeBox(Random* random, double largest_m);
+/// @param size  along the facade, depth, height [m].
+Prop makeBuilding(Random* random, const Eigen::Vector3d& size);
+Prop makePillar(Random* random, double height_m);
+Prop makeShelf(Random* random, double width_m, double height_m);
+Prop makeMachine(Random* random, const Eigen::Vector3d& size);
+/// Thin along x.
+Prop makePoster(Random* random, double width_m, double height_m);
+/// Lies along x at `height_m` above the ground.
+Prop makePipe(Random* random, double length_m, double height_m, double radius_m);
+/// Hangs from `height_m` down.
+Prop makeHangingLamp(Random* random, double height_m);
+
+}  // namespace pi_simulation::synthetic

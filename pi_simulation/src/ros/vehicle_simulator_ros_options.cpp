@@ -1,0 +1,145 @@
+#include "ros/vehicle_simulator_ros_options.h"
+#include <pi_node/option_check.h>
+#include <pi_node/ros/parameter_tree.h>
+
+namespace pi_simulation
+{
+
+namespace parameter_tree = pi_node::parameter_tree;
+using XmlRpc::XmlRpcValue;
+
+/// Every parameter by the path of its name, with its field.
+template <typename Options, typename Visitor>
+static void visitFields(Options& options, Visitor&& visit)
+{
+  visit("scenario", options.scenario);
+  visit("scenario_seed", options.scenario_seed);
+  visit("link", options.link);
+  visit("log", options.log);
+  visit("cameras/width", options.cameras.width);
+  visit("cameras/height", options.cameras.height);
+  visit("cameras/baseline", options.cameras.baseline);
+  visit("cameras/frame_rate", options.cameras.frame_rate);
+  visit("cameras/threads", options.cameras.threads);
+  visit("cameras/nice", options.cameras.nice);
+  visit("cameras/color", options.cameras.color);
+  visit("cameras/smooth_edges", options.cameras.smooth_edges);
+  visit("cameras/noise", options.cameras.noise);
+  visit("cameras/brightness", options.cameras.brightness);
+  visit("imu_noise", options.imu_noise);
+  visit("imu_in_base/x", options.imu_in_base.x);
+  visit("imu_in_base/y", options.imu_in_base.y);
+  visit("imu_in_base/z", options.imu_in_base.z);
+  visit("outline/front", options.outline.front);
+  visit("outline/rear", options.outline.rear);
+  visit("outline/half_width", options.outline.half_width);
+  visit("outline/height", options.outline.height);
+  visit("map_frame", options.map_frame);
+  visit("base_link_frame", options.base_link_frame);
+  visit("imu_frame", options.imu_frame);
+  visit("left_frame", options.left_frame);
+  visit("right_frame", options.right_frame);
+  visit("diagnostic_period", options.diagnostic_period);
+  visit("warning_period_s", options.warning_period_s);
+}
+
+void VehicleSimulatorRosOptions::validate() const
+{
+  const pi_node::OptionCheck check("");
+  check.range("scenario_seed", scenario_seed, 0, 2147483647);
+  check.range("cameras/width", cameras.width, 64, 4096);
+  check.range("cameras/height", cameras.height, 64, 4096);
+  check.range("cameras/baseline", cameras.baseline, 0.01, 2.0);
+  check.range("cameras/frame_rate", cameras.frame_rate, 0.5, 100.0);
+  check.range("cameras/threads", cameras.threads, 1, 64);
+  check.range("cameras/nice", cameras.nice, 0, 19);
+  check.range("cameras/noise", cameras.noise, 0.0, 10.0);
+  check.range("cameras/brightness", cameras.brightness, 0.01, 10.0);
+  check.range("imu_noise", imu_noise, 0.0, 100.0);
+  check.range("imu_in_base/x", imu_in_base.x, -5.0, 5.0);
+  check.range("imu_in_base/y", imu_in_base.y, -5.0, 5.0);
+  check.range("imu_in_base/z", imu_in_base.z, 0.1, 5.0);
+  check.range("outline/front", outline.front, 0.05, 10.0);
+  check.range("outline/rear", outline.rear, 0.05, 10.0);
+  check.range("outline/half_width", outline.half_width, 0.05, 5.0);
+  check.range("outline/height", outline.height, 0.1, 5.0);
+  const std::string frames[] = {map_frame, base_link_frame, imu_frame, left_frame, right_frame};
+  const char* const names[] = {"map_frame", "base_link_frame", "imu_frame", "left_frame", "right_frame"};
+  for (size_t i = 0; i < 5; ++i)
+  {
+    pi_node::parameters::require(!frames[i].empty(), names[i], "\"\"", "a name");
+  }
+  parameter_tree::requireDuration("diagnostic_period", diagnostic_period);
+  parameter_tree::requireDuration("warning_period_s", warning_period_s);
+  simulationOptions().validate();
+}
+
+VehicleSimulatorRosOptions VehicleSimulatorRosOptions::load(const ros::NodeHandle& private_node,
+                                                            std::vector<std::string>* unknown)
+{
+  XmlRpcValue tree;
+  const std::string& path = private_node.getNamespace();
+  private_node.getParam(path, tree);
+  VehicleSimulatorRosOptions options = fromParameters(tree, path + "/", unknown);
+  pi_node::parameters::require(!options.scenario.empty(), ("parameter " + path + "/scenario").c_str(), "\"\"",
+                                  "a file of config/scenarios or your own");
+  return options;
+}
+
+VehicleSimulatorRosOptions VehicleSimulatorRosOptions::fromParameters(const XmlRpcValue& tree, const std::string& path,
+                                                                      std::vector<std::string>* unknown)
+{
+  return parameter_tree::load<VehicleSimulatorRosOptions>(tree, path, unknown);
+}
+
+XmlRpcValue VehicleSimulatorRosOptions::toParameters() const
+{
+  return parameter_tree::save(*this);
+}
+
+std::string VehicleSimulatorRosOptions::toText() const
+{
+  return pi_node::parameters::text(toParameters());
+}
+
+VehicleSimulationOptions VehicleSimulatorRosOptions::simulationOptions() const
+{
+  VehicleSimulationOptions options;
+  options.chassis.link = link;
+  options.chassis.seed = static_cast<uint64_t>(scenario_seed);
+  options.imu.seed = static_cast<uint64_t>(scenario_seed);
+  options.imu.gyro_noise_density *= imu_noise;
+  options.imu.gyro_random_walk *= imu_noise;
+  options.imu.accel_noise_density *= imu_noise;
+  options.imu.accel_random_walk *= imu_noise;
+  options.imu.gyro_bias *= imu_noise;
+  options.imu.accel_bias *= imu_noise;
+  options.imu_in_base = {imu_in_base.x, imu_in_base.y, imu_in_base.z};
+  options.front = outline.front;
+  options.rear = outline.rear;
+  options.half_width = outline.half_width;
+  options.height = outline.height;
+  options.frame_rate_hz = cameras.frame_rate;
+  return options;
+}
+
+pi_slam::StereoRendererOptions VehicleSimulatorRosOptions::rendererOptions() const
+{
+  pi_slam::StereoRendererOptions options;
+  options.threads = cameras.threads;
+  options.quality = pi_slam::RenderQuality::LIVE;
+  options.supersampling = cameras.smooth_edges ? pi_slam::Supersampling::EDGES : pi_slam::Supersampling::NONE;
+  options.brightness = cameras.brightness;
+  options.shot_noise *= cameras.noise * cameras.noise;
+  options.read_noise *= cameras.noise;
+  options.color = cameras.color;
+  options.seed = static_cast<uint64_t>(scenario_seed);
+  return options;
+}
+
+pi_slam::StereoCalibration VehicleSimulatorRosOptions::calibration() const
+{
+  return pi_slam::StereoCalibration::makeForwardPair(cameras.width, cameras.height, cameras.baseline);
+}
+
+}  // namespace pi_simulation

@@ -1,0 +1,80 @@
+#pragma once
+
+#include "vehicle/vehicle_simulation.h"
+#include <pi_slam/stereo_calibration.h>
+#include "renderer/stereo_renderer.h"
+#include <ros/node_handle.h>
+#include <xmlrpcpp/XmlRpcValue.h>
+
+#include <string>
+#include <vector>
+
+namespace pi_simulation
+{
+
+/// The parameters of the vehicle simulator; config/vehicle_simulator.yaml shows each with its unit.
+struct VehicleSimulatorRosOptions
+{
+  std::string scenario;   ///< file; must be set
+  int scenario_seed = 1;  ///< decides within the scenario's ranges, and of all noise
+  std::string link;       ///< symbolic link to the chassis's pseudo-terminal; empty: none
+  std::string log;        ///< file of the judge's facts; empty: none
+
+  struct Cameras
+  {
+    int width = 640;            ///< [px]
+    int height = 480;           ///< [px]
+    double baseline = 0.12;     ///< [m]
+    double frame_rate = 20.0;   ///< [Hz]
+    int threads = 1;            ///< that render
+    int nice = 10;              ///< priority of these threads, 0 (as all others) to 19 (lowest)
+    bool color = false;         ///< bgr8 in place of mono8
+    bool smooth_edges = false;  ///< more rays at outlines: a third more processor time
+    double noise = 1.0;         ///< scale of the pictures' noise
+    double brightness = 1.15;   ///< grey value of white in full light is 255 times this
+  } cameras;
+  double imu_noise = 1.0;  ///< scale of the IMU's noise and biases; 0: ideal
+
+  struct Mount
+  {
+    double x = 0.8;  ///< of the IMU, which is in the middle between the cameras, in base_link [m]
+    double y = 0.0;
+    double z = 1.0;
+  } imu_in_base;
+
+  struct Outline
+  {
+    double front = 1.0;       ///< ahead of base_link [m]
+    double rear = 0.5;        ///< behind it [m]
+    double half_width = 0.6;  ///< [m]
+    double height = 1.6;      ///< [m]
+  } outline;
+
+  std::string map_frame = "map";
+  std::string base_link_frame = "base_link";
+  std::string imu_frame = "imu_link";
+  std::string left_frame = "left_optical";
+  std::string right_frame = "right_optical";
+  double diagnostic_period = 1.0;  ///< [s]; the name is that of diagnostic_updater
+  double warning_period_s = 5.0;   ///< between two log lines of one warning [s]
+
+  /// @throws std::invalid_argument naming field, value and bound.
+  void validate() const;
+  /// Reads the private parameters of a node, and validates.
+  /// @param[out] unknown  names of parameters that mean nothing here.
+  /// @throws std::invalid_argument naming the parameter that is wrong, its value and its bound.
+  static VehicleSimulatorRosOptions load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown);
+  /// The same with a tree as the parameter server has it. @param path  in front of names in messages.
+  static VehicleSimulatorRosOptions fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path,
+                                                   std::vector<std::string>* unknown);
+  /// All parameters as the parameter server would have them.
+  XmlRpc::XmlRpcValue toParameters() const;
+  /// The same in one line, for the log.
+  std::string toText() const;
+
+  VehicleSimulationOptions simulationOptions() const;
+  pi_slam::StereoRendererOptions rendererOptions() const;
+  pi_slam::StereoCalibration calibration() const;
+};
+
+}  // namespace pi_simulation

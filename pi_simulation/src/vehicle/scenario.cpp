@@ -1,0 +1,393 @@
+#include <pi_node/yaml_section.h>
+#include "vehicle/json.h"
+#include "vehicle/scenario.h"
+#include "drives/vehicle_path.h"
+
+#include <algorithm>
+#include <fstream>
+#include <functional>
+#include <random>
+#include <set>
+#include <sstream>
+#include <stdexcept>
+
+namespace pi_simulation
+{
+namespace
+{
+
+constexpr double FAR_M = 1000.0;
+constexpr double LONG_S = 86400.0;
+
+/// The same numbers with every standard library.
+class Random
+{
+public:
+  explicit Random(uint64_t seed) : engine_(seed) {}
+  double within(double reach) { return reach * (2.0 * static_cast<double>(engine_() >> 11) * 0x1p-53 - 1.0); }
+
+private:
+  std::mt19937_64 engine_;
+};
+
+double number(pi_node::YamlSection* section, const std::string& field, double least, double most)
+{
+  double value = section->get<double>(field, "a number");
+  section->readNumber(field, least, most, &value);
+  return value;
+}
+
+std::string text(pi_node::YamlSection* section, const std::string& field)
+{
+  const auto value = section->get<std::string>(field, "a text");
+  if (value.empty())
+  {
+    section->refuse(field, "\"\"", "a text");
+  }
+  return value;
+}
+
+/// Numbers of a list.
+std::vector<double> numbers(const pi_node::YamlSection& section, const std::string& field, const YAML::Node& node, size_t count,
+                            const char* kind)
+{
+  std::vector<double> values;
+  try
+  {
+    values = node.as<std::vector<double>>();
+  }
+  catch (const YAML::Exception&)
+  {
+    section.refuse(field, "(no list of numbers)", kind);
+  }
+  const bool good = values.size() == count &&
+                    std::all_of(values.begin(), values.end(), [](double value) { return std::abs(value) <= FAR_M; });
+  if (!good)
+  {
+    section.refuse(field, "(a list of " + std::to_string(values.size()) + " numbers)", kind);
+  }
+  return values;
+}
+
+Eigen::Vector2d point(pi_node::YamlSection* section, const std::string& field)
+{
+  const std::vector<double> p = numbers(*section, field, section->node(field), 2, "[x, y] within 1000 m");
+  return {p[0], p[1]};
+}
+
+std::vector<Eigen::Vector2d> points(pi_node::YamlSection* section, const std::string& field)
+{
+  const YAML::Node list = section->node(field);
+  if (!list.IsSequence() || list.size() == 0)
+  {
+    section->refuse(field, "(no list)", "a list of points [x, y]");
+  }
+  std::vector<Eigen::Vector2d> result;
+  for (size_t i = 0; i < list.size(); ++i)
+  {
+    const std::vector<double> p = numbers(*section, field, list[i], 2, "a list of points [x, y] within 1000 m");
+    result.emplace_back(p[0], p[1]);
+  }
+  return result;
+}
+
+pi_vehicle::Pose2 pose(pi_node::YamlSection* section, const std::string& field)
+{
+  const std::vector<double> p = numbers(*section, field, section->node(field), 3, "[x, y, heading]");
+  return {p[0], p[1], p[2]};
+}
+
+/// `near: [x, y]` and `within`, both or none.
+void readPlace(pi_node::YamlSection* section, std::optional<Eigen::Vector2d>* near, double* within)
+{
+  if (section->has("near"))
+  {
+    *near = point(section, "near");
+    *within = number(section, "within", 0.1, FAR_M);
+  }
+  else if (section->has("within"))
+  {
+    section->refuse("within", "(without near)", "given together with near: [x, y]");
+  }
+}
+
+std::vector<Eigen::Vector2d> readRoad(pi_node::YamlSection* section)
+{
+  const YAML::Node road = section->node("road");
+  if (road.IsSequence())
+  {
+    const std::vector<Eigen::Vector2d> corners = points(section, "road");
+    if (corners.size() < 2)
+    {
+      section->refuse("road", "(one point)", "two points or more, or campus_loop");
+    }
+    std::vector<Eigen::Vector2d> line;
+    for (size_t i = 1; i < corners.size(); ++i)
+    {
+      const Eigen::Vector2d way = corners[i] - corners[i - 1];
+      const int steps = std::max(1, static_cast<int>(std::ceil(way.norm())));
+      for (int k = 0; k < steps; ++k)
+      {
+        line.push_back(corners[i - 1] + way * (static_cast<double>(k) / steps));
+      }
+    }
+    line.push_back(corners.back());
+    return line;
+  }
+  if (section->get<std::string>("road", "campus_loop or points") != "campus_loop")
+  {
+    section->refuse("road", road.Scalar(), "campus_loop, or a list of points [x, y]");
+  }
+  std::vector<Eigen::Vector2d> line = pi_slam::pathLine(pi_slam::PathShape::CAMPUS_LOOP, 0.0);
+  line.push_back(line.front());
+  return line;
+}
+
+ActorPlan readActor(pi_node::YamlSection* section, Random* random)
+{
+  ActorPlan actor;
+  actor.id = text(section, "id");
+  actor.class_name = text(section, "class");
+  const std::set<std::string> classes = {"person", "cart", "car", "box"};
+  if (classes.count(actor.class_name) == 0)
+  {
+    section->refuse("class", actor.class_name, "person, cart, car or box");
+  }
+  actor.path = points(section, "path");
+  section->readNumber("heading", -7.0, 7.0, &actor.heading);
+  section->readNumber("speed", 0.05, 15.0, &actor.speed);
+  section->readNumber("acceleration", 0.1, 20.0, &actor.acceleration);
+  if (section->has("size"))
+  {
+    const std::vector<double> size = numbers(*section, "size", section->node("size"), 3, "[length, width, height]");
+    actor.size = {size[0], size[1], size[2]};
+    if (actor.class_name != "box" || (actor.size.array() < 0.05).any() || (actor.size.array() > 10.0).any())
+    {
+      section->refuse("size", "(three numbers)", "for a box only, each in [0.05, 10]");
+    }
+  }
+  if (section->has("trigger"))
+  {
+    pi_node::YamlSection trigger = section->section("trigger");
+    if (trigger.has("time"))
+    {
+      actor.trigger.time = number(&trigger, "time", 0.0, LONG_S);
+    }
+    readPlace(&trigger, &actor.trigger.near, &actor.trigger.within);
+    trigger.read("command", "true or false", &actor.trigger.command);
+    trigger.finish();
+    if ((actor.trigger.time ? 1 : 0) + (actor.trigger.near ? 1 : 0) + (actor.trigger.command ? 1 : 0) > 1)
+    {
+      section->refuse("trigger", "(several)", "one of time, near with within, or command");
+    }
+  }
+  if (section->has("pauses"))
+  {
+    for (pi_node::YamlSection& entry : section->list("pauses"))
+    {
+      actor.pauses.push_back({number(&entry, "at", 0.0, FAR_M), number(&entry, "for", 0.0, LONG_S)});
+      entry.finish();
+    }
+    std::sort(actor.pauses.begin(), actor.pauses.end(),
+              [](const ActorPause& a, const ActorPause& b) { return a.at < b.at; });
+  }
+  section->read("hidden", "true or false", &actor.hidden);
+  if (section->has("vanish_after"))
+  {
+    actor.vanish_after = number(section, "vanish_after", 0.0, LONG_S);
+  }
+  section->read("vanish_at_end", "true or false", &actor.vanish_at_end);
+  if (section->has("vary"))
+  {
+    pi_node::YamlSection vary = section->section("vary");
+    double x = 0.0;
+    double y = 0.0;
+    double speed = 0.0;
+    double time = 0.0;
+    vary.readNumber("x", 0.0, 50.0, &x);
+    vary.readNumber("y", 0.0, 50.0, &y);
+    vary.readNumber("speed", 0.0, 0.9, &speed);
+    vary.readNumber("pause", 0.0, 0.9, &time);
+    vary.finish();
+    const Eigen::Vector2d shift(random->within(x), random->within(y));
+    for (Eigen::Vector2d& corner : actor.path)
+    {
+      corner += shift;
+    }
+    if (actor.trigger.near)
+    {
+      *actor.trigger.near += shift;
+    }
+    actor.speed *= 1.0 + random->within(speed);
+    for (ActorPause& pause : actor.pauses)
+    {
+      pause.duration *= 1.0 + random->within(time);
+    }
+  }
+  section->finish();
+  return actor;
+}
+
+SpokenWords readSpoken(pi_node::YamlSection* section)
+{
+  SpokenWords words;
+  words.clip = text(section, "clip");
+  section->read("text", "a text", &words.text);
+  if (section->has("time"))
+  {
+    words.time = number(section, "time", 0.0, LONG_S);
+  }
+  readPlace(section, &words.near, &words.within);
+  if (words.time.has_value() == words.near.has_value())
+  {
+    section->refuse("time", words.time ? "(and near)" : "(missing, as near is)", "given, or near, but not both");
+  }
+  section->readNumber("delay", 0.0, LONG_S, &words.delay);
+  section->finish();
+  return words;
+}
+
+EdgeNode readEdgeNode(pi_node::YamlSection* section)
+{
+  EdgeNode node;
+  node.id = text(section, "id");
+  node.position = {number(section, "x", -FAR_M, FAR_M), number(section, "y", -FAR_M, FAR_M)};
+  node.range = number(section, "range", 0.1, FAR_M);
+  section->finish();
+  return node;
+}
+
+PlannedFault readFault(pi_node::YamlSection* section)
+{
+  PlannedFault fault;
+  fault.time = number(section, "time", 0.0, LONG_S);
+  fault.begin = text(section, "command");
+  section->readNumber("for", 0.0, LONG_S, &fault.duration);
+  section->read("end", "a text", &fault.end);
+  if ((fault.duration > 0.0) != !fault.end.empty())
+  {
+    section->refuse("end", "\"" + fault.end + "\"", "given together with for, the seconds until it");
+  }
+  section->finish();
+  return fault;
+}
+
+template <typename Item>
+std::vector<Item> readList(pi_node::YamlSection* section, const std::string& field,
+                           const std::function<Item(pi_node::YamlSection*)>& read)
+{
+  std::vector<Item> items;
+  if (section->has(field))
+  {
+    for (pi_node::YamlSection& entry : section->list(field))
+    {
+      items.push_back(read(&entry));
+    }
+  }
+  return items;
+}
+
+Scenario readScenario(pi_node::YamlSection* section, uint64_t seed)
+{
+  Random random(seed);
+  Scenario scenario;
+  scenario.name = text(section, "name");
+  double world_seed = 1.0;
+  section->readNumber("world_seed", 0.0, 1e9, &world_seed);
+  scenario.world_seed = static_cast<uint64_t>(world_seed);
+  scenario.road = readRoad(section);
+  section->read("parked", "true or false", &scenario.parked);
+  section->readNumber("bumps", 0.0, 10.0, &scenario.bumps);
+  section->readNumber("duration", 1.0, LONG_S, &scenario.duration);
+  scenario.start = pose(section, "start");
+  scenario.goal = pose(section, "goal");
+  if (section->has("waypoints"))
+  {
+    scenario.waypoints = points(section, "waypoints");
+  }
+  scenario.actors =
+      readList<ActorPlan>(section, "actors", [&random](pi_node::YamlSection* entry) { return readActor(entry, &random); });
+  std::set<std::string> ids;
+  for (const ActorPlan& actor : scenario.actors)
+  {
+    if (!ids.insert(actor.id).second)
+    {
+      section->refuse("actors", "(two of id " + actor.id + ")", "of different ids");
+    }
+  }
+  scenario.spoken = readList<SpokenWords>(section, "spoken", readSpoken);
+  scenario.edge_nodes = readList<EdgeNode>(section, "edge_nodes", readEdgeNode);
+  scenario.faults = readList<PlannedFault>(section, "faults", readFault);
+  section->finish();
+  return scenario;
+}
+
+}  // namespace
+
+Scenario Scenario::parse(const std::string& yaml, const std::string& name, uint64_t seed)
+{
+  pi_node::YamlSection section = pi_node::YamlSection::parse(yaml, name);
+  return readScenario(&section, seed);
+}
+
+Scenario Scenario::load(const std::string& path, uint64_t seed)
+{
+  pi_node::YamlSection section = pi_node::YamlSection::load(path);
+  return readScenario(&section, seed);
+}
+
+std::string Scenario::toJson(const pi_vehicle::Pose2& T_map_world) const
+{
+  const auto pointText = [&](const Eigen::Vector2d& p) { return json::point(T_map_world * p); };
+  const auto poseText = [&](const pi_vehicle::Pose2& p)
+  {
+    const pi_vehicle::Pose2 q = T_map_world * p;
+    return json::list({q.x, q.y, q.heading});
+  };
+  std::ostringstream stream;
+  stream << "{\"name\": " << json::text(name) << ", \"duration\": " << json::number(duration) << ", \"map_in_world\": "
+         << json::list({T_map_world.inverse().x, T_map_world.inverse().y, T_map_world.inverse().heading})
+         << ", \"start\": " << poseText(start) << ", \"goal\": " << poseText(goal) << ", \"waypoints\": [";
+  const char* separator = "";
+  for (const Eigen::Vector2d& waypoint : waypoints)
+  {
+    stream << separator << pointText(waypoint);
+    separator = ", ";
+  }
+  stream << "], \"actors\": [";
+  separator = "";
+  for (const ActorPlan& actor : actors)
+  {
+    stream << separator << "{\"id\": " << json::text(actor.id) << ", \"class\": " << json::text(actor.class_name)
+           << "}";
+    separator = ", ";
+  }
+  stream << "], \"spoken\": [";
+  separator = "";
+  for (const SpokenWords& words : spoken)
+  {
+    stream << separator << "{\"clip\": " << json::text(words.clip) << ", \"text\": " << json::text(words.text);
+    if (words.time)
+    {
+      stream << ", \"time\": " << json::number(*words.time);
+    }
+    if (words.near)
+    {
+      stream << ", \"near\": " << pointText(*words.near) << ", \"within\": " << json::number(words.within);
+    }
+    stream << ", \"delay\": " << json::number(words.delay) << "}";
+    separator = ", ";
+  }
+  stream << "], \"edge_nodes\": [";
+  separator = "";
+  for (const EdgeNode& node : edge_nodes)
+  {
+    stream << separator << "{\"id\": " << json::text(node.id) << ", \"position\": " << pointText(node.position)
+           << ", \"range\": " << json::number(node.range) << "}";
+    separator = ", ";
+  }
+  stream << "]}";
+  return stream.str();
+}
+
+}  // namespace pi_simulation

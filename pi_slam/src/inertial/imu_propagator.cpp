@@ -1,0 +1,130 @@
+#include "inertial/imu_propagator.h"
+
+#include <algorithm>
+
+#include "inertial/imu_step.h"
+
+namespace pi_slam
+{
+
+namespace
+{
+
+constexpr int64_t KEPT_NS = 5000000000LL;
+
+const ImuModel& validated(const ImuModel& model)
+{
+  model.validate();
+  return model;
+}
+
+}  // namespace
+
+ImuPropagator::ImuPropagator(const ImuModel& model)
+  : model_(validated(model)), longest_interval_s_(std::max(5.0 / model.rate_hz, 0.025))
+{
+}
+
+std::optional<PropagatedState> ImuPropagator::add(const ImuSample& sample)
+{
+  if (!isPlausible(sample))
+  {
+    return std::nullopt;
+  }
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (!samples_.empty() && sample.stamp_ns <= samples_.back().stamp_ns)
+  {
+    return std::nullopt;
+  }
+  const ImuSample held = withoutSaturation(sample, samples_.empty() ? nullptr : &samples_.back(), model_);
+  const ImuSample before = samples_.empty() ? held : samples_.back();
+  samples_.push_back(held);
+  // The one at or before the oldest time is kept to interpolate with.
+  while (samples_.size() > 2 && samples_[1].stamp_ns <= sample.stamp_ns - KEPT_NS)
+  {
+    samples_.pop_front();
+  }
+  if (!running_ || sample.stamp_ns < now_.state.stamp_ns)
+  {
+    return std::nullopt;
+  }
+  advance(before, held, &now_);
+  return now_;
+}
+
+bool ImuPropagator::rebase(const NavState& state, const Matrix15d& covariance)
+{
+  if (!state.isFinite() || !(state.q.norm() > 0.5) || !covariance.allFinite() || covariance.diagonal().minCoeff() < 0.0)
+  {
+    return false;
+  }
+  PropagatedState now;
+  now.state = state;
+  now.state.q.normalize();
+  now.covariance = covariance;
+
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (!samples_.empty() && state.stamp_ns < samples_.front().stamp_ns)
+  {
+    return false;
+  }
+  auto next = std::upper_bound(samples_.begin(), samples_.end(), state.stamp_ns,
+                               [](int64_t stamp_ns, const ImuSample& sample) { return stamp_ns < sample.stamp_ns; });
+  if (next != samples_.begin())
+  {
+    now.w_body = (next - 1)->w - state.bias.gyro;
+  }
+  for (; next != samples_.end(); ++next)
+  {
+    advance(*(next - 1), *next, &now);
+  }
+  now_ = now;
+  running_ = true;
+  return true;
+}
+
+void ImuPropagator::advance(const ImuSample& from, const ImuSample& to, PropagatedState* now) const
+{
+  NavState& state = now->state;
+  const int64_t distance_ns = to.stamp_ns - std::min(from.stamp_ns, state.stamp_ns);
+  const bool gap = 1e-9 * static_cast<double>(distance_ns) > longest_interval_s_;
+  now->w_body = to.w - state.bias.gyro;
+  if (to.stamp_ns == state.stamp_ns)
+  {
+    return;
+  }
+  // The state may be between two samples, or after the last of them.
+  ImuSample begin = from.stamp_ns < state.stamp_ns ? interpolate(from, to, state.stamp_ns) : from;
+  if (from.stamp_ns > state.stamp_ns || from.stamp_ns == to.stamp_ns)
+  {
+    begin.stamp_ns = state.stamp_ns;  // no sample before: the first one acts from the state on
+  }
+  const ImuStep step(begin, to, state.bias, state.q);
+  const Eigen::Vector3d a = step.a_ref - Eigen::Vector3d(0.0, 0.0, model_.gravity);
+  state.p += step.dt * state.v + 0.5 * step.dt * step.dt * a;
+  state.v += step.dt * a;
+  state.q = step.q_ref_to;
+  state.stamp_ns = to.stamp_ns;
+  step.propagate(model_, noiseFactor(from, to, gap, model_.accel_noise_density), &now->covariance);
+}
+
+void ImuPropagator::reset()
+{
+  const std::lock_guard<std::mutex> lock(mutex_);
+  running_ = false;
+}
+
+void ImuPropagator::clear()
+{
+  const std::lock_guard<std::mutex> lock(mutex_);
+  running_ = false;
+  samples_.clear();
+}
+
+std::optional<PropagatedState> ImuPropagator::newest() const
+{
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return running_ ? std::optional<PropagatedState>(now_) : std::nullopt;
+}
+
+}  // namespace pi_slam

@@ -1,0 +1,132 @@
+#pragma once
+
+#include "map/map_frame.h"
+#include <pi_slam/stereo_calibration.h>
+
+#include <Eigen/Geometry>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+namespace pi_runtime
+{
+class Runtime;
+}
+
+namespace pi_slam
+{
+
+/// A map file that cannot be used or written. what() names the file and the defect.
+class MapError : public std::runtime_error
+{
+public:
+  using std::runtime_error::runtime_error;
+};
+
+struct MapperOptions
+{
+  double keyframe_distance_m = 0.5;    ///< between keyframes of the map; in [0.05, 10]
+  double keyframe_angle_deg = 15.0;    ///< likewise; in [1, 90]
+  int features = 300;                  ///< with descriptor, per keyframe; in [50, 2000]
+  size_t max_keyframes = 3000;         ///< beyond it, the most redundant ones go; in [10, 100000]
+  double max_landmark_range_m = 25.0;  ///< of points in the cloud; in [1, 200]
+  double voxel_m = 0.1;                ///< of the cloud's filter; in [0.01, 5]
+  bool loop_closure = true;
+  int min_inliers = 25;      ///< of a place recognised again; in [8, 1000]
+  bool threaded = true;      ///< a thread of its own with a queue of one; false: add() does the work
+  bool use_runtime = false;  ///< descriptors and matching as tasks of pi_runtime
+
+  /// @throws std::invalid_argument that names field, value and bound.
+  void validate() const;
+};
+
+struct MapStatistics
+{
+  size_t keyframes = 0;
+  size_t landmarks = 0;
+  size_t bytes = 0;        ///< memory of the map, about
+  size_t loops = 0;        ///< places recognised again so far
+  bool loaded = false;     ///< there is a map from a file
+  bool localized = false;  ///< map and odom belong together: always true without a loaded map
+  /// Of x, y, z of the body in map [m] and heading [rad], by recognised places and the way since.
+  Eigen::Matrix4d covariance = Eigen::Matrix4d::Zero();
+  int64_t last_recognized_ns = 0;  ///< stamp of the last pair for which a known place was recognised
+  double last_add_ms = 0.0;        ///< work for the last frame
+  size_t skipped = 0;              ///< frames for which there was no time
+};
+
+struct MapPoint
+{
+  Eigen::Vector3f p_map;
+  uint8_t grey;
+};
+
+/// The map: keyframes with landmarks and descriptors, recognised again (loop closure, relocalisation), corrected by a
+/// pose graph. Odometry is never touched: what changes is T_map_odom (REP 105).
+///
+/// All methods may be called from any thread. Without `threaded` the result depends on the input only.
+class Mapper
+{
+public:
+  /// @param runtime  needed if options.use_runtime is set.
+  /// @throws std::invalid_argument for options or a calibration out of range, or cameras of different size.
+  Mapper(const StereoCalibration& calibration, const MapperOptions& options,
+         std::shared_ptr<pi_runtime::Runtime> runtime = nullptr);
+  /// Finishes the frame in work.
+  ~Mapper();
+
+  /// Offers a frame. Returns at once with `threaded`; a frame that waits is replaced by a newer one. A missing picture
+  /// is an empty one. Nothing is done for frames near the last one, so any rate will do; before localisation, and on
+  /// known ground, frames between keyframes help.
+  /// @throws std::invalid_argument for pictures of another size or type, or a pose that is none.
+  void add(const MapFrame& frame);
+  /// Returns when no frame waits or is in work.
+  void flush();
+
+  /// Odometry began anew at another place than it ended: what follows is not connected to what was before by motion,
+  /// only by recognised places.
+  void odometryReset();
+
+  /// Somebody knows where the body is: T_map_odom becomes so that it puts the body, which odometry has at T_odom_body,
+  /// at the position and heading of T_map_body. Roll and pitch stay those of odometry, which knows gravity. Takes
+  /// effect before it returns, which may wait for the frame in work.
+  ///
+  /// What was mapped since odometry began, and all that recognised places tie to it, moves along as one: path, cloud
+  /// and recognised places stay right. A map from a file keeps its place: the body leaves it, statistics().localized
+  /// becomes (or stays) false, and the next place of it that is recognised overrides this pose. It is no prior of that
+  /// search, which looks in the whole map anyway.
+  /// @throws std::invalid_argument for poses that are none; nothing is changed then.
+  void setPose(const Eigen::Isometry3d& T_odom_body, const Eigen::Isometry3d& T_map_body);
+
+  Eigen::Isometry3d T_map_odom() const;
+
+  /// Corrected path: the keyframes' poses in the map frame by their stamps (those of this run).
+  std::vector<std::pair<int64_t, Eigen::Isometry3d>> path() const;
+
+  /// Landmarks in the map frame, voxel-filtered (PCL).
+  std::vector<MapPoint> cloud() const;
+
+  MapStatistics statistics() const;
+
+  /// Writes the map, with a checksum, first beside the file and then in its place. Of parts that nothing joins (after
+  /// odometryReset()) the largest one is written.
+  /// @throws MapError for a file that cannot be written, or an empty map.
+  void save(const std::string& file) const;
+  /// Replaces the map. Until the first place in it is recognised, statistics().localized is false and frames are not
+  /// added; then T_map_odom jumps there and mapping goes on.
+  /// @throws MapError for a file that is missing, truncated, damaged, of another version, or made with cameras of
+  ///         another size; the map is unchanged then.
+  void load(const std::string& file);
+  /// Forgets everything.
+  void clear();
+
+private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace pi_slam

@@ -1,0 +1,66 @@
+#pragma once
+
+#include "map/mapper.h"
+#include "ros/calibration_loader.h"
+#include "odometry/vio.h"
+#include <ros/node_handle.h>
+#include <xmlrpcpp/XmlRpcValue.h>
+
+#include <string>
+#include <vector>
+
+namespace pi_slam
+{
+
+/// The parameters of the vio node; config/vio.yaml shows each with its unit. Those of `vio` and `mapper` have the names
+/// of optionFields().
+struct VioRosOptions
+{
+  VioOptions vio;
+  MapperOptions mapper;
+  CalibrationOptions calibration;
+
+  std::string map_frame = "map";
+  std::string odom_frame = "odom";
+  std::string base_link_frame = "base_link";
+  bool publish_tf = true;      ///< odom -> base_link
+  bool publish_map_tf = true;  ///< map -> odom
+  double tf_rate_hz = 50.0;    ///< of both; 0: with every IMU sample. Consumers interpolate, 200 Hz would be wasted
+
+  bool mapping = true;   ///< false: odometry alone, map and odom are the same
+  std::string map_file;  ///< map to begin with, as save_map wrote it; empty: none
+
+  bool zero_copy = true;            ///< pictures are read where their publisher wrote them, if the transport can
+  int queue_size = 4;               ///< pairs that wait for the worker; the oldest go when it falls behind
+  int imu_queue_size = 1000;        ///< samples that wait for their thread
+  double pair_tolerance_s = 0.002;  ///< between the stamps of a pair's pictures [s]
+  double pair_wait_s = 0.1;         ///< after which a picture goes on without its partner [s]
+  double imu_wait_s = 0.5;          ///< longest a pair waits for the IMU to reach its stamp [s]
+  double time_jump_s = 0.5;         ///< stamps that go back by more begin a new time [s]
+  double input_timeout_s = 2.0;     ///< without a message on an input, after which there is a warning [s]
+  double max_delay_s = 0.3;         ///< of pictures behind the IMU, above which there is a warning [s]
+
+  double path_spacing_m = 0.05;    ///< between poses of `path` [m]
+  int path_length = 5000;          ///< poses of `path` at most
+  double path_period_s = 0.5;      ///< between messages, while somebody listens [s]
+  double points_period_s = 1.0;    ///< likewise of `points` [s]
+  double diagnostic_period = 1.0;  ///< [s]; the name is that of diagnostic_updater
+  double warning_period_s = 5.0;   ///< between two log lines of one warning [s]
+
+  /// @throws std::invalid_argument naming field, value and bound.
+  void validate() const;
+
+  /// Reads the private parameters of a node, and validates.
+  /// @param[out] unknown  names of parameters that mean nothing here.
+  /// @throws std::invalid_argument naming the parameter that is wrong, its value and its bound.
+  static VioRosOptions load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown);
+  /// The same with a tree as the parameter server has it. @param path  in front of names in messages.
+  static VioRosOptions fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path,
+                                      std::vector<std::string>* unknown);
+  /// All parameters as the parameter server would have them.
+  XmlRpc::XmlRpcValue toParameters() const;
+  /// The same in one line, for the log.
+  std::string toText() const;
+};
+
+}  // namespace pi_slam

@@ -1,0 +1,170 @@
+#include <pi_node/option_check.h>
+#include <pi_speech/noise_mixing.h>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <memory>
+#include <numeric>
+#include <random>
+#include <stdexcept>
+
+namespace pi_speech
+{
+namespace
+{
+
+constexpr size_t PIECE = SAMPLE_RATE_HZ / 20;
+constexpr double ACTIVE_SHARE = 0.3;
+constexpr size_t BACKGROUND_PIECE = SAMPLE_RATE_HZ / 10;
+constexpr size_t BACKGROUND_STEP = SAMPLE_RATE_HZ / 100;
+constexpr double LARGEST = 32767.0;
+
+double power(const int16_t* begin, const int16_t* end)
+{
+  const double sum = std::accumulate(begin, end, 0.0, [](double total, int16_t s) { return total + 1.0 * s * s; });
+  return sum / static_cast<double>(end - begin);
+}
+
+/// White noise through a sum of poles that falls by 3 dB per octave (P. Kellet's filter: within 1 dB above a thousandth
+/// of half the rate).
+class PinkFilter
+{
+public:
+  float operator()(float white)
+  {
+    b_[0] = 0.99886F * b_[0] + white * 0.0555179F;
+    b_[1] = 0.99332F * b_[1] + white * 0.0750759F;
+    b_[2] = 0.96900F * b_[2] + white * 0.1538520F;
+    b_[3] = 0.86650F * b_[3] + white * 0.3104856F;
+    b_[4] = 0.55000F * b_[4] + white * 0.5329522F;
+    b_[5] = -0.7616F * b_[5] - white * 0.0168980F;
+    const float pink = b_[0] + b_[1] + b_[2] + b_[3] + b_[4] + b_[5] + b_[6] + white * 0.5362F;
+    b_[6] = white * 0.115926F;
+    return pink;
+  }
+
+private:
+  float b_[7] = {};
+};
+
+}  // namespace
+
+double activePower(const Samples& samples)
+{
+  if (samples.empty())
+  {
+    return 0.0;
+  }
+  if (samples.size() < PIECE)
+  {
+    return power(samples.data(), samples.data() + samples.size());
+  }
+  std::vector<double> powers;
+  for (size_t begin = 0; begin + PIECE <= samples.size(); begin += PIECE)
+  {
+    powers.push_back(power(samples.data() + begin, samples.data() + begin + PIECE));
+  }
+  std::sort(powers.begin(), powers.end(), std::greater<>());
+  const size_t active = std::max<size_t>(1, std::lround(ACTIVE_SHARE * static_cast<double>(powers.size())));
+  return std::accumulate(powers.begin(), powers.begin() + static_cast<std::ptrdiff_t>(active), 0.0) /
+         static_cast<double>(active);
+}
+
+NoiseSource::NoiseSource(const std::string& name, uint32_t seed)
+{
+  std::mt19937 random(seed);
+  if (name == "white" || name == "pink")
+  {
+    const bool pink = name == "pink";
+    sample_ = [random, pink, normal = std::normal_distribution<float>(), filter = PinkFilter()]() mutable
+    {
+      const float white = normal(random);
+      return pink ? filter(white) : white;
+    };
+    return;
+  }
+  const auto samples = std::make_shared<const Samples>(readAudioFile(name));
+  if (std::all_of(samples->begin(), samples->end(), [](int16_t sample) { return sample == 0; }))
+  {
+    throw std::runtime_error("noise " + name + ": there is only silence in this file; give another one");
+  }
+  size_t at = std::uniform_int_distribution<size_t>(0, samples->size() - 1)(random);
+  sample_ = [samples, at]() mutable
+  {
+    const auto sample = static_cast<float>((*samples)[at]);
+    at = (at + 1) % samples->size();
+    return sample;
+  };
+}
+
+std::vector<float> NoiseSource::next(size_t count)
+{
+  std::vector<float> noise(count);
+  std::generate(noise.begin(), noise.end(), std::ref(sample_));
+  return noise;
+}
+
+Samples mixNoise(const Samples& clip, const std::vector<float>& noise, double snr_db, size_t first)
+{
+  pi_node::OptionCheck("").range("snr_db", snr_db, -60.0, 100.0);
+  if (noise.size() != clip.size())
+  {
+    throw std::invalid_argument("mixNoise: " + std::to_string(noise.size()) + " samples of noise, must be " +
+                                std::to_string(clip.size()) + ", as the clip has");
+  }
+  const auto counted = static_cast<std::ptrdiff_t>(std::min(first, clip.size()));
+  const double speech_power = activePower(Samples(clip.begin(), clip.begin() + counted));
+  if (speech_power <= 0.0)
+  {
+    return clip;
+  }
+  const double noise_power =
+      std::inner_product(noise.begin(), noise.begin() + counted, noise.begin(), 0.0) / static_cast<double>(counted);
+  if (!(noise_power > 0.0 && std::isfinite(noise_power)))
+  {
+    throw std::invalid_argument("mixNoise: power of the noise = " + std::to_string(noise_power) + ", must be positive");
+  }
+  const double gain = std::sqrt(speech_power / noise_power * std::pow(10.0, -snr_db / 10.0));
+  std::vector<double> sum(clip.size());
+  double largest = 0.0;
+  for (size_t i = 0; i < clip.size(); ++i)
+  {
+    sum[i] = clip[i] + gain * noise[i];
+    largest = std::max(largest, std::abs(sum[i]));
+  }
+  const double scale = largest > LARGEST ? LARGEST / largest : 1.0;
+  Samples mixed(clip.size());
+  std::transform(sum.begin(), sum.end(), mixed.begin(),
+                 [scale](double value) { return static_cast<int16_t>(std::lround(scale * value)); });
+  return mixed;
+}
+
+Samples continueBackground(const Samples& clip, size_t count)
+{
+  if (clip.empty())
+  {
+    return Samples(count, 0);
+  }
+  const size_t length = std::min(BACKGROUND_PIECE, clip.size());
+  size_t quietest = 0;
+  double least = power(clip.data(), clip.data() + length);
+  for (size_t begin = BACKGROUND_STEP; begin + length <= clip.size(); begin += BACKGROUND_STEP)
+  {
+    const double found = power(clip.data() + begin, clip.data() + begin + length);
+    if (found < least)
+    {
+      least = found;
+      quietest = begin;
+    }
+  }
+  Samples background(count);
+  for (size_t i = 0; i < count; ++i)
+  {
+    const size_t step = i % (2 * length);
+    background[i] = clip[quietest + (step < length ? step : 2 * length - 1 - step)];
+  }
+  return background;
+}
+
+}  // namespace pi_speech

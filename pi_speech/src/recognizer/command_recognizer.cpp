@@ -1,0 +1,530 @@
+#include <pi_node/option_check.h>
+#include <pi_speech/command_recognizer.h>
+#include "recognizer/grammar.h"
+#include "features/speech_features.h"
+#include "hmm/word_models.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <optional>
+#include <sstream>
+#include <stdexcept>
+
+namespace pi_speech
+{
+
+namespace
+{
+
+/// Natural logarithms of likelihoods are brought to these scales for choosing a command and for the margins: frames are
+/// no independent witnesses.
+constexpr double WORD_SCALE = 0.5;
+constexpr double SPHINX_SCALE = 0.25;
+/// A command's score in place of none, and least frames that ratios are taken over.
+constexpr double NO_SCORE = -2000.0;
+constexpr int LEAST_FRAMES = 3;
+/// A command of n words has at most so much speech, the background that is taken for speech included: LEAST + n * MORE.
+constexpr double LEAST_COMMAND_S = 1.0;
+constexpr double MORE_PER_WORD_S = 0.6;
+/// More commands than that are not searched for one by one.
+constexpr size_t MOST_SEARCHES = 64;
+/// So many of the garbage words, two in a row, stand for talk.
+constexpr size_t TALK_WORDS = 100;
+constexpr int TALK_WORDS_IN_A_ROW = 2;
+
+double seconds(int64_t samples)
+{
+  return static_cast<double>(samples) / SAMPLE_RATE_HZ;
+}
+
+double secondsSince(std::chrono::steady_clock::time_point start)
+{
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+/// ln of the sum of exponentials of all but one.
+double sumOfOthers(const std::vector<double>& values, size_t left_out)
+{
+  double most = -std::numeric_limits<double>::infinity();
+  for (size_t i = 0; i < values.size(); ++i)
+  {
+    most = i == left_out ? most : std::max(most, values[i]);
+  }
+  if (!std::isfinite(most))
+  {
+    return most;
+  }
+  double sum = 0.0;
+  for (size_t i = 0; i < values.size(); ++i)
+  {
+    sum += i == left_out ? 0.0 : std::exp(values[i] - most);
+  }
+  return most + std::log(sum);
+}
+
+/// A difference of scores that may be infinite, or both.
+double margin(double score, double other)
+{
+  const double difference = score - other;
+  return std::isnan(difference) ? 0.0 : std::clamp(difference, -100.0, 100.0);
+}
+
+double scoreOf(const SphinxHypothesis& hypothesis)
+{
+  return std::max(hypothesis.score, NO_SCORE);
+}
+
+/// Of the words, and the silence between them.
+int framesOf(const SphinxHypothesis& hypothesis)
+{
+  return hypothesis.words.empty()
+             ? LEAST_FRAMES
+             : std::max(LEAST_FRAMES, hypothesis.words.back().last_frame - hypothesis.words.front().first_frame + 1);
+}
+
+double wordScoreOf(const SphinxHypothesis& hypothesis)
+{
+  double sum = 0.0;
+  for (const SphinxHypothesis::Word& word : hypothesis.words)
+  {
+    sum += word.score;
+  }
+  return hypothesis.words.empty() ? NO_SCORE : sum / framesOf(hypothesis);
+}
+
+std::string number(double value)
+{
+  char text[32];
+  std::snprintf(text, sizeof text, "%.2f", value);
+  return text;
+}
+
+}  // namespace
+
+const char* toString(RecognitionMode mode)
+{
+  return mode == RecognitionMode::SAFE ? "safe" : "closed";
+}
+
+RecognitionMode parseRecognitionMode(const std::string& name)
+{
+  for (const RecognitionMode mode : {RecognitionMode::SAFE, RecognitionMode::CLOSED})
+  {
+    if (name == toString(mode))
+    {
+      return mode;
+    }
+  }
+  throw std::invalid_argument("mode = \"" + name + "\", must be safe or closed");
+}
+
+void RecognizerOptions::validate() const
+{
+  const pi_node::OptionCheck check("");
+  check.range("threshold", threshold, 0.001, 0.999);
+  check.range("sure_confidence", sure_confidence, 0.001, 1.0);
+  check.range("max_command_s", max_command_s, 0.3, 60.0);
+  try
+  {
+    end_pointer.validate();
+  }
+  catch (const std::invalid_argument& error)
+  {
+    throw std::invalid_argument(std::string("end_pointer/") + error.what());
+  }
+  if (mode == RecognitionMode::SAFE && (garbage_words.empty() || confidence.empty()))
+  {
+    throw std::invalid_argument(std::string(garbage_words.empty() ? "garbage_words" : "confidence") +
+                                " = \"\", must be a file in mode safe: nothing could be rejected without it");
+  }
+}
+
+struct CommandRecognizer::Impl
+{
+  Impl(const RecognizerOptions& options_in, const CommandTable& table_in)
+    : options(options_in)
+    , table(table_in)
+    , end_pointer((options_in.validate(), options_in.end_pointer),
+                  [this](EndPointer::Event event, const Utterance& utterance) { onEvent(event, utterance); })
+  {
+    table.validate();
+    std::vector<std::string> words = table.words();
+    std::vector<std::string> garbage;
+    if (options.mode == RecognitionMode::SAFE)
+    {
+      garbage = garbageBeside(table, readGarbageWords(options.garbage_words));
+      words.insert(words.end(), garbage.begin(), garbage.end());
+      confidence = ConfidenceModel::load(options.confidence);
+    }
+    else if (!options.confidence.empty())
+    {
+      confidence = ConfidenceModel::load(options.confidence);
+    }
+    std::vector<std::string> texts;
+    for (const Command& command : table.commands)
+    {
+      texts.push_back(command.text);
+    }
+    std::vector<std::string> grammars{toJsgf(texts)};
+    if (texts.size() <= MOST_SEARCHES)
+    {
+      first_command_grammar = grammars.size();
+      for (const std::string& text : texts)
+      {
+        grammars.push_back(toJsgf({text}));
+      }
+    }
+    if (!garbage.empty())
+    {
+      first_garbage_grammar = grammars.size();
+      grammars.push_back(toJsgf(garbage));
+      garbage.resize(std::min(garbage.size(), TALK_WORDS));
+      grammars.push_back(toJsgf(garbage, TALK_WORDS_IN_A_ROW));
+    }
+    std::sort(words.begin(), words.end());
+    words.erase(std::unique(words.begin(), words.end()), words.end());
+    sphinx = std::make_unique<SphinxDecoder>(options.sphinx, grammars, words);
+    loadWordModels();
+  }
+
+  /// They take part where they have all words of all commands.
+  void loadWordModels()
+  {
+    if (options.word_models.empty())
+    {
+      return;
+    }
+    word_scorer.emplace(WordModels::load(options.word_models));
+    for (const Command& command : table.commands)
+    {
+      WordSequence sequence;
+      std::istringstream stream(command.text);
+      for (std::string word; stream >> word;)
+      {
+        const int found = word_scorer->find(word);
+        if (found < 0)
+        {
+          word_scorer.reset();
+          sequences.clear();
+          return;
+        }
+        sequence.push_back(found);
+      }
+      sequences.push_back(sequence);
+    }
+  }
+
+  void onEvent(EndPointer::Event event, const Utterance& utterance)
+  {
+    switch (event)
+    {
+      case EndPointer::Event::BEGIN:
+        early.reset();
+        told_fast = false;
+        return;
+      case EndPointer::Event::PAUSE:
+        // Decided while it is not certain yet that the speech has ended: then the command comes without delay.
+        early = decide(utterance);
+        early_end = utterance.speech_end;
+        tellFast(utterance);
+        return;
+      case EndPointer::Event::END:
+        break;
+    }
+    const bool is_decided = early && early_end == utterance.speech_end && !utterance.cut;
+    Recognition recognition = is_decided ? *early : decide(utterance);
+    // What was told already is not told again; but another command that was heard after all is.
+    if (told_fast && (recognition.text == fast.text || !recognition.accepted))
+    {
+      recognition = fast;
+    }
+    else
+    {
+      tell(&recognition, utterance);
+    }
+    if (utterance_sink)
+    {
+      utterance_sink(utterance, recognition);
+    }
+  }
+
+  void tellFast(const Utterance& utterance)
+  {
+    const auto command = find(early->text);
+    if (!told_fast && early->accepted && command != table.commands.end() && (command->fast || isSure(*early)))
+    {
+      told_fast = true;
+      fast = *early;
+      fast.fast = true;
+      tell(&fast, utterance);
+    }
+  }
+
+  bool isSure(const Recognition& recognition) const
+  {
+    if (!confidence || recognition.confidence < options.sure_confidence || options.sure_confidence >= 1.0)
+    {
+      return false;
+    }
+    const std::string beginning = recognition.text + " ";
+    return std::none_of(table.commands.begin(), table.commands.end(),
+                        [&beginning](const Command& command)
+                        { return command.text.compare(0, beginning.size(), beginning) == 0; });
+  }
+
+  void tell(Recognition* recognition, const Utterance& utterance)
+  {
+    recognition->speech_begin = utterance.speech_begin;
+    recognition->speech_end = utterance.speech_end;
+    recognition->decided_at = end_pointer.samplesSeen();
+    if (*sink)
+    {
+      (*sink)(*recognition);
+    }
+  }
+
+  std::vector<Command>::const_iterator find(const std::string& text) const
+  {
+    return std::find_if(table.commands.begin(), table.commands.end(),
+                        [&text](const Command& command) { return command.text == text; });
+  }
+
+  Recognition decide(const Utterance& utterance)
+  {
+    const double speech_s = seconds(utterance.speech_end - utterance.speech_begin);
+    if (options.mode == RecognitionMode::SAFE && (utterance.cut || speech_s > options.max_command_s))
+    {
+      Recognition recognition;
+      recognition.reason =
+          "too long: " + number(speech_s) + " s of speech, " + number(options.max_command_s) + " s at most";
+      recognition.snr_db = utterance.snr_db;
+      return recognition;
+    }
+    if (elsewhere)
+    {
+      const auto start = std::chrono::steady_clock::now();
+      if (std::optional<Recognition> recognition = elsewhere(utterance))
+      {
+        recognition->snr_db = utterance.snr_db;
+        recognition->work_s = secondsSince(start);
+        if (find(recognition->text) == table.commands.end())
+        {
+          recognition->text.clear();
+          recognition->accepted = false;
+        }
+        return *recognition;
+      }
+    }
+    Recognition recognition = recognize(utterance.samples.data(), utterance.samples.size(), speech_s);
+    recognition.snr_db = utterance.snr_db;
+    return recognition;
+  }
+
+  Recognition recognize(const int16_t* samples, size_t count, double speech_s)
+  {
+    const auto start = std::chrono::steady_clock::now();
+    Recognition recognition;
+    runner(speech_s, [&] { choose(samples, count, speech_s, &recognition); });
+    recognition.work_s = secondsSince(start);
+    return recognition;
+  }
+
+  /// What PocketSphinx makes of each command; where there are too many, of the best one only.
+  std::vector<SphinxHypothesis> searchCommands()
+  {
+    std::vector<SphinxHypothesis> hypotheses(table.commands.size());
+    if (first_command_grammar != 0)
+    {
+      for (size_t i = 0; i < hypotheses.size(); ++i)
+      {
+        hypotheses[i] = sphinx->find(first_command_grammar + i);
+      }
+      return hypotheses;
+    }
+    SphinxHypothesis best = sphinx->find(0);
+    const auto command = find(best.text());
+    if (command != table.commands.end())
+    {
+      hypotheses[static_cast<size_t>(command - table.commands.begin())] = std::move(best);
+    }
+    return hypotheses;
+  }
+
+  void choose(const int16_t* samples, size_t count, double speech_s, Recognition* recognition)
+  {
+    sphinx->listen(samples, count);
+    const std::vector<SphinxHypothesis> hypotheses = searchCommands();
+    std::vector<double> scores;
+    std::vector<double> logits;
+    bool any = false;
+    for (const SphinxHypothesis& hypothesis : hypotheses)
+    {
+      scores.push_back(scoreOf(hypothesis));
+      logits.push_back(SPHINX_SCALE * scores.back());
+      any = any || !hypothesis.words.empty();
+    }
+    Evidence& evidence = recognition->evidence;
+    WordScorer::Scores words;
+    if (word_scorer)
+    {
+      words = word_scorer->score(features.compute(samples, count), sequences);
+      for (size_t i = 0; i < logits.size(); ++i)
+      {
+        logits[i] += WORD_SCALE * static_cast<double>(words.sequences[i]);
+        any = any || std::isfinite(words.sequences[i]);
+      }
+    }
+    const auto best = static_cast<size_t>(std::max_element(logits.begin(), logits.end()) - logits.begin());
+    if (!any || !std::isfinite(logits[best]))
+    {
+      recognition->reason = "no speech was understood";
+      return;
+    }
+    const Command& candidate = table.commands[best];
+    recognition->text = candidate.text;
+    evidence.command = candidate.text;
+    evidence.has_word_models = word_scorer.has_value();
+    evidence.words = static_cast<int>(1 + std::count(candidate.text.begin(), candidate.text.end(), ' '));
+    evidence.speech_s = speech_s;
+    evidence.word_margin = margin(logits[best], sumOfOthers(logits, best));
+    if (word_scorer)
+    {
+      const double score = words.sequences[best];
+      evidence.filler_margin = WORD_SCALE * margin(score, words.filler);
+      evidence.background_margin = WORD_SCALE * margin(score, words.background);
+    }
+    if (confidence)
+    {
+      const SphinxHypothesis& hypothesis = hypotheses[best];
+      const auto ratio = [&](double other) { return (scores[best] - other) / framesOf(hypothesis); };
+      if (first_garbage_grammar != 0)
+      {
+        evidence.garbage_ratio = ratio(scoreOf(sphinx->find(first_garbage_grammar)));
+        evidence.talk_ratio = ratio(scoreOf(sphinx->find(first_garbage_grammar + 1)));
+      }
+      evidence.phone_ratio = ratio(scoreOf(sphinx->findPhones()));
+      evidence.word_score = wordScoreOf(hypothesis);
+      recognition->confidence = confidence->confidence(evidence);
+    }
+    else
+    {
+      recognition->confidence = 1.0;
+    }
+    if (options.mode == RecognitionMode::CLOSED)
+    {
+      recognition->accepted = true;
+      return;
+    }
+    const double most_s = LEAST_COMMAND_S + MORE_PER_WORD_S * evidence.words;
+    if (speech_s > most_s)
+    {
+      recognition->reason = "too long for it: " + number(speech_s) + " s of speech, " + number(most_s) + " s at most";
+      return;
+    }
+    const double threshold = candidate.threshold > 0.0 ? candidate.threshold : options.threshold;
+    recognition->accepted = recognition->confidence >= threshold;
+    if (!recognition->accepted)
+    {
+      recognition->reason = "confidence " + number(recognition->confidence) + " below " + number(threshold);
+    }
+  }
+
+  const RecognizerOptions options;
+  const CommandTable table;
+  EndPointer end_pointer;
+  SpeechFeatures features;
+  std::unique_ptr<SphinxDecoder> sphinx;  ///< its first grammar has all commands
+  size_t first_command_grammar = 0;       ///< then each command has one; 0: none
+  size_t first_garbage_grammar = 0;       ///< garbage words, then talk; 0: none
+  std::optional<WordScorer> word_scorer;
+  std::vector<WordSequence> sequences;  ///< of the commands
+  std::optional<ConfidenceModel> confidence;
+  Runner runner = [](double, const std::function<void()>& work) { work(); };
+  Elsewhere elsewhere;
+  UtteranceSink utterance_sink;
+  const Sink* sink = nullptr;  ///< of the call of process() or flush() in progress
+  // Of the utterance in progress.
+  std::optional<Recognition> early;  ///< at the last pause
+  int64_t early_end = 0;             ///< where the speech ended then
+  bool told_fast = false;
+  Recognition fast;
+};
+
+CommandRecognizer::CommandRecognizer(const RecognizerOptions& options, const CommandTable& table)
+  : impl_(std::make_unique<Impl>(options, table))
+{
+}
+
+CommandRecognizer::~CommandRecognizer() = default;
+
+const CommandTable& CommandRecognizer::table() const
+{
+  return impl_->table;
+}
+
+bool CommandRecognizer::usesWordModels() const
+{
+  return impl_->word_scorer.has_value();
+}
+
+void CommandRecognizer::process(const int16_t* samples, size_t count, const Sink& sink)
+{
+  impl_->sink = &sink;
+  impl_->end_pointer.process(samples, count);
+  impl_->sink = nullptr;
+}
+
+void CommandRecognizer::flush(const Sink& sink)
+{
+  impl_->sink = &sink;
+  impl_->end_pointer.flush();
+  impl_->sink = nullptr;
+}
+
+void CommandRecognizer::reset()
+{
+  impl_->end_pointer.reset();
+}
+
+void CommandRecognizer::setRunner(Runner runner)
+{
+  impl_->runner = runner ? std::move(runner) : [](double, const std::function<void()>& work) { work(); };
+}
+
+void CommandRecognizer::setUtteranceSink(UtteranceSink sink)
+{
+  impl_->utterance_sink = std::move(sink);
+}
+
+void CommandRecognizer::setElsewhere(Elsewhere elsewhere)
+{
+  impl_->elsewhere = std::move(elsewhere);
+}
+
+bool CommandRecognizer::inSpeech() const
+{
+  return impl_->end_pointer.inSpeech();
+}
+
+double CommandRecognizer::noiseLevelDbfs() const
+{
+  return impl_->end_pointer.noiseLevelDbfs();
+}
+
+Recognition CommandRecognizer::recognize(const int16_t* samples, size_t count)
+{
+  return recognize(samples, count, seconds(static_cast<int64_t>(count)));
+}
+
+Recognition CommandRecognizer::recognize(const int16_t* samples, size_t count, double speech_s)
+{
+  Recognition recognition = impl_->recognize(samples, count, speech_s);
+  recognition.speech_end = static_cast<int64_t>(count);
+  recognition.decided_at = static_cast<int64_t>(count);
+  return recognition;
+}
+
+}  // namespace pi_speech

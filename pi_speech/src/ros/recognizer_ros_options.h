@@ -1,0 +1,63 @@
+#pragma once
+
+#include <pi_speech/audio.h>
+#include <pi_speech/command_recognizer.h>
+#include "audio/sound_check.h"
+#include <ros/node_handle.h>
+#include <xmlrpcpp/XmlRpcValue.h>
+
+#include <string>
+#include <vector>
+
+namespace pi_speech
+{
+
+/// The parameters of the recognizer node; config/recognizer.yaml shows each with its unit.
+struct RecognizerRosOptions
+{
+  std::string commands;  ///< YAML file of the commands, absolute; empty: the package's commands.yaml
+  /// Its files are absolute; empty: the package's. word_models and sphinx.adaptation may be "none".
+  RecognizerOptions recognizer;
+  bool use_runtime = true;  ///< decisions are tasks of pi_runtime::Runtime::shared(); false: plain calls
+  /// Service (pi_speech/RecognizeUtterance) that is asked for each utterance first, such as pi_offload's; empty: none.
+  std::string utterance_service;
+  double utterance_deadline_s = 0.30;  ///< from a pause to the decision, wherever it is made [s], in [0.05, 5]
+  bool start_listening = true;         ///< false: not before ~start
+  /// Also while nobody listens to the outputs. True, as the noise is learned while nobody has subscribed yet, and a
+  /// vehicle must understand the first "stop" said to it.
+  bool always_on = true;
+  bool dictation = false;  ///< other speech is written down, see RecognizerRos
+
+  bool stamped = true;     ///< sound comes on audio_stamped; false: on audio, and its stamp is the arrival
+  AudioFormat format;      ///< of sound that comes before audio_info
+  double max_gap_s = 0.1;  ///< between stamps and sound, from which sound is missing [s], in [0.005, 10]
+  double queue_s = 5.0;    ///< of sound that waits for the worker; the oldest is dropped [s], in [0.1, 60]
+  SoundCheckOptions check;
+
+  double diagnostic_period = 1.0;  ///< [s]; the name is that of diagnostic_updater
+  double warning_period_s = 5.0;   ///< between two log lines of one warning [s]
+
+  /// @throws std::invalid_argument naming field, value and bound.
+  void validate() const;
+
+  /// The recogniser's options with the package's files where none is given.
+  /// @param package  folder of pi_speech; one without word models or adaptation is used without. Its adaptation
+  ///   belongs to the default acoustic model, and is not used with others.
+  RecognizerOptions recognizerOptions(const std::string& package) const;
+  /// @param package  as above.
+  std::string commandsFile(const std::string& package) const;
+
+  /// Reads the private parameters of a node, and validates.
+  /// @param[out] unknown  names of parameters that mean nothing here.
+  /// @throws std::invalid_argument naming the parameter that is wrong, its value and its bound.
+  static RecognizerRosOptions load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown);
+  /// The same with a tree as the parameter server has it. @param path  in front of names in messages.
+  static RecognizerRosOptions fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path,
+                                             std::vector<std::string>* unknown);
+  /// All parameters as the parameter server would have them.
+  XmlRpc::XmlRpcValue toParameters() const;
+  /// The same in one line, for the log.
+  std::string toText() const;
+};
+
+}  // namespace pi_speech

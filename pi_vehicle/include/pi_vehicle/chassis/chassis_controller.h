@@ -1,0 +1,90 @@
+#pragma once
+
+#include <pi_vehicle/chassis/chassis_protocol.h>
+
+#include <cstdint>
+#include <vector>
+
+namespace pi_vehicle::chassis
+{
+
+/// What the chassis measures of itself.
+struct Measurement
+{
+  double speed = 0.0;      ///< [m/s]
+  double curvature = 0.0;  ///< [1/m]
+  double steering = 0.0;   ///< [rad]
+  double travel = 0.0;     ///< along the path, backwards subtracts [m]
+  std::optional<double> battery_voltage;
+  std::optional<double> battery_current;
+  std::optional<double> battery_charge;
+  uint16_t faults = 0;  ///< those of the hardware that are there at the moment: battery, button, heat, steering
+};
+
+/// What the motors shall do.
+struct Setpoint
+{
+  double speed = 0.0;      ///< [m/s]
+  double curvature = 0.0;  ///< [1/m]
+};
+
+struct ControllerCounters
+{
+  uint64_t commands = 0;      ///< accepted
+  uint64_t refused = 0;       ///< frames that mean nothing here: type, length or values
+  uint64_t old_commands = 0;  ///< not newer than the last one, refused
+  uint64_t watchdog_stops = 0;
+};
+
+/// The chassis's end of the protocol, as firmware has it: watchdog, limits, ramps, latched emergency stop. Time is the
+/// caller's, monotonic; an instance belongs to one thread.
+class ChassisController
+{
+public:
+  /// @param hello  what this chassis says of itself; its limits are those that hold.
+  /// @throws std::invalid_argument for limits that are impossible.
+  ChassisController(const Hello& hello, int64_t now_ns);
+
+  /// Bytes that came from the host, whatever they are.
+  void onBytes(const uint8_t* bytes, size_t count, int64_t now_ns);
+  /// Ramps towards the last command and writes a status where one is due. To be called at 50 Hz or faster.
+  Setpoint update(const Measurement& measured, int64_t now_ns);
+  /// Bytes for the host since the last call.
+  std::vector<uint8_t> takeOutput();
+
+  Mode mode() const { return mode_; }
+  const Hello& hello() const { return hello_; }
+  const DecoderCounters& decoder() const { return decoder_.counters(); }
+  const ControllerCounters& counters() const { return counters_; }
+
+private:
+  void onCommand(const Command& command, uint16_t sequence, int64_t now_ns);
+  void watchDrive(const Measurement& measured, int64_t now_ns);
+  void sendStatus(const Measurement& measured, int64_t now_ns);
+  uint16_t faults(const Measurement& measured) const;
+
+  const Hello hello_;
+  const int64_t start_ns_;
+  FrameDecoder decoder_;
+  std::vector<uint8_t> output_;
+  ControllerCounters counters_;
+  uint16_t sequence_ = 0;
+
+  Command command_;  ///< within the limits
+  bool command_cut_ = false;
+  bool command_seen_ = false;
+  bool watching_ = false;  ///< a command came, and the watchdog has not run out since
+  bool ran_out_ = false;   ///< and it ran out
+  uint16_t command_sequence_ = 0;
+  int64_t command_ns_ = 0;
+
+  Mode mode_ = Mode::READY;
+  bool emergency_ = false;       ///< latched
+  uint16_t latched_faults_ = 0;  ///< until released
+  Setpoint setpoint_;
+  int64_t update_ns_;
+  int64_t follows_ns_;  ///< when the wheels last did as they should
+  int64_t status_ns_;   ///< when the next one is due
+};
+
+}  // namespace pi_vehicle::chassis

@@ -1,0 +1,94 @@
+#pragma once
+
+#include <pi_vehicle/chassis/chassis_controller.h>
+#include <pi_vehicle/chassis/chassis_protocol.h>
+
+#include <deque>
+
+namespace pi_vehicle::chassis
+{
+
+struct ModelOptions
+{
+  Kind kind = Kind::CAR_LIKE;
+  double wheelbase = 1.2;          ///< [m]; of a differential one: between its wheels
+  double max_steering = 0.5;       ///< [rad], car-like only
+  double max_steering_rate = 1.0;  ///< [rad/s], car-like only
+  double speed_lag_s = 0.15;       ///< time constant of the drive
+  double steering_lag_s = 0.1;     ///< time constant of the steering
+  double dead_time_s = 0.05;       ///< from setpoint to any effect
+
+  double mass = 120.0;                 ///< [kg]
+  double rolling_resistance = 0.02;    ///< of the weight
+  double efficiency = 0.8;             ///< of the drive
+  double idle_power = 25.0;            ///< of computer and sensors [W]
+  double battery_capacity = 40.0;      ///< [Ah]
+  double battery_full_voltage = 29.2;  ///< without load [V]
+  double battery_empty_voltage = 22.0;
+  double battery_resistance = 0.03;  ///< [ohm]
+  double battery_charge = 0.9;       ///< at the start, 0 to 1
+  double battery_low = 0.15;         ///< BATTERY_LOW is told below
+
+  /// @throws std::invalid_argument naming field, value and bound.
+  void validate() const;
+};
+
+/// Where the vehicle truly is: its reference point is the middle of the rear axle, or of the only one.
+struct Pose
+{
+  double x = 0.0;    ///< [m]
+  double y = 0.0;    ///< [m]
+  double yaw = 0.0;  ///< [rad], not wrapped
+};
+
+/// The pose after distance [m] along an arc of this curvature [1/m]; exact, also for 0.
+Pose alongArc(const Pose& pose, double distance, double curvature);
+
+/// A vehicle's motion: dead time, then first-order lag of speed and steering with limited steering rate, then the
+/// kinematic bicycle (or differential) model on exact arcs; and its battery. Deterministic; not thread safe.
+class ChassisModel
+{
+public:
+  /// @throws std::invalid_argument for wrong options.
+  explicit ChassisModel(const ModelOptions& options);
+
+  /// Goes on by dt [s] in steps of 1 ms at most. dt is at most 1 s at a time; more is cut.
+  void step(const Setpoint& setpoint, double dt);
+  Measurement measurement() const;
+  const Pose& pose() const { return pose_; }
+  void setPose(const Pose& pose) { pose_ = pose; }
+  double time() const { return time_; }  ///< simulated so far [s]
+
+  /// Wheels blocked: they stop, and do not turn until freed.
+  void setStuck(bool stuck) { stuck_ = stuck; }
+  /// @param charge  0 to 1, else cut.
+  void setBatteryCharge(double charge);
+  void setEmergencyButton(bool pressed) { button_ = pressed; }
+
+private:
+  struct Waiting
+  {
+    double due;  ///< [s]
+    Setpoint setpoint;
+  };
+
+  void substep(double dt);
+  void discharge(double acceleration, double dt);
+
+  const ModelOptions options_;
+  std::deque<Waiting> waiting_;
+  Setpoint effective_;
+  double time_ = 0.0;
+  Pose pose_;
+  double speed_ = 0.0;
+  double steering_ = 0.0;  ///< car-like
+  double curvature_ = 0.0;
+  double travel_ = 0.0;
+  double charge_;
+  double current_ = 0.0;  ///< negative while it gives
+  double voltage_;
+  bool stuck_ = false;
+  bool button_ = false;
+};
+
+}  // namespace pi_vehicle::chassis

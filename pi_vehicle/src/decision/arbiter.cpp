@@ -1,0 +1,385 @@
+#include "decision/arbiter.h"
+
+#include <pi_node/yaml_section.h>
+#include <pi_node/option_check.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+namespace pi_vehicle
+{
+namespace
+{
+
+constexpr double STANDING = 0.05;    // [m/s]
+constexpr double MAX_STEP_S = 0.1;   // of the shaping
+constexpr double MAX_PAUSE_S = 1.0;  // a longer one is a jump of the clock, or a stall
+constexpr double FUTURE_S = 0.1;
+
+double seconds(int64_t ns)
+{
+  return 1e-9 * static_cast<double>(ns);
+}
+
+bool finite(const DriveCommand& command)
+{
+  return std::isfinite(command.speed) && std::isfinite(command.curvature) && std::isfinite(command.max_deceleration) &&
+         command.max_deceleration >= 0.0;
+}
+
+ArbiterOptions read(pi_node::YamlSection top)
+{
+  ArbiterOptions options;
+  if (top.has("limits"))
+  {
+    top.section("limits").readFields(&options);
+  }
+  for (pi_node::YamlSection& entry : top.list("sources"))
+  {
+    ArbiterSource source;
+    source.name = entry.get<std::string>("name", "a text");
+    entry.read("drives", "true or false", &source.drives);
+    entry.read("priority", "a whole number", &source.priority);
+    entry.read("timeout", "a number", &source.timeout);
+    entry.read("max_speed", "a number", &source.max_speed);
+    entry.read("required", "true or false", &source.required);
+    entry.finish();
+    options.sources.push_back(source);
+  }
+  top.finish();
+  try
+  {
+    options.validate();
+  }
+  catch (const std::invalid_argument& error)
+  {
+    throw std::invalid_argument(top.name(error.what()));
+  }
+  return options;
+}
+
+}  // namespace
+
+ArbiterOptions ArbiterOptions::load(const std::string& path)
+{
+  return read(pi_node::YamlSection::load(path));
+}
+
+ArbiterOptions ArbiterOptions::parse(const std::string& yaml, const std::string& name)
+{
+  return read(pi_node::YamlSection::parse(yaml, name));
+}
+
+void ArbiterOptions::validate() const
+{
+  const pi_node::OptionCheck check("limits");
+  check.range("max_speed", max_speed, 0.05, 10.0);
+  check.range("max_reverse_speed", max_reverse_speed, 0.0, 10.0);
+  check.range("acceleration", acceleration, 0.05, 20.0);
+  check.range("deceleration", deceleration, 0.05, 20.0);
+  check.range("emergency_deceleration", emergency_deceleration, deceleration, 20.0);
+  check.range("jerk", jerk, 0.1, 1000.0);
+  check.range("emergency_jerk", emergency_jerk, jerk, 1000.0);
+  check.range("max_curvature", max_curvature, 0.001, 100.0);
+  check.range("max_curvature_rate", max_curvature_rate, 0.001, 1000.0);
+  check.range("max_lateral_acceleration", max_lateral_acceleration, 0.05, 20.0);
+  if (sources.empty())
+  {
+    throw std::invalid_argument("sources is empty, must name at least one");
+  }
+  for (size_t i = 0; i < sources.size(); ++i)
+  {
+    const ArbiterSource& source = sources[i];
+    if (source.name.empty())
+    {
+      throw std::invalid_argument("sources/" + std::to_string(i) + "/name is empty, must be a text");
+    }
+    const pi_node::OptionCheck own("sources/" + source.name);
+    own.range("timeout", source.timeout, 0.02, 60.0);
+    own.range("max_speed", source.max_speed, 0.0, 10.0);
+    for (size_t other = 0; other < i; ++other)
+    {
+      if (sources[other].name == source.name)
+      {
+        throw std::invalid_argument("sources/" + source.name + " is there twice, must be once");
+      }
+      if (source.drives && sources[other].drives && sources[other].priority == source.priority)
+      {
+        throw std::invalid_argument("sources/" + source.name + "/priority = " + std::to_string(source.priority) +
+                                    ", must differ from that of " + sources[other].name);
+      }
+    }
+  }
+}
+
+Arbiter::Arbiter(const ArbiterOptions& options) : options_(options), sources_(options.sources.size())
+{
+  options_.validate();
+}
+
+int Arbiter::find(const std::string& name) const
+{
+  for (size_t i = 0; i < options_.sources.size(); ++i)
+  {
+    if (options_.sources[i].name == name)
+    {
+      return static_cast<int>(i);
+    }
+  }
+  return -1;
+}
+
+ArbiterAnswer Arbiter::submit(const DriveCommand& command, int64_t stamp_ns, int64_t now_ns)
+{
+  const int index = find(command.source);
+  if (index < 0)
+  {
+    return ArbiterAnswer::UNKNOWN_SOURCE;
+  }
+  if (!finite(command))
+  {
+    return ArbiterAnswer::NOT_FINITE;
+  }
+  const double age = seconds(now_ns - stamp_ns);
+  if (age > options_.sources[static_cast<size_t>(index)].timeout)
+  {
+    return ArbiterAnswer::TOO_OLD;
+  }
+  if (age < -FUTURE_S)
+  {
+    return ArbiterAnswer::FROM_FUTURE;
+  }
+  ArbiterSourceState& slot = sources_[static_cast<size_t>(index)];
+  if (slot.alive && stamp_ns < slot.stamp_ns && seconds(slot.stamp_ns - stamp_ns) < MAX_PAUSE_S)
+  {
+    return ArbiterAnswer::OUT_OF_ORDER;
+  }
+  slot.alive = true;
+  slot.heard = true;
+  slot.released = false;
+  slot.stamp_ns = stamp_ns;
+  slot.command = command;
+  return ArbiterAnswer::TAKEN;
+}
+
+bool Arbiter::release(const std::string& source)
+{
+  const int index = find(source);
+  if (index < 0)
+  {
+    return false;
+  }
+  sources_[static_cast<size_t>(index)] = {};
+  sources_[static_cast<size_t>(index)].released = true;
+  if (driver_ == index)
+  {
+    driver_ = -1;
+  }
+  return true;
+}
+
+void Arbiter::emergencyStop(const std::string& reason)
+{
+  if (!emergency_)
+  {
+    emergency_ = true;
+    emergency_reason_ = reason.empty() ? "emergency stop" : "emergency stop: " + reason;
+  }
+}
+
+bool Arbiter::releaseEmergencyStop()
+{
+  if (std::abs(speed_) > STANDING || std::abs(measured_) > STANDING)
+  {
+    return false;
+  }
+  emergency_ = false;
+  return true;
+}
+
+void Arbiter::shape(double target, double curvature, double deceleration, double dt)
+{
+  const double turn = options_.max_curvature_rate * dt;
+  curvature = std::clamp(curvature, -options_.max_curvature, options_.max_curvature);
+  curvature_ += std::clamp(curvature - curvature_, -turn, turn);
+  const double bend = std::sqrt(options_.max_lateral_acceleration / std::max(std::abs(curvature_), 1e-6));
+  target = std::clamp(target, -bend, bend);
+  if (target * speed_ < 0.0)
+  {
+    target = 0.0;  // through standstill
+  }
+  const double difference = target - speed_;
+  const bool slower = std::abs(target) < std::abs(speed_);
+  const double most = slower ? deceleration : options_.acceleration;
+  const double jerk = slower && deceleration > options_.deceleration ? options_.emergency_jerk : options_.jerk;
+  // The acceleration that a bounded jerk brings to zero as the target is reached, one step early.
+  const double step = jerk * dt;
+  const double reach = std::sqrt(2.0 * jerk * std::abs(difference) + 0.25 * step * step) - 0.5 * step;
+  const double wanted = std::copysign(std::min(most, std::max(0.0, reach)), difference);
+  acceleration_ += std::clamp(wanted - acceleration_, -step, step);
+  acceleration_ = std::clamp(acceleration_, -std::max(options_.acceleration, deceleration),
+                             std::max(options_.acceleration, deceleration));
+  const double next = speed_ + acceleration_ * dt;
+  if ((target - next) * difference <= 0.0 && std::abs(acceleration_) <= 2.0 * step)
+  {
+    speed_ = target;
+    acceleration_ = 0.0;
+  }
+  else if (next * speed_ < 0.0)
+  {
+    speed_ = 0.0;
+    acceleration_ = 0.0;
+  }
+  else
+  {
+    speed_ = next;
+  }
+}
+
+ArbiterOutput Arbiter::update(int64_t now_ns, std::optional<double> measured_speed)
+{
+  double dt = have_now_ ? seconds(now_ns - last_ns_) : 0.0;
+  if (dt < 0.0 || dt > MAX_PAUSE_S)
+  {
+    for (ArbiterSourceState& slot : sources_)
+    {
+      slot.alive = false;
+    }
+  }
+  dt = std::clamp(dt, 0.0, MAX_STEP_S);
+  have_now_ = true;
+  last_ns_ = now_ns;
+  measured_ = measured_speed && std::isfinite(*measured_speed) ? *measured_speed : speed_;
+
+  std::string missing;
+  int best = -1;
+  for (size_t i = 0; i < sources_.size(); ++i)
+  {
+    const ArbiterSource& source = options_.sources[i];
+    ArbiterSourceState& slot = sources_[i];
+    const double age = seconds(now_ns - slot.stamp_ns);
+    if (slot.alive && (age > source.timeout + 1e-9 || age < -MAX_PAUSE_S))
+    {
+      slot.alive = false;
+    }
+    if (!slot.alive)
+    {
+      if (source.required && !slot.released && missing.empty())
+      {
+        missing = source.name;
+      }
+      continue;
+    }
+    if (source.drives && (best < 0 || source.priority > options_.sources[static_cast<size_t>(best)].priority))
+    {
+      best = static_cast<int>(i);
+    }
+  }
+  if (driver_ >= 0 && !sources_[static_cast<size_t>(driver_)].alive)
+  {
+    stopping_ = true;
+    dead_ = options_.sources[static_cast<size_t>(driver_)].name;
+    driver_ = -1;
+  }
+  if (stopping_ && ((std::abs(speed_) < 1e-3 && std::abs(measured_) < STANDING) || (best >= 0 && find(dead_) == best)))
+  {
+    stopping_ = false;
+  }
+  if (!stopping_)
+  {
+    driver_ = best;
+  }
+
+  ArbiterOutput output;
+  output.command.source = "arbiter";
+  double target = 0.0;
+  double curvature = curvature_;
+  double deceleration = options_.deceleration;
+  const auto harder = [this, &deceleration](double asked)
+  { deceleration = std::max(deceleration, std::min(asked, options_.emergency_deceleration)); };
+  if (driver_ >= 0)
+  {
+    const ArbiterSource& source = options_.sources[static_cast<size_t>(driver_)];
+    const DriveCommand& command = sources_[static_cast<size_t>(driver_)].command;
+    const double most = std::min(options_.max_speed, source.max_speed);
+    const double least = -std::min(options_.max_reverse_speed, source.max_speed);
+    target = std::clamp(command.speed, least, most);
+    curvature = command.curvature;
+    harder(command.max_deceleration);
+    output.command.source = source.name;
+    output.command.reason = command.reason;
+    output.driver = source.name;
+  }
+  else
+  {
+    output.command.reason = stopping_ ? dead_ + " fell silent" : "nobody drives";
+  }
+  for (size_t i = 0; i < sources_.size(); ++i)
+  {
+    const ArbiterSource& source = options_.sources[i];
+    const DriveCommand& command = sources_[i].command;
+    const double limit = std::max(0.0, command.speed);
+    if (source.drives || !sources_[i].alive)
+    {
+      continue;
+    }
+    if (std::abs(speed_) > limit)
+    {
+      harder(command.max_deceleration);  // also where the driver slows down by itself, more gently
+    }
+    if (std::abs(target) <= limit)
+    {
+      continue;
+    }
+    target = std::clamp(target, -limit, limit);
+    output.command.source = source.name;
+    output.command.reason = command.reason;
+    output.limited_by = source.name;
+  }
+  if (!missing.empty())
+  {
+    target = 0.0;
+    output.command.source = "arbiter";
+    output.command.reason = missing + " is silent and required";
+    output.limited_by = output.command.source;
+    output.missing = true;
+  }
+  if (emergency_)
+  {
+    target = 0.0;
+    deceleration = options_.emergency_deceleration;
+    output.command.source = "arbiter";
+    output.command.reason = emergency_reason_;
+    output.limited_by = output.command.source;
+    output.emergency_stop = true;
+  }
+  shape(target, curvature, deceleration, dt);
+  output.command.speed = speed_;
+  output.command.curvature = curvature_;
+  output.command.max_deceleration = deceleration > options_.deceleration ? deceleration : 0.0;
+  output.acceleration = acceleration_;
+  return output;
+}
+
+const char* toString(ArbiterAnswer answer)
+{
+  switch (answer)
+  {
+    case ArbiterAnswer::TAKEN:
+      return "taken";
+    case ArbiterAnswer::UNKNOWN_SOURCE:
+      return "unknown source: add it to sources";
+    case ArbiterAnswer::NOT_FINITE:
+      return "a number that is none, or a negative deceleration";
+    case ArbiterAnswer::TOO_OLD:
+      return "stamp older than the source's timeout";
+    case ArbiterAnswer::FROM_FUTURE:
+      return "stamp in the future: check the clocks";
+    case ArbiterAnswer::OUT_OF_ORDER:
+      return "older than the command before";
+  }
+  return "unknown";
+}
+
+}  // namespace pi_vehicle

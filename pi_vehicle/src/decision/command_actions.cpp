@@ -1,0 +1,320 @@
+#include "decision/command_actions.h"
+
+#include <pi_node/yaml_section.h>
+#include <pi_node/option_check.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+namespace pi_vehicle
+{
+namespace
+{
+
+constexpr CommandAction ACTIONS[] = {CommandAction::STOP,   CommandAction::GO,     CommandAction::CONFIRM,
+                                     CommandAction::CANCEL, CommandAction::SLOWER, CommandAction::FASTER,
+                                     CommandAction::LEFT,   CommandAction::RIGHT,  CommandAction::GO_TO,
+                                     CommandAction::SAY,    CommandAction::HORN};
+
+double seconds(int64_t ns)
+{
+  return 1e-9 * static_cast<double>(ns);
+}
+
+CommandActionsOptions read(pi_node::YamlSection top)
+{
+  CommandActionsOptions options;
+  if (top.has("options"))
+  {
+    top.section("options").readFields(&options);
+  }
+  if (top.has("places"))
+  {
+    pi_node::YamlSection places = top.section("places");
+    for (const auto& entry : top.node("places"))
+    {
+      const auto name = entry.first.as<std::string>();
+      const auto numbers = places.get<std::vector<double>>(name, "[x, y, heading]");
+      if (numbers.size() != 3)
+      {
+        places.refuse(name, std::to_string(numbers.size()) + " numbers", "[x, y, heading]");
+      }
+      options.places[name] = {numbers[0], numbers[1], numbers[2]};
+    }
+  }
+  for (pi_node::YamlSection& entry : top.list("commands"))
+  {
+    SpokenCommand command;
+    command.text = entry.get<std::string>("text", "a text");
+    const auto action = entry.get<std::string>("action", "an action");
+    const auto* known = std::find_if(std::begin(ACTIONS), std::end(ACTIONS),
+                                     [&action](CommandAction one) { return action == toString(one); });
+    if (known == std::end(ACTIONS))
+    {
+      std::string list;
+      for (const CommandAction one : ACTIONS)
+      {
+        list += (list.empty() ? "" : ", ") + std::string(toString(one));
+      }
+      entry.refuse("action", "\"" + action + "\"", "one of " + list);
+    }
+    command.action = *known;
+    entry.readNumber("min_confidence", 0.0, 1.0, &command.min_confidence);
+    entry.read("argument", "a text", &command.argument);
+    entry.finish();
+    options.commands.push_back(command);
+  }
+  top.finish();
+  try
+  {
+    options.validate();
+  }
+  catch (const std::invalid_argument& error)
+  {
+    throw std::invalid_argument(top.name(error.what()));
+  }
+  return options;
+}
+
+}  // namespace
+
+CommandActionsOptions CommandActionsOptions::load(const std::string& path)
+{
+  return read(pi_node::YamlSection::load(path));
+}
+
+CommandActionsOptions CommandActionsOptions::parse(const std::string& yaml, const std::string& name)
+{
+  return read(pi_node::YamlSection::parse(yaml, name));
+}
+
+void CommandActionsOptions::validate() const
+{
+  const pi_node::OptionCheck check("options");
+  check.range("confirm_timeout", confirm_timeout, 0.5, 60.0);
+  check.range("max_age", max_age, 0.05, 60.0);
+  check.range("max_speed", max_speed, 0.05, 10.0);
+  check.range("min_speed", min_speed, 0.05, max_speed);
+  check.range("speed_step", speed_step, 0.01, max_speed);
+  for (const auto& [name, pose] : places)
+  {
+    if (!pose.finite())
+    {
+      throw std::invalid_argument("places/" + name + " is not finite, must be three numbers");
+    }
+  }
+  const auto has = [this](CommandAction action)
+  {
+    return std::any_of(commands.begin(), commands.end(),
+                       [action](const SpokenCommand& command) { return command.action == action; });
+  };
+  for (size_t i = 0; i < commands.size(); ++i)
+  {
+    const SpokenCommand& command = commands[i];
+    const std::string name = "commands/" + command.text;
+    if (command.text.empty())
+    {
+      throw std::invalid_argument("commands/" + std::to_string(i) + "/text is empty, must be words");
+    }
+    if (std::any_of(commands.begin(), commands.begin() + static_cast<std::ptrdiff_t>(i),
+                    [&command](const SpokenCommand& other) { return other.text == command.text; }))
+    {
+      throw std::invalid_argument(name + " is there twice, must be once");
+    }
+    pi_node::OptionCheck(name).range("min_confidence", command.min_confidence, 0.0, 1.0);
+    const bool wants_argument = command.action == CommandAction::GO_TO || command.action == CommandAction::SAY;
+    if (wants_argument == command.argument.empty())
+    {
+      throw std::invalid_argument(name + "/argument = \"" + command.argument + "\", must be " +
+                                  (wants_argument ? "given for " : "left out for ") + toString(command.action));
+    }
+    if (command.action == CommandAction::GO_TO && places.count(command.argument) == 0)
+    {
+      throw std::invalid_argument(name + "/argument = \"" + command.argument + "\", must be one of places");
+    }
+  }
+  for (const CommandAction action : {CommandAction::STOP, CommandAction::GO})
+  {
+    if (!has(action))
+    {
+      throw std::invalid_argument(std::string("commands has no action ") + toString(action) + ", must have one");
+    }
+  }
+  if (confirm_release && !has(CommandAction::CONFIRM))
+  {
+    throw std::invalid_argument("commands has no action confirm, must have one for confirm_release");
+  }
+}
+
+CommandActions::CommandActions(const CommandActionsOptions& options)
+  : options_(options), speed_limit_(options.max_speed)
+{
+  options_.validate();
+}
+
+void CommandActions::stop(int64_t now_ns)
+{
+  stopped_ = true;
+  stopped_ns_ = now_ns;
+  asked_ = false;
+}
+
+void CommandActions::release()
+{
+  stopped_ = false;
+  asked_ = false;
+}
+
+void CommandActions::restore(bool stopped, double speed_limit, int64_t now_ns)
+{
+  speed_limit_ =
+      std::isfinite(speed_limit) ? std::clamp(speed_limit, options_.min_speed, options_.max_speed) : options_.max_speed;
+  stopped_ = stopped;
+  stopped_ns_ = now_ns;
+  asked_ = false;
+}
+
+CommandResult CommandActions::hear(const std::string& text, double confidence, int64_t spoken_ns, int64_t now_ns)
+{
+  CommandResult result;
+  const auto command = std::find_if(options_.commands.begin(), options_.commands.end(),
+                                    [&text](const SpokenCommand& one) { return one.text == text; });
+  const auto answer = [&result](CommandOutcome outcome, const std::string& reason)
+  {
+    result.outcome = outcome;
+    result.reason = reason;
+    return result;
+  };
+  const std::string quoted = "\"" + text + "\"";
+  if (command == options_.commands.end())
+  {
+    return answer(CommandOutcome::IGNORED_UNKNOWN, quoted + " is not in the table of commands");
+  }
+  result.action = command->action;
+  result.argument = command->argument;
+  if (!(confidence >= command->min_confidence))
+  {
+    char numbers[80];
+    std::snprintf(numbers, sizeof numbers, " with confidence %.2f, must be at least %.2f", confidence,
+                  command->min_confidence);
+    return answer(CommandOutcome::IGNORED_FAINT, quoted + numbers);
+  }
+  if (command->action == CommandAction::STOP)
+  {
+    // Whatever its stamp says: a stop that comes late is still a stop.
+    stop(std::max(spoken_ns, now_ns));
+    return answer(CommandOutcome::DONE, quoted + ": stopped until released");
+  }
+  const double age = seconds(now_ns - spoken_ns);
+  if (age > options_.max_age || age < -options_.max_age ||
+      (stopped_ && spoken_ns < stopped_ns_ && now_ns >= stopped_ns_))
+  {
+    return answer(CommandOutcome::IGNORED_OLD, quoted + " was said too long ago, or before the stop");
+  }
+  const double asked_age = seconds(now_ns - asked_ns_);
+  if (asked_ && (asked_age > options_.confirm_timeout || asked_age < 0.0))
+  {
+    asked_ = false;
+  }
+  switch (command->action)
+  {
+    case CommandAction::GO:
+      if (stopped_ && options_.confirm_release)
+      {
+        asked_ = true;
+        asked_ns_ = now_ns;
+        return answer(CommandOutcome::AWAITS_CONFIRMATION, quoted + ": confirm to go on");
+      }
+      stopped_ = false;
+      return answer(CommandOutcome::DONE, quoted);
+    case CommandAction::CONFIRM:
+      if (!asked_ || spoken_ns < asked_ns_)
+      {
+        return answer(CommandOutcome::IGNORED_OUT_OF_CONTEXT, quoted + ", but nothing was asked");
+      }
+      asked_ = false;
+      stopped_ = false;
+      return answer(CommandOutcome::DONE, quoted + ": released");
+    case CommandAction::CANCEL:
+      if (!asked_)
+      {
+        return answer(CommandOutcome::IGNORED_OUT_OF_CONTEXT, quoted + ", but nothing was asked");
+      }
+      asked_ = false;
+      return answer(CommandOutcome::DONE, quoted + ": stays stopped");
+    default:
+      break;
+  }
+  if (stopped_)
+  {
+    return answer(CommandOutcome::IGNORED_STOPPED, quoted + ", but stopped: release it first");
+  }
+  if (command->action == CommandAction::SLOWER)
+  {
+    speed_limit_ = std::max(options_.min_speed, speed_limit_ - options_.speed_step);
+  }
+  else if (command->action == CommandAction::FASTER)
+  {
+    speed_limit_ = std::min(options_.max_speed, speed_limit_ + options_.speed_step);
+  }
+  else if (command->action == CommandAction::GO_TO)
+  {
+    result.place = options_.places.at(command->argument);
+  }
+  return answer(CommandOutcome::DONE, quoted);
+}
+
+const char* toString(CommandAction action)
+{
+  switch (action)
+  {
+    case CommandAction::STOP:
+      return "stop";
+    case CommandAction::GO:
+      return "go";
+    case CommandAction::CONFIRM:
+      return "confirm";
+    case CommandAction::CANCEL:
+      return "cancel";
+    case CommandAction::SLOWER:
+      return "slower";
+    case CommandAction::FASTER:
+      return "faster";
+    case CommandAction::LEFT:
+      return "left";
+    case CommandAction::RIGHT:
+      return "right";
+    case CommandAction::GO_TO:
+      return "go_to";
+    case CommandAction::SAY:
+      return "say";
+    case CommandAction::HORN:
+      return "horn";
+  }
+  return "unknown";
+}
+
+const char* toString(CommandOutcome outcome)
+{
+  switch (outcome)
+  {
+    case CommandOutcome::DONE:
+      return "done";
+    case CommandOutcome::AWAITS_CONFIRMATION:
+      return "awaits confirmation";
+    case CommandOutcome::IGNORED_UNKNOWN:
+      return "ignored: unknown";
+    case CommandOutcome::IGNORED_FAINT:
+      return "ignored: faint";
+    case CommandOutcome::IGNORED_OLD:
+      return "ignored: old";
+    case CommandOutcome::IGNORED_STOPPED:
+      return "ignored: stopped";
+    case CommandOutcome::IGNORED_OUT_OF_CONTEXT:
+      return "ignored: out of context";
+  }
+  return "unknown";
+}
+
+}  // namespace pi_vehicle

@@ -1,0 +1,382 @@
+#include "decision/path_follower.h"
+
+#include <pi_node/option_check.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+namespace pi_vehicle
+{
+namespace
+{
+
+constexpr double STANDING = 0.05;       // [m/s]
+constexpr double CREEP = 0.1;           // least speed on the last bit to the goal [m/s]
+constexpr double STOP_SHORT = 0.05;     // of the goal, standstill is asked for [m]
+constexpr double SEARCH_BACK = 1.0;     // of the nearest place, behind the last one [m]
+constexpr double SEARCH_AHEAD = 3.0;    // likewise ahead [m]
+constexpr double HEADING_WEIGHT = 1.0;  // a radian turned away counts as this when the path is searched as a whole [m]
+constexpr double MAX_STEP_S = 0.2;      // longest time that ramps and blends take one update for [s]
+constexpr double SCAN_STEP = 0.2;       // of the path ahead, for the speed [m]
+
+double seconds(int64_t ns)
+{
+  return 1e-9 * static_cast<double>(ns);
+}
+
+std::string format(const char* form, double a, double b)
+{
+  char text[160];
+  std::snprintf(text, sizeof text, form, a, b);
+  return text;
+}
+
+}  // namespace
+
+void PathFollowerOptions::validate() const
+{
+  const pi_node::OptionCheck check("follower");
+  check.range("max_speed", max_speed, 0.1, 10.0);
+  check.range("acceleration", acceleration, 0.05, 10.0);
+  check.range("deceleration", deceleration, 0.05, 10.0);
+  check.range("stop_deceleration", stop_deceleration, 0.05, 10.0);
+  check.range("max_lateral_acceleration", max_lateral_acceleration, 0.05, 10.0);
+  check.range("max_curvature", max_curvature, 0.01, 100.0);
+  check.range("max_curvature_rate", max_curvature_rate, 0.01, 1000.0);
+  check.range("look_ahead_min", look_ahead_min, 0.1, 10.0);
+  check.range("look_ahead_time", look_ahead_time, 0.0, 10.0);
+  check.range("look_ahead_max", look_ahead_max, look_ahead_min, 50.0);
+  check.range("actuation_delay", actuation_delay, 0.0, 2.0);
+  check.range("rejoin_speed", rejoin_speed, 0.05, max_speed);
+  check.range("rejoin_offset", rejoin_offset, 0.05, 10.0);
+  check.range("rejoin_heading", rejoin_heading, 0.05, M_PI);
+  check.range("max_offset", max_offset, rejoin_offset, 50.0);
+  check.range("goal_tolerance", goal_tolerance, 0.02, 5.0);
+  check.range("localisation_timeout", localisation_timeout, 0.02, 10.0);
+  check.range("jump_small", jump_small, 0.01, 10.0);
+  check.range("jump_large", jump_large, jump_small, 100.0);
+  check.range("jump_large_heading", jump_large_heading, 0.01, M_PI);
+  check.range("jump_blend_time", jump_blend_time, 0.05, 60.0);
+  check.range("jump_settle_time", jump_settle_time, 0.0, 3600.0);
+}
+
+PathFollower::PathFollower(const PathFollowerOptions& options) : options_(options)
+{
+  options_.validate();
+}
+
+void PathFollower::setPath(const Path& path)
+{
+  path_ = path;
+  located_ = false;
+  s_ = 0.0;
+  done_ = false;
+  missed_ = false;
+  jumped_ = false;
+  offset_ = Pose2();
+}
+
+void PathFollower::clear()
+{
+  setPath(Path());
+}
+
+void PathFollower::resume()
+{
+  jumped_ = false;
+  located_ = false;
+}
+
+FollowerOutput PathFollower::stopped(FollowerStop stop, const std::string& reason, FollowerOutput output)
+{
+  speed_ = 0.0;
+  output.state = FollowerState::STOPPED;
+  output.stop = stop;
+  output.command.speed = 0.0;
+  output.command.curvature = curvature_;
+  output.command.max_deceleration = options_.stop_deceleration;
+  output.command.reason = reason;
+  return output;
+}
+
+FollowerStop PathFollower::takePose(const FollowerInput& input)
+{
+  if (!input.pose)
+  {
+    return FollowerStop::NO_LOCALISATION;
+  }
+  if (!input.pose->finite() || !std::isfinite(input.speed) || !std::isfinite(input.curvature))
+  {
+    return FollowerStop::BAD_INPUT;
+  }
+  const bool fresh = !have_pose_ || input.pose_stamp_ns != pose_stamp_ns_;
+  if (fresh)
+  {
+    if (have_pose_)
+    {
+      const double dt = std::max(0.0, seconds(input.pose_stamp_ns - pose_stamp_ns_));
+      const Pose2 predicted = raw_pose_.moved(input.speed * dt, input.curvature);
+      const Eigen::Vector2d shift = predicted.position() - input.pose->position();
+      const double turn = wrapAngle(predicted.heading - input.pose->heading);
+      const double decay = std::exp(-dt / options_.jump_blend_time);
+      offset_ = {offset_.x * decay, offset_.y * decay, offset_.heading * decay};
+      if (shift.norm() >= options_.jump_large || std::abs(turn) >= options_.jump_large_heading)
+      {
+        jumped_ = true;
+        located_ = false;
+        settled_since_ns_ = input.now_ns;
+        offset_ = Pose2();
+      }
+      else if (shift.norm() > options_.jump_small)
+      {
+        if (jumped_)
+        {
+          settled_since_ns_ = input.now_ns;
+        }
+        else
+        {
+          offset_ = {offset_.x + shift.x(), offset_.y + shift.y(), wrapAngle(offset_.heading + turn)};
+        }
+      }
+    }
+    have_pose_ = true;
+    pose_stamp_ns_ = input.pose_stamp_ns;
+    raw_pose_ = *input.pose;
+  }
+  const double age = seconds(input.now_ns - input.pose_stamp_ns);
+  if (age > options_.localisation_timeout || age < -options_.localisation_timeout)
+  {
+    return FollowerStop::STALE_LOCALISATION;
+  }
+  if (jumped_ && options_.jump_settle_time > 0.0 &&
+      seconds(input.now_ns - settled_since_ns_) >= options_.jump_settle_time)
+  {
+    resume();
+  }
+  return jumped_ ? FollowerStop::LOCALISATION_JUMPED : FollowerStop::NONE;
+}
+
+double PathFollower::pursuit(const Pose2& pose, double s, double cross_track, double speed) const
+{
+  const double look_ahead = std::min(
+      options_.look_ahead_max, options_.look_ahead_min + options_.look_ahead_time * speed + std::abs(cross_track));
+  Eigen::Vector2d target;
+  if (!path_.closed() && s + look_ahead > path_.length())
+  {
+    // Beyond the goal the path goes on straight, so that the steering stays calm until the end.
+    const PathPoint end = path_.points().back();
+    target = end.pose() * Eigen::Vector2d(s + look_ahead - path_.length(), 0.0);
+  }
+  else
+  {
+    target = path_.at(s + look_ahead).pose().position();
+  }
+  const Eigen::Vector2d local = pose.inverse() * target;
+  const double squared = std::max(local.squaredNorm(), 1e-6);
+  double curvature = 2.0 * local.y() / squared;
+  if (local.x() < 0.0)
+  {
+    curvature = std::copysign(options_.max_curvature, local.y());  // behind: turn round
+  }
+  return std::clamp(curvature, -options_.max_curvature, options_.max_curvature);
+}
+
+double PathFollower::plannedSpeed(double s, double speed) const
+{
+  double planned = options_.max_speed;
+  const double reach = speed * speed / (2.0 * options_.deceleration) + 2.0 * speed + 1.0;
+  const double end = path_.closed() ? s + reach : std::min(s + reach, path_.length());
+  for (double at = s; at < end; at += SCAN_STEP)
+  {
+    const double curvature = std::abs(path_.at(at).curvature);
+    const double squared = options_.max_lateral_acceleration / std::max(curvature, 1e-6);
+    planned = std::min(planned, std::sqrt(squared + 2.0 * options_.deceleration * (at - s)));
+  }
+  if (!path_.closed())
+  {
+    const double remaining = path_.length() - s;
+    planned = std::min(planned, std::max(CREEP, std::sqrt(2.0 * options_.deceleration * remaining)));
+  }
+  return planned;
+}
+
+FollowerOutput PathFollower::update(const FollowerInput& input)
+{
+  FollowerOutput output;
+  output.command.source = "navigation";
+  double dt = have_now_ ? seconds(input.now_ns - last_now_ns_) : 0.0;
+  if (dt < 0.0)
+  {
+    have_pose_ = false;  // the clock went back
+    located_ = false;
+    dt = 0.0;
+  }
+  dt = std::min(dt, MAX_STEP_S);
+  have_now_ = true;
+  last_now_ns_ = input.now_ns;
+
+  const FollowerStop trouble = takePose(input);
+  have_steered_ = false;
+  if (path_.empty())
+  {
+    speed_ = 0.0;
+    output.command.reason = "no path";
+    return output;
+  }
+  switch (trouble)
+  {
+    case FollowerStop::NO_LOCALISATION:
+      return stopped(trouble, "no localisation", output);
+    case FollowerStop::BAD_INPUT:
+      return stopped(trouble, "pose, speed or curvature is not a number", output);
+    case FollowerStop::STALE_LOCALISATION:
+      return stopped(trouble,
+                     format("pose is %.2f s old, must be within %.2f s", seconds(input.now_ns - input.pose_stamp_ns),
+                            options_.localisation_timeout),
+                     output);
+    case FollowerStop::LOCALISATION_JUMPED:
+      return stopped(
+          trouble,
+          format("localisation jumped by %.2f m or %.2f rad or more", options_.jump_large, options_.jump_large_heading),
+          output);
+    default:
+      break;
+  }
+
+  const Pose2 blended{raw_pose_.x + offset_.x, raw_pose_.y + offset_.y, wrapAngle(raw_pose_.heading + offset_.heading)};
+  const double age = std::max(0.0, seconds(input.now_ns - pose_stamp_ns_));
+  steered_ = blended.moved(input.speed * age, input.curvature);
+  have_steered_ = true;
+  output.pose = steered_.moved(input.speed * options_.actuation_delay, input.curvature);
+
+  const auto offsetAt = [this, &output](double s)
+  { return (path_.at(s).pose().position() - output.pose.position()).norm(); };
+  PathProjection projection = located_ ? path_.project(output.pose, s_ - SEARCH_BACK, s_ + SEARCH_AHEAD)
+                                       : path_.project(output.pose, HEADING_WEIGHT);
+  if (located_ && offsetAt(projection.s) > options_.max_offset)
+  {
+    projection = path_.project(output.pose, HEADING_WEIGHT);  // left the part that was searched
+  }
+  const double offset = offsetAt(projection.s);
+  output.cross_track = projection.cross_track;
+  output.distance_to_goal = path_.length() - projection.s;
+  output.progress = projection.s / path_.length();
+  // Beside the end of an open path the way beyond it does not count as off the path.
+  if (offset > options_.max_offset && !done_)
+  {
+    located_ = false;
+    return stopped(FollowerStop::OFF_PATH,
+                   format("%.1f m off the path, must be within %.1f m: plan again", offset, options_.max_offset),
+                   output);
+  }
+  located_ = true;
+  s_ = projection.s;
+
+  if (!path_.closed() &&
+      (done_ || missed_ || output.distance_to_goal <= std::min(STOP_SHORT, 0.25 * options_.goal_tolerance)))
+  {
+    const double goal_offset = (path_.points().back().pose().position() - steered_.position()).norm();
+    speed_ = 0.0;
+    output.command.curvature = curvature_;
+    if (!done_ && std::abs(input.speed) < STANDING)
+    {
+      done_ = goal_offset <= options_.goal_tolerance;
+      missed_ = !done_;
+    }
+    if (missed_)
+    {
+      return stopped(FollowerStop::GOAL_MISSED,
+                     format("the path ends %.2f m from here, must be within %.2f m: plan again", goal_offset,
+                            options_.goal_tolerance),
+                     output);
+    }
+    output.state = done_ ? FollowerState::DONE : FollowerState::FOLLOWING;
+    output.command.max_deceleration = done_ ? 0.0 : options_.stop_deceleration;
+    output.command.reason = done_ ? "at the goal" : "stopping at the goal";
+    output.progress = done_ ? 1.0 : output.progress;
+    return output;
+  }
+
+  const double wanted = pursuit(output.pose, s_, projection.cross_track, std::abs(input.speed));
+  const double turn = options_.max_curvature_rate * dt;
+  curvature_ = std::clamp(wanted, curvature_ - turn, curvature_ + turn);
+
+  double limit = plannedSpeed(s_, std::abs(input.speed));
+  const double bend = std::max(std::abs(curvature_), std::abs(wanted));
+  limit = std::min(limit, std::sqrt(options_.max_lateral_acceleration / std::max(bend, 1e-6)));
+  output.command.reason = "following the path";
+  if (offset > options_.rejoin_offset || std::abs(projection.heading_error) > options_.rejoin_heading)
+  {
+    limit = std::min(limit, options_.rejoin_speed);
+    output.command.reason = "rejoining the path";
+  }
+  // From what the vehicle does, not from what it was asked to: somebody else may hold it up.
+  const double from = std::clamp(speed_, input.speed - 0.5, input.speed + 0.5);
+  speed_ = std::max(0.0, std::min(limit, from + options_.acceleration * dt));
+  output.state = FollowerState::FOLLOWING;
+  output.command.speed = speed_;
+  output.command.curvature = curvature_;
+  return output;
+}
+
+std::vector<Pose2> PathFollower::wayAhead(double length, double step) const
+{
+  std::vector<Pose2> way;
+  if (!have_steered_ || path_.empty() || !(step > 0.0) || !std::isfinite(length))
+  {
+    return way;
+  }
+  Pose2 local;
+  double s = located_ ? s_ : path_.project(steered_, HEADING_WEIGHT).s;
+  s = path_.project(steered_, s - SEARCH_BACK, s + SEARCH_AHEAD).s;
+  for (double done = 0.0; done <= length; done += step)
+  {
+    way.push_back(local);
+    const Pose2 pose = steered_ * local;
+    const PathProjection projection = path_.project(pose, s - 0.5, s + step + 0.5);
+    s = projection.s;
+    local = local.moved(step, pursuit(pose, s, projection.cross_track, speed_));
+  }
+  return way;
+}
+
+const char* toString(FollowerState state)
+{
+  switch (state)
+  {
+    case FollowerState::IDLE:
+      return "idle";
+    case FollowerState::FOLLOWING:
+      return "following";
+    case FollowerState::STOPPED:
+      return "stopped";
+    case FollowerState::DONE:
+      return "done";
+  }
+  return "unknown";
+}
+
+const char* toString(FollowerStop stop)
+{
+  switch (stop)
+  {
+    case FollowerStop::NONE:
+      return "none";
+    case FollowerStop::NO_LOCALISATION:
+      return "no localisation";
+    case FollowerStop::STALE_LOCALISATION:
+      return "stale localisation";
+    case FollowerStop::LOCALISATION_JUMPED:
+      return "localisation jumped";
+    case FollowerStop::OFF_PATH:
+      return "off the path";
+    case FollowerStop::BAD_INPUT:
+      return "bad input";
+    case FollowerStop::GOAL_MISSED:
+      return "goal missed";
+  }
+  return "unknown";
+}
+
+}  // namespace pi_vehicle

@@ -1,0 +1,173 @@
+#pragma once
+
+#include "decision/drive_command.h"
+#include "decision/path.h"
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace pi_vehicle
+{
+
+struct PathFollowerOptions
+{
+  double max_speed = 3.0;                 ///< [m/s]
+  double acceleration = 0.8;              ///< [m/s^2]
+  double deceleration = 0.8;              ///< planned, before corners and the goal; below the usual 1.0 [m/s^2]
+  double stop_deceleration = 1.5;         ///< on trouble [m/s^2]
+  double max_lateral_acceleration = 1.2;  ///< bounds the speed in corners [m/s^2]
+  double max_curvature = 0.45;            ///< tan(0.5 rad) / 1.2 m = 0.455 for the example car [1/m]
+  double max_curvature_rate = 0.8;        ///< [1/(m s)]
+  double look_ahead_min = 0.8;            ///< [m]
+  double look_ahead_time = 0.45;          ///< look-ahead = min + time * speed + |cross-track error| [s]
+  double look_ahead_max = 4.0;            ///< [m]
+  double actuation_delay = 0.15;          ///< of steering and drive, made up for by prediction [s]
+  double rejoin_speed = 1.0;              ///< bound while far from the path or turned away from it [m/s]
+  double rejoin_offset = 0.5;             ///< "far from the path" [m]
+  double rejoin_heading = 0.6;            ///< "turned away from it" [rad]
+  double max_offset = 4.0;                ///< beyond it the follower stops [m]
+  double goal_tolerance = 0.5;            ///< it drives to the goal itself and may stand so far from it [m]
+  double localisation_timeout = 0.3;      ///< oldest pose to drive by [s]
+  double jump_small = 0.1;                ///< between a pose and the one that speed and curvature predict [m]
+  double jump_large = 1.0;                ///< from here on the vehicle stops [m]
+  double jump_large_heading = 0.35;       ///< likewise [rad]
+  double jump_blend_time = 1.0;           ///< time constant with which a small jump is taken over [s]
+  double jump_settle_time =
+      2.0;  ///< goes on after a large jump when poses have agreed for so long; 0: only by resume() [s]
+
+  /// @throws std::invalid_argument naming field, value and bound.
+  void validate() const;
+};
+
+template <typename Options, typename Visit>
+auto visitFields(Options& o, Visit&& visit) -> decltype(o.look_ahead_min, o.jump_settle_time, void())
+{
+  visit("max_speed", o.max_speed);
+  visit("acceleration", o.acceleration);
+  visit("deceleration", o.deceleration);
+  visit("stop_deceleration", o.stop_deceleration);
+  visit("max_lateral_acceleration", o.max_lateral_acceleration);
+  visit("max_curvature", o.max_curvature);
+  visit("max_curvature_rate", o.max_curvature_rate);
+  visit("look_ahead_min", o.look_ahead_min);
+  visit("look_ahead_time", o.look_ahead_time);
+  visit("look_ahead_max", o.look_ahead_max);
+  visit("actuation_delay", o.actuation_delay);
+  visit("rejoin_speed", o.rejoin_speed);
+  visit("rejoin_offset", o.rejoin_offset);
+  visit("rejoin_heading", o.rejoin_heading);
+  visit("max_offset", o.max_offset);
+  visit("goal_tolerance", o.goal_tolerance);
+  visit("localisation_timeout", o.localisation_timeout);
+  visit("jump_small", o.jump_small);
+  visit("jump_large", o.jump_large);
+  visit("jump_large_heading", o.jump_large_heading);
+  visit("jump_blend_time", o.jump_blend_time);
+  visit("jump_settle_time", o.jump_settle_time);
+}
+
+enum class FollowerState
+{
+  IDLE,       ///< no path
+  FOLLOWING,  ///< on the way
+  STOPPED,    ///< on the way, but held up: see `stop`
+  DONE        ///< at the goal, standing
+};
+
+enum class FollowerStop
+{
+  NONE,
+  NO_LOCALISATION,      ///< none yet, or reported lost
+  STALE_LOCALISATION,   ///< older than localisation_timeout, or from the future
+  LOCALISATION_JUMPED,  ///< by jump_large or more
+  OFF_PATH,             ///< farther than max_offset
+  BAD_INPUT,            ///< a number that is not finite
+  GOAL_MISSED           ///< the end is passed, but farther than goal_tolerance aside
+};
+
+struct FollowerInput
+{
+  int64_t now_ns = 0;
+  int64_t pose_stamp_ns = 0;  ///< of the newest pose, on the clock of now_ns
+  std::optional<Pose2> pose;  ///< T_map_base at pose_stamp_ns; nullopt: localisation is lost
+  double speed = 0.0;         ///< measured [m/s]
+  double curvature = 0.0;     ///< measured [1/m]
+};
+
+struct FollowerOutput
+{
+  FollowerState state = FollowerState::IDLE;
+  FollowerStop stop = FollowerStop::NONE;
+  DriveCommand command;           ///< source "navigation"; speed 0 except in FOLLOWING
+  double progress = 0.0;          ///< part of the path that is done, in [0, 1]; closed: of this round
+  double distance_to_goal = 0.0;  ///< along the path [m]; closed: to the start of the next round
+  double cross_track = 0.0;       ///< left of the path positive [m]
+  Pose2 pose;                     ///< T_map_base that was steered by, at the time the command takes effect
+};
+
+/// Follows a path forwards by pure pursuit (Coulter 1992) with a look-ahead that grows with speed and error.
+///
+/// Pure pursuit and not Stanley: it gives a curvature, so the same controller serves car-like and differential
+/// vehicles and needs no wheelbase; it works down to standstill, where Stanley divides by the speed; and it looks
+/// ahead, so that noise of the pose and lag of the steering are damped by geometry. Its fault, cutting corners, is
+/// bounded by the lateral acceleration (slow, hence short look-ahead, where the path bends) and by steering from the
+/// pose predicted for the time at which the command takes effect.
+///
+/// Speed: the largest that keeps lateral acceleration and stops at the goal (brake curve over the path ahead).
+/// Not thread safe; time only comes in as numbers. update() allocates only the reason's text.
+class PathFollower
+{
+public:
+  /// @throws std::invalid_argument from validate().
+  explicit PathFollower(const PathFollowerOptions& options = PathFollowerOptions());
+
+  /// Begins with a path in the map; the vehicle may be anywhere within max_offset of it. Empty: as clear().
+  void setPath(const Path& path);
+  void clear();
+  /// After a large jump: go on from where localisation is.
+  void resume();
+
+  /// To be called at 10 to 100 Hz. After a clock that goes back, the next pose begins anew.
+  FollowerOutput update(const FollowerInput& input);
+
+  /// The way that the vehicle is about to take, in base_link of the last output's pose: arcs of pure pursuit to the
+  /// path, then the path. For SpeedGovernor. @param length [m], @param step [m] between poses. Empty if IDLE or without
+  /// a pose.
+  std::vector<Pose2> wayAhead(double length, double step) const;
+
+  const Path& path() const { return path_; }
+
+private:
+  FollowerOutput stopped(FollowerStop stop, const std::string& reason, FollowerOutput output);
+  FollowerStop takePose(const FollowerInput& input);
+  double pursuit(const Pose2& pose, double s, double cross_track, double speed) const;
+  double plannedSpeed(double s, double speed) const;
+
+  const PathFollowerOptions options_;
+  Path path_;
+  bool located_ = false;  // on the path: s_ is valid
+  double s_ = 0.0;
+  bool done_ = false;
+  bool missed_ = false;
+  double curvature_ = 0.0;  // commanded
+  double speed_ = 0.0;      // commanded
+
+  bool have_pose_ = false;
+  int64_t pose_stamp_ns_ = 0;
+  Pose2 raw_pose_;       // newest
+  Pose2 offset_;         // what a small jump still has to be taken over: steered pose = offset_ * raw pose, in the map
+  bool jumped_ = false;  // stopped by a large jump
+  int64_t settled_since_ns_ = 0;
+  int64_t last_now_ns_ = 0;
+  bool have_now_ = false;
+  Pose2 steered_;
+  bool have_steered_ = false;
+};
+
+/// "following", "stopped", ... for logs and diagnostics.
+const char* toString(FollowerState state);
+const char* toString(FollowerStop stop);
+
+}  // namespace pi_vehicle

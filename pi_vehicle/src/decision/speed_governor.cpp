@@ -1,0 +1,496 @@
+#include "decision/speed_governor.h"
+
+#include <pi_node/option_check.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+namespace pi_vehicle
+{
+namespace
+{
+
+constexpr double TIME_STEP = 0.1;        // of predictions [s]
+constexpr double SPEED_STEP = 0.1;       // between speeds that are tried [m/s]
+constexpr double WAY_STEP = 0.1;         // of the arc, if no way is given [m]
+constexpr double TRACK_S = 3.0;          // dead reckoning is kept for so long [s]
+constexpr double LEAST_MARGIN = 0.05;    // of an obstacle that is already closer than the margin [m]
+constexpr double EMERGENCY_GAP = 0.15;   // left after emergency braking, on top of the least margin [m]
+constexpr double LEAST_HALF_SIZE = 0.1;  // of obstacles [m]
+constexpr double STANDING_S = 1.0;       // the way must stay free for so long after coming to a stand [s]
+constexpr double ROLLING_S = 0.3;        // a vehicle that still rolls need not stand: clear for so long will do
+constexpr double MAX_UPDATE_S = 1.0;     // a longer pause begins anew
+constexpr double REACH_STEP = 0.5;       // along the way, to see which obstacles are far from it [m]
+
+double seconds(int64_t ns)
+{
+  return 1e-9 * static_cast<double>(ns);
+}
+
+/// Way made by driving `speed` for `reaction` and then braking.
+double brakingWay(double speed, double deceleration, double reaction, double t)
+{
+  const double braking = std::clamp(t - reaction, 0.0, speed / deceleration);
+  return speed * std::min(t, reaction) + speed * braking - 0.5 * deceleration * braking * braking;
+}
+
+}  // namespace
+
+void SpeedGovernorOptions::validate() const
+{
+  const pi_node::OptionCheck check("governor");
+  check.range("max_speed", max_speed, 0.1, 10.0);
+  check.range("deceleration", deceleration, 0.1, 10.0);
+  check.range("emergency_deceleration", emergency_deceleration, deceleration, 20.0);
+  check.range("reaction_time", reaction_time, 0.0, 3.0);
+  check.range("vehicle_front", vehicle_front, 0.0, 10.0);
+  check.range("vehicle_rear", vehicle_rear, 0.0, 10.0);
+  check.range("vehicle_half_width", vehicle_half_width, 0.05, 5.0);
+  check.range("margin", margin, 0.05, 5.0);
+  check.range("stop_gap", stop_gap, 0.0, 10.0);
+  check.range("headway", headway, 0.0, 10.0);
+  check.range("min_moving_speed", min_moving_speed, 0.0, 5.0);
+  check.range("horizon", horizon, 0.5, 30.0);
+  check.range("pass_time_margin", pass_time_margin, 0.0, 10.0);
+  check.range("close_speed", close_speed, 0.0, 10.0);
+  check.range("memory", memory, 0.0, 10.0);
+  check.range("clear_persistence", clear_persistence, 0.0, 60.0);
+  check.range("min_speed", min_speed, 0.0, max_speed);
+  check.range("resume_speed", resume_speed, min_speed, max_speed);
+  check.range("rise", rise, 0.05, 100.0);
+  check.range("obstacles_timeout", obstacles_timeout, 0.02, 60.0);
+}
+
+SpeedGovernor::SpeedGovernor(const SpeedGovernorOptions& options) : options_(options)
+{
+  options_.validate();
+}
+
+void SpeedGovernor::reset()
+{
+  known_.clear();
+  track_.clear();
+  reported_ = false;
+  limit_ = 0.0;
+  standing_ = false;
+}
+
+Pose2 SpeedGovernor::poseAt(int64_t stamp_ns) const
+{
+  if (track_.empty())
+  {
+    return Pose2();
+  }
+  if (stamp_ns >= track_.back().first)
+  {
+    return track_.back().second;
+  }
+  for (size_t i = track_.size() - 1; i > 0; --i)
+  {
+    const auto& [from, a] = track_[i - 1];
+    const auto& [to, b] = track_[i];
+    if (stamp_ns >= from)
+    {
+      const double part = static_cast<double>(stamp_ns - from) / static_cast<double>(to - from);
+      return {a.x + part * (b.x - a.x), a.y + part * (b.y - a.y), a.heading + part * wrapAngle(b.heading - a.heading)};
+    }
+  }
+  return track_.front().second;
+}
+
+bool SpeedGovernor::setObstacles(int64_t stamp_ns, const std::vector<ObstacleBox>& obstacles)
+{
+  if (reported_ && stamp_ns <= report_ns_)
+  {
+    if (report_ns_ - stamp_ns <= 1000000000)
+    {
+      ++left_out_;
+      return false;
+    }
+    reset();
+  }
+  reported_ = true;
+  report_ns_ = stamp_ns;
+  const Pose2 pose = poseAt(stamp_ns);
+  bool all = true;
+  for (const ObstacleBox& box : obstacles)
+  {
+    if (!box.position.allFinite() || !box.size.allFinite() || !box.velocity.allFinite())
+    {
+      ++left_out_;
+      all = false;
+      continue;
+    }
+    Known known;
+    known.id = box.id;
+    known.seen_ns = stamp_ns;
+    if (GroundPolygon::isOutline(box.outline))
+    {
+      known.outline = GroundPolygon(box.outline).in(pose);
+    }
+    else
+    {
+      if (!box.outline.empty())
+      {
+        ++left_out_;
+        all = false;
+      }
+      const Eigen::Vector2d p = pose * box.position;
+      known.outline = GroundPolygon::box({p.x(), p.y(), pose.heading}, (0.5 * box.size).cwiseMax(LEAST_HALF_SIZE));
+    }
+    known.moving = box.moving;
+    known.velocity = Pose2{0.0, 0.0, pose.heading} * box.velocity;
+    const auto same =
+        std::find_if(known_.begin(), known_.end(), [&box](const Known& other) { return other.id == box.id; });
+    if (same == known_.end())
+    {
+      known_.push_back(known);
+    }
+    else
+    {
+      *same = known;
+    }
+  }
+  return all;
+}
+
+SpeedGovernor::Placed SpeedGovernor::alongWay(double s) const
+{
+  const auto placed = [](const Pose2& pose) {
+    return Placed{pose.position(), {std::cos(pose.heading), std::sin(pose.heading)}};
+  };
+  if (s >= way_s_.back())
+  {
+    return placed(way_.back().moved(s - way_s_.back(), 0.0));
+  }
+  const auto after = std::upper_bound(way_s_.begin() + 1, way_s_.end() - 1, s);
+  const auto i = static_cast<size_t>(after - way_s_.begin());
+  const double part = std::clamp((s - way_s_[i - 1]) / (way_s_[i] - way_s_[i - 1]), 0.0, 1.0);
+  const Pose2& a = way_[i - 1];
+  const Pose2& b = way_[i];
+  return placed(
+      {a.x + part * (b.x - a.x), a.y + part * (b.y - a.y), a.heading + part * wrapAngle(b.heading - a.heading)});
+}
+
+void SpeedGovernor::setWay(const GovernorInput& input)
+{
+  way_ = input.way;
+  if (way_.size() < 2)
+  {
+    way_.clear();
+    for (double s = 0.0; s < options_.max_speed * options_.horizon; s += WAY_STEP)
+    {
+      way_.push_back(Pose2().moved(s, input.curvature));
+    }
+  }
+  way_s_.assign(1, 0.0);
+  for (size_t i = 1; i < way_.size(); ++i)
+  {
+    way_s_.push_back(way_s_.back() + std::max(1e-6, (way_[i].position() - way_[i - 1].position()).norm()));
+  }
+  const double speed = std::max(0.0, input.speed);
+  at_speed_.clear();
+  for (double t = 0.0; t <= options_.horizon; t += TIME_STEP)
+  {
+    at_speed_.push_back(alongWay(speed * t));
+  }
+  const double fastest = std::max(speed, options_.max_speed);
+  const double most = std::max(speed * options_.horizon,
+                               fastest * options_.reaction_time + 0.5 * fastest * fastest / options_.deceleration);
+  reach_.clear();
+  for (double s = 0.0; s < most + REACH_STEP; s += REACH_STEP)
+  {
+    reach_.push_back(alongWay(s));
+  }
+  const auto steps = static_cast<size_t>(options_.max_speed / SPEED_STEP) + 2;
+  comfortable_.assign(steps, {});
+  emergency_.assign(steps, {});
+}
+
+std::vector<SpeedGovernor::Placed> SpeedGovernor::makeBrakingPlaces(double speed, double deceleration) const
+{
+  const double standing = options_.reaction_time + speed / deceleration;
+  std::vector<Placed> places;
+  for (double t = 0.0; t <= standing + STANDING_S; t += TIME_STEP)
+  {
+    places.push_back(alongWay(brakingWay(speed, deceleration, options_.reaction_time, t)));
+  }
+  return places;
+}
+
+const std::vector<SpeedGovernor::Placed>& SpeedGovernor::brakingPlaces(size_t speed_steps, bool emergency)
+{
+  std::vector<Placed>& places = (emergency ? emergency_ : comfortable_)[speed_steps];
+  if (places.empty())
+  {
+    places = makeBrakingPlaces(SPEED_STEP * static_cast<double>(speed_steps),
+                               emergency ? options_.emergency_deceleration : options_.deceleration);
+  }
+  return places;
+}
+
+bool SpeedGovernor::isFar(const Local& obstacle) const
+{
+  const double ahead =
+      std::max(options_.vehicle_front + options_.margin + options_.stop_gap + options_.headway * options_.max_speed,
+               options_.vehicle_rear + LEAST_MARGIN);
+  const double vehicle = std::hypot(std::max(ahead, options_.vehicle_front + options_.margin + EMERGENCY_GAP),
+                                    options_.vehicle_half_width + options_.margin);
+  const double moves = obstacle.velocity.norm() * (options_.horizon + options_.pass_time_margin);
+  const double reach = vehicle + moves + obstacle.outline.radius() + 0.5 * REACH_STEP;
+  return std::all_of(reach_.begin(), reach_.end(),
+                     [&](const Placed& place)
+                     { return (place.position - obstacle.outline.middle()).squaredNorm() > reach * reach; });
+}
+
+bool SpeedGovernor::touches(const Local& obstacle, double t, const Placed& vehicle, double extra_front,
+                            double margin) const
+{
+  const double front = options_.vehicle_front + margin + extra_front;
+  const double rear = options_.vehicle_rear + LEAST_MARGIN;
+  const GroundRectangle rectangle{vehicle.position + 0.5 * (front - rear) * vehicle.along,
+                                  vehicle.along,
+                                  {0.5 * (front + rear), options_.vehicle_half_width + margin}};
+  return obstacle.outline.overlaps(rectangle, t * obstacle.velocity);
+}
+
+bool SpeedGovernor::brakes(const Local& obstacle, const std::vector<Placed>& places, double standing_s, double gap,
+                           double margin, bool frozen) const
+{
+  const bool moving = obstacle.moving && !frozen;
+  // Who walks up to a vehicle that has been standing for a while is no reason to stop elsewhere.
+  const double end = moving ? std::min(options_.horizon, standing_s + STANDING_S) : standing_s + TIME_STEP;
+  for (size_t i = 0; i < places.size() && TIME_STEP * static_cast<double>(i) <= end; ++i)
+  {
+    if (touches(obstacle, moving ? TIME_STEP * static_cast<double>(i) : 0.0, places[i], gap, margin))
+    {
+      return false;
+    }
+  }
+  return true;
+}
+
+bool SpeedGovernor::passes(const Local& obstacle) const
+{
+  for (size_t i = 0; i < at_speed_.size(); ++i)
+  {
+    const double t = TIME_STEP * static_cast<double>(i);
+    const double times[] = {t, std::max(0.0, t - options_.pass_time_margin), t + options_.pass_time_margin};
+    for (const double at : times)
+    {
+      if (touches(obstacle, obstacle.moving ? at : 0.0, at_speed_[i], 0.0, obstacle.margin))
+      {
+        return false;
+      }
+    }
+  }
+  return true;
+}
+
+double SpeedGovernor::timeToCollision(const Local& obstacle) const
+{
+  for (size_t i = 0; i < at_speed_.size(); ++i)
+  {
+    const double t = TIME_STEP * static_cast<double>(i);
+    if (touches(obstacle, obstacle.moving ? t : 0.0, at_speed_[i], 0.0, 0.0))
+    {
+      return t;
+    }
+  }
+  return std::numeric_limits<double>::infinity();
+}
+
+double SpeedGovernor::clearance(const Local& obstacle) const
+{
+  const Placed HERE{Eigen::Vector2d::Zero(), Eigen::Vector2d::UnitX()};
+  for (double margin = 0.0; margin < options_.margin; margin += 0.02)
+  {
+    if (touches(obstacle, 0.0, HERE, 0.0, margin))
+    {
+      return margin;
+    }
+  }
+  return options_.margin;
+}
+
+GovernorOutput SpeedGovernor::update(const GovernorInput& input)
+{
+  GovernorOutput output;
+  output.max_deceleration = options_.deceleration;
+  const auto stop = [this, &output](std::string reason)
+  {
+    limit_ = 0.0;
+    standing_ = true;
+    was_clear_ = false;
+    output.speed_limit = 0.0;
+    output.reason = std::move(reason);
+    return output;
+  };
+  if (!std::isfinite(input.speed) || !std::isfinite(input.curvature) ||
+      !std::all_of(input.way.begin(), input.way.end(), [](const Pose2& pose) { return pose.finite(); }))
+  {
+    return stop("speed, curvature or way is not a number");
+  }
+  double dt = track_.empty() ? 0.0 : seconds(input.now_ns - last_ns_);
+  if (dt < 0.0 || dt > MAX_UPDATE_S)
+  {
+    reset();
+    dt = 0.0;
+  }
+  last_ns_ = input.now_ns;
+  const Pose2 last = track_.empty() ? Pose2() : track_.back().second;
+  if (track_.empty() || dt > 0.0)
+  {
+    track_.emplace_back(input.now_ns, last.moved(input.speed * dt, input.curvature));
+  }
+  while (seconds(input.now_ns - track_.front().first) > TRACK_S)
+  {
+    track_.pop_front();
+  }
+  if (!reported_ || seconds(input.now_ns - report_ns_) > options_.obstacles_timeout)
+  {
+    char text[96];
+    std::snprintf(text, sizeof text, "no report of obstacles for %.1f s", options_.obstacles_timeout);
+    return stop(text);
+  }
+
+  setWay(input);
+
+  // Obstacles, in base_link now.
+  known_.erase(
+      std::remove_if(known_.begin(), known_.end(),
+                     [this, &input](const Known& known)
+                     { return known.seen_ns < report_ns_ && seconds(input.now_ns - known.seen_ns) > options_.memory; }),
+      known_.end());
+  const Pose2 T_base_reckoned = track_.back().second.inverse();
+  const double speed = std::max(0.0, input.speed);
+  std::vector<Local> obstacles;
+  for (const Known& known : known_)
+  {
+    Local local;
+    local.id = known.id;
+    local.moving = known.moving && known.velocity.norm() >= options_.min_moving_speed;
+    local.velocity = Pose2{0.0, 0.0, T_base_reckoned.heading} * known.velocity;
+    const double age = std::max(0.0, seconds(input.now_ns - known.seen_ns));
+    if (!local.moving)
+    {
+      local.velocity.setZero();
+    }
+    local.outline = known.outline.in(T_base_reckoned, age * local.velocity);
+    if (local.outline.mostX() < -options_.vehicle_rear || isFar(local))
+    {
+      continue;  // behind, or nowhere near the way
+    }
+    local.margin = options_.margin;
+    const double clear = clearance(local);
+    if (clear < options_.margin)
+    {
+      local.margin = std::max(0.0, std::min(clear - 0.02, options_.margin));
+    }
+    obstacles.push_back(local);
+  }
+
+  const std::vector<Placed> braking_now = makeBrakingPlaces(speed, options_.deceleration);
+
+  // The largest speed below which all speeds can be braked from, for each obstacle.
+  double allowed = options_.max_speed;
+  bool emergency = false;
+  bool for_moving = false;  // what sets the limit moves
+  for (const Local& obstacle : obstacles)
+  {
+    const double least = std::min(obstacle.margin, LEAST_MARGIN);
+    double own = 0.0;
+    bool at_all = false;
+    for (size_t step = 0; SPEED_STEP * static_cast<double>(step) <= allowed + 1e-9; ++step)
+    {
+      const double v = SPEED_STEP * static_cast<double>(step);
+      const double gap = options_.stop_gap + (obstacle.moving ? options_.headway * v : 0.0);
+      const double reaction = options_.reaction_time;
+      if (!brakes(obstacle, brakingPlaces(step, false), reaction + v / options_.deceleration, gap, obstacle.margin,
+                  false) ||
+          (obstacle.moving && !brakes(obstacle, brakingPlaces(step, true),
+                                      reaction + v / options_.emergency_deceleration, 0.0, least, true)))
+      {
+        break;
+      }
+      own = v;
+      at_all = true;
+    }
+    if (at_all && own > allowed - SPEED_STEP)
+    {
+      own = allowed;
+    }
+    if (obstacle.margin < options_.margin)
+    {
+      own = std::min(own, options_.close_speed);
+    }
+    output.time_to_collision = std::min(output.time_to_collision, timeToCollision(obstacle));
+    if (own >= allowed)
+    {
+      continue;
+    }
+    if (own < speed && obstacle.moving && speed > options_.resume_speed && passes(obstacle))
+    {
+      own = std::min(speed, allowed);
+    }
+    else if (speed > options_.min_speed && own < speed &&
+             !brakes(obstacle, braking_now, options_.reaction_time + speed / options_.deceleration, EMERGENCY_GAP,
+                     least, false))
+    {
+      emergency = true;
+    }
+    if (own < allowed)
+    {
+      allowed = own;
+      for_moving = obstacle.moving;
+      output.obstacle_id = obstacle.id;
+    }
+  }
+
+  char text[128];
+  if (emergency)
+  {
+    output.max_deceleration = options_.emergency_deceleration;
+    output.emergency = true;
+    std::snprintf(text, sizeof text, "emergency braking for obstacle %lld, time to collision %.1f s",
+                  static_cast<long long>(output.obstacle_id), output.time_to_collision);
+    return stop(text);
+  }
+  if (allowed < options_.min_speed)
+  {
+    std::snprintf(text, sizeof text, "stopping for obstacle %lld", static_cast<long long>(output.obstacle_id));
+    return stop(text);
+  }
+  if (standing_)
+  {
+    const bool clear = allowed >= options_.resume_speed;
+    if (!clear || !was_clear_)
+    {
+      clear_since_ns_ = input.now_ns;
+    }
+    was_clear_ = clear;
+    // What walks out of the way may stop in it: for that the braking goes on.
+    const bool rolls = speed > options_.min_speed && !for_moving;
+    const double persistence = rolls ? std::min(ROLLING_S, options_.clear_persistence) : options_.clear_persistence;
+    if (!clear || seconds(input.now_ns - clear_since_ns_) < persistence)
+    {
+      output.reason = clear ? "waiting until the way has been clear for long enough" : "waiting for a clear way";
+      return output;
+    }
+    standing_ = false;
+    limit_ = std::max(limit_, speed);
+  }
+  // Down at once, up slowly; an idle vehicle may start with what its limit was.
+  limit_ = std::min(allowed, std::max(limit_, speed) + options_.rise * dt);
+  limit_ = std::min(allowed, std::max(limit_, options_.min_speed));
+  output.speed_limit = limit_;
+  if (output.obstacle_id >= 0)
+  {
+    std::snprintf(text, sizeof text, "slowing for obstacle %lld", static_cast<long long>(output.obstacle_id));
+    output.reason = text;
+  }
+  return output;
+}
+
+}  // namespace pi_vehicle

@@ -1,0 +1,186 @@
+#pragma once
+
+#include <pi_vehicle/decision/ground_polygon.h>
+#include <pi_vehicle/decision/pose2.h>
+
+#include <cstdint>
+#include <deque>
+#include <limits>
+#include <string>
+#include <vector>
+
+namespace pi_vehicle
+{
+
+struct SpeedGovernorOptions
+{
+  double max_speed = 3.0;               ///< [m/s]
+  double deceleration = 1.0;            ///< comfortable [m/s^2]
+  double emergency_deceleration = 2.5;  ///< [m/s^2]
+  double reaction_time = 0.35;          ///< from update() until the brakes act, with the period of update() [s]
+  double vehicle_front = 1.0;           ///< outline in base_link: ahead of the origin [m]
+  double vehicle_rear = 0.5;            ///< behind it [m]
+  double vehicle_half_width = 0.6;      ///< [m]
+  double margin = 0.3;                  ///< kept free on the sides and ahead [m]
+  double stop_gap = 0.7;                ///< kept free ahead when stopping, on top of the margin [m]
+  double headway = 0.4;                 ///< as much more per m/s when following [s]
+  double min_moving_speed = 0.15;       ///< slower obstacles are taken as standing [m/s]
+  double horizon = 4.5;                 ///< obstacles are predicted for so long [s]
+  double pass_time_margin = 0.7;        ///< to go before or after a moving obstacle [s]
+  double close_speed = 0.6;             ///< bound while an obstacle is inside the margin [m/s]
+  double memory = 0.8;                  ///< an obstacle that is no longer reported is believed in for so long [s]
+  double clear_persistence = 1.0;       ///< after standing, the way must be clear for so long [s]
+  double resume_speed = 0.5;            ///< "clear": at least this would be allowed [m/s]
+  double min_speed = 0.15;              ///< lower bounds become a stop [m/s]
+  double rise = 1.0;                    ///< the limit rises by no more than this [m/s^2]
+  double obstacles_timeout = 0.5;       ///< silence of the obstacles after which the vehicle stops [s]
+
+  /// @throws std::invalid_argument naming field, value and bound.
+  void validate() const;
+};
+
+template <typename Options, typename Visit>
+auto visitFields(Options& o, Visit&& visit) -> decltype(o.pass_time_margin, o.clear_persistence, void())
+{
+  visit("max_speed", o.max_speed);
+  visit("deceleration", o.deceleration);
+  visit("emergency_deceleration", o.emergency_deceleration);
+  visit("reaction_time", o.reaction_time);
+  visit("vehicle_front", o.vehicle_front);
+  visit("vehicle_rear", o.vehicle_rear);
+  visit("vehicle_half_width", o.vehicle_half_width);
+  visit("margin", o.margin);
+  visit("stop_gap", o.stop_gap);
+  visit("headway", o.headway);
+  visit("min_moving_speed", o.min_moving_speed);
+  visit("horizon", o.horizon);
+  visit("pass_time_margin", o.pass_time_margin);
+  visit("close_speed", o.close_speed);
+  visit("memory", o.memory);
+  visit("clear_persistence", o.clear_persistence);
+  visit("resume_speed", o.resume_speed);
+  visit("min_speed", o.min_speed);
+  visit("rise", o.rise);
+  visit("obstacles_timeout", o.obstacles_timeout);
+}
+
+/// An obstacle as pi_detect/Obstacle3D tells it, on the ground plane.
+struct ObstacleBox
+{
+  int64_t id = 0;                                      ///< stays with the obstacle
+  Eigen::Vector2d position = Eigen::Vector2d::Zero();  ///< centre, in base_link at the stamp [m]
+  Eigen::Vector2d size = Eigen::Vector2d::Zero();      ///< along the axes of base_link [m]
+  Eigen::Vector2d velocity = Eigen::Vector2d::Zero();  ///< over the ground, in the axes of base_link [m/s]
+  bool moving = true;                                  ///< the velocity means something; false: taken as standing
+  /// Around it, as GroundPolygon::isOutline() wants it, in base_link at the stamp [m]; empty: the box.
+  std::vector<Eigen::Vector2d> outline;
+};
+
+struct GovernorInput
+{
+  int64_t now_ns = 0;
+  double speed = 0.0;      ///< measured [m/s]
+  double curvature = 0.0;  ///< measured [1/m]
+  std::vector<Pose2> way;  ///< poses that the vehicle will take, in base_link, the first about (0, 0, 0), spaced by
+                           ///< 0.05 to 0.3 m; as PathFollower::wayAhead(). Empty: the arc of `curvature`.
+};
+
+struct GovernorOutput
+{
+  double speed_limit = 0.0;       ///< of the speed along the way [m/s]
+  double max_deceleration = 0.0;  ///< to brake with [m/s^2]
+  bool emergency = false;         ///< comfortable braking would not do: speed_limit is 0
+  int64_t obstacle_id = -1;       ///< that sets the limit; -1: none does
+  double time_to_collision = std::numeric_limits<double>::infinity();  ///< along the way at the present speed [s]
+  std::string reason;                                                  ///< for people; empty: nothing limits
+};
+
+/// Limits the speed along the way ahead so that the vehicle hits nothing.
+///
+/// Every obstacle is its outline, or its box if it has none, predicted with constant velocity from its stamp on; the
+/// vehicle's outline with margin is moved along the way. A speed is allowed if driving it for the reaction time and
+/// then braking comfortably touches no prediction, with a gap ahead that grows with the speed (this stops before
+/// standing things, follows slower ones, lets crossing ones pass and waits for oncoming ones), and if emergency braking
+/// also suffices should a moving obstacle stop dead where it is. Otherwise the present speed is kept if that passes
+/// clear of all predictions with pass_time_margin. Emergency: the time to collision is below what comfortable braking
+/// takes, that is, it would end in contact. An obstacle is remembered for `memory` when reports miss it, moving on as
+/// last seen. What is wholly behind the vehicle is no concern: it only drives forwards.
+///
+/// Obstacles are carried along by dead reckoning from measured speed and curvature, so that their latency is made up
+/// for. Not thread safe; time comes in as numbers only.
+class SpeedGovernor
+{
+public:
+  /// @throws std::invalid_argument from validate().
+  explicit SpeedGovernor(const SpeedGovernorOptions& options = SpeedGovernorOptions());
+
+  /// Takes a report, also an empty one, of all obstacles known at the stamp. Odd numbers and stamps that are not newer
+  /// than the last are left out and counted; of an odd outline only that, so that the box counts. A stamp more than a
+  /// second back begins anew.
+  /// @return false if the report, or a part of it, was left out.
+  bool setObstacles(int64_t stamp_ns, const std::vector<ObstacleBox>& obstacles);
+
+  /// To be called at 10 to 50 Hz with newer times; a clock that goes back forgets everything, so the limit is 0 until
+  /// obstacles are reported again.
+  GovernorOutput update(const GovernorInput& input);
+
+  size_t leftOut() const { return left_out_; }  ///< reports, boxes and outlines
+
+private:
+  struct Known  // in the frame of dead reckoning
+  {
+    int64_t id;
+    int64_t seen_ns;
+    GroundPolygon outline;
+    Eigen::Vector2d velocity;
+    bool moving;
+  };
+  struct Placed  // a pose of the vehicle
+  {
+    Eigen::Vector2d position;
+    Eigen::Vector2d along;  // unit vector
+  };
+  struct Local  // in base_link now
+  {
+    int64_t id;
+    GroundPolygon outline;
+    Eigen::Vector2d velocity;
+    bool moving;
+    double margin;
+  };
+
+  Pose2 poseAt(int64_t stamp_ns) const;
+  bool touches(const Local& obstacle, double at_s, const Placed& vehicle, double extra_front, double margin) const;
+  Placed alongWay(double s) const;
+  /// Along the way, every TIME_STEP, while braking from a multiple of SPEED_STEP until a while after standing.
+  const std::vector<Placed>& brakingPlaces(size_t speed_steps, bool emergency);
+  std::vector<Placed> makeBrakingPlaces(double speed, double deceleration) const;
+  bool brakes(const Local& obstacle, const std::vector<Placed>& places, double standing_s, double gap, double margin,
+              bool frozen) const;
+  bool isFar(const Local& obstacle) const;
+  bool passes(const Local& obstacle) const;
+  double timeToCollision(const Local& obstacle) const;
+  void setWay(const GovernorInput& input);
+  double clearance(const Local& obstacle) const;
+  void reset();
+
+  const SpeedGovernorOptions options_;
+  std::vector<Known> known_;
+  std::deque<std::pair<int64_t, Pose2>> track_;  // dead reckoning of the last seconds
+  std::vector<Pose2> way_;
+  std::vector<double> way_s_;
+  std::vector<Placed> at_speed_;                  // along the way at the present speed, every TIME_STEP
+  std::vector<Placed> reach_;                     // along all of the way that counts
+  std::vector<std::vector<Placed>> comfortable_;  // brakingPlaces(), as far as they were asked for
+  std::vector<std::vector<Placed>> emergency_;
+  bool reported_ = false;
+  int64_t report_ns_ = 0;
+  int64_t last_ns_ = 0;
+  double limit_ = 0.0;
+  bool standing_ = false;  // held at 0 until clear for clear_persistence
+  bool was_clear_ = false;
+  int64_t clear_since_ns_ = 0;
+  size_t left_out_ = 0;
+};
+
+}  // namespace pi_vehicle

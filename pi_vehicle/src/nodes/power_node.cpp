@@ -1,0 +1,8 @@
+#include <pi_node/ros/node_main.h>
+
+#include "ros/power_ros.h"
+
+int main(int argc, char** argv)
+{
+  return pi_node::runNode<pi_vehicle::PowerRos>(argc, argv, "power");
+}

@@ -1,0 +1,274 @@
+#include <diagnostic_msgs/DiagnosticStatus.h>
+#include "ros/chassis_conversions.h"
+#include "ros/chassis_ros.h"
+#include <pi_node/formatting.h>
+#include <pi_node/ros/node_options.h>
+
+#include <geometry_msgs/TransformStamped.h>
+
+#include <utility>
+#include <vector>
+
+namespace pi_vehicle
+{
+namespace
+{
+
+using chassis::HostMode;
+using diagnostic_msgs::DiagnosticStatus;
+using pi_node::format;
+
+constexpr uint32_t QUEUE = 50;
+constexpr int64_t BATTERY_PERIOD_NS = 1'000'000'000;
+
+/// A monotonic time by the clock of ROS.
+ros::Time rosTime(int64_t monotonic_ns)
+{
+  const ros::Time now = ros::Time::now();
+  const ros::Duration age = ros::Duration().fromNSec(chassis::monotonicNs() - monotonic_ns);
+  return now.toSec() > age.toSec() ? now - age : now;
+}
+
+const char* modeText(HostMode mode)
+{
+  switch (mode)
+  {
+    case HostMode::READY:
+      return "ready";
+    case HostMode::DRIVING:
+      return "driving";
+    case HostMode::STOPPED_WATCHDOG:
+      return "stopped by a watchdog";
+    case HostMode::EMERGENCY_STOP:
+      return "emergency stop";
+    case HostMode::FAULT:
+      return "fault";
+    case HostMode::DISCONNECTED:
+      return "disconnected";
+  }
+  return "";
+}
+
+}  // namespace
+
+ChassisRos::ChassisRos(ros::NodeHandle node, ros::NodeHandle private_node)
+  : service_thread_("chassis_ros")
+  , service_node_(service_thread_.handle(node))
+  , options_(pi_node::loadNodeOptions<ChassisRosOptions>(private_node, "chassis"))
+  , warnings_(options_.warning_period_s, pi_node::warningLog<ChassisRosOptions>("chassis"))
+  , updater_(service_node_, private_node, private_node.getNamespace())
+{
+  state_publisher_ = service_node_.advertise<VehicleState>("vehicle_state", QUEUE);
+  odometry_publisher_ = service_node_.advertise<nav_msgs::Odometry>("wheel_odometry", QUEUE);
+  battery_publisher_ = service_node_.advertise<sensor_msgs::BatteryState>("battery", 1, true);
+  if (options_.publish_tf)
+  {
+    broadcaster_ = std::make_unique<tf2_ros::TransformBroadcaster>();
+  }
+  updater_.setHardwareID(options_.driver.port);
+  updater_.add("chassis", [this](Status& status) { reportChassis(status); });
+  updater_.add("line", [this](Status& status) { reportLine(status); });
+  updater_.add("battery", [this](Status& status) { reportBattery(status); });
+
+  chassis::DriverEvents events;
+  events.state = [this](const chassis::DriverState& state) { onState(state); };
+  events.opened = [](const std::string& path) { ROS_INFO_STREAM_NAMED("chassis", "opened " << path); };
+  events.closed = [](const std::string& problem)
+  { ROS_ERROR_STREAM_NAMED("chassis", problem << "; tried again until it is there"); };
+  driver_ = std::make_unique<chassis::ChassisDriver>(options_.driver, std::move(events));
+
+  // The newest command is the one that counts.
+  motion_ = service_node_.subscribe("motion", 1, &ChassisRos::onMotion, this, ros::TransportHints().tcpNoDelay());
+  emergency_stop_ = service_node_.advertiseService("emergency_stop", &ChassisRos::onEmergencyStop, this);
+  release_ = service_node_.advertiseService("release_emergency_stop", &ChassisRos::onRelease, this);
+  timer_ = service_node_.createWallTimer(ros::WallDuration(options_.diagnostic_period),
+                                         [this](const ros::WallTimerEvent&) { publishDiagnostics(); });
+  service_thread_.start();
+}
+
+ChassisRos::~ChassisRos()
+{
+  service_thread_.stop();
+  driver_.reset();
+}
+
+// ------------------------------------------------------------------------------------------------------------ chassis
+
+void ChassisRos::onState(const chassis::DriverState& state)
+{
+  const chassis::HostState& host = state.host;
+  logMode(host);
+  state_publisher_.publish(toVehicleState(host, ros::Time::now(), options_.base_link_frame));
+  if (host.odometry.count != odometry_count_)
+  {
+    odometry_count_ = host.odometry.count;
+    const nav_msgs::Odometry odometry = toOdometry(host.odometry, rosTime(host.odometry.stamp_ns), options_);
+    odometry_publisher_.publish(odometry);
+    if (broadcaster_)
+    {
+      geometry_msgs::TransformStamped transform;
+      transform.header = odometry.header;
+      transform.child_frame_id = odometry.child_frame_id;
+      transform.transform.translation.x = odometry.pose.pose.position.x;
+      transform.transform.translation.y = odometry.pose.pose.position.y;
+      transform.transform.rotation = odometry.pose.pose.orientation;
+      broadcaster_->sendTransform(transform);
+    }
+  }
+  if (const int64_t now_ns = chassis::monotonicNs(); now_ns - battery_ns_ >= BATTERY_PERIOD_NS)
+  {
+    battery_ns_ = now_ns;
+    battery_publisher_.publish(toBatteryState(host, ros::Time::now(), options_.base_link_frame));
+  }
+}
+
+void ChassisRos::logMode(const chassis::HostState& state)
+{
+  if (state.mode == logged_mode_)
+  {
+    return;
+  }
+  logged_mode_ = state.mode;
+  const std::string text = modeText(state.mode) + (state.detail.empty() ? std::string() : ": " + state.detail);
+  if (state.mode == HostMode::READY || state.mode == HostMode::DRIVING)
+  {
+    ROS_INFO_STREAM_NAMED("chassis", text);
+  }
+  else if (state.mode == HostMode::FAULT)
+  {
+    ROS_ERROR_STREAM_NAMED("chassis", text);
+  }
+  else
+  {
+    ROS_WARN_STREAM_NAMED("chassis", text);
+  }
+}
+
+// -------------------------------------------------------------------------------------------------------- chassis_ros
+
+void ChassisRos::onMotion(const MotionCommand& message)
+{
+  const double age_s = message.header.stamp.isZero() ? 0.0 : (ros::Time::now() - message.header.stamp).toSec();
+  if (age_s > options_.driver.host.motion_timeout_s)
+  {
+    warnings_.warn("a motion command was " + format("%.2f", age_s) +
+                   " s old and refused; are the clocks of this computer and of " +
+                   (message.source.empty() ? "its source" : message.source) + " the same?");
+    return;
+  }
+  if (!driver_->setMotion(fromMsg(message)))
+  {
+    warnings_.warn("a motion command of " + (message.source.empty() ? "an unnamed source" : message.source) +
+                   " was refused: speed, curvature and max_deceleration must be finite, the last not negative");
+  }
+}
+
+bool ChassisRos::onEmergencyStop(std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response)
+{
+  driver_->emergencyStop("asked by service emergency_stop");
+  response.success = true;
+  response.message = "stops; call release_emergency_stop to drive again";
+  return true;
+}
+
+bool ChassisRos::onRelease(std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response)
+{
+  driver_->release();
+  response.success = true;
+  response.message = "released; drives at the next motion command";
+  return true;
+}
+
+void ChassisRos::publishDiagnostics()
+{
+  report_ = driver_->state();
+  garbage_lately_ = report_.host.decoder.garbage_bytes - garbage_before_;
+  garbage_before_ = report_.host.decoder.garbage_bytes;
+  const auto& hello = report_.host.hello;
+  updater_.setHardwareID(hello && !hello->name.empty() ? hello->name : options_.driver.port);
+  updater_.force_update();
+}
+
+void ChassisRos::reportChassis(Status& status) const
+{
+  const chassis::HostState& host = report_.host;
+  const std::vector<pi_node::WarningBoard::Entry> warnings = warnings_.recent();
+  const std::string text = modeText(host.mode) + (host.detail.empty() ? std::string() : ": " + host.detail);
+  const bool error = host.mode == HostMode::FAULT || host.mode == HostMode::DISCONNECTED;
+  const bool well = (host.mode == HostMode::READY || host.mode == HostMode::DRIVING) && host.detail.empty();
+  status.summary(error ? DiagnosticStatus::ERROR : well ? DiagnosticStatus::OK : DiagnosticStatus::WARN, text);
+  if (well && !warnings.empty())
+  {
+    status.summary(DiagnosticStatus::WARN, warnings.front().text);
+  }
+  if (host.hello)
+  {
+    status.add("kind", host.hello->kind == chassis::Kind::CAR_LIKE ? "car-like" : "differential");
+    status.add("wheelbase [m]", format("%.3f", host.hello->wheelbase));
+    status.add("greatest speed of the chassis [m/s]", format("%.2f", host.hello->limits.speed));
+    status.add("watchdog of the chassis [s]", format("%.3f", host.hello->watchdog_s));
+  }
+  status.add("speed [m/s]", format("%.2f", host.status.speed));
+  status.add("odometer [m]", format("%.1f", host.odometry.distance));
+  status.add("faults", chassis::faultText(host.status.faults));
+  status.add("motions cut to the limits", host.counters.limited_motions);
+  status.add("motions refused", host.counters.refused_motions);
+  status.add("restarts of the chassis", host.counters.restarts);
+  for (size_t i = 0; i < warnings.size(); ++i)
+  {
+    status.add("warning " + std::to_string(i + 1), warnings[i].text);
+  }
+}
+
+void ChassisRos::reportLine(Status& status) const
+{
+  const chassis::HostState& host = report_.host;
+  if (report_.path.empty())
+  {
+    status.summary(DiagnosticStatus::ERROR, host.detail);
+  }
+  else if (garbage_lately_ > 0)
+  {
+    status.summary(
+        DiagnosticStatus::WARN,
+        std::to_string(garbage_lately_) + " bytes of garbage since the last report; check cable, ground and baud_rate");
+  }
+  else
+  {
+    status.summary(DiagnosticStatus::OK, report_.path);
+  }
+  status.add("port", report_.path);
+  status.add("times opened", report_.opened);
+  status.add("times lost", report_.lost);
+  status.add("tries to open that failed", report_.open_errors);
+  status.add("round trip [ms]", format("%.1f", 1e3 * host.round_trip_s));
+  status.add("commands", host.counters.commands);
+  status.add("commands dropped by a slow line", report_.dropped_commands);
+  status.add("statuses", host.counters.statuses);
+  status.add("lost frames", host.counters.lost_frames);
+  status.add("times that statuses ceased", host.counters.status_timeouts);
+  status.add("garbage [bytes]", host.decoder.garbage_bytes);
+  status.add("frames with a wrong CRC", host.decoder.wrong_crc);
+  status.add("frames of another version", host.decoder.wrong_version);
+}
+
+void ChassisRos::reportBattery(Status& status) const
+{
+  const chassis::Status& chassis = report_.host.status;
+  if (report_.host.mode == HostMode::DISCONNECTED || !chassis.battery_charge)
+  {
+    status.summary(DiagnosticStatus::STALE, "unknown");
+    return;
+  }
+  const std::string text = format("%.0f %%", 100.0 * *chassis.battery_charge);
+  const bool empty = (chassis.faults & chassis::BATTERY_EMPTY) != 0;
+  const bool low = (chassis.faults & chassis::BATTERY_LOW) != 0;
+  status.summary(empty ? DiagnosticStatus::ERROR
+                 : low ? DiagnosticStatus::WARN
+                       : DiagnosticStatus::OK,
+                 empty || low ? text + "; charge it" : text);
+  status.add("voltage [V]", chassis.battery_voltage ? format("%.2f", *chassis.battery_voltage) : "unknown");
+  status.add("current [A]", chassis.battery_current ? format("%.2f", *chassis.battery_current) : "unknown");
+}
+
+}  // namespace pi_vehicle

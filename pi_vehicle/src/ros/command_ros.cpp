@@ -1,0 +1,279 @@
+#include <diagnostic_msgs/DiagnosticStatus.h>
+#include <pi_vehicle/MotionCommand.h>
+#include "ros/command_ros.h"
+#include "ros/decision_conversions.h"
+#include <pi_node/formatting.h>
+#include <pi_node/ros/node_options.h>
+#include <pi_node/ros/parameter_values.h>
+#include <std_msgs/Empty.h>
+#include <std_msgs/String.h>
+
+#include <vector>
+
+namespace pi_vehicle
+{
+namespace
+{
+
+using diagnostic_msgs::DiagnosticStatus;
+using pi_node::format;
+
+constexpr uint32_t QUEUE = 50;
+constexpr char SOURCE[] = "command";
+// The parameters that outlive the node.
+constexpr char LATCHED[] = "latched";
+constexpr char KEPT_SPEED_LIMIT[] = "kept_speed_limit";
+
+CommandRosOptions loadOptions(const ros::NodeHandle& private_node)
+{
+  std::vector<std::string> unknown;
+  const auto options = loadParameters<CommandRosOptions>(private_node, &unknown);
+  for (const std::string& name : unknown)
+  {
+    if (name != private_node.resolveName(LATCHED) && name != private_node.resolveName(KEPT_SPEED_LIMIT))
+    {
+      ROS_WARN_STREAM_NAMED("command", "parameter " << name << " means nothing here; see config/command_node.yaml");
+    }
+  }
+  ROS_INFO_STREAM_NAMED("command", "parameters: " << pi_node::parameters::text(toParameters(options)));
+  return options;
+}
+
+int64_t toNs(const ros::Time& time)
+{
+  return static_cast<int64_t>(time.toNSec());
+}
+
+std_msgs::String toText(const std::string& text)
+{
+  std_msgs::String message;
+  message.data = text;
+  return message;
+}
+
+}  // namespace
+
+CommandRos::CommandRos(ros::NodeHandle node, ros::NodeHandle private_node)
+  : thread_("command")
+  , node_(thread_.handle(node))
+  , private_node_(thread_.handle(private_node))
+  , options_(loadOptions(private_node))
+  , actions_path_(configPath("actions_file", options_.actions_file))
+  , actions_(CommandActionsOptions::load(actions_path_))
+  , warnings_(options_.warning_period_s, pi_node::warningLog<CommandRosOptions>("command"))
+  , kept_(private_node)
+  , updater_(node_, private_node, private_node.getNamespace())
+{
+  motion_ = node_.advertise<MotionCommand>("motion/command", QUEUE);
+  state_publisher_ = node_.advertise<CommandState>("command/state", QUEUE, true);
+  goal_ = node_.advertise<geometry_msgs::PoseStamped>("goal", QUEUE);
+  turn_ = node_.advertise<std_msgs::String>("turn", QUEUE);
+  say_ = node_.advertise<std_msgs::String>("say", QUEUE);
+  horn_ = node_.advertise<std_msgs::Empty>("horn", QUEUE);
+  updater_.setHardwareID("none");
+  updater_.add("command", [this](Status& status) { report(status); });
+  restore();
+
+  command_ = node_.subscribe("command", QUEUE, &CommandRos::onCommand, this, ros::TransportHints().tcpNoDelay());
+  stop_ = private_node_.advertiseService("stop", &CommandRos::onStop, this);
+  release_ = private_node_.advertiseService("release", &CommandRos::onRelease, this);
+  timer_ =
+      node_.createSteadyTimer(ros::WallDuration(1.0 / options_.rate), [this](const ros::SteadyTimerEvent&) { tick(); });
+  diagnostic_timer_ = node_.createWallTimer(ros::WallDuration(options_.diagnostic_period),
+                                            [this](const ros::WallTimerEvent&) { updater_.force_update(); });
+  thread_.start();
+}
+
+CommandRos::~CommandRos()
+{
+  thread_.stop();
+}
+
+void CommandRos::restore()
+{
+  bool latched = false;
+  double speed_limit = actions_.keptSpeedLimit();
+  kept_.find(LATCHED, "true or false", &latched);
+  kept_.find(KEPT_SPEED_LIMIT, "a number", &speed_limit);
+  const ros::Time now = ros::Time::now();
+  actions_.restore(latched || options_.stopped_at_start, speed_limit, toNs(now));
+  if (latched)
+  {
+    stop_reason_ = "stopped by an earlier life of this node, until released";
+    ROS_WARN_STREAM_NAMED("command", stop_reason_);
+  }
+  else if (options_.stopped_at_start)
+  {
+    stop_reason_ = "stopped at the start, until released";
+    kept_.keep(LATCHED, true);
+  }
+  publishState(now, "", "done", actions_.stopped() ? stop_reason_ : "started");
+}
+
+void CommandRos::onCommand(const pi_speech::VoiceCommand& message)
+{
+  const ros::Time now = ros::Time::now();
+  const CommandResult result =
+      actions_.hear(message.text, static_cast<double>(message.confidence), spokenNs(message, now), toNs(now));
+  if (result.outcome == CommandOutcome::DONE)
+  {
+    ++done_;
+    if (result.action == CommandAction::STOP)
+    {
+      stop_reason_ = result.reason;
+    }
+    publishMotion(now);  // first of all
+    act(result, now);
+    ROS_INFO_STREAM_NAMED("command", toString(result.action) << ": " << result.reason);
+  }
+  else if (result.outcome == CommandOutcome::AWAITS_CONFIRMATION)
+  {
+    ROS_INFO_STREAM_NAMED("command", result.reason);
+    say(options_.question);
+  }
+  else
+  {
+    ++ignored_;
+    warnings_.warn("ignored: " + result.reason);
+  }
+  publishState(now, message.text, toString(result.outcome), result.reason);
+}
+
+void CommandRos::act(const CommandResult& result, const ros::Time& now)
+{
+  switch (result.action)
+  {
+    case CommandAction::STOP:
+    case CommandAction::GO:
+    case CommandAction::CONFIRM:
+      kept_.keep(LATCHED, actions_.stopped());
+      break;
+    case CommandAction::SLOWER:
+    case CommandAction::FASTER:
+      kept_.keep(KEPT_SPEED_LIMIT, actions_.keptSpeedLimit());
+      break;
+    case CommandAction::LEFT:
+    case CommandAction::RIGHT:
+      turn_.publish(toText(toString(result.action)));
+      break;
+    case CommandAction::GO_TO:
+      goal_.publish(toGoal(result.place, now, options_.map_frame));
+      break;
+    case CommandAction::SAY:
+      say(result.argument);
+      break;
+    case CommandAction::HORN:
+      horn_.publish(std_msgs::Empty());
+      break;
+    case CommandAction::CANCEL:
+      break;
+  }
+}
+
+bool CommandRos::onStop(std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response)
+{
+  const ros::Time now = ros::Time::now();
+  actions_.stop(toNs(now));
+  stop_reason_ = "stopped by service stop, until released";
+  publishMotion(now);
+  kept_.keep(LATCHED, true);
+  ROS_INFO_STREAM_NAMED("command", stop_reason_);
+  publishState(now, "", toString(CommandOutcome::DONE), stop_reason_);
+  response.success = true;
+  response.message = "stopped; say \"go\" or call release to drive again";
+  return true;
+}
+
+bool CommandRos::onRelease(std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response)
+{
+  const ros::Time now = ros::Time::now();
+  response.success = true;
+  response.message = actions_.stopped() ? "released" : "was not stopped";
+  actions_.release();
+  publishMotion(now);
+  kept_.keep(LATCHED, false);
+  ROS_INFO_STREAM_NAMED("command", response.message << " by service release");
+  publishState(now, "", toString(CommandOutcome::DONE), response.message + " by service release");
+  return true;
+}
+
+void CommandRos::say(const std::string& text)
+{
+  if (!text.empty())
+  {
+    say_.publish(toText(text));
+  }
+}
+
+void CommandRos::tick()
+{
+  const ros::Time now = ros::Time::now();
+  if (!now.isZero())
+  {
+    publishMotion(now);
+  }
+}
+
+void CommandRos::publishMotion(const ros::Time& now)
+{
+  DriveCommand command;
+  command.source = SOURCE;
+  command.speed = actions_.speedLimit();
+  if (actions_.stopped())
+  {
+    command.max_deceleration = options_.stop_deceleration;
+    command.reason = stop_reason_;
+  }
+  else
+  {
+    command.reason = "limit by command";
+  }
+  motion_.publish(toMotionCommand(command, now));
+}
+
+void CommandRos::publishState(const ros::Time& now, const std::string& text, const std::string& outcome,
+                              const std::string& reason)
+{
+  state_.header.stamp = now;
+  state_.stopped = actions_.stopped();
+  state_.speed_limit = actions_.speedLimit();
+  state_.text = text;
+  state_.outcome = outcome;
+  state_.reason = reason;
+  state_publisher_.publish(state_);
+}
+
+void CommandRos::report(Status& status) const
+{
+  const std::vector<pi_node::WarningBoard::Entry> warnings = warnings_.recent();
+  if (actions_.stopped())
+  {
+    status.summary(DiagnosticStatus::WARN, stop_reason_ + "; say \"go\" or call service release");
+  }
+  else if (command_.getNumPublishers() == 0)
+  {
+    status.summary(DiagnosticStatus::WARN, "nobody publishes " + command_.getTopic() +
+                                               ": a spoken stop is not heard; does the recogniser run?");
+  }
+  else if (!warnings.empty())
+  {
+    status.summary(DiagnosticStatus::WARN, warnings.front().text);
+  }
+  else
+  {
+    status.summary(DiagnosticStatus::OK, "at most " + format("%.2f", actions_.speedLimit()) + " m/s");
+  }
+  status.add("speed limit [m/s]", format("%.2f", actions_.speedLimit()));
+  status.add("last command", state_.text);
+  status.add("its outcome", state_.outcome);
+  status.add("its reason", state_.reason);
+  status.add("commands done", done_);
+  status.add("commands ignored", ignored_);
+  status.add("actions_file", actions_path_);
+  for (size_t i = 0; i < warnings.size(); ++i)
+  {
+    status.add("warning " + std::to_string(i + 1), warnings[i].text);
+  }
+}
+
+}  // namespace pi_vehicle

@@ -1,0 +1,82 @@
+#pragma once
+
+#include <ros/node_handle.h>
+#include <xmlrpcpp/XmlRpcValue.h>
+
+#include <string>
+#include <vector>
+
+namespace pi_vehicle
+{
+
+/// The parameters of the arbiter node; config/arbiter_node.yaml shows each with its unit.
+struct ArbiterRosOptions
+{
+  std::string sources_file = "arbiter.yaml";  ///< see configPath()
+  double rate = 50.0;                         ///< of motion [Hz]
+  double vehicle_state_timeout = 0.3;         ///< an older measured speed does not count [s]
+  double diagnostic_period = 1.0;             ///< [s]; the name is that of diagnostic_updater
+  double warning_period_s = 5.0;              ///< between two log lines of one warning [s]
+
+  /// @throws std::invalid_argument naming field, value and bound.
+  void validate() const;
+};
+
+/// The parameters of the command node; config/command_node.yaml shows each with its unit.
+struct CommandRosOptions
+{
+  std::string actions_file = "commands_actions.yaml";  ///< see configPath()
+  double rate = 20.0;                                  ///< of motion/command [Hz]
+  double stop_deceleration = 2.5;                      ///< of a latched stop [m/s^2]; 0: the usual one
+  bool stopped_at_start = false;
+  std::string question = "shall I go on";  ///< said when a release needs a confirmation; empty: nothing
+  std::string map_frame = "map";
+  double diagnostic_period = 1.0;  ///< [s]
+  double warning_period_s = 5.0;   ///< [s]
+
+  /// @throws std::invalid_argument naming field, value and bound.
+  void validate() const;
+};
+
+/// The parameters of the reaction node; config/reaction_node.yaml shows each with its unit.
+struct ReactionRosOptions
+{
+  std::string rules_file = "reaction.yaml";  ///< see configPath()
+  double rate = 20.0;                        ///< of motion/reaction [Hz]
+  bool need_obstacles = true;                ///< the vehicle stands while they are silent
+  double obstacles_timeout = 0.5;            ///< age of the newest from which on they are silent [s]
+  double max_unseen = 0.2;                   ///< an obstacle not seen for longer does not count [s]
+  double stop_deceleration = 2.5;            ///< of rules that stop [m/s^2]; 0: the usual one
+  double slow_deceleration = 0.0;            ///< of rules that slow, and of silence [m/s^2]
+  std::string greeting = "hello";            ///< of rules that greet without a text of their own; empty: nothing
+  std::string base_link_frame = "base_link";
+  double diagnostic_period = 1.0;  ///< [s]
+  double warning_period_s = 5.0;   ///< [s]
+
+  /// @throws std::invalid_argument naming field, value and bound.
+  void validate() const;
+};
+
+/// Private parameters into options of one of the kinds above, and back.
+/// @param path     in front of names in messages.
+/// @param unknown  gets the names of parameters that mean nothing.
+/// @throws std::invalid_argument naming the parameter that is wrong, its value and its bound.
+template <typename Options>
+Options fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path, std::vector<std::string>* unknown);
+template <typename Options>
+XmlRpc::XmlRpcValue toParameters(const Options& options);
+
+/// The same with the private parameters of a node.
+template <typename Options>
+Options loadParameters(const ros::NodeHandle& private_node, std::vector<std::string>* unknown)
+{
+  XmlRpc::XmlRpcValue tree;
+  private_node.getParam(private_node.getNamespace(), tree);
+  return fromParameters<Options>(tree, private_node.getNamespace() + "/", unknown);
+}
+
+/// An absolute path as it is; a name without a folder as one in this package's folder config.
+/// @throws std::invalid_argument for anything else, or if the package is not found.
+std::string configPath(const std::string& parameter, const std::string& file);
+
+}  // namespace pi_vehicle

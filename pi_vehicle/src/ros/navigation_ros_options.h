@@ -1,0 +1,46 @@
+#pragma once
+
+#include "decision/navigator.h"
+#include <ros/node_handle.h>
+#include <xmlrpcpp/XmlRpcValue.h>
+
+#include <map>
+#include <string>
+#include <vector>
+
+namespace pi_vehicle
+{
+
+/// Where to drive by name: in the map, the heading may be left out.
+using Places = std::map<std::string, Waypoint>;
+
+/// The parameters of navigation; config/navigation.yaml shows each with its unit.
+struct NavigationRosOptions
+{
+  NavigatorOptions navigator;
+  double rate_hz = 20.0;  ///< of motion/navigation
+  std::string map_frame = "map";
+  std::string base_link_frame = "base_link";
+  double tf_timeout_s = 2.0;  ///< oldest tf from map to the frame of odometry; what is static is never too old
+  Places places;
+  double resume_goal_within_s = 10.0;  ///< after its death it drives on to its goal, if back within so long; 0: never
+  double diagnostic_period = 1.0;      ///< [s]; the name is that of diagnostic_updater
+  double warning_period_s = 5.0;       ///< between two log lines of one warning [s]
+
+  /// @throws std::invalid_argument naming field, value and bound.
+  void validate() const;
+
+  /// Reads the private parameters of a node, and validates.
+  /// @param[out] unknown  names of parameters that mean nothing here.
+  /// @throws std::invalid_argument naming the parameter that is wrong, its value and its bound.
+  static NavigationRosOptions load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown);
+  /// The same with a tree as the parameter server has it. @param path  in front of names in messages.
+  static NavigationRosOptions fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path,
+                                             std::vector<std::string>* unknown);
+  /// All parameters as the parameter server would have them.
+  XmlRpc::XmlRpcValue toParameters() const;
+  /// The same in one line, for the log.
+  std::string toText() const;
+};
+
+}  // namespace pi_vehicle

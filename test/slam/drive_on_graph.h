@@ -1,0 +1,156 @@
+#pragma once
+
+#include <pi_slam/imu_simulator.h>
+#include <pi_slam/stereo_calibration.h>
+#include "renderer/stereo_renderer.h"
+#include <ros/ros.h>
+#include <rosgraph_msgs/Log.h>
+#include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/Image.h>
+#include <sensor_msgs/Imu.h>
+#include <tf2_ros/static_transform_broadcaster.h>
+
+#include <chrono>
+#include <condition_variable>
+#include <functional>
+#include <mutex>
+#include <string>
+#include <vector>
+
+namespace pi_slam
+{
+
+/// A short drive through a hall, rendered with 320x240 px at 15 Hz, IMU at 200 Hz: 0.8 s at rest, then 1.5 m/s.
+struct SyntheticDrive
+{
+  StereoCalibration calibration;
+  std::vector<ImuSample> imu;
+  std::vector<StereoFrame> frames;
+  std::vector<Eigen::Isometry3d> T_world_body;  ///< at each sample of the IMU
+
+  static SyntheticDrive make(double duration_s);
+};
+
+/// Publishes a drive as the sensors of a vehicle do, in place of its drivers.
+class DriveOnGraph
+{
+public:
+  /// What is done to a message before it goes out; false: it does not.
+  struct Faults
+  {
+    std::function<bool(int camera, sensor_msgs::Image*)> image;
+    std::function<bool(sensor_msgs::Imu*)> imu;
+    std::function<void(int camera, sensor_msgs::CameraInfo*)> info;
+  };
+
+  explicit DriveOnGraph(SyntheticDrive drive);
+
+  const SyntheticDrive& drive() const { return drive_; }
+  /// IMU in base_link as tf has it.
+  static Eigen::Isometry3d T_base_body();
+  /// Waits until somebody listens to all sensors. @return false if nobody does.
+  bool waitForListeners(double timeout_s);
+  bool waitForNoListeners(double timeout_s);
+
+  /// Publishes the part [from_s, to_s) of the drive, `speed` times as fast as it was, then goes on with the next call.
+  /// @param later_s  added to all stamps.
+  void play(double from_s, double to_s, double speed, double later_s, const Faults& faults);
+  void play(double from_s, double to_s, double speed, double later_s = 0.0) { play(from_s, to_s, speed, later_s, {}); }
+  /// Until a condition holds, in steps of 0.2 s; then returns true. The end of the drive: false.
+  bool playUntil(double from_s, double speed, double later_s, const std::function<bool()>& condition,
+                 const Faults& faults);
+
+  sensor_msgs::CameraInfo info(int camera) const;
+
+private:
+  void publishInfo(const ros::Time& stamp, const Faults& faults);
+
+  const SyntheticDrive drive_;
+  ros::NodeHandle node_;
+  tf2_ros::StaticTransformBroadcaster tf_static_;
+  ros::Publisher imu_;
+  ros::Publisher images_[2];
+  ros::Publisher infos_[2];
+};
+
+/// Keeps what comes on a topic.
+template <typename Message>
+class Collector
+{
+public:
+  Collector(const std::string& topic, uint32_t queue_size)
+  {
+    subscriber_ = ros::NodeHandle().subscribe<Message>(
+        topic, queue_size,
+        [this](const boost::shared_ptr<const Message>& message)
+        {
+          std::lock_guard<std::mutex> lock(mutex_);
+          messages_.push_back(message);
+          changed_.notify_all();
+        },
+        ros::VoidConstPtr(), ros::TransportHints().tcpNoDelay());
+  }
+
+  std::vector<boost::shared_ptr<const Message>> messages() const
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    return messages_;
+  }
+  size_t count() const
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    return messages_.size();
+  }
+  void clear()
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    messages_.clear();
+  }
+  uint32_t publishers() const { return subscriber_.getNumPublishers(); }
+
+  /// @return true once a message fits, also one that came before.
+  bool waitFor(double timeout_s, const std::function<bool(const Message&)>& fits) const
+  {
+    std::unique_lock<std::mutex> lock(mutex_);
+    size_t looked_at = 0;
+    return changed_.wait_for(lock, std::chrono::duration<double>(timeout_s),
+                             [&]
+                             {
+                               for (; looked_at < messages_.size(); ++looked_at)
+                               {
+                                 if (fits(*messages_[looked_at]))
+                                 {
+                                   return true;
+                                 }
+                               }
+                               return false;
+                             });
+  }
+
+private:
+  mutable std::mutex mutex_;
+  mutable std::condition_variable changed_;
+  std::vector<boost::shared_ptr<const Message>> messages_;
+  ros::Subscriber subscriber_;  ///< last: its callbacks end before the rest
+};
+
+/// What nodes log.
+class LogCollector : public Collector<rosgraph_msgs::Log>
+{
+public:
+  LogCollector() : Collector("/rosout", 1000) {}
+  bool waitFor(double timeout_s, const std::string& part) const
+  {
+    return Collector::waitFor(
+        timeout_s, [&part](const rosgraph_msgs::Log& log) { return log.msg.find(part) != std::string::npos; });
+  }
+  /// Waits until the node under test is heard, beside this process itself.
+  bool waitForNode(double timeout_s) const;
+  /// All of it, for the message of a failed test.
+  std::string text() const;
+};
+
+/// Asks again and again. @return true once it holds.
+bool until(double timeout_s, const std::function<bool()>& condition);
+
+}  // namespace pi_slam

@@ -1,0 +1,503 @@
+#include <gtest/gtest.h>
+#include <pi_slam/imu_simulator.h>
+#include "renderer/stereo_renderer.h"
+#include "renderer/synthetic_world.h"
+#include "drives/vehicle_path.h"
+#include "odometry/vio.h"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <string>
+#include <vector>
+
+namespace pi_slam
+{
+namespace
+{
+
+/// A drive around the aisles of a hall at 1.5 m/s, 1 s at rest before and 4 s after, rendered once for all tests:
+/// 320x240 px at 15 Hz, IMU at 200 Hz.
+struct Drive
+{
+  StereoCalibration calibration = StereoCalibration::makeForwardPair(320, 240, 0.12);
+  SplineTrajectory trajectory;
+  std::vector<ImuSample> imu;
+  std::vector<StereoFrame> frames;
+
+  explicit Drive(const std::vector<StampedPose>& poses) : trajectory(SplineTrajectory::fit(poses))
+  {
+    imu = ImuSimulator(ImuSimulatorOptions()).simulate(trajectory, trajectory.startNs(), trajectory.endNs());
+    SyntheticWorldOptions world;
+    world.kind = WorldKind::HALL;
+    StereoRendererOptions options;
+    options.threads = 2;
+    options.supersampling = Supersampling::NONE;
+    StereoRenderer renderer(SyntheticWorld::build(world, poses), calibration, options);
+    for (int64_t stamp_ns = imu.front().stamp_ns; stamp_ns <= imu.back().stamp_ns; stamp_ns += 66666667)
+    {
+      frames.push_back(renderer.render(trajectory, stamp_ns));
+    }
+  }
+
+  static const Drive& instance()
+  {
+    static const Drive drive = []
+    {
+      VehiclePathOptions path;
+      path.shape = PathShape::HALL_LOOP;
+      path.duration_s = 16.0;
+      path.speed = 1.5;
+      path.start_standstill_s = 1.0;
+      path.end_standstill_s = 4.0;
+      return Drive(makeVehiclePath(path));
+    }();
+    return drive;
+  }
+
+  double seconds(int64_t stamp_ns) const { return 1e-9 * static_cast<double>(stamp_ns - imu.front().stamp_ns); }
+};
+
+/// A picture of the same size in which nothing is to be seen. (Assigning cv::Mat::zeros() to a matrix of the same size
+/// would write into the memory it shares with the drive.)
+cv::Mat black(const cv::Mat& picture)
+{
+  return cv::Mat(picture.size(), picture.type(), cv::Scalar(0));
+}
+
+/// What is done to the drive's data before the estimator sees it.
+struct Faults
+{
+  std::function<bool(double time_s, cv::Mat* left, cv::Mat* right, int64_t* stamp_ns)> pair;  ///< false: it is missing
+  std::function<bool(double time_s, ImuSample* sample)> imu;                                  ///< likewise
+};
+
+struct Outcome
+{
+  double time_s;
+  FrameReport report;
+  bool known = false;  ///< there is a pose
+  NavState state;
+  Matrix15d covariance = Matrix15d::Zero();
+  double error_m = 0.0;  ///< of its position, from where the truth was when the first pose came
+};
+
+VioOptions makeOptions()
+{
+  VioOptions options;
+  options.frame_budget_s = 0.0;
+  return options;
+}
+
+class VioTest : public ::testing::Test
+{
+protected:
+  /// Runs the drive through an estimator.
+  std::vector<Outcome> run(Vio* vio, const Faults& faults = Faults())
+  {
+    const Drive& drive = Drive::instance();
+    std::vector<Outcome> outcomes;
+    size_t next = 0;
+    for (const StereoFrame& frame : drive.frames)
+    {
+      Outcome outcome;
+      outcome.time_s = drive.seconds(frame.stamp_ns);
+      cv::Mat left = frame.left;
+      cv::Mat right = frame.right;
+      int64_t stamp_ns = frame.stamp_ns;
+      const bool present = !faults.pair || faults.pair(outcome.time_s, &left, &right, &stamp_ns);
+      while (next < drive.imu.size() && !vio->imuCovers(stamp_ns))
+      {
+        ImuSample sample = drive.imu[next++];
+        if (!faults.imu || faults.imu(drive.seconds(sample.stamp_ns), &sample))
+        {
+          const std::optional<PropagatedState> propagated = vio->addImu(sample);
+          propagated_ += propagated ? 1 : 0;
+          if (propagated)
+          {
+            EXPECT_TRUE(propagated->state.isFinite()) << "at " << outcome.time_s << " s";
+            EXPECT_TRUE(propagated->covariance.allFinite());
+          }
+        }
+        const std::string message = vio->imuMessage();
+        if (!message.empty())
+        {
+          imu_messages_.push_back(message);
+        }
+      }
+      if (!present)
+      {
+        continue;
+      }
+      outcome.report = vio->addPair(stamp_ns, left, right);
+      if (!outcome.report.message.empty())
+      {
+        messages_.push_back(outcome.report.message);
+      }
+      const std::optional<PropagatedState> corrected = vio->newestCorrected();
+      outcome.known =
+          corrected && outcome.report.status != VioStatus::LOST && outcome.report.status != VioStatus::INITIALIZING;
+      if (outcome.known)
+      {
+        outcome.state = corrected->state;
+        outcome.covariance = corrected->covariance;
+        EXPECT_TRUE(corrected->state.isFinite());
+        outcome.error_m = (positionInWorld(outcome.state, frame.stamp_ns)).norm();
+      }
+      outcomes.push_back(outcome);
+    }
+    return outcomes;
+  }
+
+  /// Error of a position; odom is laid over the world where the first pose came.
+  Eigen::Vector3d positionInWorld(const NavState& state, int64_t stamp_ns)
+  {
+    const Eigen::Isometry3d truth = Drive::instance().trajectory.at(stamp_ns).T_world_body;
+    if (!aligned_)
+    {
+      const Eigen::Matrix3d turn = truth.linear() * state.q.toRotationMatrix().transpose();
+      T_world_odom_.linear() =
+          Eigen::AngleAxisd(std::atan2(turn(1, 0) - turn(0, 1), turn(0, 0) + turn(1, 1)), Eigen::Vector3d::UnitZ())
+              .toRotationMatrix();
+      T_world_odom_.translation() = truth.translation() - T_world_odom_.linear() * state.p;
+      aligned_ = true;
+    }
+    return T_world_odom_ * state.p - truth.translation();
+  }
+
+  bool said(const std::string& part) const
+  {
+    return std::any_of(messages_.begin(), messages_.end(),
+                       [&](const std::string& message) { return message.find(part) != std::string::npos; });
+  }
+  std::string allMessages() const
+  {
+    std::string all;
+    for (const std::string& message : messages_)
+    {
+      all += message + "\n";
+    }
+    return all;
+  }
+
+  static double deviation(const Outcome& outcome)
+  {
+    return std::sqrt(outcome.covariance.topLeftCorner<3, 3>().trace());
+  }
+
+  size_t propagated_ = 0;
+  std::vector<std::string> messages_;
+  std::vector<std::string> imu_messages_;
+  bool aligned_ = false;
+  Eigen::Isometry3d T_world_odom_ = Eigen::Isometry3d::Identity();
+};
+
+const Outcome& at(const std::vector<Outcome>& outcomes, double time_s)
+{
+  return *std::min_element(outcomes.begin(), outcomes.end(),
+                           [&](const Outcome& a, const Outcome& b)
+                           { return std::abs(a.time_s - time_s) < std::abs(b.time_s - time_s); });
+}
+
+/// First time after from_s at which pictures correct the state again; infinite if they never do.
+double correctedAfter(const std::vector<Outcome>& outcomes, double from_s)
+{
+  for (const Outcome& outcome : outcomes)
+  {
+    if (outcome.time_s >= from_s && outcome.known && outcome.report.status != VioStatus::BLIND)
+    {
+      return outcome.time_s;
+    }
+  }
+  return std::numeric_limits<double>::infinity();
+}
+
+TEST_F(VioTest, FollowsADriveFromRestToRest)
+{
+  Vio vio(Drive::instance().calibration, makeOptions());
+  const std::vector<Outcome> outcomes = run(&vio);
+  const auto first = std::find_if(outcomes.begin(), outcomes.end(), [](const Outcome& o) { return o.known; });
+  ASSERT_NE(first, outcomes.end()) << allMessages();
+  EXPECT_LT(first->time_s, 1.5);
+  for (auto it = first; it != outcomes.end(); ++it)
+  {
+    ASSERT_TRUE(it->known) << "lost at " << it->time_s << " s: " << it->report.message;
+  }
+  // 15 m with a camera of 160 px focal length: 1 % is three times what is reached.
+  EXPECT_LT(outcomes.back().error_m, 0.15);
+  EXPECT_EQ(outcomes.back().report.status, VioStatus::STANDSTILL);
+  EXPECT_LT(outcomes.back().state.v.norm(), 1e-9);
+}
+
+TEST_F(VioTest, GivesAPosePerSampleOfTheImu)
+{
+  Vio vio(Drive::instance().calibration, makeOptions());
+  const std::vector<Outcome> outcomes = run(&vio);
+  const auto first = std::find_if(outcomes.begin(), outcomes.end(), [](const Outcome& o) { return o.known; });
+  ASSERT_NE(first, outcomes.end());
+  const double known_s = outcomes.back().time_s - first->time_s;
+  EXPECT_NEAR(static_cast<double>(propagated_), 200.0 * known_s, 5.0);
+}
+
+TEST_F(VioTest, TheSameInputGivesTheSameResult)
+{
+  std::vector<Outcome> runs[2];
+  for (std::vector<Outcome>& outcomes : runs)
+  {
+    Vio vio(Drive::instance().calibration, makeOptions());
+    outcomes = run(&vio);
+  }
+  ASSERT_EQ(runs[0].size(), runs[1].size());
+  for (size_t i = 0; i < runs[0].size(); ++i)
+  {
+    ASSERT_EQ(runs[0][i].known, runs[1][i].known);
+    EXPECT_EQ(runs[0][i].state.p, runs[1][i].state.p);
+  }
+}
+
+TEST_F(VioTest, StandsStillWithoutDrift)
+{
+  Vio vio(Drive::instance().calibration, makeOptions());
+  const std::vector<Outcome> outcomes = run(&vio);
+  const Outcome& early = at(outcomes, 14.5);
+  ASSERT_EQ(early.report.status, VioStatus::STANDSTILL) << toString(early.report.status);
+  EXPECT_LT((outcomes.back().state.p - early.state.p).norm(), 1e-3);
+}
+
+TEST_F(VioTest, DrivesOnInTheDark)
+{
+  Faults faults;
+  faults.pair = [](double time_s, cv::Mat* left, cv::Mat* right, int64_t*)
+  {
+    if (time_s > 5.0 && time_s < 7.5)
+    {
+      *left = black(*left);
+      *right = black(*right);
+    }
+    return true;
+  };
+  Vio vio(Drive::instance().calibration, makeOptions());
+  const std::vector<Outcome> outcomes = run(&vio, faults);
+  EXPECT_TRUE(said("without content")) << allMessages();
+  EXPECT_EQ(at(outcomes, 7.0).report.status, VioStatus::BLIND);
+  EXPECT_GT(deviation(at(outcomes, 6.2)), deviation(at(outcomes, 5.0)));
+  EXPECT_GT(deviation(at(outcomes, 7.4)), deviation(at(outcomes, 6.2)));
+  EXPECT_LT(correctedAfter(outcomes, 7.5), 8.0);
+  // 2.5 s by IMU alone: half of the accelerometer's bias error (0.05 m/s^2 at most) times the square.
+  EXPECT_LT(outcomes.back().error_m, 0.4);
+}
+
+TEST_F(VioTest, GoesOnWithOneCamera)
+{
+  for (int dark : {LEFT, RIGHT})
+  {
+    messages_.clear();
+    aligned_ = false;
+    Faults faults;
+    faults.pair = [dark](double time_s, cv::Mat* left, cv::Mat* right, int64_t*)
+    {
+      if (time_s > 5.0)
+      {
+        cv::Mat* const picture = dark == LEFT ? left : right;
+        *picture = black(*picture);
+      }
+      return true;
+    };
+    Vio vio(Drive::instance().calibration, makeOptions());
+    const std::vector<Outcome> outcomes = run(&vio, faults);
+    EXPECT_TRUE(said(dark == LEFT ? "left picture" : "right picture")) << allMessages();
+    EXPECT_TRUE(outcomes.back().known);
+    EXPECT_LT(correctedAfter(outcomes, 6.0), 8.0);
+    EXPECT_LT(outcomes.back().error_m, 0.5) << "camera " << dark;
+  }
+}
+
+TEST_F(VioTest, BridgesAGapOfTheImu)
+{
+  Faults faults;
+  faults.imu = [](double time_s, ImuSample*) { return time_s < 6.0 || time_s > 7.0; };
+  Vio vio(Drive::instance().calibration, makeOptions());
+  const std::vector<Outcome> outcomes = run(&vio, faults);
+  ASSERT_FALSE(imu_messages_.empty());
+  EXPECT_NE(imu_messages_.front().find("gap of 1.0"), std::string::npos) << imu_messages_.front();
+  EXPECT_LT(correctedAfter(outcomes, 7.0), 8.0);
+  EXPECT_LT(outcomes.back().error_m, 0.5) << allMessages();
+}
+
+TEST_F(VioTest, IsWhereItIsAfterALongGapOfTheImu)
+{
+  // At 1.5 m/s on, and braking from it to a standstill: what the samples at the ends of the gap do not tell.
+  for (const double begin_s : {6.0, 10.5})
+  {
+    messages_.clear();
+    imu_messages_.clear();
+    aligned_ = false;
+    const double end_s = begin_s + 3.5;
+    Faults faults;
+    faults.imu = [=](double time_s, ImuSample*) { return time_s < begin_s || time_s > end_s; };
+    Vio vio(Drive::instance().calibration, makeOptions());
+    const std::vector<Outcome> outcomes = run(&vio, faults);
+    ASSERT_FALSE(imu_messages_.empty());
+    EXPECT_NE(imu_messages_.front().find("gap of 3.5"), std::string::npos) << imu_messages_.front();
+    const Outcome& before = at(outcomes, begin_s - 0.1);
+    const Outcome& after = at(outcomes, end_s + 0.5);
+    EXPECT_TRUE(after.known) << allMessages();
+    EXPECT_LT(after.error_m, before.error_m + 0.15) << "gap from " << begin_s << " s: " << allMessages();
+    EXPECT_LT(after.error_m, 3.0 * deviation(after));
+    EXPECT_LT(outcomes.back().error_m, 0.5) << allMessages();
+  }
+}
+
+TEST_F(VioTest, GivesNoPoseBetweenALongGapOfTheImuAndTheNextPair)
+{
+  const Drive& drive = Drive::instance();
+  Vio vio(drive.calibration, makeOptions());
+  size_t next = 0;
+  for (const StereoFrame& frame : drive.frames)
+  {
+    if (drive.seconds(frame.stamp_ns) > 4.0)
+    {
+      break;
+    }
+    for (; next < drive.imu.size() && !vio.imuCovers(frame.stamp_ns); ++next)
+    {
+      vio.addImu(drive.imu[next]);
+    }
+    vio.addPair(frame.stamp_ns, frame.left, frame.right);
+  }
+  ASSERT_TRUE(vio.addImu(drive.imu[next]));
+  EXPECT_TRUE(vio.addImu(drive.imu[next + 20]));   // 0.1 s
+  EXPECT_FALSE(vio.addImu(drive.imu[next + 80]));  // 0.3 s
+  EXPECT_FALSE(vio.addImu(drive.imu[next + 81]));
+  const auto frame = std::find_if(drive.frames.begin(), drive.frames.end(),
+                                  [&](const StereoFrame& one) { return one.stamp_ns > drive.imu[next + 81].stamp_ns; });
+  for (next += 82; !vio.imuCovers(frame->stamp_ns); ++next)
+  {
+    EXPECT_FALSE(vio.addImu(drive.imu[next]));
+  }
+  vio.addPair(frame->stamp_ns, frame->left, frame->right);
+  EXPECT_TRUE(vio.addImu(drive.imu[next]));
+}
+
+TEST_F(VioTest, SurvivesPicturesStampedLate)
+{
+  Faults faults;
+  faults.pair = [](double time_s, cv::Mat*, cv::Mat*, int64_t* stamp_ns)
+  {
+    if (time_s > 5.0 && time_s < 6.5)
+    {
+      *stamp_ns += 200000000;
+    }
+    return time_s < 6.5 || time_s > 6.75;
+  };
+  Vio vio(Drive::instance().calibration, makeOptions());
+  const std::vector<Outcome> outcomes = run(&vio, faults);
+  EXPECT_TRUE(outcomes.back().known) << allMessages();
+  EXPECT_LT(correctedAfter(outcomes, 6.8), 9.5);
+  EXPECT_LT(outcomes.back().error_m, 0.8) << allMessages();
+}
+
+TEST_F(VioTest, IgnoresPairsAndSamplesOutOfOrder)
+{
+  const Drive& drive = Drive::instance();
+  Vio vio(drive.calibration, makeOptions());
+  run(&vio);
+  const FrameReport report =
+      vio.addPair(drive.frames.front().stamp_ns, drive.frames.front().left, drive.frames.front().right);
+  EXPECT_FALSE(report.processed);
+  EXPECT_NE(report.message.find("goes back"), std::string::npos) << report.message;
+  EXPECT_FALSE(vio.addImu(drive.imu.front()));
+  EXPECT_NE(vio.imuMessage().find("goes back"), std::string::npos);
+  EXPECT_TRUE(vio.newestCorrected());
+}
+
+TEST_F(VioTest, SaysThatThereIsNoImu)
+{
+  const Drive& drive = Drive::instance();
+  Vio vio(drive.calibration, makeOptions());
+  const FrameReport report =
+      vio.addPair(drive.frames.front().stamp_ns, drive.frames.front().left, drive.frames.front().right);
+  EXPECT_FALSE(report.processed);
+  EXPECT_NE(report.message.find("imu/data"), std::string::npos) << report.message;
+}
+
+TEST_F(VioTest, IgnoresSamplesThatAreNotFinite)
+{
+  const Drive& drive = Drive::instance();
+  Vio vio(drive.calibration, makeOptions());
+  ImuSample sample = drive.imu.front();
+  sample.w.x() = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_FALSE(vio.addImu(sample));
+  EXPECT_NE(vio.imuMessage().find("not finite"), std::string::npos);
+  EXPECT_FALSE(vio.imuCovers(sample.stamp_ns));
+}
+
+TEST_F(VioTest, BeginsAnewAfterReset)
+{
+  Vio vio(Drive::instance().calibration, makeOptions());
+  const std::vector<Outcome> first = run(&vio);
+  ASSERT_TRUE(first.back().known);
+  vio.reset();
+  aligned_ = false;
+  // The same drive, with stamps that begin before the last ones.
+  const std::vector<Outcome> second = run(&vio);
+  ASSERT_EQ(first.size(), second.size());
+  EXPECT_FALSE(second.front().known);
+  EXPECT_TRUE(second.back().known) << allMessages();
+  EXPECT_NEAR((first.back().state.p - second.back().state.p).norm(), 0.0, 1e-9);
+}
+
+TEST_F(VioTest, DoesLessRatherThanFallBehind)
+{
+  VioOptions options = makeOptions();
+  options.frame_budget_s = 1e-6;  // no machine is as fast
+  Vio vio(Drive::instance().calibration, options);
+  const std::vector<Outcome> outcomes = run(&vio);
+  EXPECT_TRUE(outcomes.back().report.reduced);
+  EXPECT_TRUE(outcomes.back().known);
+  EXPECT_LT(outcomes.back().report.features, options.tracker.max_features / 2);
+  EXPECT_LT(outcomes.back().error_m, 0.5);
+}
+
+TEST_F(VioTest, OffersKeyframesWithLandmarksInView)
+{
+  const Drive& drive = Drive::instance();
+  Vio vio(drive.calibration, makeOptions());
+  size_t keyframes = 0;
+  size_t landmarks = 0;
+  vio.setKeyframeCallback(
+      [&](const MapFrame& frame)
+      {
+        ++keyframes;
+        landmarks += frame.landmarks.size();
+        for (const MapFrame::Landmark& landmark : frame.landmarks)
+        {
+          const std::optional<Eigen::Vector2d> pixel =
+              drive.calibration.left.model.project(drive.calibration.left.T_body_camera.inverse() * landmark.p_body);
+          ASSERT_TRUE(pixel);
+          EXPECT_LT((*pixel - landmark.pixel.cast<double>()).norm(), 10.0);
+        }
+      });
+  run(&vio);
+  EXPECT_GT(keyframes, 10u);
+  EXPECT_GT(landmarks, 30 * keyframes);
+}
+
+TEST(VioOptions, NameFieldValueAndBound)
+{
+  VioOptions options;
+  options.max_blind_s = 0.0;
+  try
+  {
+    Vio vio(StereoCalibration::makeForwardPair(320, 240, 0.12), options);
+    FAIL() << "was accepted";
+  }
+  catch (const std::invalid_argument& error)
+  {
+    EXPECT_STREQ(error.what(), "vio/max_blind_s = 0, must be in [0.5, 60]");
+  }
+}
+
+}  // namespace
+}  // namespace pi_slam
