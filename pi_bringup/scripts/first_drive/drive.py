@@ -84,7 +84,7 @@ class Drive:
             _, finished = events.next(is_finished, "the recording to end")
         self.played_s = time.monotonic() - start
         self.published = finished["published"]
-        self.lateness = finished["lateness"]
+        self.lateness = finished["lateness_ms"]
 
         # What is still under way has arrived once the monitor has everything, or nothing new between two reports.
         counts, previous = None, {}
@@ -99,7 +99,7 @@ class Drive:
 
     def as_dict(self):
         return {"transport": self.title, "preload": str(self.preload or ""), "played_s": self.played_s,
-                "published": self.published, "lateness": self.lateness, "monitor": self.monitor,
+                "published": self.published, "lateness_ms": self.lateness, "monitor": self.monitor,
                 "links": [dict(zip(("topic", "publisher", "subscriber", "transport"), link)) for link in self.links],
                 "cpu_s": self.cpu_s, "memory_mb": self.memory, "bag": self.bag_counts, "rospy_peer": self.peer,
                 "pictures": [path.name for path in self.pictures]}

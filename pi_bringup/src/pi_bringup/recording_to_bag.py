@@ -9,7 +9,9 @@ signal that ended it.
 """
 
 import argparse
+import contextlib
 import hashlib
+import itertools
 import math
 import os
 import signal
@@ -21,6 +23,8 @@ import genpy
 import numpy
 import rosbag
 import rosgraph
+import roslib.packages
+import rospkg
 from geometry_msgs.msg import PoseStamped, Quaternion, TransformStamped, Vector3
 from nav_msgs.msg import Odometry, Path as PathMessage
 from sensor_msgs.msg import CameraInfo, Image, Imu
@@ -264,6 +268,7 @@ class VideoInput:
                 if Path("%s.gz" % path).is_file() else \
                 "install the Debian package opencv-doc for the default video, or name another file or a EuRoC folder"
             raise RecordingError("video %s: no such file; %s" % (path, way_out))
+        cv2.setLogLevel(0)  # what it prints otherwise names no way out
         self._capture = cv2.VideoCapture(str(path))
         self.rate_hz = options.frame_rate or self._capture.get(cv2.CAP_PROP_FPS)
         self._size = [round(self._capture.get(one)) for one in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)]
@@ -276,17 +281,15 @@ class VideoInput:
 
     def messages(self):
         info = nominal_camera_info(*self._size, self.options.fov, self.options.left_frame)
-        end_s = self.options.start + self.options.duration if self.options.duration else math.inf
-        index = 0
-        while index / self.rate_hz < end_s:
-            read, pixels = self._capture.read()
+        start_ns, duration_ns = round(self.options.start * 1e9), round(self.options.duration * 1e9) or math.inf
+        for index in itertools.count():
+            film_ns = round(index / self.rate_hz * 1e9) - start_ns
+            read, pixels = self._capture.read() if film_ns < duration_ns else (False, None)
             if not read:
                 break
-            film_s = index / self.rate_hz - self.options.start
-            index += 1
-            if film_s < 0.0:
+            if film_ns < 0:
                 continue
-            stamp = self.begin_ns + round(film_s * 1e9)
+            stamp = self.begin_ns + film_ns
             self.end_ns = stamp + round(1e9 / self.rate_hz)
             yield stamp, "left/image_raw", image_message(pixels, self.options.left_frame)
             yield stamp, "left/camera_info", info
@@ -344,15 +347,16 @@ def write_bag(source, target, options, progress=lambda seconds: None):
     finally:
         if partial.exists():
             if bag is not None and bag._file is not None:
-                bag._file.close()  # not bag.close(), which would write the index
+                with contextlib.suppress(OSError):
+                    bag._file.close()  # not bag.close(), which would write the index
                 bag._file = None
             partial.unlink()
     return counts
 
 
 def open_input(options):
-    return VideoInput(options) if Path(options.input).is_file() or not (
-        Path(options.input).is_dir() or "." not in Path(options.input).name) else EurocInput(options)
+    path = Path(options.input)
+    return EurocInput(options) if path.is_dir() or not (path.is_file() or path.suffix) else VideoInput(options)
 
 
 # ------------------------------------------------------------------------------------------------------------------ play
@@ -398,7 +402,11 @@ def play(options, arguments):
     except (rosbag.ROSBagException, OSError) as error:
         raise RecordingError("%s: not readable as a bag: %s; convert the recording again, or try rosbag reindex" %
                              (bag, error)) from None
-    os.execvp("rosbag", ["rosbag", "play", "--quiet", "--delay", "0", *arguments, str(bag)])
+    # The program itself: `rosbag play` would wait for it as long as it plays.
+    program = roslib.packages.find_node("rosbag", "play", rospkg.RosPack())
+    if not program:
+        raise RecordingError("rosbag has no program play; run: apt-get install python3-rosbag")
+    os.execv(program[0], [program[0], "--quiet", "--delay=0", *arguments, str(bag)])
 
 
 # ------------------------------------------------------------------------------------------------------------------ main
@@ -421,11 +429,12 @@ def numbers(text):
     return [float(word) for word in text.strip("[]").replace(",", " ").split()]
 
 
-def parser():
+def parser(playing):
     made = argparse.ArgumentParser(prog="recording_to_bag", description=__doc__, allow_abbrev=False,
                                    formatter_class=argparse.RawDescriptionHelpFormatter)
     made.add_argument("input", metavar="INPUT")
-    made.add_argument("bag", metavar="BAG", nargs="?")
+    if not playing:
+        made.add_argument("bag", metavar="BAG")
     made.add_argument("--play", action="store_true", help="play it, see above")
     made.add_argument("-f", "--force", action="store_true", help="replace BAG if it exists")
     made.add_argument("-n", "--namespace", default="/", help="of the topics")
@@ -446,12 +455,10 @@ def parser():
 
 def main(arguments=None):
     arguments = sys.argv[1:] if arguments is None else arguments
-    command_line = parser()
+    command_line = parser("--play" in arguments)
     options, others = command_line.parse_known_args(arguments)
-    if options.play and options.bag:
-        others, options.bag = [options.bag, *others], None
-    if not options.play and (others or not options.bag):
-        command_line.error("unknown: %s" % " ".join(others) if others else "name the bag to write")
+    if others and not options.play:
+        command_line.error("unknown: %s" % " ".join(others))
 
     def interrupt(number, _):
         sys.exit(128 + number)

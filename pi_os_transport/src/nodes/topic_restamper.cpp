@@ -17,6 +17,8 @@
 #include <utility>
 #include <vector>
 
+#include "../stamp_map.h"
+
 namespace pi_os_transport
 {
 
@@ -31,9 +33,9 @@ struct RawMessage
     std::memcpy(words, bytes.data() + position, sizeof(words));
     return int64_t{words[0]} * 1000000000 + words[1];
   }
-  void setStampAt(size_t position, const ros::Time& stamp)
+  void setStampAt(size_t position, int64_t stamp_ns)
   {
-    const uint32_t words[2] = {stamp.sec, stamp.nsec};
+    const uint32_t words[2] = {static_cast<uint32_t>(stamp_ns / 1000000000), static_cast<uint32_t>(stamp_ns % 1000000000)};
     std::memcpy(bytes.data() + position, words, sizeof(words));
   }
 };
@@ -94,8 +96,6 @@ namespace
 
 constexpr size_t HEADER_STAMP_AT = 4;  ///< behind header.seq
 constexpr size_t TF_STAMP_AT = 8;      ///< of the first transform: behind the number of transforms and its header.seq
-constexpr size_t REMEMBERED_STAMPS = 1000;
-constexpr int64_t MIN_LAP_NS = 100000000;
 constexpr uint32_t QUEUE_SIZE = 200;
 const char* const BORDER_TOPIC = "recording_border";
 const ros::WallDuration POLL(0.1);    // the parameter server tells nobody of what is new
@@ -103,10 +103,10 @@ const ros::WallDuration LINGER(0.5);  // a node that shuts down drops what is st
 
 struct RestamperOptions
 {
-  std::string player = "recording";  ///< node of rosbag play; its parameter `topics` tells what it will send
-  std::string prefix = "/recorded";  ///< what it puts before its topics
-  bool stamp_at_handover = false;    ///< stamp: moment of publishing, one for all that was recorded together
-  bool loop = false;                 ///< the end of the bag is not the end
+  std::string recording = "recording";  ///< node of rosbag play; its parameter `topics` tells what it will send
+  std::string prefix = "/recorded";     ///< what it puts before its topics
+  bool stamp_at_handover = false;       ///< stamp: moment of publishing, one for all that was recorded together
+  bool loop = false;                    ///< the end of the bag is not the end
   bool exit_when_done = true;
   std::vector<std::string> wait_for_subscribers;  ///< "topic" or "topic /node"; topic "*": all that are counted
 
@@ -120,7 +120,7 @@ struct RestamperOptions
         throw std::invalid_argument("parameter " + node.resolveName(name) + " has the wrong type, see README.md");
       }
     };
-    get("player", &options.player);
+    get("recording", &options.recording);
     get("prefix", &options.prefix);
     get("stamp_at_handover", &options.stamp_at_handover);
     get("loop", &options.loop);
@@ -128,51 +128,6 @@ struct RestamperOptions
     get("wait_for_subscribers", &options.wait_for_subscribers);
     return options;
   }
-};
-
-/// Maps recorded stamps to stamps of now. Topics of one recording may arrive in any order among each other.
-class StampMap
-{
-public:
-  explicit StampMap(bool at_handover) : at_handover_(at_handover) {}
-
-  ros::Time stampOf(int64_t recorded_ns)
-  {
-    const auto now_ns = static_cast<int64_t>(ros::WallTime::now().toNSec());
-    const int64_t half_ns = std::max(last_lap_ns_, latest_ns_ - first_ns_) / 2 + MIN_LAP_NS;
-    if (latest_ns_ < 0 || recorded_ns < latest_ns_ - half_ns)
-    {
-      last_lap_ns_ = latest_ns_ < 0 ? 0 : latest_ns_ - first_ns_;
-      last_offset_ns_ = std::exchange(offset_ns_, now_ns - recorded_ns);
-      first_ns_ = latest_ns_ = recorded_ns;
-      handovers_.clear();
-    }
-    const bool of_last_lap = last_lap_ns_ > 0 && recorded_ns > latest_ns_ + half_ns;
-    int64_t stamp_ns = recorded_ns + (of_last_lap ? last_offset_ns_ : offset_ns_);
-    lateness_ns_ = std::max<int64_t>(0, now_ns - stamp_ns);
-    latest_ns_ = of_last_lap ? latest_ns_ : std::max(latest_ns_, recorded_ns);
-    if (at_handover_)
-    {
-      stamp_ns = handovers_.emplace(recorded_ns, now_ns).first->second;
-      if (handovers_.size() > REMEMBERED_STAMPS)
-      {
-        handovers_.erase(handovers_.begin());
-      }
-    }
-    return ros::Time(static_cast<uint32_t>(stamp_ns / 1000000000), static_cast<uint32_t>(stamp_ns % 1000000000));
-  }
-
-  int64_t latenessNs() const { return lateness_ns_; }  ///< of the last stamp, behind the first one of its lap
-
-private:
-  const bool at_handover_;
-  int64_t first_ns_ = 0;    ///< recorded, of this lap
-  int64_t latest_ns_ = -1;  ///< likewise; -1: none yet
-  int64_t offset_ns_ = 0;   ///< recorded stamp to stamp of now
-  int64_t last_lap_ns_ = 0;
-  int64_t last_offset_ns_ = 0;
-  int64_t lateness_ns_ = 0;
-  std::map<int64_t, int64_t> handovers_;  ///< recorded stamp to moment of publishing
 };
 
 /// Everything runs in the thread of ros::spin().
@@ -210,18 +165,13 @@ private:
     {
       start();
     }
-    else if (!finished_ && std::none_of(topics_.begin(), topics_.end(), [](const auto& entry)
-                                        { return entry.second.subscriber.getNumPublishers() > 0; }))
-    {
-      finish();  // the player is gone
-    }
   }
 
   /// Reads what the player wrote to the parameter server before it started, if it has.
   void advertise()
   {
     XmlRpc::XmlRpcValue topics;
-    if (!node_.getParam(options_.player + "/topics", topics))
+    if (!node_.getParam(options_.recording + "/topics", topics))
     {
       return;
     }
@@ -301,7 +251,7 @@ private:
     }
     std_srvs::SetBool pause;
     pause.request.data = 0;
-    if (!missing.empty() || !ros::service::call(options_.player + "/pause_playback", pause))
+    if (!missing.empty() || !ros::service::call(options_.recording + "/pause_playback", pause))
     {
       ROS_INFO_STREAM_DELAYED_THROTTLE_NAMED(5, "restamper", "still waiting for links:" << missing);
       return;
@@ -322,8 +272,8 @@ private:
     }
     if (topic->stamp_at != 0 && message->bytes.size() >= topic->stamp_at + 8)
     {
-      const ros::Time stamp = stamps_.stampOf(message->stampAt(topic->stamp_at));
-      message->setStampAt(topic->stamp_at, stamp);
+      const auto now_ns = static_cast<int64_t>(ros::WallTime::now().toNSec());
+      message->setStampAt(topic->stamp_at, stamps_.stampOf(message->stampAt(topic->stamp_at), now_ns));
       lateness_sum_ns_ += static_cast<double>(stamps_.latenessNs());
       lateness_max_ns_ = std::max(lateness_max_ns_, stamps_.latenessNs());
       ++stamped_;
