@@ -30,7 +30,9 @@ endif
 help:
 	@echo 'make demo         the vehicle drives from A to B in a rendered campus, over π-OS and over TCPROS; a report'
 	@echo 'make demo-recording  a recording or a video through π-OS and through TCPROS, with a report'
-	@echo 'make check        all tests; the last line counts them'
+	@echo 'make check        all tests; the last line counts them. PACKAGE=pi_slam: those of one package'
+	@echo 'make test         tests whose name matches a regular expression: PATTERN=vio'
+	@echo 'make soak         all tests, the statistical and soak tests in their long form'
 	@echo 'make bench        π-OS beside stock TCPROS: latency, throughput, CPU, memory'
 	@echo 'make bench-devices  the same between devices, which are network namespaces: needs root'
 	@echo 'make bench-runtime  the runtime beside StarPU, plain OpenCL and a static map: latency, idle cost, deadlines'
@@ -46,31 +48,39 @@ help:
 dependencies:
 	@scripts/install_dependencies
 
-# Configured again when the list of packages changes: a library that was missing may be there now.
+# Configured again when the list of packages changes: a library that was missing may be there now. Another generator's
+# files are removed: CMake would refuse them.
 $(BUILD)/.configured: Makefile dependencies.txt | dependencies
 	@mkdir -p $(BUILD)
+	@grep -qs '^CMAKE_GENERATOR:INTERNAL=Ninja$$' $(BUILD)/CMakeCache.txt || rm -rf $(BUILD)/CMakeCache.txt $(BUILD)/CMakeFiles
 	@launcher=$$(command -v ccache || true); \
-	cmake -S . -B $(BUILD) -DCMAKE_BUILD_TYPE=Release -DCMAKE_INSTALL_PREFIX=$(INSTALL) \
+	cmake -G Ninja -S . -B $(BUILD) -DCMAKE_BUILD_TYPE=Release -DCMAKE_INSTALL_PREFIX=$(INSTALL) \
 	  -DPYTHON_EXECUTABLE=/usr/bin/python3 -DCMAKE_CXX_COMPILER_LAUNCHER=$$launcher
 	@touch $@
 
-# MAKEFLAGS: cmake starts a make of its own with its own number of jobs.
 .PHONY: compile
 compile: $(BUILD)/.configured
-	@MAKEFLAGS=--no-print-directory cmake --build $(BUILD) --parallel $(JOBS)
+	@cmake --build $(BUILD) --parallel $(JOBS)
 
 .PHONY: build
 build: compile
 	@scripts/install_if_changed $(CURDIR) $(BUILD) $(INSTALL)
 
+# Tests wait more than they compute: a few run at once. Those that measure time have a turn of their own (RUN_SERIAL).
+TEST_JOBS ?= $(shell expr $$(nproc) + 1)
 .PHONY: check
-check: compile
-	@MAKEFLAGS=--no-print-directory cmake --build $(BUILD) --parallel $(JOBS) --target tests
-	@scripts/install_if_changed $(CURDIR) $(BUILD) $(INSTALL)
-	@rm -rf $(BUILD)/test_results && mkdir -p $(BUILD)/test_results
-	@. $(BUILD)/devel/setup.sh && \
-	  { ctest --test-dir $(BUILD) --output-on-failure </dev/null; ctest_status=$$?; \
-	    scripts/summarise_tests $(BUILD)/test_results && exit $$ctest_status; }
+check: $(BUILD)/.configured
+	@scripts/run_tests --build $(BUILD) --install $(INSTALL) --jobs $(JOBS) --test-jobs $(TEST_JOBS) \
+	  --package "$(PACKAGE)" $(ARGS)
+
+.PHONY: test
+test: $(BUILD)/.configured
+	@scripts/run_tests --build $(BUILD) --install $(INSTALL) --jobs $(JOBS) --test-jobs $(TEST_JOBS) \
+	  --package "$(PACKAGE)" --pattern "$(PATTERN)" $(ARGS)
+
+.PHONY: soak
+soak: export PI_EDGE_SOAK := 1
+soak: check
 
 .PHONY: demo
 demo: build
@@ -100,7 +110,7 @@ conformance: build
 # From the build space: the nodes are test programs.
 .PHONY: chaos
 chaos: compile
-	@MAKEFLAGS=--no-print-directory cmake --build $(BUILD) --parallel $(JOBS) \
+	@cmake --build $(BUILD) --parallel $(JOBS) \
 	  --target pi_os_transport pi_os_transport_test_peer pi_os_transport_test_clock
 	@. $(BUILD)/devel/setup.sh && exec pi_os_transport/test/chaos.py $(ARGS)
 
