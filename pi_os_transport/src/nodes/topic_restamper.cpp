@@ -17,7 +17,7 @@
 #include <utility>
 #include <vector>
 
-#include "../stamp_map.h"
+#include "../topic_restamper/stamp_map.h"
 
 namespace pi_os_transport
 {
