@@ -43,12 +43,14 @@ class SimulatedTime(unittest.TestCase):
         lap = [FIRST_NS + i * SAMPLE_PERIOD_NS for i in range(SAMPLES)]
         self.assertEqual(lap + lap[:10], stamps)
 
-        ticks = [clocks.get(timeout=TIMEOUT_S).clock.to_nsec() for _ in range(50)]
+        ticks = [clocks.get(timeout=TIMEOUT_S).clock.to_nsec()]
+        while len(ticks) < 50 or not any(after < before for before, after in zip(ticks, ticks[1:])):  # a second lap
+            ticks.append(clocks.get(timeout=TIMEOUT_S).clock.to_nsec())
+            self.assertLess(len(ticks), 10000)
         begin = FIRST_NS - LEAD_NS
         end = begin + (SAMPLES - 1) * SAMPLE_PERIOD_NS + PICTURE_PERIOD_NS
         self.assertTrue(all(begin <= tick <= end + TICK_NS for tick in ticks), ticks)
         steps = [after - before for before, after in zip(ticks, ticks[1:])]
-        self.assertTrue(any(step < 0 for step in steps), steps)
         self.assertTrue(all(step != 0 or tick == begin for step, tick in zip(steps, ticks)), ticks)  # stands while paused
         clock_subscriber.unregister()
         sample_subscriber.unregister()

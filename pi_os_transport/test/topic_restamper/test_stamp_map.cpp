@@ -23,8 +23,8 @@ TEST(StampMap, KeepsRecordedDistancesToTheNanosecond)
 {
   StampMap stamps(false);
   stamps.stampOf(RECORDED, NOW);
-  EXPECT_EQ(NOW + 10000000000000001LL, stamps.stampOf(RECORDED + 10000000000000001LL, NOW + 7));
   EXPECT_EQ(NOW + 5 * MS, stamps.stampOf(RECORDED + 5 * MS, NOW + 900 * MS));
+  EXPECT_EQ(NOW + 10000000000000001LL, stamps.stampOf(RECORDED + 10000000000000001LL, NOW + 7));
 }
 
 TEST(StampMap, KeepsTheDistanceOfWhatComesAgainstTheOrder)
