@@ -372,7 +372,7 @@ def measure(options, output):
         processes.start_master(started, output, stock=options.tcpros)
         graph = Graph(started.environment)
         import roslib.packages
-        model = read_model(roslib.packages.get_pkg_dir("pi_bringup"))
+        model = read_model(roslib.packages.get_pkg_dir("pi_vehicle"))
         bench = Bench(started, graph, options, output)
         for number, row in enumerate(rows, 1):
             print("[%d/%d] %s" % (number, len(rows), row.name), file=sys.stderr, flush=True)

@@ -28,7 +28,7 @@ import rospkg
 from geometry_msgs.msg import PoseStamped, Quaternion, TransformStamped, Vector3
 from nav_msgs.msg import Odometry, Path as PathMessage
 from sensor_msgs.msg import CameraInfo, Image, Imu
-from std_msgs.msg import Empty
+from std_msgs.msg import Bool
 from tf2_msgs.msg import TFMessage
 
 from pi_bringup import euroc
@@ -36,7 +36,7 @@ from pi_bringup.euroc import RecordingError
 
 BODY_IN_BASE = [0.0, 0.0, 0.0, 0.70710678, 0.0, 0.70710678, 0.0]  # EuRoC's MAVs: body x up, y right, z forward
 VIDEO_START_NS = 10 ** 9      # a video has no recorded time, and a bag has no time 0
-# std_msgs/Empty at begin and end, for topic_restamper. rosbag play reads the file while it is at the first one, so that
+# std_msgs/Bool, true at the begin and false at the end, for topic_restamper. rosbag play reads the file while it is at the first one, so that
 # what follows is in time. The last one makes a lap of a loop as long as it takes to the next picture.
 BORDER_TOPIC, LEAD_NS = "recording_border", 10000000
 PATH_PERIOD_NS = 200000000    # the path is one message with all its poses: more often would only cost
@@ -323,7 +323,7 @@ def write_bag(source, target, options, progress=lambda seconds: None):
     try:
         bag = rosbag.Bag(str(partial), "w", compression=options.compression)
         prefix = options.namespace.rstrip("/") + "/"
-        bag.write(prefix + BORDER_TOPIC, Empty(), time_of(source.begin_ns - LEAD_NS))
+        bag.write(prefix + BORDER_TOPIC, Bool(True), time_of(source.begin_ns - LEAD_NS))
         for stamp, topic, message in source.messages():
             name = topic if topic.startswith("/") else prefix + topic
             counts[name] = counts.get(name, 0) + 1
@@ -337,7 +337,7 @@ def write_bag(source, target, options, progress=lambda seconds: None):
         if not any("/image_raw" in topic for topic in counts) and source.skipped:
             raise RecordingError("none of %d pictures can be read, the first: %s; copy the recording again" %
                                  (source.skipped, source.first_skip))
-        bag.write(prefix + BORDER_TOPIC, Empty(), time_of(source.end_ns - LEAD_NS))
+        bag.write(prefix + BORDER_TOPIC, Bool(False), time_of(source.end_ns - LEAD_NS))
         bag.close()
         os.replace(partial, target)
     except OSError as error:

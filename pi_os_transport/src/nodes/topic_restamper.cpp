@@ -97,7 +97,7 @@ namespace
 constexpr size_t HEADER_STAMP_AT = 4;  ///< behind header.seq
 constexpr size_t TF_STAMP_AT = 8;      ///< of the first transform: behind the number of transforms and its header.seq
 constexpr uint32_t QUEUE_SIZE = 200;
-const char* const BORDER_TOPIC = "recording_border";
+const char* const BORDER_TOPIC = "recording_border";  // std_msgs/Bool: true at the begin, false at the end
 const ros::WallDuration POLL(0.1);    // the parameter server tells nobody of what is new
 const ros::WallDuration LINGER(0.5);  // a node that shuts down drops what is still in its queues
 
@@ -171,7 +171,8 @@ private:
   void advertise()
   {
     XmlRpc::XmlRpcValue topics;
-    if (!node_.getParam(options_.recording + "/topics", topics))
+    if (!node_.getParam(options_.recording + "/topics", topics) ||
+        topics.getType() != XmlRpc::XmlRpcValue::TypeArray)
     {
       return;
     }
@@ -264,9 +265,10 @@ private:
   {
     if (!topic->publisher)
     {
-      if (!options_.loop && stamped_ > 0)
+      const bool begins = !message->bytes.empty() && message->bytes.front() != 0;
+      if (!options_.loop && !begins)
       {
-        finish();  // the end of the recording
+        finish();
       }
       return;
     }
