@@ -1,7 +1,7 @@
 // Processor time of the renderer per stereo pair, without writing pictures. Run: bench_renderer [--picture FILE.png]
 
-#include "renderer/stereo_renderer.h"
 #include "drives/vehicle_path.h"
+#include "renderer/stereo_renderer.h"
 
 #include <boost/program_options.hpp>
 #include <chrono>

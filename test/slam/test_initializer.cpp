@@ -15,8 +15,8 @@
 #include <opencv2/imgcodecs.hpp>
 #include <sstream>
 
-#include "simulated_features.h"
-#include "temporary_folder.h"
+#include "estimator/simulated_features.h"
+#include "message_of.h"
 
 using namespace pi_slam;
 

@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <pi_node/test_support/temporary_folder.h>
 #include <pi_runtime/runtime.h>
 #include "map/mapper.h"
 #include "renderer/stereo_renderer.h"
@@ -13,12 +14,13 @@
 #include <map>
 #include <opencv2/imgcodecs.hpp>
 
-#include "temporary_folder.h"
+#include "message_of.h"
 
 namespace
 {
 
 using namespace pi_slam;
+using pi_node::test_support::TemporaryFolder;
 
 constexpr int64_t SECOND_ROUND_NS = 1000000000000LL;
 
@@ -222,7 +224,7 @@ TEST_F(Street, JoinsWhatCameAfterAResetByAKnownPlaceOnly)
 TEST_F(Street, StartsLocalizedInALoadedMapFromAnotherHeading)
 {
   const TemporaryFolder folder;
-  const std::string file = (folder.path() / "street.map").string();
+  const std::string file = folder.path() + "/street.map";
   {
     Mapper mapper(calibration_, testOptions());
     drive(&mapper);
@@ -349,7 +351,7 @@ TEST_F(Street, IsPutSomewhereAfterAResetWithoutTheWayBefore)
 TEST_F(Street, RecognisedPlacesOfAFileOverrideWhatIsSaid)
 {
   const TemporaryFolder folder;
-  const std::string file = (folder.path() / "street.map").string();
+  const std::string file = folder.path() + "/street.map";
   {
     Mapper mapper(calibration_, testOptions());
     drive(&mapper);
@@ -395,7 +397,7 @@ TEST_F(Street, KeepsItsMapIfAFileCannotBeLoaded)
   Mapper mapper(calibration_, testOptions());
   mapper.add(frames_[0]);
   mapper.add(frames_[3]);
-  const std::string file = (folder.path() / "a.map").string();
+  const std::string file = folder.path() + "/a.map";
   mapper.save(file);
   std::string content;
   {
@@ -405,7 +407,7 @@ TEST_F(Street, KeepsItsMapIfAFileCannotBeLoaded)
   content[content.size() / 2] = static_cast<char>(content[content.size() / 2] ^ 4);
   EXPECT_THROW(mapper.load(folder.file("damaged.map", content)), MapError);
   EXPECT_THROW(mapper.load(folder.file("short.map", content.substr(0, 1000))), MapError);
-  EXPECT_THROW(mapper.load((folder.path() / "missing.map").string()), MapError);
+  EXPECT_THROW(mapper.load(folder.path() + "/missing.map"), MapError);
   EXPECT_EQ(2u, mapper.statistics().keyframes);
   EXPECT_FALSE(mapper.statistics().loaded);
   Mapper other(StereoCalibration::makeForwardPair(752, 480), testOptions());
@@ -554,12 +556,12 @@ TEST(Recording, IsNeverPutInAWrongPlaceOfItsOwnMap)
   {
     first.add(frames[i]);
   }
-  first.save((folder.path() / "half.map").string());
+  first.save(folder.path() + "/half.map");
   int localized = 0;
   for (size_t begin = frames.size() / 2; begin + 5 < frames.size(); begin += 3)
   {
     Mapper mapper(calibration, options);
-    mapper.load((folder.path() / "half.map").string());
+    mapper.load(folder.path() + "/half.map");
     const Eigen::Isometry3d T_odom_map = Eigen::Translation3d(3.0, -7.0, 1.0) * turnZ(77.0);
     for (size_t i = begin; i < begin + 5; ++i)
     {

@@ -62,9 +62,10 @@ class Observer:
         from actionlib_msgs.msg import GoalStatusArray
         from diagnostic_msgs.msg import DiagnosticArray
         from nav_msgs.msg import Odometry
-        from pi_vehicle.msg import (ArbiterState, CommandState, DriveActionFeedback, DriveActionResult,
-                                    LocalisationState, MotionCommand, PlayedSound, PowerState, ReactionEvent,
-                                    VehicleState)
+        from pi_simulation.msg import PlayedSound
+        from pi_vehicle.msg import (ArbiterState, CommandState, DriveActionFeedback,
+                                    DriveActionResult, LocalisationState, MotionCommand, PowerState,
+                                    ReactionEvent, VehicleState)
         from pi_speech.msg import VoiceCommand
         from rosgraph_msgs.msg import Log
         from std_msgs.msg import String

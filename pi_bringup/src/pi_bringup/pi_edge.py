@@ -9,6 +9,7 @@ import json
 import os
 import sys
 
+from pi_bringup import new_service
 from pi_bringup.doctor import calibration, computer, devices, live, network, software
 from pi_bringup.doctor.result import FAIL, run_check, worst
 
@@ -69,7 +70,7 @@ def checks(options):
 
 
 def parse(arguments):
-    parser = argparse.ArgumentParser(prog="pi_edge", description="Looks after the vehicle's computer.")
+    parser = argparse.ArgumentParser(prog="pi_edge", description="Looks after the vehicle's computer; begins new services.")
     commands = parser.add_subparsers(dest="command", required=True)
     doctor = commands.add_parser("doctor", help="checks sensors, clocks, rights, models, network, and says what to do",
                                  description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -86,6 +87,11 @@ def parse(arguments):
                         "vehicle's sensors; may be repeated")
     doctor.add_argument("--only", action="append", metavar="NAME", help="checks whose name holds this; may be repeated")
     doctor.add_argument("--json", action="store_true", help="a JSON object in place of lines")
+    new = commands.add_parser("new", help="begins a package").add_subparsers(dest="what", required=True)
+    service = new.add_parser("service", help="a working package outside the suite, which vehicle.launch can start",
+                             description=new_service.__doc__)
+    service.add_argument("name", metavar="NAME", help="of the package, as lane_keeper")
+    service.add_argument("--folder", default=".", metavar="DIR", help="gets the folder NAME; default: here")
     # rosrun and roslaunch add remappings such as __name:=x.
     options = parser.parse_args([argument for argument in arguments if ":=" not in argument])
     options.parser = doctor
@@ -106,9 +112,17 @@ def doctor(options, say):
     return results
 
 
+def find_package():
+    """The folder of pi_bringup."""
+    import roslib.packages  # here: doctor must start where ROS is broken
+    return roslib.packages.get_pkg_dir("pi_bringup")
+
+
 def main():
     options = parse(sys.argv[1:])
     sys.stdout.reconfigure(line_buffering=True, errors="replace")
+    if options.command == "new":
+        leave(new_service.main(options, find_package()))
     try:
         results = doctor(options, lambda result: None if options.json else print(result.line()))
     except KeyboardInterrupt:

@@ -9,11 +9,12 @@
 namespace pi_node
 {
 
-/// A number in a pattern of printf; at most 63 characters.
-inline std::string format(const char* pattern, double value)
+/// Numbers in a pattern of printf; each becomes a double.
+template <typename... Numbers>
+std::string format(const char* pattern, Numbers... numbers)
 {
-  char text[64];
-  std::snprintf(text, sizeof text, pattern, value);
+  std::string text(static_cast<size_t>(std::snprintf(nullptr, 0, pattern, static_cast<double>(numbers)...)), '\0');
+  std::snprintf(text.data(), text.size() + 1, pattern, static_cast<double>(numbers)...);
   return text;
 }
 

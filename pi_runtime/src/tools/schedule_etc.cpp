@@ -3,10 +3,9 @@
 /// Output: lines `task,unit,start,finish` by start time, figures as comment lines that begin with #.
 /// Exit status: 0; 2 after a bad option or file; 3 if no unit can run some task, which is then printed as refused.
 
+#include <pi_node/command_line.h>
 #include <pi_runtime/etc_matrix.h>
 #include <pi_runtime/inter_core_scheduler.h>
-
-#include <boost/program_options.hpp>
 
 #include <algorithm>
 #include <chrono>
@@ -29,7 +28,6 @@ namespace
 
 namespace po = boost::program_options;
 
-constexpr int EXIT_BAD_INPUT = 2;
 constexpr int EXIT_REFUSED = 3;
 
 struct Arguments
@@ -38,57 +36,37 @@ struct Arguments
   std::string energy_path;
   std::string available;
   std::string output_path;
-  std::string policy;
-  std::string diff_min_order;
-  int64_t budget_us = 0;
   InterCoreOptions options;
 };
 
-/// @return nullopt if only help was asked for.
-std::optional<Arguments> parseArguments(int argc, char** argv)
+/// @return false if only help was asked for.
+bool parse(int argc, char** argv, Arguments* arguments)
 {
-  const InterCoreOptions defaults;
-  Arguments arguments;
-  po::options_description visible("schedule_etc FILE.csv [options]: maps tasks (rows) to units (columns)");
-  visible.add_options()("help,h", "this text");
-  const auto add = [&visible](const char* name, const po::value_semantic* value, const char* description)
-  { visible.add_options()(name, value, description); };
-  add("policy", po::value(&arguments.policy)->default_value(toString(defaults.policy)),
-      "diff_min, min_min, max_min, sufferage, mct, met, olb, heft_rank or search");
-  add("budget-us", po::value(&arguments.budget_us)->default_value(defaults.budget.count()),
-      "time for the search [us], 0: no limit");
-  add("kicks", po::value(&arguments.options.kicks)->default_value(defaults.kicks),
-      "how often the search leaves a local optimum");
-  add("seed", po::value(&arguments.options.seed)->default_value(defaults.seed), "of all random choices");
-  add("diff-min-order", po::value(&arguments.diff_min_order)->default_value(toString(defaults.diff_min_order)),
-      "max or min: which Div diff_min maps first");
-  add("energy", po::value(&arguments.energy_path), "CSV file of energies [J], same shape");
-  add("alpha", po::value(&arguments.options.alpha)->default_value(defaults.alpha), "weight of the makespan");
-  add("gamma", po::value(&arguments.options.gamma)->default_value(defaults.gamma), "weight of the energy [1/J]");
-  add("available", po::value(&arguments.available), "when each unit is free, e.g. 0,2.5,1");
-  add("output", po::value(&arguments.output_path), "file to write to instead of standard output");
-  po::options_description all;
-  all.add(visible).add_options()("file", po::value(&arguments.etc_path));
-  po::variables_map values;
-  po::store(po::command_line_parser(argc, argv)
-                .options(all)
-                .positional(po::positional_options_description().add("file", 1))
-                .run(),
-            values);
-  if (values.count("help") != 0)
+  InterCoreOptions* options = &arguments->options;
+  std::string policy = toString(options->policy);
+  std::string diff_min_order = toString(options->diff_min_order);
+  int64_t budget_us = options->budget.count();
+  pi_node::CommandLine line("schedule_etc FILE.csv [options]: maps tasks (rows) to units (columns)");
+  line.addPositional("file", &arguments->etc_path,
+                     "no file given, expected a CSV file of execution times or - for standard input");
+  line.addValue("policy", &policy, "diff_min, min_min, max_min, sufferage, mct, met, olb, heft_rank or search");
+  line.addValue("budget-us", &budget_us, "time for the search [us], 0: no limit");
+  line.addValue("kicks", &options->kicks, "how often the search leaves a local optimum");
+  line.addValue("seed", &options->seed, "of all random choices");
+  line.addValue("diff-min-order", &diff_min_order, "max or min: which Div diff_min maps first");
+  line.add("energy", po::value(&arguments->energy_path), "CSV file of energies [J], same shape");
+  line.addValue("alpha", &options->alpha, "weight of the makespan");
+  line.addValue("gamma", &options->gamma, "weight of the energy [1/J]");
+  line.add("available", po::value(&arguments->available), "when each unit is free, e.g. 0,2.5,1");
+  line.add("output", po::value(&arguments->output_path), "file to write to instead of standard output");
+  if (!line.parse(argc, argv))
   {
-    std::cout << visible;
-    return std::nullopt;
+    return false;
   }
-  po::notify(values);
-  if (arguments.etc_path.empty())
-  {
-    throw std::invalid_argument("no file given, expected a CSV file of execution times or - for standard input");
-  }
-  arguments.options.policy = parseInterCorePolicy(arguments.policy);
-  arguments.options.diff_min_order = parseDiffMinOrder(arguments.diff_min_order);
-  arguments.options.budget = std::chrono::microseconds(arguments.budget_us);
-  return arguments;
+  options->policy = parseInterCorePolicy(policy);
+  options->diff_min_order = parseDiffMinOrder(diff_min_order);
+  options->budget = std::chrono::microseconds(budget_us);
+  return true;
 }
 
 EtcMatrix readMatrix(const std::string& path)
@@ -186,14 +164,8 @@ int run(const Arguments& arguments)
 
 int main(int argc, char** argv)
 {
-  try
-  {
-    const std::optional<pi_runtime::Arguments> arguments = pi_runtime::parseArguments(argc, argv);
-    return arguments ? pi_runtime::run(*arguments) : EXIT_SUCCESS;
-  }
-  catch (const std::exception& error)
-  {
-    std::cerr << "schedule_etc: " << error.what() << '\n';
-    return pi_runtime::EXIT_BAD_INPUT;
-  }
+  pi_runtime::Arguments arguments;
+  return pi_node::runTool(
+      "schedule_etc", [&] { return pi_runtime::parse(argc, argv, &arguments); },
+      [&] { return pi_runtime::run(arguments); }, pi_node::CommandLine::BAD_USAGE);
 }

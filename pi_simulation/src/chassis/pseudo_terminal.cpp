@@ -1,5 +1,6 @@
-#include <fcntl.h>
 #include "chassis/pseudo_terminal.h"
+
+#include <fcntl.h>
 #include <termios.h>
 #include <unistd.h>
 

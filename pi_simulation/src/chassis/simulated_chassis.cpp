@@ -1,4 +1,5 @@
 #include "chassis/simulated_chassis.h"
+
 #include <pi_node/option_check.h>
 
 #include <algorithm>
@@ -21,13 +22,13 @@ const char* const COMMANDS =
     "unplug, plug, restart, silent on|off, garbage BYTES|on|off, stuck on|off, battery CHARGE, button on|off, "
     "pose X Y YAW";
 
-Hello helloOf(const SimulationOptions& options)
+chassis::Hello helloOf(const SimulationOptions& options)
 {
-  Hello hello;
+  chassis::Hello hello;
   hello.kind = options.model.kind;
   hello.wheelbase = options.model.wheelbase;
   hello.limits = options.limits;
-  if (options.model.kind == Kind::CAR_LIKE)
+  if (options.model.kind == chassis::Kind::CAR_LIKE)
   {
     hello.limits.curvature =
         std::min(hello.limits.curvature, std::tan(options.model.max_steering) / options.model.wheelbase);
@@ -58,7 +59,7 @@ SimulatedChassis::SimulatedChassis(const SimulationOptions& options, int64_t now
   : options_((options.validate(), options))
   , hello_(helloOf(options))
   , model_(options.model)
-  , controller_(std::make_unique<ChassisController>(hello_, now_ns))
+  , controller_(std::make_unique<chassis::ChassisController>(hello_, now_ns))
   , random_(options.seed)
   , now_ns_(now_ns)
 {
@@ -86,7 +87,7 @@ void SimulatedChassis::step(int64_t now_ns)
     }
     controller_->onBytes(bytes.data(), count, now_ns);
   }
-  const Setpoint setpoint = controller_->update(model_.measurement(), now_ns);
+  const chassis::Setpoint setpoint = controller_->update(model_.measurement(), now_ns);
   model_.step(setpoint, 1e-9 * static_cast<double>(now_ns - now_ns_));
   now_ns_ = now_ns;
 
@@ -132,7 +133,7 @@ std::string SimulatedChassis::command(const std::string& line, int64_t now_ns)
   }
   if (name == "restart" && value.empty())
   {
-    controller_ = std::make_unique<ChassisController>(hello_, now_ns);
+    controller_ = std::make_unique<chassis::ChassisController>(hello_, now_ns);
     return "";
   }
   if (name == "silent" && on)
@@ -169,7 +170,7 @@ std::string SimulatedChassis::command(const std::string& line, int64_t now_ns)
     model_.setBatteryCharge(number);
     return "";
   }
-  Pose pose;
+  chassis::Pose pose;
   if (name == "pose" && numbers >> pose.x >> pose.y >> pose.yaw)
   {
     model_.setPose(pose);
@@ -180,14 +181,14 @@ std::string SimulatedChassis::command(const std::string& line, int64_t now_ns)
 
 std::string SimulatedChassis::truth() const
 {
-  const Measurement measured = model_.measurement();
-  const Pose& pose = model_.pose();
+  const chassis::Measurement measured = model_.measurement();
+  const chassis::Pose& pose = model_.pose();
   std::array<char, 320> text = {};
   std::snprintf(text.data(), text.size(),
                 "{\"t\": %.4f, \"x\": %.5f, \"y\": %.5f, \"yaw\": %.6f, \"speed\": %.4f, \"curvature\": %.5f, "
                 "\"mode\": \"%s\"}",
                 model_.time(), pose.x, pose.y, pose.yaw, measured.speed, measured.curvature,
-                modeText(controller_->mode()));
+                chassis::modeText(controller_->mode()));
   return text.data();
 }
 

@@ -1,8 +1,9 @@
 #pragma once
 
+#include "chassis/pseudo_terminal.h"
+
 #include <pi_vehicle/chassis/chassis_controller.h>
 #include <pi_vehicle/chassis/chassis_model.h>
-#include "chassis/pseudo_terminal.h"
 
 #include <cstdint>
 #include <memory>
@@ -13,13 +14,15 @@
 namespace pi_simulation
 {
 
+namespace chassis = pi_vehicle::chassis;
+
 struct SimulationOptions
 {
-  ModelOptions model;
-  Limits limits;                  ///< curvature and kind of the model are put into the HELLO
+  chassis::ModelOptions model;
+  chassis::Limits limits;         ///< curvature and kind of the model are put into the HELLO
   double watchdog_s = 0.25;       ///< [s], in [0.05, 10]
   double status_period_s = 0.02;  ///< [s], in [0.005, 1]
-  Pose start;
+  chassis::Pose start;
   std::string name = "simulated";
   std::string link;   ///< symbolic link to the pseudo-terminal; empty: none
   uint64_t seed = 1;  ///< of the garbage
@@ -46,8 +49,8 @@ public:
 
   /// Of the pseudo-terminal; empty: unplugged.
   std::string path() const { return terminal_ ? terminal_->path() : ""; }
-  const ChassisModel& model() const { return model_; }
-  const ChassisController& controller() const { return *controller_; }
+  const chassis::ChassisModel& model() const { return model_; }
+  const chassis::ChassisController& controller() const { return *controller_; }
   /// Where it truly is, as one line of JSON: t [s] simulated, x, y [m], yaw [rad], speed [m/s], curvature [1/m], mode.
   std::string truth() const;
 
@@ -55,9 +58,9 @@ private:
   void write(const std::vector<uint8_t>& bytes);
 
   const SimulationOptions options_;
-  const Hello hello_;
-  ChassisModel model_;
-  std::unique_ptr<ChassisController> controller_;
+  const chassis::Hello hello_;
+  chassis::ChassisModel model_;
+  std::unique_ptr<chassis::ChassisController> controller_;
   std::optional<PseudoTerminal> terminal_;
   std::mt19937_64 random_;
   int64_t now_ns_;

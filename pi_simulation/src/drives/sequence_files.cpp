@@ -59,8 +59,8 @@ std::string cameraYaml(const pi_slam::MountedCamera& camera, double rate_hz)
   yaml << std::setprecision(15) << "%YAML:1.0\nsensor_type: camera\ncomment: rendered\n\n"
        << transformYaml(camera.T_body_camera) << "rate_hz: " << rate_hz << "\nresolution: [" << model.width << ", "
        << model.height << "]\ncamera_model: pinhole\nintrinsics: [" << model.fx << ", " << model.fy << ", " << model.cx
-       << ", " << model.cy
-       << "]\ndistortion_model: " << (model.distortion == pi_slam::Distortion::EQUIDISTANT ? "equidistant" : "radial-tangential")
+       << ", " << model.cy << "]\ndistortion_model: "
+       << (model.distortion == pi_slam::Distortion::EQUIDISTANT ? "equidistant" : "radial-tangential")
        << "\ndistortion_coefficients: [";
   for (size_t i = 0; i < model.coefficients.size(); ++i)
   {

@@ -1,5 +1,8 @@
 #include "drives/sequence_writer.h"
+
+#include "drives/sequence_files.h"
 #include "renderer/visible_obstacles.h"
+#include "renderer/worker_pool.h"
 
 #include <algorithm>
 #include <atomic>
@@ -10,9 +13,6 @@
 #include <opencv2/imgcodecs.hpp>
 #include <random>
 #include <stdexcept>
-
-#include "drives/sequence_files.h"
-#include "renderer/worker_pool.h"
 
 namespace pi_simulation
 {
@@ -310,8 +310,8 @@ private:
 };
 
 /// @return number of samples.
-size_t writeImuAndTruth(const pi_slam::SplineTrajectory& trajectory, const SequenceOptions& options, const Period& period,
-                        const pi_slam::ImuLog& log, const OutputFolder& folder)
+size_t writeImuAndTruth(const pi_slam::SplineTrajectory& trajectory, const SequenceOptions& options,
+                        const Period& period, const pi_slam::ImuLog& log, const OutputFolder& folder)
 {
   std::vector<int64_t> stamps;
   std::vector<pi_slam::ImuBias> biases;
@@ -327,9 +327,9 @@ size_t writeImuAndTruth(const pi_slam::SplineTrajectory& trajectory, const Seque
     {
       stamps.push_back(sample.stamp_ns);
     }
-    samples.erase(
-        std::remove_if(samples.begin(), samples.end(), [&](const pi_slam::ImuSample& sample) { return inGap(sample.stamp_ns); }),
-        samples.end());
+    samples.erase(std::remove_if(samples.begin(), samples.end(),
+                                 [&](const pi_slam::ImuSample& sample) { return inGap(sample.stamp_ns); }),
+                  samples.end());
     count = samples.size();
     csv = imuCsv(samples);
   }
@@ -404,9 +404,9 @@ void SequenceOptions::validate() const
   renderer.validate();
 }
 
-SequenceReport writeSequence(const std::shared_ptr<const SyntheticWorld>& world, const pi_slam::SplineTrajectory& trajectory,
-                             const pi_slam::StereoCalibration& calibration, const SequenceOptions& options,
-                             const std::function<bool(size_t, size_t)>& progress)
+SequenceReport writeSequence(const std::shared_ptr<const SyntheticWorld>& world,
+                             const pi_slam::SplineTrajectory& trajectory, const pi_slam::StereoCalibration& calibration,
+                             const SequenceOptions& options, const std::function<bool(size_t, size_t)>& progress)
 {
   options.validate();
   const Period period(trajectory, options);

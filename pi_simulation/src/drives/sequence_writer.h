@@ -1,10 +1,11 @@
 #pragma once
 
+#include "renderer/stereo_renderer.h"
+#include "renderer/synthetic_world.h"
+
 #include <pi_slam/imu_simulator.h>
 #include <pi_slam/spline_trajectory.h>
 #include <pi_slam/stereo_calibration.h>
-#include "renderer/stereo_renderer.h"
-#include "renderer/synthetic_world.h"
 
 #include <functional>
 #include <memory>
@@ -50,16 +51,16 @@ struct SequenceFaults
 
 struct SequenceOptions
 {
-  std::string folder;              ///< to be created; mav0, truth and groundtruth_tum.txt go into it
-  bool overwrite = false;          ///< replaces these three if they are there
-  double frame_rate_hz = 20.0;     ///< in [0.1, 1000]
-  double start_s = 0.0;            ///< of the trajectory to leave out
-  double duration_s = 0.0;         ///< 0: to the end of the trajectory
-  pi_slam::ImuSimulatorOptions imu;         ///< with imu_log, its noise densities only: they go into sensor.yaml
-  std::string imu_log;             ///< EuRoC csv that is passed on line by line; empty: simulated
-  StereoRendererOptions renderer;  ///< threads: whole pictures are shared out
-  bool depth = false;              ///< truth/depth/STAMP.png: left depth along the optical axis, 16 bit, [mm], 0: none
-  bool obstacles = false;          ///< truth/obstacles.json
+  std::string folder;                ///< to be created; mav0, truth and groundtruth_tum.txt go into it
+  bool overwrite = false;            ///< replaces these three if they are there
+  double frame_rate_hz = 20.0;       ///< in [0.1, 1000]
+  double start_s = 0.0;              ///< of the trajectory to leave out
+  double duration_s = 0.0;           ///< 0: to the end of the trajectory
+  pi_slam::ImuSimulatorOptions imu;  ///< with imu_log, its noise densities only: they go into sensor.yaml
+  std::string imu_log;               ///< EuRoC csv that is passed on line by line; empty: simulated
+  StereoRendererOptions renderer;    ///< threads: whole pictures are shared out
+  bool depth = false;      ///< truth/depth/STAMP.png: left depth along the optical axis, 16 bit, [mm], 0: none
+  bool obstacles = false;  ///< truth/obstacles.json
   SequenceFaults faults;
 
   /// @throws std::invalid_argument that names field, value and bound.
@@ -81,8 +82,9 @@ struct SequenceReport
 /// @param progress  called from any thread, one at a time, with the number of pairs done and in all; false stops.
 /// @throws std::invalid_argument for options out of range, RecordingError for a log that cannot be used or does not
 ///         overlap the trajectory, std::runtime_error for a folder that exists or cannot be written.
-SequenceReport writeSequence(const std::shared_ptr<const SyntheticWorld>& world, const pi_slam::SplineTrajectory& trajectory,
-                             const pi_slam::StereoCalibration& calibration, const SequenceOptions& options,
+SequenceReport writeSequence(const std::shared_ptr<const SyntheticWorld>& world,
+                             const pi_slam::SplineTrajectory& trajectory, const pi_slam::StereoCalibration& calibration,
+                             const SequenceOptions& options,
                              const std::function<bool(size_t done, size_t total)>& progress);
 
 }  // namespace pi_simulation

@@ -1,9 +1,10 @@
 // A chassis on a pseudo-terminal, for a drive without a vehicle. Needs no ROS master; arguments of roslaunch are
 // ignored.
 
-#include <fcntl.h>
-#include <pi_vehicle/chassis/chassis_driver.h>
 #include "chassis/simulated_chassis.h"
+
+#include <fcntl.h>
+#include <pi_node/durations.h>
 #include <pi_node/stop_signal.h>
 #include <poll.h>
 #include <unistd.h>
@@ -21,6 +22,9 @@
 
 namespace pi_simulation
 {
+
+using pi_node::monotonicNs;
+
 namespace
 {
 
@@ -92,7 +96,7 @@ bool parse(int argc, char** argv, Arguments* arguments)
   {
     throw std::invalid_argument("--truth-rate " + std::to_string(arguments->truth_rate) + ", must be in (0, 200]");
   }
-  simulation.model.kind = arguments->kind == "car" ? Kind::CAR_LIKE : Kind::DIFFERENTIAL;
+  simulation.model.kind = arguments->kind == "car" ? chassis::Kind::CAR_LIKE : chassis::Kind::DIFFERENTIAL;
   return true;
 }
 

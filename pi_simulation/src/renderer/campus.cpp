@@ -1,6 +1,6 @@
-#include <cmath>
-
 #include "renderer/scene_builder.h"
+
+#include <cmath>
 
 namespace pi_simulation::synthetic
 {

@@ -1,7 +1,6 @@
 #pragma once
 
 #include "renderer/stereo_renderer.h"
-
 #include "renderer/tiled_picture.h"
 
 namespace pi_simulation::synthetic

@@ -1,9 +1,9 @@
 #pragma once
 
+#include "renderer/bounding_tree.h"
+
 #include <Eigen/Core>
 #include <array>
-
-#include "renderer/bounding_tree.h"
 
 namespace pi_simulation::synthetic
 {

@@ -1,7 +1,7 @@
+#include "renderer/scene_builder.h"
+
 #include <algorithm>
 #include <cmath>
-
-#include "renderer/scene_builder.h"
 
 namespace pi_simulation::synthetic
 {

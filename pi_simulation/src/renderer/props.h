@@ -1,11 +1,11 @@
 #pragma once
 
+#include "renderer/scene.h"
+
 #include <cstdint>
 #include <random>
 #include <string>
 #include <vector>
-
-#include "renderer/scene.h"
 
 namespace pi_simulation::synthetic
 {

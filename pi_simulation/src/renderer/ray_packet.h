@@ -1,12 +1,12 @@
 #pragma once
 
-#include <Eigen/Core>
-#include <cstdint>
-#include <vector>
-
 #include "renderer/frustum.h"
 #include "renderer/scene.h"
 #include "renderer/texture.h"
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <vector>
 
 namespace pi_simulation::synthetic
 {

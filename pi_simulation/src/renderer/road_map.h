@@ -1,9 +1,9 @@
 #pragma once
 
+#include "renderer/texture.h"
+
 #include <Eigen/Core>
 #include <vector>
-
-#include "renderer/texture.h"
 
 namespace pi_simulation::synthetic
 {

@@ -1,5 +1,7 @@
 #pragma once
 
+#include "renderer/bounding_tree.h"
+#include "renderer/road_map.h"
 #include "renderer/synthetic_world.h"
 
 #include <Eigen/Geometry>
@@ -7,9 +9,6 @@
 #include <optional>
 #include <string>
 #include <vector>
-
-#include "renderer/bounding_tree.h"
-#include "renderer/road_map.h"
 
 namespace pi_simulation::synthetic
 {

@@ -1,11 +1,10 @@
 #pragma once
 
+#include "renderer/props.h"
+#include "renderer/scene.h"
 #include "renderer/synthetic_world.h"
 
 #include <vector>
-
-#include "renderer/props.h"
-#include "renderer/scene.h"
 
 namespace pi_simulation::synthetic
 {
@@ -69,7 +68,7 @@ private:
   Scene* scene_;
   Random random_;
   std::vector<pi_slam::StampedPose> drive_;  ///< thinned to 0.1 s
-  std::vector<PathPoint> path_;     ///< thinned to 0.15 m
+  std::vector<PathPoint> path_;              ///< thinned to 0.15 m
   std::vector<Eigen::Vector2d> line_;
   std::vector<Footprint> taken_;
   int actors_ = 0;

@@ -1,7 +1,7 @@
+#include "renderer/ray_packet.h"
+
 #include <algorithm>
 #include <cmath>
-
-#include "renderer/ray_packet.h"
 
 namespace pi_simulation::synthetic
 {

@@ -1,12 +1,12 @@
 #include "renderer/stereo_renderer.h"
 
+#include "renderer/exposure.h"
+#include "renderer/view.h"
+
 #include <algorithm>
 #include <cmath>
 #include <functional>
 #include <stdexcept>
-
-#include "renderer/exposure.h"
-#include "renderer/view.h"
 
 namespace pi_simulation
 {
@@ -127,8 +127,8 @@ private:
   Camera right_;
 };
 
-StereoRenderer::StereoRenderer(std::shared_ptr<const SyntheticWorld> world, const pi_slam::StereoCalibration& calibration,
-                               const StereoRendererOptions& options)
+StereoRenderer::StereoRenderer(std::shared_ptr<const SyntheticWorld> world,
+                               const pi_slam::StereoCalibration& calibration, const StereoRendererOptions& options)
 {
   options.validate();
   calibration.left.model.validate();

@@ -1,8 +1,9 @@
 #pragma once
 
+#include "renderer/synthetic_world.h"
+
 #include <pi_slam/spline_trajectory.h>
 #include <pi_slam/stereo_calibration.h>
-#include "renderer/synthetic_world.h"
 
 #include <cstdint>
 #include <memory>

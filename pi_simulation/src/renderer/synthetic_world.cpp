@@ -1,10 +1,10 @@
 #include "renderer/synthetic_world.h"
 
-#include <algorithm>
-#include <stdexcept>
-
 #include "renderer/scene.h"
 #include "renderer/scene_builder.h"
+
+#include <algorithm>
+#include <stdexcept>
 
 namespace pi_simulation
 {

@@ -1,12 +1,12 @@
 #pragma once
 
+#include "renderer/ray_packet.h"
+
 #include <pi_slam/camera_model.h>
 
 #include <algorithm>
 #include <cstdint>
 #include <vector>
-
-#include "renderer/ray_packet.h"
 
 namespace pi_simulation::synthetic
 {

@@ -1,9 +1,9 @@
+#include "renderer/ray_packet.h"
+
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <vector>
-
-#include "renderer/ray_packet.h"
 
 namespace pi_simulation::synthetic
 {

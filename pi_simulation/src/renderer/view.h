@@ -1,9 +1,9 @@
 #pragma once
 
-#include <opencv2/core/mat.hpp>
-
 #include "renderer/tiled_picture.h"
 #include "renderer/worker_pool.h"
+
+#include <opencv2/core/mat.hpp>
 
 namespace pi_simulation::synthetic
 {

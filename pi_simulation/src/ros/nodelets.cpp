@@ -1,8 +1,9 @@
-#include <pi_node/ros/adapter_nodelet.h>
-#include <pluginlib/class_list_macros.hpp>
-
 #include "ros/simulated_microphone_ros.h"
 #include "ros/vehicle_simulator_ros.h"
+
+#include <pi_node/ros/adapter_nodelet.h>
+
+#include <pluginlib/class_list_macros.hpp>
 
 namespace pi_simulation
 {

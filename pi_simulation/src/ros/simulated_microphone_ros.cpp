@@ -1,6 +1,7 @@
-#include <pi_simulation/PlayedSound.h>
 #include "ros/simulated_microphone_ros.h"
+
 #include <pi_node/ros/node_options.h>
+#include <pi_simulation/PlayedSound.h>
 #include <pi_speech/ros/audio_conversions.h>
 #include <pthread.h>
 

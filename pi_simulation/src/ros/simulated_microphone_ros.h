@@ -1,9 +1,10 @@
 #pragma once
 
-#include <pi_simulation/SimulatorCommand.h>
 #include "ros/simulated_microphone_ros_options.h"
 #include "vehicle/microphone_mixer.h"
+
 #include <pi_node/ros/callback_thread.h>
+#include <pi_simulation/SimulatorCommand.h>
 #include <ros/ros.h>
 #include <std_msgs/String.h>
 

@@ -1,4 +1,5 @@
 #include "ros/simulated_microphone_ros_options.h"
+
 #include <pi_node/ros/parameter_tree.h>
 
 namespace pi_simulation
@@ -23,8 +24,8 @@ void SimulatedMicrophoneRosOptions::validate() const
 {
   mixer.validate();
   pi_node::parameters::require(mixer.background.empty() || mixer.background.front() == '/', "background",
-                                  "\"" + mixer.background + "\"",
-                                  "an absolute path: a node's working folder is not its user's");
+                               "\"" + mixer.background + "\"",
+                               "an absolute path: a node's working folder is not its user's");
 }
 
 SimulatedMicrophoneRosOptions SimulatedMicrophoneRosOptions::load(const ros::NodeHandle& private_node,

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "vehicle/microphone_mixer.h"
+
 #include <ros/node_handle.h>
 #include <xmlrpcpp/XmlRpcValue.h>
 

@@ -1,6 +1,7 @@
-#include <pi_vehicle/decision/ground_polygon.h>
 #include "ros/simulation_conversions.h"
+
 #include <pi_os_transport/zero_copy/shared_image.h>
+#include <pi_vehicle/decision/ground_polygon.h>
 #include <sensor_msgs/image_encodings.h>
 
 #include <algorithm>
@@ -58,8 +59,7 @@ double timeToCollision(const Eigen::Vector2d& way, const Eigen::Vector2d& reach,
 
 }  // namespace
 
-nav_msgs::Odometry toOdometry(const TruePose& pose, const std::string& map_frame,
-                              const std::string& base_link_frame)
+nav_msgs::Odometry toOdometry(const TruePose& pose, const std::string& map_frame, const std::string& base_link_frame)
 {
   nav_msgs::Odometry message;
   message.header.stamp = toTime(pose.stamp_ns);
@@ -76,9 +76,9 @@ nav_msgs::Odometry toOdometry(const TruePose& pose, const std::string& map_frame
   return message;
 }
 
-pi_detect::ObstacleArray toObstacles(const std::vector<TrueObstacle>& obstacles,
-                                     const OrientedBox& outline, const Eigen::Vector2d& velocity,
-                                     const ros::Time& stamp, const std::string& base_link_frame)
+pi_detect::ObstacleArray toObstacles(const std::vector<TrueObstacle>& obstacles, const OrientedBox& outline,
+                                     const Eigen::Vector2d& velocity, const ros::Time& stamp,
+                                     const std::string& base_link_frame)
 {
   pi_detect::ObstacleArray array;
   array.header.stamp = stamp;

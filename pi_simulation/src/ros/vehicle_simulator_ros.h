@@ -1,41 +1,36 @@
 #pragma once
 
-#include <diagnostic_updater/diagnostic_updater.h>
-#include <pi_simulation/SimulatorCommand.h>
+#include "ros/simulated_cameras.h"
 #include "ros/vehicle_simulator_ros_options.h"
 #include "vehicle/vehicle_simulation.h"
-#include <pi_os_transport/zero_copy/publisher.h>
+
+#include <diagnostic_updater/diagnostic_updater.h>
 #include <pi_node/ros/callback_thread.h>
-#include <pi_node/ros/recent_values.h>
 #include <pi_node/ros/warning_board.h>
+#include <pi_simulation/SimulatorCommand.h>
 #include <ros/ros.h>
-#include <sensor_msgs/CameraInfo.h>
-#include <sensor_msgs/Image.h>
 #include <std_msgs/String.h>
 #include <tf2_ros/static_transform_broadcaster.h>
 
 #include <atomic>
-#include <condition_variable>
 #include <cstdint>
 #include <fstream>
 #include <memory>
 #include <mutex>
-#include <optional>
 #include <string>
 #include <thread>
 
 namespace pi_simulation
 {
 
-/// The world in place of sensors and chassis. Publishes `imu/data` (sensor_msgs/Imu, 200 Hz), `left/` and
+/// Stands in for sensors, chassis and surroundings. Publishes `imu/data` (sensor_msgs/Imu, 200 Hz), `left/` and
 /// `right/image_raw` and `camera_info`, `ground_truth/odometry` (nav_msgs/Odometry, 50 Hz), `ground_truth/obstacles`
 /// (pi_detect/ObstacleArray, 20 Hz), `scenario` (std_msgs/String, latched: JSON), static tf and diagnostics. Service
 /// `~command` (SimulatorCommand), and the same lines on the topic `~command` (std_msgs/String). The chassis is on the
 /// pseudo-terminal that the parameter `link` names.
 ///
-/// Threads: `simulation` steps the world every 2.5 ms of wall time and publishes all but pictures; `rendering`, and
-/// those that help it, have low priority and publish pictures when they are done. A picture that is still waiting when
-/// the next one is due is skipped, and counted. `simulator_ros` has callbacks and diagnostics.
+/// Threads: `simulation` steps the world every 2.5 ms of wall time and publishes all but pictures; SimulatedCameras
+/// publishes those. `simulator_ros` has callbacks and diagnostics.
 class VehicleSimulatorRos
 {
 public:
@@ -57,17 +52,11 @@ private:
   // simulation
   void simulate();
   void publishObstacles(int64_t stamp_ns, const std::vector<TrueObstacle>& obstacles);
-  void request(const Exposure& exposure);
-
-  // rendering
-  void renderLoop();
-  void render(const Exposure& exposure, pi_slam::StereoRenderer* renderer);
 
   // simulator_ros
   bool onCommand(SimulatorCommand::Request& request, SimulatorCommand::Response& response);
   void onCommandTopic(const std_msgs::String& message);
   std::string execute(const std::string& line);
-  void reportCameras(Status& status);
   void reportWorld(Status& status);
 
   pi_node::CallbackThread service_thread_;
@@ -78,12 +67,9 @@ private:
   const Scenario scenario_;
   pi_node::WarningBoard warnings_;
   diagnostic_updater::Updater updater_;
+  SimulatedCameras cameras_;
   tf2_ros::StaticTransformBroadcaster broadcaster_;
   ros::Publisher imu_;
-  pi_os_transport::zero_copy::Publisher<sensor_msgs::Image> left_;
-  pi_os_transport::zero_copy::Publisher<sensor_msgs::Image> right_;
-  ros::Publisher left_info_;
-  ros::Publisher right_info_;
   ros::Publisher odometry_;
   ros::Publisher obstacles_;
   ros::Publisher scenario_publisher_;
@@ -95,22 +81,11 @@ private:
   int64_t clock_offset_ns_ = 0;  ///< ROS time less monotonic time, at the start
 
   std::mutex simulation_mutex_;
-  std::unique_ptr<VehicleSimulation> simulation_;  ///< under simulation_mutex_
-  Eigen::Vector2d velocity_ = Eigen::Vector2d::Zero();         ///< simulation: of the vehicle, for the obstacles
-
-  std::mutex exposure_mutex_;
-  std::condition_variable exposure_changed_;
-  std::optional<Exposure> waiting_;  ///< under exposure_mutex_, as all below
-  uint64_t pairs_ = 0;
-  uint64_t skipped_ = 0;
-  uint64_t skipped_before_ = 0;  ///< at the diagnostics before
-  uint64_t pairs_before_ = 0;
-  pi_node::RecentValues processor_ms_{200};
-  pi_node::RecentValues delay_ms_{200};
+  std::unique_ptr<VehicleSimulation> simulation_;       ///< under simulation_mutex_
+  Eigen::Vector2d velocity_ = Eigen::Vector2d::Zero();  ///< simulation: of the vehicle, for the obstacles
 
   std::atomic<bool> stopping_{false};
   std::thread simulation_thread_;
-  std::thread rendering_thread_;
 };
 
 }  // namespace pi_simulation

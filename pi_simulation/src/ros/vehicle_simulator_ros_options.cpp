@@ -1,4 +1,5 @@
 #include "ros/vehicle_simulator_ros_options.h"
+
 #include <pi_node/option_check.h>
 #include <pi_node/ros/parameter_tree.h>
 
@@ -82,7 +83,7 @@ VehicleSimulatorRosOptions VehicleSimulatorRosOptions::load(const ros::NodeHandl
   private_node.getParam(path, tree);
   VehicleSimulatorRosOptions options = fromParameters(tree, path + "/", unknown);
   pi_node::parameters::require(!options.scenario.empty(), ("parameter " + path + "/scenario").c_str(), "\"\"",
-                                  "a file of config/scenarios or your own");
+                               "a file of config/scenarios or your own");
   return options;
 }
 
@@ -123,12 +124,12 @@ VehicleSimulationOptions VehicleSimulatorRosOptions::simulationOptions() const
   return options;
 }
 
-pi_slam::StereoRendererOptions VehicleSimulatorRosOptions::rendererOptions() const
+StereoRendererOptions VehicleSimulatorRosOptions::rendererOptions() const
 {
-  pi_slam::StereoRendererOptions options;
+  StereoRendererOptions options;
   options.threads = cameras.threads;
-  options.quality = pi_slam::RenderQuality::LIVE;
-  options.supersampling = cameras.smooth_edges ? pi_slam::Supersampling::EDGES : pi_slam::Supersampling::NONE;
+  options.quality = RenderQuality::LIVE;
+  options.supersampling = cameras.smooth_edges ? Supersampling::EDGES : Supersampling::NONE;
   options.brightness = cameras.brightness;
   options.shot_noise *= cameras.noise * cameras.noise;
   options.read_noise *= cameras.noise;

@@ -1,8 +1,9 @@
 #pragma once
 
-#include "vehicle/vehicle_simulation.h"
-#include <pi_slam/stereo_calibration.h>
 #include "renderer/stereo_renderer.h"
+#include "vehicle/vehicle_simulation.h"
+
+#include <pi_slam/stereo_calibration.h>
 #include <ros/node_handle.h>
 #include <xmlrpcpp/XmlRpcValue.h>
 
@@ -73,7 +74,7 @@ struct VehicleSimulatorRosOptions
   std::string toText() const;
 
   VehicleSimulationOptions simulationOptions() const;
-  pi_slam::StereoRendererOptions rendererOptions() const;
+  StereoRendererOptions rendererOptions() const;
   pi_slam::StereoCalibration calibration() const;
 };
 

@@ -1,9 +1,10 @@
 // render_sequence FOLDER: renders a drive through a synthetic world as an EuRoC recording. Needs no ROS master.
 
-#include <pi_node/progress.h>
-#include <pi_node/stop_signal.h>
 #include "drives/sequence_writer.h"
 #include "drives/vehicle_path.h"
+
+#include <pi_node/progress.h>
+#include <pi_node/stop_signal.h>
 
 #include <algorithm>
 #include <boost/program_options.hpp>
@@ -135,7 +136,8 @@ pi_slam::StereoCalibration readCalibration(const CommandLine& line)
   }
   const fs::path folder(line.calibration);
   const fs::path mav = fs::exists(folder / "mav0") ? folder / "mav0" : folder;
-  return pi_slam::StereoCalibration::loadEuroc((mav / "cam0" / "sensor.yaml").string(), (mav / "cam1" / "sensor.yaml").string());
+  return pi_slam::StereoCalibration::loadEuroc((mav / "cam0" / "sensor.yaml").string(),
+                                               (mav / "cam1" / "sensor.yaml").string());
 }
 
 Supersampling parseSupersampling(const std::string& name)

@@ -73,9 +73,9 @@ bool Actor::step(double time, double dt, const Eigen::Vector2d& vehicle)
   return false;
 }
 
-pi_slam::ActorState Actor::state() const
+ActorState Actor::state() const
 {
-  pi_slam::ActorState state;
+  ActorState state;
   state.present = !gone_ && (triggered_ || !plan_.hidden);
   state.walked = walked_;
   if (plan_.path.size() < 2)

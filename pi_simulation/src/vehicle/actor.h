@@ -1,7 +1,7 @@
 #pragma once
 
-#include "vehicle/scenario.h"
 #include "renderer/synthetic_world.h"
+#include "vehicle/scenario.h"
 
 #include <string>
 #include <vector>
@@ -23,7 +23,7 @@ public:
   void go() { ordered_ = true; }
 
   const ActorPlan& plan() const { return plan_; }
-  pi_slam::ActorState state() const;
+  ActorState state() const;
   bool triggered() const { return triggered_; }
 
 private:

@@ -1,4 +1,5 @@
 #include "vehicle/microphone_mixer.h"
+
 #include <pi_node/option_check.h>
 
 #include <algorithm>

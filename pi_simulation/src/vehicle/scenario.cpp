@@ -1,7 +1,9 @@
-#include <pi_node/yaml_section.h>
-#include "vehicle/json.h"
 #include "vehicle/scenario.h"
+
 #include "drives/vehicle_path.h"
+#include "vehicle/json.h"
+
+#include <pi_node/yaml_section.h>
 
 #include <algorithm>
 #include <fstream>
@@ -48,8 +50,8 @@ std::string text(pi_node::YamlSection* section, const std::string& field)
 }
 
 /// Numbers of a list.
-std::vector<double> numbers(const pi_node::YamlSection& section, const std::string& field, const YAML::Node& node, size_t count,
-                            const char* kind)
+std::vector<double> numbers(const pi_node::YamlSection& section, const std::string& field, const YAML::Node& node,
+                            size_t count, const char* kind)
 {
   std::vector<double> values;
   try
@@ -138,7 +140,7 @@ std::vector<Eigen::Vector2d> readRoad(pi_node::YamlSection* section)
   {
     section->refuse("road", road.Scalar(), "campus_loop, or a list of points [x, y]");
   }
-  std::vector<Eigen::Vector2d> line = pi_slam::pathLine(pi_slam::PathShape::CAMPUS_LOOP, 0.0);
+  std::vector<Eigen::Vector2d> line = pathLine(PathShape::CAMPUS_LOOP, 0.0);
   line.push_back(line.front());
   return line;
 }
@@ -305,8 +307,8 @@ Scenario readScenario(pi_node::YamlSection* section, uint64_t seed)
   {
     scenario.waypoints = points(section, "waypoints");
   }
-  scenario.actors =
-      readList<ActorPlan>(section, "actors", [&random](pi_node::YamlSection* entry) { return readActor(entry, &random); });
+  scenario.actors = readList<ActorPlan>(section, "actors",
+                                        [&random](pi_node::YamlSection* entry) { return readActor(entry, &random); });
   std::set<std::string> ids;
   for (const ActorPlan& actor : scenario.actors)
   {

@@ -80,7 +80,7 @@ struct Scenario
   bool parked = true;                 ///< parked cars and boxes beside the road
   double bumps = 1.0;                 ///< scale of the road's unevenness
   double duration = 60.0;             ///< that it should take [s]; for the runner
-  pi_vehicle::Pose2 start;                        ///< of base_link
+  pi_vehicle::Pose2 start;            ///< of base_link
   pi_vehicle::Pose2 goal;
   std::vector<Eigen::Vector2d> waypoints;
   std::vector<ActorPlan> actors;

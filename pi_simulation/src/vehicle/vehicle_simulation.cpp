@@ -1,5 +1,7 @@
-#include "vehicle/json.h"
 #include "vehicle/vehicle_simulation.h"
+
+#include "vehicle/json.h"
+
 #include <pi_node/option_check.h>
 
 #include <algorithm>
@@ -19,7 +21,7 @@ constexpr int64_t POSE_STEPS = 20;
 constexpr int64_t JUDGE_STEPS = 50;
 const char* const COMMANDS = ", camera left|right|both on|off|dark, imu on|off, actor ID go";
 
-pi_vehicle::Pose2 mapInWorld(const Scenario& scenario, const VehicleSimulationOptions& options)
+pi_vehicle::Pose2 mapOrigin(const Scenario& scenario, const VehicleSimulationOptions& options)
 {
   return scenario.start * pi_vehicle::Pose2{options.imu_in_base.x(), options.imu_in_base.y(), 0.0};
 }
@@ -32,10 +34,9 @@ SimulationOptions chassisOptions(const Scenario& scenario, const VehicleSimulati
   return chassis;
 }
 
-std::shared_ptr<const pi_slam::SyntheticWorld> buildWorld(const Scenario& scenario,
-                                                          const VehicleSimulationOptions& options)
+std::shared_ptr<const SyntheticWorld> buildWorld(const Scenario& scenario, const VehicleSimulationOptions& options)
 {
-  pi_slam::SyntheticWorldOptions world;
+  SyntheticWorldOptions world;
   world.seed = scenario.world_seed;
   world.parked = scenario.parked;
   world.crossing = false;
@@ -55,7 +56,7 @@ std::shared_ptr<const pi_slam::SyntheticWorld> buildWorld(const Scenario& scenar
   std::for_each(scenario.road.begin(), scenario.road.end(), add);
   add(scenario.start.position());
   add(scenario.goal.position());
-  return pi_slam::SyntheticWorld::build(world, drive);
+  return SyntheticWorld::build(world, drive);
 }
 
 }  // namespace
@@ -82,7 +83,7 @@ VehicleSimulation::VehicleSimulation(const Scenario& scenario, const VehicleSimu
   , options_((options.validate(), options))
   , outputs_(std::move(outputs))
   , surface_(scenario.bumps, scenario.world_seed)
-  , map_in_world_(mapInWorld(scenario, options))
+  , map_in_world_(mapOrigin(scenario, options))
   , world_(buildWorld(scenario, options))
   , start_ns_(clock())
   , chassis_(chassisOptions(scenario, options), start_ns_)
@@ -129,7 +130,7 @@ void VehicleSimulation::step()
 {
   runFaults();
   chassis_.step(now_ns_);
-  const pi_vehicle::chassis::Pose& pose = chassis_.model().pose();
+  const chassis::Pose& pose = chassis_.model().pose();
   for (Actor& actor : actors_)
   {
     if (actor.step(time(), 1e-9 * static_cast<double>(STEP_NS), {pose.x, pose.y}))
@@ -181,7 +182,7 @@ void VehicleSimulation::publish()
     }
     if (outputs_.exposure)
     {
-      const pi_vehicle::chassis::Pose& pose = chassis_.model().pose();
+      const chassis::Pose& pose = chassis_.model().pose();
       outputs_.exposure(
           {now_ns_, surface_.T_world_base(pose.x, pose.y, pose.yaw) * T_base_body_, actorStates(), left_, right_});
     }
@@ -192,9 +193,9 @@ void VehicleSimulation::publish()
   }
 }
 
-std::vector<pi_slam::ActorState> VehicleSimulation::actorStates() const
+std::vector<ActorState> VehicleSimulation::actorStates() const
 {
-  std::vector<pi_slam::ActorState> states;
+  std::vector<ActorState> states;
   for (const Actor& actor : actors_)
   {
     states.push_back(actor.state());
@@ -211,11 +212,11 @@ OrientedBox VehicleSimulation::outline() const
 
 std::vector<TrueObstacle> VehicleSimulation::obstacles() const
 {
-  const pi_vehicle::chassis::Pose& pose = chassis_.model().pose();
+  const chassis::Pose& pose = chassis_.model().pose();
   const pi_vehicle::Pose2 T_base_world = pi_vehicle::Pose2{pose.x, pose.y, pose.yaw}.inverse();
   const OrientedBox vehicle = outline();
   std::vector<TrueObstacle> obstacles;
-  for (const pi_slam::ObstacleState& state : world_->obstaclesAt(now_ns_, actorStates()))
+  for (const ObstacleState& state : world_->obstaclesAt(now_ns_, actorStates()))
   {
     const Eigen::Vector3d center = state.T_world_object.translation();
     const Eigen::Vector2d in_base = T_base_world * Eigen::Vector2d(center.head<2>());
@@ -251,9 +252,9 @@ void VehicleSimulation::judge()
   {
     outputs_.obstacles(now_ns_, all);
   }
-  const pi_vehicle::chassis::Pose& pose = chassis_.model().pose();
+  const chassis::Pose& pose = chassis_.model().pose();
   const pi_vehicle::Pose2 in_map = map_in_world_.inverse() * pi_vehicle::Pose2{pose.x, pose.y, pose.yaw};
-  const pi_vehicle::chassis::Measurement measured = chassis_.model().measurement();
+  const chassis::Measurement measured = chassis_.model().measurement();
   const auto describe = [](const TrueObstacle& obstacle)
   {
     return "{\"id\": " + std::to_string(obstacle.id) + ", \"actor\": " + json::text(obstacle.name) +
@@ -264,7 +265,7 @@ void VehicleSimulation::judge()
   std::string fields = "\"pose\": " + json::list({in_map.x, in_map.y, in_map.heading}) +
                        ", \"speed\": " + json::number(measured.speed) +
                        ", \"curvature\": " + json::number(measured.curvature) +
-                       ", \"mode\": " + json::text(pi_vehicle::chassis::modeText(chassis_.controller().mode()));
+                       ", \"mode\": " + json::text(chassis::modeText(chassis_.controller().mode()));
   if (!all.empty())
   {
     fields += ", \"nearest\": " + describe(all.front());

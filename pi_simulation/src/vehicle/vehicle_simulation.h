@@ -1,13 +1,14 @@
 #pragma once
 
 #include "chassis/simulated_chassis.h"
+#include "renderer/synthetic_world.h"
 #include "vehicle/actor.h"
 #include "vehicle/motion_window.h"
 #include "vehicle/oriented_box.h"
 #include "vehicle/road_surface.h"
 #include "vehicle/scenario.h"
+
 #include <pi_slam/imu_simulator.h>
-#include "renderer/synthetic_world.h"
 
 #include <cstdint>
 #include <functional>
@@ -22,7 +23,7 @@ namespace pi_simulation
 
 struct VehicleSimulationOptions
 {
-  SimulationOptions chassis;                            ///< its start comes from the scenario
+  SimulationOptions chassis;                                     ///< its start comes from the scenario
   pi_slam::ImuSimulatorOptions imu;                              ///< rate_hz must be 200
   Eigen::Vector3d imu_in_base = Eigen::Vector3d(0.8, 0.0, 1.0);  ///< also the middle between the cameras [m]
   double front = 1.0;                                            ///< outline of the vehicle, ahead of base_link [m]
@@ -47,7 +48,7 @@ struct Exposure
 {
   int64_t stamp_ns = 0;
   Eigen::Isometry3d T_world_body = Eigen::Isometry3d::Identity();  ///< body: the IMU
-  std::vector<pi_slam::ActorState> actors;
+  std::vector<ActorState> actors;
   CameraState left = CameraState::ON;
   CameraState right = CameraState::ON;
 };
@@ -104,7 +105,7 @@ public:
   /// @return what is wrong with it and what would be right; empty: done.
   std::string command(const std::string& line);
 
-  const std::shared_ptr<const pi_slam::SyntheticWorld>& world() const { return world_; }
+  const std::shared_ptr<const SyntheticWorld>& world() const { return world_; }
   const SimulatedChassis& chassis() const { return chassis_; }
   pi_vehicle::Pose2 mapInWorld() const { return map_in_world_; }
   int64_t startNs() const { return start_ns_; }
@@ -117,7 +118,7 @@ private:
   void publish();
   void judge();
   std::vector<TrueObstacle> obstacles() const;
-  std::vector<pi_slam::ActorState> actorStates() const;
+  std::vector<ActorState> actorStates() const;
   OrientedBox outline() const;
   std::string execute(const std::string& line);
   void log(const std::string& type, const std::string& fields);
@@ -131,7 +132,7 @@ private:
   Eigen::Isometry3d T_map_world_ = Eigen::Isometry3d::Identity();
   Eigen::Isometry3d T_base_body_ = Eigen::Isometry3d::Identity();
   std::vector<Actor> actors_;
-  std::shared_ptr<const pi_slam::SyntheticWorld> world_;
+  std::shared_ptr<const SyntheticWorld> world_;
   const int64_t start_ns_;
   SimulatedChassis chassis_;
   pi_slam::ImuNoise noise_;

@@ -1,6 +1,8 @@
 #include <pi_vehicle/chassis/chassis_driver.h>
-#include <pi_vehicle/chassis/serial_port.h>
+
+#include <pi_node/durations.h>
 #include <pi_node/option_check.h>
+#include <pi_vehicle/chassis/serial_port.h>
 #include <poll.h>
 #include <pthread.h>
 #include <sys/eventfd.h>
@@ -20,6 +22,9 @@
 
 namespace pi_vehicle::chassis
 {
+
+using pi_node::monotonicNs;
+
 namespace
 {
 
@@ -27,12 +32,6 @@ constexpr size_t READ_BYTES = 4096;
 constexpr int READS_AT_ONCE = 16;  ///< a line that floods must not keep the thread from commanding
 
 }  // namespace
-
-int64_t monotonicNs()
-{
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
-      .count();
-}
 
 void DriverOptions::validate() const
 {

@@ -1,13 +1,19 @@
 #include <pi_vehicle/chassis/chassis_host.h>
+
+#include <pi_node/durations.h>
+#include <pi_node/formatting.h>
 #include <pi_node/option_check.h>
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <stdexcept>
 
 namespace pi_vehicle::chassis
 {
+
+using pi_node::format;
+using pi_node::secondsBetween;
+
 namespace
 {
 
@@ -16,18 +22,6 @@ constexpr int64_t RELEASE_NS = 1'000'000'000;  ///< so long the chassis is asked
 constexpr uint16_t MAX_GAP = 1000;             ///< of lost frames; a wider one is a chassis that counts anew
 constexpr double TRAVEL_STEP = 1e-4;           ///< [m]
 constexpr double STANDING = 0.02;              ///< [m/s]
-
-double since(int64_t then_ns, int64_t now_ns)
-{
-  return 1e-9 * static_cast<double>(now_ns - then_ns);
-}
-
-std::string seconds(double value)
-{
-  char text[32];
-  std::snprintf(text, sizeof text, "%.2f s", value);
-  return text;
-}
 
 }  // namespace
 
@@ -140,7 +134,7 @@ void ChassisHost::onStatus(const Status& status, int64_t now_ns)
   ++odometry_.count;
   if (timing_ && status.command_seen && static_cast<int16_t>(status.echoed_sequence - timed_sequence_) >= 0)
   {
-    round_trip_s_ = since(timed_ns_, now_ns);
+    round_trip_s_ = secondsBetween(timed_ns_, now_ns);
     timing_ = false;
   }
   // Only a status that answers to it confirms a release: an earlier one may not know of the emergency stop yet.
@@ -198,12 +192,12 @@ void ChassisHost::stop()
 
 bool ChassisHost::heard(int64_t now_ns) const
 {
-  return line_open_ && status_seen_ && since(status_ns_, now_ns) <= options_.status_timeout_s;
+  return line_open_ && status_seen_ && secondsBetween(status_ns_, now_ns) <= options_.status_timeout_s;
 }
 
 bool ChassisHost::motionHolds(int64_t now_ns) const
 {
-  return motion_ && since(motion_ns_, now_ns) <= options_.motion_timeout_s;
+  return motion_ && secondsBetween(motion_ns_, now_ns) <= options_.motion_timeout_s;
 }
 
 Command ChassisHost::nextCommand(int64_t now_ns)
@@ -236,7 +230,7 @@ Command ChassisHost::nextCommand(int64_t now_ns)
     command.deceleration = emergency_ ? limits_.deceleration : options_.stop_deceleration;
   }
   command = withinLimits(command, limits_, nullptr);
-  const double dt = std::clamp(since(command_ns_, now_ns), 0.0, 2.0 * options_.command_period_s);
+  const double dt = std::clamp(secondsBetween(command_ns_, now_ns), 0.0, 2.0 * options_.command_period_s);
   // Faster by the ramp; slower at once: the chassis slows down by the deceleration that the command holds.
   const double ramped = rampSpeed(commanded_speed_, command.speed, limits_.acceleration, command.deceleration, dt);
   const bool slower = std::abs(command.speed) <= std::abs(commanded_speed_) && command.speed * commanded_speed_ >= 0.0;
@@ -266,7 +260,7 @@ std::vector<uint8_t> ChassisHost::poll(int64_t now_ns)
     hello_asked_ns_ = now_ns;
     bytes = encodeHelloRequest(sequence_++);
   }
-  if (!timing_ || since(timed_ns_, now_ns) > options_.status_timeout_s)
+  if (!timing_ || secondsBetween(timed_ns_, now_ns) > options_.status_timeout_s)
   {
     timing_ = true;
     timed_sequence_ = sequence_;
@@ -285,7 +279,7 @@ HostMode ChassisHost::mode(int64_t now_ns, std::string* detail) const
     *detail = problem_;
     return HostMode::DISCONNECTED;
   }
-  if (!status_seen_ && since(status_ns_, now_ns) <= options_.status_timeout_s)
+  if (!status_seen_ && secondsBetween(status_ns_, now_ns) <= options_.status_timeout_s)
   {
     *detail = "waits for the first status";
     return HostMode::DISCONNECTED;
@@ -294,7 +288,7 @@ HostMode ChassisHost::mode(int64_t now_ns, std::string* detail) const
   {
     const DecoderCounters& counters = decoder_.counters();
     *detail =
-        "no status for " + seconds(since(status_ns_, now_ns)) +
+        "no status for " + format("%.2f s", secondsBetween(status_ns_, now_ns)) +
         (counters.wrong_version > 0 && !status_seen_
              ? "; it speaks version " + std::to_string(counters.other_version) + " of the protocol, this driver " +
                    std::to_string(PROTOCOL_VERSION) + "; update the older of both"
@@ -325,7 +319,8 @@ HostMode ChassisHost::mode(int64_t now_ns, std::string* detail) const
   }
   if (motion_ && !motionHolds(now_ns))
   {
-    *detail = "no motion command for " + seconds(since(motion_ns_, now_ns)) + "; drives again when they come";
+    *detail = "no motion command for " + format("%.2f s", secondsBetween(motion_ns_, now_ns)) +
+              "; drives again when they come";
     return HostMode::STOPPED_WATCHDOG;
   }
   if (status_.mode == Mode::STOPPED_WATCHDOG)

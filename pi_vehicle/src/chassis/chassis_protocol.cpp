@@ -1,4 +1,5 @@
 #include <pi_vehicle/chassis/chassis_protocol.h>
+
 #include <pi_node/option_check.h>
 
 #include <algorithm>

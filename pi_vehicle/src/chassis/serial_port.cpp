@@ -1,5 +1,6 @@
-#include <fcntl.h>
 #include <pi_vehicle/chassis/serial_port.h>
+
+#include <fcntl.h>
 #include <sys/file.h>
 #include <sys/ioctl.h>
 #include <termios.h>

@@ -1,14 +1,17 @@
 #include "decision/arbiter.h"
 
-#include <pi_node/yaml_section.h>
+#include <pi_node/durations.h>
 #include <pi_node/option_check.h>
+#include <pi_node/yaml_section.h>
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
 namespace pi_vehicle
 {
+
+using pi_node::seconds;
+
 namespace
 {
 
@@ -16,11 +19,6 @@ constexpr double STANDING = 0.05;    // [m/s]
 constexpr double MAX_STEP_S = 0.1;   // of the shaping
 constexpr double MAX_PAUSE_S = 1.0;  // a longer one is a jump of the clock, or a stall
 constexpr double FUTURE_S = 0.1;
-
-double seconds(int64_t ns)
-{
-  return 1e-9 * static_cast<double>(ns);
-}
 
 bool finite(const DriveCommand& command)
 {
@@ -198,13 +196,14 @@ bool Arbiter::releaseEmergencyStop()
   return true;
 }
 
-void Arbiter::shape(double target, double curvature, double deceleration, double dt)
+void Arbiter::shape(const Demand& demand, double dt)
 {
+  const double deceleration = demand.deceleration;
   const double turn = options_.max_curvature_rate * dt;
-  curvature = std::clamp(curvature, -options_.max_curvature, options_.max_curvature);
+  const double curvature = std::clamp(demand.curvature, -options_.max_curvature, options_.max_curvature);
   curvature_ += std::clamp(curvature - curvature_, -turn, turn);
   const double bend = std::sqrt(options_.max_lateral_acceleration / std::max(std::abs(curvature_), 1e-6));
-  target = std::clamp(target, -bend, bend);
+  double target = std::clamp(demand.speed, -bend, bend);
   if (target * speed_ < 0.0)
   {
     target = 0.0;  // through standstill
@@ -237,9 +236,9 @@ void Arbiter::shape(double target, double curvature, double deceleration, double
   }
 }
 
-ArbiterOutput Arbiter::update(int64_t now_ns, std::optional<double> measured_speed)
+double Arbiter::advanceClock(int64_t now_ns)
 {
-  double dt = have_now_ ? seconds(now_ns - last_ns_) : 0.0;
+  const double dt = have_now_ ? seconds(now_ns - last_ns_) : 0.0;
   if (dt < 0.0 || dt > MAX_PAUSE_S)
   {
     for (ArbiterSourceState& slot : sources_)
@@ -247,42 +246,55 @@ ArbiterOutput Arbiter::update(int64_t now_ns, std::optional<double> measured_spe
       slot.alive = false;
     }
   }
-  dt = std::clamp(dt, 0.0, MAX_STEP_S);
   have_now_ = true;
   last_ns_ = now_ns;
-  measured_ = measured_speed && std::isfinite(*measured_speed) ? *measured_speed : speed_;
+  return std::clamp(dt, 0.0, MAX_STEP_S);
+}
 
+std::string Arbiter::expireSilentSources(int64_t now_ns)
+{
   std::string missing;
-  int best = -1;
   for (size_t i = 0; i < sources_.size(); ++i)
   {
     const ArbiterSource& source = options_.sources[i];
     ArbiterSourceState& slot = sources_[i];
     const double age = seconds(now_ns - slot.stamp_ns);
-    if (slot.alive && (age > source.timeout + 1e-9 || age < -MAX_PAUSE_S))
+    slot.alive = slot.alive && age <= source.timeout + 1e-9 && age >= -MAX_PAUSE_S;
+    if (!slot.alive && source.required && !slot.released && missing.empty())
     {
-      slot.alive = false;
+      missing = source.name;
     }
-    if (!slot.alive)
-    {
-      if (source.required && !slot.released && missing.empty())
-      {
-        missing = source.name;
-      }
-      continue;
-    }
-    if (source.drives && (best < 0 || source.priority > options_.sources[static_cast<size_t>(best)].priority))
+  }
+  return missing;
+}
+
+int Arbiter::highestPriority() const
+{
+  int best = -1;
+  for (size_t i = 0; i < sources_.size(); ++i)
+  {
+    const ArbiterSource& source = options_.sources[i];
+    if (sources_[i].alive && source.drives &&
+        (best < 0 || source.priority > options_.sources[static_cast<size_t>(best)].priority))
     {
       best = static_cast<int>(i);
     }
   }
+  return best;
+}
+
+void Arbiter::chooseDriver()
+{
+  const int best = highestPriority();
   if (driver_ >= 0 && !sources_[static_cast<size_t>(driver_)].alive)
   {
     stopping_ = true;
     dead_ = options_.sources[static_cast<size_t>(driver_)].name;
     driver_ = -1;
   }
-  if (stopping_ && ((std::abs(speed_) < 1e-3 && std::abs(measured_) < STANDING) || (best >= 0 && find(dead_) == best)))
+  const bool standing = std::abs(speed_) < 1e-3 && std::abs(measured_) < STANDING;
+  const bool revived = best >= 0 && find(dead_) == best;
+  if (standing || revived)
   {
     stopping_ = false;
   }
@@ -290,74 +302,92 @@ ArbiterOutput Arbiter::update(int64_t now_ns, std::optional<double> measured_spe
   {
     driver_ = best;
   }
+}
 
-  ArbiterOutput output;
-  output.command.source = "arbiter";
-  double target = 0.0;
-  double curvature = curvature_;
-  double deceleration = options_.deceleration;
-  const auto harder = [this, &deceleration](double asked)
-  { deceleration = std::max(deceleration, std::min(asked, options_.emergency_deceleration)); };
-  if (driver_ >= 0)
+Arbiter::Demand Arbiter::demandOfDriver(ArbiterOutput* output) const
+{
+  Demand demand{0.0, curvature_, options_.deceleration};
+  if (driver_ < 0)
   {
-    const ArbiterSource& source = options_.sources[static_cast<size_t>(driver_)];
-    const DriveCommand& command = sources_[static_cast<size_t>(driver_)].command;
-    const double most = std::min(options_.max_speed, source.max_speed);
-    const double least = -std::min(options_.max_reverse_speed, source.max_speed);
-    target = std::clamp(command.speed, least, most);
-    curvature = command.curvature;
-    harder(command.max_deceleration);
-    output.command.source = source.name;
-    output.command.reason = command.reason;
-    output.driver = source.name;
+    output->command.reason = stopping_ ? dead_ + " fell silent" : "nobody drives";
+    return demand;
   }
-  else
-  {
-    output.command.reason = stopping_ ? dead_ + " fell silent" : "nobody drives";
-  }
+  const ArbiterSource& source = options_.sources[static_cast<size_t>(driver_)];
+  const DriveCommand& command = sources_[static_cast<size_t>(driver_)].command;
+  demand.speed = std::clamp(command.speed, -std::min(options_.max_reverse_speed, source.max_speed),
+                            std::min(options_.max_speed, source.max_speed));
+  demand.curvature = command.curvature;
+  brakeHarder(command.max_deceleration, &demand);
+  output->command.source = source.name;
+  output->command.reason = command.reason;
+  output->driver = source.name;
+  return demand;
+}
+
+void Arbiter::brakeHarder(double deceleration, Demand* demand) const
+{
+  demand->deceleration = std::max(demand->deceleration, std::min(deceleration, options_.emergency_deceleration));
+}
+
+void Arbiter::applySpeedLimits(Demand* demand, ArbiterOutput* output) const
+{
   for (size_t i = 0; i < sources_.size(); ++i)
   {
     const ArbiterSource& source = options_.sources[i];
     const DriveCommand& command = sources_[i].command;
-    const double limit = std::max(0.0, command.speed);
     if (source.drives || !sources_[i].alive)
     {
       continue;
     }
+    const double limit = std::max(0.0, command.speed);
     if (std::abs(speed_) > limit)
     {
-      harder(command.max_deceleration);  // also where the driver slows down by itself, more gently
+      brakeHarder(command.max_deceleration, demand);  // also where the driver slows down by itself, more gently
     }
-    if (std::abs(target) <= limit)
+    if (std::abs(demand->speed) > limit)
     {
-      continue;
+      demand->speed = std::clamp(demand->speed, -limit, limit);
+      output->command.source = source.name;
+      output->command.reason = command.reason;
+      output->limited_by = source.name;
     }
-    target = std::clamp(target, -limit, limit);
-    output.command.source = source.name;
-    output.command.reason = command.reason;
-    output.limited_by = source.name;
   }
+}
+
+void Arbiter::hold(const std::string& reason, Demand* demand, ArbiterOutput* output)
+{
+  demand->speed = 0.0;
+  output->command.source = "arbiter";
+  output->command.reason = reason;
+  output->limited_by = output->command.source;
+}
+
+ArbiterOutput Arbiter::update(int64_t now_ns, std::optional<double> measured_speed)
+{
+  const double dt = advanceClock(now_ns);
+  measured_ = measured_speed && std::isfinite(*measured_speed) ? *measured_speed : speed_;
+  const std::string missing = expireSilentSources(now_ns);
+  chooseDriver();
+
+  ArbiterOutput output;
+  output.command.source = "arbiter";
+  Demand demand = demandOfDriver(&output);
+  applySpeedLimits(&demand, &output);
   if (!missing.empty())
   {
-    target = 0.0;
-    output.command.source = "arbiter";
-    output.command.reason = missing + " is silent and required";
-    output.limited_by = output.command.source;
+    hold(missing + " is silent and required", &demand, &output);
     output.missing = true;
   }
   if (emergency_)
   {
-    target = 0.0;
-    deceleration = options_.emergency_deceleration;
-    output.command.source = "arbiter";
-    output.command.reason = emergency_reason_;
-    output.limited_by = output.command.source;
+    hold(emergency_reason_, &demand, &output);
+    demand.deceleration = options_.emergency_deceleration;
     output.emergency_stop = true;
   }
-  shape(target, curvature, deceleration, dt);
+  shape(demand, dt);
   output.command.speed = speed_;
   output.command.curvature = curvature_;
-  output.command.max_deceleration = deceleration > options_.deceleration ? deceleration : 0.0;
+  output.command.max_deceleration = demand.deceleration > options_.deceleration ? demand.deceleration : 0.0;
   output.acceleration = acceleration_;
   return output;
 }

@@ -131,8 +131,26 @@ public:
   const std::vector<ArbiterSourceState>& sources() const { return sources_; }
 
 private:
+  struct Demand
+  {
+    double speed;         // [m/s]
+    double curvature;     // [1/m]
+    double deceleration;  // to brake with [m/s^2]
+  };
+
   int find(const std::string& name) const;
-  void shape(double target, double curvature, double deceleration, double dt);
+  /// @return the time to shape for [s].
+  double advanceClock(int64_t now_ns);
+  /// @return the first required source that is silent; empty: none.
+  std::string expireSilentSources(int64_t now_ns);
+  int highestPriority() const;
+  void chooseDriver();
+  Demand demandOfDriver(ArbiterOutput* output) const;
+  void brakeHarder(double deceleration, Demand* demand) const;
+  void applySpeedLimits(Demand* demand, ArbiterOutput* output) const;
+  static void hold(const std::string& reason, Demand* demand, ArbiterOutput* output);
+  /// Moves speed_, acceleration_ and curvature_ towards the demand within all limits of motion.
+  void shape(const Demand& demand, double dt);
 
   const ArbiterOptions options_;
   std::vector<ArbiterSourceState> sources_;

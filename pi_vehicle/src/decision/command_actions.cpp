@@ -1,7 +1,8 @@
 #include "decision/command_actions.h"
 
-#include <pi_node/yaml_section.h>
+#include <pi_node/durations.h>
 #include <pi_node/option_check.h>
+#include <pi_node/yaml_section.h>
 
 #include <algorithm>
 #include <cmath>
@@ -9,6 +10,9 @@
 
 namespace pi_vehicle
 {
+
+using pi_node::seconds;
+
 namespace
 {
 
@@ -16,11 +20,6 @@ constexpr CommandAction ACTIONS[] = {CommandAction::STOP,   CommandAction::GO,  
                                      CommandAction::CANCEL, CommandAction::SLOWER, CommandAction::FASTER,
                                      CommandAction::LEFT,   CommandAction::RIGHT,  CommandAction::GO_TO,
                                      CommandAction::SAY,    CommandAction::HORN};
-
-double seconds(int64_t ns)
-{
-  return 1e-9 * static_cast<double>(ns);
-}
 
 CommandActionsOptions read(pi_node::YamlSection top)
 {

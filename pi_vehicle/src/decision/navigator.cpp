@@ -1,13 +1,18 @@
 #include "decision/navigator.h"
 
+#include <pi_node/durations.h>
+#include <pi_node/formatting.h>
 #include <pi_node/option_check.h>
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
 namespace pi_vehicle
 {
+
+using pi_node::format;
+using pi_node::seconds;
+
 namespace
 {
 
@@ -20,18 +25,6 @@ constexpr double FUTURE_S = 0.1;         // reports may be stamped ahead by so m
 constexpr double DETOUR = 0.5;           // legs of the path may be so much longer or shorter than straight ones
 constexpr double JOINED = 0.2;           // so near to a loop, in m and rad, it is driven [m]
 constexpr double REJOIN_AHEAD = 15.0;    // farthest place of a loop to join, ahead of the nearest one [m]
-
-double seconds(int64_t ns)
-{
-  return 1e-9 * static_cast<double>(ns);
-}
-
-std::string format(const char* form, double a, double b = 0.0)
-{
-  char text[200];
-  std::snprintf(text, sizeof text, form, a, b);
-  return text;
-}
 
 double legLength(const std::vector<Eigen::Vector2d>& points, bool loop)
 {

@@ -1,13 +1,18 @@
 #include "decision/path_follower.h"
 
+#include <pi_node/durations.h>
+#include <pi_node/formatting.h>
 #include <pi_node/option_check.h>
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
 namespace pi_vehicle
 {
+
+using pi_node::format;
+using pi_node::seconds;
+
 namespace
 {
 
@@ -19,18 +24,6 @@ constexpr double SEARCH_AHEAD = 3.0;    // likewise ahead [m]
 constexpr double HEADING_WEIGHT = 1.0;  // a radian turned away counts as this when the path is searched as a whole [m]
 constexpr double MAX_STEP_S = 0.2;      // longest time that ramps and blends take one update for [s]
 constexpr double SCAN_STEP = 0.2;       // of the path ahead, for the speed [m]
-
-double seconds(int64_t ns)
-{
-  return 1e-9 * static_cast<double>(ns);
-}
-
-std::string format(const char* form, double a, double b)
-{
-  char text[160];
-  std::snprintf(text, sizeof text, form, a, b);
-  return text;
-}
 
 }  // namespace
 
@@ -100,6 +93,34 @@ FollowerOutput PathFollower::stopped(FollowerStop stop, const std::string& reaso
   return output;
 }
 
+void PathFollower::compareWithPrediction(const FollowerInput& input)
+{
+  const double dt = std::max(0.0, seconds(input.pose_stamp_ns - pose_stamp_ns_));
+  const Pose2 predicted = raw_pose_.moved(input.speed * dt, input.curvature);
+  const Eigen::Vector2d shift = predicted.position() - input.pose->position();
+  const double turn = wrapAngle(predicted.heading - input.pose->heading);
+  const double decay = std::exp(-dt / options_.jump_blend_time);
+  offset_ = {offset_.x * decay, offset_.y * decay, offset_.heading * decay};
+  if (shift.norm() >= options_.jump_large || std::abs(turn) >= options_.jump_large_heading)
+  {
+    jumped_ = true;
+    located_ = false;
+    settled_since_ns_ = input.now_ns;
+    offset_ = Pose2();
+  }
+  else if (shift.norm() > options_.jump_small)
+  {
+    if (jumped_)
+    {
+      settled_since_ns_ = input.now_ns;
+    }
+    else
+    {
+      offset_ = {offset_.x + shift.x(), offset_.y + shift.y(), wrapAngle(offset_.heading + turn)};
+    }
+  }
+}
+
 FollowerStop PathFollower::takePose(const FollowerInput& input)
 {
   if (!input.pose)
@@ -110,36 +131,12 @@ FollowerStop PathFollower::takePose(const FollowerInput& input)
   {
     return FollowerStop::BAD_INPUT;
   }
-  const bool fresh = !have_pose_ || input.pose_stamp_ns != pose_stamp_ns_;
-  if (fresh)
+  if (have_pose_ && input.pose_stamp_ns != pose_stamp_ns_)
   {
-    if (have_pose_)
-    {
-      const double dt = std::max(0.0, seconds(input.pose_stamp_ns - pose_stamp_ns_));
-      const Pose2 predicted = raw_pose_.moved(input.speed * dt, input.curvature);
-      const Eigen::Vector2d shift = predicted.position() - input.pose->position();
-      const double turn = wrapAngle(predicted.heading - input.pose->heading);
-      const double decay = std::exp(-dt / options_.jump_blend_time);
-      offset_ = {offset_.x * decay, offset_.y * decay, offset_.heading * decay};
-      if (shift.norm() >= options_.jump_large || std::abs(turn) >= options_.jump_large_heading)
-      {
-        jumped_ = true;
-        located_ = false;
-        settled_since_ns_ = input.now_ns;
-        offset_ = Pose2();
-      }
-      else if (shift.norm() > options_.jump_small)
-      {
-        if (jumped_)
-        {
-          settled_since_ns_ = input.now_ns;
-        }
-        else
-        {
-          offset_ = {offset_.x + shift.x(), offset_.y + shift.y(), wrapAngle(offset_.heading + turn)};
-        }
-      }
-    }
+    compareWithPrediction(input);
+  }
+  if (!have_pose_ || input.pose_stamp_ns != pose_stamp_ns_)
+  {
     have_pose_ = true;
     pose_stamp_ns_ = input.pose_stamp_ns;
     raw_pose_ = *input.pose;
@@ -201,21 +198,123 @@ double PathFollower::plannedSpeed(double s, double speed) const
   return planned;
 }
 
-FollowerOutput PathFollower::update(const FollowerInput& input)
+double PathFollower::advanceClock(int64_t now_ns)
 {
-  FollowerOutput output;
-  output.command.source = "navigation";
-  double dt = have_now_ ? seconds(input.now_ns - last_now_ns_) : 0.0;
+  const double dt = have_now_ ? seconds(now_ns - last_now_ns_) : 0.0;
   if (dt < 0.0)
   {
     have_pose_ = false;  // the clock went back
     located_ = false;
-    dt = 0.0;
   }
-  dt = std::min(dt, MAX_STEP_S);
   have_now_ = true;
-  last_now_ns_ = input.now_ns;
+  last_now_ns_ = now_ns;
+  return std::clamp(dt, 0.0, MAX_STEP_S);
+}
 
+std::string PathFollower::reasonOf(FollowerStop trouble, const FollowerInput& input) const
+{
+  switch (trouble)
+  {
+    case FollowerStop::NO_LOCALISATION:
+      return "no localisation";
+    case FollowerStop::BAD_INPUT:
+      return "pose, speed or curvature is not a number";
+    case FollowerStop::STALE_LOCALISATION:
+      return format("pose is %.2f s old, must be within %.2f s", seconds(input.now_ns - input.pose_stamp_ns),
+                    options_.localisation_timeout);
+    default:
+      return format("localisation jumped by %.2f m or %.2f rad or more", options_.jump_large,
+                    options_.jump_large_heading);
+  }
+}
+
+Pose2 PathFollower::poseWhenCommandActs(const FollowerInput& input)
+{
+  const Pose2 blended{raw_pose_.x + offset_.x, raw_pose_.y + offset_.y, wrapAngle(raw_pose_.heading + offset_.heading)};
+  const double age = std::max(0.0, seconds(input.now_ns - pose_stamp_ns_));
+  steered_ = blended.moved(input.speed * age, input.curvature);
+  have_steered_ = true;
+  return steered_.moved(input.speed * options_.actuation_delay, input.curvature);
+}
+
+double PathFollower::distanceTo(double s, const Pose2& pose) const
+{
+  return (path_.at(s).pose().position() - pose.position()).norm();
+}
+
+PathProjection PathFollower::locate(const Pose2& pose) const
+{
+  if (located_)
+  {
+    const PathProjection near = path_.project(pose, s_ - SEARCH_BACK, s_ + SEARCH_AHEAD);
+    if (distanceTo(near.s, pose) <= options_.max_offset)
+    {
+      return near;
+    }
+  }
+  return path_.project(pose, HEADING_WEIGHT);
+}
+
+bool PathFollower::reachedEnd(double distance_to_goal) const
+{
+  return !path_.closed() &&
+         (done_ || missed_ || distance_to_goal <= std::min(STOP_SHORT, 0.25 * options_.goal_tolerance));
+}
+
+FollowerOutput PathFollower::stopAtGoal(double measured_speed, FollowerOutput output)
+{
+  const double goal_offset = (path_.points().back().pose().position() - steered_.position()).norm();
+  speed_ = 0.0;
+  output.command.curvature = curvature_;
+  if (!done_ && std::abs(measured_speed) < STANDING)
+  {
+    done_ = goal_offset <= options_.goal_tolerance;
+    missed_ = !done_;
+  }
+  if (missed_)
+  {
+    return stopped(FollowerStop::GOAL_MISSED,
+                   format("the path ends %.2f m from here, must be within %.2f m: plan again", goal_offset,
+                          options_.goal_tolerance),
+                   output);
+  }
+  output.state = done_ ? FollowerState::DONE : FollowerState::FOLLOWING;
+  output.command.max_deceleration = done_ ? 0.0 : options_.stop_deceleration;
+  output.command.reason = done_ ? "at the goal" : "stopping at the goal";
+  output.progress = done_ ? 1.0 : output.progress;
+  return output;
+}
+
+void PathFollower::drive(const FollowerInput& input, const PathProjection& projection, double lateral_error, double dt,
+                         FollowerOutput* output)
+{
+  const double wanted = pursuit(output->pose, s_, projection.cross_track, std::abs(input.speed));
+  const double turn = options_.max_curvature_rate * dt;
+  curvature_ = std::clamp(wanted, curvature_ - turn, curvature_ + turn);
+
+  double limit = plannedSpeed(s_, std::abs(input.speed));
+  const double bend = std::max(std::abs(curvature_), std::abs(wanted));
+  limit = std::min(limit, std::sqrt(options_.max_lateral_acceleration / std::max(bend, 1e-6)));
+  const bool rejoining =
+      lateral_error > options_.rejoin_offset || std::abs(projection.heading_error) > options_.rejoin_heading;
+  if (rejoining)
+  {
+    limit = std::min(limit, options_.rejoin_speed);
+  }
+  // Accelerates from the measured speed, not from the commanded one: another source may hold the vehicle back.
+  const double from = std::clamp(speed_, input.speed - 0.5, input.speed + 0.5);
+  speed_ = std::max(0.0, std::min(limit, from + options_.acceleration * dt));
+  output->state = FollowerState::FOLLOWING;
+  output->command.reason = rejoining ? "rejoining the path" : "following the path";
+  output->command.speed = speed_;
+  output->command.curvature = curvature_;
+}
+
+FollowerOutput PathFollower::update(const FollowerInput& input)
+{
+  FollowerOutput output;
+  output.command.source = "navigation";
+  const double dt = advanceClock(input.now_ns);
   const FollowerStop trouble = takePose(input);
   have_steered_ = false;
   if (path_.empty())
@@ -224,99 +323,31 @@ FollowerOutput PathFollower::update(const FollowerInput& input)
     output.command.reason = "no path";
     return output;
   }
-  switch (trouble)
+  if (trouble != FollowerStop::NONE)
   {
-    case FollowerStop::NO_LOCALISATION:
-      return stopped(trouble, "no localisation", output);
-    case FollowerStop::BAD_INPUT:
-      return stopped(trouble, "pose, speed or curvature is not a number", output);
-    case FollowerStop::STALE_LOCALISATION:
-      return stopped(trouble,
-                     format("pose is %.2f s old, must be within %.2f s", seconds(input.now_ns - input.pose_stamp_ns),
-                            options_.localisation_timeout),
-                     output);
-    case FollowerStop::LOCALISATION_JUMPED:
-      return stopped(
-          trouble,
-          format("localisation jumped by %.2f m or %.2f rad or more", options_.jump_large, options_.jump_large_heading),
-          output);
-    default:
-      break;
+    return stopped(trouble, reasonOf(trouble, input), output);
   }
-
-  const Pose2 blended{raw_pose_.x + offset_.x, raw_pose_.y + offset_.y, wrapAngle(raw_pose_.heading + offset_.heading)};
-  const double age = std::max(0.0, seconds(input.now_ns - pose_stamp_ns_));
-  steered_ = blended.moved(input.speed * age, input.curvature);
-  have_steered_ = true;
-  output.pose = steered_.moved(input.speed * options_.actuation_delay, input.curvature);
-
-  const auto offsetAt = [this, &output](double s)
-  { return (path_.at(s).pose().position() - output.pose.position()).norm(); };
-  PathProjection projection = located_ ? path_.project(output.pose, s_ - SEARCH_BACK, s_ + SEARCH_AHEAD)
-                                       : path_.project(output.pose, HEADING_WEIGHT);
-  if (located_ && offsetAt(projection.s) > options_.max_offset)
-  {
-    projection = path_.project(output.pose, HEADING_WEIGHT);  // left the part that was searched
-  }
-  const double offset = offsetAt(projection.s);
+  output.pose = poseWhenCommandActs(input);
+  const PathProjection projection = locate(output.pose);
+  const double lateral_error = distanceTo(projection.s, output.pose);
   output.cross_track = projection.cross_track;
   output.distance_to_goal = path_.length() - projection.s;
   output.progress = projection.s / path_.length();
-  // Beside the end of an open path the way beyond it does not count as off the path.
-  if (offset > options_.max_offset && !done_)
+  // A vehicle at the goal may stand beside the end of the path, beyond max_offset.
+  if (lateral_error > options_.max_offset && !done_)
   {
     located_ = false;
     return stopped(FollowerStop::OFF_PATH,
-                   format("%.1f m off the path, must be within %.1f m: plan again", offset, options_.max_offset),
+                   format("%.1f m off the path, must be within %.1f m: plan again", lateral_error, options_.max_offset),
                    output);
   }
   located_ = true;
   s_ = projection.s;
-
-  if (!path_.closed() &&
-      (done_ || missed_ || output.distance_to_goal <= std::min(STOP_SHORT, 0.25 * options_.goal_tolerance)))
+  if (reachedEnd(output.distance_to_goal))
   {
-    const double goal_offset = (path_.points().back().pose().position() - steered_.position()).norm();
-    speed_ = 0.0;
-    output.command.curvature = curvature_;
-    if (!done_ && std::abs(input.speed) < STANDING)
-    {
-      done_ = goal_offset <= options_.goal_tolerance;
-      missed_ = !done_;
-    }
-    if (missed_)
-    {
-      return stopped(FollowerStop::GOAL_MISSED,
-                     format("the path ends %.2f m from here, must be within %.2f m: plan again", goal_offset,
-                            options_.goal_tolerance),
-                     output);
-    }
-    output.state = done_ ? FollowerState::DONE : FollowerState::FOLLOWING;
-    output.command.max_deceleration = done_ ? 0.0 : options_.stop_deceleration;
-    output.command.reason = done_ ? "at the goal" : "stopping at the goal";
-    output.progress = done_ ? 1.0 : output.progress;
-    return output;
+    return stopAtGoal(input.speed, output);
   }
-
-  const double wanted = pursuit(output.pose, s_, projection.cross_track, std::abs(input.speed));
-  const double turn = options_.max_curvature_rate * dt;
-  curvature_ = std::clamp(wanted, curvature_ - turn, curvature_ + turn);
-
-  double limit = plannedSpeed(s_, std::abs(input.speed));
-  const double bend = std::max(std::abs(curvature_), std::abs(wanted));
-  limit = std::min(limit, std::sqrt(options_.max_lateral_acceleration / std::max(bend, 1e-6)));
-  output.command.reason = "following the path";
-  if (offset > options_.rejoin_offset || std::abs(projection.heading_error) > options_.rejoin_heading)
-  {
-    limit = std::min(limit, options_.rejoin_speed);
-    output.command.reason = "rejoining the path";
-  }
-  // From what the vehicle does, not from what it was asked to: somebody else may hold it up.
-  const double from = std::clamp(speed_, input.speed - 0.5, input.speed + 0.5);
-  speed_ = std::max(0.0, std::min(limit, from + options_.acceleration * dt));
-  output.state = FollowerState::FOLLOWING;
-  output.command.speed = speed_;
-  output.command.curvature = curvature_;
+  drive(input, projection, lateral_error, dt, &output);
   return output;
 }
 

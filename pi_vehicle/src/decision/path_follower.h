@@ -141,7 +141,19 @@ public:
 
 private:
   FollowerOutput stopped(FollowerStop stop, const std::string& reason, FollowerOutput output);
+  /// @return the time since the last update, bounded [s].
+  double advanceClock(int64_t now_ns);
   FollowerStop takePose(const FollowerInput& input);
+  /// Tells small jumps of the pose, which are blended in, from large ones, which stop the vehicle.
+  void compareWithPrediction(const FollowerInput& input);
+  std::string reasonOf(FollowerStop trouble, const FollowerInput& input) const;
+  Pose2 poseWhenCommandActs(const FollowerInput& input);
+  PathProjection locate(const Pose2& pose) const;
+  double distanceTo(double s, const Pose2& pose) const;
+  bool reachedEnd(double distance_to_goal) const;
+  FollowerOutput stopAtGoal(double measured_speed, FollowerOutput output);
+  void drive(const FollowerInput& input, const PathProjection& projection, double lateral_error, double dt,
+             FollowerOutput* output);
   double pursuit(const Pose2& pose, double s, double cross_track, double speed) const;
   double plannedSpeed(double s, double speed) const;
 

@@ -1,12 +1,18 @@
 #include "decision/pose_keeper.h"
+
+#include <pi_node/durations.h>
+#include <pi_node/formatting.h>
 #include <pi_node/option_check.h>
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
 namespace pi_vehicle
 {
+
+using pi_node::format;
+using pi_node::seconds;
+
 namespace
 {
 
@@ -22,18 +28,6 @@ constexpr double EXACT_M = 0.05;            // agreement of odometry that has no
 constexpr double EXACT_RAD = 0.02;
 constexpr double NOTHING_KNOWN = 1e-6;  // T_map_odom nearer to the identity than this knows nothing
 constexpr int MANY_TRIES = 10;
-
-double seconds(int64_t ns)
-{
-  return 1e-9 * static_cast<double>(ns);
-}
-
-std::string number(const char* pattern, double value)
-{
-  char text[32];
-  std::snprintf(text, sizeof text, pattern, value);
-  return text;
-}
 
 double squared(double value)
 {
@@ -309,7 +303,7 @@ void PoseKeeper::followFirst()
   anchor.pose = {last_->stamp_ns, saved.T_map_base, options_.position_deviation + driven,
                  options_.heading_deviation + options_.jump_per_m * driven};
   anchor_ = anchor;
-  beginRestoring(last_->stamp_ns, "goes on from the saved pose, " + number("%.0f", saved.age_s) + " s old");
+  beginRestoring(last_->stamp_ns, "goes on from the saved pose, " + format("%.0f", saved.age_s) + " s old");
 }
 
 /// Odometry comes over another connection, and is continuous: of another life it is if its place in map is not.
@@ -390,8 +384,8 @@ std::optional<KeptPose> PoseKeeper::update(int64_t now_ns)
   const KeptPose kept = carried(stamp_ns);
   if (kept.position_deviation > options_.max_position_deviation)
   {
-    set(KeeperState::LOST, "odometry began anew, and the place is known to " + number("%.1f", kept.position_deviation) +
-                               " m only (max_position_deviation = " + number("%.1f", options_.max_position_deviation) +
+    set(KeeperState::LOST, "odometry began anew, and the place is known to " + format("%.1f", kept.position_deviation) +
+                               " m only (max_position_deviation = " + format("%.1f", options_.max_position_deviation) +
                                "); give the pose on initialpose, as rviz does by 2D Pose Estimate");
     return std::nullopt;
   }

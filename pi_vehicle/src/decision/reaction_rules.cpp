@@ -1,7 +1,8 @@
 #include "decision/reaction_rules.h"
 
-#include <pi_node/yaml_section.h>
+#include <pi_node/durations.h>
 #include <pi_node/option_check.h>
+#include <pi_node/yaml_section.h>
 
 #include <algorithm>
 #include <cmath>
@@ -9,16 +10,14 @@
 
 namespace pi_vehicle
 {
+
+using pi_node::seconds;
+
 namespace
 {
 
 constexpr ReactionAction ACTIONS[] = {ReactionAction::GREET, ReactionAction::HORN, ReactionAction::SAY,
                                       ReactionAction::SLOW, ReactionAction::STOP};
-
-double seconds(int64_t ns)
-{
-  return 1e-9 * static_cast<double>(ns);
-}
 
 bool once(ReactionAction action)
 {

@@ -1,15 +1,18 @@
 #include "decision/route.h"
 
+#include <pi_node/formatting.h>
 #include <pi_node/option_check.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 
 namespace pi_vehicle
 {
+
+using pi_node::format;
+
 namespace
 {
 
@@ -21,13 +24,6 @@ constexpr double RESERVE = 1.04;       // of radii: averaging tightens arcs a li
 constexpr double JOIN_STEP = 0.25;     // between places to join that are tried [m]
 constexpr size_t MAX_POINTS = 1000;
 constexpr double MAX_COORDINATE = 1e5;  // [m]
-
-std::string format(const char* form, double a, double b, double c)
-{
-  char text[240];
-  std::snprintf(text, sizeof text, form, a, b, c);
-  return text;
-}
 
 double positiveAngle(double angle)
 {
@@ -112,6 +108,341 @@ RouteResult finish(const Points& rough, bool closed, const RouteOptions& options
   return result;
 }
 
+struct DubinsWord
+{
+  std::array<int, 3> turn;       // 1: left, 0: straight, -1: right
+  std::array<double, 3> length;  // in radii
+
+  double total() const { return length[0] + length[1] + length[2]; }
+};
+
+/// All words from heading `a` at the origin to heading `b` at (d, 0), in units of the radius (Shkel and Lumelsky 2001).
+std::vector<DubinsWord> dubinsWords(double d, double a, double b)
+{
+  const double sa = std::sin(a);
+  const double sb = std::sin(b);
+  const double ca = std::cos(a);
+  const double cb = std::cos(b);
+  const double cab = std::cos(a - b);
+  std::vector<DubinsWord> words;
+  const auto add = [&words](std::array<int, 3> turn, double t, double p, double q) {
+    words.push_back({turn, {positiveAngle(t), turn[1] == 0 ? p : positiveAngle(p), positiveAngle(q)}});
+  };
+  if (const double lsl = 2.0 + d * d - 2.0 * cab + 2.0 * d * (sa - sb); lsl >= 0.0)
+  {
+    const double t = std::atan2(cb - ca, d + sa - sb);
+    add({1, 0, 1}, t - a, std::sqrt(lsl), b - t);
+  }
+  if (const double rsr = 2.0 + d * d - 2.0 * cab + 2.0 * d * (sb - sa); rsr >= 0.0)
+  {
+    const double t = std::atan2(ca - cb, d - sa + sb);
+    add({-1, 0, -1}, a - t, std::sqrt(rsr), t - b);
+  }
+  if (const double lsr = -2.0 + d * d + 2.0 * cab + 2.0 * d * (sa + sb); lsr >= 0.0)
+  {
+    const double p = std::sqrt(lsr);
+    const double t = std::atan2(-ca - cb, d + sa + sb) - std::atan2(-2.0, p);
+    add({1, 0, -1}, t - a, p, t - b);
+  }
+  if (const double rsl = -2.0 + d * d + 2.0 * cab - 2.0 * d * (sa + sb); rsl >= 0.0)
+  {
+    const double p = std::sqrt(rsl);
+    const double t = std::atan2(ca + cb, d - sa - sb) - std::atan2(2.0, p);
+    add({-1, 0, 1}, a - t, p, b - t);
+  }
+  if (const double rlr = (6.0 - d * d + 2.0 * cab + 2.0 * d * (sa - sb)) / 8.0; std::abs(rlr) <= 1.0)
+  {
+    const double p = 2.0 * M_PI - std::acos(rlr);
+    const double t = a - std::atan2(ca - cb, d - sa + sb) + 0.5 * p;
+    add({-1, 1, -1}, t, p, a - b - t + p);
+  }
+  if (const double lrl = (6.0 - d * d + 2.0 * cab + 2.0 * d * (sb - sa)) / 8.0; std::abs(lrl) <= 1.0)
+  {
+    const double p = 2.0 * M_PI - std::acos(lrl);
+    const double t = -a - std::atan2(ca - cb, d + sa - sb) + 0.5 * p;
+    add({1, -1, 1}, t, p, b - a - t + p);
+  }
+  return words;
+}
+
+/// Guards against rounding of words on the border of their range.
+bool arrives(const DubinsWord& word, const Pose2& from, const Pose2& to, double radius)
+{
+  Pose2 end = from;
+  for (size_t i = 0; i < 3; ++i)
+  {
+    end = end.moved(word.length[i] * radius, word.turn[i] / radius);
+  }
+  return (end.position() - to.position()).norm() < 1e-3 * radius &&
+         std::abs(wrapAngle(end.heading - to.heading)) < 1e-3;
+}
+
+Points sampled(const DubinsWord& word, const Pose2& from, double radius, double spacing)
+{
+  Points points{from.position()};
+  Pose2 pose = from;
+  for (size_t i = 0; i < 3; ++i)
+  {
+    const double length = word.length[i] * radius;
+    const auto steps = static_cast<int>(std::ceil(length / spacing));
+    for (int k = 1; k <= steps; ++k)
+    {
+      points.push_back(pose.moved(length * k / steps, word.turn[i] / radius).position());
+    }
+    pose = pose.moved(length, word.turn[i] / radius);
+  }
+  return points;
+}
+
+/// The waypoints without repetitions. @return the problem; empty: none.
+std::string distinctVertices(const RouteRequest& request, Points* vertices)
+{
+  for (const Eigen::Vector2d& p : request.points)
+  {
+    if (!p.allFinite() || p.cwiseAbs().maxCoeff() > MAX_COORDINATE)
+    {
+      return "a point is not a number within 100 km of the map's origin: check the waypoints";
+    }
+    if (vertices->empty() || (p - vertices->back()).norm() > SAME_POINT)
+    {
+      vertices->push_back(p);
+    }
+  }
+  if (request.loop && vertices->size() > 1 && (vertices->front() - vertices->back()).norm() <= SAME_POINT)
+  {
+    vertices->pop_back();
+  }
+  const size_t least = request.loop ? 3 : 2;
+  if (vertices->size() < least || vertices->size() > MAX_POINTS)
+  {
+    return format("the route has %.0f different points, must have %.0f to %.0f", static_cast<double>(vertices->size()),
+                  static_cast<double>(least), static_cast<double>(MAX_POINTS));
+  }
+  const bool headings_given = request.start_heading || request.goal_heading;
+  if (request.loop && headings_given)
+  {
+    return "a loop has no start or goal heading: leave them out";
+  }
+  const bool finite =
+      std::isfinite(request.start_heading.value_or(0.0)) && std::isfinite(request.goal_heading.value_or(0.0));
+  return finite ? "" : "a heading is not a number";
+}
+
+/// The straight legs between waypoints and the arcs that round their corners.
+class Legs
+{
+public:
+  Legs(const Points& vertices, bool loop, const RouteOptions& options)
+    : vertices_(vertices)
+    , loop_(loop)
+    , options_(options)
+    , count_(loop ? vertices.size() : vertices.size() - 1)
+    , turn_(vertices.size(), 0.0)
+    , tangent_(vertices.size(), 0.0)
+  {
+    for (size_t i = 0; i < count_; ++i)
+    {
+      const Eigen::Vector2d leg = vertex(i + 1) - vertex(i);
+      length_.push_back(leg.norm());
+      heading_.push_back(std::atan2(leg.y(), leg.x()));
+    }
+    chooseTangentLengths();
+    shareLegs();
+  }
+
+  size_t count() const { return count_; }
+  double length(size_t leg) const { return length_[leg]; }
+  double heading(size_t leg) const { return heading_[leg]; }
+  double tangent(size_t corner) const { return tangent_[corner]; }  ///< from the corner to the ends of its arc [m]
+  Pose2 at(size_t leg, double s) const
+  {
+    const Eigen::Vector2d p = vertex(leg) + s * Eigen::Vector2d(std::cos(heading_[leg]), std::sin(heading_[leg]));
+    return {p.x(), p.y(), heading_[leg]};
+  }
+
+  /// The first corner with room for less than `least_radius`; empty: none.
+  std::string tightCorner(double least_radius) const
+  {
+    for (size_t i = 0; i < vertices_.size(); ++i)
+    {
+      const double half = 0.5 * std::abs(turn_[i]);
+      if (half > 1e-3 && tangent_[i] < least_radius * std::tan(half) * (1.0 - 1e-9))
+      {
+        return "waypoint " + std::to_string(i) +
+               format(
+                   ": a turn of %.0f deg has room for a radius of %.2f m only, must be %.2f m: move waypoints "
+                   "apart, add one, or widen the corridor",
+                   std::abs(turn_[i]) * 180.0 / M_PI, tangent_[i] / std::tan(half), least_radius);
+      }
+    }
+    return "";
+  }
+
+  /// Straights and arcs, from `from` on the first leg to `until` on the last (a loop: all of it).
+  void draw(double from, double until, Points* points) const
+  {
+    for (size_t i = 0; i < count_; ++i)
+    {
+      const size_t next = (i + 1) % vertices_.size();
+      const double begin = !loop_ && i == 0 ? from : tangent_[i];
+      const double end = !loop_ && i + 1 == count_ ? until : length_[i] - tangent_[next];
+      append({at(i, begin).position(), at(i, std::max(begin, end)).position()}, points);
+      if (tangent_[next] > 1e-6 && std::abs(turn_[next]) > 1e-3)
+      {
+        append(arc(at(i, end), next), points);
+      }
+    }
+  }
+
+private:
+  const Eigen::Vector2d& vertex(size_t i) const { return vertices_[i % vertices_.size()]; }
+
+  void chooseTangentLengths()
+  {
+    for (size_t i = loop_ ? 0 : 1; i < count_; ++i)  // open ends have no corner
+    {
+      turn_[i] = wrapAngle(heading_[i % count_] - heading_[(i + count_ - 1) % count_]);
+      const double half = 0.5 * std::abs(turn_[i]);
+      const double cut = 1.0 / std::cos(half) - 1.0;  // distance of the corner from the arc, by the radius
+      const double radius = std::min(options_.preferred_radius, options_.corridor / std::max(cut, 1e-9));
+      tangent_[i] = radius * std::tan(half);
+    }
+  }
+
+  /// Shortens the arcs at both ends of a leg that is too short for them.
+  void shareLegs()
+  {
+    for (size_t i = 0; i < count_; ++i)
+    {
+      double& next = tangent_[(i + 1) % vertices_.size()];
+      const double both = tangent_[i] + next;
+      if (both > length_[i])
+      {
+        tangent_[i] *= length_[i] / both;
+        next *= length_[i] / both;
+      }
+    }
+  }
+
+  Points arc(const Pose2& entry, size_t corner) const
+  {
+    const double radius = tangent_[corner] / std::tan(0.5 * std::abs(turn_[corner]));
+    const double length = radius * std::abs(turn_[corner]);
+    const auto steps = std::max(2, static_cast<int>(std::ceil(length / options_.spacing)));
+    Points curve;
+    for (int k = 1; k <= steps; ++k)
+    {
+      curve.push_back(entry.moved(length * k / steps, std::copysign(1.0 / radius, turn_[corner])).position());
+    }
+    return curve;
+  }
+
+  const Points& vertices_;
+  const bool loop_;
+  const RouteOptions& options_;
+  const size_t count_;
+  std::vector<double> length_;   // of each leg [m]
+  std::vector<double> heading_;  // of each leg [rad]
+  std::vector<double> turn_;     // at each vertex, left positive [rad]
+  std::vector<double> tangent_;  // at each vertex [m]
+};
+
+/// Joins the legs with the headings asked for at the start and the goal by Dubins paths.
+class EndTurns
+{
+public:
+  EndTurns(const RouteRequest& request, const Points& vertices, const Legs& legs, const RouteOptions& options)
+    : legs_(legs)
+    , options_(options)
+    , turning_(options.min_radius * RESERVE)
+    , lead_(0.5 * options.transition + options.spacing)
+    , last_(legs.count() - 1)
+    , start_{vertices.front().x(), vertices.front().y(), request.start_heading.value_or(legs.heading(0))}
+    , goal_{vertices.back().x(), vertices.back().y(), request.goal_heading.value_or(legs.heading(last_))}
+    , at_start_(differs(start_.heading, legs.heading(0)))
+    , at_goal_(differs(goal_.heading, legs.heading(last_)))
+  {
+  }
+
+  bool any() const { return at_start_ || at_goal_; }
+
+  /// Of a route with one leg.
+  Points direct() const
+  {
+    Points points;
+    append({start_.position()}, &points);
+    append(turn(start_.moved(lead_, 0.0), goal_.moved(-lead_, 0.0)), &points);
+    append({goal_.position()}, &points);
+    return points;
+  }
+
+  /// @param[out] from  where the turn joins the first leg [m]; stays without a turn.
+  Points out(double* from) const
+  {
+    if (!at_start_)
+    {
+      return {};
+    }
+    const Pose2 start = start_.moved(lead_, 0.0);
+    double shortest = std::numeric_limits<double>::infinity();
+    for (double s = 0.0; s <= legs_.length(0) - legs_.tangent(1); s += JOIN_STEP)
+    {
+      const double way = dubins(start, legs_.at(0, s), turning_, options_.spacing, nullptr) - s;
+      if (way < shortest - 1e-6)
+      {
+        shortest = way;
+        *from = s;
+      }
+    }
+    Points points{start_.position()};
+    append(turn(start, legs_.at(0, *from)), &points);
+    return points;
+  }
+
+  /// @param[out] until  where the turn leaves the last leg [m]; stays without a turn.
+  Points in(double* until) const
+  {
+    if (!at_goal_)
+    {
+      return {};
+    }
+    const Pose2 goal = goal_.moved(-lead_, 0.0);
+    double shortest = std::numeric_limits<double>::infinity();
+    for (double s = legs_.length(last_); s >= legs_.tangent(last_); s -= JOIN_STEP)
+    {
+      const double way = dubins(legs_.at(last_, s), goal, turning_, options_.spacing, nullptr) + s;
+      if (way < shortest - 1e-6)
+      {
+        shortest = way;
+        *until = s;
+      }
+    }
+    Points points = turn(legs_.at(last_, *until), goal);
+    points.push_back(goal_.position());
+    return points;
+  }
+
+private:
+  static bool differs(double heading, double leg) { return std::abs(wrapAngle(heading - leg)) > SAME_HEADING; }
+
+  Points turn(const Pose2& from, const Pose2& to) const
+  {
+    Points points;
+    dubins(from, to, turning_, options_.spacing, &points);
+    return points;
+  }
+
+  const Legs& legs_;
+  const RouteOptions& options_;
+  const double turning_;  // radius [m]
+  const double lead_;     // turns begin and end with a straight piece, as the steering takes time [m]
+  const size_t last_;     // leg
+  const Pose2 start_;
+  const Pose2 goal_;
+  const bool at_start_;
+  const bool at_goal_;
+};
+
 }  // namespace
 
 void RouteOptions::validate() const
@@ -126,81 +457,16 @@ void RouteOptions::validate() const
 
 double dubins(const Pose2& from, const Pose2& to, double radius, double spacing, Points* points)
 {
-  // Shkel and Lumelsky 2001: in units of the radius, start at the origin, goal on the x axis.
   const Eigen::Vector2d way = to.position() - from.position();
   const double d = way.norm() / radius;
   const double direction = d > 1e-9 ? std::atan2(way.y(), way.x()) : 0.0;
-  const double a = positiveAngle(from.heading - direction);
-  const double b = positiveAngle(to.heading - direction);
-  const double sa = std::sin(a);
-  const double sb = std::sin(b);
-  const double ca = std::cos(a);
-  const double cb = std::cos(b);
-  const double cab = std::cos(a - b);
-  struct Word
+  const std::vector<DubinsWord> words =
+      dubinsWords(d, positiveAngle(from.heading - direction), positiveAngle(to.heading - direction));
+  const DubinsWord* best = nullptr;
+  for (const DubinsWord& word : words)
   {
-    std::array<int, 3> turn;  // 1: left, 0: straight, -1: right
-    std::array<double, 3> length;
-  };
-  std::vector<Word> words;
-  const auto add = [&words](std::array<int, 3> turn, double t, double p, double q) {
-    words.push_back({turn, {positiveAngle(t), turn[1] == 0 ? p : positiveAngle(p), positiveAngle(q)}});
-  };
-  const double lsl = 2.0 + d * d - 2.0 * cab + 2.0 * d * (sa - sb);
-  if (lsl >= 0.0)
-  {
-    const double t = std::atan2(cb - ca, d + sa - sb);
-    add({1, 0, 1}, t - a, std::sqrt(lsl), b - t);
-  }
-  const double rsr = 2.0 + d * d - 2.0 * cab + 2.0 * d * (sb - sa);
-  if (rsr >= 0.0)
-  {
-    const double t = std::atan2(ca - cb, d - sa + sb);
-    add({-1, 0, -1}, a - t, std::sqrt(rsr), t - b);
-  }
-  const double lsr = -2.0 + d * d + 2.0 * cab + 2.0 * d * (sa + sb);
-  if (lsr >= 0.0)
-  {
-    const double p = std::sqrt(lsr);
-    const double t = std::atan2(-ca - cb, d + sa + sb) - std::atan2(-2.0, p);
-    add({1, 0, -1}, t - a, p, t - b);
-  }
-  const double rsl = -2.0 + d * d + 2.0 * cab - 2.0 * d * (sa + sb);
-  if (rsl >= 0.0)
-  {
-    const double p = std::sqrt(rsl);
-    const double t = std::atan2(ca + cb, d - sa - sb) - std::atan2(2.0, p);
-    add({-1, 0, 1}, a - t, p, b - t);
-  }
-  const double rlr = (6.0 - d * d + 2.0 * cab + 2.0 * d * (sa - sb)) / 8.0;
-  if (std::abs(rlr) <= 1.0)
-  {
-    const double p = 2.0 * M_PI - std::acos(rlr);
-    const double t = a - std::atan2(ca - cb, d - sa + sb) + 0.5 * p;
-    add({-1, 1, -1}, t, p, a - b - t + p);
-  }
-  const double lrl = (6.0 - d * d + 2.0 * cab + 2.0 * d * (sb - sa)) / 8.0;
-  if (std::abs(lrl) <= 1.0)
-  {
-    const double p = 2.0 * M_PI - std::acos(lrl);
-    const double t = -a - std::atan2(ca - cb, d + sa - sb) + 0.5 * p;
-    add({1, -1, 1}, t, p, b - a - t + p);
-  }
-  const Word* best = nullptr;
-  double least = std::numeric_limits<double>::infinity();
-  for (const Word& word : words)
-  {
-    // Only what arrives counts: guards against rounding in the cases on the border.
-    Pose2 end = from;
-    for (size_t i = 0; i < 3; ++i)
+    if ((best == nullptr || word.total() < best->total()) && arrives(word, from, to, radius))
     {
-      end = end.moved(word.length[i] * radius, word.turn[i] / radius);
-    }
-    const double length = word.length[0] + word.length[1] + word.length[2];
-    if (length < least && (end.position() - to.position()).norm() < 1e-3 * radius &&
-        std::abs(wrapAngle(end.heading - to.heading)) < 1e-3)
-    {
-      least = length;
       best = &word;
     }
   }
@@ -210,21 +476,9 @@ double dubins(const Pose2& from, const Pose2& to, double radius, double spacing,
   }
   if (points != nullptr)
   {
-    points->clear();
-    points->push_back(from.position());
-    Pose2 pose = from;
-    for (size_t i = 0; i < 3; ++i)
-    {
-      const double length = best->length[i] * radius;
-      const auto steps = static_cast<int>(std::ceil(length / spacing));
-      for (int k = 1; k <= steps; ++k)
-      {
-        points->push_back(pose.moved(length * k / steps, best->turn[i] / radius).position());
-      }
-      pose = pose.moved(length, best->turn[i] / radius);
-    }
+    *points = sampled(*best, from, radius, spacing);
   }
-  return least * radius;
+  return best->total() * radius;
 }
 
 RouteResult planRoute(const RouteRequest& request, const RouteOptions& options)
@@ -232,175 +486,33 @@ RouteResult planRoute(const RouteRequest& request, const RouteOptions& options)
   options.validate();
   RouteResult result;
   Points vertices;
-  for (const Eigen::Vector2d& p : request.points)
+  result.problem = distinctVertices(request, &vertices);
+  if (!result.problem.empty())
   {
-    if (!p.allFinite() || p.cwiseAbs().maxCoeff() > MAX_COORDINATE)
-    {
-      result.problem = "a point is not a number within 100 km of the map's origin: check the waypoints";
-      return result;
-    }
-    if (vertices.empty() || (p - vertices.back()).norm() > SAME_POINT)
-    {
-      vertices.push_back(p);
-    }
-  }
-  const bool loop = request.loop;
-  if (loop && vertices.size() > 1 && (vertices.front() - vertices.back()).norm() <= SAME_POINT)
-  {
-    vertices.pop_back();
-  }
-  const size_t least = loop ? 3 : 2;
-  if (vertices.size() < least || vertices.size() > MAX_POINTS)
-  {
-    result.problem = format("the route has %.0f different points, must have %.0f to %.0f",
-                            static_cast<double>(vertices.size()), static_cast<double>(least), MAX_POINTS);
     return result;
   }
-  if ((request.start_heading && !std::isfinite(*request.start_heading)) ||
-      (request.goal_heading && !std::isfinite(*request.goal_heading)) ||
-      (loop && (request.start_heading || request.goal_heading)))
+  const Legs legs(vertices, request.loop, options);
+  result.problem = legs.tightCorner(options.min_radius * RESERVE);
+  if (!result.problem.empty())
   {
-    result.problem = loop ? "a loop has no start or goal heading: leave them out" : "a heading is not a number";
     return result;
   }
-  const size_t count = vertices.size();
-  const size_t legs = loop ? count : count - 1;
-  const auto vertex = [&vertices, count](size_t i) -> const Eigen::Vector2d& { return vertices[i % count]; };
-  std::vector<double> length(legs);
-  std::vector<double> heading(legs);
-  for (size_t i = 0; i < legs; ++i)
+  const EndTurns turns(request, vertices, legs, options);
+  if (!request.loop && legs.count() == 1 && turns.any())
   {
-    const Eigen::Vector2d leg = vertex(i + 1) - vertex(i);
-    length[i] = leg.norm();
-    heading[i] = std::atan2(leg.y(), leg.x());
+    return finish(turns.direct(), false, options);
   }
-
-  // Tangent lengths of corners; open ends have none.
-  std::vector<double> turn(count, 0.0);
-  std::vector<double> tangent(count, 0.0);
-  for (size_t i = loop ? 0 : 1; i < (loop ? count : count - 1); ++i)
-  {
-    turn[i] = wrapAngle(heading[i % legs] - heading[(i + legs - 1) % legs]);
-    const double half = 0.5 * std::abs(turn[i]);
-    const double cut = 1.0 / std::cos(half) - 1.0;  // distance of the corner from the arc, by the radius
-    const double radius = std::min(options.preferred_radius, options.corridor / std::max(cut, 1e-9));
-    tangent[i] = radius * std::tan(half);
-  }
-  for (size_t i = 0; i < legs; ++i)
-  {
-    const double both = tangent[i] + tangent[(i + 1) % count];
-    if (both > length[i])
-    {
-      tangent[i] *= length[i] / both;
-      tangent[(i + 1) % count] *= length[i] / both;
-    }
-  }
-  const double turning = options.min_radius * RESERVE;
-  for (size_t i = 0; i < count; ++i)
-  {
-    const double half = 0.5 * std::abs(turn[i]);
-    if (half > 1e-3 && tangent[i] < turning * std::tan(half) * (1.0 - 1e-9))
-    {
-      const double radius = tangent[i] / std::tan(half);
-      result.problem = "waypoint " + std::to_string(i) +
-                       format(
-                           ": a turn of %.0f deg has room for a radius of %.2f m only, must be %.2f m: move waypoints "
-                           "apart, add one, or widen the corridor",
-                           std::abs(turn[i]) * 180.0 / M_PI, radius, turning);
-      return result;
-    }
-  }
-
-  // Turns begin and end with a straight piece: the steering takes its time.
-  const double lead = 0.5 * options.transition + options.spacing;
-  Points rough;
-  const auto along = [&vertex, &heading](size_t leg, double s) -> Eigen::Vector2d
-  { return vertex(leg) + s * Eigen::Vector2d(std::cos(heading[leg]), std::sin(heading[leg])); };
-  double from = 0.0;                // of the first leg
-  double until = length[legs - 1];  // of the last leg
-  const bool turn_out =
-      request.start_heading && std::abs(wrapAngle(*request.start_heading - heading[0])) > SAME_HEADING;
-  const bool turn_in =
-      request.goal_heading && std::abs(wrapAngle(*request.goal_heading - heading[legs - 1])) > SAME_HEADING;
-  if (!loop && legs == 1 && (turn_out || turn_in))
-  {
-    const Pose2 start{vertices[0].x(), vertices[0].y(), request.start_heading.value_or(heading[0])};
-    const Pose2 goal{vertices[1].x(), vertices[1].y(), request.goal_heading.value_or(heading[0])};
-    Points turns;
-    dubins(start.moved(lead, 0.0), goal.moved(-lead, 0.0), turning, options.spacing, &turns);
-    append({start.position()}, &rough);
-    append(turns, &rough);
-    append({goal.position()}, &rough);
-    return finish(rough, false, options);
-  }
-  Points head;
-  Points tail;
-  if (turn_out)
-  {
-    const Pose2 here{vertices[0].x(), vertices[0].y(), *request.start_heading};
-    const Pose2 start = here.moved(lead, 0.0);
-    double shortest = std::numeric_limits<double>::infinity();
-    for (double s = 0.0; s <= length[0] - tangent[1]; s += JOIN_STEP)
-    {
-      const Eigen::Vector2d p = along(0, s);
-      const double way = dubins(start, {p.x(), p.y(), heading[0]}, turning, options.spacing, nullptr) - s;
-      if (way < shortest - 1e-6)
-      {
-        shortest = way;
-        from = s;
-      }
-    }
-    const Eigen::Vector2d p = along(0, from);
-    dubins(start, {p.x(), p.y(), heading[0]}, turning, options.spacing, &head);
-    append({here.position()}, &rough);
-  }
-  if (turn_in)
-  {
-    const Pose2 there{vertices.back().x(), vertices.back().y(), *request.goal_heading};
-    const Pose2 goal = there.moved(-lead, 0.0);
-    double shortest = std::numeric_limits<double>::infinity();
-    for (double s = length[legs - 1]; s >= tangent[count - 2]; s -= JOIN_STEP)
-    {
-      const Eigen::Vector2d p = along(legs - 1, s);
-      const double way = dubins({p.x(), p.y(), heading[legs - 1]}, goal, turning, options.spacing, nullptr) + s;
-      if (way < shortest - 1e-6)
-      {
-        shortest = way;
-        until = s;
-      }
-    }
-    const Eigen::Vector2d p = along(legs - 1, until);
-    dubins({p.x(), p.y(), heading[legs - 1]}, goal, turning, options.spacing, &tail);
-    tail.push_back(there.position());
-  }
-  append(head, &rough);
-  for (size_t i = 0; i < legs; ++i)
-  {
-    const size_t next = (i + 1) % count;
-    const double begin = !loop && i == 0 ? from : tangent[i];
-    const double end = !loop && i + 1 == legs ? until : length[i] - tangent[next];
-    append({along(i, begin), along(i, std::max(begin, end))}, &rough);
-    if (tangent[next] > 1e-6 && std::abs(turn[next]) > 1e-3)
-    {
-      const double radius = tangent[next] / std::tan(0.5 * std::abs(turn[next]));
-      const double arc = radius * std::abs(turn[next]);
-      const Eigen::Vector2d p = along(i, end);
-      const Pose2 entry{p.x(), p.y(), heading[i]};
-      const auto steps = std::max(2, static_cast<int>(std::ceil(arc / options.spacing)));
-      Points curve;
-      for (int k = 1; k <= steps; ++k)
-      {
-        curve.push_back(entry.moved(arc * k / steps, std::copysign(1.0 / radius, turn[next])).position());
-      }
-      append(curve, &rough);
-    }
-  }
+  double from = 0.0;
+  double until = legs.length(legs.count() - 1);
+  Points rough = turns.out(&from);
+  const Points tail = turns.in(&until);
+  legs.draw(from, until, &rough);
   append(tail, &rough);
-  if (loop && (rough.front() - rough.back()).norm() < 1e-3)
+  if (request.loop && (rough.front() - rough.back()).norm() < 1e-3)
   {
     rough.pop_back();
   }
-  result = finish(rough, loop, options);
+  result = finish(rough, request.loop, options);
   if (result.path)
   {
     for (const Eigen::Vector2d& p : vertices)

@@ -1,4 +1,5 @@
 #include "decision/saved_pose_file.h"
+
 #include <pi_node/yaml_section.h>
 
 #include <algorithm>

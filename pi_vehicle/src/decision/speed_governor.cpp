@@ -1,13 +1,17 @@
 #include "decision/speed_governor.h"
 
+#include <pi_node/durations.h>
+#include <pi_node/formatting.h>
 #include <pi_node/option_check.h>
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
 namespace pi_vehicle
 {
+
+using pi_node::seconds;
+
 namespace
 {
 
@@ -23,13 +27,8 @@ constexpr double ROLLING_S = 0.3;        // a vehicle that still rolls need not 
 constexpr double MAX_UPDATE_S = 1.0;     // a longer pause begins anew
 constexpr double REACH_STEP = 0.5;       // along the way, to see which obstacles are far from it [m]
 
-double seconds(int64_t ns)
-{
-  return 1e-9 * static_cast<double>(ns);
-}
-
-/// Way made by driving `speed` for `reaction` and then braking.
-double brakingWay(double speed, double deceleration, double reaction, double t)
+/// Distance covered within `t` by driving `speed` for `reaction` and then braking.
+double brakingDistance(double speed, double deceleration, double reaction, double t)
 {
   const double braking = std::clamp(t - reaction, 0.0, speed / deceleration);
   return speed * std::min(t, reaction) + speed * braking - 0.5 * deceleration * braking * braking;
@@ -113,13 +112,12 @@ bool SpeedGovernor::setObstacles(int64_t stamp_ns, const std::vector<ObstacleBox
   reported_ = true;
   report_ns_ = stamp_ns;
   const Pose2 pose = poseAt(stamp_ns);
-  bool all = true;
+  const size_t left_out = left_out_;
   for (const ObstacleBox& box : obstacles)
   {
     if (!box.position.allFinite() || !box.size.allFinite() || !box.velocity.allFinite())
     {
       ++left_out_;
-      all = false;
       continue;
     }
     Known known;
@@ -131,11 +129,7 @@ bool SpeedGovernor::setObstacles(int64_t stamp_ns, const std::vector<ObstacleBox
     }
     else
     {
-      if (!box.outline.empty())
-      {
-        ++left_out_;
-        all = false;
-      }
+      left_out_ += box.outline.empty() ? 0 : 1;
       const Eigen::Vector2d p = pose * box.position;
       known.outline = GroundPolygon::box({p.x(), p.y(), pose.heading}, (0.5 * box.size).cwiseMax(LEAST_HALF_SIZE));
     }
@@ -152,7 +146,7 @@ bool SpeedGovernor::setObstacles(int64_t stamp_ns, const std::vector<ObstacleBox
       *same = known;
     }
   }
-  return all;
+  return left_out_ == left_out;
 }
 
 SpeedGovernor::Placed SpeedGovernor::alongWay(double s) const
@@ -214,7 +208,7 @@ std::vector<SpeedGovernor::Placed> SpeedGovernor::makeBrakingPlaces(double speed
   std::vector<Placed> places;
   for (double t = 0.0; t <= standing + STANDING_S; t += TIME_STEP)
   {
-    places.push_back(alongWay(brakingWay(speed, deceleration, options_.reaction_time, t)));
+    places.push_back(alongWay(brakingDistance(speed, deceleration, options_.reaction_time, t)));
   }
   return places;
 }
@@ -314,24 +308,41 @@ double SpeedGovernor::clearance(const Local& obstacle) const
   return options_.margin;
 }
 
-GovernorOutput SpeedGovernor::update(const GovernorInput& input)
+double SpeedGovernor::timeGap(const Local& obstacle, double speed) const
 {
-  GovernorOutput output;
-  output.max_deceleration = options_.deceleration;
-  const auto stop = [this, &output](std::string reason)
+  return options_.stop_gap + (obstacle.moving ? options_.headway * speed : 0.0);
+}
+
+bool SpeedGovernor::stopsInTime(const Local& obstacle, size_t speed_steps)
+{
+  const double speed = SPEED_STEP * static_cast<double>(speed_steps);
+  const double reaction = options_.reaction_time;
+  const bool comfortably = brakes(obstacle, brakingPlaces(speed_steps, false), reaction + speed / options_.deceleration,
+                                  timeGap(obstacle, speed), obstacle.margin, false);
+  return comfortably && (!obstacle.moving ||
+                         brakes(obstacle, brakingPlaces(speed_steps, true),
+                                reaction + speed / options_.emergency_deceleration, 0.0, leastMargin(obstacle), true));
+}
+
+double SpeedGovernor::leastMargin(const Local& obstacle) const
+{
+  return std::min(obstacle.margin, LEAST_MARGIN);
+}
+
+double SpeedGovernor::stoppableSpeed(const Local& obstacle, double bound)
+{
+  double stoppable = 0.0;
+  bool any = false;
+  for (size_t step = 0; SPEED_STEP * static_cast<double>(step) <= bound + 1e-9 && stopsInTime(obstacle, step); ++step)
   {
-    limit_ = 0.0;
-    standing_ = true;
-    was_clear_ = false;
-    output.speed_limit = 0.0;
-    output.reason = std::move(reason);
-    return output;
-  };
-  if (!std::isfinite(input.speed) || !std::isfinite(input.curvature) ||
-      !std::all_of(input.way.begin(), input.way.end(), [](const Pose2& pose) { return pose.finite(); }))
-  {
-    return stop("speed, curvature or way is not a number");
+    stoppable = SPEED_STEP * static_cast<double>(step);
+    any = true;
   }
+  return any && stoppable > bound - SPEED_STEP ? bound : stoppable;
+}
+
+double SpeedGovernor::deadReckon(const GovernorInput& input)
+{
   double dt = track_.empty() ? 0.0 : seconds(input.now_ns - last_ns_);
   if (dt < 0.0 || dt > MAX_UPDATE_S)
   {
@@ -348,23 +359,21 @@ GovernorOutput SpeedGovernor::update(const GovernorInput& input)
   {
     track_.pop_front();
   }
-  if (!reported_ || seconds(input.now_ns - report_ns_) > options_.obstacles_timeout)
-  {
-    char text[96];
-    std::snprintf(text, sizeof text, "no report of obstacles for %.1f s", options_.obstacles_timeout);
-    return stop(text);
-  }
+  return dt;
+}
 
-  setWay(input);
+void SpeedGovernor::forgetUnseen(int64_t now_ns)
+{
+  known_.erase(std::remove_if(known_.begin(), known_.end(),
+                              [this, now_ns](const Known& known) {
+                                return known.seen_ns < report_ns_ && seconds(now_ns - known.seen_ns) > options_.memory;
+                              }),
+               known_.end());
+}
 
-  // Obstacles, in base_link now.
-  known_.erase(
-      std::remove_if(known_.begin(), known_.end(),
-                     [this, &input](const Known& known)
-                     { return known.seen_ns < report_ns_ && seconds(input.now_ns - known.seen_ns) > options_.memory; }),
-      known_.end());
+std::vector<SpeedGovernor::Local> SpeedGovernor::nearTheWay(int64_t now_ns) const
+{
   const Pose2 T_base_reckoned = track_.back().second.inverse();
-  const double speed = std::max(0.0, input.speed);
   std::vector<Local> obstacles;
   for (const Known& known : known_)
   {
@@ -372,15 +381,16 @@ GovernorOutput SpeedGovernor::update(const GovernorInput& input)
     local.id = known.id;
     local.moving = known.moving && known.velocity.norm() >= options_.min_moving_speed;
     local.velocity = Pose2{0.0, 0.0, T_base_reckoned.heading} * known.velocity;
-    const double age = std::max(0.0, seconds(input.now_ns - known.seen_ns));
+    const double age = std::max(0.0, seconds(now_ns - known.seen_ns));
     if (!local.moving)
     {
       local.velocity.setZero();
     }
     local.outline = known.outline.in(T_base_reckoned, age * local.velocity);
-    if (local.outline.mostX() < -options_.vehicle_rear || isFar(local))
+    const bool behind = local.outline.mostX() < -options_.vehicle_rear;
+    if (behind || isFar(local))
     {
-      continue;  // behind, or nowhere near the way
+      continue;
     }
     local.margin = options_.margin;
     const double clear = clearance(local);
@@ -390,105 +400,125 @@ GovernorOutput SpeedGovernor::update(const GovernorInput& input)
     }
     obstacles.push_back(local);
   }
+  return obstacles;
+}
 
+SpeedGovernor::Bound SpeedGovernor::boundBy(const std::vector<Local>& obstacles, double speed)
+{
   const std::vector<Placed> braking_now = makeBrakingPlaces(speed, options_.deceleration);
-
-  // The largest speed below which all speeds can be braked from, for each obstacle.
-  double allowed = options_.max_speed;
-  bool emergency = false;
-  bool for_moving = false;  // what sets the limit moves
+  Bound bound;
+  bound.speed = options_.max_speed;
   for (const Local& obstacle : obstacles)
   {
-    const double least = std::min(obstacle.margin, LEAST_MARGIN);
-    double own = 0.0;
-    bool at_all = false;
-    for (size_t step = 0; SPEED_STEP * static_cast<double>(step) <= allowed + 1e-9; ++step)
-    {
-      const double v = SPEED_STEP * static_cast<double>(step);
-      const double gap = options_.stop_gap + (obstacle.moving ? options_.headway * v : 0.0);
-      const double reaction = options_.reaction_time;
-      if (!brakes(obstacle, brakingPlaces(step, false), reaction + v / options_.deceleration, gap, obstacle.margin,
-                  false) ||
-          (obstacle.moving && !brakes(obstacle, brakingPlaces(step, true),
-                                      reaction + v / options_.emergency_deceleration, 0.0, least, true)))
-      {
-        break;
-      }
-      own = v;
-      at_all = true;
-    }
-    if (at_all && own > allowed - SPEED_STEP)
-    {
-      own = allowed;
-    }
+    double own = stoppableSpeed(obstacle, bound.speed);
     if (obstacle.margin < options_.margin)
     {
       own = std::min(own, options_.close_speed);
     }
-    output.time_to_collision = std::min(output.time_to_collision, timeToCollision(obstacle));
-    if (own >= allowed)
+    bound.time_to_collision = std::min(bound.time_to_collision, timeToCollision(obstacle));
+    if (own >= bound.speed)
     {
       continue;
     }
     if (own < speed && obstacle.moving && speed > options_.resume_speed && passes(obstacle))
     {
-      own = std::min(speed, allowed);
+      own = std::min(speed, bound.speed);
     }
     else if (speed > options_.min_speed && own < speed &&
              !brakes(obstacle, braking_now, options_.reaction_time + speed / options_.deceleration, EMERGENCY_GAP,
-                     least, false))
+                     leastMargin(obstacle), false))
     {
-      emergency = true;
+      bound.emergency = true;
     }
-    if (own < allowed)
+    if (own < bound.speed)
     {
-      allowed = own;
-      for_moving = obstacle.moving;
-      output.obstacle_id = obstacle.id;
+      bound.speed = own;
+      bound.by_moving = obstacle.moving;
+      bound.obstacle_id = obstacle.id;
     }
   }
+  return bound;
+}
 
-  char text[128];
-  if (emergency)
+bool SpeedGovernor::mayResume(const Bound& bound, double speed, int64_t now_ns, std::string* reason)
+{
+  const bool clear = bound.speed >= options_.resume_speed;
+  if (!clear || !was_clear_)
+  {
+    clear_since_ns_ = now_ns;
+  }
+  was_clear_ = clear;
+  // A pedestrian who leaves the path may stop in it, so braking continues until the path has been free for the full
+  // time.
+  const bool rolls = speed > options_.min_speed && !bound.by_moving;
+  const double persistence = rolls ? std::min(ROLLING_S, options_.clear_persistence) : options_.clear_persistence;
+  if (clear && seconds(now_ns - clear_since_ns_) >= persistence)
+  {
+    return true;
+  }
+  *reason = clear ? "waiting until the way has been clear for long enough" : "waiting for a clear way";
+  return false;
+}
+
+GovernorOutput SpeedGovernor::stop(const std::string& reason, GovernorOutput output)
+{
+  limit_ = 0.0;
+  standing_ = true;
+  was_clear_ = false;
+  output.speed_limit = 0.0;
+  output.reason = reason;
+  return output;
+}
+
+GovernorOutput SpeedGovernor::update(const GovernorInput& input)
+{
+  GovernorOutput output;
+  output.max_deceleration = options_.deceleration;
+  if (!std::isfinite(input.speed) || !std::isfinite(input.curvature) ||
+      !std::all_of(input.way.begin(), input.way.end(), [](const Pose2& pose) { return pose.finite(); }))
+  {
+    return stop("speed, curvature or way is not a number", output);
+  }
+  const double dt = deadReckon(input);
+  if (!reported_ || seconds(input.now_ns - report_ns_) > options_.obstacles_timeout)
+  {
+    return stop(pi_node::format("no report of obstacles for %.1f s", options_.obstacles_timeout), output);
+  }
+  setWay(input);
+  forgetUnseen(input.now_ns);
+  const double speed = std::max(0.0, input.speed);
+  const Bound bound = boundBy(nearTheWay(input.now_ns), speed);
+  output.obstacle_id = bound.obstacle_id;
+  output.time_to_collision = bound.time_to_collision;
+  const std::string id = std::to_string(bound.obstacle_id);
+  if (bound.emergency)
   {
     output.max_deceleration = options_.emergency_deceleration;
     output.emergency = true;
-    std::snprintf(text, sizeof text, "emergency braking for obstacle %lld, time to collision %.1f s",
-                  static_cast<long long>(output.obstacle_id), output.time_to_collision);
-    return stop(text);
+    return stop("emergency braking for obstacle " + id + ", time to collision " +
+                    pi_node::format("%.1f s", bound.time_to_collision),
+                output);
   }
-  if (allowed < options_.min_speed)
+  if (bound.speed < options_.min_speed)
   {
-    std::snprintf(text, sizeof text, "stopping for obstacle %lld", static_cast<long long>(output.obstacle_id));
-    return stop(text);
+    return stop("stopping for obstacle " + id, output);
   }
   if (standing_)
   {
-    const bool clear = allowed >= options_.resume_speed;
-    if (!clear || !was_clear_)
+    if (!mayResume(bound, speed, input.now_ns, &output.reason))
     {
-      clear_since_ns_ = input.now_ns;
-    }
-    was_clear_ = clear;
-    // What walks out of the way may stop in it: for that the braking goes on.
-    const bool rolls = speed > options_.min_speed && !for_moving;
-    const double persistence = rolls ? std::min(ROLLING_S, options_.clear_persistence) : options_.clear_persistence;
-    if (!clear || seconds(input.now_ns - clear_since_ns_) < persistence)
-    {
-      output.reason = clear ? "waiting until the way has been clear for long enough" : "waiting for a clear way";
       return output;
     }
     standing_ = false;
     limit_ = std::max(limit_, speed);
   }
-  // Down at once, up slowly; an idle vehicle may start with what its limit was.
-  limit_ = std::min(allowed, std::max(limit_, speed) + options_.rise * dt);
-  limit_ = std::min(allowed, std::max(limit_, options_.min_speed));
+  // The limit falls at once and rises slowly; a standing vehicle may start with min_speed.
+  limit_ = std::min(bound.speed, std::max(limit_, speed) + options_.rise * dt);
+  limit_ = std::min(bound.speed, std::max(limit_, options_.min_speed));
   output.speed_limit = limit_;
   if (output.obstacle_id >= 0)
   {
-    std::snprintf(text, sizeof text, "slowing for obstacle %lld", static_cast<long long>(output.obstacle_id));
-    output.reason = text;
+    output.reason = "slowing for obstacle " + id;
   }
   return output;
 }

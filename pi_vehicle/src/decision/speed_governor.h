@@ -148,6 +148,14 @@ private:
     bool moving;
     double margin;
   };
+  struct Bound  // of the speed, by all obstacles
+  {
+    double speed;
+    bool by_moving = false;  // the obstacle that sets the bound moves
+    int64_t obstacle_id = -1;
+    bool emergency = false;
+    double time_to_collision = std::numeric_limits<double>::infinity();
+  };
 
   Pose2 poseAt(int64_t stamp_ns) const;
   bool touches(const Local& obstacle, double at_s, const Placed& vehicle, double extra_front, double margin) const;
@@ -160,6 +168,20 @@ private:
   bool isFar(const Local& obstacle) const;
   bool passes(const Local& obstacle) const;
   double timeToCollision(const Local& obstacle) const;
+  /// Distance to keep ahead when following or stopping, beyond the margin [m].
+  double timeGap(const Local& obstacle, double speed) const;
+  double leastMargin(const Local& obstacle) const;
+  /// Whether comfortable braking keeps the gap, and emergency braking suffices if a moving obstacle stops dead.
+  bool stopsInTime(const Local& obstacle, size_t speed_steps);
+  /// The largest speed, at most `bound`, below which stopsInTime() holds for every speed.
+  double stoppableSpeed(const Local& obstacle, double bound);
+  /// @return time since the last update; 0 after a clock that jumped [s].
+  double deadReckon(const GovernorInput& input);
+  void forgetUnseen(int64_t now_ns);
+  std::vector<Local> nearTheWay(int64_t now_ns) const;
+  Bound boundBy(const std::vector<Local>& obstacles, double speed);
+  bool mayResume(const Bound& bound, double speed, int64_t now_ns, std::string* reason);
+  GovernorOutput stop(const std::string& reason, GovernorOutput output);
   void setWay(const GovernorInput& input);
   double clearance(const Local& obstacle) const;
   void reset();

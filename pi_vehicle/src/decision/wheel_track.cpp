@@ -1,10 +1,15 @@
 #include "decision/wheel_track.h"
 
+#include <pi_node/durations.h>
+
 #include <algorithm>
 #include <cmath>
 
 namespace pi_vehicle
 {
+
+using pi_node::seconds;
+
 namespace
 {
 
@@ -12,11 +17,6 @@ constexpr double JUMP_MARGIN_M = 0.2;
 constexpr double JUMP_MARGIN_RAD = 0.2;
 constexpr double MAX_YAW_RATE = 3.0;  // of a vehicle that drives [rad/s]
 constexpr double LONGEST_BRIDGE_S = 0.2;
-
-double seconds(int64_t ns)
-{
-  return 1e-9 * static_cast<double>(ns);
-}
 
 WheelTrack::Point extrapolated(const WheelTrack::Point& from, double dt)
 {

@@ -1,6 +1,6 @@
-#include <pi_node/ros/node_main.h>
-
 #include "ros/chassis_ros.h"
+
+#include <pi_node/ros/node_main.h>
 
 int main(int argc, char** argv)
 {

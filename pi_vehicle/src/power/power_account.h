@@ -1,6 +1,7 @@
 #pragma once
 
 #include "power/service_meter.h"
+
 #include <pi_node/power_monitor.h>
 
 #include <string>

@@ -1,6 +1,8 @@
-#include <diagnostic_msgs/DiagnosticStatus.h>
-#include "announcer/sound_output.h"
 #include "ros/announcer_ros.h"
+
+#include "announcer/sound_output.h"
+
+#include <diagnostic_msgs/DiagnosticStatus.h>
 #include <pi_node/option_check.h>
 #include <pi_node/ros/node_options.h>
 #include <pi_node/ros/parameter_tree.h>

@@ -1,7 +1,8 @@
 #pragma once
 
-#include <diagnostic_updater/diagnostic_updater.h>
 #include "announcer/speech_synthesizer.h"
+
+#include <diagnostic_updater/diagnostic_updater.h>
 #include <pi_node/ros/callback_thread.h>
 #include <pi_node/ros/warning_board.h>
 #include <ros/ros.h>

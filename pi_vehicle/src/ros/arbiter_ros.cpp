@@ -1,6 +1,8 @@
-#include <diagnostic_msgs/DiagnosticStatus.h>
 #include "ros/arbiter_ros.h"
+
 #include "ros/decision_conversions.h"
+
+#include <diagnostic_msgs/DiagnosticStatus.h>
 #include <pi_node/formatting.h>
 #include <pi_node/ros/node_options.h>
 #include <pi_node/ros/parameter_values.h>
@@ -32,11 +34,6 @@ ArbiterRosOptions loadOptions(const ros::NodeHandle& private_node)
   }
   ROS_INFO_STREAM_NAMED("arbiter", "parameters: " << pi_node::parameters::text(toParameters(options)));
   return options;
-}
-
-int64_t toNs(const ros::Time& time)
-{
-  return static_cast<int64_t>(time.toNSec());
 }
 
 }  // namespace

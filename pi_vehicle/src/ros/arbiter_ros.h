@@ -1,15 +1,16 @@
 #pragma once
 
-#include <diagnostic_updater/diagnostic_updater.h>
-#include <geometry_msgs/Twist.h>
-#include <pi_vehicle/ArbiterState.h>
-#include <pi_vehicle/MotionCommand.h>
-#include <pi_vehicle/VehicleState.h>
 #include "decision/arbiter.h"
 #include "ros/decision_ros_options.h"
 #include "ros/kept_parameters.h"
+
+#include <diagnostic_updater/diagnostic_updater.h>
+#include <geometry_msgs/Twist.h>
 #include <pi_node/ros/callback_thread.h>
 #include <pi_node/ros/warning_board.h>
+#include <pi_vehicle/ArbiterState.h>
+#include <pi_vehicle/MotionCommand.h>
+#include <pi_vehicle/VehicleState.h>
 #include <ros/ros.h>
 #include <std_srvs/Trigger.h>
 

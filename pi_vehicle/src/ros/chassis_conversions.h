@@ -1,10 +1,11 @@
 #pragma once
 
+#include "ros/chassis_ros_options.h"
+
 #include <nav_msgs/Odometry.h>
 #include <pi_vehicle/MotionCommand.h>
 #include <pi_vehicle/VehicleState.h>
 #include <pi_vehicle/chassis/chassis_host.h>
-#include "ros/chassis_ros_options.h"
 #include <ros/time.h>
 #include <sensor_msgs/BatteryState.h>
 

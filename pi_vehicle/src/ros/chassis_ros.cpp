@@ -1,10 +1,12 @@
-#include <diagnostic_msgs/DiagnosticStatus.h>
-#include "ros/chassis_conversions.h"
 #include "ros/chassis_ros.h"
+
+#include "ros/chassis_conversions.h"
+
+#include <diagnostic_msgs/DiagnosticStatus.h>
+#include <geometry_msgs/TransformStamped.h>
+#include <pi_node/durations.h>
 #include <pi_node/formatting.h>
 #include <pi_node/ros/node_options.h>
-
-#include <geometry_msgs/TransformStamped.h>
 
 #include <utility>
 #include <vector>
@@ -25,7 +27,7 @@ constexpr int64_t BATTERY_PERIOD_NS = 1'000'000'000;
 ros::Time rosTime(int64_t monotonic_ns)
 {
   const ros::Time now = ros::Time::now();
-  const ros::Duration age = ros::Duration().fromNSec(chassis::monotonicNs() - monotonic_ns);
+  const ros::Duration age = ros::Duration().fromNSec(pi_node::monotonicNs() - monotonic_ns);
   return now.toSec() > age.toSec() ? now - age : now;
 }
 
@@ -115,7 +117,7 @@ void ChassisRos::onState(const chassis::DriverState& state)
       broadcaster_->sendTransform(transform);
     }
   }
-  if (const int64_t now_ns = chassis::monotonicNs(); now_ns - battery_ns_ >= BATTERY_PERIOD_NS)
+  if (const int64_t now_ns = pi_node::monotonicNs(); now_ns - battery_ns_ >= BATTERY_PERIOD_NS)
   {
     battery_ns_ = now_ns;
     battery_publisher_.publish(toBatteryState(host, ros::Time::now(), options_.base_link_frame));

@@ -1,11 +1,12 @@
 #pragma once
 
-#include <diagnostic_updater/diagnostic_updater.h>
-#include <pi_vehicle/MotionCommand.h>
-#include <pi_vehicle/chassis/chassis_driver.h>
 #include "ros/chassis_ros_options.h"
+
+#include <diagnostic_updater/diagnostic_updater.h>
 #include <pi_node/ros/callback_thread.h>
 #include <pi_node/ros/warning_board.h>
+#include <pi_vehicle/MotionCommand.h>
+#include <pi_vehicle/chassis/chassis_driver.h>
 #include <ros/ros.h>
 #include <std_srvs/Trigger.h>
 #include <tf2_ros/transform_broadcaster.h>

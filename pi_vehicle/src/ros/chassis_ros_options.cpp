@@ -1,4 +1,5 @@
 #include "ros/chassis_ros_options.h"
+
 #include <pi_node/option_check.h>
 #include <pi_node/ros/parameter_tree.h>
 
@@ -45,7 +46,7 @@ void ChassisRosOptions::validate() const
   driver.validate();
   pi_node::parameters::require(!odom_frame.empty(), "odom_frame", "\"\"", "a name");
   pi_node::parameters::require(!base_link_frame.empty() && base_link_frame != odom_frame, "base_link_frame",
-                                  "\"" + base_link_frame + "\"", "a name other than odom_frame");
+                               "\"" + base_link_frame + "\"", "a name other than odom_frame");
   const pi_node::OptionCheck check("odometry");
   check.range("distance_error", odometry.distance_error, 0.0, 10.0);
   check.range("heading_error", odometry.heading_error, 0.0, 10.0);

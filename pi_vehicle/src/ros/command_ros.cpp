@@ -1,10 +1,12 @@
-#include <diagnostic_msgs/DiagnosticStatus.h>
-#include <pi_vehicle/MotionCommand.h>
 #include "ros/command_ros.h"
+
 #include "ros/decision_conversions.h"
+
+#include <diagnostic_msgs/DiagnosticStatus.h>
 #include <pi_node/formatting.h>
 #include <pi_node/ros/node_options.h>
 #include <pi_node/ros/parameter_values.h>
+#include <pi_vehicle/MotionCommand.h>
 #include <std_msgs/Empty.h>
 #include <std_msgs/String.h>
 
@@ -37,11 +39,6 @@ CommandRosOptions loadOptions(const ros::NodeHandle& private_node)
   }
   ROS_INFO_STREAM_NAMED("command", "parameters: " << pi_node::parameters::text(toParameters(options)));
   return options;
-}
-
-int64_t toNs(const ros::Time& time)
-{
-  return static_cast<int64_t>(time.toNSec());
 }
 
 std_msgs::String toText(const std::string& text)

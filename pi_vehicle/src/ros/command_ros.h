@@ -1,13 +1,14 @@
 #pragma once
 
-#include <diagnostic_updater/diagnostic_updater.h>
-#include <pi_vehicle/CommandState.h>
 #include "decision/command_actions.h"
 #include "ros/decision_ros_options.h"
 #include "ros/kept_parameters.h"
+
+#include <diagnostic_updater/diagnostic_updater.h>
 #include <pi_node/ros/callback_thread.h>
 #include <pi_node/ros/warning_board.h>
 #include <pi_speech/VoiceCommand.h>
+#include <pi_vehicle/CommandState.h>
 #include <ros/ros.h>
 #include <std_srvs/Trigger.h>
 

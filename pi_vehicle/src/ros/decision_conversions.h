@@ -1,15 +1,16 @@
 #pragma once
 
+#include "decision/arbiter.h"
+#include "decision/reaction_rules.h"
+
 #include <geometry_msgs/PoseStamped.h>
 #include <geometry_msgs/Twist.h>
+#include <pi_detect/ObstacleArray.h>
+#include <pi_speech/VoiceCommand.h>
 #include <pi_vehicle/ArbiterState.h>
 #include <pi_vehicle/MotionCommand.h>
 #include <pi_vehicle/ReactionEvent.h>
-#include "decision/arbiter.h"
 #include <pi_vehicle/decision/pose2.h>
-#include "decision/reaction_rules.h"
-#include <pi_detect/ObstacleArray.h>
-#include <pi_speech/VoiceCommand.h>
 #include <ros/time.h>
 
 #include <cstdint>
@@ -21,6 +22,11 @@ namespace pi_vehicle
 
 /// What a source that only bounds the speed says where it has no bound [m/s]; numbers in messages must be finite.
 constexpr double NO_SPEED_LIMIT = 1000.0;
+
+inline int64_t toNs(const ros::Time& time)
+{
+  return static_cast<int64_t>(time.toNSec());
+}
 
 /// Fields as they are, with the source that the topic names.
 DriveCommand toDriveCommand(const MotionCommand& message, const std::string& source);

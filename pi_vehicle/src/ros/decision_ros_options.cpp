@@ -1,4 +1,5 @@
 #include "ros/decision_ros_options.h"
+
 #include <pi_node/option_check.h>
 #include <pi_node/ros/parameter_tree.h>
 #include <ros/package.h>
@@ -55,8 +56,8 @@ static auto visitFields(Options& options, Visitor&& visit) -> decltype(options.r
 static void requireFile(const char* name, const std::string& file)
 {
   pi_node::parameters::require(!file.empty() && (file[0] == '/' || file.find('/') == std::string::npos), name,
-                                  "\"" + file + "\"",
-                                  "an absolute path, or the name of a file in the folder config of pi_vehicle");
+                               "\"" + file + "\"",
+                               "an absolute path, or the name of a file in the folder config of pi_vehicle");
 }
 
 static void requireFrame(const char* name, const std::string& frame)

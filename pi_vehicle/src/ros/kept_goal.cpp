@@ -1,4 +1,5 @@
 #include "ros/kept_goal.h"
+
 #include <pi_node/ros/parameter_values.h>
 
 #include <cmath>

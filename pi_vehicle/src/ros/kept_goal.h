@@ -1,6 +1,7 @@
 #pragma once
 
 #include "decision/navigator.h"
+
 #include <ros/time.h>
 #include <xmlrpcpp/XmlRpcValue.h>
 

@@ -1,4 +1,5 @@
 #include "ros/kept_parameters.h"
+
 #include <pthread.h>
 
 namespace pi_vehicle

@@ -258,4 +258,9 @@ visualization_msgs::MarkerArray toMarkers(const NavigationView& view)
   return array;
 }
 
+std::string withoutSlash(const std::string& frame)
+{
+  return !frame.empty() && frame.front() == '/' ? frame.substr(1) : frame;
+}
+
 }  // namespace pi_vehicle

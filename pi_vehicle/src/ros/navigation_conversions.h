@@ -1,15 +1,16 @@
 #pragma once
 
+#include "decision/navigator.h"
+
 #include <geometry_msgs/Pose.h>
 #include <geometry_msgs/PoseStamped.h>
 #include <geometry_msgs/PoseWithCovariance.h>
 #include <geometry_msgs/Transform.h>
 #include <nav_msgs/Odometry.h>
 #include <nav_msgs/Path.h>
+#include <pi_detect/ObstacleArray.h>
 #include <pi_vehicle/DriveFeedback.h>
 #include <pi_vehicle/VehicleState.h>
-#include "decision/navigator.h"
-#include <pi_detect/ObstacleArray.h>
 #include <ros/time.h>
 #include <visualization_msgs/MarkerArray.h>
 
@@ -57,5 +58,8 @@ struct NavigationView
 
 /// They vanish by themselves when no more come.
 visualization_msgs::MarkerArray toMarkers(const NavigationView& view);
+
+/// A frame's name without the leading slash that old nodes write.
+std::string withoutSlash(const std::string& frame);
 
 }  // namespace pi_vehicle

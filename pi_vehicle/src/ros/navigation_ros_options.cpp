@@ -1,5 +1,7 @@
-#include "ros/kept_goal.h"
 #include "ros/navigation_ros_options.h"
+
+#include "ros/kept_goal.h"
+
 #include <pi_node/option_check.h>
 #include <pi_node/ros/parameter_tree.h>
 
@@ -109,7 +111,7 @@ void NavigationRosOptions::validate() const
   pi_node::OptionCheck("").range("rate_hz", rate_hz, 10.0, 100.0);
   pi_node::parameters::require(!map_frame.empty(), "map_frame", "\"\"", "a name");
   pi_node::parameters::require(!base_link_frame.empty() && base_link_frame != map_frame, "base_link_frame",
-                                  "\"" + base_link_frame + "\"", "a name other than map_frame");
+                               "\"" + base_link_frame + "\"", "a name other than map_frame");
   parameter_tree::requireDuration("tf_timeout_s", tf_timeout_s);
   pi_node::OptionCheck("").range("resume_goal_within_s", resume_goal_within_s, 0.0, 3600.0);
   parameter_tree::requireDuration("diagnostic_period", diagnostic_period);

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "decision/navigator.h"
+
 #include <ros/node_handle.h>
 #include <xmlrpcpp/XmlRpcValue.h>
 

@@ -1,6 +1,8 @@
-#include <netdb.h>
-#include "power/process_files.h"
 #include "ros/node_finder.h"
+
+#include "power/process_files.h"
+
+#include <netdb.h>
 #include <pthread.h>
 #include <ros/master.h>
 #include <ros/network.h>

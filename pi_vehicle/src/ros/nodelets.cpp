@@ -1,6 +1,3 @@
-#include <pi_node/ros/adapter_nodelet.h>
-#include <pluginlib/class_list_macros.hpp>
-
 #include "ros/arbiter_ros.h"
 #include "ros/chassis_ros.h"
 #include "ros/command_ros.h"
@@ -8,6 +5,10 @@
 #include "ros/pose_keeper_ros.h"
 #include "ros/power_ros.h"
 #include "ros/reaction_ros.h"
+
+#include <pi_node/ros/adapter_nodelet.h>
+
+#include <pluginlib/class_list_macros.hpp>
 
 namespace pi_vehicle
 {

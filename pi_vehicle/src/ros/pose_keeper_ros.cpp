@@ -1,10 +1,13 @@
-#include <diagnostic_msgs/DiagnosticStatus.h>
-#include <pi_vehicle/LocalisationState.h>
-#include "decision/saved_pose_file.h"
-#include "ros/navigation_conversions.h"
 #include "ros/pose_keeper_ros.h"
+
+#include "decision/saved_pose_file.h"
+#include "ros/decision_conversions.h"
+#include "ros/navigation_conversions.h"
+
+#include <diagnostic_msgs/DiagnosticStatus.h>
 #include <pi_node/formatting.h>
 #include <pi_node/ros/node_options.h>
+#include <pi_vehicle/LocalisationState.h>
 #include <tf2/exceptions.h>
 
 #include <algorithm>
@@ -28,16 +31,6 @@ constexpr int64_t MAP_PERIOD_NS = 5000000;  // between two looks at tf
 constexpr size_t CONNECTIONS = 4;
 constexpr double NO_TURN = 1e-9;  // quaternions that are shorter have none
 constexpr size_t ROW = 6;
-
-int64_t toNs(const ros::Time& time)
-{
-  return static_cast<int64_t>(time.toNSec());
-}
-
-std::string withoutSlash(const std::string& frame)
-{
-  return !frame.empty() && frame.front() == '/' ? frame.substr(1) : frame;
-}
 
 geometry_msgs::PoseWithCovarianceStamped toMsg(const KeptPose& kept, const std::string& map_frame)
 {

@@ -1,10 +1,11 @@
 #pragma once
 
+#include "decision/pose_keeper.h"
+#include "ros/pose_keeper_ros_options.h"
+
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <geometry_msgs/PoseWithCovarianceStamped.h>
 #include <nav_msgs/Odometry.h>
-#include "decision/pose_keeper.h"
-#include "ros/pose_keeper_ros_options.h"
 #include <pi_node/ros/callback_thread.h>
 #include <pi_node/ros/warning_board.h>
 #include <ros/ros.h>

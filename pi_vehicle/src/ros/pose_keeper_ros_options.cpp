@@ -1,4 +1,5 @@
 #include "ros/pose_keeper_ros_options.h"
+
 #include <pi_node/option_check.h>
 #include <pi_node/ros/parameter_tree.h>
 
@@ -43,9 +44,9 @@ void PoseKeeperRosOptions::validate() const
   keeper.validate();
   pi_node::parameters::require(!map_frame.empty(), "map_frame", "\"\"", "a name");
   pi_node::parameters::require(!base_link_frame.empty() && base_link_frame != map_frame, "base_link_frame",
-                                  "\"" + base_link_frame + "\"", "a name other than map_frame");
+                               "\"" + base_link_frame + "\"", "a name other than map_frame");
   pi_node::parameters::require(file.empty() || file.front() == '/', "file", "\"" + file + "\"",
-                                  "an absolute path, or empty");
+                               "an absolute path, or empty");
   pi_node::parameters::require(!resume || !file.empty(), "resume", "true", "false without a file");
   pi_node::OptionCheck("").range("max_file_age_s", max_file_age_s, 1.0, 1e9);
   parameter_tree::requireDuration("diagnostic_period", diagnostic_period);

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "decision/pose_keeper.h"
+
 #include <ros/node_handle.h>
 #include <xmlrpcpp/XmlRpcValue.h>
 

@@ -1,11 +1,12 @@
-#include <diagnostic_msgs/DiagnosticStatus.h>
 #include "ros/power_ros.h"
+
+#include <diagnostic_msgs/DiagnosticStatus.h>
+#include <pi_node/durations.h>
 #include <pi_node/formatting.h>
 #include <pi_node/ros/node_options.h>
 #include <ros/network.h>
 #include <sensor_msgs/BatteryState.h>
 
-#include <chrono>
 #include <cmath>
 #include <limits>
 #include <set>
@@ -19,14 +20,10 @@ namespace
 
 using diagnostic_msgs::DiagnosticStatus;
 using pi_node::format;
+using pi_node::monotonicNs;
 using sensor_msgs::BatteryState;
 
 constexpr double UNKNOWN = std::numeric_limits<double>::quiet_NaN();
-
-int64_t monotonicNs()
-{
-  return std::chrono::steady_clock::now().time_since_epoch() / std::chrono::nanoseconds(1);
-}
 
 /// Names of nodes become full ones.
 PowerRosOptions loadOptions(const ros::NodeHandle& node, const ros::NodeHandle& private_node)

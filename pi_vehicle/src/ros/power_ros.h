@@ -1,14 +1,15 @@
 #pragma once
 
-#include <diagnostic_updater/diagnostic_updater.h>
-#include <pi_vehicle/PowerState.h>
-#include <pi_vehicle/VehicleState.h>
 #include "power/service_meter.h"
 #include "ros/node_finder.h"
 #include "ros/power_ros_options.h"
+
+#include <diagnostic_updater/diagnostic_updater.h>
 #include <pi_node/power_monitor.h>
 #include <pi_node/ros/callback_thread.h>
 #include <pi_node/ros/warning_board.h>
+#include <pi_vehicle/PowerState.h>
+#include <pi_vehicle/VehicleState.h>
 #include <ros/ros.h>
 
 #include <memory>

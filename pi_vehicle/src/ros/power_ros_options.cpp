@@ -1,4 +1,5 @@
 #include "ros/power_ros_options.h"
+
 #include <pi_node/option_check.h>
 #include <pi_node/ros/parameter_tree.h>
 

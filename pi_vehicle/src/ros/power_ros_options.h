@@ -3,6 +3,7 @@
 #include "power/battery_estimator.h"
 #include "power/power_account.h"
 #include "power/service_meter.h"
+
 #include <ros/node_handle.h>
 #include <xmlrpcpp/XmlRpcValue.h>
 

@@ -1,6 +1,8 @@
-#include <diagnostic_msgs/DiagnosticStatus.h>
-#include "ros/decision_conversions.h"
 #include "ros/reaction_ros.h"
+
+#include "ros/decision_conversions.h"
+
+#include <diagnostic_msgs/DiagnosticStatus.h>
 #include <pi_node/formatting.h>
 #include <pi_node/ros/node_options.h>
 #include <pi_node/ros/parameter_values.h>

@@ -1,8 +1,9 @@
 #pragma once
 
-#include <diagnostic_updater/diagnostic_updater.h>
 #include "decision/reaction_rules.h"
 #include "ros/decision_ros_options.h"
+
+#include <diagnostic_updater/diagnostic_updater.h>
 #include <pi_detect/ObstacleArray.h>
 #include <pi_node/ros/callback_thread.h>
 #include <pi_node/ros/warning_board.h>

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <pi_node/ros/node_parameters.h>
 #include <pi_node/ros/parameter_values.h>
 #include <xmlrpcpp/XmlRpcValue.h>
 
@@ -41,6 +42,16 @@ inline void read(XmlRpcValue value, std::vector<std::string>* field)
   }
 }
 
+inline void read(XmlRpcValue value, std::vector<double>* field)
+{
+  parameters::requireType(value, XmlRpcValue::TypeArray, "a list of numbers");
+  field->assign(static_cast<size_t>(value.size()), 0.0);
+  for (int i = 0; i < value.size(); ++i)
+  {
+    parameters::read(value[i], &(*field)[static_cast<size_t>(i)]);
+  }
+}
+
 /// With the digits that a float has.
 inline XmlRpcValue write(float field)
 {
@@ -49,7 +60,8 @@ inline XmlRpcValue write(float field)
   return XmlRpcValue(std::stod(text));
 }
 
-inline XmlRpcValue write(const std::vector<std::string>& field)
+template <typename Element>
+XmlRpcValue write(const std::vector<Element>& field)
 {
   XmlRpcValue value;
   value.setSize(static_cast<int>(field.size()));
@@ -176,4 +188,33 @@ inline void requireDuration(const char* name, double value)
 }
 
 }  // namespace parameter_tree
+
+template <typename Options>
+Options NodeParameters<Options>::load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown)
+{
+  XmlRpc::XmlRpcValue tree;
+  const std::string& path = private_node.getNamespace();
+  private_node.getParam(path, tree);
+  return fromParameters(tree, path + "/", unknown);
+}
+
+template <typename Options>
+Options NodeParameters<Options>::fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path,
+                                                std::vector<std::string>* unknown)
+{
+  return parameter_tree::load<Options>(tree, path, unknown);
+}
+
+template <typename Options>
+XmlRpc::XmlRpcValue NodeParameters<Options>::toParameters() const
+{
+  return parameter_tree::save(static_cast<const Options&>(*this));
+}
+
+template <typename Options>
+std::string NodeParameters<Options>::toText() const
+{
+  return parameters::text(toParameters());
+}
+
 }  // namespace pi_node

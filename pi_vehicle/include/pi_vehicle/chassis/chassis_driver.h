@@ -40,9 +40,6 @@ struct DriverEvents
   std::function<void(const std::string& problem)> closed;  ///< could not be opened, or is gone: once until opened()
 };
 
-/// Monotonic time [ns], as all of the driver counts.
-int64_t monotonicNs();
-
 /// Drives a chassis on a serial line, on a thread of its own, by monotonic time. A port that is not there, or goes, is
 /// opened again after pauses that grow. All methods from any thread; none waits for the line.
 class ChassisDriver

@@ -143,9 +143,9 @@ private:
   bool motion_cut_ = false;
   bool emergency_ = false;
   std::string emergency_reason_;
-  std::optional<int64_t> release_ns_;  ///< asked, not confirmed yet
+  std::optional<int64_t> release_ns_;         ///< asked, not confirmed yet
   std::optional<uint16_t> release_sequence_;  ///< of the first command that asked
-  double commanded_speed_ = 0.0;       ///< ramped
+  double commanded_speed_ = 0.0;              ///< ramped
   int64_t command_ns_ = 0;
   uint16_t sequence_ = 0;
 };

@@ -1,0 +1,506 @@
+#include <gtest/gtest.h>
+#include <pi_detect/obstacle_tracker.h>
+
+#include <cmath>
+#include <random>
+#include <set>
+
+#include "obstacles/stereo_on_mast.h"
+
+namespace pi_detect
+{
+namespace
+{
+
+constexpr int64_t SECOND_NS = 1000000000;
+constexpr int64_t STEP_NS = SECOND_NS / 10;
+constexpr double STEP_S = 0.1;
+
+/// A thing 0.6 m wide and 1.6 m high, its near side at x, y of base_link.
+ObstacleMeasurement makeMeasurement(double x, double y, double noise_m = 0.05)
+{
+  ObstacleMeasurement measurement;
+  measurement.min << x, y - 0.3, 0.1;
+  measurement.max << x + 0.4, y + 0.3, 1.7;
+  measurement.nearest << x, y, 0.9;
+  measurement.covariance = noise_m * noise_m * Eigen::Matrix3d::Identity();
+  const StereoGeometry geometry = makeGeometry();
+  const auto column = [&](double side) { return static_cast<float>(geometry.cx - geometry.fx * side / x); };
+  const auto row = [&](double z) { return static_cast<float>(geometry.cy - geometry.fy * (z - 1.0) / x); };
+  measurement.box = {column(y + 0.3), row(1.7), column(y - 0.3), row(0.1)};
+  measurement.points = 400;
+  return measurement;
+}
+
+class Drive
+{
+public:
+  explicit Drive(const ObstacleTrackerOptions& options = ObstacleTrackerOptions()) : tracker_(options) {}
+
+  std::vector<Obstacle> step(const std::vector<ObstacleMeasurement>& measurements,
+                             const std::vector<ObjectTrack>& tracks = {})
+  {
+    stamp_ns += STEP_NS;
+    return at(stamp_ns, measurements, tracks);
+  }
+
+  std::vector<Obstacle> at(int64_t time_ns, const std::vector<ObstacleMeasurement>& measurements,
+                           const std::vector<ObjectTrack>& tracks = {})
+  {
+    return tracker_.update(time_ns, vehicle, measurements, tracks, makeGeometry(), makeMounting());
+  }
+
+  int64_t stamp_ns = 100 * SECOND_NS;
+  VehicleState vehicle;
+
+private:
+  ObstacleTracker tracker_;
+};
+
+TEST(ObstacleTracker, ReportsAnObstacleAfterTheWantedNumberOfMeasurements)
+{
+  Drive drive;
+  EXPECT_TRUE(drive.step({makeMeasurement(6.0, 0.0)}).empty());
+  EXPECT_TRUE(drive.step({makeMeasurement(6.0, 0.0)}).empty());
+  const auto obstacles = drive.step({makeMeasurement(6.0, 0.0)});
+  ASSERT_EQ(obstacles.size(), 1U);
+  EXPECT_EQ(obstacles[0].id, 1);
+  EXPECT_NEAR(obstacles[0].distance_m, 6.0, 0.05);
+  EXPECT_NEAR(obstacles[0].position.x(), 6.2, 0.05);
+  EXPECT_NEAR(obstacles[0].size.y(), 0.6, 0.05);
+  EXPECT_EQ(obstacles[0].first_seen_ns, drive.stamp_ns - 2 * STEP_NS);
+  EXPECT_EQ(obstacles[0].last_seen_ns, drive.stamp_ns);
+}
+
+TEST(ObstacleTracker, GivesAStandingObstacleNoVelocityWhileTheVehicleDrives)
+{
+  Drive drive;
+  std::mt19937 random(3);
+  std::normal_distribution<double> noise(0.0, 0.05);
+  drive.vehicle.velocity.x() = 3.0;
+  std::vector<Obstacle> obstacles;
+  for (int i = 0; i < 20; ++i)
+  {
+    drive.vehicle.T_odom_base.translation().x() = 3.0 * STEP_S * i;
+    obstacles = drive.step({makeMeasurement(12.0 - 3.0 * STEP_S * i + noise(random), 1.5 + noise(random))});
+    for (const Obstacle& obstacle : obstacles)
+    {
+      EXPECT_FALSE(obstacle.moving) << "picture " << i;
+    }
+  }
+  ASSERT_EQ(obstacles.size(), 1U);
+  EXPECT_EQ(obstacles[0].id, 1);
+  EXPECT_LT(obstacles[0].velocity.norm(), 0.3);
+}
+
+TEST(ObstacleTracker, MeasuresTheVelocityOfWhatCrosses)
+{
+  Drive drive;
+  std::mt19937 random(4);
+  std::normal_distribution<double> noise(0.0, 0.04);
+  std::vector<Obstacle> obstacles;
+  for (int i = 0; i < 25; ++i)
+  {
+    obstacles = drive.step({makeMeasurement(8.0 + noise(random), -2.0 + 1.4 * STEP_S * i + noise(random))});
+  }
+  ASSERT_EQ(obstacles.size(), 1U);
+  EXPECT_TRUE(obstacles[0].moving);
+  EXPECT_NEAR(obstacles[0].velocity.x(), 0.0, 0.3);
+  EXPECT_NEAR(obstacles[0].velocity.y(), 1.4, 0.3);
+}
+
+TEST(ObstacleTracker, TurnsVelocitiesIntoTheAxesOfTheVehicle)
+{
+  Drive drive;
+  // The vehicle looks along y of odom; the obstacle goes along -x of odom, that is to the vehicle's left.
+  drive.vehicle.T_odom_base.linear() = Eigen::AngleAxisd(M_PI_2, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+  std::vector<Obstacle> obstacles;
+  for (int i = 0; i < 25; ++i)
+  {
+    obstacles = drive.step({makeMeasurement(8.0, -1.5 + STEP_S * i)});
+  }
+  ASSERT_EQ(obstacles.size(), 1U);
+  EXPECT_NEAR(obstacles[0].velocity.y(), 1.0, 0.1);
+  EXPECT_NEAR(obstacles[0].position.y(), -1.5 + STEP_S * 24, 0.1);
+}
+
+TEST(ObstacleTracker, KnowsWhenTheVehicleReachesWhatStandsBeforeIt)
+{
+  Drive drive;
+  drive.vehicle.velocity.x() = 2.0;
+  std::vector<Obstacle> obstacles;
+  for (int i = 0; i < 10; ++i)
+  {
+    drive.vehicle.T_odom_base.translation().x() = 2.0 * STEP_S * i;
+    obstacles =
+        drive.step({makeMeasurement(9.0 - 2.0 * STEP_S * i, 0.0), makeMeasurement(9.0 - 2.0 * STEP_S * i, 4.0)});
+  }
+  ASSERT_EQ(obstacles.size(), 2U);
+  // Its near side is at 7.2 m, the vehicle's front at 1 m: 6.2 m at 2 m/s.
+  EXPECT_NEAR(obstacles[0].time_to_collision_s, 3.1, 0.05);
+  EXPECT_TRUE(std::isinf(obstacles[1].time_to_collision_s)) << "it is passed at the side";
+}
+
+TEST(ObstacleTracker, KnowsWhenWhatComesReachesTheVehicle)
+{
+  Drive drive;
+  std::vector<Obstacle> obstacles;
+  for (int i = 0; i < 20; ++i)
+  {
+    obstacles = drive.step({makeMeasurement(15.0 - 4.0 * STEP_S * i, 0.0)});
+  }
+  ASSERT_EQ(obstacles.size(), 1U);
+  ASSERT_TRUE(obstacles[0].moving);
+  // 15 - 7.6 - 1 m at 4 m/s.
+  EXPECT_NEAR(obstacles[0].time_to_collision_s, 1.6, 0.2);
+}
+
+TEST(ObstacleTracker, RemembersForAWhileWhatLeftTheView)
+{
+  ObstacleTrackerOptions options;
+  Drive drive(options);
+  for (int i = 0; i < 5; ++i)
+  {
+    drive.step({makeMeasurement(3.0, 2.0)});
+  }
+  // The vehicle drives past: the obstacle is beside it now.
+  drive.vehicle.T_odom_base.translation().x() = 3.0;
+  std::vector<Obstacle> obstacles;
+  for (int i = 0; i < 20; ++i)
+  {
+    obstacles = drive.step({});
+  }
+  ASSERT_EQ(obstacles.size(), 1U);
+  EXPECT_NEAR(obstacles[0].position.x(), 0.2, 0.1);
+  EXPECT_NEAR(obstacles[0].position.y(), 2.0, 0.1);
+  EXPECT_EQ(drive.stamp_ns - obstacles[0].last_seen_ns, 2 * SECOND_NS);
+  for (int i = 0; i < 20; ++i)
+  {
+    obstacles = drive.step({});
+  }
+  EXPECT_TRUE(obstacles.empty()) << "after memory_s";
+}
+
+TEST(ObstacleTracker, LeavesWhereItWasWhatIsNotKnownToMove)
+{
+  Drive drive;
+  std::vector<Obstacle> obstacles;
+  for (int i = 0; i < 5; ++i)
+  {
+    // What of a parked car is seen shifts while it is passed: too short for a motion, but the filter has a velocity.
+    obstacles = drive.step({makeMeasurement(3.0, 2.0 - 0.08 * i)});
+  }
+  ASSERT_EQ(obstacles.size(), 1U);
+  ASSERT_FALSE(obstacles[0].moving);
+  ASSERT_LT(obstacles[0].velocity.y(), -0.4);
+  const double y = obstacles[0].position.y();
+  drive.vehicle.T_odom_base.translation().x() = 3.0;
+  for (int i = 0; i < 30; ++i)
+  {
+    obstacles = drive.step({});
+    ASSERT_EQ(obstacles.size(), 1U) << "picture " << i;
+    EXPECT_NEAR(obstacles[0].position.x(), 0.2, 0.3) << "picture " << i;
+    EXPECT_NEAR(obstacles[0].position.y(), y, 0.3) << "picture " << i;
+    EXPECT_FALSE(obstacles[0].moving);
+  }
+}
+
+TEST(ObstacleTracker, GoesOnWithWhatMovesWhileItIsNotSeen)
+{
+  Drive drive;
+  std::vector<Obstacle> obstacles;
+  for (int i = 0; i < 25; ++i)
+  {
+    obstacles = drive.step({makeMeasurement(8.0, -2.0 + 1.4 * STEP_S * i)});
+  }
+  ASSERT_EQ(obstacles.size(), 1U);
+  ASSERT_TRUE(obstacles[0].moving);
+  for (int i = 25; i < 30; ++i)
+  {
+    obstacles = drive.step({});
+    ASSERT_EQ(obstacles.size(), 1U);
+    EXPECT_TRUE(obstacles[0].moving) << "picture " << i;
+    EXPECT_NEAR(obstacles[0].position.y(), -2.0 + 1.4 * STEP_S * i, 0.3);
+  }
+  obstacles = drive.step({makeMeasurement(8.0, -2.0 + 1.4 * STEP_S * 30)});
+  ASSERT_EQ(obstacles.size(), 1U);
+  EXPECT_EQ(obstacles[0].id, 1);
+  EXPECT_TRUE(obstacles[0].moving);
+}
+
+TEST(ObstacleTracker, TakesNoOtherThingForWhatItLostFromView)
+{
+  // Pieces of parked cars at the picture's side, whose velocity nobody knows: one is lost, another one comes up.
+  Drive drive;
+  std::vector<Obstacle> obstacles;
+  for (int i = 0; i < 5; ++i)
+  {
+    obstacles = drive.step({makeMeasurement(4.0, -4.0)});
+  }
+  ASSERT_EQ(obstacles.size(), 1U);
+  drive.vehicle.T_odom_base.translation().x() = 1.5;
+  for (int i = 0; i < 10; ++i)
+  {
+    obstacles = drive.step({});
+  }
+  ASSERT_EQ(obstacles.size(), 1U);
+  for (int i = 0; i < 8; ++i)
+  {
+    obstacles = drive.step({makeMeasurement(4.0, -2.4)});
+    for (const Obstacle& obstacle : obstacles)
+    {
+      EXPECT_FALSE(obstacle.moving) << "picture " << i << ", id " << obstacle.id;
+      EXPECT_LT(obstacle.velocity.norm(), 0.2) << "picture " << i << ", id " << obstacle.id;
+    }
+  }
+  ASSERT_EQ(obstacles.size(), 2U);
+  EXPECT_EQ(std::set<int64_t>({obstacles[0].id, obstacles[1].id}), std::set<int64_t>({1, 2}));
+}
+
+TEST(ObstacleTracker, MeasuresVelocitiesAnewAfterAGap)
+{
+  Drive drive;
+  std::vector<Obstacle> obstacles;
+  for (int i = 0; i < 10; ++i)
+  {
+    obstacles = drive.step({makeMeasurement(6.0, -1.0, 0.15)});
+  }
+  for (int i = 0; i < 5; ++i)
+  {
+    drive.step({});
+  }
+  // Another part of the same thing: that it is elsewhere is no motion.
+  for (int i = 0; i < 10; ++i)
+  {
+    obstacles = drive.step({makeMeasurement(6.2, -0.6, 0.15)});
+    ASSERT_EQ(obstacles.size(), 1U);
+    EXPECT_EQ(obstacles[0].id, 1);
+    EXPECT_FALSE(obstacles[0].moving) << "picture " << i;
+    EXPECT_LT(obstacles[0].velocity.norm(), 0.1) << "picture " << i;
+  }
+}
+
+TEST(ObstacleTracker, EndsWhatShouldBeSeenButIsNot)
+{
+  Drive drive;
+  for (int i = 0; i < 5; ++i)
+  {
+    drive.step({makeMeasurement(6.0, 0.0)});
+  }
+  EXPECT_EQ(drive.step({}).size(), 1U);
+  std::vector<Obstacle> obstacles;
+  for (int i = 0; i < 7; ++i)
+  {
+    obstacles = drive.step({});
+  }
+  EXPECT_TRUE(obstacles.empty());
+}
+
+TEST(ObstacleTracker, RemembersWhatIsHidden)
+{
+  Drive drive;
+  for (int i = 0; i < 5; ++i)
+  {
+    drive.step({makeMeasurement(8.0, 0.0)});
+  }
+  std::vector<Obstacle> obstacles;
+  for (int i = 0; i < 10; ++i)
+  {
+    obstacles = drive.step({makeMeasurement(4.0, 0.0)});
+  }
+  ASSERT_EQ(obstacles.size(), 2U);
+  EXPECT_NEAR(obstacles[1].distance_m, 8.0, 0.1);
+}
+
+ObjectTrack makeTrack(int64_t id, int class_id, const Box& box)
+{
+  ObjectTrack track;
+  track.id = id;
+  track.class_id = class_id;
+  track.score = 0.8F;
+  track.box = box;
+  return track;
+}
+
+TEST(ObstacleTracker, TakesLabelsFromTracksAndKeepsThem)
+{
+  Drive drive;
+  const ObstacleMeasurement person = makeMeasurement(6.0, 0.0);
+  const ObstacleMeasurement behind = makeMeasurement(12.0, 0.1);
+  const ObstacleMeasurement other = makeMeasurement(6.0, 3.0);
+  std::vector<Obstacle> obstacles;
+  for (int i = 0; i < 4; ++i)
+  {
+    obstacles = drive.step({person, behind, other}, {makeTrack(7, 1, person.box)});
+  }
+  ASSERT_EQ(obstacles.size(), 3U);
+  EXPECT_EQ(obstacles[0].class_id, 1);
+  EXPECT_EQ(obstacles[0].track_id, 7);
+  EXPECT_FLOAT_EQ(obstacles[0].score, 0.8F);
+  EXPECT_EQ(obstacles[1].class_id, -1) << "beside the track's box";
+  EXPECT_EQ(obstacles[2].class_id, -1) << "in the track's box, but further away";
+
+  obstacles = drive.step({person, behind, other});
+  EXPECT_EQ(obstacles[0].class_id, 1) << "the label stays when the detector misses a picture";
+  obstacles = drive.step({person, behind, other}, {makeTrack(9, 2, person.box)});
+  EXPECT_EQ(obstacles[0].class_id, 2);
+  EXPECT_EQ(obstacles[0].track_id, 9) << "a new track takes over";
+}
+
+TEST(ObstacleTracker, BelievesTheVelocityOfWhatJustAppearedOnlyIfItHasAClass)
+{
+  constexpr int64_t PICTURE_NS = 50000000;
+  constexpr double SPEED = 3.0;
+  const auto pictureOfMotion = [](bool labelled)
+  {
+    Drive drive;
+    for (int i = 0; i < 20; ++i)
+    {
+      const ObstacleMeasurement measurement = makeMeasurement(7.0, -1.5 + SPEED * 0.05 * i, 0.02);
+      const auto tracks =
+          labelled ? std::vector<ObjectTrack>{makeTrack(7, 1, measurement.box)} : std::vector<ObjectTrack>();
+      const auto obstacles = drive.at(drive.stamp_ns + i * PICTURE_NS, {measurement}, tracks);
+      if (!obstacles.empty() && obstacles[0].moving)
+      {
+        return i;
+      }
+    }
+    return 20;
+  };
+  EXPECT_LT(pictureOfMotion(true), 7);
+  EXPECT_GE(pictureOfMotion(false), 9) << "0.3 s, and four pictures";
+  EXPECT_LT(pictureOfMotion(false), 14);
+}
+
+TEST(ObstacleTracker, GoesOnWithWhatMovedNotLongerThanItWasFollowed)
+{
+  Drive drive;
+  std::vector<Obstacle> obstacles;
+  for (int i = 0; i < 10; ++i)
+  {
+    obstacles = drive.step({makeMeasurement(8.0, -2.0 + 1.4 * STEP_S * i, 0.02)});
+  }
+  ASSERT_EQ(obstacles.size(), 1U);
+  ASSERT_TRUE(obstacles[0].moving);
+  // A wall before it hides it.
+  ObstacleMeasurement wall = makeMeasurement(4.0, 0.0, 0.02);
+  wall.min.y() = -4.0;
+  wall.max.y() = 4.0;
+  wall.box = {0.0F, 0.0F, 640.0F, 400.0F};
+  std::vector<double> seen_at;
+  for (int i = 0; i < 14; ++i)
+  {
+    for (const Obstacle& obstacle : drive.step({wall}))
+    {
+      if (obstacle.id == obstacles[0].id)
+      {
+        seen_at.push_back(obstacle.position.y());
+      }
+    }
+  }
+  ASSERT_EQ(seen_at.size(), 14U) << "it is remembered";
+  EXPECT_NEAR(seen_at[8] - seen_at[0], 8 * 1.4 * STEP_S, 0.2) << "it was followed for 0.9 s";
+  EXPECT_DOUBLE_EQ(seen_at[13], seen_at[11]);
+}
+
+TEST(ObstacleTracker, LeavesOutStampsThatAreNotNewer)
+{
+  Drive drive;
+  for (int i = 0; i < 4; ++i)
+  {
+    drive.step({makeMeasurement(6.0, 0.0)});
+  }
+  const auto obstacles = drive.at(drive.stamp_ns - STEP_NS, {makeMeasurement(3.0, 0.0)});
+  ASSERT_EQ(obstacles.size(), 1U);
+  EXPECT_NEAR(obstacles[0].distance_m, 6.0, 0.05);
+  EXPECT_EQ(drive.at(drive.stamp_ns, {}).size(), 1U);
+}
+
+TEST(ObstacleTracker, BeginsAnewWhenTimeGoesBackAndUsesNoIdAgain)
+{
+  Drive drive;
+  std::set<int64_t> before;
+  for (int i = 0; i < 4; ++i)
+  {
+    for (const Obstacle& obstacle : drive.step({makeMeasurement(6.0, 0.0), makeMeasurement(6.0, 3.0)}))
+    {
+      before.insert(obstacle.id);
+    }
+  }
+  ASSERT_EQ(before.size(), 2U);
+  drive.stamp_ns -= 50 * SECOND_NS;
+  EXPECT_TRUE(drive.step({makeMeasurement(6.0, 0.0)}).empty());
+  drive.step({makeMeasurement(6.0, 0.0)});
+  const auto obstacles = drive.step({makeMeasurement(6.0, 0.0)});
+  ASSERT_EQ(obstacles.size(), 1U);
+  EXPECT_EQ(before.count(obstacles[0].id), 0U);
+}
+
+TEST(ObstacleTracker, SortsByDistance)
+{
+  Drive drive;
+  std::vector<Obstacle> obstacles;
+  for (int i = 0; i < 4; ++i)
+  {
+    obstacles = drive.step({makeMeasurement(9.0, 1.0), makeMeasurement(4.0, -1.0), makeMeasurement(6.0, 2.0)});
+  }
+  ASSERT_EQ(obstacles.size(), 3U);
+  EXPECT_LT(obstacles[0].distance_m, obstacles[1].distance_m);
+  EXPECT_LT(obstacles[1].distance_m, obstacles[2].distance_m);
+}
+
+TEST(ObstacleTracker, RefusesOptionsOutOfRange)
+{
+  ObstacleTrackerOptions options;
+  options.memory_s = -1.0;
+  try
+  {
+    ObstacleTracker tracker(options);
+    FAIL() << "memory_s = -1 was accepted";
+  }
+  catch (const std::invalid_argument& error)
+  {
+    EXPECT_STREQ(error.what(), "memory_s = -1, must be in [0, 600]");
+  }
+  options = ObstacleTrackerOptions();
+  options.confirm_hits = 0;
+  EXPECT_THROW(options.validate(), std::invalid_argument);
+  options = ObstacleTrackerOptions();
+  options.vehicle_half_width_m = std::nan("");
+  EXPECT_THROW(options.validate(), std::invalid_argument);
+}
+
+TEST(TimeToCollision, FollowsFromTheGapAndTheSpeed)
+{
+  ObstacleTrackerOptions options;
+  options.vehicle_front_m = 1.0;
+  options.vehicle_rear_m = 0.5;
+  options.vehicle_half_width_m = 0.6;
+  const Eigen::Vector2d half(0.5, 0.4);
+  // From ahead: 10 - 1 - 0.5 m at 2 m/s.
+  EXPECT_NEAR(timeToCollision({10.0, 0.0}, {-2.0, 0.0}, half, options), 4.25, 1e-9);
+  // From behind: 10 - 0.5 - 0.5 m at 3 m/s.
+  EXPECT_NEAR(timeToCollision({-10.0, 0.9}, {3.0, 0.0}, half, options), 3.0, 1e-9);
+  // From the side: 5 - 0.6 - 0.4 m at 1 m/s.
+  EXPECT_NEAR(timeToCollision({0.5, 5.0}, {0.0, -1.0}, half, options), 4.0, 1e-9);
+}
+
+TEST(TimeToCollision, IsInfiniteForWhatPassesOrLeaves)
+{
+  const ObstacleTrackerOptions options;
+  const Eigen::Vector2d half(0.5, 0.4);
+  EXPECT_TRUE(std::isinf(timeToCollision({10.0, 1.1}, {-2.0, 0.0}, half, options))) << "passes 0.1 m beside";
+  EXPECT_TRUE(std::isinf(timeToCollision({10.0, 0.0}, {2.0, 0.0}, half, options))) << "leaves";
+  EXPECT_TRUE(std::isinf(timeToCollision({10.0, 0.0}, {0.0, 0.0}, half, options))) << "stands";
+  EXPECT_TRUE(std::isinf(timeToCollision({10.0, 5.0}, {-4.0, -0.5}, half, options))) << "crosses behind";
+}
+
+TEST(TimeToCollision, IsZeroInsideTheOutline)
+{
+  const ObstacleTrackerOptions options;
+  EXPECT_EQ(timeToCollision({0.9, 0.3}, {0.0, 0.0}, {0.1, 0.1}, options), 0.0);
+  EXPECT_EQ(timeToCollision({1.3, 0.0}, {5.0, 0.0}, {0.5, 0.1}, options), 0.0);
+}
+
+}  // namespace
+}  // namespace pi_detect

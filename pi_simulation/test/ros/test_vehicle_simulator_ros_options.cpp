@@ -1,0 +1,63 @@
+// config/vehicle_simulator.yaml and the defaults in the code must be the same, and impossible values must be named.
+
+#include "ros/vehicle_simulator_ros_options.h"
+
+#include <gtest/gtest.h>
+#include <pi_node/test_support/options_reader.h>
+
+#include <string>
+
+namespace pi_simulation
+{
+
+using namespace pi_node::test_support;
+namespace
+{
+
+const OptionsReader<VehicleSimulatorRosOptions> reader("/simulator/");
+
+TEST(VehicleSimulatorRosOptions, DefaultsAreThoseOfTheYamlFile)
+{
+  reader.expectDefaultsOf(SIMULATOR_YAML);
+}
+
+TEST(VehicleSimulatorRosOptions, ParametersComeBackAsTheyWere)
+{
+  VehicleSimulatorRosOptions options;
+  options.scenario = "a.yaml";
+  options.cameras.color = true;
+  options.cameras.threads = 2;
+  options.imu_in_base.z = 1.3;
+  Names unknown;
+  const auto again = VehicleSimulatorRosOptions::fromParameters(options.toParameters(), "", &unknown);
+  EXPECT_EQ(options.toText(), again.toText());
+  EXPECT_NE(VehicleSimulatorRosOptions().toText(), again.toText());
+}
+
+TEST(VehicleSimulatorRosOptions, ReachTheSimulationAndTheRenderer)
+{
+  VehicleSimulatorRosOptions options;
+  options.imu_noise = 0.0;
+  options.outline.front = 1.4;
+  options.cameras.smooth_edges = true;
+  options.link = "/dev/a";
+  EXPECT_EQ(1.4, options.simulationOptions().front);
+  EXPECT_EQ(0.0, options.simulationOptions().imu.gyro_bias.norm());
+  EXPECT_EQ("/dev/a", options.simulationOptions().chassis.link);
+  EXPECT_EQ(Supersampling::EDGES, options.rendererOptions().supersampling);
+  EXPECT_EQ(RenderQuality::LIVE, options.rendererOptions().quality);
+}
+
+TEST(VehicleSimulatorRosOptions, NamesParameterValueAndBound)
+{
+  EXPECT_EQ("parameter /simulator/cameras/threads = 0, must be in [1, 64]", reader.refusal("cameras: {threads: 0}"));
+  EXPECT_EQ("parameter /simulator/imu_noise = much, must be a number", reader.refusal("imu_noise: much"));
+  EXPECT_EQ("parameter /simulator/outline/front = 0, must be in [0.05, 10]", reader.refusal("outline: {front: 0}"));
+  EXPECT_EQ("parameter /simulator/map_frame = \"\", must be a name", reader.refusal("map_frame: \"\""));
+  Names unknown;
+  VehicleSimulatorRosOptions::fromParameters(fromYaml(YAML::Load("{camera: 1}")), "/simulator/", &unknown);
+  EXPECT_EQ(Names{"/simulator/camera"}, unknown);
+}
+
+}  // namespace
+}  // namespace pi_simulation

@@ -1,0 +1,138 @@
+// Judge of recognizer_faults.test.
+
+#include "ros/recognizer_on_graph.h"
+
+#include <gtest/gtest.h>
+
+#include <string>
+#include <vector>
+
+namespace pi_speech
+{
+namespace
+{
+
+constexpr int OK = diagnostic_msgs::DiagnosticStatus::OK;
+constexpr int WARN = diagnostic_msgs::DiagnosticStatus::WARN;
+constexpr int ERROR = diagnostic_msgs::DiagnosticStatus::ERROR;
+
+bool contains(const std::string& text, const std::string& part)
+{
+  return text.find(part) != std::string::npos;
+}
+
+TEST(RecognizerFaults, MissingAcousticModelIsAnErrorWithTheNameOfTheFolder)
+{
+  const DiagnosticCollector diagnostics;
+  EXPECT_TRUE(diagnostics.waitForSummary("recognizer: recognition", ERROR, "/no/such/model")) << diagnostics.text();
+  SetCommands service;
+  service.request.commands = {"go"};
+  ASSERT_TRUE(ros::service::call("/recognizer/set_commands", service));
+  EXPECT_FALSE(service.response.success);
+  EXPECT_PRED2(contains, service.response.message, "/no/such/model");
+  EXPECT_PRED2(contains, service.response.message, "nothing is understood until set_commands is called");
+  // The node stays, and names what else is missing.
+  EXPECT_TRUE(diagnostics.waitForSummary("recognizer: sound", WARN, "no sound for")) << diagnostics.text();
+  EXPECT_TRUE(diagnostics.waitForValue("recognizer: recognition", "state", "error")) << diagnostics.text();
+}
+
+TEST(RecognizerFaults, GarbageWordsThatComeLaterAreTakenBySetCommands)
+{
+  const TemporaryFolder folder;
+  const std::string garbage = folder.path() + "/garbage.txt";
+  RecognizerOnGraph recognizer("garbage");
+  recognizer.set("garbage_words", garbage);
+  ASSERT_TRUE(recognizer.load());
+  EXPECT_TRUE(recognizer.diagnosedSummary("recognition", ERROR, garbage)) << recognizer.text();
+  folder.file("garbage.txt", "about\nwater\n");
+  const SetCommands::Response again = recognizer.setCommands("", {});
+  EXPECT_TRUE(again.success) << again.message;
+  EXPECT_TRUE(recognizer.diagnosedSummary("recognition", OK, "listens for")) << recognizer.text();
+  EXPECT_TRUE(recognizer.waitUntilReady()) << recognizer.text();
+}
+
+TEST(RecognizerFaults, CommandsThatComeLaterAreTakenBySetCommands)
+{
+  const TemporaryFolder folder;
+  const std::string commands = folder.path() + "/commands.yaml";
+  RecognizerOnGraph recognizer("commands");
+  recognizer.set("commands", commands);
+  ASSERT_TRUE(recognizer.load());
+  EXPECT_TRUE(recognizer.diagnosedSummary("recognition", ERROR, commands)) << recognizer.text();
+  folder.file("commands.yaml", "commands: [go, {text: stop, fast: true}]\n");
+  const SetCommands::Response again = recognizer.setCommands("", {});
+  EXPECT_TRUE(again.success) << again.message;
+  EXPECT_PRED2(contains, again.message, "understands go, stop");
+  EXPECT_TRUE(recognizer.diagnosed("recognition", "commands", "go, stop")) << recognizer.text();
+}
+
+TEST(RecognizerFaults, BrokenWordModelsAreAnErrorWithTheNameOfTheFile)
+{
+  const TemporaryFolder folder;
+  const std::string models = folder.file("words.bin", "these are no models of words");
+  RecognizerOnGraph recognizer("word_models");
+  recognizer.set("word_models", models);
+  ASSERT_TRUE(recognizer.load());
+  EXPECT_TRUE(recognizer.diagnosedSummary("recognition", ERROR, models)) << recognizer.text();
+  const SetCommands::Response again = recognizer.setCommands("", {"go"});
+  EXPECT_FALSE(again.success);
+  EXPECT_PRED2(contains, again.message, models);
+  EXPECT_TRUE(recognizer.diagnosed("recognition", "state", "error")) << recognizer.text();
+}
+
+TEST(RecognizerFaults, WordsThatCannotBePronouncedAreNamed)
+{
+  RecognizerOnGraph recognizer("words");
+  recognizer.set("sphinx/guess_words", false);
+  ASSERT_TRUE(recognizer.load());
+  ASSERT_TRUE(recognizer.waitUntilReady()) << recognizer.text();
+  const SetCommands::Response unknown = recognizer.setCommands("", {"go", "xyzzyx"});
+  EXPECT_FALSE(unknown.success);
+  EXPECT_PRED2(contains, unknown.message, "xyzzyx");
+  EXPECT_PRED2(contains, unknown.message, "these stay in use: ");
+}
+
+TEST(RecognizerFaults, DictationWithoutLanguageModelIsNamedAndCommandsWork)
+{
+  RecognizerOnGraph recognizer("no_dictation");
+  recognizer.set("dictation", true);
+  recognizer.set("sphinx/language_model", std::string("/no/such/model.lm"));
+  ASSERT_TRUE(recognizer.load());
+  EXPECT_TRUE(recognizer.diagnosedSummary("recognition", WARN, "no dictation: ")) << recognizer.text();
+  EXPECT_TRUE(recognizer.log.waitForText("/no/such/model.lm")) << recognizer.text();
+  EXPECT_TRUE(recognizer.waitUntilReady()) << recognizer.text();
+}
+
+TEST(RecognizerFaults, WrongParametersAreRefusedAndUnknownOnesNamed)
+{
+  RecognizerOnGraph recognizer("parameters");
+  recognizer.set("mode", std::string("open"));
+  EXPECT_FALSE(recognizer.load());
+  EXPECT_TRUE(recognizer.log.waitForText("parameter /parameters/recognizer/mode = \"open\", must be safe or closed"))
+      << recognizer.text();
+  recognizer.set("mode", std::string("closed"));
+  recognizer.set("treshold", 0.4);
+  EXPECT_TRUE(recognizer.load());
+  EXPECT_TRUE(recognizer.log.waitForText("parameter /parameters/recognizer/treshold means nothing here"))
+      << recognizer.text();
+  EXPECT_TRUE(recognizer.diagnosed("recognition", "mode", "closed")) << recognizer.text();
+}
+
+TEST(RecognizerFaults, CanBeUnloadedInTheMiddleOfItsWork)
+{
+  SourceOnGraph source("unloaded");
+  RecognizerOnGraph recognizer("unloaded");
+  ASSERT_TRUE(recognizer.load());  // it loads models
+  ASSERT_TRUE(unloadNodelet("/unloaded/recognizer"));
+  ASSERT_TRUE(recognizer.load());
+  ASSERT_TRUE(source.waitForListener());
+  source.send(quiet(20.0));
+}
+
+}  // namespace
+}  // namespace pi_speech
+
+int main(int argc, char** argv)
+{
+  return pi_speech::runOnGraph(argc, argv, "recognizer_faults_test");
+}

@@ -1,0 +1,81 @@
+// config/navigation.yaml and the defaults in the code must be the same, and impossible values must be named.
+
+#include "ros/navigation_ros_options.h"
+
+#include <gtest/gtest.h>
+#include <pi_node/test_support/options_reader.h>
+
+#include <string>
+
+namespace pi_vehicle
+{
+
+using namespace pi_node::test_support;
+namespace
+{
+
+const OptionsReader<NavigationRosOptions> reader("/navigation/");
+
+TEST(NavigationRosOptions, DefaultsAreThoseOfTheYamlFile)
+{
+  reader.expectDefaultsOf(NAVIGATION_YAML);
+}
+
+TEST(NavigationRosOptions, ParametersComeBackAsTheyWere)
+{
+  NavigationRosOptions options;
+  options.rate_hz = 50.0;
+  options.navigator.need_obstacles = false;
+  options.navigator.abort_after_s = 60.0;
+  options.navigator.route.corridor = 0.5;
+  options.navigator.follower.goal_tolerance = 0.4;
+  options.navigator.governor.stop_gap = 2.0;
+  options.places["gate"] = {{12.0, -3.5}, 1.5};
+  options.places["yard"] = {{1.0, 2.0}, std::nullopt};
+  Names unknown;
+  const NavigationRosOptions again = NavigationRosOptions::fromParameters(options.toParameters(), "", &unknown);
+  EXPECT_EQ(Names(), unknown);
+  EXPECT_EQ(options.toText(), again.toText());
+  EXPECT_NE(NavigationRosOptions().toText(), again.toText());
+}
+
+TEST(NavigationRosOptions, PlacesHaveAHeadingOrNone)
+{
+  const Places places = reader.load("places: {gate: [12, -3.5, 1.5], yard: [1.0, 2.0]}").places;
+  ASSERT_EQ(2u, places.size());
+  EXPECT_EQ(Eigen::Vector2d(12.0, -3.5), places.at("gate").position);
+  EXPECT_EQ(1.5, places.at("gate").heading.value());
+  EXPECT_FALSE(places.at("yard").heading);
+  EXPECT_TRUE(reader.load("places: {}").places.empty());
+}
+
+TEST(NavigationRosOptions, NamesUnknownParameters)
+{
+  Names unknown;
+  NavigationRosOptions::fromParameters(fromYaml(YAML::Load("{rate: 1, follower: {jerk: 2}}")), "/navigation/",
+                                       &unknown);
+  EXPECT_EQ((Names{"/navigation/follower/jerk", "/navigation/rate"}), unknown);
+}
+
+TEST(NavigationRosOptions, NamesParameterValueAndBound)
+{
+  EXPECT_EQ("parameter /navigation/rate_hz = 1, must be in [10, 100]", reader.refusal("rate_hz: 1"));
+  EXPECT_EQ("parameter /navigation/follower/max_speed = 0, must be in [0.1, 10]",
+            reader.refusal("follower: {max_speed: 0}"));
+  EXPECT_EQ("parameter /navigation/governor/rise = fast, must be a number", reader.refusal("governor: {rise: fast}"));
+  EXPECT_EQ("parameter /navigation/max_position_deviation = 0, must be in [0.01, 100]",
+            reader.refusal("max_position_deviation: 0"));
+  EXPECT_EQ("parameter /navigation/need_obstacles = perhaps, must be true or false",
+            reader.refusal("need_obstacles: perhaps"));
+  EXPECT_EQ("parameter /navigation/base_link_frame = \"map\", must be a name other than map_frame",
+            reader.refusal("base_link_frame: map"));
+  EXPECT_EQ(0u, reader.refusal("places: {gate: [1]}").find("parameter /navigation/places/gate = {1}, must be [x, y]"))
+      << reader.refusal("places: {gate: [1]}");
+  EXPECT_NE("", reader.refusal("places: {gate: [1, two]}"));
+  EXPECT_NE("", reader.refusal("places: {gate: [.nan, 1]}"));
+  EXPECT_EQ("parameter /navigation/places = 5, must be a map of names to [x, y] or [x, y, heading]",
+            reader.refusal("places: 5"));
+}
+
+}  // namespace
+}  // namespace pi_vehicle
