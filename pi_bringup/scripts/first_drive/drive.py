@@ -23,6 +23,7 @@ class Drive:
         self.preload = preload
         self.output = output
         self.bag = output / ("drive_%s.bag" % name)
+        self.recorded = {}  # messages by topic in the bag that is played
         self.published = {}
         self.lateness = {}
         self.monitor = {}
@@ -34,8 +35,9 @@ class Drive:
         self.bag_counts = {}
         self.peer = {}
 
-    def run(self, processes, events, screen, launch_arguments, pictures_before_shot):
+    def run(self, processes, events, screen, played, launch_argument, pictures_before_shot):
         """Starts the nodes, follows them to the end of the recording and ends them.
+        @param played  the bag, and launch_argument  its argument of drive.launch.
         @param pictures_before_shot messages of the left camera after which the screen is shot.
         @throws DemoError."""
         peer_report = self.output / ("rospy_peer_%s.json" % self.name)
@@ -46,9 +48,10 @@ class Drive:
         if shutil.disk_usage(self.output).free < RECORD_RESERVE_BYTES:
             raise DemoError("%s has less than 1 GB of free space, where rosbag record stops recording; make room or "
                             "choose another folder with --output" % self.output)
+        self.recorded = measuring.read_bag(played, processes.environment)
         print("  starting the nodes")
         launch = processes.launch(
-            ["pi_bringup", "drive.launch", *launch_arguments, "preload:=%s" % (self.preload or ""),
+            ["pi_bringup", "drive.launch", "%s:=%s" % (launch_argument, played), "preload:=%s" % (self.preload or ""),
              "record:=%s" % self.bag, "report:=%s" % monitor_report, "peer_report:=%s" % peer_report,
              "rviz_display:=" + screen.rviz_display, "view_display:=" + screen.view_display,
              "exit_when_done:=false", "table:=false", "measure:=true", "tcp_nodelay:=true"], log)
@@ -84,7 +87,7 @@ class Drive:
             _, finished = events.next(is_finished, "the recording to end")
         self.played_s = time.monotonic() - start
         self.published = finished["published"]
-        self.lateness = finished["lateness"]
+        self.lateness = finished["lateness_ms"]
 
         # What is still under way has arrived once the monitor has everything, or nothing new between two reports.
         counts, previous = None, {}
@@ -99,7 +102,7 @@ class Drive:
 
     def as_dict(self):
         return {"transport": self.title, "preload": str(self.preload or ""), "played_s": self.played_s,
-                "published": self.published, "lateness": self.lateness, "monitor": self.monitor,
+                "published": self.published, "lateness_ms": self.lateness, "monitor": self.monitor,
                 "links": [dict(zip(("topic", "publisher", "subscriber", "transport"), link)) for link in self.links],
                 "cpu_s": self.cpu_s, "memory_mb": self.memory, "bag": self.bag_counts, "rospy_peer": self.peer,
                 "pictures": [path.name for path in self.pictures]}
@@ -108,6 +111,8 @@ class Drive:
         """What must not happen in a drive, as texts."""
         texts = []
         for topic, count in sorted(self.published.items()):
+            if count != self.recorded.get(topic):
+                texts.append("%s: %d in the recording, %d published" % (topic, self.recorded.get(topic, 0), count))
             recorded = self.bag_counts.get(topic, 0)
             if recorded != count:
                 texts.append("%s: %d published, %d in the bag" % (topic, count, recorded))

@@ -15,12 +15,7 @@ SILENCE_LIMIT_S = 90  # software rendering on a loaded machine starts slowly
 
 
 def player_event(message):
-    values = {pair.key: pair.value for pair in message.values}
-    return "player", {
-        "state": message.message,
-        "published": {key.split(" ", 1)[1]: int(value) for key, value in values.items()
-                      if key.startswith("published ")},
-        "lateness": {key: float(value) for key, value in values.items() if "late" in key}}
+    return "player", json.loads(message.data)
 
 
 class Events:
@@ -34,14 +29,13 @@ class Events:
         sys.path[:0] = [folder for folder in environment.get("PYTHONPATH", "").split(os.pathsep) if folder]
         # Here, not above: rospy reads the environment when it is imported, and takes a second.
         import rospy
-        from diagnostic_msgs.msg import DiagnosticStatus
         from std_msgs.msg import String
         rospy.init_node(name, disable_signals=True)
         self.rospy = rospy
         self._events = queue.Queue()
         self._log_path = None
         self._subscribers = []
-        self.subscribe("/player/status", DiagnosticStatus, player_event)
+        self.subscribe("/player/status", String, player_event)
         self.subscribe("/topic_monitor/report", String, lambda message: ("monitor", json.loads(message.data)))
 
     def put(self, kind, content):

@@ -23,6 +23,14 @@ def program(prefix, name):
     return path
 
 
+def convert(started, prefix, source, bag, *options):
+    """Writes a recording or a video to `bag`. @return the bag. @throws DemoError"""
+    log_path = bag.with_suffix(".log")
+    log_path.unlink(missing_ok=True)
+    run_program(started, [prefix / "lib/pi_bringup/recording_to_bag", "--force", *options, source, bag], log_path)
+    return bag
+
+
 def render_drive(started, prefix, seconds, output):
     """Renders a campus street with its cameras and IMU. @return the recording's folder."""
     folder = output / "drive"

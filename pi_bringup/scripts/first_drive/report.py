@@ -93,8 +93,8 @@ def print_report(drives, description, facts):
           (facts["cpu"], facts["cores"], facts["memory_gb"], facts["kernel"], facts["load"]))
     for drive in drives:
         print("%-7s %.1f s; player behind its schedule by %.2f ms in the mean, %.1f ms at most" %
-              (drive.title + ":", drive.played_s, drive.lateness.get("lateness mean [ms]", 0.0),
-               drive.lateness.get("lateness max [ms]", 0.0)))
+              (drive.title + ":", drive.played_s, drive.lateness.get("mean", 0.0),
+               drive.lateness.get("max", 0.0)))
     print("\nTopics at the monitor: latency from hand-over (header stamp) to callback; TCPROS with tcpNoDelay")
     print(topic_table(drives))
     print("\nNodes: CPU seconds while playing, private and proportional memory in MB")

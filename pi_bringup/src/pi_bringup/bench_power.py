@@ -21,6 +21,7 @@ from pathlib import Path
 import yaml
 from first_drive import measuring, processes  # beside the script that starts this
 from first_drive.errors import DemoError
+from first_drive.localisation import convert
 from first_drive.report import table
 
 PREFIX = Path(sys.argv[0]).resolve().parents[2]  # devel or install space: it holds lib/pi_bringup/bench_power
@@ -52,7 +53,7 @@ ROWS = [Row("slam", slam=True), Row("speech", speech="local"), Row("detection", 
 
 # Whose processes count for which service; those of the offloading coordinator hold the vehicle's own detector as well.
 SERVICE_OF = {"vio": "slam", "ssd": "detection", "speech_manager": "speech", "offload_manager": "offloading"}
-FEEDING = ("video", "sound_manager", "pose_listener", "player")
+FEEDING = ("video", "video_recording", "sound_manager", "pose_listener", "player", "player_recording")
 
 
 @dataclass
@@ -173,13 +174,6 @@ class Graph:
 
         self.await_that(known, "node " + name, process)
 
-    def parameters(self, name, tree):
-        """Of a node that starts next, and nothing else of it."""
-        if self._rospy.has_param(name):
-            self._rospy.delete_param(name)
-        self._rospy.set_param(name, tree)
-
-
 # ---------------------------------------------------------------------------------------------------------------- a row
 
 class Bench:
@@ -223,18 +217,21 @@ class Bench:
         player = None
         if row.slam:
             graph.await_node("/vio", launch)
-            graph.parameters("/player", {
-                "folder": str(self._options.recording), "start_at_first_image": True,
-                "wait_for_subscribers": ["left/image_raw /vio", "right/image_raw /vio", "imu/data /vio"]})
-            player = self._started.start(
-                (["env", "LD_PRELOAD=%s" % self._options.preload] if self._options.preload else []) +
-                [PREFIX / "lib/pi_bringup/euroc_player", "__name:=player"], launch.log_path)
+            player = self._started.launch(
+                ["pi_bringup", "play.launch", "data:=%s" % self._bag(), "preload:=%s" % (self._options.preload or ""),
+                 "wait_for_subscribers:=[left/image_raw /vio, right/image_raw /vio, imu/data /vio]"], launch.log_path)
             nodes.append(player)
             graph.await_that(lambda g: g.position() > 0, "odometry", player)
         pids = measuring.node_processes(launch.pid)
         if player:
-            pids["player"] = player.pid
+            pids.update(measuring.node_processes(player.pid))
         return self._interval(row, pids, player)
+
+    def _bag(self):
+        """The recording, converted once."""
+        bag = self._output / "recording.bag"
+        return bag if bag.exists() else convert(self._started, PREFIX, self._options.recording, bag,
+                                                "--start-at-first-image")
 
     def _interval(self, row, pids, player):
         counts, values, latencies = self._graph.snapshot()
@@ -375,7 +372,7 @@ def measure(options, output):
         processes.start_master(started, output, stock=options.tcpros)
         graph = Graph(started.environment)
         import roslib.packages
-        model = read_model(roslib.packages.get_pkg_dir("pi_bringup"))
+        model = read_model(roslib.packages.get_pkg_dir("pi_vehicle"))
         bench = Bench(started, graph, options, output)
         for number, row in enumerate(rows, 1):
             print("[%d/%d] %s" % (number, len(rows), row.name), file=sys.stderr, flush=True)

@@ -23,6 +23,7 @@ from campus_drive import words  # beside the script that starts this
 from first_drive import measuring, processes
 from first_drive.errors import DemoError
 from first_drive.events import Events
+from first_drive.localisation import convert
 from first_drive.report import table
 
 PREFIX = Path(sys.argv[0]).resolve().parents[2]  # devel or install space: it holds lib/pi_bringup/bench_replay
@@ -173,7 +174,8 @@ class Replay:
     def run(self):
         """@return result as a tree for JSON. @throws DemoError"""
         options, started = self._options, self._started
-        recording = self._recording()
+        bag = convert(started, PREFIX, self._recording(), self._output / "recording.bag",
+                      "--body-in-base=0 0 %s 0 0 0 1" % BODY_HEIGHT_M)
         sounds = [str(words.sound_of(word, self._output)) for word in SAID]
         processes.start_master(started, self._output / "log", stock=options.tcpros)
         events = Events(started.environment, "bench_replay")
@@ -188,15 +190,14 @@ class Replay:
             ("left/image_raw", "/vio"), ("right/image_raw", "/vio"), ("imu/data", "/vio"),
             ("left/image_raw", "/ssd"), ("left/image_raw", "/obstacles"))
             if not options.together] + (["left/image_raw /vehicle_manager"] if options.together else [])
-        events.rospy.set_param("/player", {
-            "folder": str(recording), "loop": True, "body_in_base": [0.0, 0.0, BODY_HEIGHT_M, 0.0, 0.0, 0.0, 1.0],
-            "wait_for_subscribers": subscribers})
         events.rospy.set_param("/sound", {"files": sounds, "loop": True, "gap_s": 8.0})
         monitor, counts = self._monitor(events, "topic_monitor", COUNTED + WORKING)
-        player = started.start(self._preloaded() + ["rosrun", "pi_bringup", "euroc_player", "__name:=player"], self._log)
+        player = started.launch(
+            ["pi_bringup", "play.launch", "data:=%s" % bag, "loop:=true", "preload:=%s" % (self._preload or ""),
+             "wait_for_subscribers:=%s" % subscribers], self._log)
         sound = started.start(self._preloaded() + ["rosrun", "nodelet", "nodelet", "standalone", "pi_speech/player",
                                                    "__name:=sound"], self._log)
-        for name, process in (("topic_monitor", monitor), ("euroc_player", player), ("sound", sound)):
+        for name, process in (("topic_monitor", monitor), ("player", player), ("sound", sound)):
             events.watch(process, name)
         try:
             self._await_tracking(events)

@@ -14,7 +14,7 @@ from pi_bringup import bench_power  # noqa: E402
 
 class BenchPower(unittest.TestCase):
     def setUp(self):
-        self.model = bench_power.read_model(PACKAGE)
+        self.model = bench_power.read_model(PACKAGE.with_name("pi_vehicle"))
 
     def test_the_model_has_the_papers_tx1(self):
         cpu, all_of_it = bench_power.watts(self.model, 2.4)  # 60 % of four cores
