@@ -1,4 +1,4 @@
-#include "pi_os_transport/json.h"
+#include "json.h"
 
 #include <cstdio>
 

@@ -1,4 +1,4 @@
-#include "bridge.h"
+#include "bridge/bridge.h"
 
 #include <arpa/inet.h>
 #include <netinet/in.h>
@@ -14,9 +14,9 @@
 #include <system_error>
 #include <utility>
 
-#include "bridge_status.h"
-#include "pi_os_transport/shared_memory.h"
-#include "sp_transport.h"
+#include "bridge/bridge_status.h"
+#include "shm/shared_memory.h"
+#include "wire/sp_transport.h"
 
 namespace pi_os_transport
 {

@@ -8,17 +8,17 @@
 #include <unordered_map>
 #include <vector>
 
-#include "bridge_config.h"
-#include "event_loop.h"
-#include "frame_transport.h"
-#include "image_codec.h"
-#include "incoming_stream.h"
-#include "outgoing_stream.h"
-#include "peer.h"
-#include "pi_os_transport/bridge_request.h"
-#include "pi_os_transport/side_channel.h"
-#include "pi_os_transport/slot_pool.h"
-#include "tunnel.h"
+#include "bridge/bridge_config.h"
+#include "event_loop/event_loop.h"
+#include "wire/frame_transport.h"
+#include "image_codec/image_codec.h"
+#include "bridge/incoming_stream.h"
+#include "bridge/outgoing_stream.h"
+#include "bridge/peer.h"
+#include "bridge/bridge_request.h"
+#include "shm/side_channel.h"
+#include "shm/slot_pool.h"
+#include "bridge/tunnel.h"
 
 namespace pi_os_transport
 {

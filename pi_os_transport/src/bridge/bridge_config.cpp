@@ -1,4 +1,4 @@
-#include "bridge_config.h"
+#include "bridge/bridge_config.h"
 
 #include <arpa/inet.h>
 #include <fnmatch.h>

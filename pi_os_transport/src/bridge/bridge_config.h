@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "frame_transport.h"
+#include "wire/frame_transport.h"
 
 namespace pi_os_transport
 {

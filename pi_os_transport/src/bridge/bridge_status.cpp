@@ -1,6 +1,6 @@
-#include "bridge_status.h"
+#include "bridge/bridge_status.h"
 
-#include "pi_os_transport/json.h"
+#include "json.h"
 
 namespace pi_os_transport
 {

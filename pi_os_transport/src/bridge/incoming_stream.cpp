@@ -1,4 +1,4 @@
-#include "incoming_stream.h"
+#include "bridge/incoming_stream.h"
 
 #include <algorithm>
 #include <cstring>

@@ -7,11 +7,11 @@
 #include <string>
 #include <vector>
 
-#include "frame_transport.h"
-#include "pi_os_transport/bridge_request.h"
-#include "pi_os_transport/ring_sender.h"
-#include "pi_os_transport/slot_pool.h"
-#include "wire_frame.h"
+#include "wire/frame_transport.h"
+#include "bridge/bridge_request.h"
+#include "shm/ring_sender.h"
+#include "shm/slot_pool.h"
+#include "wire/wire_frame.h"
 
 namespace pi_os_transport
 {

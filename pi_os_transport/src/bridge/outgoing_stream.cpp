@@ -1,4 +1,4 @@
-#include "outgoing_stream.h"
+#include "bridge/outgoing_stream.h"
 
 #include <algorithm>
 #include <utility>

@@ -7,11 +7,11 @@
 #include <string>
 #include <vector>
 
-#include "bridge_config.h"
-#include "event_loop.h"
-#include "peer.h"
-#include "pi_os_transport/ring_receiver.h"
-#include "wire_frame.h"
+#include "bridge/bridge_config.h"
+#include "event_loop/event_loop.h"
+#include "bridge/peer.h"
+#include "shm/ring_receiver.h"
+#include "wire/wire_frame.h"
 
 namespace pi_os_transport
 {

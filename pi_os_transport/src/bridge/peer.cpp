@@ -1,9 +1,9 @@
-#include "peer.h"
+#include "bridge/peer.h"
 
 #include <algorithm>
 #include <utility>
 
-#include "pi_os_transport/side_channel.h"
+#include "shm/side_channel.h"
 
 namespace pi_os_transport
 {

@@ -7,10 +7,10 @@
 #include <string>
 #include <vector>
 
-#include "event_loop.h"
-#include "frame_transport.h"
-#include "lane.h"
-#include "wire_frame.h"
+#include "event_loop/event_loop.h"
+#include "wire/frame_transport.h"
+#include "wire/lane.h"
+#include "wire/wire_frame.h"
 
 namespace pi_os_transport
 {

@@ -1,4 +1,4 @@
-#include "tunnel.h"
+#include "bridge/tunnel.h"
 
 #include <netinet/in.h>
 #include <netinet/tcp.h>

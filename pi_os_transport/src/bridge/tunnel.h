@@ -7,10 +7,10 @@
 #include <string>
 #include <vector>
 
-#include "event_loop.h"
-#include "frame_transport.h"
-#include "peer.h"
-#include "pi_os_transport/file_descriptor.h"
+#include "event_loop/event_loop.h"
+#include "wire/frame_transport.h"
+#include "bridge/peer.h"
+#include "shm/file_descriptor.h"
 
 namespace pi_os_transport
 {

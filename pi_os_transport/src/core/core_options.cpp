@@ -1,4 +1,4 @@
-#include "core_options.h"
+#include "core/core_options.h"
 
 #include <fcntl.h>
 #include <getopt.h>

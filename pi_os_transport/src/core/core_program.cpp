@@ -1,4 +1,4 @@
-#include "core_program.h"
+#include "core/core_program.h"
 
 #include <malloc.h>
 #include <sys/epoll.h>
@@ -18,19 +18,19 @@
 #include <string>
 #include <string_view>
 
-#include "core_options.h"
-#include "end_signals.h"
-#include "event_loop.h"
-#include "http_server.h"
-#include "log_folder.h"
-#include "log_type.h"
-#include "master_api.h"
-#include "network_address.h"
-#include "node_caller.h"
-#include "pi_os_transport/file_descriptor.h"
+#include "core/core_options.h"
+#include "event_loop/end_signals.h"
+#include "event_loop/event_loop.h"
+#include "master/http_server.h"
+#include "core/log_folder.h"
+#include "rosout/log_type.h"
+#include "master/master_api.h"
+#include "master/network_address.h"
+#include "master/node_caller.h"
+#include "shm/file_descriptor.h"
 #include "ros_version.h"
-#include "rosout_node.h"
-#include "rotating_file.h"
+#include "rosout/rosout_node.h"
+#include "rosout/rotating_file.h"
 
 namespace pi_os_transport
 {

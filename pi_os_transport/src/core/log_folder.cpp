@@ -1,4 +1,4 @@
-#include "log_folder.h"
+#include "core/log_folder.h"
 
 #include <pwd.h>
 #include <unistd.h>

@@ -1,4 +1,4 @@
-#include "host_resolver.h"
+#include "master/host_resolver.h"
 
 #include <netdb.h>
 #include <netinet/in.h>
@@ -14,7 +14,7 @@
 #include <thread>
 #include <utility>
 
-#include "pi_os_transport/file_descriptor.h"
+#include "shm/file_descriptor.h"
 
 namespace pi_os_transport
 {

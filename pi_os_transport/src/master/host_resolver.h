@@ -10,7 +10,7 @@
 #include <unordered_map>
 #include <vector>
 
-#include "event_loop.h"
+#include "event_loop/event_loop.h"
 
 namespace pi_os_transport
 {

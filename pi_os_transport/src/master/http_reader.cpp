@@ -1,4 +1,4 @@
-#include "http_reader.h"
+#include "master/http_reader.h"
 
 #include <algorithm>
 #include <cctype>

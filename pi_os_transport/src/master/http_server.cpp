@@ -1,4 +1,4 @@
-#include "http_server.h"
+#include "master/http_server.h"
 
 #include <sys/epoll.h>
 #include <sys/socket.h>

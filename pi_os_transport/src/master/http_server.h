@@ -9,10 +9,10 @@
 #include <string>
 #include <string_view>
 
-#include "event_loop.h"
-#include "http_reader.h"
-#include "listener.h"
-#include "pi_os_transport/file_descriptor.h"
+#include "event_loop/event_loop.h"
+#include "master/http_reader.h"
+#include "master/listener.h"
+#include "shm/file_descriptor.h"
 
 namespace pi_os_transport
 {

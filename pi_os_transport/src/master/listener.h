@@ -4,8 +4,8 @@
 #include <functional>
 #include <string>
 
-#include "event_loop.h"
-#include "pi_os_transport/file_descriptor.h"
+#include "event_loop/event_loop.h"
+#include "shm/file_descriptor.h"
 
 namespace pi_os_transport
 {

@@ -1,4 +1,4 @@
-#include "master_api.h"
+#include "master/master_api.h"
 
 #include <unistd.h>
 
@@ -6,8 +6,8 @@
 #include <optional>
 #include <utility>
 
-#include "graph_name.h"
-#include "rpc_encoder.h"
+#include "master/graph_name.h"
+#include "master/rpc_encoder.h"
 
 namespace pi_os_transport
 {

@@ -6,11 +6,11 @@
 #include <string_view>
 #include <vector>
 
-#include "node_calls.h"
-#include "parameter_tree.h"
-#include "registrations.h"
-#include "rpc_methods.h"
-#include "rpc_value.h"
+#include "master/node_calls.h"
+#include "master/parameter_tree.h"
+#include "master/registrations.h"
+#include "master/rpc_methods.h"
+#include "master/rpc_value.h"
 
 namespace pi_os_transport
 {

@@ -1,4 +1,4 @@
-#include "network_address.h"
+#include "master/network_address.h"
 
 #include <ifaddrs.h>
 #include <netdb.h>

@@ -1,4 +1,4 @@
-#include "node_caller.h"
+#include "master/node_caller.h"
 
 #include <netinet/in.h>
 #include <netinet/tcp.h>

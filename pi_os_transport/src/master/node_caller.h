@@ -9,12 +9,12 @@
 #include <string>
 #include <unordered_map>
 
-#include "event_loop.h"
-#include "host_resolver.h"
-#include "http_reader.h"
-#include "network_address.h"
-#include "node_calls.h"
-#include "pi_os_transport/file_descriptor.h"
+#include "event_loop/event_loop.h"
+#include "master/host_resolver.h"
+#include "master/http_reader.h"
+#include "master/network_address.h"
+#include "master/node_calls.h"
+#include "shm/file_descriptor.h"
 
 namespace pi_os_transport
 {

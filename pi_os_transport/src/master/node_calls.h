@@ -4,7 +4,7 @@
 #include <memory>
 #include <string>
 
-#include "rpc_decoder.h"
+#include "master/rpc_decoder.h"
 
 namespace pi_os_transport
 {

@@ -1,10 +1,10 @@
-#include "parameter_tree.h"
+#include "master/parameter_tree.h"
 
 #include <map>
 #include <string_view>
 #include <utility>
 
-#include "graph_name.h"
+#include "master/graph_name.h"
 
 namespace pi_os_transport
 {

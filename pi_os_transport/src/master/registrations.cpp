@@ -1,4 +1,4 @@
-#include "registrations.h"
+#include "master/registrations.h"
 
 #include <algorithm>
 #include <utility>

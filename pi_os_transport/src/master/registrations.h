@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "rpc_value.h"
+#include "master/rpc_value.h"
 
 namespace pi_os_transport
 {

@@ -1,11 +1,11 @@
-#include "rpc_decoder.h"
+#include "master/rpc_decoder.h"
 
 #include <charconv>
 #include <cstdint>
 #include <system_error>
 #include <utility>
 
-#include "xml_reader.h"
+#include "master/xml_reader.h"
 
 namespace pi_os_transport
 {

@@ -5,7 +5,7 @@
 #include <string>
 #include <string_view>
 
-#include "rpc_value.h"
+#include "master/rpc_value.h"
 
 namespace pi_os_transport
 {

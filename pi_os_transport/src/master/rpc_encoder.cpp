@@ -1,11 +1,11 @@
-#include "rpc_encoder.h"
+#include "master/rpc_encoder.h"
 
 #include <array>
 #include <charconv>
 #include <utility>
 #include <variant>
 
-#include "xml_reader.h"
+#include "master/xml_reader.h"
 
 namespace pi_os_transport
 {

@@ -4,7 +4,7 @@
 #include <string>
 #include <string_view>
 
-#include "rpc_value.h"
+#include "master/rpc_value.h"
 
 namespace pi_os_transport
 {

@@ -1,10 +1,10 @@
-#include "rpc_methods.h"
+#include "master/rpc_methods.h"
 
 #include <exception>
 #include <utility>
 
-#include "graph_name.h"
-#include "rpc_encoder.h"
+#include "master/graph_name.h"
+#include "master/rpc_encoder.h"
 
 namespace pi_os_transport
 {

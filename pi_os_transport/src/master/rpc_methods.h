@@ -7,8 +7,8 @@
 #include <string_view>
 #include <vector>
 
-#include "rpc_decoder.h"
-#include "rpc_value.h"
+#include "master/rpc_decoder.h"
+#include "master/rpc_value.h"
 
 namespace pi_os_transport
 {

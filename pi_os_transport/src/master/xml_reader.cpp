@@ -1,10 +1,10 @@
-#include "xml_reader.h"
+#include "master/xml_reader.h"
 
 #include <algorithm>
 #include <charconv>
 #include <cstdint>
 
-#include "rpc_decoder.h"
+#include "master/rpc_decoder.h"
 
 namespace pi_os_transport
 {

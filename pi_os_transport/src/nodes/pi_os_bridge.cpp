@@ -9,8 +9,8 @@
 #include <exception>
 #include <string>
 
-#include "../bridge/bridge.h"
-#include "../bridge/end_signals.h"
+#include "bridge/bridge.h"
+#include "event_loop/end_signals.h"
 
 namespace
 {

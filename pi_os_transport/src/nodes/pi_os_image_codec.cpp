@@ -27,8 +27,8 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "bridge/image_codec.h"
-#include "pi_os_transport/payload.h"
+#include "image_codec/image_codec.h"
+#include "wire/payload.h"
 
 namespace pi_os_transport
 {

@@ -1,7 +1,7 @@
 // topic_monitor: reports rate, latency, lost messages, bandwidth and the transport of the links of any topics.
 
 #include <XmlRpcClient.h>
-#include <pi_os_transport/topic_statistics.h>
+#include "topic_monitor/topic_statistics.h"
 #include <ros/network.h>
 #include <ros/ros.h>
 #include <ros/xmlrpc_manager.h>

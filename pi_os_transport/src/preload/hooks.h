@@ -6,7 +6,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "zero_copy_api.h"
+#include "preload/zero_copy_api.h"
 
 // The functions of libroscpp that are replaced: id, result, linker name, parameters, arguments. All are called through
 // the dynamic linker, also inside libroscpp. References appear as the pointers that they are, and a ros::WallDuration

@@ -5,7 +5,7 @@
 // companion libpi_os_transport_roscpp.so from the same folder; if the companion declines, or cannot be loaded, the
 // calls go straight to libroscpp. No C++ runtime is needed here: processes without one must not get one from us.
 
-#include "hooks.h"
+#include "preload/hooks.h"
 
 #include <dlfcn.h>
 #include <fcntl.h>

@@ -1,4 +1,4 @@
-#include "bridge_client.h"
+#include "roscpp/bridge_client.h"
 
 #include <arpa/inet.h>
 #include <netdb.h>
@@ -12,8 +12,8 @@
 #include <cstring>
 #include <utility>
 
-#include "receive_link.h"
-#include "runtime.h"
+#include "roscpp/topics/receive_link.h"
+#include "roscpp/runtime.h"
 
 namespace pi_os_transport
 {

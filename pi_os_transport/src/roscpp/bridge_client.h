@@ -10,8 +10,8 @@
 #include <string>
 #include <vector>
 
-#include "pi_os_transport/bridge_request.h"
-#include "pi_os_transport/side_channel.h"
+#include "bridge/bridge_request.h"
+#include "shm/side_channel.h"
 
 namespace pi_os_transport
 {

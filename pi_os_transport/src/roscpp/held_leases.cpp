@@ -1,8 +1,8 @@
-#include "held_leases.h"
+#include "roscpp/held_leases.h"
 
 #include <utility>
 
-#include "runtime.h"
+#include "roscpp/runtime.h"
 
 namespace pi_os_transport
 {

@@ -8,7 +8,7 @@
 #include <unordered_map>
 #include <utility>
 
-#include "../preload/zero_copy_api.h"
+#include "preload/zero_copy_api.h"
 
 namespace pi_os_transport
 {

@@ -1,4 +1,4 @@
-#include "process_state.h"
+#include "roscpp/process_state.h"
 
 #include <ros/publication.h>
 #include <ros/service_manager.h>
@@ -13,14 +13,14 @@
 #include <set>
 #include <vector>
 
-#include "fallback.h"
-#include "pi_os_transport/json.h"
-#include "receive_link.h"
+#include "roscpp/fallback.h"
+#include "json.h"
+#include "roscpp/topics/receive_link.h"
 #include "roscpp_version.h"
-#include "runtime.h"
-#include "service_caller.h"
-#include "service_responder.h"
-#include "transmit_link.h"
+#include "roscpp/runtime.h"
+#include "roscpp/services/service_caller.h"
+#include "roscpp/services/service_responder.h"
+#include "roscpp/topics/transmit_link.h"
 
 namespace pi_os_transport
 {

@@ -2,7 +2,7 @@
 
 #include <string>
 
-#include "pi_os_transport/latency_histogram.h"
+#include "shm/latency_histogram.h"
 
 namespace pi_os_transport
 {

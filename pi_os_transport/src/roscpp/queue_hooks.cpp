@@ -1,14 +1,14 @@
 // What stands in for the functions of roscpp's callback queue: threads that wait for callbacks wait for shared memory,
 // too.
 
-#include "queue_hooks.h"
+#include "roscpp/queue_hooks.h"
 
 #include <cstdint>
 #include <memory>
 #include <type_traits>
 
-#include "queue_waiter.h"
-#include "runtime.h"
+#include "roscpp/queue_waiter.h"
+#include "roscpp/runtime.h"
 
 namespace pi_os_transport
 {

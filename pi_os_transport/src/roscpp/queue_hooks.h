@@ -1,6 +1,6 @@
 #pragma once
 
-#include "../preload/hooks.h"
+#include "preload/hooks.h"
 
 namespace pi_os_transport
 {

@@ -1,4 +1,4 @@
-#include "queue_waiter.h"
+#include "roscpp/queue_waiter.h"
 
 #include <sys/epoll.h>
 #include <sys/eventfd.h>

@@ -5,8 +5,8 @@
 #include <mutex>
 #include <vector>
 
-#include "pi_os_transport/file_descriptor.h"
-#include "runtime.h"
+#include "shm/file_descriptor.h"
+#include "roscpp/runtime.h"
 
 namespace pi_os_transport
 {

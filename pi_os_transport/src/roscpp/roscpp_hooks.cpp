@@ -14,14 +14,14 @@
 #include <string>
 #include <vector>
 
-#include "header_offer.h"
-#include "held_leases.h"
-#include "queue_hooks.h"
-#include "receive_hooks.h"
+#include "roscpp/topics/header_offer.h"
+#include "roscpp/held_leases.h"
+#include "roscpp/queue_hooks.h"
+#include "roscpp/topics/receive_hooks.h"
 #include "roscpp_version.h"
-#include "runtime.h"
-#include "service_hooks.h"
-#include "transmit_hooks.h"
+#include "roscpp/runtime.h"
+#include "roscpp/services/service_hooks.h"
+#include "roscpp/topics/transmit_hooks.h"
 
 namespace pi_os_transport
 {

@@ -1,4 +1,4 @@
-#include "runtime.h"
+#include "roscpp/runtime.h"
 
 #include <poll.h>
 #include <ros/console.h>
@@ -11,9 +11,9 @@
 #include <utility>
 #include <vector>
 
-#include "header_offer.h"
-#include "pi_os_transport/shared_memory.h"
-#include "process_state.h"
+#include "roscpp/topics/header_offer.h"
+#include "shm/shared_memory.h"
+#include "roscpp/process_state.h"
 
 namespace pi_os_transport
 {

@@ -22,13 +22,13 @@
 #include <unordered_map>
 #include <vector>
 
-#include "pi_os_transport/options.h"
-#include "pi_os_transport/ring_sender.h"
-#include "pi_os_transport/side_channel.h"
-#include "pi_os_transport/slot_pool.h"
+#include "roscpp/options.h"
+#include "shm/ring_sender.h"
+#include "shm/side_channel.h"
+#include "shm/slot_pool.h"
 
-#include "../preload/hooks.h"
-#include "service_statistics.h"
+#include "preload/hooks.h"
+#include "roscpp/services/service_statistics.h"
 
 namespace pi_os_transport
 {

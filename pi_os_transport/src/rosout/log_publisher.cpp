@@ -1,4 +1,4 @@
-#include "log_publisher.h"
+#include "rosout/log_publisher.h"
 
 #include <sys/epoll.h>
 #include <sys/socket.h>
@@ -9,7 +9,7 @@
 #include <optional>
 #include <utility>
 
-#include "log_type.h"
+#include "rosout/log_type.h"
 #include "pi_os_transport/little_endian.h"
 
 namespace pi_os_transport

@@ -8,11 +8,11 @@
 #include <string>
 #include <string_view>
 
-#include "event_loop.h"
-#include "listener.h"
-#include "pi_os_transport/file_descriptor.h"
-#include "rpc_value.h"
-#include "tcpros_header.h"
+#include "event_loop/event_loop.h"
+#include "master/listener.h"
+#include "shm/file_descriptor.h"
+#include "master/rpc_value.h"
+#include "rosout/tcpros_header.h"
 
 namespace pi_os_transport
 {

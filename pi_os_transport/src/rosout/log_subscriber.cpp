@@ -1,4 +1,4 @@
-#include "log_subscriber.h"
+#include "rosout/log_subscriber.h"
 
 #include <netinet/in.h>
 #include <sys/epoll.h>
@@ -11,8 +11,8 @@
 #include <optional>
 #include <utility>
 
-#include "log_type.h"
-#include "rpc_encoder.h"
+#include "rosout/log_type.h"
+#include "master/rpc_encoder.h"
 
 namespace pi_os_transport
 {

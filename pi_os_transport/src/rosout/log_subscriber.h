@@ -8,12 +8,12 @@
 #include <string>
 #include <string_view>
 
-#include "event_loop.h"
-#include "host_resolver.h"
-#include "node_calls.h"
-#include "pi_os_transport/file_descriptor.h"
-#include "rpc_value.h"
-#include "tcpros_header.h"
+#include "event_loop/event_loop.h"
+#include "master/host_resolver.h"
+#include "master/node_calls.h"
+#include "shm/file_descriptor.h"
+#include "master/rpc_value.h"
+#include "rosout/tcpros_header.h"
 
 namespace pi_os_transport
 {

@@ -1,4 +1,4 @@
-#include "rosout_node.h"
+#include "rosout/rosout_node.h"
 
 #include <unistd.h>
 
@@ -6,8 +6,8 @@
 #include <set>
 #include <utility>
 
-#include "log_message.h"
-#include "log_type.h"
+#include "rosout/log_message.h"
+#include "rosout/log_type.h"
 
 namespace pi_os_transport
 {

@@ -4,14 +4,14 @@
 #include <string>
 #include <string_view>
 
-#include "event_loop.h"
-#include "http_server.h"
-#include "log_publisher.h"
-#include "log_subscriber.h"
-#include "network_address.h"
-#include "node_calls.h"
-#include "rotating_file.h"
-#include "rpc_methods.h"
+#include "event_loop/event_loop.h"
+#include "master/http_server.h"
+#include "rosout/log_publisher.h"
+#include "rosout/log_subscriber.h"
+#include "master/network_address.h"
+#include "master/node_calls.h"
+#include "rosout/rotating_file.h"
+#include "master/rpc_methods.h"
 
 namespace pi_os_transport
 {

@@ -1,4 +1,4 @@
-#include "rotating_file.h"
+#include "rosout/rotating_file.h"
 
 #include <fcntl.h>
 #include <unistd.h>

@@ -5,7 +5,7 @@
 #include <string>
 #include <string_view>
 
-#include "pi_os_transport/file_descriptor.h"
+#include "shm/file_descriptor.h"
 
 namespace pi_os_transport
 {

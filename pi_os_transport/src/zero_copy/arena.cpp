@@ -4,8 +4,8 @@
 #include <limits>
 #include <new>
 
-#include "held_messages.h"
-#include "transport.h"
+#include "zero_copy/held_messages.h"
+#include "zero_copy/transport.h"
 
 namespace pi_os_transport::zero_copy
 {

@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "bridge.h"
-#include "fake_frame_transport.h"
+#include "bridge/bridge.h"
+#include "wire/fake_frame_transport.h"
 #include "fuzz_input.h"
 #include "fuzz_peers.h"
 

@@ -3,7 +3,7 @@
 #include "fuzz_input.h"
 
 #define main pi_os_image_codec_main
-#include "../../src/nodes/pi_os_image_codec.cpp"  // NOLINT: what it does to one request has no header
+#include "nodes/pi_os_image_codec.cpp"  // NOLINT: what it does to one request has no header
 #undef main
 
 int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size)

@@ -5,8 +5,8 @@
 #include <utility>
 
 #include "fuzz_input.h"
-#include "incoming_stream.h"
-#include "pi_os_transport/ring_receiver.h"
+#include "bridge/incoming_stream.h"
+#include "shm/ring_receiver.h"
 
 namespace pi_os_transport
 {

@@ -5,10 +5,10 @@
 
 #include <memory>
 
-#include "event_loop.h"
-#include "fake_frame_transport.h"
+#include "event_loop/event_loop.h"
+#include "wire/fake_frame_transport.h"
 #include "fuzz_input.h"
-#include "tunnel.h"
+#include "bridge/tunnel.h"
 
 namespace pi_os_transport
 {

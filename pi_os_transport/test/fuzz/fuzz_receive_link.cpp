@@ -9,9 +9,9 @@
 
 #include "fuzz_input.h"
 #include "fuzz_peers.h"
-#include "held_leases.h"
-#include "links_without_network.h"
-#include "receive_link.h"
+#include "roscpp/held_leases.h"
+#include "roscpp/services/links_without_network.h"
+#include "roscpp/topics/receive_link.h"
 
 namespace pi_os_transport
 {

@@ -8,8 +8,8 @@
 #include <array>
 #include <memory>
 
-#include "event_loop.h"
-#include "frame_transport.h"
+#include "event_loop/event_loop.h"
+#include "wire/frame_transport.h"
 #include "fuzz_input.h"
 
 namespace pi_os_transport

@@ -14,9 +14,9 @@
 
 #include "fuzz_input.h"
 #include "fuzz_peers.h"
-#include "links_without_network.h"
-#include "outbox_writer.h"
-#include "transmit_link.h"
+#include "roscpp/services/links_without_network.h"
+#include "roscpp/topics/outbox_writer.h"
+#include "roscpp/topics/transmit_link.h"
 
 namespace pi_os_transport
 {

@@ -17,7 +17,7 @@
 #include <new>
 #include <stdexcept>
 
-#include "../../src/preload/zero_copy_api.h"
+#include "preload/zero_copy_api.h"
 #include "fuzz_input.h"
 #include "pi_os_transport/zero_copy/cv_bridge.h"
 #include "pi_os_transport/zero_copy/message.h"

@@ -1,0 +1,11 @@
+#pragma once
+
+#include "preload/hooks.h"
+
+namespace pi_os_transport
+{
+
+/// Puts the library's part of services in front of roscpp's. Once, before any of them is called.
+void attachServiceHooks(PiOsShim* shim);
+
+}  // namespace pi_os_transport

@@ -1,0 +1,11 @@
+#pragma once
+
+#include "preload/hooks.h"
+
+namespace pi_os_transport
+{
+
+/// Puts the library's part of subscribing in front of roscpp's. Once, before any of them is called.
+void attachReceiveHooks(PiOsShim* shim);
+
+}  // namespace pi_os_transport
