@@ -7,14 +7,14 @@
 namespace pi_os_transport
 {
 
-/// First packet of a process that asks the bridge of its device for something.
+/// A request to the bridge of this device: the first packet on a local socket.
 struct BridgeRequest
 {
   enum Kind : uint16_t
   {
-    LINK = 1,    ///< carry a topic from another device; the socket then works as a publisher's side channel
+    LINK = 1,    ///< carry a topic from another device; the socket becomes the publisher's side channel
     TUNNEL = 2,  ///< carry a TCP connection; answered by a Packet of type OFFER with a connected socket, or ENDED
-    STATUS = 3,  ///< answered by this header and a descriptor of memory that holds the state as JSON
+    STATUS = 3,  ///< answered by this header and a descriptor of memory with the state as JSON
     PING = 4,    ///< answered by this header
   };
   static constexpr uint32_t MAGIC = 0x514f6970;
@@ -35,7 +35,7 @@ struct BridgeRequest
   std::string service;
 
   std::vector<uint8_t> encode() const;
-  /// @return false with `*error` set if the packet is no request of this version.
+  /// @return false with `*error` set if the packet is not a request of this version.
   static bool decode(const std::vector<uint8_t>& packet, BridgeRequest* request, std::string* error);
 
   /// Name of the socket of the calling user's bridge.

@@ -15,11 +15,11 @@ namespace pi_os_transport
 namespace
 {
 
-/// Bytes that may be under way in one direction [B].
+/// Most bytes under way in one direction [B].
 constexpr uint64_t WINDOW = 2 << 20;
-/// Bytes after which the peer is told that more may come [B].
+/// The peer gets new credit after this many bytes [B].
 constexpr uint64_t CREDIT_STEP = 256 << 10;
-/// What is read at a time while the tunnel is EXPRESS; a full read shows that there is more, which goes as BULK [B].
+/// Size of a read while the tunnel is EXPRESS. After a full read there is more data, and the tunnel becomes BULK [B].
 constexpr uint32_t EXPRESS_CHUNK = 16 << 10;
 
 }  // namespace
@@ -53,12 +53,9 @@ void Tunnel::start()
   loop_->add(socket_.get(), events_, [self = this](uint32_t events) { self->onSocket(events); });
 }
 
-FrameHeader Tunnel::headerOf(FrameType type) const
+FrameHeader Tunnel::headerOf(FrameType type, uint64_t offset) const
 {
-  FrameHeader header;
-  header.type = type;
-  header.id = side_ == Side::SERVER ? id_ | SERVER_BIT : id_;
-  return header;
+  return FrameHeader::of(type, side_ == Side::SERVER ? id_ | SERVER_BIT : id_, 0, offset);
 }
 
 void Tunnel::onSocket(uint32_t events)
@@ -150,10 +147,9 @@ bool Tunnel::sendNext(Peer*, Lane* lane)
       traffic_ = wanted;
       peer_->offer(shared_from_this());
     }
-    return false;  // what is under way has to arrive first
+    return false;  // frames of the old class have to arrive first
   }
-  FrameHeader header = headerOf(FrameType::TUNNEL_DATA);
-  header.offset = next_->offset;
+  FrameHeader header = headerOf(FrameType::TUNNEL_DATA, next_->offset);
   header.session = peer_->theirSecret();
   const iovec piece{next_->bytes.data(), next_->bytes.size()};
   const auto acknowledged = [weak = weak_from_this()]()
@@ -199,7 +195,7 @@ bool Tunnel::onData(const FrameHeader& header, const uint8_t* payload, uint32_t 
   {
     return false;
   }
-  const uint64_t known = received_ - header.offset;  // came before the last interruption
+  const uint64_t known = received_ - header.offset;  // received before the last interruption
   if (known < length)
   {
     to_write_.emplace_back(payload + known, payload + length);
@@ -244,21 +240,19 @@ void Tunnel::onWritable()
       first_offset_ = 0;
     }
   }
-  sendCredit(false);
+  sendCredit();
   if (end_known_ && written_ >= end_)
   {
     finish();
   }
 }
 
-void Tunnel::sendCredit(bool now)
+void Tunnel::sendCredit()
 {
-  if (now || written_ - credited_ >= CREDIT_STEP)
+  if (written_ - credited_ >= CREDIT_STEP)
   {
     credited_ = written_;
-    FrameHeader header = headerOf(FrameType::TUNNEL_CREDIT);
-    header.offset = written_;
-    peer_->control(header);
+    peer_->control(headerOf(FrameType::TUNNEL_CREDIT, written_));
   }
 }
 
@@ -293,12 +287,9 @@ void Tunnel::onClose(const FrameHeader& header)
 
 void Tunnel::sendClose(bool at_once, const std::string& reason)
 {
-  FrameHeader header = headerOf(FrameType::TUNNEL_CLOSE);
-  header.offset = read_;
+  FrameHeader header = headerOf(FrameType::TUNNEL_CLOSE, read_);
   header.count = at_once ? 1 : 0;
-  PayloadWriter payload;
-  payload.putString(reason);
-  peer_->control(header, payload.take());
+  peer_->control(header, encodeText(reason));
 }
 
 void Tunnel::updateEvents()
@@ -310,7 +301,7 @@ void Tunnel::updateEvents()
   {
     return;
   }
-  // A socket with nothing to wait for is not watched at all: a hang-up would be reported over and over.
+  // A socket with nothing to wait for is not watched: its hang-up would be reported without end.
   if (events == 0)
   {
     loop_->remove(socket_.get());
@@ -349,7 +340,7 @@ void Tunnel::finish()
   }
   if (!std::exchange(local_end_, true))
   {
-    sendClose(true, "");  // the other side waits for it
+    sendClose(true, "");  // the other side waits for this frame
   }
   if (events_ != 0)
   {
@@ -360,7 +351,7 @@ void Tunnel::finish()
   next_.reset();
   if (const std::function<void()> closed = std::exchange(on_closed_, nullptr))
   {
-    loop_->defer(closed);  // whoever called may still use this
+    loop_->defer(closed);  // the caller may still use this tunnel
   }
 }
 

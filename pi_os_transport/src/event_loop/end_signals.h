@@ -5,9 +5,8 @@
 namespace pi_os_transport
 {
 
-/// The signals that end a program (SIGINT, SIGTERM) as something to wait for, a signalfd. They are blocked from then on
-/// and SIGPIPE is ignored; to be called before the first thread is started. Invalid, with errno set, if there is no
-/// descriptor left.
+/// Makes a signalfd for SIGINT and SIGTERM, blocks both, and ignores SIGPIPE. Call it before the first thread starts.
+/// Empty on failure, with errno set.
 FileDescriptor endSignals();
 
 }  // namespace pi_os_transport

@@ -1,13 +1,12 @@
 #include "event_loop/event_loop.h"
 
-#include <sys/eventfd.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <array>
 #include <cerrno>
 #include <system_error>
 #include <utility>
+
+#include "shm/event.h"
 
 namespace pi_os_transport
 {
@@ -24,7 +23,7 @@ constexpr std::chrono::milliseconds FOR_EVER{60000};
 
 }  // namespace
 
-EventLoop::EventLoop() : epoll_(epoll_create1(EPOLL_CLOEXEC)), stop_event_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK))
+EventLoop::EventLoop() : epoll_(epoll_create1(EPOLL_CLOEXEC)), stop_event_(makeEvent())
 {
   if (!epoll_ || !stop_event_)
   {
@@ -38,7 +37,7 @@ void EventLoop::add(int fd, uint32_t events, Ready ready)
   auto watch = std::make_shared<Watch>(Watch{next_serial_++, std::move(ready)});
   epoll_event event{};
   event.events = events;
-  // The serial tells an event of a descriptor that was removed from one of its successor with the same number.
+  // The serial distinguishes a removed descriptor from its successor with the same number.
   event.data.u64 = watch->serial << 32 | static_cast<uint32_t>(fd);
   if (epoll_ctl(epoll_.get(), EPOLL_CTL_ADD, fd, &event) != 0)
   {
@@ -151,7 +150,7 @@ void EventLoop::runOnce(std::chrono::milliseconds timeout)
     const auto found = watches_.find(static_cast<int>(key & 0xffffffff));
     if (found != watches_.end() && (found->second->serial & 0xffffffff) == key >> 32)
     {
-      const std::shared_ptr<Watch> watch = found->second;  // may remove itself
+      const std::shared_ptr<Watch> watch = found->second;  // the callback may remove the watch
       watch->ready(events[static_cast<size_t>(index)].events);
     }
   }
@@ -169,11 +168,7 @@ void EventLoop::run()
 
 void EventLoop::stop()
 {
-  const uint64_t one = 1;
-  if (write(stop_event_.get(), &one, sizeof(one)) < 0)
-  {
-    return;  // the counter is full: it is being stopped already
-  }
+  signalEvent(stop_event_.get());
 }
 
 }  // namespace pi_os_transport

@@ -19,7 +19,7 @@ namespace pi_os_transport
 using SteadyClock = std::chrono::steady_clock;
 using SteadyTime = SteadyClock::time_point;
 
-/// Waits for descriptors and times on one thread and calls what belongs to them. Not thread safe, but for stop().
+/// Waits for descriptors and timers on one thread and runs their callbacks. Not thread safe, except stop().
 class EventLoop
 {
 public:
@@ -28,10 +28,10 @@ public:
 
   EventLoop();
 
-  /// Calls `ready` with the events that have come, out of `events` (EPOLLIN, EPOLLOUT; EPOLLHUP and EPOLLERR always).
+  /// Calls `ready` when one of `events` (EPOLLIN, EPOLLOUT) occurs; EPOLLHUP and EPOLLERR are always reported.
   void add(int fd, uint32_t events, Ready ready);
   void change(int fd, uint32_t events);
-  /// May be called while `ready` of any descriptor runs. Must be called before the descriptor is closed.
+  /// May be called inside any callback. Must be called before the descriptor is closed.
   void remove(int fd);
 
   /// Calls `due` once.
@@ -45,18 +45,18 @@ public:
   /// Calls `action` after the callbacks of this round, before waiting again.
   void defer(std::function<void()> action);
 
-  /// The next event is about to come: for so long the loop looks for it without going to sleep, since waking up costs
-  /// more than that. Each call replaces the last one; zero ends it.
+  /// The next event is expected within `time`: the loop polls instead of sleeping, because waking up costs more. Each
+  /// call replaces the last one; zero ends the polling.
   void expectSoon(std::chrono::microseconds time)
   {
     awake_until_ = time.count() > 0 ? SteadyClock::now() + time : SteadyTime();
   }
 
-  /// Until stop() is called.
+  /// Runs until stop() is called.
   void run();
-  /// One round: waits at most `timeout`, calls what is due. For tests.
+  /// Runs one round: waits at most `timeout`, runs what is due. For tests.
   void runOnce(std::chrono::milliseconds timeout);
-  /// Any thread, and signal handlers.
+  /// May be called by any thread and by signal handlers.
   void stop();
 
 private:

@@ -20,7 +20,7 @@ namespace pi_os_transport
 namespace
 {
 
-/// Arguments of posix_spawn() that need to be freed.
+/// Arguments of posix_spawn(); freed by the destructor.
 struct SpawnOptions
 {
   SpawnOptions()
@@ -165,14 +165,14 @@ bool ImageCodec::startWorker(std::string* error)
   posix_spawnattr_setsigmask(&spawn.attributes, &signals);
   sigfillset(&signals);
   posix_spawnattr_setsigdefault(&spawn.attributes, &signals);
-  // A process group of its own: Ctrl-C in the bridge's terminal must not end the worker before the bridge has drained.
+  // Its own process group: Ctrl-C in the bridge's terminal must not end the worker before the bridge has drained.
   posix_spawnattr_setpgroup(&spawn.attributes, 0);
   posix_spawnattr_setflags(&spawn.attributes, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETPGROUP);
   std::string program = options_.program;
   std::string max_bytes = std::to_string(options_.max_bytes);
   char* const arguments[] = {program.data(), max_bytes.data(), nullptr};
   pid_t child = -1;
-  // Not fork(): its handlers would close what the worker is to inherit, and copy this process's page tables.
+  // Not fork(): the fork handlers would close the socket, and fork() copies page tables.
   const int failure = posix_spawn(&child, program.c_str(), &spawn.actions, &spawn.attributes, arguments, environ);
   if (failure != 0)
   {
@@ -199,7 +199,7 @@ void ImageCodec::endWorker()
   }
   loop_->remove(socket_.get());
   socket_.reset();
-  // Waits no longer than the kernel takes to free the process.
+  // The process is killed, so this wait is short.
   kill(worker_, SIGKILL);
   while (waitpid(worker_, nullptr, 0) < 0 && errno == EINTR)
   {
@@ -211,7 +211,7 @@ void ImageCodec::onReady(uint32_t events)
 {
   if ((events & EPOLLIN) != 0 && !receive())
   {
-    return;  // the worker has been replaced, or the answer was complete
+    return;  // the worker was replaced, or the answer is complete
   }
   if ((events & EPOLLOUT) != 0 && working_ && !send())
   {
@@ -292,7 +292,7 @@ bool ImageCodec::receive()
   }
 }
 
-/// @return false: nothing may be done with the socket after it in this round.
+/// @return false: the socket must not be used again in this round
 bool ImageCodec::finishAnswer()
 {
   working_ = false;
@@ -306,7 +306,7 @@ bool ImageCodec::finishAnswer()
   }
   else
   {
-    // The text goes to logs: nothing in it may steer a terminal.
+    // The text is logged: remove control characters.
     std::string text(data.begin(), data.end());
     std::replace_if(
         text.begin(), text.end(), [](unsigned char c) { return c < 0x20 || c >= 0x7f; }, '?');

@@ -16,9 +16,9 @@
 namespace pi_os_transport
 {
 
-/// Start of every request to the worker and of every answer of it; 24 bytes, little-endian. `length` bytes of data
-/// follow. The worker (pi_os_image_codec) has the socket as descriptor CODEC_SOCKET, answers one request after the
-/// other, and ends when the socket does.
+/// Header of requests to the worker and of its answers; 24 bytes, little-endian, followed by `length` bytes of data.
+/// The worker (pi_os_image_codec) uses the descriptor CODEC_SOCKET, answers one request after the other, and ends with
+/// the connection.
 struct CodecHeader
 {
   enum Kind : uint32_t
@@ -27,14 +27,14 @@ struct CodecHeader
     ENCODE_PNG = 2,    ///< parameter: level, 1 .. 9; data: serialised sensor_msgs/Image
     DECODE = 3,        ///< data: serialised sensor_msgs/CompressedImage
     CONVERTED = 16,    ///< data: the serialised message
-    UNSUPPORTED = 17,  ///< an image that this compression cannot carry; data: why, as text
-    BAD_DATA = 18,     ///< no message of that type, or a compressed image that cannot be decoded; data: why, as text
+    UNSUPPORTED = 17,  ///< the image cannot be compressed this way; data: the reason as text
+    BAD_DATA = 18,     ///< not such a message, or not decodable; data: the reason as text
   };
   static constexpr size_t BYTES = 24;
 
   uint32_t kind = 0;
   uint32_t parameter = 0;
-  uint64_t id = 0;  ///< of the request; the answer carries the same
+  uint64_t id = 0;  ///< of the request; repeated in the answer
   uint64_t length = 0;
 
   std::array<uint8_t, BYTES> encode() const;
@@ -43,10 +43,10 @@ struct CodecHeader
 constexpr int CODEC_SOCKET = 3;
 constexpr uint64_t MAX_CODEC_TEXT = 1024;  ///< longest text of an answer [B]
 
-/// Compresses images and restores them in a process of its own: what hostile data does to a decoder, it does there.
+/// Compresses and restores images in a separate process, so that hostile data cannot harm the bridge.
 ///
-/// The worker is started with the first request. One that dies, says what it must not, or works longer than `timeout`
-/// is replaced; only the request that it was at fails. Not thread safe; everything happens on the event loop's thread.
+/// The first request starts the worker. A worker that dies, breaks the protocol or exceeds `timeout` is replaced; only
+/// its current request fails. Not thread safe: everything runs on the event loop's thread.
 class ImageCodec
 {
 public:
@@ -54,9 +54,9 @@ public:
   {
     std::string program;                      ///< path of pi_os_image_codec
     uint64_t max_bytes = 256ULL << 20;        ///< largest message, in and out [B]
-    size_t queue_limit = 8;                   ///< most requests at a time, the one at work included
+    size_t queue_limit = 8;                   ///< most requests at a time, including the current one
     std::chrono::milliseconds timeout{2000};  ///< for one request
-    std::chrono::milliseconds pause{200};     ///< between the failure of a worker and the next one
+    std::chrono::milliseconds pause{200};     ///< between the failure of a worker and the next start
   };
 
   enum class Compression
@@ -68,32 +68,32 @@ public:
   enum class Result
   {
     CONVERTED,
-    UNSUPPORTED,  ///< send the image as it is
+    UNSUPPORTED,  ///< send the image uncompressed
     BAD_DATA,
-    FAILED,  ///< the worker died or hung over it, or cannot be started
+    FAILED,  ///< the worker died, hung or cannot be started
   };
 
-  /// `message` holds the serialised result for CONVERTED, else it is empty and `detail` says why in one line.
+  /// `message` is the serialised result for CONVERTED. Otherwise it is empty, and `detail` tells why in one line.
   using Callback = std::function<void(Result result, std::vector<uint8_t> message, const std::string& detail)>;
 
   ImageCodec(EventLoop* loop, Options options);
-  /// Ends the worker. Callbacks that are due are dropped.
+  /// Ends the worker. Pending callbacks are not called.
   ~ImageCodec();
   ImageCodec(const ImageCodec&) = delete;
   ImageCodec& operator=(const ImageCodec&) = delete;
 
-  /// Converts a serialised sensor_msgs/Image to a sensor_msgs/CompressedImage as image_transport's compressed plugin
-  /// makes it. UNSUPPORTED: Bayer, YUV, float and signed pixels, 16 bit with JPEG, an alpha channel with PNG, the other
-  /// byte order. JPEG makes alpha opaque.
+  /// Converts a serialised sensor_msgs/Image to a sensor_msgs/CompressedImage, as image_transport's compressed plugin
+  /// does. UNSUPPORTED: Bayer, YUV, float and signed pixels, 16 bit with JPEG, an alpha channel with PNG, foreign byte
+  /// order. JPEG makes alpha opaque.
   /// @param quality  JPEG: 1 .. 100; PNG: level 1 .. 9.
   /// @param data     must stay valid until `done` has been called or destroyed; `done` may own it.
-  /// @param done     called once, never from within this call. It may call encode() and decode(), but must not destroy
+  /// @param done     called once, after this call has returned. It may call encode() and decode(), but must not destroy
   ///                 this object.
   /// @return false if the queue is full or `length` is above max_bytes; `done` is then not called.
   bool encode(Compression compression, int quality, const uint8_t* data, size_t length, Callback done);
 
-  /// Converts a serialised CompressedImage back: same header, encoding and size, rows without padding, host byte order.
-  /// What does not fit into max_bytes is BAD_DATA. Otherwise as encode().
+  /// Converts a serialised CompressedImage back: same header, encoding and size; rows without padding, host byte order.
+  /// A result above max_bytes is BAD_DATA. Otherwise like encode().
   bool decode(const uint8_t* data, size_t length, Callback done);
 
   size_t pending() const { return requests_.size(); }
@@ -127,7 +127,7 @@ private:
 
   pid_t worker_ = -1;
   FileDescriptor socket_;
-  bool working_ = false;  ///< the worker is at requests_.front()
+  bool working_ = false;  ///< the worker converts requests_.front()
   SteadyTime not_before_{};
   EventLoop::TimerId wake_timer_ = 0;
   EventLoop::TimerId deadline_timer_ = 0;

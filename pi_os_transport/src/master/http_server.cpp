@@ -89,7 +89,7 @@ bool HttpServer::dropLongestSilent()
   {
     return false;
   }
-  // One without a request under way if there is any: its client connects anew when it has something to say.
+  // Prefer one without a request: its client reconnects when needed.
   for (const ConnectionPtr& connection : connections_)
   {
     if (!connection->reader.hasBegun() && connection->out.empty())
@@ -104,7 +104,7 @@ bool HttpServer::dropLongestSilent()
 
 void HttpServer::onReady(const ConnectionPtr& watched, uint32_t events)
 {
-  const ConnectionPtr connection = watched;  // stays while it is at work, though it may be dropped
+  const ConnectionPtr connection = watched;  // keeps the connection alive, although it may be dropped
   if (connection->events != EPOLLIN && (events & (EPOLLHUP | EPOLLERR)) != 0)
   {
     drop(connection);
@@ -163,7 +163,7 @@ void HttpServer::take(const ConnectionPtr& connection, std::string_view bytes)
     if (!had_head && reader.hasHead() && reader.expectsContinue())
     {
       constexpr std::string_view GO_ON = "HTTP/1.1 100 Continue\r\n\r\n";
-      ::send(connection->socket.get(), GO_ON.data(), GO_ON.size(), MSG_NOSIGNAL);  // nothing else is on its way
+      ::send(connection->socket.get(), GO_ON.data(), GO_ON.size(), MSG_NOSIGNAL);  // nothing else is being sent
     }
   }
 }
@@ -236,7 +236,7 @@ void HttpServer::onSent(const ConnectionPtr& connection)
 {
   if (connection->closes)
   {
-    // What the client has sent meanwhile would make the kernel throw the answer away.
+    // Read what the client has sent meanwhile: otherwise the kernel resets the connection and drops the answer.
     shutdown(connection->socket.get(), SHUT_WR);
     std::array<char, CHUNK_BYTES> rest;
     for (int count = 0; count < MOST_CHUNKS_DRAINED; ++count)
@@ -256,7 +256,7 @@ void HttpServer::onSent(const ConnectionPtr& connection)
     watch(connection, EPOLLIN);
     return;
   }
-  // After this round: a client that sends request upon request must not keep others waiting, nor fill the stack.
+  // In the next round: a client that pipelines requests must not block others, nor fill the stack.
   watch(connection, 0);
   loop_->defer(
       [this, weak = std::weak_ptr<Connection>(connection)]

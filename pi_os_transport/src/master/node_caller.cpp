@@ -90,8 +90,7 @@ void NodeCaller::call(const std::string& api, NodeCall call)
   }
 }
 
-/// Lets a node that has calls to make wait for its turn to connect, which comes after this round of the loop at the
-/// earliest.
+/// Lets a node with pending calls wait for a connection, which is opened after this round of the loop at the earliest.
 void NodeCaller::queue(const NodePtr& node)
 {
   node->step = Step::WAITING;
@@ -187,7 +186,7 @@ void NodeCaller::open(const NodePtr& node, const SocketAddress& address)
       (::connect(node->socket.get(), reinterpret_cast<const sockaddr*>(&address.storage), address.size) != 0 &&
        errno != EINPROGRESS))
   {
-    node->socket.reset();  // the loop does not know it yet
+    node->socket.reset();  // the loop does not watch it yet
     finish(node, nullptr);
     return;
   }
@@ -234,18 +233,18 @@ void NodeCaller::onReady(const NodePtr& node, uint32_t events)
     case Step::IDLE:
       if (node->calls.empty())
       {
-        forget(node);  // the node has closed the connection, or speaks without being asked
+        forget(node);  // the node has closed the connection, or sent unexpected data
       }
       else
       {
-        disconnect(node);  // and a call has come in this very round
+        disconnect(node);  // a call was added in this round
         --busy_;
         queue(node);
       }
       break;
     case Step::WAITING:
     case Step::RESOLVING:
-      break;  // have no socket
+      break;  // no socket yet
   }
 }
 
@@ -255,7 +254,7 @@ void NodeCaller::sendCall(const NodePtr& node)
   const auto subject = node->subjects.find(call.subject);
   if (subject != node->subjects.end() && subject->second == node->calls.begin())
   {
-    node->subjects.erase(subject);  // under way: a newer one has to follow it
+    node->subjects.erase(subject);  // being sent: a newer call must not replace it
   }
   node->step = Step::CALLING;
   node->reader.reset();
@@ -329,13 +328,13 @@ void NodeCaller::receive(const NodePtr& node)
     }
     catch (const RpcDecodeError&)
     {
-      // What is no answer counts as none.
+      // An invalid answer counts as none.
     }
     finish(node, response ? &*response : nullptr);
   }
 }
 
-/// The connection has ended before an answer came.
+/// The connection has ended before the answer.
 void NodeCaller::onBroken(const NodePtr& node)
 {
   if (!node->is_used || node->reader.hasBegun())
@@ -343,7 +342,7 @@ void NodeCaller::onBroken(const NodePtr& node)
     finish(node, nullptr);
     return;
   }
-  // It was kept from an earlier call, and the node had closed it before it saw this one.
+  // A kept connection, which the node had closed before this call.
   disconnect(node);
   connect(node);
 }

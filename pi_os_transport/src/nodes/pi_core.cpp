@@ -1,4 +1,4 @@
-// In place of roscore: master, parameter server and rosout in one process.
+// Replaces roscore: master, parameter server and rosout in one process.
 
 #include "core/core_program.h"
 

@@ -1,4 +1,4 @@
-// In place of rosmaster: master and parameter server.
+// Replaces rosmaster: master and parameter server.
 
 #include "core/core_program.h"
 

@@ -4,8 +4,9 @@
 
 #include <algorithm>
 #include <cctype>
-#include <charconv>
 #include <cstdlib>
+
+#include "parse_number.h"
 
 namespace pi_os_transport
 {
@@ -13,7 +14,7 @@ namespace
 {
 
 constexpr uint64_t MAX_POOL_MB = 65536;
-constexpr uint64_t MAX_MIN_BYTES = 1000000000;  // roscpp's own limit of a message
+constexpr uint64_t MAX_MIN_BYTES = 1000000000;  // roscpp's limit of a message
 constexpr size_t MAX_BRIDGE_NAME = 64;
 
 bool matchesAny(const std::vector<std::string>& patterns, const std::string& topic)
@@ -63,16 +64,14 @@ void Options::load(const Source& source, const std::function<std::string(const s
     {
       return;
     }
-    uint64_t value = 0;
-    const char* end = text->data() + text->size();
-    const std::from_chars_result result = std::from_chars(text->data(), end, value);
-    if (result.ec != std::errc() || result.ptr != end || value < lowest || value > highest)
+    const std::optional<uint64_t> value = parseNumber(*text, lowest, highest);
+    if (!value)
     {
       refuse(name, *text, "a whole number from " + std::to_string(lowest) + " to " + std::to_string(highest),
              std::to_string(*field));
       return;
     }
-    *field = value;
+    *field = *value;
   };
 
   if (const std::optional<std::string> text = source("enable"))

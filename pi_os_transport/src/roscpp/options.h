@@ -9,14 +9,14 @@
 namespace pi_os_transport
 {
 
-/// Switches and sizes of π-OS in one node.
+/// Options of π-OS in one node.
 struct Options
 {
   bool enable = true;                     ///< false: every link stays on TCPROS
-  std::vector<std::string> include{"*"};  ///< shell patterns; a topic is carried if one of them matches its full name
-  std::vector<std::string> exclude;       ///< shell patterns; a topic that matches one stays on TCPROS
+  std::vector<std::string> include{"*"};  ///< shell patterns of full names of topics to carry
+  std::vector<std::string> exclude;       ///< shell patterns of topics that stay on TCPROS
   uint64_t pool_limit_mb = 512;           ///< most shared memory for this node's outgoing messages [MiB], 1 .. 65536
-  uint64_t min_bytes = 0;                 ///< messages with a smaller serialised body go by TCPROS [B]
+  uint64_t min_bytes = 0;                 ///< messages with a smaller serialised body use TCPROS [B]
   std::string bridge = "default";         ///< name of the bridge to other devices; empty: none is used
 
   bool carries(const std::string& topic) const;
@@ -24,8 +24,8 @@ struct Options
   /// Looks one option up by its lower-case name.
   using Source = std::function<std::optional<std::string>(const std::string& name)>;
 
-  /// Overwrites the fields that `source` knows. A value that cannot be used leaves the field as it is and adds one line
-  /// to `errors`, which starts with `describe(name)` and names the value and what is allowed.
+  /// Sets the fields that `source` knows. An invalid value changes nothing and adds one line to `errors`: it starts
+  /// with `describe(name)` and names the value and the allowed values.
   void load(const Source& source, const std::function<std::string(const std::string&)>& describe,
             std::vector<std::string>* errors);
 

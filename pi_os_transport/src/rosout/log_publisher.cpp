@@ -9,8 +9,8 @@
 #include <optional>
 #include <utility>
 
-#include "rosout/log_type.h"
 #include "pi_os_transport/little_endian.h"
+#include "rosout/log_type.h"
 
 namespace pi_os_transport
 {
@@ -53,7 +53,7 @@ void LogPublisher::add(FileDescriptor socket)
 {
   if (subscribers_.size() >= MOST_SUBSCRIBERS)
   {
-    return;  // closes it; the subscriber tries again
+    return;  // closes the socket; the subscriber tries again
   }
   auto subscriber = std::make_shared<Subscriber>();
   subscriber->id = next_id_++;
@@ -93,7 +93,7 @@ void LogPublisher::receive(const SubscriberPtr& subscriber)
   {
     return;
   }
-  // A subscriber that has introduced itself has nothing more to say.
+  // A subscriber sends nothing after its header.
   if (size <= 0 || !subscriber->node.empty() || subscriber->closes)
   {
     drop(subscriber);
@@ -157,7 +157,7 @@ void LogPublisher::publish(std::string_view message)
   frame->append(message.substr(LENGTH_BYTES));
   for (auto at = subscribers_.begin(); at != subscribers_.end();)
   {
-    const SubscriberPtr subscriber = *at++;  // sending may drop it
+    const SubscriberPtr subscriber = *at++;  // sending may drop the subscriber
     if (!subscriber->node.empty())
     {
       ++subscriber->messages;
@@ -173,7 +173,7 @@ void LogPublisher::enqueue(const SubscriberPtr& subscriber, const Frame& frame)
   subscriber->queued_bytes += frame->size();
   while (subscriber->queued_bytes > MOST_QUEUED_BYTES && subscriber->queue.size() > 2)
   {
-    const auto oldest = subscriber->queue.begin() + 1;  // the first may be sent in part
+    const auto oldest = subscriber->queue.begin() + 1;  // the first one may be partly sent
     subscriber->queued_bytes -= (*oldest)->size();
     subscriber->queue.erase(oldest);
   }

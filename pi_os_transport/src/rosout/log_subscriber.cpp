@@ -11,8 +11,8 @@
 #include <optional>
 #include <utility>
 
-#include "rosout/log_type.h"
 #include "master/rpc_encoder.h"
+#include "rosout/log_type.h"
 
 namespace pi_os_transport
 {
@@ -20,9 +20,9 @@ namespace
 {
 
 constexpr size_t CHUNK_BYTES = 16 * 1024;
-constexpr size_t MOST_MESSAGE_BYTES = 16 * 1024 * 1024;  // of a message of the log; a longer one ends the connection
-constexpr std::chrono::milliseconds CONNECTING{20000};   // to the end of the introduction
-constexpr std::chrono::milliseconds FIRST_PAUSE{100};    // before another try, doubled with each one that fails
+constexpr size_t MOST_MESSAGE_BYTES = 16 * 1024 * 1024;  // a longer message ends the connection
+constexpr std::chrono::milliseconds CONNECTING{20000};   // until the header was received
+constexpr std::chrono::milliseconds FIRST_PAUSE{100};    // before the next attempt; doubled after each failure
 constexpr std::chrono::milliseconds LONGEST_PAUSE{20000};
 
 }  // namespace
@@ -208,7 +208,7 @@ void LogSubscriber::receive(const PublisherPtr& publisher)
   }
 }
 
-/// @return false if the publisher does not want this subscriber, or says what cannot be understood.
+/// @return false if the publisher refuses this subscriber, or sends invalid data.
 bool LogSubscriber::takeParts(const PublisherPtr& publisher)
 {
   while (const std::optional<std::string_view> part = publisher->reader.next())

@@ -82,7 +82,7 @@ void RosoutNode::addMethods()
   methods_.add("getMasterUri", "", {},
                [this](const std::string&, RpcValue::Array&) { return rpcResult(1, "", environment_.master_uri); });
   methods_.add("getPid", -1, {}, [](const std::string&, RpcValue::Array&) { return rpcResult(1, "", getpid()); });
-  // What is shut down would be started again at once: it begins anew.
+  // roscore would restart the node at once, so it only drops its connections.
   methods_.add("shutdown", 0, {check::any()},
                [this](const std::string&, RpcValue::Array&)
                {

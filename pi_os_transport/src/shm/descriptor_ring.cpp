@@ -51,7 +51,7 @@ RingProducer::Push RingProducer::push(const Descriptor& descriptor, uint32_t* do
   tickets_[place] = static_cast<uint8_t>(ticket);
   owners_[ticket] = tail_;
   held_[static_cast<size_t>(ticket) / 64] |= uint64_t{1} << (ticket % 64);
-  // Who sees what is written here of a place used again must also see that its last message was dropped, see peek().
+  // A reader that sees the new content of a reused place must also see that its last message was dropped, see peek().
   std::atomic_thread_fence(std::memory_order_release);
   RingLayout::Entry& entry = layout_->entries[place];
   entry.segment_length.store(packSegmentLength(descriptor), std::memory_order_relaxed);
@@ -60,8 +60,8 @@ RingProducer::Push RingProducer::push(const Descriptor& descriptor, uint32_t* do
                             std::memory_order_relaxed);
   entry.stamp_ns.store(descriptor.stamp_ns, std::memory_order_relaxed);
   ++tail_;
-  // Sequentially consistent together with the load below: either the subscriber, about to sleep, sees the new tail,
-  // or this side sees that it is armed.
+  // Sequentially consistent together with the load below: either the subscriber sees the new tail before it sleeps, or
+  // this side sees that the doorbell is armed.
   layout_->tail.store(tail_, std::memory_order_seq_cst);
   if (layout_->armed.load(std::memory_order_seq_cst) != 0)
   {
@@ -98,7 +98,7 @@ uint32_t RingProducer::inFlight()
   const uint32_t untaken = tail_ - layout_->head.load(std::memory_order_acquire);
   if (untaken > tail_ - least_head_)
   {
-    return CAPACITY + 1;  // a head that goes back, or runs ahead of the tail
+    return CAPACITY + 1;  // a head that moved back, or ahead of the tail
   }
   least_head_ = tail_ - untaken;
   return untaken;
@@ -142,7 +142,7 @@ bool RingConsumer::peek(Descriptor* descriptor, uint32_t* index)
     }
     if (tail - head > CAPACITY)
     {
-      // Either the publisher has dropped messages since the head was read, or the tail is none of its making.
+      // Either the publisher has dropped messages since the head was read, or the tail is invalid.
       const uint32_t now = layout_->head.load(std::memory_order_relaxed);
       if (now == head)
       {
@@ -152,8 +152,8 @@ bool RingConsumer::peek(Descriptor* descriptor, uint32_t* index)
       head = now;
       continue;
     }
-    // The publisher may drop this message and write the place anew while it is read here; then the head has moved and
-    // what was read is thrown away.
+    // The publisher may drop this message and overwrite its place meanwhile. Then the head has moved, and what was read
+    // is discarded.
     const RingLayout::Entry& entry = layout_->entries[head % CAPACITY];
     const uint64_t segment_length = entry.segment_length.load(std::memory_order_relaxed);
     const uint64_t offset_after = entry.offset_after.load(std::memory_order_relaxed);

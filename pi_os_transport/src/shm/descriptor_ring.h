@@ -8,36 +8,36 @@
 namespace pi_os_transport
 {
 
-/// Where one serialised message lies, and when it may be delivered.
+/// The location of a serialised message, and its order.
 struct Descriptor
 {
   uint32_t segment = 0;    ///< id of the pool segment, unique in the publishing process; LINK_START: no message
   uint32_t length = 0;     ///< payload bytes [B], below 1 GiB
   uint64_t offset = 0;     ///< of the payload from the start of the segment [B], below 16 GiB
   uint32_t after_tcp = 0;  ///< number of messages (modulo 2^32) that the link carried over TCPROS before this one
-  uint64_t serial = 0;     ///< the same for all links that one publish() serves, else different; 0: unknown; below 2^56
-  uint64_t stamp_ns = 0;   ///< when it was written into the ring, on the monotonic clock of the device [ns]
+  uint64_t serial = 0;     ///< equal on all links for one publish(), else different; 0: unknown; below 2^56
+  uint64_t stamp_ns = 0;   ///< when it was written into the ring, monotonic clock [ns]
 
-  /// Segment of the first descriptor on a link through bridges: from here on nothing goes over TCPROS. `length` is the
-  /// publisher's queue size then, and `serial` is 1 if the topic is latched.
+  /// Segment of the first descriptor on a link through bridges: from here on TCPROS carries nothing. `length` is the
+  /// publisher's queue size, and `serial` is 1 if the topic is latched.
   static constexpr uint32_t LINK_START = 0;
 };
 
 /// Memory shared by one publishing and one subscribing process for one link (docs/design/shared_memory_link.md).
-/// Both map it writable. Nothing in it is ever locked: a process may die between any two stores and the other side
-/// goes on. All indices count messages modulo 2^32; the place in the ring is index % CAPACITY. What the subscriber
-/// holds after it has taken a message is not the place but a ticket, so a message held for long takes no place from the
-/// messages that follow, and its release cannot be mistaken for that of a newer one.
+/// Both map it writable. It has no locks: if a process dies between any two stores, the other one continues. All
+/// indices count messages modulo 2^32; the place in the ring is index % CAPACITY. After taking a message, the
+/// subscriber holds a ticket instead of the place. So a message held for long blocks no place, and its release is not
+/// confused with that of a newer message.
 struct RingLayout
 {
   static constexpr uint32_t CAPACITY = 256;
   static constexpr uint64_t MAGIC = 0x33676e69724f5350;  // "PSOring3"
 
-  uint64_t magic;  ///< MAGIC, written by the publisher before the memory is handed over
-  uint64_t nonce;  ///< random; the subscriber proves that it mapped this memory by sending it back
+  uint64_t magic;                          ///< MAGIC, written by the publisher before the memory is handed over
+  uint64_t nonce;                          ///< random; the subscriber sends it back to prove that it mapped this memory
   alignas(64) std::atomic<uint32_t> tail;  ///< next index to be written; publisher
   alignas(64) std::atomic<uint32_t> head;  ///< oldest index not taken; taken or dropped by compare-exchange
-  std::atomic<uint32_t> armed;             ///< the doorbell that the sleeping subscriber wants rung; 0: it is awake
+  std::atomic<uint32_t> armed;             ///< doorbell of the sleeping subscriber; 0: it is awake
   alignas(64) std::atomic<uint32_t> release_count;      ///< releases so far; subscriber
   alignas(64) std::atomic<uint8_t> released[CAPACITY];  ///< 1: the message of this ticket is no longer read; subscriber
   struct Entry
@@ -61,19 +61,19 @@ public:
   enum class Push
   {
     WRITTEN,
-    FULL,  ///< not written: CAPACITY messages wait to be taken or are still being read
+    FULL,  ///< not written: CAPACITY messages wait or are being read
   };
-  /// @param doorbell  set to the number of the doorbell that must be rung now, or 0 if the subscriber is awake.
+  /// @param doorbell  set to the doorbell to ring now; 0 if the subscriber is awake.
   Push push(const Descriptor& descriptor, uint32_t* doorbell);
 
-  /// Messages written and neither taken nor dropped, or CAPACITY + 1 if the peer wrote nonsense into the ring.
+  /// Messages that are neither taken nor dropped; CAPACITY + 1 if the peer wrote invalid indices.
   uint32_t inFlight();
 
   /// Takes back the oldest message that the subscriber has not taken.
-  /// @return its ticket, or -1 if there is none left, or none that the peer's nonsense leaves in question.
+  /// @return its ticket; -1 if there is none, or the peer wrote invalid indices.
   int dropOldest();
 
-  /// Calls `done(ticket)` once for every message that the subscriber took and has since released.
+  /// Calls `done(ticket)` once for every message that the subscriber has released.
   template <typename Done>
   void collect(Done done)
   {
@@ -88,7 +88,7 @@ public:
     forEachHeld(
         [&](uint32_t ticket)
         {
-          // What the subscriber has not taken it cannot release, whatever it writes.
+          // Ignore the release of a message that was never taken.
           if (layout_->released[ticket].load(std::memory_order_acquire) != 0 &&
               static_cast<int32_t>(head - owners_[ticket]) > 0)
           {
@@ -99,7 +99,7 @@ public:
         });
   }
 
-  /// Calls `done(ticket)` for every message not yet collected: the peer is gone and reads none of them any more.
+  /// The peer is gone: calls `done(ticket)` for every message that is not collected.
   template <typename Done>
   void abandon(Done done)
   {
@@ -111,12 +111,12 @@ public:
         });
   }
 
-  /// The ticket that the next message gets; -1: none is free.
+  /// The ticket of the next message; -1: none is free.
   int nextTicket() const;
   /// True if every message written has been dropped or collected.
   bool idle() const { return held_ == Tickets{}; }
-  /// The ticket of message `index`, which counts all successful push() from 0 modulo 2^32.
-  /// @return -1 if it is dropped or collected, or older than the ring is long.
+  /// The ticket of the message with number `index` (of all pushed ones, from 0, modulo 2^32).
+  /// @return -1 if it is dropped, collected or older than CAPACITY messages.
   int ticketOf(uint32_t index) const;
 
 private:
@@ -138,7 +138,7 @@ private:
 
   RingLayout* layout_;
   uint32_t tail_ = 0;
-  uint32_t least_head_ = 0;                  // the head was there already
+  uint32_t least_head_ = 0;                  // lower bound of the head
   uint32_t seen_releases_ = 0;               // release_count at the last collect()
   Tickets held_{};                           // neither dropped nor collected
   uint32_t owners_[RingLayout::CAPACITY]{};  // by ticket: index of the message
@@ -154,27 +154,26 @@ public:
   enum class Take
   {
     TAKEN,    ///< `descriptor` and `ticket` are set; the memory stays valid until release(ticket)
-    WAITING,  ///< the oldest message has to wait for one that comes over TCPROS; the doorbell is not armed
-    EMPTY,    ///< nothing there; the doorbell is armed, or broken() says why nothing will come
+    WAITING,  ///< the oldest message must wait for one over TCPROS; the doorbell is not armed
+    EMPTY,    ///< no message; the doorbell is armed, unless broken()
   };
-  /// Which doorbell is to be rung from now on when the ring was empty, 1 or 2. Takes effect with the next take().
+  /// Selects the doorbell, 1 or 2. Takes effect with the next take().
   void useDoorbell(uint32_t doorbell) { doorbell_ = doorbell; }
 
   /// @param tcp_delivered messages (modulo 2^32) that this link has delivered from TCPROS.
-  /// @param in_any_order  take the oldest even if it should wait: no more will come over TCPROS.
+  /// @param in_any_order  never wait, because no more messages come over TCPROS.
   Take take(uint32_t tcp_delivered, bool in_any_order, Descriptor* descriptor, uint32_t* ticket);
 
-  /// Looks at the oldest message without taking it; the publisher may still drop it.
+  /// Reads the oldest descriptor without taking it; the publisher may still drop the message.
   /// @return false if there is none; the doorbell is then armed.
   bool peek(Descriptor* descriptor, uint32_t* index);
-  /// Takes the message that the last peek() showed. @return its ticket, or -1 if the publisher has dropped it
-  /// meanwhile.
+  /// Takes the message of the last peek(). @return its ticket; -1 if the publisher has dropped it.
   int takePeeked(uint32_t index);
 
   /// Messages that wait to be taken.
   uint32_t available() const;
 
-  /// True once the publisher wrote indices that cannot be: nothing more is taken.
+  /// True once the publisher wrote invalid indices: nothing more is taken.
   bool broken() const { return broken_; }
 
   /// Any thread.

@@ -8,7 +8,7 @@
 namespace pi_os_transport
 {
 
-/// The open descriptors. The fork handlers hold the mutex across fork(), so the child finds the list whole.
+/// The open descriptors. The fork handlers hold the mutex during fork(), so the child finds a consistent list.
 struct DescriptorList
 {
   DescriptorList() { pthread_atfork(prepare, parent, child); }

@@ -5,14 +5,13 @@ namespace pi_os_transport
 
 /// Owns one file descriptor; -1 means none.
 ///
-/// Every open descriptor of the library is on a process-wide list. A child made by fork() closes them all before it
-/// runs (a descriptor that lived on in the child would hide the parent's death from its peers), and sees this object
-/// as empty. Movable, not copyable. A single object is not thread safe; different objects are.
+/// A child made by fork() closes all descriptors of the library before it runs, and finds this object empty: an open
+/// copy would hide the parent's death from its peers. Not thread safe; different objects are independent.
 class FileDescriptor
 {
 public:
   FileDescriptor() = default;
-  /// A negative `fd`, as failed system calls return it, means none.
+  /// @param fd  negative, as failed system calls return: none.
   explicit FileDescriptor(int fd);
   ~FileDescriptor();
   FileDescriptor(FileDescriptor&& other) noexcept;
@@ -22,7 +21,7 @@ public:
 
   int get() const { return fd_; }
   explicit operator bool() const { return fd_ >= 0; }
-  /// Gives up ownership. @return the descriptor, or -1.
+  /// Ends ownership. @return the descriptor, or -1.
   int release();
   void reset();
 
@@ -36,8 +35,8 @@ private:
   FileDescriptor* next_ = nullptr;
 };
 
-/// True in a process that was forked from one that had the library at work. Such a child must leave shared memory
-/// alone: it still maps what its parent and the parent's peers use.
+/// True in a child of a process that uses the library. Such a child must not touch shared memory, which its parent
+/// uses.
 bool isForkedChild();
 
 }  // namespace pi_os_transport

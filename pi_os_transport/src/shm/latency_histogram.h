@@ -18,8 +18,8 @@ inline uint64_t monotonicNs()
   return static_cast<uint64_t>(now.tv_sec) * 1000000000 + static_cast<uint64_t>(now.tv_nsec);
 }
 
-/// How many of some events took how long: bucket 0 counts those below 1.024 us, bucket n those below 1.024 * 2^n us,
-/// the last one all longer ones. Not thread safe.
+/// Counts durations: bucket 0 below 1.024 us, bucket n below 1.024 * 2^n us, the last bucket all longer ones. Not
+/// thread safe.
 class LatencyHistogram
 {
 public:
@@ -32,7 +32,7 @@ public:
     const auto bits = units == 0 ? 0 : 64 - static_cast<size_t>(__builtin_clzll(units));
     ++counts_[std::min(bits, BUCKETS - 1)];
   }
-  /// The time since `start_ns`; one in the future counts as none.
+  /// Adds the time since `start_ns`, at least 0.
   void addSince(uint64_t start_ns)
   {
     const uint64_t now = monotonicNs();

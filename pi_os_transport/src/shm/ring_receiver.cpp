@@ -14,8 +14,8 @@ namespace pi_os_transport
 namespace
 {
 
-/// The mapped segments of this process, so that several links to one publisher map its memory once. Known by the memory
-/// itself: what a peer says of it could be said by another one, to put its memory in the place of the first one's.
+/// The mapped segments of this process: several links to one publisher map its memory once. The key is the inode,
+/// because a hostile peer could claim the identifiers of another one.
 class SegmentTable
 {
 public:
@@ -25,7 +25,7 @@ public:
     return *table;
   }
 
-  /// @return null if `memory` is none.
+  /// @return null if `memory` is not valid.
   std::shared_ptr<MappedSegment> map(FileDescriptor memory, uint64_t length)
   {
     struct stat file;
@@ -92,7 +92,7 @@ SideChannel::Receive RingReceiver::readPackets()
   for (;;)
   {
     Packet packet;
-    std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors;
+    SideChannel::Descriptors descriptors;
     const SideChannel::Receive result = channel_.receive(&packet, &descriptors);
     if (result != SideChannel::Receive::PACKET)
     {
@@ -123,7 +123,7 @@ SideChannel::Receive RingReceiver::readPackets()
   }
 }
 
-void RingReceiver::onOffer(const Packet& packet, std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors)
+void RingReceiver::onOffer(const Packet& packet, SideChannel::Descriptors descriptors)
 {
   const FileDescriptor& memory = descriptors[0];
   if (!isSealed(memory.get(), sizeof(RingLayout)) || !descriptors[1] || !descriptors[2])
@@ -134,7 +134,7 @@ void RingReceiver::onOffer(const Packet& packet, std::array<FileDescriptor, Side
   auto* const layout = reinterpret_cast<RingLayout*>(memory_.data());
   if (layout == nullptr || layout->magic != RingLayout::MAGIC)
   {
-    return;  // no proof is sent, so the publisher goes on with TCPROS
+    return;  // without a proof, the publisher stays on TCPROS
   }
   ring_ = std::make_unique<RingConsumer>(layout);
   nonce_ = layout->nonce;
@@ -144,10 +144,7 @@ void RingReceiver::onOffer(const Packet& packet, std::array<FileDescriptor, Side
 
 bool RingReceiver::sendProof()
 {
-  Packet proof;
-  proof.type = Packet::PROOF;
-  proof.values[0] = nonce_;
-  return channel_.send(proof);
+  return channel_.send(Packet::of(Packet::PROOF, nonce_));
 }
 
 std::shared_ptr<MappedSegment> RingReceiver::find(const Descriptor& descriptor)
@@ -155,7 +152,7 @@ std::shared_ptr<MappedSegment> RingReceiver::find(const Descriptor& descriptor)
   auto found = segments_.find(descriptor.segment);
   if (found == segments_.end())
   {
-    readPackets();  // a segment's memory is always sent before the first message in it
+    readPackets();  // the memory of a segment is sent before its first message
     found = segments_.find(descriptor.segment);
   }
   if (found == segments_.end() || !found->second || descriptor.offset + descriptor.length > found->second->length())

@@ -16,11 +16,11 @@
 namespace pi_os_transport
 {
 
-/// One segment of a publisher's pool, mapped read-only. Shared by all links of this process to that publisher.
+/// A segment of a publisher's pool, mapped read-only. Shared by all links of this process to that publisher.
 class MappedSegment
 {
 public:
-  /// Maps `memory`; if the address space does not allow it, keeps the descriptor and reads through that.
+  /// Maps `memory`. If there is no address space, copy() reads through the descriptor.
   MappedSegment(FileDescriptor memory, uint64_t length);
 
   uint64_t length() const { return length_; }
@@ -37,8 +37,8 @@ private:
 
 /// The receiving end of one link in shared memory: side channel, ring, doorbells and mapped segments.
 ///
-/// The caller serialises all calls but release(). The publisher keeps what was taken until it is released or until the
-/// side channel is closed, so this must live as long as anything taken from it is read.
+/// The caller serialises all calls except release(). The publisher keeps a taken message until it is released or the
+/// side channel closes, so this object must live while such a message is read.
 class RingReceiver
 {
 public:
@@ -47,40 +47,39 @@ public:
   int fd() const { return channel_.fd(); }
   SideChannel& channel() { return channel_; }
 
-  /// Reads all packets that wait. The first OFFER makes the ring, see hasRing().
-  /// @return NOTHING when all are read, else why no more will come.
+  /// Reads all waiting packets. The first OFFER creates the ring, see hasRing().
+  /// @return NOTHING if more may come, else why not.
   SideChannel::Receive readPackets();
   bool hasRing() const { return ring_ != nullptr; }
-  /// Tells the publisher that the ring is mapped. Before this it writes no message.
+  /// Tells the publisher that the ring is mapped. The publisher writes no message before this.
   bool sendProof();
-  /// The reason that came with ENDED, if it has come.
+  /// The reason in ENDED, if it was received.
   const std::optional<LinkEnd>& ended() const { return ended_; }
 
-  /// True once after the publisher said that messages wait for a place in the ring.
+  /// True once after the publisher reported that messages wait for places in the ring.
   bool takePublisherWaits() { return std::exchange(publisher_waits_, false); }
 
   /// Only with a ring.
   RingConsumer& ring() { return *ring_; }
-  /// What to wait on for Doorbell `number`; -1 once closed.
+  /// Descriptor to wait for; -1 once closed.
   int doorbell(Doorbell number) const { return doorbells_[number - 1].get(); }
   void closeDoorbells() { doorbells_ = {}; }
 
-  /// Where a message that was taken lies. Reads packets if its segment is not known yet.
-  /// @return the segment; null if the descriptor points nowhere.
+  /// Finds the segment of a taken message, and reads packets if necessary. @return null if the descriptor is invalid.
   std::shared_ptr<MappedSegment> find(const Descriptor& descriptor);
 
-  /// Shared memory that may be held at a time [B].
+  /// Most shared memory that may be leased at a time [B].
   uint64_t leaseBudget() const { return lease_budget_; }
-  /// Counts a message that is read where it lies; release() ends it. Any thread.
+  /// Counts a message that is read in place, until endLease(). Any thread.
   void lease(uint32_t length);
   void endLease(uint32_t ticket, uint32_t length);
   uint64_t leasedBytes() const { return leased_bytes_.load(std::memory_order_relaxed); }
   uint32_t leases() const { return leases_.load(std::memory_order_relaxed); }
-  /// Gives a message back. Any thread.
+  /// Returns a message to the publisher. Any thread.
   void release(uint32_t ticket) { ring_->release(ticket); }
 
 private:
-  void onOffer(const Packet& packet, std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors);
+  void onOffer(const Packet& packet, SideChannel::Descriptors descriptors);
 
   SideChannel channel_;
   std::array<FileDescriptor, DOORBELLS> doorbells_;

@@ -1,22 +1,20 @@
 #include "shm/ring_sender.h"
 
-#include "shm/latency_histogram.h"
-
-#include <sys/eventfd.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <utility>
+
+#include "shm/event.h"
+#include "shm/latency_histogram.h"
 
 namespace pi_os_transport
 {
 namespace
 {
 
-/// What TCPROS holds beside its queue, and nodes that publish with a queue of one rely on: one message half written,
-/// and what the sockets' buffers take on both sides.
+/// What TCPROS holds in addition to its queue: one partly written message, and the content of the socket buffers. Nodes
+/// that publish with a queue of one rely on this.
 constexpr uint32_t WRITING_MESSAGES = 1;
 constexpr uint64_t SOCKET_BYTES = 1 << 20;
 
@@ -29,7 +27,7 @@ bool RingSender::open(SideChannel channel, std::string* error)
   std::array<FileDescriptor, DOORBELLS> doorbells;
   for (FileDescriptor& doorbell : doorbells)
   {
-    doorbell = FileDescriptor(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK));
+    doorbell = makeEvent();
   }
   SharedMapping mapping = memory ? SharedMapping(memory.get(), sizeof(RingLayout), true) : SharedMapping();
   if (!mapping || !doorbells.front() || !doorbells.back())
@@ -41,9 +39,7 @@ bool RingSender::open(SideChannel channel, std::string* error)
 
   const uint64_t nonce = Token::random().high;
   auto ring = std::make_unique<RingProducer>(reinterpret_cast<RingLayout*>(mapping.data()), nonce);
-  Packet offer;
-  offer.type = Packet::OFFER;
-  offer.values = {pool_token_.high, pool_token_.low, lease_budget_};
+  const Packet offer = Packet::of(Packet::OFFER, pool_token_.high, pool_token_.low, lease_budget_);
   if (!channel.send(offer, {memory.get(), doorbells[0].get(), doorbells[1].get()}))
   {
     return false;
@@ -99,10 +95,7 @@ void RingSender::retire(const std::vector<uint32_t>& segments)
     if (found != announced_.end())
     {
       announced_.erase(found);
-      Packet packet;
-      packet.type = Packet::RETIRED;
-      packet.values[0] = segment;
-      channel_.send(packet);  // one that does not come through costs the subscriber address space, nothing else
+      channel_.send(Packet::of(Packet::RETIRED, segment));  // if it is lost, the subscriber only wastes address space
     }
   }
 }
@@ -114,10 +107,7 @@ bool RingSender::announce(uint32_t segment)
     return true;
   }
   const SlotPool::Segment memory = pool_->segment(segment);
-  Packet packet;
-  packet.type = Packet::SEGMENT;
-  packet.values = {segment, memory.length, 0};
-  if (!channel_.send(packet, {memory.fd}))
+  if (!channel_.send(Packet::of(Packet::SEGMENT, segment, memory.length), {memory.fd}))
   {
     return false;
   }
@@ -138,10 +128,7 @@ bool RingSender::write(const Descriptor& descriptor, const uint8_t* buffer, uint
   ++tail_;
   if (doorbell > 0 && doorbell <= DOORBELLS)
   {
-    const uint64_t one = 1;
-    while (::write(doorbells_[doorbell - 1].get(), &one, sizeof(one)) < 0 && errno == EINTR)
-    {
-    }
+    signalEvent(doorbells_[doorbell - 1].get());
   }
   return true;
 }
@@ -166,7 +153,7 @@ RingSender::Push RingSender::push(const uint8_t* buffer, uint32_t length, size_t
     const int oldest = ring_->ticketOf(tail_ - in_flight);
     if (oldest >= 0 && buffers_[static_cast<size_t>(oldest)] == nullptr)
     {
-      return Push::FULL;  // what opens the link must not be dropped
+      return Push::FULL;  // the start of the link must not be dropped
     }
     const int dropped = ring_->dropOldest();
     if (dropped < 0)
@@ -175,7 +162,7 @@ RingSender::Push RingSender::push(const uint8_t* buffer, uint32_t length, size_t
       {
         return Push::BROKEN;
       }
-      break;  // the subscriber has just taken all of them
+      break;  // the subscriber has taken all of them meanwhile
     }
     give(static_cast<uint32_t>(dropped));
     in_flight_bytes -= std::min<uint64_t>(in_flight_bytes, lengths_[static_cast<size_t>(dropped)]);

@@ -15,24 +15,24 @@
 namespace pi_os_transport
 {
 
-/// The doorbells of a ring, by number: what sleeps in the subscriber.
+/// The doorbells of a ring. Each wakes another thread of the subscriber.
 enum Doorbell : uint32_t
 {
   NETWORK_THREAD = 1,  ///< the thread that serves all connections
-  SPINNER = 2,         ///< a thread inside CallbackQueue::callAvailable or callOne, which will run the callback
+  SPINNER = 2,         ///< a thread in CallbackQueue::callAvailable or callOne, which runs the callback
 };
 constexpr size_t DOORBELLS = 2;
 
-/// Messages that publishers allocate start with their length, as TCPROS sends it.
+/// Size of the length at the start of a message's buffer, as in TCPROS [B].
 constexpr uint32_t LENGTH_PREFIX = 4;
 
-/// The sending end of one link in shared memory: ring, doorbells, side channel, and the references that the subscriber
-/// holds in the pool. The caller serialises all calls.
+/// The sending end of one link in shared memory: ring, doorbells, side channel, and the subscriber's references in the
+/// pool. The caller serialises all calls.
 class RingSender
 {
 public:
-  /// @param pool  outlives this.
-  /// @param lease_budget  shared memory that the subscriber may pin [B].
+  /// @param pool  must outlive this object.
+  /// @param lease_budget  most shared memory that the subscriber may pin [B].
   RingSender(SlotPool* pool, const Token& pool_token, uint64_t lease_budget)
     : pool_(pool), pool_token_(pool_token), lease_budget_(lease_budget)
   {
@@ -42,10 +42,10 @@ public:
   RingSender& operator=(const RingSender&) = delete;
 
   /// Makes the ring and offers it to the subscriber behind `channel`.
-  /// @return false with `*error` set; empty if the subscriber has left again. This is then as if never opened.
+  /// @return false with `*error` set, which is empty if the subscriber has left; this object is then unchanged.
   bool open(SideChannel channel, std::string* error);
   bool isOpen() const { return static_cast<bool>(channel_); }
-  /// Gives all memory back that the subscriber held.
+  /// Ends the link and frees all memory that the subscriber held.
   void close();
 
   SideChannel& channel() { return channel_; }
@@ -55,33 +55,33 @@ public:
   enum class Push
   {
     WRITTEN,  ///< the ring took over one reference of the buffer
-    FULL,     ///< no place, or the subscriber pins too much
-    BROKEN,   ///< the subscriber wrote nonsense into the ring
+    FULL,     ///< no place, or the subscriber pins too much memory
+    BROKEN,   ///< the subscriber wrote invalid indices
   };
   /// @param buffer  memory of the pool: LENGTH_PREFIX bytes, then `length` bytes of message.
-  /// @param max_queue  messages that may wait untaken (and one more, see .cpp) before the oldest is dropped; 0: any.
+  /// @param max_queue  most waiting messages (plus one, see .cpp) before the oldest is dropped; 0: no limit.
   Push push(const uint8_t* buffer, uint32_t length, size_t max_queue, uint32_t after_tcp, uint64_t serial);
-  /// Writes the descriptor that opens a link through bridges. False if there is no place.
+  /// Writes the descriptor that starts a link through bridges. False if there is no place.
   bool pushStart(size_t max_queue, bool latched, uint32_t after_tcp);
 
-  /// Gives back what the subscriber has released.
+  /// Frees what the subscriber has released.
   void collect();
   /// Tells the subscriber that these segments are not used any more.
   void retire(const std::vector<uint32_t>& segments);
 
   struct Message
   {
-    const uint8_t* buffer;  ///< with one reference, now the caller's
+    const uint8_t* buffer;  ///< with one reference, owned by the caller
     uint32_t length;        ///< [B], without the prefix
   };
   /// Takes back all messages that the subscriber has not taken, oldest first.
   std::vector<Message> takeBack();
-  /// Takes back the newest message if the subscriber has taken but not released it; null buffer if not.
+  /// Takes back the newest message if the subscriber has taken but not released it; else the buffer is null.
   Message takeBackNewest();
 
   /// Messages written that the subscriber has not taken.
   uint32_t untaken() const { return ring_ ? ring_->inFlight() : 0; }
-  /// True if the subscriber holds nothing: no place will become free by waiting.
+  /// True if the subscriber holds nothing: waiting frees no place.
   bool idle() const { return !ring_ || ring_->idle(); }
   uint64_t sent() const { return sent_; }
   uint64_t dropped() const { return dropped_; }
@@ -99,9 +99,9 @@ private:
   SharedMapping memory_;  ///< of the ring
   std::unique_ptr<RingProducer> ring_;
   uint64_t nonce_ = 0;
-  std::vector<const uint8_t*> buffers_;  ///< by ticket: what the reference is held for
+  std::vector<const uint8_t*> buffers_;  ///< by ticket
   std::vector<uint32_t> lengths_;        ///< by ticket [B]
-  std::vector<uint32_t> announced_;      ///< segments whose memory the subscriber was given
+  std::vector<uint32_t> announced_;      ///< segments that the subscriber knows
   uint32_t tail_ = 0;                    ///< index of the next message in the ring
   uint64_t sent_ = 0;
   uint64_t dropped_ = 0;

@@ -29,7 +29,7 @@ FileDescriptor makeSharedMemory(const char* name, uint64_t length, std::string* 
   rlimit file_size{};
   if (getrlimit(RLIMIT_FSIZE, &file_size) == 0 && length > file_size.rlim_cur)
   {
-    // Checked here because exceeding it does not only fail, but also raises SIGXFSZ.
+    // Checked here because exceeding the limit also raises SIGXFSZ.
     *error = "shared memory of " + std::to_string(length) + " bytes exceeds the file size limit of this process (" +
              std::to_string(file_size.rlim_cur) + ", see ulimit -f)";
     return FileDescriptor();
@@ -49,7 +49,7 @@ FileDescriptor makeSharedMemory(const char* name, uint64_t length, std::string* 
   int result;
   do
   {
-    // Unlike ftruncate(), takes the pages now: a lack of memory shows here instead of as SIGBUS in a reader.
+    // Unlike ftruncate(), allocates the pages now: a lack of memory is an error here instead of SIGBUS in a reader.
     result = fallocate(fd, 0, 0, static_cast<off_t>(length));
   } while (result != 0 && errno == EINTR);
   if (result != 0)
@@ -68,7 +68,7 @@ void sealSharedMemory(int fd, bool future_writes)
   constexpr int SIZE_SEALS = F_SEAL_SHRINK | F_SEAL_GROW;
   if (!future_writes || fcntl(fd, F_ADD_SEALS, SIZE_SEALS | F_SEAL_FUTURE_WRITE) != 0)
   {
-    fcntl(fd, F_ADD_SEALS, SIZE_SEALS);  // before Linux 5.1 read-only mappings are the readers' promise
+    fcntl(fd, F_ADD_SEALS, SIZE_SEALS);  // before Linux 5.1, readers are trusted to map read-only
   }
 }
 
@@ -105,7 +105,7 @@ SharedMapping& SharedMapping::operator=(SharedMapping&& other) noexcept
 
 void SharedMapping::reset()
 {
-  if (data_ != nullptr && !isForkedChild())  // there, something else may be mapped at this address by now
+  if (data_ != nullptr && !isForkedChild())  // a child may have mapped other memory there
   {
     munmap(data_, length_);
   }

@@ -13,22 +13,21 @@ namespace pi_os_transport
 /// @return an empty descriptor on failure, with `*error` set.
 FileDescriptor makeSharedMemory(const char* name, uint64_t length, std::string* error);
 
-/// Forbids changes of the length and, if `future_writes` and the kernel can, writable mappings made from now on.
+/// Forbids changes of the length and, if `future_writes` and the kernel allow, new writable mappings.
 void sealSharedMemory(int fd, bool future_writes);
 
 /// "<what> of <bytes> bytes failed: <errno as text>", for error messages.
 std::string describeFailure(const char* what, uint64_t bytes);
 
-/// True if `fd` is memory of at least `length` bytes that nobody can shrink under a reader.
+/// True if `fd` is memory of at least `length` bytes that cannot shrink.
 bool isSealed(int fd, uint64_t length);
 
-/// Shared memory mapped at [address, address + length): unmapped when this ends, and absent in forked children, where
-/// it would otherwise outlive its last user. Movable, not copyable.
+/// A mapping of shared memory. Unmapped by the destructor, and absent in forked children.
 class SharedMapping
 {
 public:
   SharedMapping() = default;
-  /// Maps all of `fd` at an address of the kernel's choice. Empty on failure, with errno set.
+  /// Maps all of `fd`. Empty on failure, with errno set.
   SharedMapping(int fd, size_t length, bool writable);
   ~SharedMapping() { reset(); }
   SharedMapping(SharedMapping&& other) noexcept { *this = static_cast<SharedMapping&&>(other); }

@@ -48,10 +48,10 @@ Token Token::random()
   Token token;
   if (getrandom(&token, sizeof(token), 0) != static_cast<ssize_t>(sizeof(token)))
   {
-    FILE* source = std::fopen("/dev/urandom", "re");  // a kernel or sandbox without getrandom()
+    FILE* source = std::fopen("/dev/urandom", "re");  // for a kernel or sandbox without getrandom()
     if (source == nullptr || std::fread(&token, sizeof(token), 1, source) != 1)
     {
-      token = Token{};  // peers then fail to meet and stay on TCPROS
+      token = Token{};  // peers then do not find each other and stay on TCPROS
     }
     if (source != nullptr)
     {
@@ -136,8 +136,7 @@ SideChannel SideChannel::accept()
   }
 }
 
-SideChannel::Receive SideChannel::receiveInto(void* bytes, size_t* length,
-                                              std::array<FileDescriptor, MAX_DESCRIPTORS>* descriptors)
+SideChannel::Receive SideChannel::receiveInto(void* bytes, size_t* length, Descriptors* descriptors)
 {
   iovec data{bytes, *length};
   alignas(cmsghdr) char control[CMSG_SPACE(MAX_DESCRIPTORS * sizeof(int))];
@@ -159,7 +158,7 @@ SideChannel::Receive SideChannel::receiveInto(void* bytes, size_t* length,
   {
     return Receive::CLOSED;
   }
-  size_t count = 0;  // descriptors may come with an empty packet as well, and have to be closed then
+  size_t count = 0;  // also an empty packet may carry descriptors, which have to be closed
   for (cmsghdr* part = CMSG_FIRSTHDR(&message); part != nullptr; part = CMSG_NXTHDR(&message, part))
   {
     if (part->cmsg_level == SOL_SOCKET && part->cmsg_type == SCM_RIGHTS)
@@ -185,7 +184,7 @@ SideChannel::Receive SideChannel::receiveInto(void* bytes, size_t* length,
   return (message.msg_flags & (MSG_TRUNC | MSG_CTRUNC)) != 0 ? Receive::MALFORMED : Receive::PACKET;
 }
 
-SideChannel::Receive SideChannel::receive(Packet* packet, std::array<FileDescriptor, MAX_DESCRIPTORS>* descriptors)
+SideChannel::Receive SideChannel::receive(Packet* packet, Descriptors* descriptors)
 {
   size_t length = sizeof(*packet);
   const Receive result = receiveInto(packet, &length, descriptors);
@@ -196,8 +195,7 @@ SideChannel::Receive SideChannel::receive(Packet* packet, std::array<FileDescrip
   return result;
 }
 
-SideChannel::Receive SideChannel::receiveBytes(std::vector<uint8_t>* bytes, size_t longest,
-                                               std::array<FileDescriptor, MAX_DESCRIPTORS>* descriptors)
+SideChannel::Receive SideChannel::receiveBytes(std::vector<uint8_t>* bytes, size_t longest, Descriptors* descriptors)
 {
   bytes->resize(longest);
   size_t length = longest;

@@ -34,8 +34,8 @@ struct AddressRange
   std::atomic<uint64_t> length{0};
 };
 
-/// The address ranges of all pools. A forked child replaces them by empty ones of the same place: it must not hold the
-/// memory, but has to go on recognising the addresses.
+/// The address ranges of all pools. A forked child replaces them by empty mappings: it must not hold the memory, but
+/// must recognise the addresses.
 struct PoolRanges
 {
   static constexpr size_t MAX_POOLS = 8;  // one per process; tests make a few
@@ -81,11 +81,11 @@ struct PoolRanges
 
 }  // namespace
 
-/// The header in front of a message. A message that starts further back in its slot, see place(), has a header of its
-/// own that only leads to that of the slot.
+/// The header before a message. A message moved by place() has a second header that only points to the header of the
+/// slot.
 struct alignas(SLOT_HEADER) SlotPool::Slot
 {
-  Slot* slot;  // itself, or what place() was given
+  Slot* slot;  // itself, or the slot that place() was given
   std::atomic<uint32_t> references;
   uint32_t size_class;
   uint32_t segment;
@@ -225,8 +225,8 @@ bool SlotPool::grow(uint64_t capacity)
   {
     return true;
   }
-  // Small slots share segments; large ones get segments of their own, each half as many as there are already, so that
-  // memory stays close to need and the number of segments (one descriptor and one mapping per peer) stays small.
+  // Small slots share segments. Each new segment of large slots has half as many slots as exist already: memory stays
+  // close to need, and the number of segments (one descriptor and one mapping per peer) stays small.
   uint64_t shared = 0;
   for (const SegmentRecord& record : segments_)
   {

@@ -15,12 +15,12 @@ namespace pi_os_transport
 
 /// Memory for serialised messages that other processes can map read-only; owned by one publishing process.
 ///
-/// The memory is anonymous (memfd): it has no name in any file system, is not bounded by the size of /dev/shm, and the
-/// kernel frees it with its last user. Pages are allocated when a segment is made, so that running out of memory is an
-/// error here and never SIGBUS in a reader; segments are sealed against resizing and against new writable mappings.
-/// All bookkeeping belongs to the owner. The pool grows by whole segments up to its limit and reuses idle ones.
+/// The memory is anonymous (memfd): it has no file name, is not limited by /dev/shm, and is freed with its last user.
+/// Pages are allocated with the segment, so a lack of memory is an error here and never SIGBUS in a reader. Segments
+/// are sealed against resizing and new writable mappings. Only the owner keeps books. The pool grows by segments up to
+/// its limit and reuses idle ones.
 ///
-/// All methods may be called from any thread. In a forked child nothing is allocated and releases do nothing.
+/// Thread safe. In a forked child nothing is allocated and releases do nothing.
 class SlotPool
 {
 public:
@@ -42,26 +42,25 @@ public:
     uint32_t live_slots;
   };
 
-  /// Reserves address space only. @param limit_bytes most memory that all segments may take together, >= 64 kiB.
+  /// Only reserves address space. @param limit_bytes  most memory of all segments, >= 64 kiB.
   explicit SlotPool(uint64_t limit_bytes);
   ~SlotPool();
   SlotPool(const SlotPool&) = delete;
   SlotPool& operator=(const SlotPool&) = delete;
 
-  /// Returns memory for `bytes` with one reference, or nullptr when the limit or the system's memory does not allow it
-  /// (`lastError()` then says why). Not initialised. The address is a multiple of 64, less 4: what follows a four-byte
-  /// length at its start is aligned.
+  /// Returns memory for `bytes` with one reference, not initialised; nullptr if the limit or the system does not allow
+  /// it (see `lastError()`). The address is a multiple of 64, less 4: data behind a four-byte length are aligned.
   uint8_t* allocate(size_t bytes);
 
-  /// Bytes at `payload`, at least as many as were asked for [B].
+  /// Usable size at `payload`, at least the requested size [B].
   uint64_t capacity(const uint8_t* payload) const;
-  /// Lets a message start further back in the memory that allocate() returned: `message` then stands for `payload` in
-  /// all calls. Overwrites up to 123 bytes before it, but none before `payload`.
-  /// @param message  at any address from `payload` on.
+  /// Moves the start of a message from `payload` to `message`, which replaces `payload` in all calls. Overwrites up to
+  /// 123 bytes before `message`, but none before `payload`.
+  /// @param message  any address from `payload` on.
   void place(uint8_t* payload, uint8_t* message);
 
   void addReference(const uint8_t* payload);
-  /// Gives one reference back; the last one frees the slot.
+  /// Drops one reference; the last one frees the slot.
   void release(const uint8_t* payload);
 
   /// True if `payload` points into this pool. Lock-free.
@@ -75,12 +74,12 @@ public:
   Location locate(const uint8_t* payload) const;
   Segment segment(uint32_t id) const;
 
-  /// Gives the memory of all idle segments back to the system.
+  /// Returns the memory of all idle segments to the system.
   void trim();
 
-  /// Called, without any lock held, when a slot is wanted and none is free: collects what subscribers have released.
+  /// Sets a function that collects what subscribers have released. Called without locks when no slot is free.
   void setReclaim(std::function<void()> reclaim) { reclaim_ = std::move(reclaim); }
-  /// The segments given back to the system since the last call: peers that mapped them should let go as well.
+  /// The segments freed since the last call: peers should unmap them.
   std::vector<uint32_t> takeRetired();
 
   Usage usage() const;

@@ -1,21 +1,13 @@
 #include "topic_monitor/topic_statistics.h"
 
-#include <fcntl.h>
-#include <unistd.h>
-
 #include <algorithm>
-#include <cerrno>
 #include <cmath>
-#include <cstdio>
 #include <cstring>
-#include <iomanip>
 #include <sstream>
 #include <stdexcept>
 
 namespace pi_os_transport
 {
-
-// ---- DurationHistogram
 
 size_t DurationHistogram::bucketOf(uint64_t duration_ns)
 {
@@ -79,8 +71,6 @@ int64_t DurationHistogram::quantileNs(double q) const
   return max_ns_;
 }
 
-// ---- SequenceTracker
-
 void SequenceTracker::record(uint32_t seq, uint64_t connection)
 {
   const bool same_connection = started_ && connection == connection_;
@@ -91,7 +81,7 @@ void SequenceTracker::record(uint32_t seq, uint64_t connection)
     next_ = seq + 1;
     return;
   }
-  // Distances modulo 2^32, so that the wrap-around of the number is no gap.
+  // Modulo 2^32, so that an overflow of the number is not a gap.
   const auto distance = static_cast<int32_t>(seq - next_);
   if (distance >= 0)
   {
@@ -105,11 +95,9 @@ void SequenceTracker::record(uint32_t seq, uint64_t connection)
   }
   else
   {
-    next_ = seq + 1;  // the publisher was started anew
+    next_ = seq + 1;  // the publisher was restarted
   }
 }
-
-// ---- Messages
 
 std::optional<StampedHeader> readHeader(const uint8_t* data, size_t size)
 {
@@ -143,7 +131,7 @@ bool beginsWithHeader(const std::string& message_definition)
     }
     if (type.rfind("===", 0) == 0)
     {
-      return false;  // the definitions of the parts begin: the message has no field
+      return false;  // definitions of parts begin here: the message has no field
     }
     std::string rest;
     std::getline(words, rest);
@@ -155,8 +143,6 @@ bool beginsWithHeader(const std::string& message_definition)
   }
   return false;
 }
-
-// ---- TopicStatistics
 
 namespace
 {
@@ -246,8 +232,6 @@ TopicFigures TopicStatistics::takeWindow(int64_t now_ns)
   return figures;
 }
 
-// ---- parseTopicList
-
 namespace
 {
 
@@ -302,176 +286,6 @@ std::vector<std::string> parseTopicList(const std::string& text)
     topics.push_back(topic);
   }
   return topics;
-}
-
-// ---- Reports
-
-namespace
-{
-
-std::string bandwidthText(double bytes_per_second)
-{
-  static const char* const UNITS[] = {"B/s", "kB/s", "MB/s", "GB/s"};
-  size_t unit = 0;
-  while (bytes_per_second >= 1000.0 && unit < 3)
-  {
-    bytes_per_second /= 1000.0;
-    ++unit;
-  }
-  std::ostringstream text;
-  text << std::fixed << std::setprecision(bytes_per_second < 10.0 && unit > 0 ? 2 : 1) << bytes_per_second << " "
-       << UNITS[unit];
-  return text.str();
-}
-
-std::string transportText(const std::map<std::string, size_t>& transports)
-{
-  std::string text;
-  for (const auto& [transport, links] : transports)
-  {
-    text += (text.empty() ? "" : ", ") + transport + (links > 1 ? " x" + std::to_string(links) : "");
-  }
-  return text.empty() ? "-" : text;
-}
-
-std::string quoted(const std::string& text)
-{
-  std::ostringstream json;
-  json << '"';
-  for (const char character : text)
-  {
-    if (character == '"' || character == '\\')
-    {
-      json << '\\' << character;
-    }
-    else if (static_cast<unsigned char>(character) < 0x20)
-    {
-      json << "\\u" << std::hex << std::setw(4) << std::setfill('0') << static_cast<int>(character) << std::dec;
-    }
-    else
-    {
-      json << character;
-    }
-  }
-  json << '"';
-  return json.str();
-}
-
-}  // namespace
-
-std::string formatTable(const std::vector<TopicReport>& reports)
-{
-  size_t width = 5;
-  for (const TopicReport& report : reports)
-  {
-    width = std::max(width, report.topic.size());
-  }
-  std::ostringstream table;
-  table << std::left << std::setw(static_cast<int>(width)) << "topic" << std::right << std::setw(9) << "messages"
-        << std::setw(9) << "rate/Hz" << std::setw(9) << "p50/ms" << std::setw(9) << "p99/ms" << std::setw(9) << "max/ms"
-        << std::setw(6) << "lost" << std::setw(12) << "bandwidth"
-        << "  transport\n";
-  table << std::fixed;
-  for (const TopicReport& report : reports)
-  {
-    const TopicFigures& figures = report.figures;
-    table << std::left << std::setw(static_cast<int>(width)) << report.topic << std::right << std::setw(9)
-          << figures.messages << std::setw(9) << std::setprecision(1) << figures.rate_hz << std::setprecision(3);
-    for (const double latency_ms : {figures.latency_p50_ms, figures.latency_p99_ms, figures.latency_max_ms})
-    {
-      if (figures.has_stamps)
-      {
-        table << std::setw(9) << latency_ms;
-      }
-      else
-      {
-        table << std::setw(9) << "-";
-      }
-    }
-    table << std::setw(6) << (figures.has_sequence ? std::to_string(figures.lost) : "-") << std::setw(12)
-          << bandwidthText(figures.bytes_per_second) << "  " << transportText(report.transports) << "\n";
-  }
-  return table.str();
-}
-
-std::string formatJson(const std::string& node, double span_s, const std::vector<TopicReport>& reports)
-{
-  std::ostringstream json;
-  json << std::fixed << std::setprecision(6);
-  json << "{\n  \"node\": " << quoted(node) << ",\n  \"span_s\": " << span_s << ",\n  \"topics\": {";
-  const char* separator = "\n";
-  for (const TopicReport& report : reports)
-  {
-    const TopicFigures& figures = report.figures;
-    json << separator << "    " << quoted(report.topic) << ": {\"type\": " << quoted(report.type)
-         << ", \"messages\": " << figures.messages << ", \"bytes\": " << figures.bytes
-         << ", \"span_s\": " << figures.span_s << ", \"rate_hz\": " << figures.rate_hz
-         << ", \"bytes_per_second\": " << figures.bytes_per_second << ", \"latency_ms\": ";
-    if (figures.has_stamps)
-    {
-      json << "{\"mean\": " << figures.latency_mean_ms << ", \"p50\": " << figures.latency_p50_ms
-           << ", \"p99\": " << figures.latency_p99_ms << ", \"max\": " << figures.latency_max_ms << "}";
-    }
-    else
-    {
-      json << "null";
-    }
-    if (figures.has_sequence)
-    {
-      json << ", \"lost\": " << figures.lost << ", \"out_of_order\": " << figures.out_of_order;
-    }
-    else
-    {
-      json << ", \"lost\": null, \"out_of_order\": null";
-    }
-    json << ", \"transports\": {";
-    const char* comma = "";
-    for (const auto& [transport, links] : report.transports)
-    {
-      json << comma << quoted(transport) << ": " << links;
-      comma = ", ";
-    }
-    json << "}}";
-    separator = ",\n";
-  }
-  json << "\n  }\n}\n";
-  return json.str();
-}
-
-std::string writeFileAtomically(const std::string& path, const std::string& content)
-{
-  const std::string temporary = path + ".tmp" + std::to_string(getpid());
-  const auto failure = [&](const char* action)
-  {
-    const int reason = errno;
-    unlink(temporary.c_str());
-    return path + ": " + action + " failed: " + std::strerror(reason);
-  };
-  const int descriptor = open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
-  if (descriptor < 0)
-  {
-    return failure("creating");
-  }
-  for (size_t written = 0; written < content.size();)
-  {
-    const ssize_t count = write(descriptor, content.data() + written, content.size() - written);
-    if (count < 0 && errno != EINTR)
-    {
-      const std::string reason = failure("writing");
-      close(descriptor);
-      return reason;
-    }
-    written += count > 0 ? static_cast<size_t>(count) : 0;
-  }
-  if (close(descriptor) != 0)
-  {
-    return failure("writing");
-  }
-  if (rename(temporary.c_str(), path.c_str()) != 0)
-  {
-    return failure("renaming");
-  }
-  return std::string();
 }
 
 }  // namespace pi_os_transport

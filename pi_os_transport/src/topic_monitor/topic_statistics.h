@@ -11,12 +11,12 @@
 namespace pi_os_transport
 {
 
-/// Distribution of durations in bounded memory: buckets of 1/64 of an octave, so a quantile is at most 1.6 % above the
-/// true one; the maximum and the mean are exact. Not thread safe.
+/// Distribution of durations in bounded memory. Buckets have 1/64 octave, so a quantile is at most 1.6 % too high; the
+/// maximum and the mean are exact. Not thread safe.
 class DurationHistogram
 {
 public:
-  /// @param duration_ns negative values (clocks that disagree) are counted as 0 and in negativeCount().
+  /// @param duration_ns  negative values (clocks differ) count as 0, and in negativeCount().
   void record(int64_t duration_ns);
   void clear();
 
@@ -43,16 +43,16 @@ private:
   double sum_ns_ = 0.0;
 };
 
-/// Finds lost messages of one sender in its sequence numbers.
+/// Counts lost messages of one sender by their sequence numbers.
 class SequenceTracker
 {
 public:
-  /// @param connection changes when the link is made anew; numbers may then start again without being out of order.
+  /// @param connection  changes when the link is made again; numbers may then restart.
   void record(uint32_t seq, uint64_t connection);
 
-  /// Numbers left out between the first and the last message. One that arrives late is taken off again.
+  /// Numbers missing between the first and the last message. A late message is subtracted.
   uint64_t lost() const { return lost_; }
-  /// Messages that came after one with a higher number on the same connection, or twice.
+  /// Messages that came twice, or after one with a higher number on the same connection.
   uint64_t outOfOrder() const { return out_of_order_; }
 
 private:
@@ -74,10 +74,10 @@ struct StampedHeader
 /// @return nullopt if the buffer is too short to hold it.
 std::optional<StampedHeader> readHeader(const uint8_t* data, size_t size);
 
-/// Whether the first field of a message definition (as in the connection header) is a std_msgs/Header.
+/// True if the first field of a message definition (from the connection header) is a std_msgs/Header.
 bool beginsWithHeader(const std::string& message_definition);
 
-/// Figures of one topic over a span of time.
+/// Figures of one topic over a time span.
 struct TopicFigures
 {
   uint64_t messages = 0;
@@ -95,7 +95,7 @@ struct TopicFigures
   uint64_t out_of_order = 0;
 };
 
-/// Counts what arrives on one topic from any number of publishers. Not thread safe.
+/// Statistics of one topic with any number of publishers. Not thread safe.
 class TopicStatistics
 {
 public:
@@ -126,27 +126,8 @@ private:
   DurationHistogram window_ages_;
 };
 
-/// What the monitor reports about one topic.
-struct TopicReport
-{
-  std::string topic;
-  std::string type;                          ///< empty before the first message
-  std::map<std::string, size_t> transports;  ///< links by transport, e.g. {"SHMROS", 1}
-  TopicFigures figures;
-};
-
 /// Names from a text like "/a, /b" or "[/a, '/b']", as roscpp's command line passes a list on. Nothing is resolved.
 /// Throws std::invalid_argument for unbalanced brackets or quotes, an empty element or a name with a space.
 std::vector<std::string> parseTopicList(const std::string& text);
-
-/// Fixed-width table for a terminal, one line per topic.
-std::string formatTable(const std::vector<TopicReport>& reports);
-
-/// The reports as JSON (RFC 8259), an object with the keys `node`, `span_s` and `topics` (by name).
-std::string formatJson(const std::string& node, double span_s, const std::vector<TopicReport>& reports);
-
-/// Writes a file under a temporary name beside it and renames it, so that readers see the old or the new one.
-/// @return empty, or the reason why it failed, naming the file.
-std::string writeFileAtomically(const std::string& path, const std::string& content);
 
 }  // namespace pi_os_transport

@@ -10,15 +10,15 @@ namespace
 
 using std::chrono::microseconds;
 
-/// Delay that BULK may add to the round trip before its window shrinks.
+/// The window of BULK shrinks if it adds more delay than this to the round trip.
 constexpr microseconds TARGET_DELAY{1500};
-/// After so long the shortest round trip is measured anew: the way may have changed.
+/// The shortest round trip is measured again after this time: the route may have changed.
 constexpr std::chrono::seconds BASE_AGE{5};
 
 constexpr uint32_t MIN_FRAGMENT = 16 << 10;
 constexpr uint32_t MAX_FRAGMENT = 128 << 10;
 constexpr uint64_t FRAGMENTS_PER_WINDOW = 3;
-/// Acknowledgements asked for while one window is sent: enough that the sender never waits for lack of one.
+/// Acknowledgements requested per window: enough that the sender never waits for one.
 constexpr uint64_t REQUESTS_PER_WINDOW = 3;
 
 }  // namespace
@@ -132,7 +132,7 @@ void Lane::adapt(SteadyTime now, microseconds sample)
   }
   else if (!probing_ && now >= base_until_)
   {
-    // Frames of our own may have filled the link ever since.
+    // Our own frames may have kept the link full since the last measurement.
     probing_ = true;
     single_ = false;
   }
@@ -142,7 +142,7 @@ void Lane::adapt(SteadyTime now, microseconds sample)
   {
     return;
   }
-  // Once per round trip, by its shortest sample: a process that had to wait for its core says nothing about the link.
+  // Once per round trip, by its shortest sample: longer ones may include the time that a process waited for a core.
   const microseconds delay = round_min_ - base_rtt_;
   if (delay > TARGET_DELAY)
   {

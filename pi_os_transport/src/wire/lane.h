@@ -11,7 +11,7 @@
 namespace pi_os_transport
 {
 
-/// Traffic classes between two bridges, each with a connection of its own.
+/// Traffic classes between two bridges. Each has its own connection.
 enum class Traffic : uint32_t
 {
   EXPRESS = 0,  ///< control and small messages: never waits for a large one
@@ -19,12 +19,12 @@ enum class Traffic : uint32_t
 };
 constexpr size_t TRAFFIC_CLASSES = 2;
 
-/// The sending half of one traffic class to one peer: counts what the peer has not acknowledged yet, and holds back
-/// what would only wait in a queue on the way.
+/// The sending half of one traffic class to one peer. Counts the frames that are not acknowledged and limits them to a
+/// window.
 ///
-/// BULK adapts its window to the delay that it causes (in the manner of TCP Vegas and LEDBAT): it grows while frames
-/// return as fast as on an idle link, and shrinks when they wait, so that large messages fill a link but leave its
-/// queues to EXPRESS.
+/// BULK adapts its window to the delay it causes, like TCP Vegas and LEDBAT. The window grows while acknowledgements
+/// come as fast as on an idle link, and shrinks when they are late. So large messages use the whole link, but EXPRESS
+/// finds its queues empty.
 class Lane
 {
 public:
@@ -33,7 +33,7 @@ public:
   Lane(Traffic traffic, FrameTransport* transport) : traffic_(traffic), transport_(transport) {}
 
   void open(FrameTransport::ConnectionId connection) { connection_ = connection; }
-  /// Forgets what is under way; nothing of it is acknowledged any more.
+  /// Forgets all frames under way.
   void reset();
   FrameTransport::ConnectionId connection() const { return connection_; }
   void setConnected(bool connected) { connected_ = connected; }
@@ -41,19 +41,19 @@ public:
 
   /// True if a frame with payload may be sent now.
   bool ready() const;
-  /// The best payload size of a fragment now [B].
+  /// Payload size of the next fragment [B].
   uint32_t fragmentBytes() const;
 
-  /// Sends one frame. Only while ready(), or for frames without acknowledgement while connected.
+  /// Sends one frame. Call only while ready(); frames that are not counted may be sent while connected.
   /// @param keep  owner of the payload's memory: held until the frame is acknowledged.
-  /// @param acknowledged  called when the peer has processed the frame; null if nobody wants to know.
+  /// @param acknowledged  called when the peer has processed the frame; may be null.
   /// @param more  another frame follows at once.
-  /// @return false if the connection takes nothing now.
+  /// @return false if the connection accepts nothing now.
   bool send(const FrameHeader& header, const iovec* payload, size_t pieces, std::shared_ptr<const void> keep,
             Acknowledged acknowledged, bool more = false);
 
   /// The peer has processed `frames` frames of this lane so far.
-  /// @return false if it cannot have: more than were sent.
+  /// @return false if this is more than were sent.
   bool onAck(uint64_t frames);
 
   uint64_t sentBytes() const { return sent_bytes_; }
@@ -61,7 +61,7 @@ public:
   uint64_t window() const { return window_; }
   std::chrono::microseconds rtt() const { return rtt_; }
 
-  /// True for frames that are counted and acknowledged.
+  /// True for frame types that are counted and acknowledged.
   static bool isCounted(FrameType type)
   {
     return type != FrameType::HELLO && type != FrameType::PING && type != FrameType::ACK;
@@ -84,19 +84,19 @@ private:
   std::deque<Unacked> unacked_;
   uint64_t unacked_bytes_ = 0;
   uint64_t acked_frames_ = 0;
-  uint64_t since_request_ = 0;  ///< bytes sent since an acknowledgement was last asked for
+  uint64_t since_request_ = 0;  ///< bytes sent since an acknowledgement was last requested
   uint64_t sent_bytes_ = 0;
   std::shared_ptr<const void> uncounted_payload_;  ///< of the last frame that is not counted
 
   uint64_t window_ = INITIAL_WINDOW;
-  bool limited_ = false;  ///< the window held something back in this round
+  bool limited_ = false;  ///< the window was full in this round
   SteadyTime round_end_;
   std::chrono::microseconds round_min_{std::chrono::microseconds::max()};
   std::chrono::microseconds base_rtt_{std::chrono::microseconds::max()};
   SteadyTime base_until_;
-  bool single_ = false;   ///< the frame sent last found the link empty, but for one that travels with it
-  bool more_ = false;     ///< the frame sent last travels with the next one
-  bool probing_ = false;  ///< base_rtt_ is to be measured anew: the link empties, then a single frame tells
+  bool single_ = false;   ///< the last frame met an empty link, apart from one that shares its packet
+  bool more_ = false;     ///< the last frame may share a packet with the next one
+  bool probing_ = false;  ///< base_rtt_ is measured again: wait until the link is empty, then send a single frame
   std::chrono::microseconds rtt_{0};
 
   static constexpr uint64_t MIN_WINDOW = 64 << 10;

@@ -1,8 +1,6 @@
-#include <arpa/inet.h>
 #include <nanomsg/nn.h>
 #include <nanomsg/pipeline.h>
 #include <nanomsg/tcp.h>
-#include <netinet/in.h>
 #include <sys/socket.h>
 
 #include <algorithm>
@@ -14,7 +12,7 @@
 
 #include "event_loop/event_loop.h"
 #include "wire/frame_transport.h"
-#include "shm/file_descriptor.h"
+#include "wire/ipv4.h"
 #include "wire/sp_transport.h"
 
 namespace pi_os_transport
@@ -24,12 +22,12 @@ namespace
 
 constexpr int KERNEL_BUFFER_BYTES = 1024 * 1024;
 constexpr int RECONNECT_INTERVAL_MS = 100;
-/// What the sources may bring before other descriptors have their turn.
+/// Bytes read before other descriptors have their turn.
 constexpr size_t BYTES_PER_TURN = 1024 * 1024;
-/// A free port may be taken by someone else before libnanomsg has it.
+/// Another process may take a free port before libnanomsg does.
 constexpr int FREE_PORT_TRIES = 20;
 
-/// One socket of libnanomsg; empty if there could be none.
+/// A socket of libnanomsg; empty if it could not be made.
 class NanomsgSocket
 {
 public:
@@ -38,7 +36,7 @@ public:
   {
     if (socket_ >= 0)
     {
-      nn_close(socket_);  // waits until its connections are closed, not until they are drained
+      nn_close(socket_);  // waits until its connections are closed, but not until all data are sent
     }
   }
   NanomsgSocket(const NanomsgSocket&) = delete;
@@ -51,7 +49,7 @@ public:
   {
     return nn_setsockopt(socket_, level, option, &value, sizeof(value)) == 0;
   }
-  /// The descriptor that is readable while one can send (NN_SNDFD) or receive (NN_RCVFD).
+  /// A descriptor that is readable while the socket can send (NN_SNDFD) or receive (NN_RCVFD).
   int signal(int option) const
   {
     int fd = -1;
@@ -68,18 +66,10 @@ std::string urlOf(const Endpoint& endpoint)
   return "tcp://" + endpoint.toString();
 }
 
-bool isNumeric(const std::string& address)
-{
-  in_addr ignored;
-  return inet_pton(AF_INET, address.c_str(), &ignored) == 1;
-}
-
-/// A port that is free now; 0 if there is none. libnanomsg does not tell which one it was given.
+/// A port that is free now; 0 if there is none. libnanomsg does not tell which port it uses.
 uint16_t freePort(const std::string& address)
 {
-  sockaddr_in wanted{};
-  wanted.sin_family = AF_INET;
-  inet_pton(AF_INET, address.c_str(), &wanted.sin_addr);
+  sockaddr_in wanted = socketAddress(address, 0);
   socklen_t length = sizeof(wanted);
   const FileDescriptor probe(socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0));
   if (!probe || bind(probe.get(), reinterpret_cast<const sockaddr*>(&wanted), length) != 0 ||
@@ -90,13 +80,13 @@ uint16_t freePort(const std::string& address)
   return ntohs(wanted.sin_port);
 }
 
-/// libnanomsg connects, accepts and connects again by itself and tells nothing of it. Hence
-/// - a connection counts as connected at once and is never closed by the peer: frames may wait, and up to what the
-///   kernel held may be lost when a peer goes and another one comes;
-/// - all sources are 0, nobody is asked by onAccept() or ended by closeSource(), and addresses are unknown;
-/// - what cannot be a frame is reported by onSourceClosed(0, MALFORMED, ...) though nothing is closed, apart from
-///   oversized frames: libnanomsg closes the connection without a word;
-/// - close() drops what has not left yet.
+/// libnanomsg connects, accepts and reconnects without telling its user. Therefore
+/// - a connection counts as connected at once and is never closed by the peer. Frames may wait, and frames in the
+///   kernel's buffers may be lost when a peer is replaced by another one;
+/// - all sources are 0, addresses are unknown, onAccept() is not called, and closeSource() does nothing;
+/// - a malformed frame is reported by onSourceClosed(0, MALFORMED, ...), although nothing is closed. For an oversized
+///   frame, libnanomsg closes the connection without a report;
+/// - close() drops what is not sent yet.
 class NanomsgTransport : public FrameTransport
 {
 public:
@@ -120,8 +110,8 @@ private:
     NanomsgSocket socket{NN_PUSH};
     int signal = -1;
     bool connected = false;
-    bool closed = false;      ///< events under way must leave it alone
-    void* waiting = nullptr;  ///< message that the socket has no room for yet
+    bool closed = false;      ///< pending events must ignore this connection
+    void* waiting = nullptr;  ///< message that the socket does not accept yet
 
     ~Connection()
     {
@@ -134,7 +124,6 @@ private:
   using ConnectionPointer = std::shared_ptr<Connection>;
 
   bool openReceiver();
-  bool bindReceiver(const Endpoint& endpoint);
   static bool connectSocket(Connection* connection, const Endpoint& endpoint);
   static bool sendWaiting(Connection* connection);
   void onSendSignal(ConnectionId id, const ConnectionPointer& connection);
@@ -167,7 +156,7 @@ bool NanomsgTransport::listen(const Endpoint& endpoint, std::string* error)
     *error = endpoint.toString() + ": " + what;
     return false;
   };
-  if (!isNumeric(endpoint.address))
+  if (!parseIpv4(endpoint.address))
   {
     return failed("not a numeric IPv4 address");
   }
@@ -221,7 +210,7 @@ bool NanomsgTransport::openReceiver()
 bool NanomsgTransport::connectSocket(Connection* connection, const Endpoint& endpoint)
 {
   NanomsgSocket& socket = connection->socket;
-  if (!socket || !isNumeric(endpoint.address) || !socket.set(NN_TCP, NN_TCP_NODELAY, 1) ||
+  if (!socket || !parseIpv4(endpoint.address) || !socket.set(NN_TCP, NN_TCP_NODELAY, 1) ||
       !socket.set(NN_SOL_SOCKET, NN_SNDBUF, KERNEL_BUFFER_BYTES) ||
       !socket.set(NN_SOL_SOCKET, NN_RECONNECT_IVL, RECONNECT_INTERVAL_MS))
   {
@@ -316,7 +305,7 @@ bool NanomsgTransport::send(ConnectionId id, const FrameHeader& header, const io
   connection->waiting = message;
   if (!sendWaiting(connection.get()))
   {
-    // Watched only while something waits: a socket that could send is always ready.
+    // Watched only while a message waits: otherwise the socket would always be ready.
     loop_->add(connection->signal, EPOLLIN, [this, id, connection](uint32_t) { onSendSignal(id, connection); });
   }
   return true;
@@ -350,7 +339,7 @@ void NanomsgTransport::onReceiveSignal()
     const int length = nn_recv(receiver_->get(), &message, NN_MSG, NN_DONTWAIT);
     if (length < 0)
     {
-      return;  // nothing more; or an error which comes again if it matters
+      return;  // nothing left, or an error that is reported again
     }
     turn_bytes += static_cast<size_t>(length) + FrameHeader::BYTES;
     onMessage(static_cast<const uint8_t*>(message), static_cast<size_t>(length));

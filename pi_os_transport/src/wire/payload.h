@@ -17,7 +17,7 @@ public:
   void putU16(uint16_t value);
   void putU32(uint32_t value);
   void putU64(uint64_t value);
-  void putString(std::string_view text);  ///< cut at 65535 bytes
+  void putString(std::string_view text);  ///< truncated to 65535 bytes
   const std::vector<uint8_t>& bytes() const { return bytes_; }
   std::vector<uint8_t> take() { return std::move(bytes_); }
 
@@ -25,7 +25,7 @@ private:
   std::vector<uint8_t> bytes_;
 };
 
-/// Reads what a PayloadWriter wrote. Reading past the end gives zeroes and empty strings, and makes ok() false.
+/// Reads what a PayloadWriter wrote. Reading past the end returns zeroes and empty strings, and makes ok() false.
 class PayloadReader
 {
 public:

@@ -10,31 +10,30 @@
 namespace pi_os_transport
 {
 
-/// A connection attempt that nobody answered for so long is given up: TCP would wait a second before it asks again, and
-/// the caller's next attempt asks at once.
+/// Timeout of a connection attempt. TCP would wait a second before it sends again; the next attempt sends at once.
 constexpr std::chrono::milliseconds SP_CONNECT_TIME{300};
-/// Every third attempt waits longer, for peers behind a long way.
+/// Every third attempt waits longer, for distant peers.
 constexpr std::chrono::milliseconds SP_CONNECT_TIME_FAR{700};
-/// How long the other bridge may take for its SP header once TCP has connected: it answers at once, unless it hangs.
+/// Timeout for the SP header of a peer that this bridge connected to. Only a hanging peer exceeds it.
 constexpr std::chrono::milliseconds SP_ANSWER_TIME{500};
-/// How long who connects to this bridge may take for it.
+/// Timeout for the SP header of a peer that connected to this bridge.
 constexpr std::chrono::milliseconds SP_GREETING_TIME{2000};
-/// What was sent must be acknowledged in this time, else the peer counts as unreachable. That includes a peer that
-/// lives but reads nothing for so long.
+/// Sent data must be acknowledged in this time, else the peer counts as unreachable. This includes a peer that runs but
+/// reads nothing.
 constexpr std::chrono::milliseconds SP_ACKNOWLEDGE_TIME{5000};
-/// Incoming connections at a time; more are closed at once.
+/// Most incoming connections; more are closed at once.
 constexpr size_t SP_MAX_SOURCES = 256;
 
-/// What was wrong with an incoming connection, for counters.
+/// Why an incoming connection was closed, for counters.
 enum class SourceFault
 {
-  MALFORMED,      ///< no SP header, or no frame of ours
+  MALFORMED,      ///< no SP header, or no frame of this protocol
   OVERSIZED,      ///< announced a frame that is too large
-  WRONG_VERSION,  ///< a bridge that speaks another version
-  REFUSED,        ///< a frame that onHeader() did not want, or one connection too many
+  WRONG_VERSION,  ///< a bridge of another version
+  REFUSED,        ///< onHeader() refused a frame, or there were too many connections
 };
 
-// The details that the transports give to Listener::onSourceClosed(). Some go on after these words.
+// The `detail` of Listener::onSourceClosed() begins with one of these.
 constexpr char NO_FRAME_DETAIL[] = "no frame of ours";
 constexpr char NO_GREETING_DETAIL[] = "no SP header of a PUSH socket";
 constexpr char OVERSIZED_DETAIL[] = "oversized frame";
@@ -42,7 +41,7 @@ constexpr char WRONG_VERSION_DETAIL[] = "wire version ";
 constexpr char FRAME_REFUSED_DETAIL[] = "frame refused";
 constexpr char TOO_MANY_DETAIL[] = "too many connections";
 
-/// Tells from the detail given to Listener::onSourceClosed() what is to be counted.
+/// The fault that the `detail` of Listener::onSourceClosed() describes.
 inline SourceFault faultOf(const std::string& detail)
 {
   const auto begins = [&detail](const char* words) { return detail.rfind(words, 0) == 0; };
@@ -61,7 +60,7 @@ inline SourceFault faultOf(const std::string& detail)
   return SourceFault::MALFORMED;
 }
 
-/// @return what keeps an SP message of `length` bytes from being a frame; empty if nothing.
+/// @return why an SP message of `length` bytes cannot be a frame; empty if it can.
 inline std::string faultOfLength(uint64_t length)
 {
   if (length > FrameHeader::BYTES + MAX_PAYLOAD)
@@ -71,7 +70,7 @@ inline std::string faultOfLength(uint64_t length)
   return length < FrameHeader::BYTES ? NO_FRAME_DETAIL : std::string();
 }
 
-/// Decodes the header that an SP message begins with. @return what is wrong with it; empty if nothing.
+/// Decodes the header at the start of an SP message. @return what is wrong with the header; empty if nothing.
 inline std::string decodeHeader(const uint8_t* bytes, FrameHeader* header)
 {
   if (!FrameHeader::decode(bytes, header))

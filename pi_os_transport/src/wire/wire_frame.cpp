@@ -4,6 +4,17 @@
 
 namespace pi_os_transport
 {
+
+FrameHeader FrameHeader::of(FrameType type, uint32_t id, uint32_t count, uint64_t offset)
+{
+  FrameHeader header;
+  header.type = type;
+  header.id = id;
+  header.count = count;
+  header.offset = offset;
+  return header;
+}
+
 std::array<uint8_t, FrameHeader::BYTES> FrameHeader::encode() const
 {
   std::array<uint8_t, BYTES> bytes{};
@@ -40,6 +51,13 @@ bool FrameHeader::decode(const uint8_t* bytes, FrameHeader* header)
   header->lane = loadLittleEndian<uint32_t>(bytes + 20);
   header->offset = loadLittleEndian<uint64_t>(bytes + 24);
   return true;
+}
+
+std::vector<uint8_t> encodeText(const std::string& text)
+{
+  PayloadWriter payload;
+  payload.putString(text);
+  return payload.take();
 }
 
 void LinkEntry::append(PayloadWriter* out) const

@@ -9,9 +9,9 @@
 #include <utility>
 #include <vector>
 
-#include "wire/fake_frame_transport.h"
 #include "bridge/incoming_stream.h"
 #include "shm/ring_pair.h"
+#include "wire/fake_frame_transport.h"
 
 namespace pi_os_transport
 {

@@ -15,8 +15,8 @@
 #include <utility>
 #include <vector>
 
-#include "wire/fake_frame_transport.h"
 #include "shm/ring_pair.h"
+#include "wire/fake_frame_transport.h"
 
 namespace pi_os_transport
 {

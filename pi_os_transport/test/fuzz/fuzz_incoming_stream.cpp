@@ -4,8 +4,8 @@
 #include <memory>
 #include <utility>
 
-#include "fuzz_input.h"
 #include "bridge/incoming_stream.h"
+#include "fuzz_input.h"
 #include "shm/ring_receiver.h"
 
 namespace pi_os_transport

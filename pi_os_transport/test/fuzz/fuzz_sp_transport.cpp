@@ -9,8 +9,8 @@
 #include <memory>
 
 #include "event_loop/event_loop.h"
-#include "wire/frame_transport.h"
 #include "fuzz_input.h"
+#include "wire/frame_transport.h"
 
 namespace pi_os_transport
 {

@@ -483,9 +483,11 @@ TEST_F(ImageCodecTest, WorkerThatTalksNonsenseIsReplaced)
       "head -c " + std::to_string(CodecHeader::BYTES + serialize(image).size()) + " <&3 >/dev/null; ";
   for (const std::string& answer : {
            std::string("printf 'garbage garbage garbage garbage' >&3; exec sleep 1000"),
-           read_all + "printf '" + zeros + zeros + first + zeros + zeros + "' >&3; exec sleep 1000",         // unknown kind
-           read_all + "printf '" + kind + zeros + zeros + zeros + zeros + zeros + "' >&3; exec sleep 1000",  // another id
-           read_all + "printf '" + kind + zeros + first + "\\377\\377\\377\\377\\377\\377\\377\\377' >&3; exec sleep 1000",
+           read_all + "printf '" + zeros + zeros + first + zeros + zeros + "' >&3; exec sleep 1000",  // unknown kind
+           read_all + "printf '" + kind + zeros + zeros + zeros + zeros + zeros +
+               "' >&3; exec sleep 1000",  // another id
+           read_all + "printf '" + kind + zeros + first +
+               "\\377\\377\\377\\377\\377\\377\\377\\377' >&3; exec sleep 1000",
        })
   {
     codec_.reset();

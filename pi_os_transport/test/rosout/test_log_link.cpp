@@ -4,10 +4,10 @@
 #include <utility>
 #include <vector>
 
-#include "rosout/log_publisher.h"
-#include "rosout/log_subscriber.h"
 #include "master/loopback_client.h"
 #include "pi_os_transport/little_endian.h"
+#include "rosout/log_publisher.h"
+#include "rosout/log_subscriber.h"
 #include "rosout/tcpros_header.h"
 
 namespace pi_os_transport

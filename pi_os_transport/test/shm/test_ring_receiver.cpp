@@ -8,8 +8,8 @@
 #include <memory>
 #include <string>
 
-#include "shm/shared_memory.h"
 #include "shm/ring_pair.h"
+#include "shm/shared_memory.h"
 
 namespace pi_os_transport
 {

@@ -14,9 +14,9 @@
 #include <string>
 #include <vector>
 
+#include "bridge/peer.h"
 #include "event_loop/event_loop.h"
 #include "wire/frame_transport.h"
-#include "bridge/peer.h"
 #include "wire/wire_frame.h"
 
 namespace pi_os_transport

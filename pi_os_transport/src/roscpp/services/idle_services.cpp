@@ -61,7 +61,7 @@ void IdleServices::put(const IdleService& service)
     }
     if (!std::exchange(polling_, true))
     {
-      // roscpp's network thread comes round at least every 100 ms.
+      // roscpp's network thread calls its listeners at least every 100 ms.
       ros::PollManager::instance()->addPollThreadListener([this]() { dropOld(); });
     }
   }

@@ -13,26 +13,25 @@
 namespace pi_os_transport
 {
 
-/// A connection of a single-shot client to a service, with the shared memory beside it.
+/// A connection of a single-shot client to a service, with its shared memory.
 struct IdleService
 {
   ros::ServiceServerLinkPtr link;
   std::shared_ptr<ServiceCaller> caller;
 };
 
-/// Connections of single-shot clients to services, kept for a while after a call: the next one finds its shared memory
-/// ready. A connection serves one call at a time. Thread safe.
+/// Keeps the connections of single-shot clients for 5 s after a call, so that the next call finds shared memory ready.
+/// A connection serves one call at a time. Thread safe.
 class IdleServices
 {
 public:
   static IdleServices& instance();
 
-  /// A connection that was kept under `key` and whose shared memory is ready, most recently used first; empty if there
-  /// is none.
+  /// The most recently used connection under `key` with ready shared memory; empty if there is none.
   IdleService take(const std::string& key);
-  /// True if a connection is kept under `key` whose shared memory is not ready yet.
+  /// True if a connection under `key` has, or is about to get, shared memory.
   bool negotiates(const std::string& key);
-  /// Keeps a connection under its caller's key; drops the one unused for longest if there are too many.
+  /// Keeps a connection under its caller's key. Drops the oldest one if there are too many.
   void put(const IdleService& service);
 
 private:

@@ -2,36 +2,27 @@
 
 #include <poll.h>
 #include <ros/console.h>
-#include <sys/eventfd.h>
 #include <sys/socket.h>
-#include <unistd.h>
 
 #include <array>
 #include <cerrno>
 #include <cstring>
 #include <utility>
 
+#include "roscpp/services/tcp_calls.h"
 #include "roscpp/topics/header_offer.h"
 #include "roscpp/topics/receive_link.h"
-#include "roscpp/services/tcp_calls.h"
+#include "shm/event.h"
 
 namespace pi_os_transport
 {
 namespace
 {
 
-/// A first request of this size waits until the shared memory is there; a smaller one is faster over TCPROS [B].
+/// A first request of at least this size waits for shared memory; TCPROS is faster for a smaller one [B].
 constexpr size_t WORTH_WAITING = 64 << 10;
 
-void readCounter(int fd)
-{
-  uint64_t count;
-  while (read(fd, &count, sizeof(count)) < 0 && errno == EINTR)
-  {
-  }
-}
-
-/// True if `request` is what TCPROS would carry: its length, then as many bytes.
+/// True if `request` has the form of TCPROS: its length, then as many bytes.
 bool isFramed(const ros::SerializedMessage& request)
 {
   uint32_t length = 0;
@@ -49,7 +40,7 @@ ServiceCaller::ServiceCaller(const std::string& service, const ros::ConnectionPt
   : connection_(connection)
   , use_(use)
   , statistics_(Runtime::instance().called_services.of(service))
-  , wake_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK))
+  , wake_(makeEvent())
   , state_(wake_ && use != Use::SINGLE_SHOT_PLAIN ? State::NEGOTIATING : State::REFUSED)
 {
 }
@@ -62,14 +53,6 @@ bool ServiceCaller::promising() const
   return state == State::READY || state == State::NEGOTIATING;
 }
 
-void ServiceCaller::wake()
-{
-  const uint64_t one = 1;
-  while (write(wake_.get(), &one, sizeof(one)) < 0 && errno == EINTR)
-  {
-  }
-}
-
 void ServiceCaller::awaitWake(int doorbell)
 {
   std::array<pollfd, 2> waits{pollfd{wake_.get(), POLLIN, 0}, pollfd{doorbell, POLLIN, 0}};
@@ -78,7 +61,7 @@ void ServiceCaller::awaitWake(int doorbell)
   {
     if (wait.revents != 0)
     {
-      readCounter(wait.fd);
+      clearEvent(wait.fd);
     }
   }
 }
@@ -104,12 +87,9 @@ bool ServiceCaller::meet(const std::string& field)
   }
   SideChannel mine{FileDescriptor(ends[0])};
   const FileDescriptor theirs(ends[1]);
-  Packet hello;
-  hello.type = Packet::HELLO;
-  hello.values = {offer->link.high, offer->link.low, 0};
   auto requests = std::make_unique<RingSender>(&runtime.pool(), runtime.poolToken(), runtime.leaseBudget());
   std::string error;
-  if (!answers.send(hello, {theirs.get()}) || !requests->open(std::move(mine), &error))
+  if (!answers.send(offer->hello(), {theirs.get()}) || !requests->open(std::move(mine), &error))
   {
     if (!error.empty())
     {
@@ -160,7 +140,7 @@ void ServiceCaller::onRequestChannel()
   for (;;)
   {
     Packet packet;
-    Runtime::Descriptors descriptors;
+    SideChannel::Descriptors descriptors;
     {
       std::lock_guard<std::mutex> lock(mutex_);
       if (!requests_)
@@ -180,7 +160,7 @@ void ServiceCaller::onRequestChannel()
       }
     }
     fail();
-    closeRequests();  // the server reads nothing of it any more
+    closeRequests();  // the server reads no more requests
     return;
   }
 }
@@ -190,7 +170,7 @@ void ServiceCaller::settle()
   State negotiating = State::NEGOTIATING;
   if (requests_proven_ && answers_proven_ && state_.compare_exchange_strong(negotiating, State::READY))
   {
-    wake();
+    signalEvent(wake_.get());
   }
 }
 
@@ -202,7 +182,7 @@ void ServiceCaller::fail()
   fallback_.compare_exchange_strong(unexplained, Fallback::BROKEN);
   const bool ended = expected == State::READY && state_.compare_exchange_strong(expected, State::ENDED);
   leaveAnswers();
-  wake();
+  signalEvent(wake_.get());
   if (!refused && ended)
   {
     dropIfSilent(connection_.lock());
@@ -213,12 +193,12 @@ void ServiceCaller::disconnect()
 {
   state_ = State::ENDED;
   leaveAnswers();
-  wake();
+  signalEvent(wake_.get());
 }
 
 void ServiceCaller::leaveAnswers()
 {
-  // What a call or a lease still reads keeps the receiver; its end tells the server to let go.
+  // A call or lease that still reads keeps the receiver. Its end tells the server to free the memory.
   std::shared_ptr<RingReceiver> answers;
   std::lock_guard<std::mutex> lock(mutex_);
   answers = std::exchange(answers_, nullptr);
@@ -264,7 +244,7 @@ void ServiceCaller::retire(const std::vector<uint32_t>& segments)
   }
 }
 
-/// With the mutex held.
+/// Call with mutex_ held.
 void ServiceCaller::takeBackRequest()
 {
   for (const RingSender::Message& message : requests_->takeBack())
@@ -387,7 +367,7 @@ ServiceCaller::Outcome ServiceCaller::awaitAnswer(ros::ServiceServerLink* link,
     }
     if (descriptor.serial >> 1 != number)
     {
-      continue;  // nobody waits for it any more
+      continue;  // answer to an older call
     }
     if (!body)
     {
@@ -402,7 +382,7 @@ ServiceCaller::Outcome ServiceCaller::awaitAnswer(ros::ServiceServerLink* link,
     }
     if (descriptor.length > 0)
     {
-      // As ServiceServerLink::call does it.
+      // Like ServiceServerLink::call.
       ROS_ERROR("Service call failed: service [%s] responded with an error: %s", link->getServiceName().c_str(),
                 std::string(reinterpret_cast<const char*>(body.get()), descriptor.length).c_str());
     }
@@ -423,7 +403,7 @@ ServiceCaller::Outcome ServiceCaller::giveUp()
   }
   if (const ros::ConnectionPtr connection = connection_.lock())
   {
-    connection->drop(ros::Connection::TransportDisconnect);  // the handle is invalid when the call returns
+    connection->drop(ros::Connection::TransportDisconnect);  // makes the client's handle invalid
   }
   return taken_back ? Outcome::NOT_TAKEN : Outcome::FAILURE;
 }

@@ -1,7 +1,7 @@
-// What stands in for the functions of roscpp that look for services, connect to them, call and answer. This file is
-// compiled without access control, as roscpp_hooks.cpp is.
+// Replaces the functions of roscpp that look up services, connect to them, call and answer. Compiled without access
+// control, like roscpp_hooks.cpp.
 
-#include "roscpp/services/service_hooks.h"
+#include "roscpp/hooks.h"
 
 #include <ros/transport/transport.h>
 
@@ -12,22 +12,22 @@
 #include <utility>
 
 #include "roscpp/bridge_client.h"
-#include "roscpp/topics/header_offer.h"
-#include "roscpp/services/idle_services.h"
 #include "roscpp/runtime.h"
+#include "roscpp/services/idle_services.h"
 #include "roscpp/services/service_caller.h"
 #include "roscpp/services/service_responder.h"
 #include "roscpp/services/tcp_calls.h"
+#include "roscpp/topics/header_offer.h"
 
 namespace pi_os_transport
 {
 namespace
 {
 
-/// More clients than this use TCPROS: each takes some descriptors, and a process may have 1024.
+/// Further clients use TCPROS: each takes some of the 1024 descriptors of a process.
 constexpr size_t MAX_RESPONDERS = 64;
 
-/// Where a service is.
+/// Address of a service.
 struct ServiceAddress
 {
   std::string name;
@@ -35,10 +35,10 @@ struct ServiceAddress
   uint32_t port = 0;
 };
 
-/// What this thread has looked up last: the connection to it comes next.
+/// The last lookup of this thread, which connects to it next.
 thread_local ServiceAddress looked_up;
 
-/// What the next lookup of this thread finds without asking the master; port 0: nothing.
+/// Result of this thread's next lookup, known without the master; port 0: unknown.
 thread_local ServiceAddress known_address;
 
 bool lookupService(ros::ServiceManager* self, const std::string& name, std::string& host, uint32_t& port)
@@ -56,8 +56,8 @@ bool lookupService(ros::ServiceManager* self, const std::string& name, std::stri
   return found;
 }
 
-/// A client's connection to a service on another device goes through the bridges, if they are there. A synchronous one
-/// only asks whether the server lives, which the bridge of this device cannot tell.
+/// Connects a client to a service on another device through the bridges, if they run. Not for synchronous connections,
+/// which only test whether the server lives: the local bridge cannot tell.
 bool connectTcp(ros::TransportTCP* self, const std::string& host, int port)
 {
   Runtime& runtime = Runtime::instance();
@@ -78,19 +78,19 @@ bool connectTcp(ros::TransportTCP* self, const std::string& host, int port)
   return runtime.original.tcp_connect(self, host, port);
 }
 
-/// What createLink() of this thread has found among the connections that were kept: the call comes next.
+/// The kept connection that createLink() of this thread returned; the call follows.
 thread_local IdleService taken;
 
-/// What this thread's next createLink() makes.
+/// The kind of connection that this thread's next createLink() makes.
 enum class LinkWanted
 {
   ANY,
-  FRESH,  ///< not one that was kept
-  PLAIN,  ///< nor one that asks for shared memory
+  FRESH,  ///< not a kept one
+  PLAIN,  ///< a new one on TCPROS
 };
 thread_local LinkWanted link_wanted = LinkWanted::ANY;
 
-/// A connection to the same server for the same kind of call has the same key.
+/// Equal for connections to the same server with the same header.
 std::string keyOf(const std::string& service, const std::string& md5, const ros::M_string& fields,
                   const ServiceAddress& address)
 {
@@ -185,9 +185,9 @@ bool headerReceived(ros::ServiceServerLink* self, const ros::ConnectionPtr& conn
     header.getValue(HEADER_FIELD, offer);
     if (caller->meet(offer))
     {
-      self->persistent_ = true;  // whether it ends with the call is decided in callService()
-      // roscpp sets it once it has sent the request that waits. Its answer can be faster, and so can a further request,
-      // which then nobody would send.
+      self->persistent_ = true;  // callService() decides whether the connection ends
+      // roscpp sets this after sending the waiting request. The answer and a further request could come earlier, and
+      // roscpp would never send that request.
       boost::mutex::scoped_lock lock(self->call_queue_mutex_);
       self->header_read_ = true;
     }
@@ -195,7 +195,7 @@ bool headerReceived(ros::ServiceServerLink* self, const ros::ConnectionPtr& conn
   return runtime.original.service_header_received(self, connection, header);
 }
 
-/// Single-shot: a call on a connection that createLink() has made or taken.
+/// A single-shot call on a connection from createLink().
 bool callOnce(ros::ServiceServerLink* self, const std::shared_ptr<ServiceCaller>& caller, bool was_kept,
               const ros::SerializedMessage& request, ros::SerializedMessage& response)
 {
@@ -214,8 +214,7 @@ bool callOnce(ros::ServiceServerLink* self, const std::shared_ptr<ServiceCaller>
   {
     return outcome == Outcome::SUCCESS;
   }
-  // The server has left the connection meanwhile, or shared memory does not take this request. TCPROS would have made a
-  // connection for it.
+  // The server has closed the kept connection, or the request cannot use shared memory: make a new connection.
   link_wanted = keep ? LinkWanted::PLAIN : LinkWanted::FRESH;
   const ros::ServiceServerLinkPtr fresh = ros::ServiceManager::instance()->createServiceServerLink(
       self->getServiceName(), false, self->getRequestMD5Sum(), self->getResponseMD5Sum(),
@@ -256,8 +255,8 @@ void clearCalls(ros::ServiceServerLink* self)
   endCalls(self);
 }
 
-/// roscpp's own function locks shutting_down_mutex_ too, under the lock of the transport that has ended. A thread that
-/// makes a connection locks them in the opposite order: both, and with them the network thread, would wait for ever.
+/// roscpp's function also locks shutting_down_mutex_ under the lock of the ended transport. A thread that connects
+/// takes these locks in the opposite order, so both threads could deadlock.
 void removeLink(ros::ServiceManager* self, const ros::ServiceServerLinkPtr& link)
 {
   if (!Runtime::instance().active())
@@ -281,7 +280,7 @@ bool handleHeader(ros::ServiceClientLink* self, const ros::Header& header)
   std::string service;
   std::string version;
   const bool asked = fields.getValue(HEADER_FIELD, version) && fields.getValue("service", service);
-  fields.getValues()->erase(HEADER_FIELD);  // callbacks see the header that TCPROS would have given them
+  fields.getValues()->erase(HEADER_FIELD);  // callbacks see the same header as with TCPROS
   if (!asked || !runtime.active() || version != std::to_string(PROTOCOL_VERSION) || !runtime.options.carries(service) ||
       runtime.service_responders.size() >= MAX_RESPONDERS)
   {
@@ -292,7 +291,7 @@ bool handleHeader(ros::ServiceClientLink* self, const ros::Header& header)
   const std::string offer =
       runtime.expect(responder->token(),
                      [weak = std::weak_ptr<ServiceResponder>(responder)](SideChannel channel, const Packet&,
-                                                                         Runtime::Descriptors* descriptors)
+                                                                         SideChannel::Descriptors* descriptors)
                      {
                        if (const std::shared_ptr<ServiceResponder> expected = weak.lock())
                        {
@@ -312,8 +311,8 @@ bool handleHeader(ros::ServiceClientLink* self, const ros::Header& header)
         responder->disconnect();
       });
   OfferScope scope(offer);
-  // The client ends the connection, see callService(). Before the header is written: the first request may come, and be
-  // answered by another thread, before this function goes on.
+  // The client ends the connection, see callService(). Set before the header is written, because another thread may
+  // answer the first request at once.
   self->persistent_ = true;
   return runtime.original.service_handle_header(self, header);
 }

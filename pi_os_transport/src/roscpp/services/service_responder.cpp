@@ -2,20 +2,20 @@
 
 #include <ros/console.h>
 #include <ros/service_publication.h>
-#include <unistd.h>
 
 #include <cstring>
 #include <string>
 #include <utility>
 
 #include "roscpp/topics/receive_link.h"
+#include "shm/event.h"
 
 namespace pi_os_transport
 {
 namespace
 {
 
-/// What a serialised answer starts with: whether the call succeeded, then the length of the rest.
+/// A serialised answer starts with the success flag (1 B) and the length of the rest (4 B).
 constexpr size_t ANSWER_PREFIX = 5;
 
 }  // namespace
@@ -87,7 +87,7 @@ void ServiceResponder::startRequests()
   }
   Descriptor descriptor;
   uint32_t ticket;
-  requests_->ring().take(0, true, &descriptor, &ticket);  // arms the doorbell: before the proof there is no request
+  requests_->ring().take(0, true, &descriptor, &ticket);  // arms the doorbell: no request comes before the proof
   if (waiter_)
   {
     waiter_->add(self, requests_->doorbell(SPINNER));
@@ -100,7 +100,7 @@ bool ServiceResponder::readProof()
   for (;;)
   {
     Packet packet;
-    Runtime::Descriptors descriptors;
+    SideChannel::Descriptors descriptors;
     switch (answers_->channel().receive(&packet, &descriptors))
     {
       case SideChannel::Receive::PACKET:
@@ -123,15 +123,14 @@ void ServiceResponder::onAnswerChannel()
       return;
     }
   }
-  closeAnswers();  // the client reads nothing of it any more
+  closeAnswers();  // the client reads no more answers
 }
 
 void ServiceResponder::onDoorbell()
 {
   {
     std::lock_guard<std::mutex> lock(mutex_);
-    uint64_t rings;
-    if (!in_use_ || read(requests_->doorbell(NETWORK_THREAD), &rings, sizeof(rings)) < 0)
+    if (!in_use_ || !clearEvent(requests_->doorbell(NETWORK_THREAD)))
     {
       return;
     }
@@ -173,7 +172,7 @@ void ServiceResponder::takeRequests(const Doorbell* doorbell)
       pending_ = descriptor.serial;
       taken_ns_ = monotonicNs();
     }
-    // Not under the lock: a queue may run the callback in place, and that may end the connection.
+    // Without the lock: the queue may run the callback in place, which may end the connection.
     const ros::ServiceClientLinkPtr link = link_.lock();
     const ros::ServicePublicationPtr service = link ? link->parent_.lock() : nullptr;
     if (!body || !service)
@@ -239,11 +238,11 @@ bool ServiceResponder::respond(const ros::SerializedMessage& response)
   const ros::ConnectionPtr connection = connection_.lock();
   if (!announced)
   {
-    drop();  // the client cannot be told where to wait
+    drop();  // the client cannot be told where the answer is
   }
   else if (!written && connection)
   {
-    // roscpp waits for the next request over TCPROS already, so it must not be told of the end of this writing.
+    // roscpp already waits for the next request over TCPROS, so the end of this write must not reach it.
     connection->write(response.buf, static_cast<uint32_t>(response.num_bytes), [](const ros::ConnectionPtr&) {});
   }
   runtime.announceRetired();
@@ -271,7 +270,7 @@ void ServiceResponder::disconnect()
 void ServiceResponder::closeRequests()
 {
   Runtime& runtime = Runtime::instance();
-  std::shared_ptr<RingReceiver> requests;  // what a lease still reads keeps it; its end tells the client to let go
+  std::shared_ptr<RingReceiver> requests;  // a lease that still reads keeps it; its end tells the client
   std::shared_ptr<QueueWaiter> waiter;
   {
     std::lock_guard<std::mutex> lock(mutex_);

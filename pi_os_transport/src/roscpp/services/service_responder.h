@@ -6,19 +6,18 @@
 #include <string>
 #include <vector>
 
-#include "shm/ring_receiver.h"
-#include "shm/ring_sender.h"
 #include "roscpp/queue_waiter.h"
 #include "roscpp/runtime.h"
 #include "roscpp/services/service_statistics.h"
+#include "shm/ring_receiver.h"
+#include "shm/ring_sender.h"
 
 namespace pi_os_transport
 {
 
-/// The server's end of one connection to a service, see ServiceCaller: takes requests from the ring, in the thread that
-/// waits for callbacks if there is one, and answers through the other ring. A request that came over TCPROS is answered
-/// there, and so is one whose answer finds no shared memory. All methods may be called from any thread unless they say
-/// otherwise.
+/// The server's end of one connection to a service, see ServiceCaller. Takes requests from one ring, if possible in the
+/// thread that waits for callbacks, and answers through the other ring. Requests over TCPROS, and answers that find no
+/// shared memory, are answered over TCPROS. Thread safe, except where noted.
 class ServiceResponder : public QueueSource, public PoolLink, public std::enable_shared_from_this<ServiceResponder>
 {
 public:
@@ -30,8 +29,8 @@ public:
 
   const Token& token() const { return token_; }
 
-  /// The client has come. Network thread.
-  /// @param requests  the channel behind which its ring of requests is.
+  /// The client has connected. Network thread.
+  /// @param requests  the side channel of the ring of requests.
   void meet(SideChannel answers, SideChannel requests);
   /// The TCPROS connection has ended.
   void disconnect();
@@ -67,8 +66,8 @@ private:
   std::shared_ptr<RingReceiver> requests_;  ///< shared with leases; null once the connection has ended
   bool in_use_ = false;                     ///< the doorbells of requests_ are watched
   std::shared_ptr<QueueWaiter> waiter_;
-  uint64_t pending_ = 0;   ///< number of the request that waits for its answer; 0: none that came through shared memory
-  uint64_t taken_ns_ = 0;  ///< when it was taken
+  uint64_t pending_ = 0;   ///< number of the unanswered request from shared memory; 0: none
+  uint64_t taken_ns_ = 0;  ///< when the request was taken
   uint64_t copied_ = 0;
 };
 

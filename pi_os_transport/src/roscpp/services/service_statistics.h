@@ -12,15 +12,15 @@
 namespace pi_os_transport
 {
 
-/// What has become of the calls of one service in this process, over all its connections.
+/// Counts the calls of one service in this process, over all connections.
 struct ServiceCounts
 {
   uint64_t memory = 0;                 ///< calls through shared memory
   uint64_t tcp = 0;                    ///< calls over TCPROS of clients that asked for shared memory
-  uint64_t failed = 0;                 ///< of both, not successful
+  uint64_t failed = 0;                 ///< failed calls of both kinds
   uint64_t pool_full = 0;              ///< requests or answers that found the pool full
-  Fallback fallback = Fallback::NONE;  ///< why the last call over TCPROS went there
-  LatencyHistogram durations;          ///< client: of calls through shared memory; server: of callbacks with waiting
+  Fallback fallback = Fallback::NONE;  ///< why the last call used TCPROS
+  LatencyHistogram durations;          ///< client: calls through shared memory; server: callbacks with waiting
 };
 
 /// ServiceCounts of one service. Thread safe.
@@ -44,7 +44,7 @@ private:
   ServiceCounts counts_;
 };
 
-/// Those of all services that a process calls, or serves. Thread safe.
+/// The statistics of all services that a process calls, or serves. Thread safe.
 class ServiceStatisticsTable
 {
 public:

@@ -47,7 +47,7 @@ bool await(ros::ServiceServerLink* link, const CallInfoPtr& call)
   return call->success_;
 }
 
-/// To be asked once a call can be found by endCalls(): an end that comes later finds it.
+/// Call after endCalls() can find the call; if the connection ends later, endCalls() ends the call.
 bool endedBefore(ros::ServiceServerLink* link)
 {
   const bool ended = link->connection_->isDropped();

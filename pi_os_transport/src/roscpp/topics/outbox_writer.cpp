@@ -1,12 +1,9 @@
 #include "roscpp/topics/outbox_writer.h"
 
 #include <ros/publication.h>
-#include <sys/eventfd.h>
-#include <unistd.h>
-
-#include <cerrno>
 
 #include "roscpp/runtime.h"
+#include "shm/event.h"
 
 namespace pi_os_transport
 {
@@ -29,7 +26,7 @@ OutboxWriter& OutboxWriter::instance()
   return *writer;
 }
 
-OutboxWriter::OutboxWriter() : doorbell_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK))
+OutboxWriter::OutboxWriter() : doorbell_(makeEvent())
 {
   if (doorbell_)
   {
@@ -65,7 +62,7 @@ void OutboxWriter::enqueue(ros::TransportSubscriberLink* link, const ros::Serial
 void OutboxWriter::add(ros::TransportSubscriberLink* link)
 {
   boost::mutex::scoped_lock lock(link->outbox_mutex_);
-  // Otherwise roscpp goes on with the outbox as soon as what it writes now is written.
+  // Otherwise roscpp writes the outbox after the current message.
   if (link->header_written_ && !link->writing_message_)
   {
     added().push_back(link->shared_from_this());
@@ -96,16 +93,12 @@ void OutboxWriter::submit(const Links& links)
     std::lock_guard<std::mutex> lock(mutex_);
     links_.insert(links_.end(), links.begin(), links.end());
   }
-  const uint64_t one = 1;
-  while (::write(doorbell_.get(), &one, sizeof(one)) < 0 && errno == EINTR)
-  {
-  }
+  signalEvent(doorbell_.get());
 }
 
 void OutboxWriter::write()
 {
-  uint64_t rings;
-  if (read(doorbell_.get(), &rings, sizeof(rings)) != static_cast<ssize_t>(sizeof(rings)))
+  if (!clearEvent(doorbell_.get()))
   {
     return;
   }

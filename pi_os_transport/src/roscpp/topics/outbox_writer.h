@@ -10,21 +10,21 @@
 namespace pi_os_transport
 {
 
-/// Has roscpp's network thread write what publish() has put into the outboxes of links on TCPROS.
+/// Lets roscpp's network thread write the messages that publish() has put into the outboxes of links on TCPROS.
 ///
-/// TransportTCP::enableWrite() adds the socket to the poll set before it notes that it waits for it, and expects no
-/// other thread in between. Called by a publishing thread, it lets the network thread find a writable socket that
-/// nobody waits for and turn in circles until the publishing thread runs again: for milliseconds on busy cores.
+/// TransportTCP::enableWrite() adds the socket to the poll set before it sets its own flag. If a publishing thread is
+/// suspended in between, the network thread finds a writable socket without a flag and spins until the publishing
+/// thread runs again: milliseconds on busy cores.
 ///
-/// All functions may be called from any thread.
+/// Thread safe.
 class OutboxWriter
 {
 public:
-  /// Puts a message into the outbox as TransportSubscriberLink::enqueueMessage does, and calls add().
+  /// Puts a message into the outbox, like TransportSubscriberLink::enqueueMessage, and calls add().
   static void enqueue(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message);
   /// Notes that the outbox of `link` has something to write.
   static void add(ros::TransportSubscriberLink* link);
-  /// Wakes the network thread for all links that the calling thread has added since its last call.
+  /// Wakes the network thread for the links that the calling thread has added.
   static void flush();
 
 private:

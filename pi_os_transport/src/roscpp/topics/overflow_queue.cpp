@@ -2,8 +2,8 @@
 
 #include <utility>
 
-#include "roscpp/topics/pooled_message.h"
 #include "roscpp/runtime.h"
+#include "roscpp/topics/pooled_message.h"
 
 namespace pi_os_transport
 {
@@ -37,9 +37,7 @@ bool OverflowQueue::flush(RingSender* ring, size_t max_queue, uint32_t after_tcp
       }
       if (!std::exchange(waiting_announced_, true))
       {
-        Packet packet;
-        packet.type = Packet::WAITING;
-        ring->channel().send(packet);
+        ring->channel().send(Packet::of(Packet::WAITING));
       }
       return pushed == RingSender::Push::FULL && !(buffer == nullptr && ring->idle());
     }

@@ -10,24 +10,25 @@
 namespace pi_os_transport
 {
 
-/// What finds no place in the ring of a link through bridges, in order. Not thread safe.
+/// The messages that found no place in the ring of a link through bridges, in order. Not thread safe.
 class OverflowQueue
 {
 public:
-  /// Adds the newest message. Beyond `max_queue` (0: no limit) the oldest goes. @return true if one went.
+  /// Adds the newest message. Above `max_queue` (0: no limit) the oldest is dropped. @return true if one was dropped.
   bool push(const ros::SerializedMessage& message, uint64_t serial, size_t max_queue);
 
-  /// Moves what has a place into the ring, and tells the bridge once that more waits.
+  /// Moves messages into the ring while it has places, and tells the bridge once that more wait.
   /// @param after_tcp  as in Descriptor.
-  /// @return false if waiting for a place is in vain: the ring is broken, or the pool is full and nothing that this
-  ///         link has sent is there to be given back.
+  /// @return false if waiting is useless: the ring is broken, or the pool is full and this link holds nothing that
+  /// could
+  ///         be freed.
   bool flush(RingSender* ring, size_t max_queue, uint32_t after_tcp);
-  /// The bridge has told of space, or another one has come: the next flush() asks again.
+  /// The bridge reported space, or was replaced: the next flush() may tell again that messages wait.
   void forgetAnnouncement() { waiting_announced_ = false; }
 
   void clear() { messages_.clear(); }
   size_t size() const { return messages_.size(); }
-  /// Hands all of them over, oldest first.
+  /// Removes all messages, oldest first.
   template <typename Take>
   void takeAll(Take take)
   {

@@ -19,7 +19,7 @@ const uint8_t* poolBuffer(const ros::SerializedMessage& message)
     pool.addReference(message.buf.get());
     return message.buf.get();
   }
-  // Latched messages, those for a single subscriber, and those serialised when the pool was full.
+  // Latched messages, messages for a single subscriber, and messages serialised while the pool was full.
   uint8_t* const copy = pool.allocate(message.num_bytes);
   if (copy != nullptr)
   {

@@ -1,7 +1,7 @@
-// What stands in for the functions of roscpp that connect to publishers and take their messages. This file is compiled
-// without access control, as roscpp_hooks.cpp is.
+// Replaces the functions of roscpp that connect to publishers and receive messages. Compiled without access control,
+// like roscpp_hooks.cpp.
 
-#include "roscpp/topics/receive_hooks.h"
+#include "roscpp/hooks.h"
 
 #include <ros/subscription.h>
 #include <ros/transport/transport.h>
@@ -9,9 +9,9 @@
 #include <memory>
 #include <string>
 
+#include "roscpp/runtime.h"
 #include "roscpp/topics/header_offer.h"
 #include "roscpp/topics/receive_link.h"
-#include "roscpp/runtime.h"
 
 namespace pi_os_transport
 {
@@ -31,7 +31,7 @@ bool initialize(ros::TransportPublisherLink* self, const ros::ConnectionPtr& con
       boost::static_pointer_cast<ros::TransportPublisherLink>(self->shared_from_this()), connection);
   ros::Connection* const key = connection.get();
   runtime.receive_links.insert(key, link);
-  // Before roscpp's own listener: what the publisher left in the ring is delivered while the link still stands.
+  // Before roscpp's own listener: the rest of the ring is delivered while the link still exists.
   connection->addDropListener(
       [link, key](const ros::ConnectionPtr&, ros::Connection::DropReason reason)
       {
@@ -50,7 +50,7 @@ bool headerReceived(ros::TransportPublisherLink* self, const ros::ConnectionPtr&
   const bool offered = fields.getValue(HEADER_FIELD, offer);
   if (offered)
   {
-    fields.getValues()->erase(HEADER_FIELD);  // users and bags see the header that TCPROS would have given them
+    fields.getValues()->erase(HEADER_FIELD);  // users and bags see the same header as with TCPROS
   }
   const bool accepted = runtime.original.header_received(self, connection, header);
   const std::shared_ptr<ReceiveLink> link =

@@ -4,33 +4,34 @@
 #include <ros/subscription.h>
 #include <ros/this_node.h>
 #include <ros/transport/transport_tcp.h>
-#include <unistd.h>
 
 #include <cerrno>
 #include <cstring>
 #include <utility>
 
+#include <nlohmann/json.hpp>
+
 #include "roscpp/bridge_client.h"
-#include "roscpp/topics/header_offer.h"
 #include "roscpp/held_leases.h"
-#include "roscpp/process_state.h"
+#include "roscpp/topics/header_offer.h"
+#include "shm/event.h"
 
 namespace pi_os_transport
 {
 namespace
 {
 
-/// With more messages leased than this, further ones are copied: the ring has tickets for twice as many.
+/// Most leased messages; further ones are copied. The ring has tickets for twice as many.
 constexpr uint32_t MAX_LEASES = RingLayout::CAPACITY / 2;
-/// Messages handed on before the network thread looks at its other sockets again.
+/// Messages delivered before the network thread serves its other sockets.
 constexpr uint32_t BATCH = 64;
-/// When a link asks for a bridge again: one that was not there or has ended, and one that does not carry this topic.
+/// When a link asks for a bridge again: after no answer or its end, and after a refusal of this topic.
 constexpr std::chrono::milliseconds ASK_AGAIN{300};
 constexpr std::chrono::milliseconds ASK_AGAIN_REFUSED{5000};
 
 }  // namespace
 
-/// Deleter of a leased buffer: gives it back to the publisher.
+/// Deleter of a leased buffer: returns it to the publisher.
 struct ReceiveLink::Lease
 {
   std::shared_ptr<RingReceiver> ring;
@@ -50,8 +51,8 @@ struct ReceiveLink::Lease
 namespace
 {
 
-/// A message as roscpp gets it. @param end  called with the last user. @param held  counts those that are held;
-/// null: none can be.
+/// A message for roscpp. @param end  called after the last user. @param held  counts held messages; null: the message
+/// cannot be held.
 template <typename End>
 boost::shared_array<uint8_t> makeHoldable(uint8_t* message, const End& end,
                                           const std::shared_ptr<std::atomic<uint64_t>>& held)
@@ -83,14 +84,11 @@ void ReceiveLink::meet(const std::string& header_field)
   {
     fallback_ = errno == EPERM ? Fallback::OTHER_USER : Fallback::UNREACHABLE;
   }
-  Packet hello;
-  hello.type = Packet::HELLO;
-  hello.values = {offer->link.high, offer->link.low, 0};
-  if (channel && channel.send(hello))
+  if (channel && channel.send(offer->hello()))
   {
     use(std::move(channel));
   }
-  else if (!askBridge())  // another device, container or user
+  else if (!askBridge())  // the publisher is on another device, in another container, or of another user
   {
     BridgeClient::instance().want(shared_from_this(), ASK_AGAIN);
   }
@@ -106,7 +104,7 @@ bool ReceiveLink::askBridge()
       connection ? boost::dynamic_pointer_cast<ros::TransportTCP>(connection->getTransport()) : nullptr;
   if (ended_ || ring_ || !subscription || !transport)
   {
-    return true;  // nothing to ask for
+    return true;  // nothing to request
   }
   BridgeRequest request;
   request.kind = BridgeRequest::LINK;
@@ -160,7 +158,7 @@ void ReceiveLink::onSocket()
     unwatchSocket();
     if (bridged_)
     {
-      // A bridge that ends says nothing about the publisher, unless it says so.
+      // The end of a bridge tells nothing about the publisher, unless its reason does.
       const std::optional<LinkEnd> reason = ring_->ended();
       silence_is_death = reason == LinkEnd::CLOSED;
       unaware = reason == LinkEnd::PUBLISHER_UNAWARE;
@@ -168,7 +166,7 @@ void ReceiveLink::onSocket()
     }
     else if (end == SideChannel::Receive::MALFORMED && !active())
     {
-      return;  // without a proof from here the link stays on TCPROS
+      return;  // without a proof from this side the link stays on TCPROS
     }
     else
     {
@@ -178,7 +176,7 @@ void ReceiveLink::onSocket()
   const ros::ConnectionPtr connection = connection_.lock();
   if (unaware && connection)
   {
-    BridgeClient::instance().reconnect(connection);  // the publisher starts over
+    BridgeClient::instance().reconnect(connection);  // the publisher restarts the link
   }
   else if (silence_is_death)
   {
@@ -208,7 +206,7 @@ void ReceiveLink::joinWaiter()
   {
     return;
   }
-  // With several queues the others are served as well, but only while a thread waits on the first.
+  // If the subscription has several queues, all are served while a thread waits on the first.
   if (auto* queue = dynamic_cast<ros::CallbackQueue*>(subscription->callbacks_.front()->callback_queue_))
   {
     waiter_ = QueueWaiter::of(queue);
@@ -229,8 +227,7 @@ void ReceiveLink::serve(Doorbell doorbell)
 void ReceiveLink::onDoorbell()
 {
   std::lock_guard<std::recursive_mutex> lock(mutex_);
-  uint64_t rings;
-  if (in_use_ && read(ring_->doorbell(NETWORK_THREAD), &rings, sizeof(rings)) == static_cast<ssize_t>(sizeof(rings)))
+  if (in_use_ && clearEvent(ring_->doorbell(NETWORK_THREAD)))
   {
     drain(Drain::BATCH);
   }
@@ -292,7 +289,7 @@ void ReceiveLink::disconnect(bool deliver_rest)
     if (bridged_ && in_use_)
     {
       active_.store(false, std::memory_order_release);
-      return;  // what is under way between the devices follows; the bridge says when that is all
+      return;  // messages under way between the devices follow; the bridge reports the end
     }
   }
   closeRing();
@@ -305,17 +302,16 @@ void ReceiveLink::drain(Drain extent)
   {
     return;
   }
-  // Kept to the end, and not in use any more once a callback run in place has ended the link.
+  // Keeps the ring alive: a callback that runs in place may end the link.
   const std::shared_ptr<RingReceiver> ring = ring_;
-  // More than the ring holds cannot be due: a publisher that lies about its tail must not keep this thread for ever.
+  // Never more than the ring holds: a publisher with a wrong tail must not occupy this thread forever.
   for (uint32_t taken = 0; in_use_ && ring == ring_ && taken <= RingLayout::CAPACITY; ++taken)
   {
     if (taken == BATCH && extent == Drain::BATCH)
     {
-      const uint64_t one = 1;  // come back after a look at the other sockets
-      if (write(ring->doorbell(NETWORK_THREAD), &one, sizeof(one)) == static_cast<ssize_t>(sizeof(one)))
+      if (signalEvent(ring->doorbell(NETWORK_THREAD)))
       {
-        return;
+        return;  // the network thread returns after serving its other sockets
       }
     }
     Descriptor descriptor;
@@ -395,16 +391,16 @@ boost::shared_array<uint8_t> ReceiveLink::fetch(const std::shared_ptr<RingReceiv
   return intact ? copy : boost::shared_array<uint8_t>();
 }
 
-Fallback ReceiveLink::describe(JsonObject* object)
+Fallback ReceiveLink::describe(nlohmann::ordered_json* object)
 {
   std::lock_guard<std::recursive_mutex> lock(mutex_);
-  object->number("memory", received_)
-      .number("tcp", tcp_delivered_)
-      .number("copied", copied_)
-      .number("late", late_)
-      .number("waiting", in_use_ ? ring_->ring().available() : 0)
-      .number("leased_bytes", ring_ ? ring_->leasedBytes() : 0)
-      .raw("latencies", toJson(latencies_.counts()));
+  object->update({{"memory", received_},
+                  {"tcp", tcp_delivered_},
+                  {"copied", copied_},
+                  {"late", late_},
+                  {"waiting", in_use_ ? ring_->ring().available() : 0},
+                  {"leased_bytes", ring_ ? ring_->leasedBytes() : 0},
+                  {"latencies", latencies_.counts()}});
   return active() ? Fallback::NONE : fallback_;
 }
 

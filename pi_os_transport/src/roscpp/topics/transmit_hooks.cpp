@@ -1,7 +1,7 @@
-// What stands in for the functions of roscpp that publish, accept subscribers and queue messages for them. This file is
-// compiled without access control, as roscpp_hooks.cpp is.
+// Replaces the functions of roscpp that publish, accept subscribers and queue messages. Compiled without access
+// control, like roscpp_hooks.cpp.
 
-#include "roscpp/topics/transmit_hooks.h"
+#include "roscpp/hooks.h"
 
 #include <ros/publication.h>
 
@@ -11,9 +11,9 @@
 #include <string>
 #include <utility>
 
+#include "roscpp/runtime.h"
 #include "roscpp/topics/header_offer.h"
 #include "roscpp/topics/outbox_writer.h"
-#include "roscpp/runtime.h"
 #include "roscpp/topics/transmit_link.h"
 
 namespace pi_os_transport
@@ -21,7 +21,7 @@ namespace pi_os_transport
 namespace
 {
 
-/// Descriptor::serial of what this thread is publishing; 0 if a message goes to single links.
+/// Descriptor::serial of the message that this thread publishes; 0 for a message to a single link.
 thread_local uint64_t publish_serial = 0;
 
 void* allocateFromPool(size_t bytes)
@@ -29,7 +29,7 @@ void* allocateFromPool(size_t bytes)
   return Runtime::instance().pool().allocate(bytes);
 }
 
-/// Lets the serialisation that runs during its life allocate its buffer in the pool.
+/// While this object lives, serialisation allocates its buffer in the pool.
 class PoolCapture
 {
 public:
@@ -75,9 +75,9 @@ bool anyActiveLink(ros::Publication* publication)
   return false;
 }
 
-/// TopicManager::publish, with two differences: the buffer may lie in the pool, and the message is handed to all links
-/// by the calling thread instead of waking the network thread for it. advertised_topics_mutex_ is not held while the
-/// message is serialised and handed out, so large messages of one topic do not hold up small ones of another.
+/// Replaces TopicManager::publish with three differences: the buffer may be in the pool, the calling thread itself
+/// passes the message to all links, and advertised_topics_mutex_ is not held meanwhile, so that large messages of one
+/// topic do not delay small ones of another.
 void publish(ros::TopicManager* self, const std::string& topic,
              const boost::function<ros::SerializedMessage()>& serialize_message, ros::SerializedMessage& message)
 {
@@ -169,7 +169,7 @@ bool handleHeader(ros::TransportSubscriberLink* self, const ros::Header& header)
       topic, boost::static_pointer_cast<ros::TransportSubscriberLink>(self->shared_from_this()), self->connection_);
   const std::string offer = runtime.expect(
       link->token(),
-      [weak = std::weak_ptr<TransmitLink>(link)](SideChannel channel, const Packet& hello, Runtime::Descriptors*)
+      [weak = std::weak_ptr<TransmitLink>(link)](SideChannel channel, const Packet& hello, SideChannel::Descriptors*)
       {
         if (const std::shared_ptr<TransmitLink> expected = weak.lock())
         {

@@ -6,6 +6,8 @@
 #include <array>
 #include <utility>
 
+#include <nlohmann/json.hpp>
+
 #include "roscpp/topics/outbox_writer.h"
 #include "roscpp/topics/pooled_message.h"
 
@@ -39,10 +41,10 @@ void TransmitLink::meet(SideChannel channel, bool bridge)
     std::lock_guard<std::recursive_mutex> lock(mutex_);
     if (ring_ && !(bridge && bridged_))
     {
-      return;  // has its subscriber already
+      return;  // the link has its subscriber already
     }
   }
-  closeChannel();  // of a bridge that was replaced
+  closeChannel();  // the channel of a replaced bridge
   Runtime& runtime = Runtime::instance();
   auto ring = std::make_unique<RingSender>(&runtime.pool(), runtime.poolToken(), runtime.leaseBudget());
   std::string error;
@@ -69,7 +71,7 @@ void TransmitLink::onSocket()
   for (;;)
   {
     Packet packet;
-    std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors;
+    SideChannel::Descriptors descriptors;
     std::unique_lock<std::recursive_mutex> lock(mutex_);
     if (!ring_)
     {
@@ -133,10 +135,7 @@ void TransmitLink::disconnect()
   overflow_.clear();
   if (bridged_ && ring_)
   {
-    Packet packet;
-    packet.type = Packet::ENDED;
-    packet.values[0] = static_cast<uint64_t>(LinkEnd::CLOSED);
-    ring_->channel().send(packet);
+    ring_->channel().send(Packet::ended(LinkEnd::CLOSED));
   }
 }
 
@@ -147,8 +146,8 @@ void TransmitLink::closeChannel()
   {
     return;
   }
-  // Kept alive to the end: the watcher and the set of channels may hold the last references. None exists when this is
-  // called by the destructor, which then finds nothing left to do.
+  // Keeps this object alive: the watcher and the set of channels may hold the last references. Null if called by the
+  // destructor, when nothing is left to do.
   const std::shared_ptr<TransmitLink> self = weak_from_this().lock();
   ros::TransportSubscriberLinkPtr to_write;
   {
@@ -161,10 +160,7 @@ void TransmitLink::closeChannel()
     runtime.unwatch(ring_->channel().fd());
     if (bridged_ && !ended_)
     {
-      Packet packet;
-      packet.type = Packet::ENDED;
-      packet.values[0] = static_cast<uint64_t>(LinkEnd::BACK_TO_TCP);
-      ring_->channel().send(packet);
+      ring_->channel().send(Packet::ended(LinkEnd::BACK_TO_TCP));
       if (active())
       {
         to_write = link_.lock();
@@ -218,7 +214,7 @@ void TransmitLink::retire(const std::vector<uint32_t>& segments)
 void TransmitLink::pushToTcp(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message,
                              size_t max_queue)
 {
-  // As TransportSubscriberLink::enqueueMessage does it, with outbox_mutex_ held.
+  // Like TransportSubscriberLink::enqueueMessage, with outbox_mutex_ held.
   if (max_queue > 0 && link->outbox_.size() >= max_queue)
   {
     link->outbox_.pop();
@@ -242,7 +238,7 @@ void TransmitLink::startBridged()
   }
   const size_t max_queue = maxQueue(link.get());
   {
-    // What waits for TCPROS goes through the ring; what is being written is the last message over TCPROS.
+    // Messages that wait for TCPROS use the ring. The message being written is the last one over TCPROS.
     boost::mutex::scoped_lock outbox_lock(link->outbox_mutex_);
     for (; !link->outbox_.empty(); link->outbox_.pop())
     {
@@ -271,7 +267,7 @@ void TransmitLink::returnToTcp()
   }
   const size_t max_queue = maxQueue(link.get());
   boost::mutex::scoped_lock outbox_lock(link->outbox_mutex_);
-  // The newest message of a latched topic has to arrive, if need be twice.
+  // The newest message of a latched topic must arrive, even if it arrives twice.
   const RingSender::Message newest = isLatching(link.get()) ? ring_->takeBackNewest() : RingSender::Message{};
   if (newest.buffer != nullptr)
   {
@@ -362,7 +358,7 @@ void TransmitLink::enqueue(ros::TransportSubscriberLink* link, const ros::Serial
   link->stats_.message_data_sent_ += message.num_bytes;
 }
 
-Fallback TransmitLink::describe(JsonObject* object)
+Fallback TransmitLink::describe(nlohmann::ordered_json* object)
 {
   const ros::TransportSubscriberLinkPtr link = link_.lock();
   size_t outbox = 0;
@@ -372,12 +368,12 @@ Fallback TransmitLink::describe(JsonObject* object)
     outbox = link->outbox_.size();
   }
   std::lock_guard<std::recursive_mutex> lock(mutex_);
-  object->number("memory", sent_before_ + (ring_ ? ring_->sent() : 0))
-      .number("tcp", tcp_pushed_)
-      .number("dropped", dropped_before_ + (ring_ ? ring_->dropped() : 0) + tcp_dropped_)
-      .number("waiting", (ring_ ? ring_->untaken() : 0) + overflow_.size() + outbox)
-      .number("queue_size", link ? maxQueue(link.get()) : 0)
-      .number("pool_full", pool_full_);
+  object->update({{"memory", sent_before_ + (ring_ ? ring_->sent() : 0)},
+                  {"tcp", tcp_pushed_},
+                  {"dropped", dropped_before_ + (ring_ ? ring_->dropped() : 0) + tcp_dropped_},
+                  {"waiting", (ring_ ? ring_->untaken() : 0) + overflow_.size() + outbox},
+                  {"queue_size", link ? maxQueue(link.get()) : 0},
+                  {"pool_full", pool_full_}});
   return active() ? Fallback::NONE : fallback_;
 }
 

@@ -14,8 +14,8 @@
 
 #include <string>
 
-#include "roscpp/topics/header_offer.h"
 #include "roscpp/runtime.h"
+#include "roscpp/topics/header_offer.h"
 
 namespace pi_os_transport
 {

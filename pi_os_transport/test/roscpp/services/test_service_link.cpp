@@ -17,8 +17,8 @@
 #include <thread>
 #include <vector>
 
-#include "roscpp/services/links_without_network.h"
 #include "pi_os_transport/little_endian.h"
+#include "roscpp/services/links_without_network.h"
 #include "roscpp/services/service_caller.h"
 #include "roscpp/services/service_responder.h"
 #include "roscpp/services/tcp_calls.h"
