@@ -23,6 +23,13 @@ bool matchesAny(const std::vector<std::string>& patterns, const std::string& top
                      [&topic](const std::string& pattern) { return fnmatch(pattern.c_str(), topic.c_str(), 0) == 0; });
 }
 
+std::optional<bool> parseSwitch(std::string text)
+{
+  std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) { return std::tolower(c); });
+  const bool on = text == "1" || text == "true";
+  return on || text == "0" || text == "false" ? std::optional<bool>(on) : std::nullopt;
+}
+
 std::vector<std::string> splitPatterns(const std::string& text)
 {
   std::vector<std::string> patterns(1);
@@ -76,20 +83,12 @@ void Options::load(const Source& source, const std::function<std::string(const s
 
   if (const std::optional<std::string> text = source("enable"))
   {
-    std::string value = *text;
-    std::transform(value.begin(), value.end(), value.begin(), [](unsigned char c) { return std::tolower(c); });
-    if (value == "1" || value == "true")
-    {
-      enable = true;
-    }
-    else if (value == "0" || value == "false")
-    {
-      enable = false;
-    }
-    else
+    const std::optional<bool> value = parseSwitch(*text);
+    if (!value)
     {
       refuse("enable", *text, "1, 0, true or false", enable ? "1" : "0");
     }
+    enable = value.value_or(enable);
   }
   if (const std::optional<std::string> text = source("include"))
   {

@@ -45,6 +45,7 @@ public:
 
 private:
   void addMethods();
+  RpcValue answerTopicRequest(const RpcValue& topic, const RpcValue& protocols) const;
   void onMessage(std::string_view message);
   void setPublishers(const RpcValue& apis);
 

@@ -75,6 +75,20 @@ bool anyActiveLink(ros::Publication* publication)
   return false;
 }
 
+/// Passes the message as a pointer to the subscribers in this process.
+void deliverInProcess(ros::Publication* publication, ros::SerializedMessage* message)
+{
+  boost::mutex::scoped_lock lock(publication->subscriber_links_mutex_);
+  for (const ros::SubscriberLinkPtr& link : publication->subscriber_links_)
+  {
+    if (link->isIntraprocess())
+    {
+      link->enqueueMessage(*message, false, true);
+    }
+  }
+  message->message.reset();
+}
+
 /// Replaces TopicManager::publish with three differences: the buffer may be in the pool, the calling thread itself
 /// passes the message to all links, and advertised_topics_mutex_ is not held meanwhile, so that large messages of one
 /// topic do not delay small ones of another.
@@ -130,15 +144,7 @@ void publish(ros::TopicManager* self, const std::string& topic,
   }
   if (message.message)
   {
-    boost::mutex::scoped_lock lock(publication->subscriber_links_mutex_);
-    for (const ros::SubscriberLinkPtr& link : publication->subscriber_links_)
-    {
-      if (link->isIntraprocess())
-      {
-        link->enqueueMessage(message, false, true);
-      }
-    }
-    message.message.reset();
+    deliverInProcess(publication.get(), &message);
   }
   if (message.buf)
   {

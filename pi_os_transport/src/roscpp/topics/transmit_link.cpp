@@ -290,9 +290,44 @@ void TransmitLink::warnOfPool(ros::TransportSubscriberLink* link, size_t bytes)
       static_cast<unsigned long long>(runtime.options.pool_limit_mb));
 }
 
-void TransmitLink::enqueue(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message, uint64_t serial)
+/// Writes a message to the ring, or else puts it into the outbox for TCPROS. With mutex_ held.
+/// @param pool_full  set at the first message that finds the pool full. @return true if it is in the ring
+bool TransmitLink::pushOrQueue(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message,
+                               uint64_t serial, size_t max_queue, bool* pool_full)
 {
   Runtime& runtime = Runtime::instance();
+  boost::mutex::scoped_lock outbox_lock(link->outbox_mutex_);
+  const bool wanted = active() && link->outbox_.empty() && message.num_bytes >= LENGTH_PREFIX &&
+                      message.num_bytes - LENGTH_PREFIX >= runtime.options.min_bytes;
+  const uint8_t* const buffer = wanted ? poolBuffer(message) : nullptr;
+  if (buffer != nullptr)
+  {
+    const RingSender::Push pushed = ring_->push(buffer, static_cast<uint32_t>(message.num_bytes - LENGTH_PREFIX),
+                                                max_queue, tcp_pushed_ - tcp_dropped_, serial);
+    if (pushed == RingSender::Push::WRITTEN)
+    {
+      return true;
+    }
+    if (pushed == RingSender::Push::BROKEN)
+    {
+      ROS_ERROR("pi_os_transport: a subscriber of %s broke the shared ring; the link goes back to TCPROS",
+                topic_.c_str());
+      setActive(false);
+      fallback_ = Fallback::BROKEN;
+    }
+    runtime.pool().release(buffer);
+  }
+  else if (wanted)
+  {
+    ++pool_full_;
+    *pool_full = !std::exchange(pool_warned_, true);
+  }
+  pushToTcp(link, messageToQueue(message, link->outbox_.size()), max_queue);
+  return false;
+}
+
+void TransmitLink::enqueue(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message, uint64_t serial)
+{
   const size_t max_queue = maxQueue(link);
   bool by_ring = false;
   bool warn = false;
@@ -311,34 +346,7 @@ void TransmitLink::enqueue(ros::TransportSubscriberLink* link, const ros::Serial
     }
     else
     {
-      boost::mutex::scoped_lock outbox_lock(link->outbox_mutex_);
-      const bool wanted = active() && message.num_bytes >= LENGTH_PREFIX &&
-                          message.num_bytes - LENGTH_PREFIX >= runtime.options.min_bytes;
-      const uint8_t* const buffer = wanted && link->outbox_.empty() ? poolBuffer(message) : nullptr;
-      if (buffer != nullptr)
-      {
-        const RingSender::Push pushed = ring_->push(buffer, static_cast<uint32_t>(message.num_bytes - LENGTH_PREFIX),
-                                                    max_queue, tcp_pushed_ - tcp_dropped_, serial);
-        by_ring = pushed == RingSender::Push::WRITTEN;
-        if (pushed == RingSender::Push::BROKEN)
-        {
-          ROS_ERROR("pi_os_transport: a subscriber of %s broke the shared ring; the link goes back to TCPROS",
-                    topic_.c_str());
-          setActive(false);
-          fallback_ = Fallback::BROKEN;
-        }
-        if (!by_ring)
-        {
-          runtime.pool().release(buffer);
-        }
-      }
-      if (!by_ring)
-      {
-        const bool pool_full = wanted && link->outbox_.empty() && buffer == nullptr;
-        pool_full_ += pool_full ? 1 : 0;
-        warn = pool_full && !std::exchange(pool_warned_, true);
-        pushToTcp(link, messageToQueue(message, link->outbox_.size()), max_queue);
-      }
+      by_ring = pushOrQueue(link, message, serial, max_queue, &warn);
     }
   }
   if (!by_ring && serial != 0)

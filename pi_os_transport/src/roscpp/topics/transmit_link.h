@@ -66,6 +66,8 @@ private:
   void closeChannel();
   void setActive(bool active);  // with mutex_ held
   void pushToTcp(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message, size_t max_queue);
+  bool pushOrQueue(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message, uint64_t serial,
+                   size_t max_queue, bool* pool_full);
   void warnOfPool(ros::TransportSubscriberLink* link, size_t bytes);
 
   // On a link through a bridge, with mutex_ held.
