@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "event_loop/if_alive.h"
+
 namespace pi_os_transport
 {
 namespace
@@ -138,13 +140,7 @@ bool OutgoingStream::transmit(Lane* lane, const FrameHeader& header, const iovec
   Lane::Acknowledged acknowledged;
   if (last)
   {
-    acknowledged = [weak = weak_from_this()]()
-    {
-      if (const std::shared_ptr<OutgoingStream> self = weak.lock())
-      {
-        self->onAcknowledged();
-      }
-    };
+    acknowledged = ifAlive(weak_from_this(), [](const auto& self) { self->onAcknowledged(); });
   }
   return lane->send(stamped, payload, pieces, message, std::move(acknowledged), header.type == FrameType::BEGIN);
 }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "event_loop/if_alive.h"
 #include "shm/side_channel.h"
 
 namespace pi_os_transport
@@ -178,16 +179,15 @@ void Peer::interrupt(State next)
 
 void Peer::restart()
 {
-  loop_->defer(
-      [weak = weak_from_this()]()
-      {
-        const std::shared_ptr<Peer> self = weak.lock();
-        if (self && self->state_ == State::UP)
-        {
-          self->interrupt(State::SILENT);
-          self->reconnect(RECONNECT);
-        }
-      });
+  loop_->defer(ifAlive(weak_from_this(),
+                       [](const std::shared_ptr<Peer>& self)
+                       {
+                         if (self->state_ == State::UP)
+                         {
+                           self->interrupt(State::SILENT);
+                           self->reconnect(RECONNECT);
+                         }
+                       }));
 }
 
 void Peer::lose(State next)
@@ -305,15 +305,14 @@ void Peer::control(FrameHeader header, std::vector<uint8_t> payload)
   if (controls_.size() + unacked_controls_.size() >= MAX_CONTROLS)
   {
     // The peer sends requests without reading the answers.
-    loop_->defer(
-        [weak = weak_from_this()]()
-        {
-          const std::shared_ptr<Peer> self = weak.lock();
-          if (self && self->controls_.size() + self->unacked_controls_.size() >= MAX_CONTROLS)
-          {
-            self->lose(State::DOWN);
-          }
-        });
+    loop_->defer(ifAlive(weak_from_this(),
+                         [](const std::shared_ptr<Peer>& self)
+                         {
+                           if (self->controls_.size() + self->unacked_controls_.size() >= MAX_CONTROLS)
+                           {
+                             self->lose(State::DOWN);
+                           }
+                         }));
     return;
   }
   if (state_ == State::UP || ((carries_ || verified_) && Lane::isCounted(header.type)))

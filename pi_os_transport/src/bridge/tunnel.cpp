@@ -10,6 +10,9 @@
 #include <cstring>
 #include <utility>
 
+#include "event_loop/if_alive.h"
+#include "event_loop/socket_io.h"
+
 namespace pi_os_transport
 {
 namespace
@@ -63,9 +66,7 @@ void Tunnel::onSocket(uint32_t events)
   const std::shared_ptr<Tunnel> self = shared_from_this();
   if (!connected_)
   {
-    int error = 0;
-    socklen_t length = sizeof(error);
-    getsockopt(socket_.get(), SOL_SOCKET, SO_ERROR, &error, &length);
+    const int error = connectionError(socket_.get());
     if (error != 0)
     {
       local_end_ = true;
@@ -152,13 +153,7 @@ bool Tunnel::sendNext(Peer*, Lane* lane)
   FrameHeader header = headerOf(FrameType::TUNNEL_DATA, next_->offset);
   header.session = peer_->theirSecret();
   const iovec piece{next_->bytes.data(), next_->bytes.size()};
-  const auto acknowledged = [weak = weak_from_this()]()
-  {
-    if (const std::shared_ptr<Tunnel> self = weak.lock())
-    {
-      self->onAcknowledged();
-    }
-  };
+  const auto acknowledged = ifAlive(weak_from_this(), [](const auto& self) { self->onAcknowledged(); });
   if (!lane->send(header, &piece, 1, next_, acknowledged))
   {
     peer_->offer(shared_from_this());

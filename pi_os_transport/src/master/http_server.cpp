@@ -7,6 +7,9 @@
 #include <cerrno>
 #include <utility>
 
+#include "event_loop/if_alive.h"
+#include "event_loop/socket_io.h"
+
 namespace pi_os_transport
 {
 namespace
@@ -207,29 +210,19 @@ void HttpServer::refuse(const ConnectionPtr& connection, int status, const std::
 
 void HttpServer::send(const ConnectionPtr& connection)
 {
-  const std::string& out = connection->out;
-  while (connection->sent < out.size())
+  switch (sendRest(connection->socket.get(), connection->out, &connection->sent))
   {
-    const ssize_t size =
-        ::send(connection->socket.get(), out.data() + connection->sent, out.size() - connection->sent, MSG_NOSIGNAL);
-    if (size < 0 && errno == EINTR)
-    {
-      continue;
-    }
-    if (size < 0 && errno == EAGAIN)
-    {
+    case SendResult::BLOCKED:
       allow(connection, limits_.reply);
       watch(connection, EPOLLOUT);
-      return;
-    }
-    if (size < 0)
-    {
+      break;
+    case SendResult::FAILED:
       drop(connection);
-      return;
-    }
-    connection->sent += static_cast<size_t>(size);
+      break;
+    case SendResult::DONE:
+      onSent(connection);
+      break;
   }
-  onSent(connection);
 }
 
 void HttpServer::onSent(const ConnectionPtr& connection)
@@ -258,17 +251,16 @@ void HttpServer::onSent(const ConnectionPtr& connection)
   }
   // In the next round: a client that pipelines requests must not block others, nor fill the stack.
   watch(connection, 0);
-  loop_->defer(
-      [this, weak = std::weak_ptr<Connection>(connection)]
-      {
-        const ConnectionPtr waiting = weak.lock();
-        if (waiting != nullptr && waiting->socket)
-        {
-          watch(waiting, EPOLLIN);
-          const std::string unread = std::exchange(waiting->unread, std::string());
-          take(waiting, unread);
-        }
-      });
+  loop_->defer(ifAlive(connection,
+                       [this](const ConnectionPtr& waiting)
+                       {
+                         if (waiting->socket)
+                         {
+                           watch(waiting, EPOLLIN);
+                           const std::string unread = std::exchange(waiting->unread, std::string());
+                           take(waiting, unread);
+                         }
+                       }));
 }
 
 void HttpServer::setOut(const ConnectionPtr& connection, std::string out)
@@ -291,24 +283,19 @@ void HttpServer::watch(const ConnectionPtr& connection, uint32_t events)
 void HttpServer::allow(const ConnectionPtr& connection, std::chrono::milliseconds time)
 {
   loop_->cancel(connection->deadline);
-  connection->deadline = loop_->after(time,
-                                      [this, weak = std::weak_ptr<Connection>(connection)]
-                                      {
-                                        const ConnectionPtr late = weak.lock();
-                                        if (late == nullptr)
-                                        {
-                                          return;
-                                        }
-                                        late->deadline = 0;
-                                        if (late->out.empty())
-                                        {
-                                          refuse(late, 408, "the request was not complete in time");
-                                        }
-                                        else
-                                        {
-                                          drop(late);
-                                        }
-                                      });
+  connection->deadline = loop_->after(time, ifAlive(connection,
+                                                    [this](const ConnectionPtr& late)
+                                                    {
+                                                      late->deadline = 0;
+                                                      if (late->out.empty())
+                                                      {
+                                                        refuse(late, 408, "the request was not complete in time");
+                                                      }
+                                                      else
+                                                      {
+                                                        drop(late);
+                                                      }
+                                                    }));
 }
 
 void HttpServer::drop(const ConnectionPtr& dropped)

@@ -9,6 +9,8 @@
 #include <optional>
 #include <utility>
 
+#include "event_loop/if_alive.h"
+#include "event_loop/socket_io.h"
 #include "pi_os_transport/little_endian.h"
 #include "rosout/log_type.h"
 
@@ -62,14 +64,8 @@ void LogPublisher::add(FileDescriptor socket)
   subscriber->place = subscribers_.insert(subscribers_.end(), subscriber);
   loop_->add(subscriber->socket.get(), EPOLLIN,
              [this, subscriber = subscriber.get()](uint32_t events) { onReady(*subscriber->place, events); });
-  subscriber->deadline = loop_->after(INTRODUCTION,
-                                      [this, weak = std::weak_ptr<Subscriber>(subscriber)]
-                                      {
-                                        if (const SubscriberPtr late = weak.lock())
-                                        {
-                                          drop(late);
-                                        }
-                                      });
+  subscriber->deadline =
+      loop_->after(INTRODUCTION, ifAlive(subscriber, [this](const SubscriberPtr& late) { drop(late); }));
 }
 
 void LogPublisher::onReady(const SubscriberPtr& watched, uint32_t events)
@@ -188,28 +184,19 @@ void LogPublisher::send(const SubscriberPtr& subscriber)
   while (!subscriber->queue.empty())
   {
     const std::string& frame = *subscriber->queue.front();
-    const ssize_t size = ::send(subscriber->socket.get(), frame.data() + subscriber->sent,
-                                frame.size() - subscriber->sent, MSG_NOSIGNAL);
-    if (size < 0 && errno == EINTR)
+    switch (sendRest(subscriber->socket.get(), frame, &subscriber->sent))
     {
-      continue;
-    }
-    if (size < 0 && errno == EAGAIN)
-    {
-      loop_->change(subscriber->socket.get(), EPOLLIN | EPOLLOUT);
-      return;
-    }
-    if (size < 0)
-    {
-      drop(subscriber);
-      return;
-    }
-    subscriber->sent += static_cast<size_t>(size);
-    if (subscriber->sent == frame.size())
-    {
-      subscriber->queued_bytes -= frame.size();
-      subscriber->queue.pop_front();
-      subscriber->sent = 0;
+      case SendResult::BLOCKED:
+        loop_->change(subscriber->socket.get(), EPOLLIN | EPOLLOUT);
+        return;
+      case SendResult::FAILED:
+        drop(subscriber);
+        return;
+      case SendResult::DONE:
+        subscriber->queued_bytes -= frame.size();
+        subscriber->queue.pop_front();
+        subscriber->sent = 0;
+        break;
     }
   }
   if (subscriber->closes)

@@ -11,6 +11,7 @@
 #include <optional>
 #include <utility>
 
+#include "event_loop/if_alive.h"
 #include "master/rpc_encoder.h"
 #include "rosout/log_type.h"
 
@@ -104,26 +105,22 @@ void LogSubscriber::onAnswer(const PublisherPtr& publisher, const RpcResponse* r
     tryAgain(publisher);
     return;
   }
-  publisher->timer = loop_->after(CONNECTING,
-                                  [this, weak = std::weak_ptr<Publisher>(publisher)]
-                                  {
-                                    const PublisherPtr late = weak.lock();
-                                    if (late != nullptr)
-                                    {
-                                      late->timer = 0;
-                                      tryAgain(late);
-                                    }
-                                  });
+  publisher->timer = loop_->after(CONNECTING, ifAlive(publisher,
+                                                      [this](const PublisherPtr& late)
+                                                      {
+                                                        late->timer = 0;
+                                                        tryAgain(late);
+                                                      }));
   resolver_.resolve(protocol.as<RpcValue::Array>()[1].as<std::string>(),
                     static_cast<uint16_t>(protocol.as<RpcValue::Array>()[2].as<int32_t>()),
-                    [this, weak = std::weak_ptr<Publisher>(publisher)](const SocketAddress& address)
-                    {
-                      const PublisherPtr found = weak.lock();
-                      if (found != nullptr && !found->socket)
-                      {
-                        connect(found, address);
-                      }
-                    });
+                    ifAlive(publisher,
+                            [this](const PublisherPtr& found, const SocketAddress& address)
+                            {
+                              if (!found->socket)
+                              {
+                                connect(found, address);
+                              }
+                            }));
 }
 
 void LogSubscriber::connect(const PublisherPtr& publisher, const SocketAddress& address)
@@ -150,14 +147,7 @@ void LogSubscriber::connect(const PublisherPtr& publisher, const SocketAddress& 
                                        {"md5sum", LogType::md5sum()},
                                        {"tcp_nodelay", "0"}});
   loop_->add(publisher->socket.get(), EPOLLOUT,
-             [this, weak = std::weak_ptr<Publisher>(publisher)](uint32_t events)
-             {
-               const PublisherPtr ready = weak.lock();
-               if (ready != nullptr)
-               {
-                 onReady(ready, events);
-               }
-             });
+             ifAlive(publisher, [this](const PublisherPtr& ready, uint32_t events) { onReady(ready, events); }));
 }
 
 void LogSubscriber::onReady(const PublisherPtr& publisher, uint32_t events)
@@ -237,16 +227,12 @@ void LogSubscriber::tryAgain(const PublisherPtr& publisher)
   close(publisher);
   const auto pause = std::min(FIRST_PAUSE * (1 << std::min(publisher->failures, 10)), LONGEST_PAUSE);
   ++publisher->failures;
-  publisher->timer = loop_->after(pause,
-                                  [this, weak = std::weak_ptr<Publisher>(publisher)]
-                                  {
-                                    const PublisherPtr again = weak.lock();
-                                    if (again != nullptr)
-                                    {
-                                      again->timer = 0;
-                                      ask(again);
-                                    }
-                                  });
+  publisher->timer = loop_->after(pause, ifAlive(publisher,
+                                                 [this](const PublisherPtr& again)
+                                                 {
+                                                   again->timer = 0;
+                                                   ask(again);
+                                                 }));
 }
 
 void LogSubscriber::close(const PublisherPtr& publisher)

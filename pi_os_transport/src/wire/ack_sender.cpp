@@ -1,5 +1,7 @@
 #include "wire/ack_sender.h"
 
+#include "event_loop/if_alive.h"
+
 namespace pi_os_transport
 {
 namespace
@@ -23,14 +25,7 @@ void AckSender::onFrame(uint32_t bytes, bool now)
   if (now || (traffic_ == Traffic::EXPRESS && unacked_bytes_ >= ACK_BYTES))
   {
     scheduled_ = true;
-    loop_->defer(
-        [weak = weak_from_this()]()
-        {
-          if (const std::shared_ptr<AckSender> self = weak.lock())
-          {
-            self->send();
-          }
-        });
+    loop_->defer(ifAlive(weak_from_this(), [](const auto& self) { self->send(); }));
   }
   else if (timer_ == 0)
   {

@@ -10,6 +10,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "event_loop/socket_io.h"
 #include "wire/ipv4.h"
 #include "wire/sp_transport.h"
 
@@ -183,9 +184,7 @@ void SpSender::onConnectionEvent(const ConnectionPointer& connection, uint32_t e
 void SpSender::onTcpConnected(const ConnectionPointer& connection)
 {
   const int fd = connection->socket.get();
-  int error = 0;
-  socklen_t length = sizeof(error);
-  getsockopt(fd, SOL_SOCKET, SO_ERROR, &error, &length);
+  const int error = connectionError(fd);
   if (error != 0)
   {
     fail(connection, reasonOf(error));
