@@ -7,6 +7,8 @@
 
 #include <deque>
 
+#include <nlohmann/json.hpp>
+
 #include "fuzz_input.h"
 #include "fuzz_peers.h"
 #include "roscpp/held_leases.h"
@@ -98,7 +100,7 @@ void fuzz(FuzzInput input)
             break;
           case 2:
           {
-            JsonObject object;
+            nlohmann::ordered_json object;
             receiving->describe(&object);
             receiving->info();
             break;

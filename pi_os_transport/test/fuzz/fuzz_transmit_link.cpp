@@ -139,7 +139,7 @@ void fuzz(FuzzInput input)
 
   const auto transmitting = std::make_shared<TransmitLink>(topic, link, connection);
   runtime.transmit_links.insert(connection.get(), transmitting);
-  runtime.expect(transmitting->token(), [&transmitting](SideChannel channel, const Packet& hello, Runtime::Descriptors*)
+  runtime.expect(transmitting->token(), [&transmitting](SideChannel channel, const Packet& hello, SideChannel::Descriptors*)
                  { transmitting->meet(std::move(channel), hello.values[2] != 0); });
   SideChannel channel;
   HostileReceiver receiver;

@@ -95,7 +95,7 @@ struct ServiceConnection
                             { responder->disconnect(); });
     const std::string offer =
         runtime.expect(responder->token(),
-                       [responder = responder](SideChannel channel, const Packet&, Runtime::Descriptors* descriptors)
+                       [responder = responder](SideChannel channel, const Packet&, SideChannel::Descriptors* descriptors)
                        { responder->meet(std::move(channel), SideChannel(std::move(descriptors->front()))); });
     caller = std::make_shared<ServiceCaller>("/service", client, ServiceCaller::Use::PERSISTENT);
     client->addDropListener(
