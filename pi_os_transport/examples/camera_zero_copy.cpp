@@ -1,4 +1,4 @@
-// Tutorial: publishes images that are drawn where subscribers read them. See the README.
+// Tutorial: draws images in the memory where subscribers read them. See the README.
 
 #include <ros/ros.h>
 #include <sensor_msgs/Image.h>

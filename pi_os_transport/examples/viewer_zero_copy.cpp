@@ -1,4 +1,4 @@
-// Tutorial: reads images where their publisher wrote them. See the README.
+// Tutorial: reads images in the memory where their publisher wrote them. See the README.
 
 #include <ros/ros.h>
 #include <sensor_msgs/Image.h>
@@ -15,7 +15,7 @@ namespace zero_copy = pi_os_transport::zero_copy;
 
 void onImage(const zero_copy::ConstPtr<sensor_msgs::Image>& image)
 {
-  const cv::Mat picture = zero_copy::shareMat(image);  // keeps the image, as every copy of it does
+  const cv::Mat picture = zero_copy::shareMat(image);  // keeps the image, like every copy of the matrix
   const cv::Scalar mean = cv::mean(picture);
   ROS_INFO_THROTTLE(1.0, "%ux%u from %s, %s: mean %.1f %.1f %.1f", image->width, image->height,
                     image->header.frame_id.c_str(), zero_copy::isView(image->data) ? "not copied" : "copied", mean[0],
@@ -30,7 +30,7 @@ int main(int argc, char** argv)
   ros::spin();
   for (const zero_copy::TopicStatistics& topic : zero_copy::statistics())
   {
-    std::cout << topic.toString() << std::endl;  // the log of ROS has ended
+    std::cout << topic.toString() << std::endl;  // not by ROS_INFO: ROS has shut down
   }
   return 0;
 }

@@ -6,7 +6,7 @@
 namespace pi_os_transport
 {
 
-/// Writes an unsigned number to sizeof(Number) bytes, the lowest first.
+/// Writes an unsigned number as sizeof(Number) bytes, the lowest byte first.
 template <typename Number>
 void storeLittleEndian(uint8_t* out, Number value)
 {

@@ -1,27 +1,21 @@
-#include "bridge_config.h"
+#include "bridge/bridge_config.h"
 
-#include <arpa/inet.h>
 #include <fnmatch.h>
-#include <ifaddrs.h>
-#include <net/if.h>
-#include <netdb.h>
 #include <unistd.h>
-#include <yaml-cpp/yaml.h>
 
 #include <algorithm>
-#include <cctype>
-#include <cerrno>
-#include <charconv>
-#include <cmath>
 #include <cstring>
-#include <fstream>
 #include <functional>
+#include <iterator>
 #include <map>
-#include <memory>
 #include <set>
-#include <sstream>
 #include <stdexcept>
+#include <type_traits>
 #include <utility>
+
+#include "bridge/config_file.h"
+#include "bridge/setting.h"
+#include "wire/ipv4.h"
 
 namespace pi_os_transport
 {
@@ -30,23 +24,8 @@ namespace
 
 constexpr uint64_t MAX_POOL_MB = 65536;
 constexpr uint32_t MAX_MESSAGE_MB = 1024;
-constexpr double MAX_RATE_HZ = 1e6;
-constexpr size_t MAX_NAME = 255;
-constexpr size_t MAX_SOCKET_NAME = 64;  // an abstract address holds 107 bytes, user id and prefix included
 constexpr int JPEG_QUALITY = 80;
 constexpr int PNG_LEVEL = 3;
-
-/// One value and where it stands: "bridge.yaml:7: listen" or "--listen".
-struct Setting
-{
-  std::string place;
-  std::string value;
-
-  [[noreturn]] void refuse(const std::string& allowed) const
-  {
-    throw std::runtime_error(place + " = \"" + value + "\", must be " + allowed);
-  }
-};
 
 std::string hostName()
 {
@@ -54,332 +33,10 @@ std::string hostName()
   return gethostname(name, MAX_NAME) == 0 && name[0] != '\0' ? name : "unnamed";
 }
 
-template <typename Number>
-Number parseWhole(const Setting& setting, Number lowest, Number highest)
-{
-  Number number = 0;
-  const char* end = setting.value.data() + setting.value.size();
-  const std::from_chars_result result = std::from_chars(setting.value.data(), end, number);
-  if (result.ec != std::errc() || result.ptr != end || number < lowest || number > highest)
-  {
-    setting.refuse("a whole number from " + std::to_string(lowest) + " to " + std::to_string(highest));
-  }
-  return number;
-}
-
-double parseRate(const Setting& setting)
-{
-  double rate = 0.0;
-  const char* end = setting.value.data() + setting.value.size();
-  const std::from_chars_result result = std::from_chars(setting.value.data(), end, rate);
-  if (result.ec != std::errc() || result.ptr != end || !std::isfinite(rate) || rate < 0.0 || rate > MAX_RATE_HZ)
-  {
-    setting.refuse("a number from 0 (no limit) to 1000000 [1/s]");
-  }
-  return rate;
-}
-
-bool parseSwitch(const Setting& setting)
-{
-  if (setting.value != "true" && setting.value != "false")
-  {
-    setting.refuse("true or false");
-  }
-  return setting.value == "true";
-}
-
-std::string parseChoice(const Setting& setting, const std::vector<std::string>& choices, const std::string& allowed)
-{
-  if (std::find(choices.begin(), choices.end(), setting.value) == choices.end())
-  {
-    setting.refuse(allowed);
-  }
-  return setting.value;
-}
-
-std::string parseDeviceName(const Setting& setting)
-{
-  const auto unprintable = [](unsigned char c) { return c < 0x20 || c == 0x7f; };
-  if (setting.value.empty() || setting.value.size() > MAX_NAME ||
-      std::any_of(setting.value.begin(), setting.value.end(), unprintable))
-  {
-    setting.refuse("1 to 255 printable characters");
-  }
-  return setting.value;
-}
-
-std::string parseSocketName(const Setting& setting)
-{
-  const auto usable = [](unsigned char c) { return std::isalnum(c) != 0 || c == '_' || c == '-' || c == '.'; };
-  if (setting.value.empty() || setting.value.size() > MAX_SOCKET_NAME || setting.value == "0" ||
-      !std::all_of(setting.value.begin(), setting.value.end(), usable))
-  {
-    setting.refuse("1 to 64 letters, digits, '_', '-' or '.', and not \"0\", which switches the bridge off in a node");
-  }
-  return setting.value;
-}
-
-std::optional<uint32_t> parseNumericAddress(const std::string& text)
-{
-  in_addr address{};
-  if (inet_pton(AF_INET, text.c_str(), &address) != 1)
-  {
-    return std::nullopt;
-  }
-  return ntohl(address.s_addr);
-}
-
-std::string formatAddress(uint32_t address)
-{
-  const in_addr network{htonl(address)};
-  char text[INET_ADDRSTRLEN] = {};
-  inet_ntop(AF_INET, &network, text, sizeof(text));
-  return text;
-}
-
-/// First IPv4 address of a network interface.
-std::optional<std::string> interfaceAddress(const std::string& name)
-{
-  ifaddrs* list = nullptr;
-  if (getifaddrs(&list) != 0)
-  {
-    return std::nullopt;
-  }
-  const std::unique_ptr<ifaddrs, decltype(&freeifaddrs)> owner(list, &freeifaddrs);
-  for (const ifaddrs* entry = list; entry != nullptr; entry = entry->ifa_next)
-  {
-    if (entry->ifa_addr != nullptr && entry->ifa_addr->sa_family == AF_INET && name == entry->ifa_name)
-    {
-      return formatAddress(ntohl(reinterpret_cast<const sockaddr_in*>(entry->ifa_addr)->sin_addr.s_addr));
-    }
-  }
-  return std::nullopt;
-}
-
-std::optional<std::string> hostAddress(const std::string& host)
-{
-  addrinfo wanted{};
-  wanted.ai_family = AF_INET;
-  wanted.ai_socktype = SOCK_STREAM;
-  addrinfo* list = nullptr;
-  if (getaddrinfo(host.c_str(), nullptr, &wanted, &list) != 0)
-  {
-    return std::nullopt;
-  }
-  const std::unique_ptr<addrinfo, decltype(&freeaddrinfo)> owner(list, &freeaddrinfo);
-  return formatAddress(ntohl(reinterpret_cast<const sockaddr_in*>(list->ai_addr)->sin_addr.s_addr));
-}
-
-/// ADDRESS[:PORT], the address as it stands there.
-Endpoint splitEndpoint(const Setting& setting, uint16_t default_port, uint16_t lowest_port)
-{
-  Endpoint endpoint{setting.value, default_port};
-  const size_t colon = setting.value.rfind(':');
-  if (colon != std::string::npos)
-  {
-    endpoint.address = setting.value.substr(0, colon);
-    const std::string digits = setting.value.substr(colon + 1);
-    const char* end = digits.data() + digits.size();
-    const std::from_chars_result result = std::from_chars(digits.data(), end, endpoint.port);
-    if (result.ec != std::errc() || result.ptr != end || endpoint.port < lowest_port)
-    {
-      setting.refuse("ADDRESS[:PORT] with a port from " + std::to_string(lowest_port) + " to 65535");
-    }
-  }
-  if (endpoint.address.empty() || endpoint.address.find(':') != std::string::npos)
-  {
-    setting.refuse("ADDRESS[:PORT] with an IPv4 address or a name");
-  }
-  return endpoint;
-}
-
-Endpoint parseListen(const Setting& setting)
-{
-  Endpoint endpoint = splitEndpoint(setting, BRIDGE_PORT, 0);
-  if (!parseNumericAddress(endpoint.address))
-  {
-    const std::optional<std::string> found = interfaceAddress(endpoint.address);
-    if (!found)
-    {
-      setting.refuse("ADDRESS[:PORT], where ADDRESS is an IPv4 address or an interface of this device that has one");
-    }
-    endpoint.address = *found;
-  }
-  return endpoint;
-}
-
-/// Where somebody can be reached; a host name is resolved.
-Endpoint parseReachable(const Setting& setting, uint16_t default_port)
-{
-  Endpoint endpoint = splitEndpoint(setting, default_port, 1);
-  if (!parseNumericAddress(endpoint.address))
-  {
-    const std::optional<std::string> found = hostAddress(endpoint.address);
-    if (!found)
-    {
-      setting.refuse("ADDRESS[:PORT], where ADDRESS is an IPv4 address or a host name that can be resolved now");
-    }
-    endpoint.address = *found;
-  }
-  if (*parseNumericAddress(endpoint.address) == INADDR_ANY)
-  {
-    setting.refuse("the address of one device");
-  }
-  return endpoint;
-}
-
-CIDR parseCIDR(const Setting& setting)
-{
-  const char* const allowed = "an IPv4 address, or a range like 192.168.1.0/24";
-  const size_t slash = setting.value.find('/');
-  const std::optional<uint32_t> address = parseNumericAddress(setting.value.substr(0, slash));
-  if (!address)
-  {
-    setting.refuse(allowed);
-  }
-  CIDR range{*address, 32};
-  if (slash != std::string::npos)
-  {
-    const std::string digits = setting.value.substr(slash + 1);
-    const char* end = digits.data() + digits.size();
-    const std::from_chars_result result = std::from_chars(digits.data(), end, range.prefix);
-    if (result.ec != std::errc() || result.ptr != end || range.prefix < 0 || range.prefix > 32)
-    {
-      setting.refuse(allowed);
-    }
-  }
-  range.network &= range.prefix == 0 ? 0 : ~uint32_t{0} << (32 - range.prefix);
-  return range;
-}
-
 std::string parseWire(const Setting& setting)
 {
   return parseChoice(setting, {"sp", "nanomsg"}, "sp or nanomsg");
 }
-
-// ----------------------------------------------------------------------------------------------------------- the file
-
-/// Reads the maps of one YAML file: each key once, none that is unknown, scalars and lists where they belong.
-class ConfigFile
-{
-public:
-  explicit ConfigFile(std::string path) : path_(std::move(path)) {}
-
-  /// The document; null if the file is empty.
-  YAML::Node load() const
-  {
-    errno = 0;
-    std::ifstream stream(path_);
-    std::ostringstream text;
-    if (stream.is_open() && stream.peek() != std::ifstream::traits_type::eof())
-    {
-      text << stream.rdbuf();
-    }
-    if (!stream.is_open() || stream.bad())
-    {
-      throw std::runtime_error("--config = \"" + path_ +
-                               "\", must be a file that can be read: " + std::strerror(errno != 0 ? errno : EIO));
-    }
-    try
-    {
-      const std::vector<YAML::Node> documents = YAML::LoadAll(text.str());
-      if (documents.size() > 1)
-      {
-        throw std::runtime_error(path_ + ": must hold one YAML document, holds " + std::to_string(documents.size()));
-      }
-      return documents.empty() ? YAML::Node() : documents.front();
-    }
-    catch (const YAML::ParserException& exception)
-    {
-      throw std::runtime_error(path_ + ":" + std::to_string(exception.mark.line + 1) +
-                               ": is no YAML: " + exception.msg);
-    }
-  }
-
-  std::string place(const YAML::Node& node, const std::string& key) const
-  {
-    return path_ + ":" + std::to_string(node.Mark().line + 1) + ": " + key;
-  }
-
-  Setting scalar(const YAML::Node& node, const std::string& key) const
-  {
-    if (!node.IsScalar())
-    {
-      throw std::runtime_error(place(node, key) + " = " + describe(node) + ", must be a single value");
-    }
-    return {place(node, key), node.Scalar()};
-  }
-
-  std::vector<Setting> list(const YAML::Node& node, const std::string& key) const
-  {
-    std::vector<Setting> settings;
-    for (const YAML::Node& item : items(node, key))
-    {
-      settings.push_back(scalar(item, key + "[" + std::to_string(settings.size()) + "]"));
-    }
-    return settings;
-  }
-
-  std::vector<YAML::Node> items(const YAML::Node& node, const std::string& key) const
-  {
-    if (!node.IsSequence())
-    {
-      throw std::runtime_error(place(node, key) + " = " + describe(node) + ", must be a list like [a, b]");
-    }
-    return std::vector<YAML::Node>(node.begin(), node.end());
-  }
-
-  using Reader = std::function<void(const YAML::Node& value, const std::string& key)>;
-
-  /// Calls the reader of each key of a map. `prefix` precedes the keys in messages.
-  void readMap(const YAML::Node& map, const std::string& prefix, const std::map<std::string, Reader>& readers) const
-  {
-    if (!map.IsMap())
-    {
-      throw std::runtime_error(place(map, prefix) + (prefix.empty() ? "the file" : "") + " = " + describe(map) +
-                               ", must be a map of keys and values");
-    }
-    std::set<std::string> seen;
-    for (const auto& entry : map)
-    {
-      const std::string name = entry.first.IsScalar() ? entry.first.Scalar() : describe(entry.first);
-      const std::string key = prefix.empty() ? name : prefix + "." + name;
-      const auto reader = readers.find(name);
-      if (reader == readers.end())
-      {
-        std::string known;
-        for (const auto& [candidate, unused] : readers)
-        {
-          known += (known.empty() ? "" : ", ") + candidate;
-        }
-        throw std::runtime_error(place(entry.first, key) + " is no option, must be one of " + known);
-      }
-      if (!seen.insert(name).second)
-      {
-        throw std::runtime_error(place(entry.first, key) + " is given twice, must be given once");
-      }
-      reader->second(entry.second, key);
-    }
-  }
-
-private:
-  static std::string describe(const YAML::Node& node)
-  {
-    switch (node.Type())
-    {
-      case YAML::NodeType::Scalar:
-        return "\"" + node.Scalar() + "\"";
-      case YAML::NodeType::Sequence:
-        return "a list";
-      case YAML::NodeType::Map:
-        return "a map";
-      default:
-        return "nothing";
-    }
-  }
-
-  const std::string path_;
-};
 
 TopicOptions readTopic(const ConfigFile& file, const YAML::Node& node, const std::string& prefix)
 {
@@ -495,8 +152,6 @@ void readFile(const std::string& path, BridgeConfig* config)
         }}});
 }
 
-// --------------------------------------------------------------------------------------------------- the command line
-
 using Arguments = std::map<std::string, std::vector<Setting>>;
 
 /// Options of the command line by name; nothing if --help is among them.
@@ -559,7 +214,7 @@ bool CIDR::contains(uint32_t address) const
 
 std::string CIDR::toString() const
 {
-  return formatAddress(network) + "/" + std::to_string(prefix);
+  return formatIpv4(network) + "/" + std::to_string(prefix);
 }
 
 const TopicOptions& BridgeConfig::topic(const std::string& full_name) const
@@ -577,7 +232,7 @@ bool BridgeConfig::allows(const std::string& address) const
   {
     return true;
   }
-  const std::optional<uint32_t> number = parseNumericAddress(address);
+  const std::optional<uint32_t> number = parseIpv4(address);
   return number &&
          std::any_of(allow.begin(), allow.end(), [&number](const CIDR& range) { return range.contains(*number); });
 }

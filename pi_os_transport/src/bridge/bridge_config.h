@@ -5,12 +5,12 @@
 #include <string>
 #include <vector>
 
-#include "frame_transport.h"
+#include "wire/frame_transport.h"
 
 namespace pi_os_transport
 {
 
-constexpr uint16_t BRIDGE_PORT = 8814;  ///< where bridges listen unless told otherwise
+constexpr uint16_t BRIDGE_PORT = 8814;  ///< default TCP port of bridges
 
 /// How the bridge treats the topics that a pattern matches.
 struct TopicOptions
@@ -25,8 +25,8 @@ struct TopicOptions
   std::string match;  ///< shell pattern on the full topic name
   Priority priority = Priority::NORMAL;
   double rate_limit_hz = 0.0;  ///< most messages per second and publisher that leave this device; 0: no limit
-  bool keep_latest = false;    ///< a message that still waits when the next one comes is superseded by it
-  std::string compression;     ///< of sensor_msgs/Image on the way: "jpeg", "png" or "" for none
+  bool keep_latest = false;    ///< a new message replaces one that still waits
+  std::string compression;     ///< of sensor_msgs/Image between devices: "jpeg", "png" or "" for none
   int quality = 0;             ///< jpeg: 1 .. 100, default 80; png: level 1 .. 9, default 3; 0 without compression
   bool forward = true;         ///< false: these topics stay on TCPROS between devices
 };
@@ -35,18 +35,18 @@ struct TopicOptions
 struct CIDR
 {
   uint32_t network = 0;  ///< host byte order, zero below the prefix
-  int prefix = 0;        ///< bits that count, 0 .. 32
+  int prefix = 0;        ///< number of leading bits that are compared, 0 .. 32
 
   bool contains(uint32_t address) const;  ///< host byte order
   std::string toString() const;
 };
 
-/// Everything that can be set on a bridge; the defaults are those of config/bridge.yaml.
+/// Options of a bridge. The defaults equal config/bridge.yaml.
 struct BridgeConfig
 {
-  std::string name;                                        ///< of this device, for people; default: its host name
+  std::string name;                                        ///< of this device, for display; default: its host name
   std::vector<Endpoint> listen{{"0.0.0.0", BRIDGE_PORT}};  ///< port 0: any free one
-  Endpoint advertise;              ///< where others reach this bridge; empty address: found by the route to each peer;
+  Endpoint advertise;              ///< where peers reach this bridge; empty address: found from the route to each peer;
                                    ///< port 0: that of `listen`
   std::vector<Endpoint> peers;     ///< connected to from the start, numeric
   std::vector<CIDR> allow;         ///< who may connect; empty: everyone
@@ -56,19 +56,19 @@ struct BridgeConfig
   uint32_t max_message_mb = 256;   ///< larger messages stay on TCPROS and are refused from peers [MiB], 1 .. 1024
   std::vector<TopicOptions> topics;  ///< the first one that matches applies
 
-  /// Options of a topic by its full name; the defaults if nothing matches.
+  /// Options of a topic, by its full name; the defaults if no pattern matches.
   const TopicOptions& topic(const std::string& full_name) const;
-  /// Whether a machine may connect. False for anything but a numeric IPv4 address, unless everyone may.
+  /// True if a machine may connect. Only numeric IPv4 addresses are compared; without `allow` every machine may.
   bool allows(const std::string& address) const;
 };
 
-/// What --help prints.
+/// The text of --help.
 std::string bridgeUsage();
 
-/// Reads the command line and the file named by its --config; the command line wins, its lists replace those of the
-/// file. Host and interface names are resolved now. Arguments with ":=" in them are roslaunch's and ignored.
+/// Reads the command line and the file named by --config. The command line overrides the file; its lists replace the
+/// file's lists. Resolves host and interface names. Ignores arguments with ":=", which come from roslaunch.
 /// @return nothing if --help was asked for.
-/// @throws std::runtime_error with one line that names place, key, value and what is allowed.
+/// @throws std::runtime_error with one line that names the place, key, value and allowed values.
 std::optional<BridgeConfig> loadBridgeConfig(int argc, const char* const* argv);
 
 }  // namespace pi_os_transport

@@ -1,55 +1,112 @@
-#include "bridge_status.h"
+#include "bridge/bridge_status.h"
 
-#include "pi_os_transport/json.h"
+#include <nlohmann/json.hpp>
 
 namespace pi_os_transport
 {
 namespace
 {
 
+using Json = nlohmann::ordered_json;
+
 constexpr int STATUS_VERSION = 1;
 
-std::string toText(const BridgeStatus::Value& value)
+Json statusOf(const Peer& peer)
 {
-  return std::holds_alternative<uint64_t>(value) ? std::to_string(std::get<uint64_t>(value))
-                                                 : jsonString(std::get<std::string>(value));
+  static const char* const STATES[] = {"connecting", "up", "silent", "hung", "down"};
+  const Lane& express = peer.lane(Traffic::EXPRESS);
+  const Lane& bulk = peer.lane(Traffic::BULK);
+  return {{"address", peer.endpoint().toString()},
+          {"name", peer.name()},
+          {"state", STATES[static_cast<size_t>(peer.state())]},
+          {"rtt_us", bulk.rtt().count()},
+          {"window", bulk.window()},
+          {"sent_bytes", express.sentBytes() + bulk.sentBytes()},
+          {"received_bytes", peer.receivedBytes()}};
 }
 
-std::string toText(const BridgeStatus::Object& object)
+Json statusOf(const OutgoingStream& stream, const std::string& peer)
 {
-  std::string out = "{";
-  for (const auto& member : object)
-  {
-    out += (out.size() > 1 ? "," : "") + jsonString(member.first) + ":" + toText(member.second);
-  }
-  return out + "}";
+  const OutgoingStream::Counters& counters = stream.counters();
+  return {{"topic", stream.topic()},
+          {"publisher", stream.publisher()},
+          {"peer", peer},
+          {"subscribers", stream.links().size()},
+          {"messages", counters.messages},
+          {"bytes", counters.bytes},
+          {"superseded", counters.superseded},
+          {"rate_limited", counters.rate_limited},
+          {"uncompressed", counters.uncompressed},
+          {"lost", counters.lost}};
 }
 
-std::string toText(const std::string& text)
+Json statusOf(const IncomingLink& link, const std::string& peer)
 {
-  return jsonString(text);
+  return {{"topic", link.request.topic},
+          {"publisher", link.request.publisher},
+          {"subscriber", link.request.subscriber},
+          {"peer", peer},
+          {"carrying", link.state == IncomingLink::State::CARRYING ? 1 : 0},
+          {"messages", link.messages()},
+          {"bytes", link.bytes()},
+          {"dropped", link.dropped()},
+          {"lost", link.lost()},
+          {"paused", link.paused ? 1 : 0}};
 }
 
-template <typename Item>
-std::string toText(const std::vector<Item>& items)
+Json statusOf(const Tunnel& tunnel, const std::string& peer)
 {
-  std::string out = "[";
-  for (const Item& item : items)
-  {
-    out += (out.size() > 1 ? "," : "") + toText(item);
-  }
-  return out + "]";
+  return {{"target", tunnel.target()},
+          {"peer", peer},
+          {"state", tunnel.state()},
+          {"sent_bytes", tunnel.sentBytes()},
+          {"received_bytes", tunnel.receivedBytes()}};
 }
 
 }  // namespace
 
-std::string BridgeStatus::toJson() const
+std::string bridgeStatus(const BridgeContext& context, const Sessions& sessions)
 {
-  return "{\"version\":" + std::to_string(STATUS_VERSION) + ",\"name\":" + jsonString(name) +
-         ",\"instance\":" + jsonString(std::to_string(instance)) + ",\"wire\":" + jsonString(wire) +
-         ",\"listen\":" + toText(listen) + ",\"pool\":" + toText(pool) + ",\"refused\":" + toText(refused) +
-         ",\"peers\":" + toText(peers) + ",\"outgoing\":" + toText(outgoing) + ",\"incoming\":" + toText(incoming) +
-         ",\"tunnels\":" + toText(tunnels) + "}";
+  Json status{{"version", STATUS_VERSION},
+              {"name", context.config.name},
+              {"instance", std::to_string(context.instance)},
+              {"wire", context.config.wire}};
+  Json& listen = status["listen"] = Json::array();
+  for (const Endpoint& endpoint : context.config.listen)
+  {
+    const uint16_t port = endpoint.port != 0 ? endpoint.port : context.transport->port();
+    listen.push_back(Endpoint{endpoint.address, port}.toString());
+  }
+  const SlotPool::Usage usage = context.pool->usage();
+  status["pool"] = {{"committed", usage.committed}, {"limit", usage.limit}};
+  for (size_t reason = 0; reason < Refusals::NAMES.size(); ++reason)
+  {
+    status["refused"][Refusals::NAMES[reason]] = context.refusals.counter(reason);
+  }
+  for (const char* const list : {"peers", "outgoing", "incoming", "tunnels"})
+  {
+    status[list] = Json::array();
+  }
+  for (const auto& entry : sessions.all())
+  {
+    const Session& session = *entry.second;
+    const std::string address = session.peer->endpoint().toString();
+    status["peers"].push_back(statusOf(*session.peer));
+    for (const auto& stream : session.outgoing_streams)
+    {
+      status["outgoing"].push_back(statusOf(*stream.second, address));
+    }
+    for (const auto& link : session.incoming)
+    {
+      status["incoming"].push_back(statusOf(*link.second, address));
+    }
+    for (const auto& tunnel : session.tunnels)
+    {
+      status["tunnels"].push_back(statusOf(*tunnel.second, address));
+    }
+  }
+  // Names come from other devices: replace invalid UTF-8.
+  return status.dump(-1, ' ', true, Json::error_handler_t::replace);
 }
 
 }  // namespace pi_os_transport

@@ -1,4 +1,4 @@
-#include "incoming_stream.h"
+#include "bridge/incoming_stream.h"
 
 #include <algorithm>
 #include <cstring>
@@ -11,10 +11,9 @@ namespace pi_os_transport
 namespace
 {
 
-/// Kept for a subscriber that takes nothing, before the oldest is dropped: what may be under way when the peer is told
-/// to pause.
+/// Most messages kept for a subscriber that takes none: as many may be under way when the peer is told to pause.
 constexpr size_t MAX_BACKLOG = 1024;
-/// Compressed images of one stream that may wait before the peer is told to pause.
+/// Most compressed images of one stream that wait before the peer is told to pause.
 constexpr size_t MAX_UNDECODED = 4;
 
 }  // namespace
@@ -44,7 +43,7 @@ bool IncomingLink::isNew(const LinkEntry& entry)
   const int32_t ahead = static_cast<int32_t>(entry.sequence - last_sequence_);
   if (!started_ || state != State::CARRYING || ahead <= 0)
   {
-    return false;  // came again after an interruption
+    return false;  // repeated after an interruption
   }
   lost_ += static_cast<uint64_t>(ahead - 1);
   last_sequence_ = entry.sequence;
@@ -150,7 +149,7 @@ bool IncomingStream::onBegin(const FrameHeader& header, const uint8_t* payload, 
   {
     return false;
   }
-  last_.reset();  // frees its memory for this one
+  last_.reset();  // frees its memory for this message
   arriving_ = makeArrival(header, static_cast<uint32_t>(header.offset));
   arriving_->entries = std::move(entries);
   last_ = arriving_;
@@ -172,9 +171,9 @@ std::shared_ptr<uint8_t> IncomingStream::fragmentMemory(const FrameHeader& heade
   if (!arriving_->message)
   {
     return std::shared_ptr<uint8_t>(new uint8_t[length],
-                                    std::default_delete<uint8_t[]>());  // there is no memory for it
+                                    std::default_delete<uint8_t[]>());  // no memory: the bytes are read and dropped
   }
-  // Kept by the message itself: the arrival may be given another one when it is decompressed.
+  // Owned by the message: the arrival gets another message when the image is decompressed.
   return std::shared_ptr<uint8_t>(arriving_->message, arriving_->message->bytes() + arriving_->received);
 }
 
@@ -230,7 +229,7 @@ void IncomingStream::complete(const ArrivalPtr& arrival)
   }
 }
 
-/// One image at a time and stream: what comes next waits in shared memory, and soon at the peer.
+/// Decompresses one image at a time and stream. Later ones wait in shared memory, and then at the peer.
 void IncomingStream::decodeNext()
 {
   while (!undelivered_.empty() && !decoding_)
@@ -262,7 +261,7 @@ void IncomingStream::decodeNext()
     if (!decompress_ || !decompress_(arrival->message->bytes(), arrival->length, done))
     {
       decoding_ = false;
-      arrival->message.reset();  // as lost
+      arrival->message.reset();  // counts as lost
       arrival->ready = true;
       deliverReady();
     }

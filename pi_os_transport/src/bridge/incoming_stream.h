@@ -7,16 +7,16 @@
 #include <string>
 #include <vector>
 
-#include "frame_transport.h"
-#include "pi_os_transport/bridge_request.h"
-#include "pi_os_transport/ring_sender.h"
-#include "pi_os_transport/slot_pool.h"
-#include "wire_frame.h"
+#include "bridge/bridge_request.h"
+#include "shm/ring_sender.h"
+#include "shm/slot_pool.h"
+#include "wire/frame_transport.h"
+#include "wire/wire_frame.h"
 
 namespace pi_os_transport
 {
 
-/// A message in the shared memory of this bridge; freed with its last user.
+/// A message in the shared memory of this bridge. Freed with its last user.
 class PooledMessage
 {
 public:
@@ -26,10 +26,10 @@ public:
   PooledMessage(const PooledMessage&) = delete;
   PooledMessage& operator=(const PooledMessage&) = delete;
 
-  const uint8_t* buffer() const { return buffer_; }  ///< with room for the length in front
+  const uint8_t* buffer() const { return buffer_; }  ///< starts with room for the length
   uint8_t* bytes() const { return buffer_ + LENGTH_PREFIX; }
   uint32_t length() const { return length_; }
-  /// A reference that outlives this object, for a ring.
+  /// Adds a reference for a ring, which may outlive this object.
   void addReference() const { pool_->addReference(buffer_); }
   void dropReference() const { pool_->release(buffer_); }
 
@@ -41,15 +41,15 @@ private:
   const uint32_t length_;
 };
 
-/// One subscriber on this device and its link to a publisher on another one. It sees this bridge in the publisher's
-/// place.
+/// The link of one subscriber on this device to a publisher on another one. To the subscriber, this bridge is the
+/// publisher.
 class IncomingLink
 {
 public:
   enum class State
   {
-    WANTED,   ///< the peer is not up
-    OPENING,  ///< the peer was asked
+    WANTED,   ///< waits for the session
+    OPENING,  ///< the peer was asked for the link
     OFFERED,  ///< the subscriber was offered shared memory
     CARRYING,
   };
@@ -68,13 +68,13 @@ public:
   int fd() const { return ring ? ring->channel().fd() : client.fd(); }
   SideChannel& channel() { return ring ? ring->channel() : client; }
 
-  /// The publisher's queue size is known and messages follow.
+  /// Messages follow. @param max_queue  the publisher's queue size
   void start(size_t max_queue, uint32_t after_tcp);
-  /// Hands a message on, or keeps it if the subscriber does not take more.
+  /// Passes a message to the subscriber, or keeps it if the subscriber accepts no more.
   void deliver(const LinkEntry& entry, const std::shared_ptr<PooledMessage>& message);
-  /// A message for this link was lost on the way.
+  /// Counts a message that was lost between the devices.
   void lose(const LinkEntry& entry);
-  /// Hands on what was kept. @return true if nothing is kept any more.
+  /// Passes on the kept messages. @return true if none is left
   bool flush();
   bool blocked() const { return !backlog_.empty() || decoder_busy; }
 
@@ -84,8 +84,8 @@ public:
   uint64_t lost() const { return lost_; }
 
   bool paused = false;        ///< the peer was told to send nothing
-  bool decoder_busy = false;  ///< images wait to be restored
-  /// Called when blocked() has changed.
+  bool decoder_busy = false;  ///< too many images wait for decompression
+  /// Called when blocked() may have changed.
   std::function<void()> on_blocked;
 
 private:
@@ -107,12 +107,12 @@ private:
   uint64_t lost_ = 0;
 };
 
-/// Puts together what a peer sends on one stream, and hands it to the links that it is for.
+/// Assembles the messages that a peer sends on one stream, and passes each to its links.
 class IncomingStream : public std::enable_shared_from_this<IncomingStream>
 {
 public:
   using FindLink = std::function<std::shared_ptr<IncomingLink>(uint32_t id)>;
-  /// Decompresses an image and calls `done`; empty if it cannot be. @return false if it is too busy.
+  /// Decompresses an image and calls `done`, with no bytes on failure. @return false if the codec is too busy.
   using Decompressed = std::function<void(std::vector<uint8_t> bytes)>;
   using Decompress = std::function<bool(const uint8_t* bytes, size_t length, Decompressed done)>;
 
@@ -127,26 +127,26 @@ public:
   // Each returns false if the frame is not acceptable.
   bool onMessage(const FrameHeader& header, const uint8_t* payload, uint32_t length);
   bool onBegin(const FrameHeader& header, const uint8_t* payload, uint32_t length);
-  /// Where the bytes of a FRAGMENT go, valid as long as it is kept; null if it is not acceptable.
+  /// Where the bytes of a FRAGMENT belong. Null if the frame is not acceptable.
   std::shared_ptr<uint8_t> fragmentMemory(const FrameHeader& header, uint32_t length);
   bool onFragment(const FrameHeader& header, uint32_t length);
   bool onAttach(const FrameHeader& header, const uint8_t* payload, uint32_t length);
 
-  /// True while the rest of a message is on its way.
+  /// True while fragments of a message are missing.
   bool arriving() const { return arriving_ != nullptr; }
 
-  /// The rest of a message begun will not come, or come again from the start.
+  /// The session was interrupted: an incomplete message is sent again, or never.
   void interrupt();
 
 private:
   struct Arrival
   {
     std::vector<LinkEntry> entries;
-    std::shared_ptr<PooledMessage> message;  ///< as it comes, then as it is delivered; null: no memory for it
+    std::shared_ptr<PooledMessage> message;  ///< as received, then as delivered; null: no memory
     bool compressed = false;
     uint32_t length = 0;
     uint32_t received = 0;
-    bool ready = false;  ///< whole and, if it came compressed, restored
+    bool ready = false;  ///< complete, and decompressed if it was compressed
   };
   using ArrivalPtr = std::shared_ptr<Arrival>;
 
@@ -163,11 +163,11 @@ private:
   const uint32_t max_message_bytes_;
   const FindLink find_link_;
   const Decompress decompress_;
-  ArrivalPtr arriving_;  ///< begun, not complete
+  ArrivalPtr arriving_;  ///< incomplete
   bool decoding_ = false;
   std::vector<std::weak_ptr<IncomingLink>> held_back_;
-  std::deque<ArrivalPtr> undelivered_;  ///< complete; the front one is being decompressed
-  ArrivalPtr last_;                     ///< begun last; further links may be attached to it
+  std::deque<ArrivalPtr> undelivered_;  ///< complete; the first one is being decompressed
+  ArrivalPtr last_;                     ///< the last one; further links may be attached
 };
 
 }  // namespace pi_os_transport

@@ -1,9 +1,10 @@
-#include "peer.h"
+#include "bridge/peer.h"
 
 #include <algorithm>
 #include <utility>
 
-#include "pi_os_transport/side_channel.h"
+#include "event_loop/if_alive.h"
+#include "shm/side_channel.h"
 
 namespace pi_os_transport
 {
@@ -13,19 +14,15 @@ namespace
 using std::chrono::milliseconds;
 
 constexpr milliseconds TICK{100};
-/// Without a word for so long, the connections are made anew.
+/// A peer that sends nothing for this time is connected again.
 constexpr milliseconds SILENCE{600};
-/// A peer whose machine accepts connections has so long to speak.
+/// Timeout for the first frame after the machine of the peer has accepted the connections.
 constexpr milliseconds HANDSHAKE{500};
-/// The same where nobody knows whether the machine has accepted anything: an interruption ends sooner most times.
+/// The same if the transport does not tell whether the machine accepted: most interruptions are shorter.
 constexpr milliseconds HANDSHAKE_UNSURE{1500};
 constexpr milliseconds RECONNECT{100};
 constexpr milliseconds RECONNECT_DOWN{300};
-/// Small frames are acknowledged together, after so long at the latest, or as soon as so much has come.
-constexpr milliseconds ACK_DELAY{20};
-constexpr milliseconds ACK_DELAY_BULK{2};
-constexpr uint64_t ACK_BYTES = 64 << 10;
-/// Control frames that may wait for one peer.
+/// Most control frames that wait for one peer.
 constexpr size_t MAX_CONTROLS = 65536;
 
 }  // namespace
@@ -38,6 +35,13 @@ Peer::Peer(EventLoop* loop, FrameTransport* transport, Listener* listener, Endpo
   , lanes_{Lane(Traffic::EXPRESS, transport), Lane(Traffic::BULK, transport)}
   , secret_(Token::random().high | 1)
 {
+  for (size_t traffic = 0; traffic < TRAFFIC_CLASSES; ++traffic)
+  {
+    acks_[traffic] = std::make_shared<AckSender>(
+        loop_, static_cast<Traffic>(traffic),
+        [this, traffic](uint64_t frames)
+        { control(FrameHeader::of(FrameType::ACK, static_cast<uint32_t>(traffic), 0, frames)); });
+  }
 }
 
 Peer::~Peer()
@@ -45,10 +49,6 @@ Peer::~Peer()
   loop_->cancel(tick_timer_);
   loop_->cancel(connect_timer_);
   closeConnections();
-  for (Receiving& receiving : receiving_)
-  {
-    loop_->cancel(receiving.timer);
-  }
 }
 
 void Peer::start()
@@ -84,12 +84,11 @@ void Peer::closeConnections()
     }
     lane.reset();
   }
-  for (Receiving& receiving : receiving_)
+  for (const auto& acks : acks_)
   {
-    loop_->cancel(receiving.timer);
-    receiving = Receiving{};
+    acks->reset();
   }
-  // What is not counted belongs to this session alone.
+  // Frames that are not counted belong to this session alone.
   controls_.erase(std::remove_if(controls_.begin(), controls_.end(),
                                  [](const Control& control) { return !Lane::isCounted(control.header.type); }),
                   controls_.end());
@@ -111,9 +110,7 @@ void Peer::sayHello(Lane* lane)
   hello.secret = secret_;
   hello.echo = their_secret_;
   auto payload = std::make_shared<std::vector<uint8_t>>(hello.encode());
-  FrameHeader header;
-  header.type = FrameType::HELLO;
-  header.id = lane == &lanes_[0] ? 0 : 1;
+  FrameHeader header = FrameHeader::of(FrameType::HELLO, lane == &lanes_[0] ? 0 : 1);
   header.session = their_secret_;
   const iovec piece{payload->data(), payload->size()};
   hello_due_[header.id] = !lane->send(header, &piece, 1, payload, nullptr);
@@ -149,7 +146,7 @@ void Peer::onClosed(FrameTransport::ConnectionId connection, CloseReason reason)
       lose(State::DOWN);
       break;
     case CloseReason::PEER_CLOSED:
-      // Its process has ended, or has only lost patience with this connection: the next attempt will tell.
+      // The process has ended, or only closed this connection: the next attempt tells which.
       reconnect(state_ == State::UP ? milliseconds(1) : RECONNECT);
       interrupt(state_ == State::UP ? State::SILENT : state_);
       break;
@@ -172,7 +169,7 @@ void Peer::interrupt(State next)
     controls_.clear();
   }
   state_ = ever_up_ ? next : (next == State::SILENT ? State::CONNECTING : next);
-  // What still lies in buffers on the way belongs to a session that is over.
+  // Frames in buffers on the way belong to the old session and must be refused.
   secret_ = Token::random().high | 1;
   if (was_up)
   {
@@ -182,16 +179,15 @@ void Peer::interrupt(State next)
 
 void Peer::restart()
 {
-  loop_->defer(
-      [weak = weak_from_this()]()
-      {
-        const std::shared_ptr<Peer> self = weak.lock();
-        if (self && self->state_ == State::UP)
-        {
-          self->interrupt(State::SILENT);
-          self->reconnect(RECONNECT);
-        }
-      });
+  loop_->defer(ifAlive(weak_from_this(),
+                       [](const std::shared_ptr<Peer>& self)
+                       {
+                         if (self->state_ == State::UP)
+                         {
+                           self->interrupt(State::SILENT);
+                           self->reconnect(RECONNECT);
+                         }
+                       }));
 }
 
 void Peer::lose(State next)
@@ -217,7 +213,7 @@ bool Peer::onHello(const Hello& hello)
 {
   if (state_ == State::UP && hello.echo != secret_)
   {
-    // Who is up knows the secret; but its first greeting on one connection may come after a later one on the other.
+    // The two connections are not ordered: this greeting may be older than the one that made the session.
     return hello.instance == instance_ && hello.secret == their_secret_;
   }
   heard();
@@ -228,17 +224,16 @@ bool Peer::onHello(const Hello& hello)
     verified_ = true;
     if (instance_ != 0 && instance_ != hello.instance)
     {
-      end(false);  // another process: what the last one carried is over
+      end(false);  // another process: the links of the last one are over
     }
     instance_ = hello.instance;
   }
   if (their_secret_ != hello.secret)
   {
     their_secret_ = hello.secret;
-    for (Receiving& receiving : receiving_)
+    for (const auto& acks : acks_)
     {
-      loop_->cancel(receiving.timer);
-      receiving = Receiving{};  // the peer counts from the start as well
+      acks->reset();  // the peer starts counting again as well
     }
     for (Lane& lane : lanes_)
     {
@@ -286,16 +281,15 @@ void Peer::tick()
     }
     if (now - last_sent_ >= TICK)
     {
-      FrameHeader header;
-      header.type = FrameType::PING;
-      control(header);
+      control(FrameHeader::of(FrameType::PING));
     }
     return;
   }
   const bool connected = lanes_[0].connected() && lanes_[1].connected();
   if (connected && now - connected_since_ > (transport_->tellsConnected() ? HANDSHAKE : HANDSHAKE_UNSURE))
   {
-    // The machine answers for it, but it does not speak. Keep the connection: it will see the greeting when it wakes.
+    // The machine accepts, but the process is silent. Keep the connection: the process reads the greeting when it
+    // wakes.
     state_ = State::HUNG;
     end(true);
     if (now - connected_since_ > 20 * HANDSHAKE)
@@ -310,16 +304,15 @@ void Peer::control(FrameHeader header, std::vector<uint8_t> payload)
 {
   if (controls_.size() + unacked_controls_.size() >= MAX_CONTROLS)
   {
-    // It asks and asks, and does not take the answers.
-    loop_->defer(
-        [weak = weak_from_this()]()
-        {
-          const std::shared_ptr<Peer> self = weak.lock();
-          if (self && self->controls_.size() + self->unacked_controls_.size() >= MAX_CONTROLS)
-          {
-            self->lose(State::DOWN);
-          }
-        });
+    // The peer sends requests without reading the answers.
+    loop_->defer(ifAlive(weak_from_this(),
+                         [](const std::shared_ptr<Peer>& self)
+                         {
+                           if (self->controls_.size() + self->unacked_controls_.size() >= MAX_CONTROLS)
+                           {
+                             self->lose(State::DOWN);
+                           }
+                         }));
     return;
   }
   if (state_ == State::UP || ((carries_ || verified_) && Lane::isCounted(header.type)))
@@ -388,7 +381,7 @@ void Peer::pump()
   {
     return;
   }
-  // Again if something has changed from BULK to EXPRESS meanwhile.
+  // Repeat if a source has changed from BULK to EXPRESS meanwhile.
   const auto expressWaits = [this]() { return !sources_[0].empty() && lanes_[0].ready(); };
   do
   {
@@ -432,55 +425,7 @@ void Peer::acknowledge(Traffic traffic, uint32_t bytes, bool now)
 {
   heard();
   received_bytes_ += bytes;
-  Receiving& receiving = receiving_[static_cast<size_t>(traffic)];
-  ++receiving.frames;
-  receiving.unacked_bytes += bytes;
-  if (receiving.scheduled)
-  {
-    return;
-  }
-  if (now || (traffic == Traffic::EXPRESS && receiving.unacked_bytes >= ACK_BYTES))
-  {
-    receiving.scheduled = true;
-    loop_->defer(
-        [weak = weak_from_this(), traffic]()
-        {
-          if (const std::shared_ptr<Peer> self = weak.lock())
-          {
-            self->sendAck(traffic);
-          }
-        });
-  }
-  else if (receiving.timer == 0)
-  {
-    receiving.timer = loop_->after(traffic == Traffic::EXPRESS ? ACK_DELAY : ACK_DELAY_BULK,
-                                   [this, traffic]()
-                                   {
-                                     receiving_[static_cast<size_t>(traffic)].timer = 0;
-                                     sendAck(traffic);
-                                   });
-  }
-}
-
-void Peer::sendAck(Traffic traffic)
-{
-  Receiving& receiving = receiving_[static_cast<size_t>(traffic)];
-  receiving.scheduled = false;
-  if (receiving.timer != 0)
-  {
-    loop_->cancel(std::exchange(receiving.timer, 0));
-  }
-  if (receiving.frames == receiving.acked_frames)
-  {
-    return;
-  }
-  receiving.acked_frames = receiving.frames;
-  receiving.unacked_bytes = 0;
-  FrameHeader header;
-  header.type = FrameType::ACK;
-  header.id = static_cast<uint32_t>(traffic);
-  header.offset = receiving.frames;
-  control(header);
+  acks_[static_cast<size_t>(traffic)]->onFrame(bytes, now);
 }
 
 }  // namespace pi_os_transport

@@ -7,56 +7,57 @@
 #include <string>
 #include <vector>
 
-#include "event_loop.h"
-#include "frame_transport.h"
-#include "lane.h"
-#include "wire_frame.h"
+#include "event_loop/event_loop.h"
+#include "wire/ack_sender.h"
+#include "wire/frame_transport.h"
+#include "wire/lane.h"
+#include "wire/wire_frame.h"
 
 namespace pi_os_transport
 {
 
 class Peer;
 
-/// Something that has frames to send to a peer: a stream or a tunnel.
+/// A sender of frames to a peer: a stream or a tunnel.
 class FrameSource
 {
 public:
   virtual ~FrameSource() = default;
   /// Sends at most one frame on `lane`, which is ready.
-  /// @return false if there is nothing to send there now; Peer::offer() makes it be asked again.
+  /// @return false if there is nothing to send now; then call Peer::offer() later.
   virtual bool sendNext(Peer* peer, Lane* lane) = 0;
-  /// The class it wants to send on now.
+  /// The traffic class of the next frame.
   virtual Traffic traffic() const = 0;
 };
 
-/// The session with one other bridge: finds it, keeps two connections to it, recognises it when it comes back, and
-/// shares the connections among what wants to send.
+/// The session with one other bridge: keeps two connections to it, recognises it after an interruption, and shares the
+/// connections among the frame sources.
 ///
-/// Each side connects to the other and tells it a secret, which the other then puts into its frames: they come from
-/// where they say. A side that hears nothing for SILENCE connects anew. What the session carried goes on if the same
-/// process answers; it is over if another one does, if the machine answers that nobody listens, or if somebody accepts
-/// the connection but does not speak (hung).
+/// Each side connects to the other and sends it a secret. The other side puts the secret into its frames, which proves
+/// their origin. A side that receives nothing for SILENCE connects again. The session continues if the same process
+/// answers. It is lost if another process answers, if nothing listens there, or if a process accepts the connection but
+/// stays silent (hung).
 class Peer : public std::enable_shared_from_this<Peer>
 {
 public:
   enum class State
   {
-    CONNECTING,  ///< not met yet
+    CONNECTING,  ///< never was up
     UP,
-    SILENT,  ///< was up; nothing comes and nobody answers: the link or the device is down
-    HUNG,    ///< its process accepts connections but does not speak
-    DOWN,    ///< nobody listens there
+    SILENT,  ///< was up, but does not answer: the link or the device is down
+    HUNG,    ///< the process accepts connections but sends nothing
+    DOWN,    ///< nothing listens there
   };
-  /// What the bridge does on behalf of its peers.
+  /// Gets the events of a session.
   class Listener
   {
   public:
     virtual ~Listener() = default;
-    virtual Hello describe(const Endpoint& towards) = 0;  ///< instance, address, port and name of this bridge
+    virtual Hello describe(const Endpoint& towards) = 0;  ///< this bridge as seen from `towards`
     virtual void onUp(Peer* peer, bool resumed) = 0;
-    /// What was under way is lost or has to be sent again, if the same process comes back.
+    /// The session is interrupted. If the same process comes back, what was under way has to be sent again.
     virtual void onInterrupted(Peer* peer) = 0;
-    /// The process at the other end has ended or hangs: all that went through it is over.
+    /// The process at the other end has ended or hangs: the session is lost.
     virtual void onLost(Peer* peer, bool hung) = 0;
   };
 
@@ -69,33 +70,33 @@ public:
   State state() const { return state_; }
   bool up() const { return state_ == State::UP; }
   const std::string& name() const { return name_; }
-  /// What it takes at most; known once it is up [B].
+  /// The largest message that the peer accepts; known while up [B].
   uint32_t maxMessageBytes() const { return max_message_bytes_; }
   uint64_t instance() const { return instance_; }
   uint64_t secret() const { return secret_; }
-  /// What belongs into `session` of frames to it.
+  /// The value for `session` of frames to the peer.
   uint64_t theirSecret() const { return their_secret_; }
   SteadyTime createdAt() const { return created_at_; }
 
   Lane& lane(Traffic traffic) { return lanes_[static_cast<size_t>(traffic)]; }
   const Lane& lane(Traffic traffic) const { return lanes_[static_cast<size_t>(traffic)]; }
 
-  /// Sends a control frame as soon as the express lane takes it, in order, before all else. One sent while the session
-  /// is interrupted, or shortly before, comes later, possibly twice. Lost if the session is over.
+  /// Sends a control frame as soon as the express lane accepts it, in order and before all other frames. If the session
+  /// is interrupted, the frame is delivered later, maybe twice. Lost if the session is lost.
   void control(FrameHeader header, std::vector<uint8_t> payload = {});
-  /// `source` has something to send.
+  /// Notes that `source` has something to send.
   void offer(const std::shared_ptr<FrameSource>& source);
-  /// Sends what the lanes take now.
+  /// Sends what the lanes accept now.
   void pump();
 
-  /// Something is wrong between the two ends: both begin anew, as after an interruption.
+  /// The two ends disagree: reconnects as after an interruption.
   void restart();
 
-  // From the transport.
+  // Called for the transport.
   void onConnected(FrameTransport::ConnectionId connection);
   void onClosed(FrameTransport::ConnectionId connection, CloseReason reason);
   bool owns(FrameTransport::ConnectionId connection) const;
-  /// @return false if it is not acceptable in this state.
+  /// @return false if the greeting is not acceptable in this state.
   bool onHello(const Hello& hello);
   void onPing() { heard(); }
   bool onAck(const FrameHeader& header);
@@ -106,15 +107,6 @@ public:
   uint64_t receivedBytes() const { return received_bytes_; }
 
 private:
-  struct Receiving
-  {
-    uint64_t frames = 0;
-    uint64_t acked_frames = 0;
-    uint64_t unacked_bytes = 0;
-    bool scheduled = false;
-    EventLoop::TimerId timer = 0;
-  };
-
   void connect();
   void reconnect(std::chrono::milliseconds delay);
   void closeConnections();
@@ -125,7 +117,6 @@ private:
   void lose(State next);
   void end(bool hung);
   void tick();
-  void sendAck(Traffic traffic);
   bool pumpControl();
   void pumpLane(Traffic traffic);
 
@@ -136,16 +127,16 @@ private:
   const SteadyTime created_at_ = SteadyClock::now();
   State state_ = State::CONNECTING;
   std::array<Lane, TRAFFIC_CLASSES> lanes_;
-  std::array<Receiving, TRAFFIC_CLASSES> receiving_;
-  std::array<bool, TRAFFIC_CLASSES> hello_due_{};  ///< a greeting that the connection did not take
+  std::array<std::shared_ptr<AckSender>, TRAFFIC_CLASSES> acks_;
+  std::array<bool, TRAFFIC_CLASSES> hello_due_{};  ///< a greeting that the connection did not accept
   uint64_t secret_;
   uint64_t their_secret_ = 0;
   uint64_t instance_ = 0;
   std::string name_;
   uint32_t max_message_bytes_ = 0;
-  bool verified_ = false;  ///< it has shown that it gets what is sent to its address
+  bool verified_ = false;  ///< the peer has proved that it receives frames at its address
   bool ever_up_ = false;
-  bool carries_ = false;  ///< there may be links that outlive an interruption
+  bool carries_ = false;  ///< links may have survived an interruption
   SteadyTime connected_since_;
   SteadyTime last_heard_;
   SteadyTime last_sent_;
@@ -159,7 +150,7 @@ private:
     std::shared_ptr<std::vector<uint8_t>> payload;
   };
   std::deque<Control> controls_;
-  std::deque<Control> unacked_controls_;  ///< sent again if the session is interrupted: all may come twice
+  std::deque<Control> unacked_controls_;  ///< sent again after an interruption
   std::array<std::deque<std::weak_ptr<FrameSource>>, TRAFFIC_CLASSES> sources_;
 };
 

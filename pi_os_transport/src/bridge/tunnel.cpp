@@ -1,4 +1,4 @@
-#include "tunnel.h"
+#include "bridge/tunnel.h"
 
 #include <netinet/in.h>
 #include <netinet/tcp.h>
@@ -10,16 +10,19 @@
 #include <cstring>
 #include <utility>
 
+#include "event_loop/if_alive.h"
+#include "event_loop/socket_io.h"
+
 namespace pi_os_transport
 {
 namespace
 {
 
-/// Bytes that may be under way in one direction [B].
+/// Most bytes under way in one direction [B].
 constexpr uint64_t WINDOW = 2 << 20;
-/// Bytes after which the peer is told that more may come [B].
+/// The peer gets new credit after this many bytes [B].
 constexpr uint64_t CREDIT_STEP = 256 << 10;
-/// What is read at a time while the tunnel is EXPRESS; a full read shows that there is more, which goes as BULK [B].
+/// Size of a read while the tunnel is EXPRESS. After a full read there is more data, and the tunnel becomes BULK [B].
 constexpr uint32_t EXPRESS_CHUNK = 16 << 10;
 
 }  // namespace
@@ -53,12 +56,9 @@ void Tunnel::start()
   loop_->add(socket_.get(), events_, [self = this](uint32_t events) { self->onSocket(events); });
 }
 
-FrameHeader Tunnel::headerOf(FrameType type) const
+FrameHeader Tunnel::headerOf(FrameType type, uint64_t offset) const
 {
-  FrameHeader header;
-  header.type = type;
-  header.id = side_ == Side::SERVER ? id_ | SERVER_BIT : id_;
-  return header;
+  return FrameHeader::of(type, side_ == Side::SERVER ? id_ | SERVER_BIT : id_, 0, offset);
 }
 
 void Tunnel::onSocket(uint32_t events)
@@ -66,9 +66,7 @@ void Tunnel::onSocket(uint32_t events)
   const std::shared_ptr<Tunnel> self = shared_from_this();
   if (!connected_)
   {
-    int error = 0;
-    socklen_t length = sizeof(error);
-    getsockopt(socket_.get(), SOL_SOCKET, SO_ERROR, &error, &length);
+    const int error = connectionError(socket_.get());
     if (error != 0)
     {
       local_end_ = true;
@@ -150,19 +148,12 @@ bool Tunnel::sendNext(Peer*, Lane* lane)
       traffic_ = wanted;
       peer_->offer(shared_from_this());
     }
-    return false;  // what is under way has to arrive first
+    return false;  // frames of the old class have to arrive first
   }
-  FrameHeader header = headerOf(FrameType::TUNNEL_DATA);
-  header.offset = next_->offset;
+  FrameHeader header = headerOf(FrameType::TUNNEL_DATA, next_->offset);
   header.session = peer_->theirSecret();
   const iovec piece{next_->bytes.data(), next_->bytes.size()};
-  const auto acknowledged = [weak = weak_from_this()]()
-  {
-    if (const std::shared_ptr<Tunnel> self = weak.lock())
-    {
-      self->onAcknowledged();
-    }
-  };
+  const auto acknowledged = ifAlive(weak_from_this(), [](const auto& self) { self->onAcknowledged(); });
   if (!lane->send(header, &piece, 1, next_, acknowledged))
   {
     peer_->offer(shared_from_this());
@@ -199,7 +190,7 @@ bool Tunnel::onData(const FrameHeader& header, const uint8_t* payload, uint32_t 
   {
     return false;
   }
-  const uint64_t known = received_ - header.offset;  // came before the last interruption
+  const uint64_t known = received_ - header.offset;  // received before the last interruption
   if (known < length)
   {
     to_write_.emplace_back(payload + known, payload + length);
@@ -244,21 +235,19 @@ void Tunnel::onWritable()
       first_offset_ = 0;
     }
   }
-  sendCredit(false);
+  sendCredit();
   if (end_known_ && written_ >= end_)
   {
     finish();
   }
 }
 
-void Tunnel::sendCredit(bool now)
+void Tunnel::sendCredit()
 {
-  if (now || written_ - credited_ >= CREDIT_STEP)
+  if (written_ - credited_ >= CREDIT_STEP)
   {
     credited_ = written_;
-    FrameHeader header = headerOf(FrameType::TUNNEL_CREDIT);
-    header.offset = written_;
-    peer_->control(header);
+    peer_->control(headerOf(FrameType::TUNNEL_CREDIT, written_));
   }
 }
 
@@ -293,12 +282,9 @@ void Tunnel::onClose(const FrameHeader& header)
 
 void Tunnel::sendClose(bool at_once, const std::string& reason)
 {
-  FrameHeader header = headerOf(FrameType::TUNNEL_CLOSE);
-  header.offset = read_;
+  FrameHeader header = headerOf(FrameType::TUNNEL_CLOSE, read_);
   header.count = at_once ? 1 : 0;
-  PayloadWriter payload;
-  payload.putString(reason);
-  peer_->control(header, payload.take());
+  peer_->control(header, encodeText(reason));
 }
 
 void Tunnel::updateEvents()
@@ -310,7 +296,7 @@ void Tunnel::updateEvents()
   {
     return;
   }
-  // A socket with nothing to wait for is not watched at all: a hang-up would be reported over and over.
+  // A socket with nothing to wait for is not watched: its hang-up would be reported without end.
   if (events == 0)
   {
     loop_->remove(socket_.get());
@@ -349,7 +335,7 @@ void Tunnel::finish()
   }
   if (!std::exchange(local_end_, true))
   {
-    sendClose(true, "");  // the other side waits for it
+    sendClose(true, "");  // the other side waits for this frame
   }
   if (events_ != 0)
   {
@@ -360,7 +346,7 @@ void Tunnel::finish()
   next_.reset();
   if (const std::function<void()> closed = std::exchange(on_closed_, nullptr))
   {
-    loop_->defer(closed);  // whoever called may still use this
+    loop_->defer(closed);  // the caller may still use this tunnel
   }
 }
 

@@ -7,17 +7,17 @@
 #include <string>
 #include <vector>
 
-#include "event_loop.h"
-#include "frame_transport.h"
-#include "peer.h"
-#include "pi_os_transport/file_descriptor.h"
+#include "bridge/peer.h"
+#include "event_loop/event_loop.h"
+#include "shm/file_descriptor.h"
+#include "wire/frame_transport.h"
 
 namespace pi_os_transport
 {
 
-/// One TCP connection between processes of two devices, carried by the bridges: a service client here and its server
-/// there, or the other way round. Bytes arrive whole and in order, also after an interruption of the session; a side
-/// that does not read holds up only its own tunnel.
+/// One TCP connection between a service client and its server on another device, carried by the bridges. Bytes arrive
+/// complete and in order, also after an interruption of the session. A side that does not read blocks only its own
+/// tunnel.
 class Tunnel : public FrameSource, public std::enable_shared_from_this<Tunnel>
 {
 public:
@@ -26,11 +26,11 @@ public:
     CLIENT,
     SERVER,
   };
-  /// Frames about a tunnel that its client's side asked for carry its id; those in the other direction add this bit.
+  /// Frames from the client's side carry the id of the tunnel; frames from the server's side add this bit.
   static constexpr uint32_t SERVER_BIT = 1u << 31;
 
-  /// @param socket  connected, or being connected (server's side). Taken over.
-  /// @param on_closed  called once, when the tunnel has ended; may destroy it.
+  /// @param socket  connected, or being connected (server's side); owned from now on.
+  /// @param on_closed  called once, when the tunnel has ended; may destroy the tunnel.
   Tunnel(EventLoop* loop, Peer* peer, uint32_t id, Side side, FileDescriptor socket, std::string target,
          std::function<void()> on_closed);
   ~Tunnel() override;
@@ -42,9 +42,9 @@ public:
   bool onCredit(const FrameHeader& header);
   void onClose(const FrameHeader& header);
 
-  /// What the peer has not acknowledged will be sent again.
+  /// The session was interrupted: sends again what the peer has not acknowledged.
   void rewind();
-  /// Ends the tunnel without a word to the peer.
+  /// Ends the tunnel at once.
   void abort();
 
   bool sendNext(Peer* peer, Lane* lane) override;
@@ -57,7 +57,7 @@ public:
   const char* state() const { return connected_ ? (end_known_ ? "closing" : "open") : "connecting"; }
   uint64_t sentBytes() const { return read_; }
   uint64_t receivedBytes() const { return received_; }
-  /// Bytes of the peer that the process here has not taken yet.
+  /// Bytes received and not written to the socket yet.
   uint64_t waitingBytes() const { return received_ - written_; }
 
 private:
@@ -70,11 +70,11 @@ private:
   void onReadable();
   void onWritable();
   void updateEvents();
-  void sendCredit(bool now);
+  void sendCredit();
   void sendClose(bool at_once, const std::string& reason);
   void onAcknowledged();
   void finish();
-  FrameHeader headerOf(FrameType type) const;
+  FrameHeader headerOf(FrameType type, uint64_t offset = 0) const;
 
   EventLoop* const loop_;
   Peer* const peer_;
@@ -85,23 +85,23 @@ private:
   std::function<void()> on_closed_;
   Traffic traffic_ = Traffic::EXPRESS;
   bool connected_;
-  bool local_end_ = false;  ///< the process here has closed its end
+  bool local_end_ = false;  ///< the local process has closed its end
   uint32_t events_ = 0;
 
-  // From the process here to the peer, in bytes of this direction.
+  // From the local process to the peer [B].
   uint64_t read_ = 0;    ///< from the socket
-  uint64_t credit_ = 0;  ///< handed on by the peer
+  uint64_t credit_ = 0;  ///< delivered by the peer
   std::shared_ptr<Chunk> next_;
   std::deque<std::shared_ptr<Chunk>> resend_;
   std::deque<std::shared_ptr<Chunk>> unacked_;
 
-  // From the peer to the process here, in bytes of that direction.
+  // From the peer to the local process [B].
   uint64_t received_ = 0;
   uint64_t written_ = 0;
   uint64_t credited_ = 0;
   std::deque<std::vector<uint8_t>> to_write_;
   size_t first_offset_ = 0;  ///< of to_write_.front(), already written
-  bool end_known_ = false;   ///< the peer sends no more than end_ bytes
+  bool end_known_ = false;   ///< the peer sends end_ bytes in total
   uint64_t end_ = 0;
 };
 

@@ -1,12 +1,12 @@
-#include "core_options.h"
+#include "core/core_options.h"
 
 #include <fcntl.h>
 #include <getopt.h>
 
-#include <charconv>
 #include <stdexcept>
 #include <string_view>
-#include <system_error>
+
+#include "parse_number.h"
 
 namespace pi_os_transport
 {
@@ -35,17 +35,16 @@ constexpr option LONG_OPTIONS[] = {
 template <typename Number>
 Number number(const char* name, std::string_view text, Number least, Number most)
 {
-  Number value{};
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc() || end != text.data() + text.size() || !(value >= least && value <= most))
+  const std::optional<Number> value = parseNumber(text, least, most);
+  if (!value)
   {
     throw std::invalid_argument(std::string(name) + " = \"" + std::string(text) + "\", must be in [" +
                                 std::to_string(least) + ", " + std::to_string(most) + "]");
   }
-  return value;
+  return *value;
 }
 
-/// What ROS passes on to every program in the form name:=value.
+/// Reads an argument that ROS passes to every program, in the form name:=value.
 void takeRemapping(CoreOptions* options, const std::string& argument)
 {
   const size_t at = argument.find(":=");
@@ -66,7 +65,7 @@ std::optional<CoreOptions> CoreOptions::parse(int argc, char** argv)
 {
   CoreOptions options;
   opterr = 0;
-  optind = 0;  // begins anew, also for a second command line
+  optind = 0;  // restarts getopt_long()
   int found = 0;
   while ((found = getopt_long(argc, argv, ":p:w:t:vh", LONG_OPTIONS, nullptr)) != -1)
   {
@@ -76,7 +75,7 @@ std::optional<CoreOptions> CoreOptions::parse(int argc, char** argv)
         options.port = number<uint16_t>("--port", optarg, 0, 65535);
         break;
       case 'w':
-        number<int>("--numworkers", optarg, 1, 10000);  // there are none: no call waits for another
+        number<int>("--numworkers", optarg, 1, 10000);  // ignored: there are no worker threads
         break;
       case 't':
         options.timeout =

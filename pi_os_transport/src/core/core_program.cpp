@@ -1,4 +1,4 @@
-#include "core_program.h"
+#include "core/core_program.h"
 
 #include <malloc.h>
 #include <sys/epoll.h>
@@ -11,26 +11,26 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
-#include <exception>
 #include <memory>
 #include <optional>
 #include <stdexcept>
 #include <string>
 #include <string_view>
 
-#include "core_options.h"
-#include "end_signals.h"
-#include "event_loop.h"
-#include "http_server.h"
-#include "log_folder.h"
-#include "log_type.h"
-#include "master_api.h"
-#include "network_address.h"
-#include "node_caller.h"
-#include "pi_os_transport/file_descriptor.h"
+#include "core/core_options.h"
+#include "core/log_folder.h"
+#include "event_loop/end_signals.h"
+#include "event_loop/event_loop.h"
+#include "event_loop/program.h"
+#include "master/http_server.h"
+#include "master/master_api.h"
+#include "master/network_address.h"
+#include "master/node_caller.h"
 #include "ros_version.h"
-#include "rosout_node.h"
-#include "rotating_file.h"
+#include "rosout/log_type.h"
+#include "rosout/rosout_node.h"
+#include "rosout/rotating_file.h"
+#include "shm/file_descriptor.h"
 
 namespace pi_os_transport
 {
@@ -38,7 +38,7 @@ namespace
 {
 
 constexpr rlim_t WANTED_DESCRIPTORS = 16384;
-constexpr size_t OWN_DESCRIPTORS = 64;  // files, sockets that listen, the loop, and some to spare
+constexpr size_t OWN_DESCRIPTORS = 64;  // files, listening sockets, the loop, and a reserve
 
 void say(const std::string& line)
 {
@@ -46,7 +46,8 @@ void say(const std::string& line)
   std::fflush(stdout);
 }
 
-/// Raises the limit of descriptors as far as may be. @return how many there are.
+/// Raises the limit of descriptors as far as allowed. @return the limit
+/// @throws std::runtime_error if it is too low
 size_t raiseDescriptorLimit()
 {
   rlimit limit{};
@@ -57,10 +58,16 @@ size_t raiseDescriptorLimit()
     setrlimit(RLIMIT_NOFILE, &limit);
     getrlimit(RLIMIT_NOFILE, &limit);
   }
-  return static_cast<size_t>(limit.rlim_cur);
+  const size_t descriptors = static_cast<size_t>(limit.rlim_cur);
+  if (descriptors < 4 * OWN_DESCRIPTORS)
+  {
+    throw std::runtime_error("only " + std::to_string(descriptors) + " descriptors are allowed, at least " +
+                             std::to_string(4 * OWN_DESCRIPTORS) + " are needed: raise them with ulimit -n");
+  }
+  return descriptors;
 }
 
-/// Long-lived and small: one arena for all threads, and what a big request took goes back.
+/// One arena for all threads; memory of large requests returns to the system.
 void keepMemorySmall()
 {
   mallopt(M_ARENA_MAX, 1);
@@ -77,7 +84,7 @@ bool isFileLoggingDisabled()
   return !(value.empty() || value == "0" || value == "false" || value == "off" || value == "no");
 }
 
-/// The file for what nodes log. A computer whose disk is full still has to drive: without one it goes on.
+/// Opens the log file of all nodes. Failure is not fatal: a vehicle must start even if its disk is full.
 std::unique_ptr<RotatingFile> openRosoutFile(const std::string& run_id, const Log& log)
 {
   if (isFileLoggingDisabled())
@@ -107,7 +114,7 @@ void announce(int descriptor, const std::string& uri)
   }
   if (descriptor > STDERR_FILENO)
   {
-    close(descriptor);  // who reads it sees the end
+    close(descriptor);  // the reader sees the end of file
   }
 }
 
@@ -132,29 +139,43 @@ void warnOfOtherMaster(uint16_t port)
   }
 }
 
-/// roscore's own parameters.
+/// Sets the parameters of roscore.
 void setCoreParameters(MasterApi* api, const std::string& run_id)
 {
   const std::string caller = "/roslaunch";
   const char* const distribution = std::getenv("ROS_DISTRO");
   api->setParameter("/run_id", run_id, caller);
-  // With the line ends that roscore has there, too: it puts in what commands print.
+  // With line ends, as in roscore, which stores the output of commands.
   api->setParameter("/rosversion", std::string(ROS_VERSION) + "\n", caller);
   api->setParameter("/rosdistro", std::string(distribution != nullptr ? distribution : ROS_DISTRIBUTION) + "\n",
                     caller);
 }
 
+const char* nameOf(CoreProgram program)
+{
+  return program == CoreProgram::CORE ? "pi_core" : "pi_master";
+}
+
+/// Starts the rosout node and registers it with the master of this process.
+void startRosout(EventLoop* loop, MasterApi* api, RosoutNode::Environment environment,
+                 std::optional<RosoutNode>* rosout)
+{
+  environment.omits_topics = [api]
+  {
+    const RpcValue* value = api->parameter("/rosout/omit_topics");
+    return value != nullptr && *value == RpcValue(true);
+  };
+  rosout->emplace(loop, environment);
+  api->addPublisher(RosoutNode::NAME, RosoutNode::PUBLISHED, LogType::name(), (*rosout)->uri());
+  api->addSubscriber(RosoutNode::NAME, RosoutNode::SUBSCRIBED, LogType::name(), (*rosout)->uri());
+}
+
 void run(CoreProgram program, const CoreOptions& options)
 {
-  const std::string name = program == CoreProgram::CORE ? "pi_core" : "pi_master";
-  const Log log = [&name](const std::string& line) { std::fprintf(stderr, "%s: %s\n", name.c_str(), line.c_str()); };
+  const Log log = [program](const std::string& line)
+  { std::fprintf(stderr, "%s: %s\n", nameOf(program), line.c_str()); };
   const FileDescriptor signals = endSignals();
   const size_t descriptors = raiseDescriptorLimit();
-  if (descriptors < 4 * OWN_DESCRIPTORS)
-  {
-    throw std::runtime_error("only " + std::to_string(descriptors) + " descriptors are allowed, at least " +
-                             std::to_string(4 * OWN_DESCRIPTORS) + " are needed: raise them with ulimit -n");
-  }
   const NetworkAddress network = networkAddress(options.host);
   EventLoop loop;
   NodeCallerLimits call_limits;
@@ -164,20 +185,18 @@ void run(CoreProgram program, const CoreOptions& options)
   HttpServerLimits server_limits;
   server_limits.connections = std::min(server_limits.connections, descriptors / 4);
 
-  // The master knows its URI once it has its port.
+  // The URI of the master needs the port of the server.
   std::optional<MasterApi> api;
   HttpServer server(
       &loop, network.bind, options.port, [&api](std::string_view request) { return api->answer(request); },
       server_limits);
   const std::string uri = httpUri(network.host, server.port());
-  api.emplace(
-      uri, &calls,
-      [&](const std::string& reason)
-      {
-        log(reason);
-        loop.stop();
-      },
-      options.is_verbose ? log : Log());
+  const auto shut_down = [&](const std::string& reason)
+  {
+    log(reason);
+    loop.stop();
+  };
+  api.emplace(uri, &calls, shut_down, options.is_verbose ? log : Log());
 
   std::unique_ptr<RotatingFile> file;
   std::optional<RosoutNode> rosout;
@@ -191,14 +210,7 @@ void run(CoreProgram program, const CoreOptions& options)
     environment.master_uri = uri;
     environment.calls = &calls;
     environment.file = file.get();
-    environment.omits_topics = [&api]
-    {
-      const RpcValue* value = api->parameter("/rosout/omit_topics");
-      return value != nullptr && *value == RpcValue(true);
-    };
-    rosout.emplace(&loop, environment);
-    api->addPublisher(RosoutNode::NAME, RosoutNode::PUBLISHED, LogType::name(), rosout->uri());
-    api->addSubscriber(RosoutNode::NAME, RosoutNode::SUBSCRIBED, LogType::name(), rosout->uri());
+    startRosout(&loop, &*api, environment, &rosout);
   }
   loop.add(signals.get(), EPOLLIN, [&loop](uint32_t) { loop.stop(); });
 
@@ -223,24 +235,11 @@ void run(CoreProgram program, const CoreOptions& options)
 
 int runCore(CoreProgram program, int argc, char** argv)
 {
-  const std::string name = program == CoreProgram::CORE ? "pi_core" : "pi_master";
-  try
-  {
-    keepMemorySmall();
-    const std::optional<CoreOptions> options = CoreOptions::parse(argc, argv);
-    if (!options)
-    {
-      std::fputs(CoreOptions::usage(name).c_str(), stdout);
-      return EXIT_SUCCESS;
-    }
-    run(program, *options);
-    return EXIT_SUCCESS;
-  }
-  catch (const std::exception& error)
-  {
-    std::fprintf(stderr, "%s: %s\n", name.c_str(), error.what());
-    return EXIT_FAILURE;
-  }
+  const std::string name = nameOf(program);
+  keepMemorySmall();
+  return runProgram(
+      name, [&] { return CoreOptions::parse(argc, argv); }, CoreOptions::usage(name),
+      [program](const CoreOptions& options) { run(program, options); });
 }
 
 }  // namespace pi_os_transport

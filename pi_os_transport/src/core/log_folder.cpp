@@ -1,4 +1,4 @@
-#include "log_folder.h"
+#include "core/log_folder.h"
 
 #include <pwd.h>
 #include <unistd.h>
@@ -25,7 +25,7 @@ std::filesystem::path homeFolder()
   return user != nullptr && user->pw_dir != nullptr ? user->pw_dir : "/";
 }
 
-/// A path from a variable, in which "~" is the home folder.
+/// A path from a variable; "~" is the home folder.
 std::filesystem::path fromVariable(const char* name)
 {
   const char* const value = std::getenv(name);
@@ -73,7 +73,7 @@ std::string makeLogFolder(const std::string& run_id)
     throw std::runtime_error("cannot make the log folder " + folder.string() + ": " + error.message() +
                              "; set ROS_LOG_DIR to a folder that can be written to");
   }
-  // The link is for people: whatever is in its way, or makes one at the same time, is no reason to fail.
+  // The link is only for convenience: failure is ignored.
   const std::filesystem::path latest = root / "latest";
   if (std::filesystem::is_symlink(latest, error) || !std::filesystem::exists(latest, error))
   {

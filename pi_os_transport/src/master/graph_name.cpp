@@ -1,4 +1,4 @@
-#include "graph_name.h"
+#include "master/graph_name.h"
 
 #include <algorithm>
 

@@ -1,7 +1,5 @@
 #pragma once
 
-#include <sys/socket.h>
-
 #include <cstdint>
 #include <deque>
 #include <functional>
@@ -10,20 +8,14 @@
 #include <unordered_map>
 #include <vector>
 
-#include "event_loop.h"
+#include "event_loop/event_loop.h"
+#include "master/network_address.h"
 
 namespace pi_os_transport
 {
 
-/// A socket address of any family.
-struct SocketAddress
-{
-  sockaddr_storage storage{};
-  socklen_t size = 0;  ///< 0: none
-};
-
-/// Finds the address of a host without making the loop wait: what is no number is asked for on threads, of which there
-/// are never more than MOST_THREADS and between questions none. An answer is kept for a while.
+/// Finds the address of a host without blocking the loop. Names are resolved on at most MOST_THREADS threads, which
+/// exist only during requests. Answers are kept for 30 s, failures for 2 s.
 class HostResolver
 {
 public:
@@ -35,7 +27,7 @@ public:
   HostResolver(const HostResolver&) = delete;
   HostResolver& operator=(const HostResolver&) = delete;
 
-  /// Calls `resolved` before it returns if the answer is at hand, else later from the loop.
+  /// Calls `resolved` at once if the answer is known, else later from the loop.
   void resolve(const std::string& host, uint16_t port, Resolved resolved);
 
 private:

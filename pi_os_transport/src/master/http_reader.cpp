@@ -1,4 +1,4 @@
-#include "http_reader.h"
+#include "master/http_reader.h"
 
 #include <algorithm>
 #include <cctype>
@@ -105,7 +105,7 @@ void HttpReader::takeLine(std::string_view line)
   switch (step_)
   {
     case Step::FIRST_LINE:
-      if (!line.empty())  // some clients end a body with a line end too many
+      if (!line.empty())  // some clients send an extra line end after a body
       {
         takeFirstLine(line);
       }
@@ -137,7 +137,7 @@ void HttpReader::takeLine(std::string_view line)
     case Step::BODY:
     case Step::BODY_TO_END:
     case Step::CHUNK:
-      break;  // are no lines
+      break;  // not lines
   }
 }
 
@@ -219,7 +219,7 @@ void HttpReader::endHead()
 {
   if (kind_ == Kind::RESPONSE && status_ >= 100 && status_ < 200)
   {
-    step_ = Step::FIRST_LINE;  // the real answer follows
+    step_ = Step::FIRST_LINE;  // the final answer follows
     return;
   }
   if (is_chunked_)

@@ -1,4 +1,4 @@
-#include "http_server.h"
+#include "master/http_server.h"
 
 #include <sys/epoll.h>
 #include <sys/socket.h>
@@ -6,6 +6,9 @@
 #include <array>
 #include <cerrno>
 #include <utility>
+
+#include "event_loop/if_alive.h"
+#include "event_loop/socket_io.h"
 
 namespace pi_os_transport
 {
@@ -89,7 +92,7 @@ bool HttpServer::dropLongestSilent()
   {
     return false;
   }
-  // One without a request under way if there is any: its client connects anew when it has something to say.
+  // Prefer one without a request: its client reconnects when needed.
   for (const ConnectionPtr& connection : connections_)
   {
     if (!connection->reader.hasBegun() && connection->out.empty())
@@ -104,7 +107,7 @@ bool HttpServer::dropLongestSilent()
 
 void HttpServer::onReady(const ConnectionPtr& watched, uint32_t events)
 {
-  const ConnectionPtr connection = watched;  // stays while it is at work, though it may be dropped
+  const ConnectionPtr connection = watched;  // keeps the connection alive, although it may be dropped
   if (connection->events != EPOLLIN && (events & (EPOLLHUP | EPOLLERR)) != 0)
   {
     drop(connection);
@@ -163,7 +166,7 @@ void HttpServer::take(const ConnectionPtr& connection, std::string_view bytes)
     if (!had_head && reader.hasHead() && reader.expectsContinue())
     {
       constexpr std::string_view GO_ON = "HTTP/1.1 100 Continue\r\n\r\n";
-      ::send(connection->socket.get(), GO_ON.data(), GO_ON.size(), MSG_NOSIGNAL);  // nothing else is on its way
+      ::send(connection->socket.get(), GO_ON.data(), GO_ON.size(), MSG_NOSIGNAL);  // nothing else is being sent
     }
   }
 }
@@ -207,36 +210,26 @@ void HttpServer::refuse(const ConnectionPtr& connection, int status, const std::
 
 void HttpServer::send(const ConnectionPtr& connection)
 {
-  const std::string& out = connection->out;
-  while (connection->sent < out.size())
+  switch (sendRest(connection->socket.get(), connection->out, &connection->sent))
   {
-    const ssize_t size =
-        ::send(connection->socket.get(), out.data() + connection->sent, out.size() - connection->sent, MSG_NOSIGNAL);
-    if (size < 0 && errno == EINTR)
-    {
-      continue;
-    }
-    if (size < 0 && errno == EAGAIN)
-    {
+    case SendResult::BLOCKED:
       allow(connection, limits_.reply);
       watch(connection, EPOLLOUT);
-      return;
-    }
-    if (size < 0)
-    {
+      break;
+    case SendResult::FAILED:
       drop(connection);
-      return;
-    }
-    connection->sent += static_cast<size_t>(size);
+      break;
+    case SendResult::DONE:
+      onSent(connection);
+      break;
   }
-  onSent(connection);
 }
 
 void HttpServer::onSent(const ConnectionPtr& connection)
 {
   if (connection->closes)
   {
-    // What the client has sent meanwhile would make the kernel throw the answer away.
+    // Read what the client has sent meanwhile: otherwise the kernel resets the connection and drops the answer.
     shutdown(connection->socket.get(), SHUT_WR);
     std::array<char, CHUNK_BYTES> rest;
     for (int count = 0; count < MOST_CHUNKS_DRAINED; ++count)
@@ -256,19 +249,18 @@ void HttpServer::onSent(const ConnectionPtr& connection)
     watch(connection, EPOLLIN);
     return;
   }
-  // After this round: a client that sends request upon request must not keep others waiting, nor fill the stack.
+  // In the next round: a client that pipelines requests must not block others, nor fill the stack.
   watch(connection, 0);
-  loop_->defer(
-      [this, weak = std::weak_ptr<Connection>(connection)]
-      {
-        const ConnectionPtr waiting = weak.lock();
-        if (waiting != nullptr && waiting->socket)
-        {
-          watch(waiting, EPOLLIN);
-          const std::string unread = std::exchange(waiting->unread, std::string());
-          take(waiting, unread);
-        }
-      });
+  loop_->defer(ifAlive(connection,
+                       [this](const ConnectionPtr& waiting)
+                       {
+                         if (waiting->socket)
+                         {
+                           watch(waiting, EPOLLIN);
+                           const std::string unread = std::exchange(waiting->unread, std::string());
+                           take(waiting, unread);
+                         }
+                       }));
 }
 
 void HttpServer::setOut(const ConnectionPtr& connection, std::string out)
@@ -291,24 +283,19 @@ void HttpServer::watch(const ConnectionPtr& connection, uint32_t events)
 void HttpServer::allow(const ConnectionPtr& connection, std::chrono::milliseconds time)
 {
   loop_->cancel(connection->deadline);
-  connection->deadline = loop_->after(time,
-                                      [this, weak = std::weak_ptr<Connection>(connection)]
-                                      {
-                                        const ConnectionPtr late = weak.lock();
-                                        if (late == nullptr)
-                                        {
-                                          return;
-                                        }
-                                        late->deadline = 0;
-                                        if (late->out.empty())
-                                        {
-                                          refuse(late, 408, "the request was not complete in time");
-                                        }
-                                        else
-                                        {
-                                          drop(late);
-                                        }
-                                      });
+  connection->deadline = loop_->after(time, ifAlive(connection,
+                                                    [this](const ConnectionPtr& late)
+                                                    {
+                                                      late->deadline = 0;
+                                                      if (late->out.empty())
+                                                      {
+                                                        refuse(late, 408, "the request was not complete in time");
+                                                      }
+                                                      else
+                                                      {
+                                                        drop(late);
+                                                      }
+                                                    }));
 }
 
 void HttpServer::drop(const ConnectionPtr& dropped)

@@ -9,28 +9,28 @@
 #include <string>
 #include <string_view>
 
-#include "event_loop.h"
-#include "http_reader.h"
-#include "listener.h"
-#include "pi_os_transport/file_descriptor.h"
+#include "event_loop/event_loop.h"
+#include "master/http_reader.h"
+#include "master/listener.h"
+#include "shm/file_descriptor.h"
 
 namespace pi_os_transport
 {
 
-/// What clients of a server may take.
+/// Resources that clients may use.
 struct HttpServerLimits
 {
   HttpLimits message;
-  size_t connections = 4096;                 ///< the one that was silent longest makes room for a new one
-  size_t bytes_in = 128 * 1024 * 1024;       ///< of requests that are not complete yet, of all connections
-  size_t bytes_out = 256 * 1024 * 1024;      ///< of answers that wait for their clients to take them
-  std::chrono::milliseconds request{30000};  ///< from its first byte to its last
-  std::chrono::milliseconds reply{30000};    ///< without the client taking any of it
+  size_t connections = 4096;                 ///< the connection that was silent longest is replaced
+  size_t bytes_in = 128 * 1024 * 1024;       ///< of incomplete requests of all connections
+  size_t bytes_out = 256 * 1024 * 1024;      ///< of answers that clients have not read
+  std::chrono::milliseconds request{30000};  ///< from first to last byte
+  std::chrono::milliseconds reply{30000};    ///< without progress
 };
 
 /// Serves POST requests of HTTP/1.1 on a loop, one after the other on each connection, and keeps connections open.
-/// Whoever sends nonsense, too much, too slowly, or does not read its answers loses its connection, and nobody else
-/// notices. Has to outlive the loop's run.
+/// Closes the connection of a client that sends invalid data, too much or too slowly, or does not read its answers;
+/// other clients are not affected. Must outlive the loop's run.
 class HttpServer
 {
 public:
@@ -49,11 +49,11 @@ private:
   {
     FileDescriptor socket;
     HttpReader reader{HttpReader::Kind::REQUEST};
-    std::string unread;  ///< came behind a request that is being answered
+    std::string unread;  ///< received behind the current request
     std::string out;
     size_t sent = 0;
-    bool closes = false;  ///< once `out` is sent
-    uint32_t events = 0;  ///< that the loop watches
+    bool closes = false;  ///< closes when `out` is sent
+    uint32_t events = 0;  ///< watched by the loop
     EventLoop::TimerId deadline = 0;
     std::list<std::shared_ptr<Connection>>::iterator place;
   };
@@ -76,7 +76,7 @@ private:
   EventLoop* loop_;
   HttpServerLimits limits_;
   Handler handler_;
-  std::list<ConnectionPtr> connections_;  ///< the longest silent first
+  std::list<ConnectionPtr> connections_;  ///< the one silent longest is first
   size_t bytes_in_ = 0;
   size_t bytes_out_ = 0;
   Listener listener_;

@@ -4,29 +4,29 @@
 #include <functional>
 #include <string>
 
-#include "event_loop.h"
-#include "pi_os_transport/file_descriptor.h"
+#include "event_loop/event_loop.h"
+#include "shm/file_descriptor.h"
 
 namespace pi_os_transport
 {
 
-/// Accepts connections of TCP on a loop. Has to outlive the loop's run.
+/// Accepts TCP connections on a loop. Must outlive the loop's run.
 class Listener
 {
 public:
   using Accepted = std::function<void(FileDescriptor connection)>;
-  /// Frees a descriptor because there are no more. @return false if it cannot.
+  /// Frees a descriptor because none is left. @return false if this is impossible.
   using MakeRoom = std::function<bool()>;
 
-  /// @param address  numeric. @param port  0: any that is free.
-  /// @throws std::runtime_error naming address and port, and what to do if the port is in use
+  /// @param address  numeric. @param port  0: any free port.
+  /// @throws std::runtime_error naming address and port, and the remedy if the port is in use
   Listener(EventLoop* loop, const std::string& address, uint16_t port);
   ~Listener();
   Listener(const Listener&) = delete;
   Listener& operator=(const Listener&) = delete;
 
   uint16_t port() const { return port_; }
-  /// Connections come non-blocking, with TCP_NODELAY, and with keep-alive, so that those of vanished computers end.
+  /// Accepted connections are non-blocking, with TCP_NODELAY and keep-alive.
   void start(Accepted accepted, MakeRoom make_room);
 
 private:

@@ -1,4 +1,4 @@
-#include "master_api.h"
+#include "master/master_api.h"
 
 #include <unistd.h>
 
@@ -6,15 +6,15 @@
 #include <optional>
 #include <utility>
 
-#include "graph_name.h"
-#include "rpc_encoder.h"
+#include "master/graph_name.h"
+#include "master/rpc_encoder.h"
 
 namespace pi_os_transport
 {
 namespace
 {
 
-const std::string MASTER = "/master";  // the name under which nodes are called
+const std::string MASTER = "/master";  // caller's name in calls of nodes
 const std::string ANY_TYPE = "*";
 
 const char* nameOf(Role role)
@@ -44,7 +44,7 @@ std::shared_ptr<const std::string> body(std::string_view method, RpcValue::Array
   return std::make_shared<const std::string>(encodeRpcCall(method, params));
 }
 
-/// What a node answers to getPid; 0 if it does not.
+/// The process id in an answer to getPid; 0 if there is none.
 int pidOf(const RpcResponse* response)
 {
   if (response == nullptr || response->is_fault || !response->value.is<RpcValue::Array>())
@@ -68,8 +68,6 @@ MasterApi::MasterApi(std::string uri, NodeCalls* calls, std::function<void(const
   addStateMethods();
 }
 
-// --- what happens at a change --------------------------------------------------------------------------------------
-
 void MasterApi::enrol(Role role, const std::string& key, const std::string& node, const std::string& api,
                       const std::string& service_api)
 {
@@ -92,8 +90,7 @@ void MasterApi::enrol(Role role, const std::string& key, const std::string& node
   }
 }
 
-/// Ends the process that a node was before, if it is still there: what answers at its address may be another node by
-/// now, which got the port of one that has died.
+/// Shuts down the old process of a node. Checks the process id first: another node may use the port of a dead one.
 void MasterApi::shutDown(const std::string& node, const Registrations::Replaced& old)
 {
   const auto call = body("shutdown", {"[" + node + "] Reason: new node registered with same name"});
@@ -149,7 +146,7 @@ void MasterApi::tellOfParameter(const std::string& key, const RpcValue& value, c
       {
         continue;
       }
-      // A node that no longer knows the parameter says so: it is not told again.
+      // A node that does not know the parameter any more answers -1: remove its subscription.
       const auto done = [this, node = node, api = api, subscription = update.subscription](const RpcResponse* response)
       {
         if (response != nullptr && !response->is_fault && response->value.is<RpcValue::Array>() &&
@@ -165,7 +162,7 @@ void MasterApi::tellOfParameter(const std::string& key, const RpcValue& value, c
 
 void MasterApi::setParameter(const std::string& key, RpcValue value, const std::string& caller)
 {
-  // Told from the copy in the tree, which is what the subscribers of parts of it have to see.
+  // From the copy in the tree, because subscribers of its parts get pointers into it.
   switch (parameters_.set(key, std::move(value)))
   {
     case ParameterTree::SetResult::DONE:
@@ -185,7 +182,7 @@ RpcValue::Array MasterApi::addSubscriber(const std::string& node, const std::str
   enrol(Role::SUBSCRIBER, topic, node, api);
   if (type != ANY_TYPE)
   {
-    topic_types_.emplace(topic, type);  // that of a publisher stays
+    topic_types_.emplace(topic, type);  // keeps the type of a publisher
   }
   return registrations_.apis(Role::PUBLISHER, topic);
 }
@@ -201,8 +198,6 @@ RpcValue::Array MasterApi::addPublisher(const std::string& node, const std::stri
   tellSubscribers(topic);
   return registrations_.apis(Role::SUBSCRIBER, topic);
 }
-
-// --- methods -------------------------------------------------------------------------------------------------------
 
 void MasterApi::addNodeMethods(std::function<void(const std::string& reason)> shut_down)
 {

@@ -6,34 +6,33 @@
 #include <string_view>
 #include <vector>
 
-#include "node_calls.h"
-#include "parameter_tree.h"
-#include "registrations.h"
-#include "rpc_methods.h"
-#include "rpc_value.h"
+#include "master/node_calls.h"
+#include "master/parameter_tree.h"
+#include "master/registrations.h"
+#include "master/rpc_methods.h"
+#include "master/rpc_value.h"
 
 namespace pi_os_transport
 {
 
-/// The Master API and the Parameter Server API of ROS 1, with the status codes and messages of ROS's own master: who
-/// talks to the one does not notice the other. Tells subscribers through their slave APIs what changes. Not thread
-/// safe.
+/// The Master API and the Parameter Server API of ROS 1, with the same status codes and messages as ROS's own master.
+/// Notifies subscribers of changes through their slave APIs. Not thread safe.
 class MasterApi
 {
 public:
-  /// @param uri  of this master. @param calls  must outlive this object. @param shut_down  what a call of shutdown()
-  /// does, with the reason that it gives. @param log  told of every change; may be empty.
+  /// @param uri  of this master. @param calls  must outlive this object. @param shut_down  called by shutdown() with
+  /// its reason. @param log  gets every change; may be empty.
   MasterApi(std::string uri, NodeCalls* calls, std::function<void(const std::string& reason)> shut_down,
             Log log = Log());
   MasterApi(const MasterApi&) = delete;
   MasterApi& operator=(const MasterApi&) = delete;
 
-  /// @param request  XML of a call. @return XML of the answer, never anything else.
+  /// @param request  XML of a call. @return XML of the answer, in all cases
   std::string answer(std::string_view request) const { return methods_.answer(request); }
 
-  /// Also for the process that this master is part of.
+  /// Also called by the process of this master.
   void setParameter(const std::string& key, RpcValue value, const std::string& caller);
-  /// nullptr if it is not set. Valid until the next call.
+  /// Null if it is not set. Valid until the next call.
   const RpcValue* parameter(const std::string& key) const { return parameters_.get(key); }
   RpcValue::Array addSubscriber(const std::string& node, const std::string& topic, const std::string& type,
                                 const std::string& api);

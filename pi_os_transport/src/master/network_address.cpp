@@ -1,4 +1,4 @@
-#include "network_address.h"
+#include "master/network_address.h"
 
 #include <ifaddrs.h>
 #include <netdb.h>
@@ -8,11 +8,13 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
+#include <cstddef>
 #include <cstdlib>
+#include <cstring>
 #include <stdexcept>
 #include <string_view>
-#include <system_error>
+
+#include "parse_number.h"
 
 namespace pi_os_transport
 {
@@ -21,12 +23,15 @@ namespace
 
 constexpr uint16_t HTTP_PORT = 80;
 
+// Both families have the port at the same place.
+static_assert(offsetof(sockaddr_in, sin_port) == offsetof(sockaddr_in6, sin6_port));
+
 bool isLoopback(const std::string& host)
 {
   return host == "localhost" || host.rfind("127.", 0) == 0 || host == "::1";
 }
 
-/// An address of this computer in numbers; a loopback's if there is no other.
+/// A numeric address of this computer; a loopback address if there is no other.
 std::string ownAddress(bool ipv6)
 {
   std::string found = ipv6 ? "::1" : "127.0.0.1";
@@ -65,6 +70,41 @@ void checkHost(const std::string& variable, const std::string& host)
 }
 
 }  // namespace
+
+uint16_t SocketAddress::port() const
+{
+  return ntohs(reinterpret_cast<const sockaddr_in*>(&storage)->sin_port);
+}
+
+SocketAddress SocketAddress::withPort(uint16_t port) const
+{
+  SocketAddress changed = *this;
+  reinterpret_cast<sockaddr_in*>(&changed.storage)->sin_port = htons(port);
+  return changed;
+}
+
+SocketAddress findAddress(const std::string& host, int flags)
+{
+  addrinfo hints{};
+  hints.ai_socktype = SOCK_STREAM;
+  hints.ai_flags = flags;
+  addrinfo* found = nullptr;
+  SocketAddress address;
+  if (getaddrinfo(host.c_str(), nullptr, &hints, &found) != 0)
+  {
+    return address;
+  }
+  // IPv4 first: nodes use it by default.
+  const addrinfo* chosen = found;
+  for (const addrinfo* one = found; one != nullptr && chosen->ai_family != AF_INET; one = one->ai_next)
+  {
+    chosen = one->ai_family == AF_INET ? one : chosen;
+  }
+  std::memcpy(&address.storage, chosen->ai_addr, chosen->ai_addrlen);
+  address.size = chosen->ai_addrlen;
+  freeaddrinfo(found);
+  return address;
+}
 
 NetworkAddress networkAddress(const std::string& remapped)
 {
@@ -134,10 +174,8 @@ HostAndPort parseHttpUri(const std::string& uri)
     }
     const std::string_view port = has_port ? authority.substr(colon + 1) : std::string_view();
     result.host = host;
-    result.port = HTTP_PORT;
-    const auto parsed = std::from_chars(port.data(), port.data() + port.size(), result.port);
-    if (!result.host.empty() &&
-        (!has_port || (parsed.ec == std::errc() && parsed.ptr == port.data() + port.size() && result.port != 0)))
+    result.port = has_port ? parseNumber<uint16_t>(port, 1, 65535).value_or(0) : HTTP_PORT;
+    if (!result.host.empty() && result.port != 0)
     {
       return result;
     }

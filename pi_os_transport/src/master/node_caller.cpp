@@ -1,4 +1,4 @@
-#include "node_caller.h"
+#include "master/node_caller.h"
 
 #include <netinet/in.h>
 #include <netinet/tcp.h>
@@ -12,6 +12,9 @@
 #include <stdexcept>
 #include <string_view>
 #include <utility>
+
+#include "event_loop/if_alive.h"
+#include "event_loop/socket_io.h"
 
 namespace pi_os_transport
 {
@@ -78,20 +81,18 @@ void NodeCaller::call(const std::string& api, NodeCall call)
   }
   if (node->step == Step::IDLE && node->calls.size() == 1)
   {
-    loop_->defer(
-        [this, weak = std::weak_ptr<Node>(node)]
-        {
-          const NodePtr idle = weak.lock();
-          if (idle != nullptr && idle->step == Step::IDLE && !idle->calls.empty())
-          {
-            sendCall(idle);
-          }
-        });
+    loop_->defer(ifAlive(node,
+                         [this](const NodePtr& idle)
+                         {
+                           if (idle->step == Step::IDLE && !idle->calls.empty())
+                           {
+                             sendCall(idle);
+                           }
+                         }));
   }
 }
 
-/// Lets a node that has calls to make wait for its turn to connect, which comes after this round of the loop at the
-/// earliest.
+/// Lets a node with pending calls wait for a connection, which is opened after this round of the loop at the earliest.
 void NodeCaller::queue(const NodePtr& node)
 {
   node->step = Step::WAITING;
@@ -166,14 +167,14 @@ void NodeCaller::connect(const NodePtr& node)
   node->is_used = false;
   allow(node, limits_.connect);
   resolver_.resolve(node->at.host, node->at.port,
-                    [this, weak = std::weak_ptr<Node>(node)](const SocketAddress& address)
-                    {
-                      const NodePtr resolved = weak.lock();
-                      if (resolved != nullptr && resolved->step == Step::RESOLVING)
-                      {
-                        open(resolved, address);
-                      }
-                    });
+                    ifAlive(node,
+                            [this](const NodePtr& resolved, const SocketAddress& address)
+                            {
+                              if (resolved->step == Step::RESOLVING)
+                              {
+                                open(resolved, address);
+                              }
+                            }));
 }
 
 void NodeCaller::open(const NodePtr& node, const SocketAddress& address)
@@ -187,7 +188,7 @@ void NodeCaller::open(const NodePtr& node, const SocketAddress& address)
       (::connect(node->socket.get(), reinterpret_cast<const sockaddr*>(&address.storage), address.size) != 0 &&
        errno != EINPROGRESS))
   {
-    node->socket.reset();  // the loop does not know it yet
+    node->socket.reset();  // the loop does not watch it yet
     finish(node, nullptr);
     return;
   }
@@ -195,23 +196,15 @@ void NodeCaller::open(const NodePtr& node, const SocketAddress& address)
   setsockopt(node->socket.get(), IPPROTO_TCP, TCP_NODELAY, &on, sizeof(on));
   node->step = Step::CONNECTING;
   loop_->add(node->socket.get(), EPOLLOUT,
-             [this, weak = std::weak_ptr<Node>(node)](uint32_t events) { onReady(weak.lock(), events); });
+             ifAlive(node, [this](const NodePtr& ready, uint32_t events) { onReady(ready, events); }));
 }
 
 void NodeCaller::onReady(const NodePtr& node, uint32_t events)
 {
-  if (node == nullptr)
-  {
-    return;
-  }
   switch (node->step)
   {
     case Step::CONNECTING:
-    {
-      int error = 0;
-      socklen_t size = sizeof(error);
-      getsockopt(node->socket.get(), SOL_SOCKET, SO_ERROR, &error, &size);
-      if (error != 0)
+      if (connectionError(node->socket.get()) != 0)
       {
         finish(node, nullptr);
       }
@@ -220,7 +213,6 @@ void NodeCaller::onReady(const NodePtr& node, uint32_t events)
         sendCall(node);
       }
       break;
-    }
     case Step::CALLING:
       if (events & EPOLLOUT)
       {
@@ -234,18 +226,18 @@ void NodeCaller::onReady(const NodePtr& node, uint32_t events)
     case Step::IDLE:
       if (node->calls.empty())
       {
-        forget(node);  // the node has closed the connection, or speaks without being asked
+        forget(node);  // the node has closed the connection, or sent unexpected data
       }
       else
       {
-        disconnect(node);  // and a call has come in this very round
+        disconnect(node);  // a call was added in this round
         --busy_;
         queue(node);
       }
       break;
     case Step::WAITING:
     case Step::RESOLVING:
-      break;  // have no socket
+      break;  // no socket yet
   }
 }
 
@@ -255,7 +247,7 @@ void NodeCaller::sendCall(const NodePtr& node)
   const auto subject = node->subjects.find(call.subject);
   if (subject != node->subjects.end() && subject->second == node->calls.begin())
   {
-    node->subjects.erase(subject);  // under way: a newer one has to follow it
+    node->subjects.erase(subject);  // being sent: a newer call must not replace it
   }
   node->step = Step::CALLING;
   node->reader.reset();
@@ -270,29 +262,20 @@ void NodeCaller::sendCall(const NodePtr& node)
 
 void NodeCaller::sendRest(const NodePtr& node)
 {
-  while (node->sent < node->out.size())
+  switch (pi_os_transport::sendRest(node->socket.get(), node->out, &node->sent))
   {
-    const ssize_t size =
-        send(node->socket.get(), node->out.data() + node->sent, node->out.size() - node->sent, MSG_NOSIGNAL);
-    if (size < 0 && errno == EINTR)
-    {
-      continue;
-    }
-    if (size < 0 && errno == EAGAIN)
-    {
+    case SendResult::BLOCKED:
       loop_->change(node->socket.get(), EPOLLOUT);
-      return;
-    }
-    if (size < 0)
-    {
+      break;
+    case SendResult::FAILED:
       onBroken(node);
-      return;
-    }
-    node->sent += static_cast<size_t>(size);
+      break;
+    case SendResult::DONE:
+      node->out = std::string();
+      node->sent = 0;
+      loop_->change(node->socket.get(), EPOLLIN);
+      break;
   }
-  node->out = std::string();
-  node->sent = 0;
-  loop_->change(node->socket.get(), EPOLLIN);
 }
 
 void NodeCaller::receive(const NodePtr& node)
@@ -329,13 +312,13 @@ void NodeCaller::receive(const NodePtr& node)
     }
     catch (const RpcDecodeError&)
     {
-      // What is no answer counts as none.
+      // An invalid answer counts as none.
     }
     finish(node, response ? &*response : nullptr);
   }
 }
 
-/// The connection has ended before an answer came.
+/// The connection has ended before the answer.
 void NodeCaller::onBroken(const NodePtr& node)
 {
   if (!node->is_used || node->reader.hasBegun())
@@ -343,7 +326,7 @@ void NodeCaller::onBroken(const NodePtr& node)
     finish(node, nullptr);
     return;
   }
-  // It was kept from an earlier call, and the node had closed it before it saw this one.
+  // A kept connection, which the node had closed before this call.
   disconnect(node);
   connect(node);
 }
@@ -420,24 +403,19 @@ void NodeCaller::allow(const NodePtr& node, std::chrono::milliseconds time)
 {
   loop_->cancel(node->deadline);
   node->since = SteadyClock::now();
-  node->deadline = loop_->after(time,
-                                [this, weak = std::weak_ptr<Node>(node)]
-                                {
-                                  const NodePtr late = weak.lock();
-                                  if (late == nullptr)
-                                  {
-                                    return;
-                                  }
-                                  late->deadline = 0;
-                                  if (late->step == Step::IDLE && late->calls.empty())
-                                  {
-                                    forget(late);
-                                  }
-                                  else if (late->step != Step::IDLE)
-                                  {
-                                    finish(late, nullptr);
-                                  }
-                                });
+  node->deadline = loop_->after(time, ifAlive(node,
+                                              [this](const NodePtr& late)
+                                              {
+                                                late->deadline = 0;
+                                                if (late->step == Step::IDLE && late->calls.empty())
+                                                {
+                                                  forget(late);
+                                                }
+                                                else if (late->step != Step::IDLE)
+                                                {
+                                                  finish(late, nullptr);
+                                                }
+                                              }));
 }
 
 }  // namespace pi_os_transport

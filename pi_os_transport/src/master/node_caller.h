@@ -9,12 +9,12 @@
 #include <string>
 #include <unordered_map>
 
-#include "event_loop.h"
-#include "host_resolver.h"
-#include "http_reader.h"
-#include "network_address.h"
-#include "node_calls.h"
-#include "pi_os_transport/file_descriptor.h"
+#include "event_loop/event_loop.h"
+#include "master/host_resolver.h"
+#include "master/http_reader.h"
+#include "master/network_address.h"
+#include "master/node_calls.h"
+#include "shm/file_descriptor.h"
 
 namespace pi_os_transport
 {
@@ -22,16 +22,15 @@ namespace pi_os_transport
 struct NodeCallerLimits
 {
   size_t connections = 256;
-  std::chrono::milliseconds connect{10000};  ///< for the node's computer to answer
-  /// For the node itself. Long: a node that is stopped in a debugger gets what it missed when it goes on, as a call
-  /// waits in its socket.
+  std::chrono::milliseconds connect{10000};  ///< timeout of the TCP connection
+  /// Timeout of an answer. Long, so that a node stopped in a debugger gets the waiting call when it continues.
   std::chrono::milliseconds reply{60000};
-  std::chrono::milliseconds patience{1000};  ///< with a node that does not answer while others wait for a connection
-  std::chrono::milliseconds idle{2000};      ///< for which a connection is kept after the last call
+  std::chrono::milliseconds patience{1000};  ///< timeout of an answer while other nodes wait for a connection
+  std::chrono::milliseconds idle{2000};      ///< how long a connection is kept after the last call
 };
 
-/// Calls the slave APIs of nodes on a loop: of all nodes at the same time, of each one call after the other over one
-/// connection. A node that hangs or is gone delays nobody. Has to outlive the loop's run.
+/// Calls the slave APIs of nodes on a loop: all nodes at the same time, and each node one call after the other over one
+/// connection. A hanging or dead node does not delay others. Must outlive the loop's run.
 class NodeCaller : public NodeCalls
 {
 public:
@@ -41,17 +40,17 @@ public:
   NodeCaller& operator=(const NodeCaller&) = delete;
 
   void call(const std::string& api, NodeCall call) override;
-  /// Nodes that a call waits for or a connection is open to.
+  /// Nodes with a pending call or an open connection.
   size_t nodes() const { return nodes_.size(); }
 
 private:
   enum class Step
   {
-    WAITING,  ///< for a connection to be free
+    WAITING,  ///< waits for a free connection
     RESOLVING,
     CONNECTING,
     CALLING,
-    IDLE,  ///< connected, nothing to do
+    IDLE,  ///< connected, without calls
   };
   struct Node
   {
@@ -61,12 +60,12 @@ private:
     std::unordered_map<std::string, std::list<NodeCall>::iterator> subjects;
     Step step = Step::WAITING;
     FileDescriptor socket;
-    bool is_used = false;  ///< the connection has carried an answer: it may have ended since, which is no fault
+    bool is_used = false;  ///< the connection has carried an answer, and may have been closed since
     std::string out;
     size_t sent = 0;
     HttpReader reader{HttpReader::Kind::RESPONSE};
     EventLoop::TimerId deadline = 0;
-    SteadyTime since;  ///< of the current step
+    SteadyTime since;  ///< start of the current step
   };
   using NodePtr = std::shared_ptr<Node>;
 

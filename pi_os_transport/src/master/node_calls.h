@@ -4,23 +4,23 @@
 #include <memory>
 #include <string>
 
-#include "rpc_decoder.h"
+#include "master/rpc_decoder.h"
 
 namespace pi_os_transport
 {
 
-/// A call of a method of a node's slave API.
+/// A call of a node's slave API.
 struct NodeCall
 {
-  /// The answer; nullptr if there was none. Called at most once, never from inside call().
+  /// Gets the answer, or null if there was none. Called at most once, after call() has returned.
   using Done = std::function<void(const RpcResponse* response)>;
 
-  std::shared_ptr<const std::string> body;  ///< XML; shared where the same call goes to many nodes
-  std::string subject;                      ///< a newer call of the same subject makes this one needless; "": of none
+  std::shared_ptr<const std::string> body;  ///< XML; shared if many nodes get the same call
+  std::string subject;                      ///< a newer call of the same subject replaces this one; "": none
   Done done;                                ///< may be empty
 };
 
-/// Where calls of nodes are handed in. Those to one node are made one after the other, in their order.
+/// Makes calls of nodes. Calls of the same node are made one after the other, in order.
 class NodeCalls
 {
 public:

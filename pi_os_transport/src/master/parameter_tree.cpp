@@ -1,10 +1,10 @@
-#include "parameter_tree.h"
+#include "master/parameter_tree.h"
 
 #include <map>
 #include <string_view>
 #include <utility>
 
-#include "graph_name.h"
+#include "master/graph_name.h"
 
 namespace pi_os_transport
 {
@@ -28,7 +28,7 @@ void appendNames(RpcValue::Array* names, const std::string& space, const RpcValu
 
 using Found = std::vector<std::pair<std::string, const RpcValue*>>;
 
-/// All keys below `key`, which ends in a slash, each before what is below it.
+/// Appends all keys below `key`, which ends in a slash, parents first.
 void appendKeys(Found* found, const std::string& key, const RpcValue::Struct& members)
 {
   for (const auto& [name, value] : members)

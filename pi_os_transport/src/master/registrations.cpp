@@ -1,4 +1,4 @@
-#include "registrations.h"
+#include "master/registrations.h"
 
 #include <algorithm>
 #include <utility>
@@ -32,7 +32,7 @@ Registrations::Replaced Registrations::removeNode(const std::string& node)
       const auto entry = tables_[role].find(key);
       if (entry == tables_[role].end())
       {
-        continue;  // a service that another node has taken over and given up
+        continue;  // another node had taken over this service and removed it
       }
       std::vector<Provider>& providers = entry->second;
       providers.erase(std::remove_if(providers.begin(), providers.end(),

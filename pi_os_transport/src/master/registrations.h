@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "rpc_value.h"
+#include "master/rpc_value.h"
 
 namespace pi_os_transport
 {
@@ -20,8 +20,8 @@ enum class Role
   PARAMETER_SUBSCRIBER,
 };
 
-/// Who publishes, subscribes and serves what, and where each node is reached. Keys are names of topics, services and
-/// parameters. Not thread safe.
+/// The registered publishers, subscribers and services, and the addresses of nodes. Keys are names of topics, services
+/// and parameters. Not thread safe.
 class Registrations
 {
 public:
@@ -31,38 +31,38 @@ public:
     std::string api;  ///< URI of the node's slave API
     bool operator==(const Provider& other) const { return node == other.node && api == other.api; }
   };
-  /// A node of this name was registered with another API: a new process has taken over, all of the old one is removed.
+  /// The old registration of a node that now has another API: a new process has replaced it.
   struct Replaced
   {
     std::string api;
     int pid = 0;                      ///< of the old process; 0: unknown
-    std::vector<std::string> topics;  ///< that it published
+    std::vector<std::string> topics;  ///< published by the old process
   };
   struct Removal
   {
-    std::string message;  ///< in the words of ROS's own master
+    std::string message;  ///< same text as ROS's own master
     int count = 0;        ///< 1 if it was registered, else 0
   };
 
-  /// Registers a node once, however often it is called; a service goes to who registers it last.
+  /// Registers a node; repetitions change nothing. A service belongs to the node that registered it last.
   /// @param service_api  URI of the service; empty for other roles.
   std::optional<Replaced> add(Role role, const std::string& key, const std::string& node, const std::string& api,
                               const std::string& service_api = "");
-  /// Takes one registration away, and forgets a node that has none left.
-  /// @param api  has to be the one registered: of the service for services, else of the node.
+  /// Removes a registration, and a node without registrations.
+  /// @param api  must equal the registered one: of the service for services, else of the node
   Removal remove(Role role, const std::string& key, const std::string& node, const std::string& api);
 
-  /// In the order of their registration.
+  /// In the order of registration.
   const std::vector<Provider>& providers(Role role, const std::string& key) const;
-  /// A list of URIs, as the Master API hands it out.
+  /// A list of URIs, as the Master API returns it.
   RpcValue::Array apis(Role role, const std::string& key) const;
-  /// nullptr if the node has no registration.
+  /// Null if the node has no registration.
   const std::string* nodeApi(const std::string& node) const;
-  /// Notes which process the node is; nothing if it is not registered with this API.
+  /// Stores the process id of a node if it is registered with this API.
   void setPid(const std::string& node, const std::string& api, int pid);
   /// True if a node is registered with this API.
   bool isInUse(const std::string& api) const;
-  /// nullptr if nobody provides the service.
+  /// Null if no node provides the service.
   const std::string* serviceApi(const std::string& service) const;
   std::vector<std::string> keys(Role role) const;
   /// [[key, [node, ...]], ...]

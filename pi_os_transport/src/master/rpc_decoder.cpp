@@ -1,11 +1,11 @@
-#include "rpc_decoder.h"
+#include "master/rpc_decoder.h"
 
 #include <charconv>
 #include <cstdint>
 #include <system_error>
 #include <utility>
 
-#include "xml_reader.h"
+#include "master/xml_reader.h"
 
 namespace pi_os_transport
 {
@@ -21,7 +21,7 @@ std::string_view trimmed(std::string_view text)
                                          : text.substr(first, text.find_last_not_of(SPACE) - first + 1);
 }
 
-/// @return whether all of `text`, which may have a sign, is a number that `number` can hold.
+/// @return true if all of `text` is a number, with or without sign, that fits `number`.
 template <typename Number>
 bool parse(std::string_view text, Number* number)
 {

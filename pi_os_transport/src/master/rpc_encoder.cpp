@@ -1,11 +1,11 @@
-#include "rpc_encoder.h"
+#include "master/rpc_encoder.h"
 
 #include <array>
 #include <charconv>
 #include <utility>
 #include <variant>
 
-#include "xml_reader.h"
+#include "master/xml_reader.h"
 
 namespace pi_os_transport
 {
@@ -29,7 +29,7 @@ void appendText(std::string* out, std::string_view text)
 template <typename Number>
 void appendNumber(std::string* out, Number number)
 {
-  std::array<char, 32> text;  // the shortest text that reads back as the same double has at most 24 characters
+  std::array<char, 32> text;  // a double has at most 24 characters
   out->append(text.data(), std::to_chars(text.data(), text.data() + text.size(), number).ptr);
 }
 

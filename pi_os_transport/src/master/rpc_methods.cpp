@@ -1,19 +1,19 @@
-#include "rpc_methods.h"
+#include "master/rpc_methods.h"
 
 #include <exception>
 #include <utility>
 
-#include "graph_name.h"
-#include "rpc_encoder.h"
+#include "master/graph_name.h"
+#include "master/rpc_encoder.h"
 
 namespace pi_os_transport
 {
 namespace
 {
 
-constexpr int FAULT_CODE = 1;  // that of Python's servers, whatever the reason
+constexpr int FAULT_CODE = 1;  // the code of Python's servers, for all reasons
 constexpr size_t MOST_REPLY_BYTES =
-    256 * 1024 * 1024;  // of one multicall, which can ask for a big parameter many times
+    256 * 1024 * 1024;  // of one multicall, which may request a large parameter many times
 constexpr std::string_view MULTICALL = "system.multicall";
 
 std::string unknownMethod(std::string_view name)

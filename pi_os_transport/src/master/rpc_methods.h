@@ -7,40 +7,39 @@
 #include <string_view>
 #include <vector>
 
-#include "rpc_decoder.h"
-#include "rpc_value.h"
+#include "master/rpc_decoder.h"
+#include "master/rpc_value.h"
 
 namespace pi_os_transport
 {
 
-/// Writes one line about what happened to whoever runs the program.
+/// Writes one line to the log of the program.
 using Log = std::function<void(const std::string& line)>;
 
-/// An argument is not what it should be; the text goes to the caller.
+/// An argument is invalid; the caller gets the text.
 class RpcArgumentError : public std::runtime_error
 {
 public:
   using std::runtime_error::runtime_error;
 };
 
-/// The methods of one XML-RPC API of ROS: finds the one that a request names, checks its arguments, and makes an answer
-/// of what it returns or throws. Knows system.multicall. Not thread safe.
+/// The methods of one XML-RPC API of ROS. Finds the method of a request, checks the arguments, and makes an answer from
+/// the result or the exception. Supports system.multicall. Not thread safe.
 class RpcMethods
 {
 public:
-  /// May replace the argument by what it means, such as a name by its resolved form. @throws RpcArgumentError
+  /// May change the argument, for example resolve a name. @throws RpcArgumentError
   using Check = std::function<void(RpcValue* argument, const std::string& caller)>;
-  /// @param arguments  those after the caller's name, as many as there are checks, checked.
+  /// @param arguments  checked arguments after the caller's name, one per check.
   /// @return status code, message and value, see rpcResult().
   using Method = std::function<RpcValue(const std::string& caller, RpcValue::Array& arguments)>;
 
   explicit RpcMethods(const RpcLimits& limits = RpcLimits()) : limits_(limits) {}
 
-  /// @param on_error  the value beside a status code that tells of an error.
+  /// @param on_error  the value that is returned with an error.
   void add(const std::string& name, RpcValue on_error, std::vector<Check> checks, Method method);
 
-  /// @return the answer, which is a fault where the request is none or names no known method. Throws nothing but for
-  /// want of memory.
+  /// @return the answer; a fault if the request is invalid or names an unknown method. Throws only std::bad_alloc.
   std::string answer(std::string_view request) const;
 
 private:
@@ -60,7 +59,7 @@ private:
 /// The triple that every method of ROS's APIs returns. @param code  1 success, 0 failure, -1 error of the caller
 RpcValue rpcResult(int code, std::string message, RpcValue value);
 
-/// Checks for RpcMethods::add(), in the words of ROS's own master. @param name  of the argument, for the message.
+/// Checks for RpcMethods::add(), with the texts of ROS's own master. @param name  of the argument, for the text.
 namespace check
 {
 

@@ -1,4 +1,4 @@
-#include "rpc_value.h"
+#include "master/rpc_value.h"
 
 #include <algorithm>
 

@@ -11,12 +11,12 @@
 namespace pi_os_transport
 {
 
-/// A value of XML-RPC, as parameters, arguments and results are made of. A plain value: copies are deep.
+/// A value of XML-RPC: a parameter, argument or result. Copies are deep.
 struct RpcValue
 {
   using Array = std::vector<RpcValue>;
   using Struct = std::map<std::string, RpcValue, std::less<>>;
-  /// Carried as they came: a master only hands them on.
+  /// Kept as received, because a master only passes them on.
   struct Binary
   {
     std::string base64;
@@ -45,7 +45,7 @@ struct RpcValue
   {
     return std::holds_alternative<Type>(data);
   }
-  /// The caller has asked is().
+  /// Call only if is() is true.
   template <typename Type>
   const Type& as() const
   {
@@ -56,10 +56,9 @@ struct RpcValue
   {
     return std::get<Type>(data);
   }
-  /// What Python takes for false, as ROS's own master does when it looks whether an argument was given: zero, false and
-  /// all that is empty.
+  /// True for zero, false and empty values. ROS's own master uses this test, from Python, for missing arguments.
   bool isFalsy() const;
-  /// Whether it or anything in it is nil, which XML-RPC proper does not know.
+  /// True if the value is or contains nil, which is not part of XML-RPC.
   bool containsNil() const;
 
   bool operator==(const RpcValue& other) const { return data == other.data; }

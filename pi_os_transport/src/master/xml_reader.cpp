@@ -1,10 +1,10 @@
-#include "xml_reader.h"
+#include "master/xml_reader.h"
 
 #include <algorithm>
 #include <charconv>
 #include <cstdint>
 
-#include "rpc_decoder.h"
+#include "master/rpc_decoder.h"
 
 namespace pi_os_transport
 {
@@ -19,7 +19,7 @@ bool isAllowed(uint32_t code)
          (code >= 0xE000 && code < 0xFFFE) || (code >= 0x10000 && code < 0x110000);
 }
 
-/// @return bytes of the character of UTF-8 at the start of `text`, 0 if there is none that XML allows.
+/// @return size of the UTF-8 character at the start of `text`; 0 if it is invalid or not allowed in XML.
 size_t characterSize(std::string_view text)
 {
   const auto first = static_cast<uint8_t>(text[0]);
@@ -42,7 +42,7 @@ size_t characterSize(std::string_view text)
     }
     code = code << 6 | (byte & 0x3F);
   }
-  constexpr uint32_t SMALLEST[] = {0, 0, 0x80, 0x800, 0x10000};  // by size: anything longer than needed is refused
+  constexpr uint32_t SMALLEST[] = {0, 0, 0x80, 0x800, 0x10000};  // by size: overlong forms are refused
   return code >= SMALLEST[size] && isAllowed(code) ? size : 0;
 }
 
@@ -139,7 +139,7 @@ XmlReader::Tag XmlReader::nextTag()
     tag.is_empty = true;
     inside.remove_suffix(1);
   }
-  tag.name = inside.substr(0, inside.find_first_of(SPACE));  // attributes mean nothing here
+  tag.name = inside.substr(0, inside.find_first_of(SPACE));  // attributes are ignored
   at_ = close + 1;
   return tag;
 }

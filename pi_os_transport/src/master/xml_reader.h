@@ -7,11 +7,11 @@
 namespace pi_os_transport
 {
 
-/// `text` with "?" for every byte that is not part of a character that XML allows, in UTF-8.
+/// `text` with "?" for every byte that is not part of a UTF-8 character allowed in XML.
 std::string allowedText(std::string_view text);
 
-/// Reads the part of XML that XML-RPC uses, tag by tag: elements, text, character references, CDATA, comments.
-/// The text must outlive it. All functions throw RpcDecodeError.
+/// Reads the subset of XML that XML-RPC uses, tag by tag: elements, text, character references, CDATA, comments. The
+/// text must outlive this object. All functions throw RpcDecodeError.
 class XmlReader
 {
 public:
@@ -24,14 +24,14 @@ public:
 
   explicit XmlReader(std::string_view xml) : xml_(xml) {}
 
-  /// Skips white space, comments and processing instructions up to the next tag and reads it.
+  /// Skips white space, comments and processing instructions, and reads the next tag.
   Tag nextTag();
-  /// Skips the same and reads a start tag of that name. @return whether it was an empty element, which has no end tag.
+  /// The same for a start tag of that name. @return true if the element is empty and has no end tag
   bool start(std::string_view name);
   void end(std::string_view name);
-  /// Text up to the next tag, with references resolved. @throws if it is not UTF-8 or holds what XML does not allow
+  /// Text up to the next tag, with references resolved. @throws if it is not UTF-8 or not allowed in XML
   std::string text();
-  /// Nothing but white space and comments may follow.
+  /// Checks that only white space and comments follow.
   void finish();
   [[noreturn]] void fail(const std::string& what) const;
 

@@ -1,6 +1,6 @@
-// In place of roscore: master, parameter server and rosout in one process.
+// Replaces roscore: master, parameter server and rosout in one process.
 
-#include "../core/core_program.h"
+#include "core/core_program.h"
 
 int main(int argc, char** argv)
 {

@@ -1,6 +1,6 @@
-// In place of rosmaster: master and parameter server.
+// Replaces rosmaster: master and parameter server.
 
-#include "../core/core_program.h"
+#include "core/core_program.h"
 
 int main(int argc, char** argv)
 {

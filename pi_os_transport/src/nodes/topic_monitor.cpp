@@ -1,7 +1,6 @@
-// topic_monitor: reports rate, latency, lost messages, bandwidth and the transport of the links of any topics.
+// topic_monitor: reports rate, latency, lost messages, bandwidth and transports of any topics.
 
 #include <XmlRpcClient.h>
-#include <pi_os_transport/topic_statistics.h>
 #include <ros/network.h>
 #include <ros/ros.h>
 #include <ros/xmlrpc_manager.h>
@@ -19,10 +18,12 @@
 #include <string>
 #include <vector>
 
+#include "topic_monitor/topic_report.h"
+
 namespace pi_os_transport
 {
 
-/// A ShapeShifter whose bytes can be looked at: the base class only gives out copies of the whole message.
+/// A ShapeShifter with access to its first bytes: the base class only copies whole messages.
 struct ObservedMessage : topic_tools::ShapeShifter
 {
   std::optional<StampedHeader> first_words;  ///< the header, if the type begins with one
@@ -97,7 +98,7 @@ struct MonitorOptions
 {
   std::vector<std::string> topics;  ///< empty: all topics below topic_namespace
   std::string topic_namespace = "/";
-  double period_s = 1.0;  ///< between two tables and two looks for new topics
+  double period_s = 1.0;  ///< between two tables, and between two searches for new topics
   std::string report;     ///< JSON file written at the end; empty: none
   bool print_table = true;
   int queue_size = 1000;
@@ -208,7 +209,7 @@ private:
     topic.subscriber = node_.subscribe(subscription);
   }
 
-  /// Without a list of topics: takes in those published since the last look. The master has no event for this.
+  /// Without a list of topics: subscribes to topics that appeared since the last call. The master sends no event.
   void discover()
   {
     if (!options_.topics.empty())
@@ -233,7 +234,7 @@ private:
   void onMessage(Topic* topic, const ros::MessageEvent<ObservedMessage const>& event)
   {
     const auto arrival_ns = static_cast<int64_t>(ros::SteadyTime::now().toNSec());
-    // With /use_sim_time this is the simulated clock, as the stamps are.
+    // With /use_sim_time this is the simulated clock, like the stamps.
     const ros::Time now = ros::Time::now();
     const ObservedMessage& message = *event.getConstMessage();
     if (topic->definition != message.getMessageDefinition())
@@ -252,13 +253,13 @@ private:
         age_ns = static_cast<int64_t>(now.toNSec()) - message.first_words->stamp_ns;
       }
     }
-    // The header object belongs to one connection; holding it keeps its address from being used again.
+    // Each connection has its own header object. Holding the object keeps its address unique.
     const boost::shared_ptr<ros::M_string>& connection = event.getConnectionHeaderPtr();
     const uint64_t id = connections_.try_emplace(connection, connections_.size()).first->second;
     topic->statistics.record(arrival_ns, message.size(), age_ns, seq, event.getPublisherName(), id);
   }
 
-  /// Asks this node's own slave API, as `rosnode info` does, which transports its links use.
+  /// Asks this node's slave API for the transports of its links, like `rosnode info`.
   void updateTransports()
   {
     std::string host;
@@ -345,7 +346,7 @@ private:
 int main(int argc, char** argv)
 {
   ros::init(argc, argv, "topic_monitor");
-  const ros::NodeHandle node;  // to the end: logging stops when the last handle goes
+  const ros::NodeHandle node;  // logging needs a handle until the end
   try
   {
     pi_os_transport::TopicMonitor monitor(node, ros::NodeHandle("~"));

@@ -1,12 +1,13 @@
-// topic_restamper: passes on the topics of a bag that `rosbag play` plays, with stamps of now, as live sensors would send.
+// topic_restamper: passes on the topics of a bag that `rosbag play` plays, with stamps of now, as live sensors would
+// send.
 //
 // It starts the playback once the subscribers that it is told to wait for are connected. Pictures that are read at a
 // fixed rate, pauses of the disk and loops of the bag are then no matter of the nodes that work on them.
 
-#include <pi_os_transport/topic_statistics.h>
 #include <ros/ros.h>
 #include <std_msgs/String.h>
 #include <std_srvs/SetBool.h>
+#include "topic_monitor/topic_statistics.h"
 
 #include <algorithm>
 #include <cstring>
@@ -17,7 +18,7 @@
 #include <utility>
 #include <vector>
 
-#include "../topic_restamper/stamp_map.h"
+#include "topic_restamper/stamp_map.h"
 
 namespace pi_os_transport
 {
@@ -35,7 +36,8 @@ struct RawMessage
   }
   void setStampAt(size_t position, int64_t stamp_ns)
   {
-    const uint32_t words[2] = {static_cast<uint32_t>(stamp_ns / 1000000000), static_cast<uint32_t>(stamp_ns % 1000000000)};
+    const uint32_t words[2] = {static_cast<uint32_t>(stamp_ns / 1000000000),
+                               static_cast<uint32_t>(stamp_ns % 1000000000)};
     std::memcpy(bytes.data() + position, words, sizeof(words));
   }
 };
@@ -98,8 +100,8 @@ constexpr size_t HEADER_STAMP_AT = 4;  ///< behind header.seq
 constexpr size_t TF_STAMP_AT = 8;      ///< of the first transform: behind the number of transforms and its header.seq
 constexpr uint32_t QUEUE_SIZE = 200;
 const char* const BORDER_TOPIC = "recording_border";  // std_msgs/Bool: true at the begin, false at the end
-const ros::WallDuration POLL(0.1);    // the parameter server tells nobody of what is new
-const ros::WallDuration LINGER(0.5);  // a node that shuts down drops what is still in its queues
+const ros::WallDuration POLL(0.1);                    // the parameter server tells nobody of what is new
+const ros::WallDuration LINGER(0.5);                  // a node that shuts down drops what is still in its queues
 
 struct RestamperOptions
 {
@@ -135,9 +137,7 @@ class TopicRestamper
 {
 public:
   TopicRestamper(ros::NodeHandle node, ros::NodeHandle private_node)
-    : node_(std::move(node))
-    , options_(RestamperOptions::load(private_node))
-    , stamps_(options_.stamp_at_handover)
+    : node_(std::move(node)), options_(RestamperOptions::load(private_node)), stamps_(options_.stamp_at_handover)
   {
     status_ = private_node.advertise<std_msgs::String>("status", 5, true);
     publishStatus("waiting");
@@ -171,8 +171,7 @@ private:
   void advertise()
   {
     XmlRpc::XmlRpcValue topics;
-    if (!node_.getParam(options_.recording + "/topics", topics) ||
-        topics.getType() != XmlRpc::XmlRpcValue::TypeArray)
+    if (!node_.getParam(options_.recording + "/topics", topics) || topics.getType() != XmlRpc::XmlRpcValue::TypeArray)
     {
       return;
     }
@@ -246,7 +245,8 @@ private:
     for (const auto& [name, node] : conditions_)
     {
       const std::map<std::string, int>& nodes = topics_.at(name).subscribers;
-      const bool there = std::any_of(nodes.begin(), nodes.end(), [&node = node](const auto& one)
+      const bool there = std::any_of(nodes.begin(), nodes.end(),
+                                     [&node = node](const auto& one)
                                      { return one.second > 0 && (node.empty() || one.first == node); });
       missing += there ? "" : " " + name + (node.empty() ? "" : " to " + node);
     }
@@ -291,7 +291,8 @@ private:
       publishStatus("finished");
       if (options_.exit_when_done)
       {
-        exit_timer_ = node_.createWallTimer(LINGER, [](const ros::WallTimerEvent&) { ros::requestShutdown(); }, true);
+        exit_timer_ = node_.createWallTimer(
+            LINGER, [](const ros::WallTimerEvent&) { ros::requestShutdown(); }, true);
       }
     }
   }

@@ -1,16 +1,16 @@
 #pragma once
 
-// What the preloaded library and its roscpp companion know of each other. The preloaded library depends on nothing but
-// the C library, so it can sit in any process; the companion is loaded next to roscpp only.
+// The interface between the preloaded library and its roscpp companion. The preloaded library depends on the C library
+// alone, so any process can load it. The companion is loaded only next to roscpp.
 
 #include <stddef.h>
 #include <stdint.h>
 
-#include "zero_copy_api.h"
+#include "preload/zero_copy_api.h"
 
-// The functions of libroscpp that are replaced: id, result, linker name, parameters, arguments. All are called through
-// the dynamic linker, also inside libroscpp. References appear as the pointers that they are, and a ros::WallDuration
-// as the register that carries it.
+// The functions of libroscpp that are replaced: id, result, linker name, parameters, arguments. Also libroscpp itself
+// calls them through the dynamic linker. References are declared as pointers, and a ros::WallDuration as the register
+// that holds it.
 // clang-format off
 #define PI_OS_HOOKS(HOOK) \
   HOOK(TOPIC_MANAGER_START, void, \
@@ -110,15 +110,15 @@ struct PiOsShim
   uint32_t version;                     ///< PI_OS_SHIM_VERSION of the preloaded library
   const char* roscpp_path;              ///< file of the libroscpp in this process
   void* original[PI_OS_HOOK_COUNT];     ///< the functions of libroscpp
-  void* replacement[PI_OS_HOOK_COUNT];  ///< set by the companion; a null one stays with the original
+  void* replacement[PI_OS_HOOK_COUNT];  ///< set by the companion; null: the original is used
 
-  /// From now on delete[] hands addresses in [base, base + length) to `release`.
+  /// From now on delete[] passes addresses in [base, base + length) to `release`.
   void (*set_pool)(const void* base, size_t length, void (*release)(void*));
-  /// The next new[] of this thread asks `allocate` first (null: ask no more); a null result falls back to the heap.
+  /// The next new[] of this thread calls `allocate` first; if that returns null, it uses the heap. Null ends this.
   void (*set_capture)(void* (*allocate)(size_t));
 
   const PiOsZeroCopyApi* zero_copy;  ///< set by the companion
 };
 
-/// The companion's only symbol. Returns 0 to take part, anything else to leave the process as it is.
+/// The companion's only symbol. Returns 0 if the companion takes part, else the process stays as it is.
 extern "C" int pi_os_transport_attach(PiOsShim* shim);

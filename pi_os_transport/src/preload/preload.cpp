@@ -1,11 +1,11 @@
 // libpi_os_transport.so: the library that users preload or link.
 //
-// It stands in front of some functions of libroscpp (hooks.h) and of operator new[] and delete[]. In a process without
-// roscpp nothing of it ever runs but two branches per array allocation. The first call of a roscpp function loads the
-// companion libpi_os_transport_roscpp.so from the same folder; if the companion declines, or cannot be loaded, the
-// calls go straight to libroscpp. No C++ runtime is needed here: processes without one must not get one from us.
+// It replaces some functions of libroscpp (hooks.h) and operator new[] and delete[]. In a process without roscpp it
+// only adds two branches to each array allocation. The first call of a roscpp function loads the companion
+// libpi_os_transport_roscpp.so from the same folder. If the companion declines or cannot be loaded, all calls go to
+// libroscpp. This library needs no C++ runtime, because it must not bring one into processes that have none.
 
-#include "hooks.h"
+#include "preload/hooks.h"
 
 #include <dlfcn.h>
 #include <fcntl.h>
@@ -59,7 +59,7 @@ void complain(const char* what, const char* detail)
       snprintf(line, sizeof(line), "pi_os_transport: %s%s; topics of this process stay on TCPROS\n", what, detail);
   if (length > 0 && write(STDERR_FILENO, line, strnlen(line, sizeof(line))) < 0)
   {
-    // nowhere left to complain
+    // nowhere left to report it
   }
 }
 
@@ -75,7 +75,7 @@ int findRoscpp(dl_phdr_info* info, size_t, void* result)
   return 1;
 }
 
-/// Path of the companion: beside this library.
+/// Path of the companion, which lies beside this library.
 bool companionPath(char (&path)[PATH_MAX])
 {
   Dl_info self;
@@ -94,7 +94,7 @@ bool within(uint64_t offset, uint64_t length, uint64_t size)
   return offset <= size && length <= size - offset;
 }
 
-/// True if `file` is a shared object of this machine's word size that has all the bytes its headers announce.
+/// True if `file` is a complete shared object of this machine's word size.
 bool isWholeObject(int file)
 {
   struct stat status;
@@ -125,8 +125,8 @@ bool isWholeObject(int file)
   return true;
 }
 
-/// False if the companion is there, but only a part of it: dlopen() maps such a file and dies of SIGBUS where its pages
-/// end. Whatever else is wrong with it, dlopen() reports.
+/// False if the file of the companion is truncated: dlopen() would die of SIGBUS. All other defects are reported by
+/// dlopen().
 bool isWholeCompanion(const char* path)
 {
   const int file = open(path, O_RDONLY | O_CLOEXEC);
@@ -176,7 +176,7 @@ void resolveAll()
   if (roscpp == nullptr)
   {
     complain("found no libroscpp behind a call of roscpp", "");
-    abort();  // the caller expects a function that does not exist
+    abort();  // libroscpp lacks the function that the caller expects
   }
   shim.version = PI_OS_SHIM_VERSION;
   shim.roscpp_path = roscpp_path;
@@ -215,8 +215,8 @@ Function* target(PiOsHook hook)
   return reinterpret_cast<Function*>(address);
 }
 
-/// A std::string as the calling convention sees it when it is returned: a class with a destructor, built in place.
-/// Only ever created and destroyed by the functions behind the hooks.
+/// Stands for a returned std::string in the calling convention: a class with a destructor. Only the functions behind
+/// the hooks create and destroy it.
 struct ReturnedString
 {
   ReturnedString(const ReturnedString&);
@@ -224,7 +224,7 @@ struct ReturnedString
   void* words[4];
 };
 
-/// A boost::shared_ptr, likewise.
+/// The same for a boost::shared_ptr.
 struct ReturnedPointer
 {
   ReturnedPointer(const ReturnedPointer&);
@@ -232,13 +232,13 @@ struct ReturnedPointer
   void* words[2];
 };
 
-/// The next implementation of an allocation function: that of the C++ runtime or of an allocator loaded after us.
+/// The next implementation of an allocation function, from the C++ runtime or another allocator.
 void* nextImplementation(const char* symbol)
 {
   void* next = dlsym(RTLD_NEXT, symbol);
   if (next == nullptr)
   {
-    // The C++ runtime may have come with a plug-in, outside the global scope.
+    // A plug-in may have loaded the C++ runtime outside the global scope.
     void* runtime = dlopen("libstdc++.so.6", RTLD_LAZY | RTLD_NOLOAD);
     next = runtime != nullptr ? dlsym(runtime, symbol) : nullptr;
   }

@@ -1,4 +1,4 @@
-#include "bridge_client.h"
+#include "roscpp/bridge_client.h"
 
 #include <arpa/inet.h>
 #include <netdb.h>
@@ -12,8 +12,8 @@
 #include <cstring>
 #include <utility>
 
-#include "receive_link.h"
-#include "runtime.h"
+#include "roscpp/runtime.h"
+#include "roscpp/topics/receive_link.h"
 
 namespace pi_os_transport
 {
@@ -26,7 +26,7 @@ constexpr std::chrono::milliseconds PROBE_TIME{500};
 constexpr std::chrono::milliseconds PING_INTERVAL{500};
 constexpr std::chrono::milliseconds PING_TIMEOUT{1000};
 
-/// Numeric form of an IPv4 address that may be another device than this: not a loopback address. Else empty.
+/// The numeric address; empty for a loopback address, which cannot be another device.
 std::string foreignAddress(const in_addr& address)
 {
   char text[INET_ADDRSTRLEN];
@@ -79,7 +79,7 @@ void BridgeClient::startPolling()
 {
   if (!std::exchange(polling_, true))
   {
-    // roscpp's network thread comes round at least every 100 ms.
+    // roscpp's network thread calls its listeners at least every 100 ms.
     ros::PollManager::instance()->addPollThreadListener([this]() { poll(); });
   }
 }
@@ -100,7 +100,7 @@ void BridgeClient::reconnect(const ros::ConnectionPtr& connection)
   Reconnect wish{connection, {}, sizeof(sockaddr_storage), FileDescriptor(), {}};
   if (!transport || getpeername(transport->sock_, reinterpret_cast<sockaddr*>(&wish.address), &wish.length) != 0)
   {
-    return;  // it has ended already
+    return;  // the connection has ended already
   }
   std::lock_guard<std::mutex> lock(mutex_);
   reconnects_.push_back(std::move(wish));
@@ -141,7 +141,7 @@ void BridgeClient::pollReconnects()
       if (::connect(wish.probe.get(), reinterpret_cast<const sockaddr*>(&wish.address), wish.length) != 0 &&
           errno != EINPROGRESS)
       {
-        wish.probe.reset();  // the network is down; in a moment again
+        wish.probe.reset();  // the network is down: try again soon
       }
     }
     std::lock_guard<std::mutex> lock(mutex_);
@@ -175,13 +175,13 @@ void BridgeClient::pollTunnels()
     {
       BridgeRequest request;
       request.kind = BridgeRequest::PING;
-      ping_ = connect(request);  // without a bridge the tunnels end by themselves
+      ping_ = connect(request);  // without a bridge the tunnels end anyway
       ping_time_ = now;
     }
     return;
   }
   std::vector<uint8_t> answer;
-  std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors;
+  SideChannel::Descriptors descriptors;
   if (ping_.receiveBytes(&answer, BridgeRequest::LONGEST, &descriptors) != SideChannel::Receive::NOTHING)
   {
     ping_.close();
@@ -223,7 +223,7 @@ void BridgeClient::pollWishes()
     {
       std::lock_guard<std::mutex> lock(mutex_);
       wishes_.insert(wishes_.end(), due.begin() + static_cast<std::ptrdiff_t>(index), due.end());
-      return;  // nobody is there; the others need not ask
+      return;  // no bridge runs; the others need not ask
     }
   }
 }
@@ -256,7 +256,7 @@ FileDescriptor BridgeClient::openTunnel(const std::string& host, uint16_t port, 
   }
   pollfd answer{channel.fd(), POLLIN, 0};
   Packet packet;
-  std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors;
+  SideChannel::Descriptors descriptors;
   if (::poll(&answer, 1, TUNNEL_TIMEOUT_MS) != 1 ||
       channel.receive(&packet, &descriptors) != SideChannel::Receive::PACKET || packet.type != Packet::OFFER)
   {

@@ -10,41 +10,40 @@
 #include <string>
 #include <vector>
 
-#include "pi_os_transport/bridge_request.h"
-#include "pi_os_transport/side_channel.h"
+#include "bridge/bridge_request.h"
+#include "shm/side_channel.h"
 
 namespace pi_os_transport
 {
 
 class ReceiveLink;
 
-/// This process's way to the bridge of its device. Thread safe.
+/// Connects this process to the bridge of its device. Thread safe.
 class BridgeClient
 {
 public:
   static BridgeClient& instance();
 
-  /// Lets `link` ask for a bridge until one answers: after `delay`, then about three times a second.
+  /// Lets `link` ask for a bridge until one answers: first after `delay`, then every 300 ms.
   void want(const std::shared_ptr<ReceiveLink>& link, std::chrono::milliseconds delay);
 
-  /// A new connection to the bridge with `request` sent on it. Empty if no bridge answers, or none is wanted.
+  /// Connects to the bridge and sends `request`. Empty if no bridge runs, or none is wanted.
   SideChannel connect(const BridgeRequest& request) const;
 
-  /// Asks the bridge for a TCP connection to `host` (name or numeric) and `port` on another device. Waits at most 100
-  /// ms for the bridge.
-  /// @return a connected TCP socket; empty if the bridge cannot help.
+  /// Asks the bridge for a TCP connection to `host` (name or number) and `port` on another device. Waits at most 100
+  /// ms.
+  /// @return a connected TCP socket; empty if the bridge refuses or does not answer
   FileDescriptor openTunnel(const std::string& host, uint16_t port, const std::string& service) const;
 
-  /// Drops a TCPROS connection, which makes roscpp connect anew, as soon as the publisher's machine accepts
-  /// connections: roscpp gives up for good if its own attempt fails at once.
+  /// Drops a TCPROS connection, so that roscpp reconnects. Waits until the publisher's machine accepts connections,
+  /// because roscpp never tries again if its attempt fails at once.
   void reconnect(const ros::ConnectionPtr& connection);
 
-  /// Watches over a connection through a tunnel: should the bridge of this device hang, it is closed, which its user
-  /// sees as the death of the server.
+  /// Watches a connection through a tunnel. Closes it if the bridge of this device hangs; to its user, the server has
+  /// then died.
   void guard(const boost::shared_ptr<ros::TransportTCP>& transport);
 
-  /// Numeric address of the machine at the other end of a TCP socket, if it may be another device than this: not a
-  /// loopback address. Else empty.
+  /// Numeric address of the peer of a TCP socket; empty for a loopback address, which cannot be another device.
   static std::string peerAddress(int socket);
 
 private:
@@ -76,7 +75,7 @@ private:
   std::vector<Reconnect> reconnects_;
 
   std::vector<boost::weak_ptr<ros::TransportTCP>> tunnels_;
-  SideChannel ping_;  ///< while an answer is awaited; network thread
+  SideChannel ping_;  ///< while waiting for an answer; network thread
   std::chrono::steady_clock::time_point ping_time_;
 };
 

@@ -3,23 +3,23 @@
 namespace pi_os_transport
 {
 
-/// Why a link, or the calls of a service, are on TCPROS. `pi_os doctor` explains the names.
+/// Why a link, or the calls of a service, use TCPROS. `pi_os doctor` explains the names.
 enum class Fallback
 {
   NONE,
-  NEGOTIATING,   ///< the peer has been asked or answered, and has not come yet
+  NEGOTIATING,   ///< the peer was asked or answered, but has not connected yet
   DISABLED,      ///< PI_OS_ENABLE=0 in this process
   EXCLUDED,      ///< by PI_OS_INCLUDE or PI_OS_EXCLUDE in this process
-  UDP,           ///< the subscriber asks for UDPROS
-  PEER_SILENT,   ///< the peer's header offers or asks for nothing: no library there, or switched off for this name
-  PEER_VERSION,  ///< the peer's library speaks another version
+  UDP,           ///< the subscriber requests UDPROS
+  PEER_SILENT,   ///< the peer's header has no offer or request: no library, or switched off for this name
+  PEER_VERSION,  ///< the peer's library has another protocol version
   UNREACHABLE,   ///< the peer's socket is not in this network namespace: container or device
   OTHER_USER,    ///< the peer runs under another user
   NO_MEMORY,     ///< no memory or descriptors for the link itself
-  BROKEN,        ///< the peer wrote nonsense, or closed its end
+  BROKEN,        ///< the peer wrote invalid data, or closed its end
 };
 
-/// Its name in a process's state, in lower case.
+/// The name in a process's state.
 constexpr const char* nameOf(Fallback reason)
 {
   switch (reason)

@@ -1,8 +1,8 @@
-#include "held_leases.h"
+#include "roscpp/held_leases.h"
 
 #include <utility>
 
-#include "runtime.h"
+#include "roscpp/runtime.h"
 
 namespace pi_os_transport
 {
@@ -63,7 +63,7 @@ HeldLease::~HeldLease()
 {
   if (!Runtime::instance().active())
   {
-    return;  // in a forked child, where a lock may be held by a thread that is not there
+    return;  // a forked child: a thread that does not exist here may hold the lock
   }
   HeldLeases::instance().remove(this);
   end_();

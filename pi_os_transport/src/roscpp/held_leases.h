@@ -8,17 +8,17 @@
 #include <unordered_map>
 #include <utility>
 
-#include "../preload/zero_copy_api.h"
+#include "preload/zero_copy_api.h"
 
 namespace pi_os_transport
 {
 
-/// Something of a message that was received, as long as anybody reads it.
+/// A received message that is still being read.
 class HeldLease
 {
 public:
-  /// @param message  where it starts.
-  /// @param held     counts it once somebody holds it.
+  /// @param message  start of the message.
+  /// @param held     counts the message when a subscriber holds it.
   HeldLease(const uint8_t* message, std::function<void()> end, std::shared_ptr<std::atomic<uint64_t>> held)
     : message_(message), end_(std::move(end)), held_(std::move(held))
   {
@@ -37,17 +37,17 @@ private:
   std::atomic<bool> noted_{false};
 };
 
-/// The received messages that zero-copy subscribers of this process may hold on to, found by their address. Never
-/// destroyed. Any thread.
+/// The received messages that zero-copy subscribers of this process may hold, found by address. Never destroyed. Thread
+/// safe.
 class HeldLeases
 {
 public:
   static HeldLeases& instance();
   static const PiOsZeroCopyApi& api();
 
-  /// False in processes without such subscribers, which pay nothing for them.
+  /// False in processes without such subscribers: then there is no overhead.
   bool wanted() const { return wanted_.load(std::memory_order_relaxed); }
-  /// Makes a lease known until it ends. @param end  called when the last holder has let go.
+  /// Registers a lease until it ends. @param end  called after the last holder has released it.
   std::shared_ptr<HeldLease> add(const uint8_t* message, std::function<void()> end,
                                  std::shared_ptr<std::atomic<uint64_t>> held);
   std::shared_ptr<HeldLease> find(const uint8_t* message);

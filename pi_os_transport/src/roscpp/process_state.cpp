@@ -1,4 +1,4 @@
-#include "process_state.h"
+#include "roscpp/process_state.h"
 
 #include <ros/publication.h>
 #include <ros/service_manager.h>
@@ -11,59 +11,46 @@
 #include <map>
 #include <memory>
 #include <set>
+#include <utility>
 #include <vector>
 
-#include "fallback.h"
-#include "pi_os_transport/json.h"
-#include "receive_link.h"
+#include <nlohmann/json.hpp>
+
+#include "roscpp/fallback.h"
+#include "roscpp/runtime.h"
+#include "roscpp/services/service_caller.h"
+#include "roscpp/services/service_responder.h"
+#include "roscpp/topics/receive_link.h"
+#include "roscpp/topics/transmit_link.h"
 #include "roscpp_version.h"
-#include "runtime.h"
-#include "service_caller.h"
-#include "service_responder.h"
-#include "transmit_link.h"
 
 namespace pi_os_transport
 {
 namespace
 {
 
-constexpr uint64_t STATE_VERSION = 1;
+using Json = nlohmann::ordered_json;
 
-std::string patterns(const std::vector<std::string>& texts)
+constexpr int STATE_VERSION = 1;
+
+Json describeOptions(const Options& options)
 {
-  std::vector<std::string> quoted;
-  for (const std::string& text : texts)
-  {
-    quoted.push_back(jsonString(text));
-  }
-  return jsonArray(quoted);
+  return {{"enable", options.enable},       {"include", options.include},
+          {"exclude", options.exclude},     {"pool_limit_mb", options.pool_limit_mb},
+          {"min_bytes", options.min_bytes}, {"bridge", options.bridge}};
 }
 
-std::string describeOptions(const Options& options)
-{
-  return JsonObject()
-      .flag("enable", options.enable)
-      .raw("include", patterns(options.include))
-      .raw("exclude", patterns(options.exclude))
-      .number("pool_limit_mb", options.pool_limit_mb)
-      .number("min_bytes", options.min_bytes)
-      .text("bridge", options.bridge)
-      .toString();
-}
-
-std::string describePool(SlotPool& pool)
+Json describePool(SlotPool& pool)
 {
   const SlotPool::Usage usage = pool.usage();
-  return JsonObject()
-      .number("committed", usage.committed)
-      .number("limit", usage.limit)
-      .number("segments", usage.segments)
-      .number("live_slots", usage.live_slots)
-      .text("last_error", pool.lastError())
-      .toString();
+  return {{"committed", usage.committed},
+          {"limit", usage.limit},
+          {"segments", usage.segments},
+          {"live_slots", usage.live_slots},
+          {"last_error", pool.lastError()}};
 }
 
-/// Why this process did not even ask for shared memory; NONE if it did.
+/// Why this process did not request shared memory; NONE if it did.
 Fallback ownReason(const std::string& name)
 {
   const Options& options = Runtime::instance().options;
@@ -79,7 +66,7 @@ Fallback reasonOf(const std::string& name, const std::string& transport, Fallbac
                                  : of_peer;
 }
 
-/// Why a subscriber's header led to no link.
+/// Why a subscriber's header did not lead to a link.
 Fallback askedReason(const ros::ConnectionPtr& connection)
 {
   std::string version;
@@ -87,7 +74,7 @@ Fallback askedReason(const ros::ConnectionPtr& connection)
                                                                                : Fallback::PEER_SILENT;
 }
 
-std::string describePublications()
+Json describePublications()
 {
   const ros::TopicManagerPtr& topics = ros::TopicManager::instance();
   std::vector<ros::PublicationPtr> publications;
@@ -95,7 +82,7 @@ std::string describePublications()
     boost::recursive_mutex::scoped_lock lock(topics->advertised_topics_mutex_);
     publications.assign(topics->advertised_topics_.begin(), topics->advertised_topics_.end());
   }
-  std::vector<std::string> found;
+  Json found = Json::array();
   for (const ros::PublicationPtr& publication : publications)
   {
     ros::V_SubscriberLink links;
@@ -109,24 +96,23 @@ std::string describePublications()
       const std::shared_ptr<TransmitLink> state =
           tcp != nullptr ? Runtime::instance().transmit_links.find(tcp->connection_.get()) : nullptr;
       const std::string transport = link->getTransportType();
-      JsonObject object;
-      object.text("topic", publication->getName())
-          .text("type", publication->getDataType())
-          .text("subscriber", link->getDestinationCallerID())
-          .text("transport", transport);
+      Json object{{"topic", publication->getName()},
+                  {"type", publication->getDataType()},
+                  {"subscriber", link->getDestinationCallerID()},
+                  {"transport", transport}};
       Fallback reason = tcp != nullptr ? askedReason(tcp->connection_) : Fallback::NONE;
       if (state)
       {
         reason = state->describe(&object);
       }
-      object.text("reason", nameOf(reasonOf(publication->getName(), transport, reason)));
-      found.push_back(object.toString());
+      object["reason"] = nameOf(reasonOf(publication->getName(), transport, reason));
+      found.push_back(std::move(object));
     }
   }
-  return jsonArray(found);
+  return found;
 }
 
-std::string describeSubscriptions()
+Json describeSubscriptions()
 {
   const ros::TopicManagerPtr& topics = ros::TopicManager::instance();
   std::vector<ros::SubscriptionPtr> subscriptions;
@@ -134,7 +120,7 @@ std::string describeSubscriptions()
     boost::mutex::scoped_lock lock(topics->subs_mutex_);
     subscriptions.assign(topics->subscriptions_.begin(), topics->subscriptions_.end());
   }
-  std::vector<std::string> found;
+  Json found = Json::array();
   for (const ros::SubscriptionPtr& subscription : subscriptions)
   {
     ros::V_PublisherLink links;
@@ -148,27 +134,25 @@ std::string describeSubscriptions()
       const std::shared_ptr<ReceiveLink> state =
           tcp != nullptr ? Runtime::instance().receive_links.find(tcp->connection_.get()) : nullptr;
       const std::string transport = link->getTransportType();
-      JsonObject object;
-      object.text("topic", subscription->getName())
-          .text("type", subscription->datatype())
-          .text("publisher", link->getCallerID())
-          .text("uri", link->getPublisherXMLRPCURI())
-          .text("transport", transport);
+      Json object{{"topic", subscription->getName()},
+                  {"type", subscription->datatype()},
+                  {"publisher", link->getCallerID()},
+                  {"uri", link->getPublisherXMLRPCURI()},
+                  {"transport", transport}};
       Fallback reason = Fallback::NONE;
       if (state)
       {
         reason = state->describe(&object);
       }
-      object.text("reason", nameOf(reasonOf(subscription->getName(), transport, reason)));
-      found.push_back(object.toString());
+      object["reason"] = nameOf(reasonOf(subscription->getName(), transport, reason));
+      found.push_back(std::move(object));
     }
   }
-  return jsonArray(found);
+  return found;
 }
 
-std::string describeServices(const ServiceStatisticsTable& table,
-                             const std::map<std::string, std::set<std::string>>& peers,
-                             const std::map<std::string, uint64_t>& connections)
+Json describeServices(const ServiceStatisticsTable& table, const std::map<std::string, std::set<std::string>>& peers,
+                      const std::map<std::string, uint64_t>& connections)
 {
   std::map<std::string, ServiceCounts> services;
   for (const auto& service : table.all())
@@ -177,36 +161,29 @@ std::string describeServices(const ServiceStatisticsTable& table,
   }
   for (const auto& service : connections)
   {
-    services[service.first];  // also those of which nothing is counted
+    services[service.first];  // also services without counted calls
   }
-  std::vector<std::string> found;
+  Json found = Json::array();
   for (const auto& service : services)
   {
     const ServiceCounts& counts = service.second;
     const auto open = connections.find(service.first);
     const auto others = peers.find(service.first);
-    std::vector<std::string> names;
-    if (others != peers.end())
-    {
-      names.assign(others->second.begin(), others->second.end());
-    }
     const Fallback own = ownReason(service.first);
-    found.push_back(JsonObject()
-                        .text("service", service.first)
-                        .number("memory", counts.memory)
-                        .number("tcp", counts.tcp)
-                        .number("failed", counts.failed)
-                        .number("pool_full", counts.pool_full)
-                        .number("connections", open != connections.end() ? open->second : 0)
-                        .raw("peers", patterns(names))
-                        .text("reason", nameOf(own != Fallback::NONE ? own : counts.fallback))
-                        .raw("durations", toJson(counts.durations.counts()))
-                        .toString());
+    found.push_back({{"service", service.first},
+                     {"memory", counts.memory},
+                     {"tcp", counts.tcp},
+                     {"failed", counts.failed},
+                     {"pool_full", counts.pool_full},
+                     {"connections", open != connections.end() ? open->second : 0},
+                     {"peers", others != peers.end() ? Json(others->second) : Json::array()},
+                     {"reason", nameOf(own != Fallback::NONE ? own : counts.fallback)},
+                     {"durations", counts.durations.counts()}});
   }
-  return jsonArray(found);
+  return found;
 }
 
-std::string describeClients()
+Json describeClients()
 {
   const ros::ServiceManagerPtr& manager = ros::ServiceManager::instance();
   std::map<std::string, uint64_t> connections;
@@ -220,7 +197,7 @@ std::string describeClients()
   return describeServices(Runtime::instance().called_services, {}, connections);
 }
 
-std::string describeServers()
+Json describeServers()
 {
   const ros::ServiceManagerPtr& manager = ros::ServiceManager::instance();
   std::vector<ros::ServicePublicationPtr> services;
@@ -248,32 +225,22 @@ std::string describeServers()
 
 }  // namespace
 
-std::string toJson(const LatencyHistogram::Counts& counts)
-{
-  std::vector<std::string> numbers;
-  for (const uint64_t count : counts)
-  {
-    numbers.push_back(std::to_string(count));
-  }
-  return jsonArray(numbers);
-}
-
 std::string describeProcess()
 {
   Runtime& runtime = Runtime::instance();
-  return JsonObject()
-      .number("version", STATE_VERSION)
-      .number("protocol", PROTOCOL_VERSION)
-      .text("node", ros::this_node::getName())
-      .number("pid", static_cast<uint64_t>(getpid()))
-      .text("roscpp", ROSCPP_FILE_NAME)
-      .raw("options", describeOptions(runtime.options))
-      .raw("pool", describePool(runtime.pool()))
-      .raw("publications", describePublications())
-      .raw("subscriptions", describeSubscriptions())
-      .raw("service_clients", describeClients())
-      .raw("service_servers", describeServers())
-      .toString();
+  const Json state{{"version", STATE_VERSION},
+                   {"protocol", PROTOCOL_VERSION},
+                   {"node", ros::this_node::getName()},
+                   {"pid", getpid()},
+                   {"roscpp", ROSCPP_FILE_NAME},
+                   {"options", describeOptions(runtime.options)},
+                   {"pool", describePool(runtime.pool())},
+                   {"publications", describePublications()},
+                   {"subscriptions", describeSubscriptions()},
+                   {"service_clients", describeClients()},
+                   {"service_servers", describeServers()}};
+  // Names come from other processes: replace invalid UTF-8.
+  return state.dump(-1, ' ', true, Json::error_handler_t::replace);
 }
 
 }  // namespace pi_os_transport

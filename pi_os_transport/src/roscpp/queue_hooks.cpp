@@ -1,14 +1,13 @@
-// What stands in for the functions of roscpp's callback queue: threads that wait for callbacks wait for shared memory,
-// too.
+// Replaces functions of roscpp's callback queue: threads that wait for callbacks also wait for shared memory.
 
-#include "queue_hooks.h"
+#include "roscpp/hooks.h"
 
 #include <cstdint>
 #include <memory>
 #include <type_traits>
 
-#include "queue_waiter.h"
-#include "runtime.h"
+#include "roscpp/queue_waiter.h"
+#include "roscpp/runtime.h"
 
 namespace pi_os_transport
 {
@@ -27,7 +26,7 @@ void addCallback(ros::CallbackQueue* self, const ros::CallbackInterfacePtr& call
   }
 }
 
-/// @return what is left to wait for roscpp's own part of the call.
+/// @return the time that roscpp's function may still wait
 ros::WallDuration waitForCallbacks(ros::CallbackQueue* queue, ros::WallDuration timeout)
 {
   const std::shared_ptr<QueueWaiter> waiter =

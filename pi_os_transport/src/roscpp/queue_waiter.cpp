@@ -1,21 +1,20 @@
-#include "queue_waiter.h"
+#include "roscpp/queue_waiter.h"
 
 #include <sys/epoll.h>
-#include <sys/eventfd.h>
-#include <unistd.h>
 
 #include <algorithm>
-#include <cerrno>
 #include <chrono>
 #include <shared_mutex>
 #include <unordered_map>
+
+#include "shm/event.h"
 
 namespace pi_os_transport
 {
 namespace
 {
 
-/// A leader looks at every link at each wake-up; with more links than this the network thread does better.
+/// A leader visits every link at each wake-up. With more links than this, the network thread is faster.
 constexpr size_t MAX_LINKS = 32;
 
 struct Table
@@ -70,10 +69,10 @@ std::shared_ptr<QueueWaiter> QueueWaiter::of(ros::CallbackQueue* queue)
   return waiter;
 }
 
-QueueWaiter::QueueWaiter() : epoll_(epoll_create1(EPOLL_CLOEXEC)), changed_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK))
+QueueWaiter::QueueWaiter() : epoll_(epoll_create1(EPOLL_CLOEXEC)), changed_(makeEvent())
 {
   epoll_event event{};
-  event.events = EPOLLIN | EPOLLET;  // edge-triggered: nobody has to read the counters
+  event.events = EPOLLIN | EPOLLET;  // edge-triggered: the counters need not be read
   epoll_ctl(epoll_.get(), EPOLL_CTL_ADD, changed_.get(), &event);
 }
 
@@ -94,17 +93,14 @@ void QueueWaiter::remove(const std::shared_ptr<QueueSource>& link, int doorbell)
   epoll_ctl(epoll_.get(), EPOLL_CTL_DEL, doorbell, nullptr);
   std::lock_guard<std::mutex> lock(mutex_);
   links_.erase(std::remove(links_.begin(), links_.end(), link), links_.end());
-  notify();  // the leader holds a reference, which holds the publisher's memory
+  notify();  // the leader's reference keeps the publisher's memory
 }
 
 void QueueWaiter::notify()
 {
   if (sleeping_.load(std::memory_order_seq_cst))
   {
-    const uint64_t one = 1;
-    while (write(changed_.get(), &one, sizeof(one)) < 0 && errno == EINTR)
-    {
-    }
+    signalEvent(changed_.get());
   }
 }
 
@@ -116,7 +112,7 @@ void QueueWaiter::serveAll(Doorbell doorbell)
   }
 }
 
-/// What the leader has to leave behind, also when a message makes roscpp throw.
+/// Cleans up behind the leader, also if roscpp throws.
 struct QueueWaiter::Lead
 {
   QueueWaiter& waiter;
@@ -132,7 +128,7 @@ struct QueueWaiter::Lead
 bool QueueWaiter::wait(ros::CallbackQueue* queue, ros::WallDuration timeout)
 {
   using Clock = std::chrono::steady_clock;
-  constexpr std::chrono::milliseconds SHORTEST(1);  // epoll counts milliseconds
+  constexpr std::chrono::milliseconds SHORTEST(1);  // the resolution of epoll_wait()
   const std::chrono::nanoseconds span(timeout.toNSec());
   if (span < SHORTEST || !epoll_ || !changed_ || led_.exchange(true))
   {
@@ -154,7 +150,7 @@ bool QueueWaiter::wait(ros::CallbackQueue* queue, ros::WallDuration timeout)
     waited = true;
     serveAll(SPINNER);
     sleeping_.store(true, std::memory_order_seq_cst);
-    // Whoever adds a callback after this look sees sleeping_.
+    // A thread that adds a callback after this check sees sleeping_.
     const auto left = std::chrono::ceil<std::chrono::milliseconds>(end - Clock::now());
     if (isIdle(queue) && left.count() > 0)
     {

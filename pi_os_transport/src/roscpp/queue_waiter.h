@@ -5,36 +5,36 @@
 #include <mutex>
 #include <vector>
 
-#include "pi_os_transport/file_descriptor.h"
-#include "runtime.h"
+#include "roscpp/runtime.h"
+#include "shm/file_descriptor.h"
 
 namespace pi_os_transport
 {
 
-/// What a thread that waits for callbacks can serve meanwhile.
+/// A link that a thread can serve while it waits for callbacks.
 class QueueSource
 {
 public:
   virtual ~QueueSource() = default;
-  /// Hands over what is due, and has `doorbell` rung for what comes next. Any thread.
+  /// Delivers what is due; `doorbell` is rung for the next message. Any thread.
   virtual void serve(Doorbell doorbell) = 0;
 };
 
-/// Lets a thread that waits for callbacks wait for shared memory as well.
+/// Lets a thread that waits for callbacks also wait for shared memory.
 ///
-/// roscpp's network thread takes messages and wakes a thread in CallbackQueue::callAvailable or callOne through a
-/// condition variable. While such a thread waits with nothing to do, it may as well be woken by the publisher itself,
-/// take the message and run its callback: one change of threads less. One thread per queue does so, the leader; it
-/// waits for the doorbells of the queue's links and for callbacks that others add. As soon as it has something to run,
-/// the network thread is responsible again, so a long callback holds nothing up.
+/// In roscpp, the network thread takes messages and wakes a thread in CallbackQueue::callAvailable or callOne. Here,
+/// one waiting thread per queue, the leader, is woken by the publisher itself: it takes the message and runs the
+/// callback, which saves a thread switch. The leader waits for the doorbells of the queue's links and for callbacks
+/// that other threads add. While it runs callbacks, the network thread takes the messages, so a long callback delays
+/// nothing.
 ///
-/// All methods may be called from any thread.
+/// Thread safe.
 class QueueWaiter
 {
 public:
-  /// The waiter of `queue`, made at the first call.
+  /// The waiter of `queue`; made by the first call.
   static std::shared_ptr<QueueWaiter> of(ros::CallbackQueue* queue);
-  /// As of(), but null if there is none.
+  /// Like of(), but null if there is none.
   static std::shared_ptr<QueueWaiter> find(const ros::CallbackQueue* queue);
 
   QueueWaiter();
@@ -44,9 +44,9 @@ public:
   void remove(const std::shared_ptr<QueueSource>& link, int doorbell);
 
   /// Waits until `queue` has callbacks or the time is up.
-  /// @return false if the caller has to wait as roscpp does: there is a leader already, or nothing to wait for here.
+  /// @return false if the caller has to wait in roscpp: there is a leader already, or there are no links.
   bool wait(ros::CallbackQueue* queue, ros::WallDuration timeout);
-  /// The queue has changed: a leader that sleeps looks again.
+  /// The queue has changed: wakes a sleeping leader.
   void notify();
 
 private:
@@ -57,7 +57,7 @@ private:
   FileDescriptor epoll_;
   FileDescriptor changed_;
   std::atomic<bool> led_{false};       ///< a thread is in wait()
-  std::atomic<bool> sleeping_{false};  ///< it wants to hear of added callbacks
+  std::atomic<bool> sleeping_{false};  ///< the leader wants notify() for added callbacks
   std::mutex mutex_;
   std::vector<std::shared_ptr<QueueSource>> links_;
   std::vector<std::shared_ptr<QueueSource>> serving_;  ///< the leader's copy of links_

@@ -1,6 +1,6 @@
-// libpi_os_transport_roscpp.so: attaches to roscpp and holds the hooks of a node's start; the others are in
-// {transmit,receive,queue,service}_hooks.cpp. These files are compiled without access control, since the hooks are
-// members of roscpp's classes in all but name.
+// libpi_os_transport_roscpp.so: attaches to roscpp and contains the hooks of a node's start. The other hooks are in
+// {transmit,receive,queue,service}_hooks.cpp. These files are compiled without access control, because the hooks
+// replace member functions of roscpp.
 
 #include <ros/console.h>
 #include <ros/param.h>
@@ -14,14 +14,11 @@
 #include <string>
 #include <vector>
 
-#include "header_offer.h"
-#include "held_leases.h"
-#include "queue_hooks.h"
-#include "receive_hooks.h"
+#include "roscpp/held_leases.h"
+#include "roscpp/hooks.h"
+#include "roscpp/runtime.h"
+#include "roscpp/topics/header_offer.h"
 #include "roscpp_version.h"
-#include "runtime.h"
-#include "service_hooks.h"
-#include "transmit_hooks.h"
 
 namespace pi_os_transport
 {
@@ -90,7 +87,7 @@ void writeHeader(ros::Connection* self, const ros::M_string& fields, const ros::
   runtime.original.write_header(self, OfferScope::extend(&extended) ? extended : fields, written);
 }
 
-/// True if `path` is the libroscpp that this file was compiled for: private members are reached through its headers.
+/// True if `path` is the libroscpp that this file was compiled for, whose private members it uses.
 bool isKnownRoscpp(const char* path)
 {
   char resolved[PATH_MAX];

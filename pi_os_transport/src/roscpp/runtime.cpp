@@ -1,4 +1,4 @@
-#include "runtime.h"
+#include "roscpp/runtime.h"
 
 #include <poll.h>
 #include <ros/console.h>
@@ -11,27 +11,24 @@
 #include <utility>
 #include <vector>
 
-#include "header_offer.h"
-#include "pi_os_transport/shared_memory.h"
-#include "process_state.h"
+#include "roscpp/process_state.h"
+#include "roscpp/topics/header_offer.h"
+#include "shm/shared_memory.h"
 
 namespace pi_os_transport
 {
 namespace
 {
 
-/// Sends this process's state; a peer that has left, or no memory for it, leaves the question without an answer.
+/// Sends this process's state. Sends nothing if the peer has left or there is no memory.
 void answerQuery(SideChannel* channel)
 {
   const std::string state = describeProcess();
   std::string error;
   const FileDescriptor memory = makeSharedMemory("pi_os_state", state.size(), &error);
-  Packet answer;
-  answer.type = Packet::STATE;
-  answer.values[0] = state.size();
   if (memory && pwrite(memory.get(), state.data(), state.size(), 0) == static_cast<ssize_t>(state.size()))
   {
-    channel->send(answer, {memory.get()});
+    channel->send(Packet::of(Packet::STATE, state.size()), {memory.get()});
   }
 }
 
@@ -139,7 +136,7 @@ void Runtime::acceptAll()
           [this, channel, fd](int)
           {
             Packet packet;
-            Descriptors descriptors;
+            SideChannel::Descriptors descriptors;
             const SideChannel::Receive result = channel->receive(&packet, &descriptors);
             if (result == SideChannel::Receive::NOTHING)
             {
@@ -159,7 +156,7 @@ void Runtime::acceptAll()
               const auto found = expected_.find(Token{packet.values[0], packet.values[1]});
               if (found != expected_.end())
               {
-                claim = found->second;  // stays known: a bridge may come again
+                claim = found->second;  // not erased: a bridge may connect again
               }
             }
             if (claim)
@@ -187,7 +184,7 @@ void Runtime::removeChannel(const std::shared_ptr<PoolLink>& link)
       return;
     }
   }
-  pool().trim();  // nobody is left to send to
+  pool().trim();  // no subscriber is left
 }
 
 std::vector<std::shared_ptr<PoolLink>> Runtime::channels() const

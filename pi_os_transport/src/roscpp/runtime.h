@@ -22,13 +22,13 @@
 #include <unordered_map>
 #include <vector>
 
-#include "pi_os_transport/options.h"
-#include "pi_os_transport/ring_sender.h"
-#include "pi_os_transport/side_channel.h"
-#include "pi_os_transport/slot_pool.h"
+#include "roscpp/options.h"
+#include "shm/ring_sender.h"
+#include "shm/side_channel.h"
+#include "shm/slot_pool.h"
 
-#include "../preload/hooks.h"
-#include "service_statistics.h"
+#include "preload/hooks.h"
+#include "roscpp/services/service_statistics.h"
 
 namespace pi_os_transport
 {
@@ -38,15 +38,15 @@ class ServiceCaller;
 class ServiceResponder;
 class TransmitLink;
 
-/// Field of the TCPROS connection header. A subscriber asks with the protocol version; a publisher that can answers
-/// with "<version> <socket token> <link token>". Peers without the library ignore it.
+/// Field of the TCPROS connection header. A subscriber sends the protocol version; a publisher answers with
+/// "<version> <socket token> <link token>". Peers without the library ignore the field.
 constexpr const char* HEADER_FIELD = "pi_os";
-/// What getBusInfo and `rosnode info` call a link that has moved to shared memory.
+/// Transport of a link in shared memory, as getBusInfo and `rosnode info` show it.
 constexpr const char* TRANSPORT_NAME = "SHMROS";
-/// And one that the bridges of two devices carry, in nanomsg's protocol.
+/// Transport of a link through bridges (nanomsg's protocol).
 constexpr const char* BRIDGED_TRANSPORT_NAME = "NNROS";
 
-/// The functions of libroscpp behind the hooks.
+/// The replaced functions of libroscpp.
 struct Originals
 {
   void (*start)(ros::TopicManager*);
@@ -79,7 +79,7 @@ struct Originals
   void (*service_process_response)(ros::ServiceClientLink*, bool, const ros::SerializedMessage&);
 };
 
-/// Lets `replacement` stand in for one function of libroscpp.
+/// Replaces one function of libroscpp.
 template <typename Function>
 void takeOver(PiOsShim* shim, PiOsHook hook, Function** original, Function* replacement)
 {
@@ -87,13 +87,13 @@ void takeOver(PiOsShim* shim, PiOsHook hook, Function** original, Function* repl
   shim->replacement[hook] = reinterpret_cast<void*>(replacement);
 }
 
-/// The peer's process has ended, or has at least closed its side channel. Normally the TCPROS connection reports that
-/// too, behind its last bytes; but a forked child of the peer may hold a copy of that socket. Drops the connection if
-/// there is nothing to read on it. Network thread, without locks.
+/// Call when the peer has closed its side channel, for example because its process has ended. Drops the TCPROS
+/// connection if there is nothing to read: a forked child of the peer may keep that socket open. Network thread,
+/// without locks.
 void dropIfSilent(const ros::ConnectionPtr& connection);
 
-/// State that roscpp's link objects have no room for, found by their connection: a connection lives as long as the
-/// link may carry messages, and a link that reconnects gets a new one. Thread safe.
+/// Additional state of roscpp's link objects, found by their connection. A link that reconnects gets a new connection.
+/// Thread safe.
 template <typename Link>
 class LinkTable
 {
@@ -125,7 +125,7 @@ private:
   std::unordered_map<const ros::Connection*, std::shared_ptr<Link>> links_;
 };
 
-/// A link whose peer reads messages out of this process's pool. All methods may be called from any thread.
+/// A link whose peer reads messages in this process's pool. Thread safe.
 class PoolLink
 {
 public:
@@ -136,14 +136,14 @@ public:
   virtual void retire(const std::vector<uint32_t>& segments) = 0;
 };
 
-/// What the library keeps for one process. Made when roscpp is first used, never destroyed: messages in the pool may
-/// be released by static destructors.
+/// The state of the library in one process. Made when roscpp is first used. Never destroyed, because static destructors
+/// may release messages.
 class Runtime
 {
 public:
   static Runtime& instance();
 
-  /// False in a forked child, where all hooks only forward.
+  /// False in a forked child, where all hooks only call the original.
   bool active() const { return !isForkedChild(); }
 
   Originals original{};
@@ -157,7 +157,7 @@ public:
   ServiceStatisticsTable called_services;
   ServiceStatisticsTable served_services;
 
-  /// The pool of outgoing messages; reserved at the first call.
+  /// The pool of outgoing messages; made by the first call.
   SlotPool& pool();
   const Token& poolToken() const { return pool_token_; }
   /// Shared memory that one subscriber may pin before it has to copy [B].
@@ -166,23 +166,22 @@ public:
   /// The number of links that publish through shared memory now.
   std::atomic<int> active_transmit_links{0};
 
-  /// Makes this process answer questions about its state, and fetches of shared memory. False if it cannot.
+  /// Opens the socket for QUERY and HELLO packets. @return false on failure.
   bool listen();
 
-  using Descriptors = std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS>;
-  /// Gets a connection whose first packet was HELLO with the link's token. Network thread.
-  using Claim = std::function<void(SideChannel channel, const Packet& hello, Descriptors* descriptors)>;
+  /// Called with a connection whose first packet was HELLO with the link's token. Network thread.
+  using Claim = std::function<void(SideChannel channel, const Packet& hello, SideChannel::Descriptors* descriptors)>;
 
-  /// Announces a link whose peer may come to fetch its shared memory, more than once.
+  /// Registers a link whose peer may fetch its shared memory, more than once.
   /// @return the header field to answer with; empty if this process cannot listen.
   std::string expect(const Token& link, Claim claim);
   void forget(const Token& link);
 
-  /// Links with an open side channel: those in use, and those whose peer still reads what it got before.
+  /// Links with an open side channel: links in use, and links whose peer still reads old messages.
   void addChannel(const std::shared_ptr<PoolLink>& link);
   void removeChannel(const std::shared_ptr<PoolLink>& link);
 
-  /// Tells peers about segments that the pool gave back.
+  /// Tells peers about segments that the pool has freed.
   void announceRetired();
 
   /// Calls `ready(events)` on roscpp's network thread whenever `fd` is readable, until unwatch().

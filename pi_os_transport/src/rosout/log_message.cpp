@@ -1,4 +1,4 @@
-#include "log_message.h"
+#include "rosout/log_message.h"
 
 #include <array>
 #include <cstdio>

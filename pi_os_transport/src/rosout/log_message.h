@@ -9,7 +9,7 @@
 namespace pi_os_transport
 {
 
-/// What rosgraph_msgs/Log says. The texts lie in the bytes it was read from.
+/// A rosgraph_msgs/Log. The texts point into the serialised bytes.
 struct LogMessage
 {
   uint32_t stamp_s = 0;
@@ -20,13 +20,13 @@ struct LogMessage
   std::string_view file;
   std::string_view function;
   uint32_t line = 0;
-  std::vector<std::string_view> topics;  ///< that the node publishes
+  std::vector<std::string_view> topics;  ///< published by the node
 };
 
-/// @param bytes  serialised as ROS does. @return nothing if they are too short for what they announce.
+/// @param bytes  serialised by ROS. @return nothing if they are truncated
 std::optional<LogMessage> readLogMessage(std::string_view bytes);
 
-/// One line, or more if the text has more, as the rosout node writes it to its file.
+/// The text in the log file of the rosout node.
 std::string formatLogMessage(const LogMessage& message, bool with_topics);
 
 }  // namespace pi_os_transport

@@ -1,4 +1,4 @@
-#include "log_publisher.h"
+#include "rosout/log_publisher.h"
 
 #include <sys/epoll.h>
 #include <sys/socket.h>
@@ -9,8 +9,10 @@
 #include <optional>
 #include <utility>
 
-#include "log_type.h"
+#include "event_loop/if_alive.h"
+#include "event_loop/socket_io.h"
 #include "pi_os_transport/little_endian.h"
+#include "rosout/log_type.h"
 
 namespace pi_os_transport
 {
@@ -53,7 +55,7 @@ void LogPublisher::add(FileDescriptor socket)
 {
   if (subscribers_.size() >= MOST_SUBSCRIBERS)
   {
-    return;  // closes it; the subscriber tries again
+    return;  // closes the socket; the subscriber tries again
   }
   auto subscriber = std::make_shared<Subscriber>();
   subscriber->id = next_id_++;
@@ -62,14 +64,8 @@ void LogPublisher::add(FileDescriptor socket)
   subscriber->place = subscribers_.insert(subscribers_.end(), subscriber);
   loop_->add(subscriber->socket.get(), EPOLLIN,
              [this, subscriber = subscriber.get()](uint32_t events) { onReady(*subscriber->place, events); });
-  subscriber->deadline = loop_->after(INTRODUCTION,
-                                      [this, weak = std::weak_ptr<Subscriber>(subscriber)]
-                                      {
-                                        if (const SubscriberPtr late = weak.lock())
-                                        {
-                                          drop(late);
-                                        }
-                                      });
+  subscriber->deadline =
+      loop_->after(INTRODUCTION, ifAlive(subscriber, [this](const SubscriberPtr& late) { drop(late); }));
 }
 
 void LogPublisher::onReady(const SubscriberPtr& watched, uint32_t events)
@@ -93,7 +89,7 @@ void LogPublisher::receive(const SubscriberPtr& subscriber)
   {
     return;
   }
-  // A subscriber that has introduced itself has nothing more to say.
+  // A subscriber sends nothing after its header.
   if (size <= 0 || !subscriber->node.empty() || subscriber->closes)
   {
     drop(subscriber);
@@ -157,7 +153,7 @@ void LogPublisher::publish(std::string_view message)
   frame->append(message.substr(LENGTH_BYTES));
   for (auto at = subscribers_.begin(); at != subscribers_.end();)
   {
-    const SubscriberPtr subscriber = *at++;  // sending may drop it
+    const SubscriberPtr subscriber = *at++;  // sending may drop the subscriber
     if (!subscriber->node.empty())
     {
       ++subscriber->messages;
@@ -173,7 +169,7 @@ void LogPublisher::enqueue(const SubscriberPtr& subscriber, const Frame& frame)
   subscriber->queued_bytes += frame->size();
   while (subscriber->queued_bytes > MOST_QUEUED_BYTES && subscriber->queue.size() > 2)
   {
-    const auto oldest = subscriber->queue.begin() + 1;  // the first may be sent in part
+    const auto oldest = subscriber->queue.begin() + 1;  // the first one may be partly sent
     subscriber->queued_bytes -= (*oldest)->size();
     subscriber->queue.erase(oldest);
   }
@@ -188,28 +184,19 @@ void LogPublisher::send(const SubscriberPtr& subscriber)
   while (!subscriber->queue.empty())
   {
     const std::string& frame = *subscriber->queue.front();
-    const ssize_t size = ::send(subscriber->socket.get(), frame.data() + subscriber->sent,
-                                frame.size() - subscriber->sent, MSG_NOSIGNAL);
-    if (size < 0 && errno == EINTR)
+    switch (sendRest(subscriber->socket.get(), frame, &subscriber->sent))
     {
-      continue;
-    }
-    if (size < 0 && errno == EAGAIN)
-    {
-      loop_->change(subscriber->socket.get(), EPOLLIN | EPOLLOUT);
-      return;
-    }
-    if (size < 0)
-    {
-      drop(subscriber);
-      return;
-    }
-    subscriber->sent += static_cast<size_t>(size);
-    if (subscriber->sent == frame.size())
-    {
-      subscriber->queued_bytes -= frame.size();
-      subscriber->queue.pop_front();
-      subscriber->sent = 0;
+      case SendResult::BLOCKED:
+        loop_->change(subscriber->socket.get(), EPOLLIN | EPOLLOUT);
+        return;
+      case SendResult::FAILED:
+        drop(subscriber);
+        return;
+      case SendResult::DONE:
+        subscriber->queued_bytes -= frame.size();
+        subscriber->queue.pop_front();
+        subscriber->sent = 0;
+        break;
     }
   }
   if (subscriber->closes)

@@ -1,4 +1,4 @@
-#include "log_subscriber.h"
+#include "rosout/log_subscriber.h"
 
 #include <netinet/in.h>
 #include <sys/epoll.h>
@@ -11,8 +11,9 @@
 #include <optional>
 #include <utility>
 
-#include "log_type.h"
-#include "rpc_encoder.h"
+#include "event_loop/if_alive.h"
+#include "master/rpc_encoder.h"
+#include "rosout/log_type.h"
 
 namespace pi_os_transport
 {
@@ -20,9 +21,9 @@ namespace
 {
 
 constexpr size_t CHUNK_BYTES = 16 * 1024;
-constexpr size_t MOST_MESSAGE_BYTES = 16 * 1024 * 1024;  // of a message of the log; a longer one ends the connection
-constexpr std::chrono::milliseconds CONNECTING{20000};   // to the end of the introduction
-constexpr std::chrono::milliseconds FIRST_PAUSE{100};    // before another try, doubled with each one that fails
+constexpr size_t MOST_MESSAGE_BYTES = 16 * 1024 * 1024;  // a longer message ends the connection
+constexpr std::chrono::milliseconds CONNECTING{20000};   // until the header was received
+constexpr std::chrono::milliseconds FIRST_PAUSE{100};    // before the next attempt; doubled after each failure
 constexpr std::chrono::milliseconds LONGEST_PAUSE{20000};
 
 }  // namespace
@@ -104,26 +105,22 @@ void LogSubscriber::onAnswer(const PublisherPtr& publisher, const RpcResponse* r
     tryAgain(publisher);
     return;
   }
-  publisher->timer = loop_->after(CONNECTING,
-                                  [this, weak = std::weak_ptr<Publisher>(publisher)]
-                                  {
-                                    const PublisherPtr late = weak.lock();
-                                    if (late != nullptr)
-                                    {
-                                      late->timer = 0;
-                                      tryAgain(late);
-                                    }
-                                  });
+  publisher->timer = loop_->after(CONNECTING, ifAlive(publisher,
+                                                      [this](const PublisherPtr& late)
+                                                      {
+                                                        late->timer = 0;
+                                                        tryAgain(late);
+                                                      }));
   resolver_.resolve(protocol.as<RpcValue::Array>()[1].as<std::string>(),
                     static_cast<uint16_t>(protocol.as<RpcValue::Array>()[2].as<int32_t>()),
-                    [this, weak = std::weak_ptr<Publisher>(publisher)](const SocketAddress& address)
-                    {
-                      const PublisherPtr found = weak.lock();
-                      if (found != nullptr && !found->socket)
-                      {
-                        connect(found, address);
-                      }
-                    });
+                    ifAlive(publisher,
+                            [this](const PublisherPtr& found, const SocketAddress& address)
+                            {
+                              if (!found->socket)
+                              {
+                                connect(found, address);
+                              }
+                            }));
 }
 
 void LogSubscriber::connect(const PublisherPtr& publisher, const SocketAddress& address)
@@ -150,14 +147,7 @@ void LogSubscriber::connect(const PublisherPtr& publisher, const SocketAddress& 
                                        {"md5sum", LogType::md5sum()},
                                        {"tcp_nodelay", "0"}});
   loop_->add(publisher->socket.get(), EPOLLOUT,
-             [this, weak = std::weak_ptr<Publisher>(publisher)](uint32_t events)
-             {
-               const PublisherPtr ready = weak.lock();
-               if (ready != nullptr)
-               {
-                 onReady(ready, events);
-               }
-             });
+             ifAlive(publisher, [this](const PublisherPtr& ready, uint32_t events) { onReady(ready, events); }));
 }
 
 void LogSubscriber::onReady(const PublisherPtr& publisher, uint32_t events)
@@ -208,7 +198,7 @@ void LogSubscriber::receive(const PublisherPtr& publisher)
   }
 }
 
-/// @return false if the publisher does not want this subscriber, or says what cannot be understood.
+/// @return false if the publisher refuses this subscriber, or sends invalid data.
 bool LogSubscriber::takeParts(const PublisherPtr& publisher)
 {
   while (const std::optional<std::string_view> part = publisher->reader.next())
@@ -237,16 +227,12 @@ void LogSubscriber::tryAgain(const PublisherPtr& publisher)
   close(publisher);
   const auto pause = std::min(FIRST_PAUSE * (1 << std::min(publisher->failures, 10)), LONGEST_PAUSE);
   ++publisher->failures;
-  publisher->timer = loop_->after(pause,
-                                  [this, weak = std::weak_ptr<Publisher>(publisher)]
-                                  {
-                                    const PublisherPtr again = weak.lock();
-                                    if (again != nullptr)
-                                    {
-                                      again->timer = 0;
-                                      ask(again);
-                                    }
-                                  });
+  publisher->timer = loop_->after(pause, ifAlive(publisher,
+                                                 [this](const PublisherPtr& again)
+                                                 {
+                                                   again->timer = 0;
+                                                   ask(again);
+                                                 }));
 }
 
 void LogSubscriber::close(const PublisherPtr& publisher)

@@ -8,33 +8,33 @@
 #include <string>
 #include <string_view>
 
-#include "event_loop.h"
-#include "host_resolver.h"
-#include "node_calls.h"
-#include "pi_os_transport/file_descriptor.h"
-#include "rpc_value.h"
-#include "tcpros_header.h"
+#include "event_loop/event_loop.h"
+#include "master/host_resolver.h"
+#include "master/node_calls.h"
+#include "master/rpc_value.h"
+#include "rosout/tcpros_header.h"
+#include "shm/file_descriptor.h"
 
 namespace pi_os_transport
 {
 
-/// Subscribes to a topic of rosgraph_msgs/Log over TCPROS: one connection to each publisher, made anew for as long as
-/// the master lists it. Has to outlive the loop's run.
+/// Subscribes to a topic of rosgraph_msgs/Log over TCPROS, with one connection to each publisher. Reconnects while the
+/// master lists the publisher. Must outlive the loop's run.
 class LogSubscriber
 {
 public:
-  /// @param message  as it is serialised
+  /// @param message  serialised
   using Received = std::function<void(std::string_view message)>;
 
-  /// @param calls  to ask publishers where they publish; must outlive this object.
+  /// @param calls  for requestTopic() of publishers; must outlive this object.
   LogSubscriber(EventLoop* loop, NodeCalls* calls, std::string node, std::string topic, Received received);
   ~LogSubscriber();
   LogSubscriber(const LogSubscriber&) = delete;
   LogSubscriber& operator=(const LogSubscriber&) = delete;
 
-  /// Those that there are now; connections to others are closed. @param apis  URIs of their slave APIs
+  /// Sets the current publishers; connections to others are closed. @param apis  URIs of their slave APIs
   void setPublishers(const std::set<std::string>& apis);
-  /// The part of getBusInfo() and of getBusStats() about this subscription.
+  /// The entries of getBusInfo() and getBusStats() for this subscription.
   RpcValue::Array busInfo() const;
   RpcValue busStats() const;
 
@@ -44,10 +44,10 @@ private:
     int32_t id = 0;
     std::string api;
     FileDescriptor socket;
-    bool is_connected = false;  ///< and introduced
-    std::string out;            ///< what is to be sent of the introduction
+    bool is_connected = false;  ///< headers were exchanged
+    std::string out;            ///< rest of the header to send
     TcprosReader reader{0};
-    int failures = 0;  ///< since it was connected last
+    int failures = 0;  ///< since the last connection
     EventLoop::TimerId timer = 0;
     double bytes = 0;
     int32_t messages = 0;

@@ -1,4 +1,4 @@
-#include "log_type.h"
+#include "rosout/log_type.h"
 
 #include <rosgraph_msgs/Log.h>
 

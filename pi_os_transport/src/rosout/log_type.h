@@ -3,7 +3,7 @@
 namespace pi_os_transport
 {
 
-/// What TCPROS says of rosgraph_msgs/Log, the type of /rosout and /rosout_agg.
+/// Description of rosgraph_msgs/Log in TCPROS headers, the type of /rosout and /rosout_agg.
 struct LogType
 {
   static const char* name();

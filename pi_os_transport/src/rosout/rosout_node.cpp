@@ -1,13 +1,14 @@
-#include "rosout_node.h"
+#include "rosout/rosout_node.h"
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <optional>
 #include <set>
 #include <utility>
 
-#include "log_message.h"
-#include "log_type.h"
+#include "rosout/log_message.h"
+#include "rosout/log_type.h"
 
 namespace pi_os_transport
 {
@@ -82,7 +83,7 @@ void RosoutNode::addMethods()
   methods_.add("getMasterUri", "", {},
                [this](const std::string&, RpcValue::Array&) { return rpcResult(1, "", environment_.master_uri); });
   methods_.add("getPid", -1, {}, [](const std::string&, RpcValue::Array&) { return rpcResult(1, "", getpid()); });
-  // What is shut down would be started again at once: it begins anew.
+  // roscore would restart the node at once, so it only drops its connections.
   methods_.add("shutdown", 0, {check::any()},
                [this](const std::string&, RpcValue::Array&)
                {
@@ -112,30 +113,27 @@ void RosoutNode::addMethods()
                });
   methods_.add("requestTopic", RpcValue::Array(), {check::graphName("topic"), check::any()},
                [this](const std::string&, RpcValue::Array& arguments)
-               {
-                 if (arguments[0] != RpcValue(PUBLISHED))
-                 {
-                   return rpcResult(0, "no publisher of " + arguments[0].as<std::string>(), 0);
-                 }
-                 const auto isTcpros = [](const RpcValue& protocol)
-                 {
-                   return protocol.is<RpcValue::Array>() && !protocol.as<RpcValue::Array>().empty() &&
-                          protocol.as<RpcValue::Array>()[0] == RpcValue("TCPROS");
-                 };
-                 if (arguments[1].is<RpcValue::Array>())
-                 {
-                   for (const RpcValue& protocol : arguments[1].as<RpcValue::Array>())
-                   {
-                     if (isTcpros(protocol))
-                     {
-                       return rpcResult(1, "ready on " + environment_.network.host,
-                                        RpcValue::Array{"TCPROS", environment_.network.host,
-                                                        static_cast<int32_t>(publisher_.port())});
-                     }
-                   }
-                 }
-                 return rpcResult(0, "no supported protocol: TCPROS is spoken here", 0);
-               });
+               { return answerTopicRequest(arguments[0], arguments[1]); });
+}
+
+RpcValue RosoutNode::answerTopicRequest(const RpcValue& topic, const RpcValue& protocols) const
+{
+  if (topic != RpcValue(PUBLISHED))
+  {
+    return rpcResult(0, "no publisher of " + topic.as<std::string>(), 0);
+  }
+  const auto isTcpros = [](const RpcValue& protocol)
+  {
+    return protocol.is<RpcValue::Array>() && !protocol.as<RpcValue::Array>().empty() &&
+           protocol.as<RpcValue::Array>()[0] == RpcValue("TCPROS");
+  };
+  if (!protocols.is<RpcValue::Array>() ||
+      std::none_of(protocols.as<RpcValue::Array>().begin(), protocols.as<RpcValue::Array>().end(), isTcpros))
+  {
+    return rpcResult(0, "no supported protocol: TCPROS is spoken here", 0);
+  }
+  const std::string& host = environment_.network.host;
+  return rpcResult(1, "ready on " + host, RpcValue::Array{"TCPROS", host, static_cast<int32_t>(publisher_.port())});
 }
 
 }  // namespace pi_os_transport

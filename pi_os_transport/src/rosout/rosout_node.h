@@ -4,20 +4,20 @@
 #include <string>
 #include <string_view>
 
-#include "event_loop.h"
-#include "http_server.h"
-#include "log_publisher.h"
-#include "log_subscriber.h"
-#include "network_address.h"
-#include "node_calls.h"
-#include "rotating_file.h"
-#include "rpc_methods.h"
+#include "event_loop/event_loop.h"
+#include "master/http_server.h"
+#include "master/network_address.h"
+#include "master/node_calls.h"
+#include "master/rpc_methods.h"
+#include "rosout/log_publisher.h"
+#include "rosout/log_subscriber.h"
+#include "rosout/rotating_file.h"
 
 namespace pi_os_transport
 {
 
-/// The node /rosout: gathers what all nodes log on /rosout, publishes it on /rosout_agg, and writes it to a file. Has
-/// the slave API of a node, by which the master tells it of publishers. Has to outlive the loop's run.
+/// The node /rosout: receives the log of all nodes on /rosout, publishes it on /rosout_agg, and writes it to a file.
+/// Its slave API gets publishers from the master. Must outlive the loop's run.
 class RosoutNode
 {
 public:
@@ -25,17 +25,17 @@ public:
   static const std::string SUBSCRIBED;
   static const std::string PUBLISHED;
 
-  /// What it needs of the process that it is part of.
+  /// What the node needs from its process.
   struct Environment
   {
     NetworkAddress network;
     std::string master_uri;
     NodeCalls* calls = nullptr;          ///< must outlive the node
-    RotatingFile* file = nullptr;        ///< no file if nullptr; must outlive the node
-    std::function<bool()> omits_topics;  ///< whether the file goes without the topics of each message's node
+    RotatingFile* file = nullptr;        ///< null: no file; must outlive the node
+    std::function<bool()> omits_topics;  ///< true: the file omits the topics of nodes
   };
 
-  /// @throws std::runtime_error if there is no port to be had
+  /// @throws std::runtime_error if no port is free
   RosoutNode(EventLoop* loop, Environment environment);
   RosoutNode(const RosoutNode&) = delete;
   RosoutNode& operator=(const RosoutNode&) = delete;
@@ -45,6 +45,7 @@ public:
 
 private:
   void addMethods();
+  RpcValue answerTopicRequest(const RpcValue& topic, const RpcValue& protocols) const;
   void onMessage(std::string_view message);
   void setPublishers(const RpcValue& apis);
 

@@ -1,4 +1,4 @@
-#include "rotating_file.h"
+#include "rosout/rotating_file.h"
 
 #include <fcntl.h>
 #include <unistd.h>
@@ -85,7 +85,7 @@ void RotatingFile::rotate()
   {
     report("no new log file");
   }
-  size_ = 0;  // what could not be put aside goes on, and is tried again when as much has come
+  size_ = 0;  // a file that could not be renamed is continued; the next attempt comes after as many bytes
 }
 
 }  // namespace pi_os_transport

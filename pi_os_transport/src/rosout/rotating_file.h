@@ -5,12 +5,12 @@
 #include <string>
 #include <string_view>
 
-#include "pi_os_transport/file_descriptor.h"
+#include "shm/file_descriptor.h"
 
 namespace pi_os_transport
 {
 
-/// A log file that is put aside when it is full: file, file.1 (the one before), ... Not thread safe.
+/// A log file that is renamed when it is full: file, file.1 (the previous one), ... Not thread safe.
 class RotatingFile
 {
 public:
@@ -21,12 +21,11 @@ public:
   };
   using Log = std::function<void(const std::string& line)>;
 
-  /// Starts an empty file. @param log  told once when writing or rotating fails, and again when it has worked in
-  /// between.
-  /// @throws std::runtime_error naming the file and the way out
+  /// Starts an empty file. @param log  gets one line per series of failures.
+  /// @throws std::runtime_error naming the file and the remedy
   RotatingFile(std::string path, Log log, const Limits& limits);
 
-  /// What cannot be written is lost, and counted.
+  /// Counts text that cannot be written as lost.
   void write(std::string_view text);
   uint64_t lost() const { return lost_; }
   const std::string& path() const { return path_; }

@@ -1,4 +1,4 @@
-#include "tcpros_header.h"
+#include "rosout/tcpros_header.h"
 
 #include <array>
 #include <cstdint>

@@ -9,15 +9,15 @@
 namespace pi_os_transport
 {
 
-/// The fields with which the two ends of a TCPROS connection introduce themselves.
+/// The fields of the header that each end of a TCPROS connection sends first.
 using TcprosHeader = std::map<std::string, std::string>;
 
-/// @return with its length in front, as it goes over the connection.
+/// @return the bytes for the connection, with their length in front
 std::string encodeTcprosHeader(const TcprosHeader& header);
-/// @param fields  all behind the length. @return nothing if they are none.
+/// @param fields  the bytes behind the length. @return nothing if they are invalid
 std::optional<TcprosHeader> decodeTcprosHeader(std::string_view fields);
 
-/// Cuts what comes over a TCPROS connection into its parts: a length in four bytes, and as many bytes.
+/// Splits the data of a TCPROS connection into parts: a length of four bytes, and as many bytes.
 class TcprosReader
 {
 public:
@@ -25,9 +25,9 @@ public:
   explicit TcprosReader(size_t most_bytes) : most_bytes_(most_bytes) {}
 
   void feed(std::string_view bytes);
-  /// @return the next part, valid until feed(); nothing if it is not complete.
+  /// @return the next part, valid until feed(); nothing if it is incomplete
   std::optional<std::string_view> next();
-  /// A part was announced that is longer than allowed: nothing can be read any more. To be asked after next().
+  /// True if a part is longer than allowed: nothing more can be read. Call after next().
   bool isBroken() const { return is_broken_; }
 
 private:

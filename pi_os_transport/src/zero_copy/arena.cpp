@@ -4,8 +4,8 @@
 #include <limits>
 #include <new>
 
-#include "held_messages.h"
-#include "transport.h"
+#include "zero_copy/held_messages.h"
+#include "zero_copy/transport.h"
 
 namespace pi_os_transport::zero_copy
 {
@@ -13,11 +13,11 @@ namespace
 {
 
 constexpr std::align_val_t HEAP_ALIGNMENT{Arena::ALIGNMENT};
-/// The pool's memory starts this far before a multiple of ALIGNMENT: with it, an array behind HEADROOM is aligned.
+/// The pool's memory starts this far before a multiple of ALIGNMENT, which aligns the array behind HEADROOM [B].
 constexpr size_t BEFORE_ALIGNED = 4;
 static_assert((MemoryBlock::HEADROOM - BEFORE_ALIGNED) % Arena::ALIGNMENT == 0);
 
-/// What lies on the heap starts as far before a multiple of ALIGNMENT.
+/// The same offset for memory on the heap.
 uint8_t* allocateOnHeap(size_t bytes)
 {
   const size_t lead = Arena::ALIGNMENT - BEFORE_ALIGNED;

@@ -1,8 +1,8 @@
-#include "held_messages.h"
+#include "zero_copy/held_messages.h"
 
 #include "pi_os_transport/zero_copy/subscriber.h"
 
-#include "transport.h"
+#include "zero_copy/transport.h"
 
 namespace pi_os_transport::zero_copy
 {

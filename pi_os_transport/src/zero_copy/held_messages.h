@@ -11,16 +11,16 @@
 namespace pi_os_transport::zero_copy
 {
 
-/// The loans that this process has published and that somebody still reads, for subscribers in the same process. Never
-/// destroyed: messages may outlive static objects. Any thread.
+/// The published loans that subscribers in this process still read. Never destroyed, because messages may outlive
+/// static objects. Thread safe.
 class PublishedBlocks
 {
 public:
   static PublishedBlocks& instance();
 
-  /// Nothing is noted before: most processes have no such subscribers.
+  /// Starts recording: most processes have no such subscribers.
   void enable() { enabled_.store(true, std::memory_order_relaxed); }
-  /// @return false if nobody wants to know.
+  /// @return false if nothing is recorded.
   bool add(const uint8_t* message, const std::weak_ptr<MemoryBlock>& block);
   void remove(const uint8_t* message);
   std::shared_ptr<MemoryBlock> find(const uint8_t* message);

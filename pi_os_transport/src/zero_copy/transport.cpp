@@ -1,4 +1,4 @@
-#include "transport.h"
+#include "zero_copy/transport.h"
 
 #include <dlfcn.h>
 

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "../preload/zero_copy_api.h"
+#include "preload/zero_copy_api.h"
 
 namespace pi_os_transport::zero_copy
 {

@@ -1,4 +1,4 @@
-#include "core_options.h"
+#include "core/core_options.h"
 
 #include <gtest/gtest.h>
 
@@ -11,8 +11,8 @@
 #include <utility>
 #include <vector>
 
-#include "log_folder.h"
-#include "network_address.h"
+#include "core/log_folder.h"
+#include "master/network_address.h"
 
 namespace pi_os_transport
 {

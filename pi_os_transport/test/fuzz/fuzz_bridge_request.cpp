@@ -1,7 +1,7 @@
 // What a process of this device asks its bridge for.
 
+#include "bridge/bridge_request.h"
 #include "fuzz_input.h"
-#include "pi_os_transport/bridge_request.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size)
 {

@@ -5,10 +5,10 @@
 #include <string>
 #include <vector>
 
-#include "bridge.h"
-#include "fake_frame_transport.h"
+#include "bridge/bridge.h"
 #include "fuzz_input.h"
 #include "fuzz_peers.h"
+#include "wire/fake_frame_transport.h"
 
 namespace pi_os_transport
 {
@@ -34,13 +34,13 @@ public:
   {
     auto transport = std::make_unique<FakeFrameTransport>();
     transport_ = transport.get();
-    bridge_.transport_ = std::move(transport);
+    bridge_.context_.transport = std::move(transport);
     bridge_.start();
-    session_ = bridge_.sessions_.begin()->second.get();
+    session_ = bridge_.sessions_.first();
     runUntil(&loop_, [this] { return transport_->open.size() == TRAFFIC_CLASSES; });
     for (const FrameTransport::ConnectionId connection : std::vector<FrameTransport::ConnectionId>(transport_->open))
     {
-      bridge_.onConnected(connection);
+      bridge_.dispatcher_.onConnected(connection);
     }
     greet(1);
     require(session_->peer->up(), "the bridges have met");
@@ -52,7 +52,7 @@ public:
     process_.close();
     subscriber_.close();
     loop_.runOnce(std::chrono::milliseconds(0));
-    require(bridge_.pool_->usage().live_slots == 0, "every message is given back");
+    require(bridge_.context_.pool->usage().live_slots == 0, "every message is given back");
   }
 
   void step()
@@ -134,7 +134,7 @@ private:
   void feed(const FrameHeader& header, const std::vector<uint8_t>& bytes)
   {
     const uint32_t length = static_cast<uint32_t>(bytes.size());
-    uint8_t* const place = bridge_.onHeader(SOURCE, header, length);
+    uint8_t* const place = bridge_.dispatcher_.onHeader(SOURCE, header, length);
     if (place == nullptr)
     {
       return;
@@ -142,7 +142,7 @@ private:
     const auto exact = std::make_unique<uint8_t[]>(length);
     uint8_t* const payload = header.type == FrameType::FRAGMENT ? place : exact.get();
     std::copy(bytes.begin(), bytes.end(), payload);
-    bridge_.onFrame(SOURCE, header, payload, length);
+    bridge_.dispatcher_.onFrame(SOURCE, header, payload, length);
   }
 
   void sendFrame()
@@ -223,7 +223,7 @@ private:
         {
           const FrameTransport::ConnectionId connection = session_->peer->lane(Traffic::EXPRESS).connection();
           transport_->close(connection);
-          bridge_.onClosed(connection, CloseReason::UNREACHABLE);
+          bridge_.dispatcher_.onClosed(connection, CloseReason::UNREACHABLE);
         }
         break;
       case 2:
@@ -233,7 +233,7 @@ private:
         subscriber_.close();
         break;
       case 4:
-        bridge_.onSourceClosed(SOURCE, CloseReason::MALFORMED, "");
+        bridge_.dispatcher_.onSourceClosed(SOURCE, CloseReason::MALFORMED, "");
         break;
       default:
         require(!bridge_.status().empty(), "there is a status at any time");
@@ -247,7 +247,7 @@ private:
   SideChannel publisher_;
   Bridge bridge_;
   FakeFrameTransport* transport_ = nullptr;
-  Bridge::Session* session_ = nullptr;
+  Session* session_ = nullptr;
   SideChannel process_;     ///< the publisher's end
   SideChannel subscriber_;  ///< the subscriber's end
   HostileSender sender_;

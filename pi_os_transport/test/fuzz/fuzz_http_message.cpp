@@ -1,7 +1,7 @@
 // What comes over the connections of the master: requests of whoever connects, answers of nodes.
 
 #include "fuzz_input.h"
-#include "http_reader.h"
+#include "master/http_reader.h"
 
 namespace pi_os_transport
 {

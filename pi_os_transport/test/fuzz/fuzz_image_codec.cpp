@@ -1,10 +1,12 @@
 // Images of peers: serialised messages, and what OpenCV's decoders make of their content.
 
-#include "fuzz_input.h"
+#include <ros/serialization.h>
+#include <sensor_msgs/CompressedImage.h>
 
-#define main pi_os_image_codec_main
-#include "../../src/nodes/pi_os_image_codec.cpp"  // NOLINT: what it does to one request has no header
-#undef main
+#include <opencv2/core.hpp>
+
+#include "fuzz_input.h"
+#include "image_codec/image_conversion.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size)
 {
@@ -21,11 +23,13 @@ int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size)
     sensor_msgs::CompressedImage image;
     image.format = input.below(2) == 0 ? "bgr8; jpeg compressed bgr8" : "mono16; png compressed mono16";
     image.data = input.rest();
-    std::vector<uint8_t> message = serialize(image);
-    answer(request, &message, MAX_BYTES);
+    std::vector<uint8_t> message(ros::serialization::serializationLength(image));
+    ros::serialization::OStream stream(message.data(), static_cast<uint32_t>(message.size()));
+    ros::serialization::serialize(stream, image);
+    convertImage(request, &message, MAX_BYTES);
     return 0;
   }
   std::vector<uint8_t> message = input.rest();
-  require(answer(request, &message, MAX_BYTES).length == message.size(), "an answer is as long as it says");
+  require(convertImage(request, &message, MAX_BYTES).length == message.size(), "an answer is as long as it says");
   return 0;
 }

@@ -4,9 +4,9 @@
 #include <memory>
 #include <utility>
 
+#include "bridge/incoming_stream.h"
 #include "fuzz_input.h"
-#include "incoming_stream.h"
-#include "pi_os_transport/ring_receiver.h"
+#include "shm/ring_receiver.h"
 
 namespace pi_os_transport
 {

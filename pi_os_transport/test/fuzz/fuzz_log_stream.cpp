@@ -1,8 +1,8 @@
 // What comes over the TCPROS connections of the rosout node: headers, and messages of the log.
 
 #include "fuzz_input.h"
-#include "log_message.h"
-#include "tcpros_header.h"
+#include "rosout/log_message.h"
+#include "rosout/tcpros_header.h"
 
 namespace pi_os_transport
 {

@@ -1,7 +1,7 @@
 // Parameters and environment variables.
 
 #include "fuzz_input.h"
-#include "pi_os_transport/options.h"
+#include "roscpp/options.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size)
 {

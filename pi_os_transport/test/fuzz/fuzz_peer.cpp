@@ -5,10 +5,10 @@
 
 #include <memory>
 
-#include "event_loop.h"
-#include "fake_frame_transport.h"
+#include "bridge/tunnel.h"
+#include "event_loop/event_loop.h"
 #include "fuzz_input.h"
-#include "tunnel.h"
+#include "wire/fake_frame_transport.h"
 
 namespace pi_os_transport
 {

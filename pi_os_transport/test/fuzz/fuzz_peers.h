@@ -10,10 +10,10 @@
 #include <vector>
 
 #include "fuzz_input.h"
-#include "pi_os_transport/descriptor_ring.h"
-#include "pi_os_transport/file_descriptor.h"
-#include "pi_os_transport/shared_memory.h"
-#include "pi_os_transport/side_channel.h"
+#include "shm/descriptor_ring.h"
+#include "shm/file_descriptor.h"
+#include "shm/shared_memory.h"
+#include "shm/side_channel.h"
 
 namespace pi_os_transport
 {

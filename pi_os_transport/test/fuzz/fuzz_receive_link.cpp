@@ -7,11 +7,13 @@
 
 #include <deque>
 
+#include <nlohmann/json.hpp>
+
 #include "fuzz_input.h"
 #include "fuzz_peers.h"
-#include "held_leases.h"
-#include "links_without_network.h"
-#include "receive_link.h"
+#include "roscpp/held_leases.h"
+#include "roscpp/services/links_without_network.h"
+#include "roscpp/topics/receive_link.h"
 
 namespace pi_os_transport
 {
@@ -98,7 +100,7 @@ void fuzz(FuzzInput input)
             break;
           case 2:
           {
-            JsonObject object;
+            nlohmann::ordered_json object;
             receiving->describe(&object);
             receiving->info();
             break;

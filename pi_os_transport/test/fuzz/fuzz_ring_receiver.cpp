@@ -9,8 +9,8 @@
 #include <memory>
 
 #include "fuzz_input.h"
-#include "pi_os_transport/ring_receiver.h"
-#include "pi_os_transport/shared_memory.h"
+#include "shm/ring_receiver.h"
+#include "shm/shared_memory.h"
 
 namespace pi_os_transport
 {

@@ -8,9 +8,9 @@
 
 #include "fuzz_input.h"
 #include "pi_os_transport/little_endian.h"
-#include "pi_os_transport/ring_sender.h"
-#include "pi_os_transport/shared_memory.h"
-#include "pi_os_transport/slot_pool.h"
+#include "shm/ring_sender.h"
+#include "shm/shared_memory.h"
+#include "shm/slot_pool.h"
 
 namespace pi_os_transport
 {

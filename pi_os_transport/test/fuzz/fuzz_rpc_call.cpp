@@ -3,10 +3,10 @@
 #include <sstream>
 
 #include "fuzz_input.h"
-#include "master_api.h"
-#include "network_address.h"
-#include "rpc_decoder.h"
-#include "rpc_encoder.h"
+#include "master/master_api.h"
+#include "master/network_address.h"
+#include "master/rpc_decoder.h"
+#include "master/rpc_encoder.h"
 
 namespace pi_os_transport
 {

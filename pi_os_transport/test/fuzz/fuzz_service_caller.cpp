@@ -8,8 +8,8 @@
 
 #include "fuzz_input.h"
 #include "fuzz_peers.h"
-#include "links_without_network.h"
-#include "service_caller.h"
+#include "roscpp/services/links_without_network.h"
+#include "roscpp/services/service_caller.h"
 
 namespace pi_os_transport
 {

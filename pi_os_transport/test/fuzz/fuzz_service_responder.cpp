@@ -13,8 +13,8 @@
 
 #include "fuzz_input.h"
 #include "fuzz_peers.h"
-#include "links_without_network.h"
-#include "service_responder.h"
+#include "roscpp/services/links_without_network.h"
+#include "roscpp/services/service_responder.h"
 
 namespace pi_os_transport
 {
@@ -98,7 +98,7 @@ void fuzz(FuzzInput input)
   responder = std::make_shared<ServiceResponder>("/service", link, connection);
   connection->addDropListener([](const ros::ConnectionPtr&, ros::Connection::DropReason) { responder->disconnect(); });
   const std::string offer =
-      runtime.expect(responder->token(), [](SideChannel channel, const Packet&, Runtime::Descriptors* descriptors)
+      runtime.expect(responder->token(), [](SideChannel channel, const Packet&, SideChannel::Descriptors* descriptors)
                      { responder->meet(std::move(channel), SideChannel(std::move(descriptors->front()))); });
   require(HeaderOffer::parse(offer).has_value(), "an offer is read as what was written");
 

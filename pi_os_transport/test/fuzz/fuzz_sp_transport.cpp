@@ -8,9 +8,9 @@
 #include <array>
 #include <memory>
 
-#include "event_loop.h"
-#include "frame_transport.h"
+#include "event_loop/event_loop.h"
 #include "fuzz_input.h"
+#include "wire/frame_transport.h"
 
 namespace pi_os_transport
 {

@@ -1,7 +1,7 @@
 // The fields of connection headers that name sockets and links.
 
 #include "fuzz_input.h"
-#include "pi_os_transport/side_channel.h"
+#include "shm/side_channel.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size)
 {

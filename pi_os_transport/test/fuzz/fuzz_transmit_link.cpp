@@ -14,9 +14,9 @@
 
 #include "fuzz_input.h"
 #include "fuzz_peers.h"
-#include "links_without_network.h"
-#include "outbox_writer.h"
-#include "transmit_link.h"
+#include "roscpp/services/links_without_network.h"
+#include "roscpp/topics/outbox_writer.h"
+#include "roscpp/topics/transmit_link.h"
 
 namespace pi_os_transport
 {
@@ -139,7 +139,7 @@ void fuzz(FuzzInput input)
 
   const auto transmitting = std::make_shared<TransmitLink>(topic, link, connection);
   runtime.transmit_links.insert(connection.get(), transmitting);
-  runtime.expect(transmitting->token(), [&transmitting](SideChannel channel, const Packet& hello, Runtime::Descriptors*)
+  runtime.expect(transmitting->token(), [&transmitting](SideChannel channel, const Packet& hello, SideChannel::Descriptors*)
                  { transmitting->meet(std::move(channel), hello.values[2] != 0); });
   SideChannel channel;
   HostileReceiver receiver;

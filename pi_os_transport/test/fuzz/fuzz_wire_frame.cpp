@@ -1,7 +1,7 @@
 // Headers and payloads of the frames between two bridges.
 
 #include "fuzz_input.h"
-#include "wire_frame.h"
+#include "wire/wire_frame.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size)
 {

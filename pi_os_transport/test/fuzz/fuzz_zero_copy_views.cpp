@@ -17,7 +17,6 @@
 #include <new>
 #include <stdexcept>
 
-#include "../../src/preload/zero_copy_api.h"
 #include "fuzz_input.h"
 #include "pi_os_transport/zero_copy/cv_bridge.h"
 #include "pi_os_transport/zero_copy/message.h"
@@ -25,6 +24,7 @@
 #include "pi_os_transport/zero_copy/shared_image.h"
 #include "pi_os_transport/zero_copy/statistics.h"
 #include "pi_os_transport/zero_copy/subscriber.h"
+#include "preload/zero_copy_api.h"
 
 namespace pi_os_transport::zero_copy
 {

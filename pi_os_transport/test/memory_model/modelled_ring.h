@@ -2,4 +2,4 @@
 
 #include "modelled_atomics.h"
 
-#include "../../src/descriptor_ring.cpp"  // NOLINT: its functions have to be those of the model
+#include "shm/descriptor_ring.cpp"  // NOLINT: its functions have to be those of the model

@@ -11,7 +11,7 @@
 #include "modelled_atomics.h"
 #include "mutations.h"
 
-#include "../../src/slot_pool.cpp"  // NOLINT: its functions have to be those of the model
+#include "shm/slot_pool.cpp"  // NOLINT: its functions have to be those of the model
 
 namespace pi_os_transport
 {

@@ -1,4 +1,4 @@
-#include "stamp_map.h"
+#include "topic_restamper/stamp_map.h"
 
 #include <gtest/gtest.h>
 

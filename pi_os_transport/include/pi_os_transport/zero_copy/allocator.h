@@ -13,15 +13,13 @@
 namespace pi_os_transport::zero_copy
 {
 
-/// Allocator of messages whose large arrays lie where they are sent from or have been received: generated messages are
-/// templates over it. Three kinds of it occur:
-/// - with an arena, on a message that is lent out for publishing: large arrays lie in the arena;
-/// - viewing, on an array that was received: it stands for the memory that the array lies in already;
-/// - else the heap, also for every copy of a message and for every array that grows beyond what it views.
+/// The allocator parameter of zero-copy messages. It has three modes:
+/// - arena, in a loan for publishing: large arrays are in the arena, from where they are sent;
+/// - view, for a received array: the array uses the memory in which it was received;
+/// - heap, for everything else: copies of messages, and arrays that outgrow their view.
 ///
-/// Arrays of a trivially copyable type from Arena::SMALLEST_ARRAY bytes on are left uninitialised by resize(): they are
-/// written once, by the user.
-/// Characters of strings are allocated as ever, so that strings are of type std::string.
+/// resize() does not initialise arrays of a trivially copyable type from Arena::SMALLEST_ARRAY bytes on.
+/// Strings use the standard allocator, so their type is std::string.
 template <typename T>
 class Allocator
 {
@@ -42,7 +40,7 @@ public:
   Allocator(const Allocator<Other>& other) noexcept : arena_(other.arena())
   {
   }
-  /// For one array of exactly `count` elements that lie at `memory` and are never written.
+  /// For one read-only array of exactly `count` elements at `memory`.
   static Allocator viewing(const T* memory, size_t count)
   {
     Allocator allocator;
@@ -72,7 +70,7 @@ public:
       if (count * sizeof(T) < Arena::SMALLEST_ARRAY)
       {
         std::memset(static_cast<void*>(memory), 0,
-                    count * sizeof(T));  // what construct() leaves out, where it is cheap
+                    count * sizeof(T));  // construct() initialises nothing; zeroing small arrays is cheap
       }
     }
     return memory;
@@ -105,7 +103,7 @@ public:
   }
 
   const std::shared_ptr<Arena>& arena() const { return arena_; }
-  /// True if an array with this allocator lies in received memory.
+  /// True if the array uses received memory.
   bool isView(const T* memory) const { return memory == view_ && memory != nullptr; }
 
   template <typename Other>
@@ -132,7 +130,7 @@ private:
   size_t count_ = 0;
 };
 
-/// What generated messages are templates over.
+/// The template argument of generated messages.
 template <>
 class Allocator<void>
 {
@@ -146,7 +144,7 @@ public:
 
   Allocator() noexcept = default;
   explicit Allocator(std::shared_ptr<Arena> arena) noexcept : arena_(std::move(arena)) {}
-  /// Strings are allocated as ever.
+  /// Strings use the standard allocator.
   template <typename Other>
   operator std::allocator<Other>() const
   {

@@ -8,21 +8,21 @@
 namespace pi_os_transport::zero_copy
 {
 
-/// Memory of one large array, with room around it for the rest of its message. In the shared pool of this process while
-/// any of its topics has a subscriber there, otherwise on the heap. Given back with its last owner; not before a
-/// subscriber that was sent it has let go.
+/// Memory of one large array, with room around it for the rest of its message. It is in the shared pool of this process
+/// while a topic of the process has a subscriber in shared memory, else on the heap. Freed when its last owner and all
+/// subscribers have released it.
 class MemoryBlock : public std::enable_shared_from_this<MemoryBlock>
 {
 public:
-  /// Room for `array_bytes`. @throws std::bad_alloc if there is no memory of either kind.
+  /// @throws std::bad_alloc if there is no memory for `array_bytes`.
   explicit MemoryBlock(size_t array_bytes);
   ~MemoryBlock();
   MemoryBlock(const MemoryBlock&) = delete;
   MemoryBlock& operator=(const MemoryBlock&) = delete;
 
-  /// Bytes before the array, all of which its message may use [B].
+  /// Room before the array, for its message [B].
   static constexpr size_t HEADROOM = 1024 + 4;
-  /// Least bytes behind the array [B].
+  /// Least room behind the array [B].
   static constexpr size_t TAILROOM = 512;
 
   uint8_t* array() const { return memory_ + HEADROOM; }
@@ -30,7 +30,7 @@ public:
   size_t arrayBytes() const { return array_bytes_; }
   bool isShared() const { return shared_; }
 
-  /// Lets the message, with its length in front, start at `start`. From now on this process can hold it.
+  /// Lets the message, with its length in front, start at `start`. From now on subscribers of this process can hold it.
   void startAt(uint8_t* start);
 
 private:
@@ -38,14 +38,14 @@ private:
   size_t capacity_ = 0;  // [B]
   const size_t array_bytes_;
   bool shared_ = false;
-  const uint8_t* message_ = nullptr;  // as announced to subscribers in this process
+  const uint8_t* message_ = nullptr;  // known to subscribers in this process
 };
 
-/// Where the arrays of one message that is lent out lie. One thread at a time.
+/// The memory of the arrays of one loan. One thread at a time.
 class Arena
 {
 public:
-  /// Arrays from this size on lie here, smaller ones on the heap: they are copied when they are sent [B].
+  /// Arrays from this size on are in the arena; smaller ones are on the heap and copied when sent [B].
   static constexpr size_t SMALLEST_ARRAY = 1024;
   static constexpr size_t ALIGNMENT = 64;  ///< of every array [B]
 

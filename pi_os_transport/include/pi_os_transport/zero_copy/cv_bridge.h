@@ -1,6 +1,6 @@
 #pragma once
 
-// cv_bridge over zero-copy images. Needs cv_bridge, which the user has to link.
+// cv_bridge for zero-copy images. Link cv_bridge.
 
 #include <cv_bridge/cv_bridge.h>
 
@@ -15,7 +15,7 @@
 namespace pi_os_transport::zero_copy
 {
 
-/// As cv_bridge::toCvCopy().
+/// Like cv_bridge::toCvCopy().
 /// @throws cv_bridge::Exception if the conversion is impossible, std::runtime_error as matOver().
 template <typename A>
 cv_bridge::CvImagePtr toCvCopy(const sensor_msgs::Image_<A>& source, const std::string& encoding = std::string())
@@ -23,7 +23,7 @@ cv_bridge::CvImagePtr toCvCopy(const sensor_msgs::Image_<A>& source, const std::
   std_msgs::Header header;
   copyHeader(source.header, &header);
   const cv::Mat shared = matOver(source);
-  if (source.is_bigendian != 0 && shared.elemSize1() > 1)  // cv_bridge turns it into this machine's order
+  if (source.is_bigendian != 0 && shared.elemSize1() > 1)  // cv_bridge converts it to this machine's byte order
   {
     sensor_msgs::Image copy;
     copy.header = header;
@@ -39,8 +39,8 @@ cv_bridge::CvImagePtr toCvCopy(const sensor_msgs::Image_<A>& source, const std::
   return cv_bridge::cvtColor(image, encoding.empty() ? source.encoding : encoding);
 }
 
-/// As cv_bridge::toCvShare(): shares the data of the message, which lives as long as the result or a copy of its image,
-/// unless `encoding` asks for another one or the data has the other byte order.
+/// Like cv_bridge::toCvShare(): shares the data of the message, which lives as long as the result or a copy of its
+/// image. Copies if `encoding` differs or the data have the other byte order.
 /// @throws cv_bridge::Exception if the conversion is impossible, std::runtime_error as matOver().
 template <typename A>
 cv_bridge::CvImageConstPtr toCvShare(const boost::shared_ptr<sensor_msgs::Image_<A> const>& source,

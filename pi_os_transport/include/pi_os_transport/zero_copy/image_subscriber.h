@@ -1,7 +1,7 @@
 #pragma once
 
-// For nodes that work on images of either form: they know the zero-copy form alone, and what comes in the standard one
-// is shared, not copied.
+// For nodes that accept images of both forms: the callback gets the zero-copy form, and images of the standard form are
+// shared, not copied.
 
 #include <ros/node_handle.h>
 #include <ros/transport_hints.h>
@@ -25,7 +25,7 @@ namespace pi_os_transport::zero_copy
 /// A received image.
 using ImageHandle = ConstPtr<sensor_msgs::Image>;
 
-/// The standard header of a message of either form.
+/// The standard header of a message of any form.
 template <typename A>
 std_msgs::Header standardHeader(const std_msgs::Header_<A>& header)
 {
@@ -34,7 +34,7 @@ std_msgs::Header standardHeader(const std_msgs::Header_<A>& header)
   return standard;
 }
 
-/// Deletes a handle on an image of the standard form, and keeps that image until then.
+/// Deleter of a handle on an image of the standard form; keeps that image.
 struct StandardImageKeeper
 {
   sensor_msgs::ImageConstPtr image;
@@ -42,7 +42,7 @@ struct StandardImageKeeper
   void operator()(const Message<sensor_msgs::Image>* shared) const { delete shared; }
 };
 
-/// A handle on an image of the standard form, whose data it shares and which it keeps.
+/// A handle on an image of the standard form. Shares its data and keeps the image.
 inline ImageHandle toHandle(const sensor_msgs::ImageConstPtr& image)
 {
   auto* const made = new Message<sensor_msgs::Image>;
@@ -62,22 +62,22 @@ inline ImageHandle toHandle(const sensor_msgs::ImageConstPtr& image)
   return handle;
 }
 
-/// The image that toHandle() was given: to pass it on within the process as the pointer that it is. Null for others.
+/// The image that was given to toHandle(), for publishing it as a pointer inside the process. Null for other handles.
 inline sensor_msgs::ImageConstPtr standardOf(const ImageHandle& handle)
 {
   const StandardImageKeeper* const keeper = boost::get_deleter<StandardImageKeeper>(handle);
   return keeper != nullptr ? keeper->image : nullptr;
 }
 
-/// True if a publisher of this process, and none of zero-copy messages, has advertised the topic: roscpp hands over its
-/// messages as pointers to subscribers of the standard form, but would serialise them for others. Any thread.
-/// @param topic  its full name.
+/// True if only stock publishers of this process have advertised the topic. roscpp then passes pointers to subscribers
+/// of the standard form, but would serialise messages for others. Any thread.
+/// @param topic  full name
 bool isStockTopicOfThisProcess(const std::string& topic);
 
 /// Subscribes to images.
-/// @param zero_copy  views where the transport allows it; false: every image is copied, as roscpp always does. What a
-///                   stock publisher of this process sends is shared as ever, if it has advertised before.
-/// @throws as ros::NodeHandle::subscribe().
+/// @param zero_copy  true: views where the transport allows; false: every image is copied, as roscpp does. Images of a
+///                   stock publisher in this process are shared if it has advertised before.
+/// @throws like ros::NodeHandle::subscribe().
 inline ros::Subscriber subscribeImages(ros::NodeHandle& node, const std::string& topic, uint32_t queue_size,
                                        bool zero_copy, const boost::function<void(const ImageHandle&)>& callback,
                                        const ros::TransportHints& hints = ros::TransportHints())

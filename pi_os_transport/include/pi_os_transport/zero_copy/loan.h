@@ -16,19 +16,18 @@
 namespace pi_os_transport::zero_copy
 {
 
-/// A message to be filled and published. Its largest array, if of a plain type and of at least
-/// Arena::SMALLEST_ARRAY bytes, lies at its final place already and is not copied any more; give it its final size at
-/// once, since every growth moves it. Other fields may be set in any order until it is published. resize() leaves the
-/// new elements of such an array uninitialised. Write it through data() or a matrix over it: assign() and insert() go
-/// element by element.
+/// A message to fill and publish. Its largest array, if of a plain type and of at least Arena::SMALLEST_ARRAY bytes, is
+/// at its final place and is not copied. Give this array its final size at once, because growth moves it. resize() does
+/// not initialise new elements. Write through data() or a matrix: assign() and insert() are slow. Other fields may be
+/// set in any order.
 ///
-/// One thread at a time; may be handed to another one. A loan that is never published gives its memory back, whatever
-/// has become of the publisher or of ROS meanwhile. Not for use in a child process after fork(), but to be destroyed.
+/// One thread at a time. An unpublished loan frees its memory, also after the end of the publisher or of ROS. In a
+/// child process after fork() it may only be destroyed.
 template <typename M>
 class Loan
 {
 public:
-  /// An empty one.
+  /// An empty loan.
   Loan() = default;
   static Loan borrow()
   {
@@ -48,7 +47,7 @@ public:
   Message<M>* operator->() const { return message_.get(); }
   Message<M>& operator*() const { return *message_; }
   Message<M>* get() const { return message_.get(); }
-  /// False if empty: made so, published or moved from.
+  /// False if default constructed, published or moved from.
   explicit operator bool() const { return message_ != nullptr; }
   void reset()
   {
@@ -56,8 +55,8 @@ public:
     arena_.reset();
   }
 
-  /// The message as roscpp sends it, which may share memory with this. Must not be written afterwards.
-  /// @param counters  takes note of how.
+  /// The message as roscpp sends it; may share memory with the loan, which must not be written afterwards.
+  /// @param counters  counts how it was serialised.
   ros::SerializedMessage serialise(TopicCounters* counters) const
   {
     const std::shared_ptr<MemoryBlock> block = arena_->largest();
@@ -77,9 +76,9 @@ public:
     }
     catch (const ros::serialization::StreamOverrunException&)
     {
-      // What surrounds the array does not fit around it.
+      // The rest of the message does not fit around the array.
     }
-    // First the message: within publish(), its buffer is the next array that is allocated in shared memory.
+    // The message first: inside publish(), the next array to be allocated in shared memory is its buffer.
     ros::SerializedMessage copy = ros::serialization::serializeMessage(*message_);
     counters->countSent(TopicCounters::NO_ROOM, false);
     return copy;

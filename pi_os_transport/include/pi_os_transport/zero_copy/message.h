@@ -13,7 +13,7 @@
 namespace pi_os_transport::zero_copy
 {
 
-/// The forms of a generated message. Undefined for anything else.
+/// The forms of a generated message. Undefined for other types.
 template <typename M>
 struct Forms;
 
@@ -24,15 +24,15 @@ struct Forms<Template<Alloc>>
   using ZeroCopy = Template<Allocator<void>>;
 };
 
-/// The message that M is, with large arrays that are not copied: Message<sensor_msgs::Image>. Type name, checksum,
-/// fields and serialisation are those of M; its arrays are other instances of std::vector, its strings std::string.
+/// The zero-copy form of message M, for example Message<sensor_msgs::Image>. Type name, checksum, fields and
+/// serialisation equal those of M. Arrays are std::vector with another allocator, strings are std::string.
 template <typename M>
 using Message = typename Forms<M>::ZeroCopy;
 
-/// What a subscriber gets. Its large arrays are views of read-only memory, which stays as it is, and mapped, until the
-/// last copy of the handle is gone: after the callback, after the end of the subscriber, and after that of the
-/// publisher. Arrays must not be written, not even after a cast. Copy the message for that; the copy is independent.
-/// To be read from any thread. Not for use in a child process after fork().
+/// A received message. Its large arrays are views of read-only memory, which stays valid and unchanged until the last
+/// copy of the handle is destroyed, also after the end of the callback, the subscriber or the publisher. Never write
+/// the arrays, not even after a cast; copy the message instead. May be read from any thread. Not for use in a child
+/// process after fork().
 template <typename M>
 using ConstPtr = boost::shared_ptr<Message<M> const>;
 
@@ -48,14 +48,14 @@ struct IsZeroCopy<Template<Allocator<void>>>
 {
 };
 
-/// True if the array lies in received memory instead of being a copy.
+/// True if the array is a view of received memory.
 template <typename T>
 bool isView(const std::vector<T, Allocator<T>>& array)
 {
   return array.get_allocator().isView(array.data());
 }
 
-/// Copies a header between a message of one form and one of the other.
+/// Copies a header between messages of different forms.
 template <typename Header, typename OtherHeader>
 void copyHeader(const Header& from, OtherHeader* to)
 {

@@ -1,7 +1,7 @@
 #pragma once
 
-// sensor_msgs/PointCloud2 as points of a PCL type without a copy. Needs PCL's common headers. A pcl::PointCloud owns
-// its points in a std::vector and cannot share them; an array of points is what can be shared.
+// sensor_msgs/PointCloud2 as points of a PCL type without a copy. Needs PCL's common headers. A pcl::PointCloud cannot
+// share its points, because it owns a std::vector; therefore an array of points is shared.
 
 #include <pcl/conversions.h>
 #include <pcl/point_cloud.h>
@@ -24,7 +24,7 @@
 namespace pi_os_transport::zero_copy
 {
 
-/// The points of a received message, read-only, row by row. The message lives as long as a copy of this.
+/// The points of a received message, read-only, row by row. Keeps the message.
 template <typename Point>
 class SharedPoints
 {
@@ -67,7 +67,7 @@ std::vector<pcl::PCLPointField> toPclFields(const sensor_msgs::PointCloud2_<A>& 
   return fields;
 }
 
-/// True if every field of Point lies in the message where it lies in Point.
+/// True if every field of Point has the same offset in the message.
 template <typename Point, typename A>
 bool hasLayoutOf(const sensor_msgs::PointCloud2_<A>& cloud)
 {
@@ -116,8 +116,8 @@ void checkCloud(const sensor_msgs::PointCloud2_<A>& cloud)
 
 }  // namespace detail
 
-/// Shares the points of a message. @return nothing if they do not lie in it as Point does, or are misaligned for it:
-/// use copyPoints() then. Always possible for messages of resizePoints() of the same Point.
+/// Shares the points of a message. @return nothing if their layout or alignment differs from Point: then use
+/// copyPoints(). Always works for messages made by resizePoints() with the same Point.
 /// @throws std::runtime_error if the message lacks data.
 template <typename Point, typename A>
 std::optional<SharedPoints<Point>> sharePoints(const boost::shared_ptr<sensor_msgs::PointCloud2_<A> const>& cloud)
@@ -137,7 +137,7 @@ std::optional<SharedPoints<Point>> sharePoints(const boost::shared_ptr<sensor_ms
 template <typename Point, typename A>
 pcl::PointCloud<Point> copyPoints(const sensor_msgs::PointCloud2_<A>& from)
 {
-  // PCL believes what a message says of itself.
+  // PCL does not check the sizes in a message.
   detail::checkCloud(from);
   pcl::PCLPointCloud2 whole;
   whole.header.seq = from.header.seq;
@@ -149,7 +149,7 @@ pcl::PointCloud<Point> copyPoints(const sensor_msgs::PointCloud2_<A>& from)
   whole.is_bigendian = from.is_bigendian;
   whole.point_step = from.point_step;
   whole.row_step = from.row_step;
-  // Not what lies behind the last row: PCL copies all that is there.
+  // Without the bytes behind the last row, which PCL would copy.
   const uint64_t bytes = uint64_t{from.row_step} * from.height;
   whole.data.assign(from.data.begin(), from.data.begin() + static_cast<std::ptrdiff_t>(bytes));
   whole.is_dense = from.is_dense;
@@ -180,8 +180,8 @@ pcl::PointCloud<Point> copyPoints(const sensor_msgs::PointCloud2_<A>& from)
   return cloud;
 }
 
-/// Gives a message the size and the fields of Point, and returns its points for writing, row by row: valid until the
-/// data is resized or published. Sets everything but header and is_dense. Points are not initialised, padding included.
+/// Sets the size and the fields of a message for Point, and returns its points for writing, row by row. They are valid
+/// until the data is resized or published, and not initialised. Sets all fields except header and is_dense.
 template <typename Point, typename A>
 Point* resizePoints(sensor_msgs::PointCloud2_<A>* cloud, uint32_t width, uint32_t height)
 {

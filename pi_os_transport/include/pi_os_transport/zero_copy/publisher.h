@@ -17,35 +17,35 @@
 namespace pi_os_transport::zero_copy
 {
 
-/// What roscpp is given to publish: how to get at the bytes of a message.
+/// What roscpp publishes: a function that returns the bytes of a message.
 struct PublishedLoan
 {
   boost::function<ros::SerializedMessage()> serialise;
 };
 
-/// Publishes messages of type M, each written once, at the place from which subscribers read it. To everybody else it
-/// is a publisher of M: unmodified subscribers, TCPROS, rospy, rosbag and bridges get the same bytes.
+/// Publishes messages of type M. The user writes a message where subscribers read it. Unmodified subscribers, TCPROS,
+/// rospy, rosbag and bridges get the same bytes as from a ros::Publisher.
 ///
-/// Without libpi_os_transport in the process it works all the same, over TCPROS. Copies share one publisher, as copies
-/// of ros::Publisher do. All methods may be called from any thread.
+/// Without libpi_os_transport in the process, it uses TCPROS. Copies share one publisher, like copies of
+/// ros::Publisher. Thread safe.
 template <typename M>
 class Publisher
 {
 public:
-  /// One that publishes nothing.
+  /// Publishes nothing.
   Publisher() = default;
-  /// @throws as ros::NodeHandle::advertise().
+  /// @throws like ros::NodeHandle::advertise().
   Publisher(ros::NodeHandle& node, const std::string& topic, uint32_t queue_size, bool latch = false)
     : Publisher(node.advertise<M>(topic, queue_size, latch))
   {
   }
-  /// Uses a publisher of M that was advertised with options of its own.
+  /// Uses a publisher of M that was advertised elsewhere.
   explicit Publisher(const ros::Publisher& publisher)
     : publisher_(publisher), counters_(publisher ? countersOf(publisher.getTopic(), true) : nullptr)
   {
   }
 
-  /// A message to fill. Costs two small allocations; large memory is taken when its arrays get their sizes.
+  /// A message to fill. Costs two small allocations; resizing its arrays allocates the large memory.
   Loan<M> borrow() const { return Loan<M>::borrow(); }
 
   /// Sends the message; the loan is empty afterwards.
@@ -57,7 +57,7 @@ public:
       publisher_.publish(PublishedLoan{[&]() { return message.serialise(counters_.get()); }});
     }
   }
-  /// Sends a message that lies elsewhere, as ros::Publisher does.
+  /// Sends any message, like ros::Publisher.
   void publish(const M& message) const
   {
     if (publisher_)
@@ -72,7 +72,7 @@ public:
   explicit operator bool() const { return static_cast<bool>(publisher_); }
   void shutdown() { publisher_.shutdown(); }
 
-  /// Of all publishers of the topic in this process.
+  /// The counters of all publishers of the topic in this process.
   TopicStatistics statistics() const { return counters_ ? counters_->read() : TopicStatistics{}; }
 
 private:
@@ -87,7 +87,7 @@ namespace ros
 namespace message_traits
 {
 
-// Whatever the topic carries: Publisher<M> has seen to that.
+// Any type: Publisher<M> has checked it.
 template <>
 struct MD5Sum<pi_os_transport::zero_copy::PublishedLoan>
 {

@@ -1,8 +1,7 @@
 #pragma once
 
-// How messages with arrays of zero_copy::Allocator are serialised and deserialised: to the very bytes of the standard
-// messages, but without touching an array that lies at its final place, and with views in place of copies where a
-// subscriber allows it.
+// Serialisation of messages with arrays of zero_copy::Allocator: the same bytes as the standard messages, but an array
+// at its final place is not copied, and a received array may become a view.
 
 #include <ros/serialization.h>
 
@@ -17,7 +16,7 @@
 namespace pi_os_transport::zero_copy
 {
 
-/// While it lives, arrays that this thread deserialises from [begin, begin + length) become views of that memory.
+/// While this object lives, arrays that this thread deserialises from [begin, begin + length) become views.
 class ViewScope
 {
 public:
@@ -26,7 +25,7 @@ public:
   ViewScope(const ViewScope&) = delete;
   ViewScope& operator=(const ViewScope&) = delete;
 
-  /// That of this thread; null if there is none.
+  /// The scope of this thread; null if there is none.
   static ViewScope* current();
 
   bool contains(const uint8_t* data) const
@@ -47,7 +46,7 @@ private:
   uint32_t misaligned_ = 0;
 };
 
-/// Writes a message around one of its arrays, which stays where it is.
+/// Writes a message around one of its arrays, which is not moved.
 class InPlaceStream
 {
 public:
@@ -60,7 +59,7 @@ public:
   {
     ros::serialization::serialize(*this, value);
   }
-  /// @throws ros::serialization::StreamOverrunException if what surrounds the array does not fit.
+  /// @throws ros::serialization::StreamOverrunException if the rest of the message does not fit.
   uint8_t* advance(uint32_t bytes)
   {
     if (static_cast<size_t>(end_ - next_) < bytes)
@@ -71,7 +70,7 @@ public:
     next_ += bytes;
     return place;
   }
-  /// Moves on behind `array` if it is the one that stays. @return false if it has to be written.
+  /// Skips `array` if it is the one at its final place. @return false if it has to be written.
   bool passOver(const void* array, size_t bytes)
   {
     if (array != block_.array())
@@ -85,7 +84,7 @@ public:
     end_ = block_.end();
     return true;
   }
-  /// Where the message starts; null if the array was none of its fields.
+  /// Start of the message; null if the array is not one of its fields.
   uint8_t* start() const { return start_; }
 
 private:
@@ -96,7 +95,7 @@ private:
   uint8_t* start_ = nullptr;
 };
 
-/// True if an array of T in memory has the bytes of its serialisation.
+/// True if an array of T in memory equals its serialisation.
 template <typename T>
 bool hasSerialisedLayout()
 {
@@ -115,9 +114,9 @@ bool hasSerialisedLayout()
   }
 }
 
-/// Called before anything is allocated for an array: who sends few bytes must not make the receiver allocate many.
+/// Checks the length of an array before memory is allocated: a short message must not cause a large allocation.
 /// @param each  least bytes of one element.
-/// @throws ros::serialization::StreamOverrunException if the rest of the stream cannot hold so many.
+/// @throws ros::serialization::StreamOverrunException if the rest of the stream is too short.
 template <typename Stream>
 void checkCount(Stream& stream, uint32_t count, uint64_t each)
 {
@@ -127,11 +126,11 @@ void checkCount(Stream& stream, uint32_t count, uint64_t each)
   }
 }
 
-/// The least bytes that an element of an array takes.
+/// Least serialised size of an element [B].
 template <typename T>
 uint32_t shortestElement()
 {
-  constexpr uint32_t EMPTY_ARRAY = 4;  // what differs in length holds a string or an array
+  constexpr uint32_t EMPTY_ARRAY = 4;  // an element of variable length holds a string or an array
   return ros::message_traits::IsFixedSize<T>::value ? ros::serialization::serializationLength(T()) : EMPTY_ARRAY;
 }
 

@@ -1,7 +1,7 @@
 #pragma once
 
-// sensor_msgs/Image as cv::Mat without a copy: over a received message, which then lives as long as the matrix, and
-// over a loan, into which is drawn. Needs OpenCV's core. For any form of the message.
+// sensor_msgs/Image as cv::Mat without a copy: over a received message, which the matrix keeps, or over a loan, for
+// drawing. Needs OpenCV's core. Works for all forms of the message.
 
 #include <sensor_msgs/Image.h>
 #include <sensor_msgs/image_encodings.h>
@@ -22,7 +22,7 @@ namespace pi_os_transport::zero_copy
 {
 
 /// OpenCV's type of an encoding: "bgr8" is CV_8UC3, "32FC1" CV_32FC1.
-/// @throws std::runtime_error if it has none.
+/// @throws std::runtime_error if there is none.
 inline int matType(const std::string& encoding)
 {
   namespace encodings = sensor_msgs::image_encodings;
@@ -54,7 +54,7 @@ inline int matType(const std::string& encoding)
 namespace detail
 {
 
-/// Frees what keeps the memory of a matrix when the last copy of the matrix goes.
+/// Releases the owner of a matrix's memory with the last copy of the matrix.
 class KeeperAllocator : public cv::MatAllocator
 {
 public:
@@ -112,9 +112,9 @@ void checkImage(const sensor_msgs::Image_<A>& image, int type)
 
 }  // namespace detail
 
-/// A matrix over the image, to which it must not be written. The image has to outlive it. Without columns it has no
-/// rows either: what goes through the rows must not be kept busy by an image without data.
-/// @throws std::runtime_error if the encoding has no matrix type, the image is no matrix or lacks data.
+/// A read-only matrix over the image, which must outlive it. An image without columns gives a matrix without rows, so
+/// that loops over its rows end at once.
+/// @throws std::runtime_error if the encoding has no matrix type, or the image is inconsistent or lacks data.
 template <typename A>
 cv::Mat matOver(const sensor_msgs::Image_<A>& image)
 {
@@ -124,18 +124,17 @@ cv::Mat matOver(const sensor_msgs::Image_<A>& image)
   return cv::Mat(rows, static_cast<int>(image.width), type, const_cast<uint8_t*>(image.data.data()), image.step);
 }
 
-/// A matrix over a received image, to which it must not be written. All copies and parts of it share the image, which
-/// lives as long as one of them does.
-/// @throws as matOver().
+/// A read-only matrix over a received image. The matrix, its copies and its parts keep the image.
+/// @throws like matOver().
 template <typename A>
 cv::Mat shareMat(const boost::shared_ptr<sensor_msgs::Image_<A> const>& image)
 {
   return detail::keep(matOver(*image), image);
 }
 
-/// Gives the image its size and returns a matrix over it for drawing, valid until the data is resized or published.
-/// Sets height, width, encoding and step; rows follow each other without gap. Pixels are not initialised.
-/// @throws std::runtime_error if the encoding has no matrix type or the size is none.
+/// Sets the size of the image and returns a matrix over it for drawing, valid until the data is resized or published.
+/// Sets height, width, encoding and step; rows have no gaps. Pixels are not initialised.
+/// @throws std::runtime_error if the encoding has no matrix type or the size is invalid.
 template <typename A>
 cv::Mat resizeImage(sensor_msgs::Image_<A>* image, int rows, int cols, const std::string& encoding)
 {

@@ -10,29 +10,29 @@
 namespace pi_os_transport::zero_copy
 {
 
-/// What became of the messages of one topic that this process has published or received through this library.
+/// Counts the messages of one topic that this process published or received through this library.
 struct TopicStatistics
 {
   std::string topic;
-  bool publisher = false;  ///< else of a subscriber
+  bool publisher = false;  ///< false: of a subscriber
 
-  // Of a publisher: messages that had subscribers, by what was done with their largest array.
-  uint64_t in_place = 0;   ///< sent from where the user wrote it
+  // Of a publisher: messages with subscribers, by the treatment of their largest array.
+  uint64_t in_place = 0;   ///< sent from where the user wrote the array
   uint64_t small = 0;      ///< copied: no array has Arena::SMALLEST_ARRAY bytes
-  uint64_t no_room = 0;    ///< copied: what surrounds it has outgrown the room for it: strings, or further large arrays
-  uint64_t from_heap = 0;  ///< of those in place, not in shared memory: no subscriber there, or the pool is full
+  uint64_t no_room = 0;    ///< copied: strings or other arrays need more room than there is around the array
+  uint64_t from_heap = 0;  ///< of in_place, not in shared memory: no subscriber there, or the pool is full
 
   // Of a subscriber: messages.
   uint64_t viewed = 0;         ///< all large arrays are views
   uint64_t without_large = 0;  ///< there was no large array
-  uint64_t misaligned = 0;     ///< a large array was copied: its place in the message does not suit its type
+  uint64_t misaligned = 0;     ///< a large array was copied: misaligned for its type
   uint64_t copied = 0;         ///< all arrays were copied: the message came over TCPROS, or too many were held
 
-  /// One line for people.
+  /// One line of text.
   std::string toString() const;
 };
 
-/// The counters behind TopicStatistics. Any thread.
+/// The counters behind TopicStatistics. Thread safe.
 class TopicCounters
 {
 public:
@@ -44,7 +44,7 @@ public:
     SMALL,
     NO_ROOM,
   };
-  /// Warns once about what the user can mend.
+  /// Warns once about problems that the user can solve.
   void countSent(Sent what, bool from_heap);
   enum Received
   {
@@ -66,7 +66,7 @@ private:
   std::atomic<bool> warned_{false};
 };
 
-/// The counters of a topic and direction; the same ones for all publishers or subscribers of it. Any thread.
+/// The counters of a topic and direction, shared by all its publishers or subscribers. Any thread.
 std::shared_ptr<TopicCounters> countersOf(const std::string& topic, bool publisher);
 
 /// True if this process has published zero-copy messages on the topic. Any thread.

@@ -5,12 +5,13 @@
 //   void onImage(const zero_copy::ConstPtr<sensor_msgs::Image>& image);
 //   ros::Subscriber subscriber = node.subscribe("image", 1, onImage);
 //
-// is all it takes, as is message_filters::Subscriber<zero_copy::Message<sensor_msgs::Image>>. The publisher may be any.
+// is enough, as is message_filters::Subscriber<zero_copy::Message<sensor_msgs::Image>>. The publisher may be of any
+// kind.
 //
-// A view is made where shared memory or this very process delivers the message and the array lies at a multiple of its
-// type's alignment, which arrays of bytes always do and those of a zero_copy::Publisher do; otherwise the array is
-// copied. A subscriber that holds many messages at a time, more than 128 or more than an eighth of the publisher's
-// pool, gets further ones as copies on its heap. zero_copy::statistics() tells.
+// An array becomes a view if shared memory or this process delivers the message and the array is aligned for its type.
+// Arrays of bytes, and arrays of a zero_copy::Publisher, always are. Otherwise the array is copied. A subscriber that
+// holds more than 128 messages, or more than 1/8 of the publisher's pool, gets further messages as copies. See
+// zero_copy::statistics().
 
 #include <ros/message_event.h>
 #include <ros/parameter_adapter.h>
@@ -34,13 +35,13 @@
 namespace pi_os_transport::zero_copy
 {
 
-/// Says that this process wants to hold received messages. Called before it subscribes.
+/// Tells the library that this process holds received messages. Call before subscribing.
 void expectMessagesToHold();
 
-/// Keeps the message that starts at `message` where it is. @return null if nobody can.
+/// Keeps the message at `message` in place. @return null if this is impossible.
 std::shared_ptr<const void> holdMessage(const uint8_t* message);
 
-/// A message and what keeps its arrays.
+/// A message and the owner of its arrays.
 template <typename Form>
 struct HeldMessage
 {
@@ -48,8 +49,8 @@ struct HeldMessage
   Form message;
 };
 
-/// @param counters  takes note of how.
-/// @throws ros::serialization::StreamOverrunException if the bytes are no message of this type.
+/// @param counters  counts how the message was received.
+/// @throws ros::serialization::StreamOverrunException if the bytes are not a message of this type.
 template <typename Form>
 boost::shared_ptr<Form> receive(uint8_t* bytes, uint32_t length, TopicCounters* counters)
 {

@@ -1,0 +1,247 @@
+#include "bridge/frame_dispatcher.h"
+
+#include <algorithm>
+
+#include "wire/ipv4.h"
+#include "wire/sp_transport.h"
+
+namespace pi_os_transport
+{
+namespace
+{
+
+constexpr uint32_t MAX_HELLO = 1024;  ///< [B]
+
+}  // namespace
+
+void FrameDispatcher::onConnected(FrameTransport::ConnectionId connection)
+{
+  if (Session* const session = sessions_->withConnection(connection))
+  {
+    session->peer->onConnected(connection);
+  }
+}
+
+void FrameDispatcher::onWritable(FrameTransport::ConnectionId connection)
+{
+  if (Session* const session = sessions_->withConnection(connection))
+  {
+    session->peer->pump();
+  }
+}
+
+void FrameDispatcher::onClosed(FrameTransport::ConnectionId connection, CloseReason reason)
+{
+  if (Session* const session = sessions_->withConnection(connection))
+  {
+    session->peer->onClosed(connection, reason);
+  }
+}
+
+bool FrameDispatcher::onAccept(const std::string& address)
+{
+  if (context_->config.allows(address))
+  {
+    return true;
+  }
+  context_->refusals.count(Refusals::UNKNOWN_PEER, address + " is not allowed to connect");
+  return false;
+}
+
+uint8_t* FrameDispatcher::onHeader(FrameTransport::SourceId source, const FrameHeader& header, uint32_t length)
+{
+  if (header.type == FrameType::HELLO)
+  {
+    if (length > MAX_HELLO)
+    {
+      context_->refusals.count(Refusals::MALFORMED);
+      return nullptr;
+    }
+  }
+  else if (sessions_->withSecret(header.session) == nullptr || (header.lane & ~ACK_NOW) >= TRAFFIC_CLASSES)
+  {
+    context_->refusals.count(Refusals::BAD_SESSION);
+    return nullptr;
+  }
+  else if (header.type == FrameType::FRAGMENT)
+  {
+    return fragmentPlace(source, header, length);
+  }
+  std::vector<uint8_t>& buffer = payloads_[source];
+  buffer.resize(std::max<size_t>(buffer.size(), std::max<uint32_t>(length, 1)));
+  return buffer.data();
+}
+
+uint8_t* FrameDispatcher::fragmentPlace(FrameTransport::SourceId source, const FrameHeader& header, uint32_t length)
+{
+  const auto& streams = sessions_->withSecret(header.session)->incoming_streams;
+  const auto stream = streams.find(header.id);
+  const std::shared_ptr<uint8_t> memory =
+      stream != streams.end() ? stream->second->fragmentMemory(header, length) : nullptr;
+  if (!memory)
+  {
+    context_->refusals.count(Refusals::MALFORMED);
+  }
+  fragments_[source] = memory;
+  return memory.get();
+}
+
+void FrameDispatcher::onFrame(FrameTransport::SourceId source, const FrameHeader& header, uint8_t* payload,
+                              uint32_t length)
+{
+  if (header.type == FrameType::HELLO)
+  {
+    onHello(source, payload, length);
+    return;
+  }
+  Session* const session = sessions_->withSecret(header.session);
+  if (session == nullptr)
+  {
+    context_->refusals.count(Refusals::BAD_SESSION);
+    context_->transport->closeSource(source);
+    return;
+  }
+  const std::shared_ptr<Peer> peer = session->peer;
+  if (header.type == FrameType::FRAGMENT)
+  {
+    fragments_.erase(source);
+  }
+  if (!dispatch(session, header, payload, length))
+  {
+    context_->refusals.count(Refusals::MALFORMED, "an impossible frame from " + peer->endpoint().toString() +
+                                                      " was refused (type " +
+                                                      std::to_string(static_cast<int>(header.type)) + ")");
+    context_->transport->closeSource(source);
+    peer->restart();
+    return;
+  }
+  if (Lane::isCounted(header.type))
+  {
+    peer->acknowledge(static_cast<Traffic>(header.lane & ~ACK_NOW), length + static_cast<uint32_t>(FrameHeader::BYTES),
+                      (header.lane & ACK_NOW) != 0);
+  }
+}
+
+void FrameDispatcher::onHello(FrameTransport::SourceId source, const uint8_t* payload, uint32_t length)
+{
+  Hello hello;
+  if (!Hello::decode(payload, length, &hello))
+  {
+    context_->refusals.count(Refusals::MALFORMED, "a greeting that cannot be read");
+    context_->transport->closeSource(source);
+    return;
+  }
+  Session* const session = introduce(source, hello);
+  if (session != nullptr && session->peer->onHello(hello))
+  {
+    return;
+  }
+  if (session != nullptr)
+  {
+    context_->refusals.count(Refusals::BAD_SESSION);
+  }
+  context_->transport->closeSource(source);
+}
+
+/// Finds the session of a greeting, or makes one. @return null if the greeting is refused
+Session* FrameDispatcher::introduce(FrameTransport::SourceId source, const Hello& hello)
+{
+  if (hello.instance == context_->instance)
+  {
+    return nullptr;  // this bridge itself, through another of its addresses
+  }
+  if (Session* const known = sessions_->withSecret(hello.echo))
+  {
+    return known;
+  }
+  // A bridge behind a tunnel says where it can be reached. Any other is where it sends from.
+  const std::string seen = context_->transport->addressOf(source);
+  const std::string address = hello.fixed || seen.empty() ? hello.address : seen;
+  if (hello.port == 0 || !parseIpv4(address))
+  {
+    context_->refusals.count(Refusals::MALFORMED, "a bridge that says no address: give it one with advertise");
+    return nullptr;
+  }
+  if (!context_->config.allows(address))
+  {
+    context_->refusals.count(Refusals::UNKNOWN_PEER, "a bridge at " + address + " is not allowed here");
+    return nullptr;
+  }
+  return sessions_->at(Endpoint{address, hello.port});
+}
+
+bool FrameDispatcher::dispatch(Session* session, const FrameHeader& header, const uint8_t* payload, uint32_t length)
+{
+  switch (header.type)
+  {
+    case FrameType::HELLO:
+      return false;
+    case FrameType::PING:
+      session->peer->onPing();
+      return true;
+    case FrameType::ACK:
+      if (!session->peer->onAck(header))
+      {
+        return false;
+      }
+      session->peer->pump();
+      return true;
+    case FrameType::LINK_READY:
+    case FrameType::LINK_START:
+      incoming_->onLinkFrame(session, header);
+      return true;
+    case FrameType::LINK_OPEN:
+    case FrameType::LINK_PROVED:
+    case FrameType::LINK_PAUSE:
+    case FrameType::LINK_RESUME:
+      return outgoing_->onLinkFrame(session, header, payload, length);
+    case FrameType::LINK_CLOSE:
+      if ((header.count & FROM_SUBSCRIBER) != 0)
+      {
+        return outgoing_->onLinkFrame(session, header, payload, length);
+      }
+      incoming_->onLinkFrame(session, header);
+      return true;
+    case FrameType::MESSAGE:
+    case FrameType::BEGIN:
+    case FrameType::FRAGMENT:
+    case FrameType::ATTACH:
+      return incoming_->onStreamFrame(session, header, payload, length);
+    case FrameType::TUNNEL_OPEN:
+    case FrameType::TUNNEL_READY:
+    case FrameType::TUNNEL_DATA:
+    case FrameType::TUNNEL_CREDIT:
+    case FrameType::TUNNEL_CLOSE:
+      return tunnels_->onFrame(session, header, payload, length);
+  }
+  return false;
+}
+
+void FrameDispatcher::onSourceClosed(FrameTransport::SourceId source, CloseReason reason, const std::string& detail)
+{
+  if (source != 0)
+  {
+    payloads_.erase(source);
+    fragments_.erase(source);
+  }
+  if (reason != CloseReason::MALFORMED)
+  {
+    return;
+  }
+  switch (faultOf(detail))
+  {
+    case SourceFault::OVERSIZED:
+      context_->refusals.count(Refusals::OVERSIZED, "an oversized frame was refused");
+      break;
+    case SourceFault::WRONG_VERSION:
+      context_->refusals.count(Refusals::WRONG_VERSION, "a bridge of another version was refused: " + detail);
+      break;
+    case SourceFault::MALFORMED:
+      context_->refusals.count(Refusals::MALFORMED, "a connection that is not from a bridge was refused: " + detail);
+      break;
+    case SourceFault::REFUSED:
+      break;  // counted where it was refused
+  }
+}
+
+}  // namespace pi_os_transport

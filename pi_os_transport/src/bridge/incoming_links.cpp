@@ -1,0 +1,325 @@
+#include "bridge/incoming_links.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "wire/ipv4.h"
+
+namespace pi_os_transport
+{
+namespace
+{
+
+constexpr size_t MAX_LINKS = 4096;                       ///< per session
+constexpr size_t MAX_STREAMS = 4096;                     ///< per session
+constexpr std::chrono::milliseconds FLUSH_INTERVAL{10};  ///< between two offers to subscribers with a full queue
+constexpr std::chrono::microseconds FRAGMENT_GAP{100};   ///< usual between two fragments on a fast network
+constexpr uint64_t SUBSCRIBER_SHARE = 8;                 ///< one subscriber may pin 1/8 of the pool
+constexpr char SUBSCRIBER_LEFT[] = "the subscriber left";
+
+}  // namespace
+
+IncomingLinks::IncomingLinks(BridgeContext* context, Sessions* sessions, std::function<void()> on_ended)
+  : context_(context), sessions_(sessions), on_ended_(std::move(on_ended))
+{
+  context_->pool->setReclaim([this]() { collect(); });
+}
+
+IncomingLinks::~IncomingLinks()
+{
+  context_->loop->cancel(blocked_timer_);
+}
+
+void IncomingLinks::collect()
+{
+  sessions_->forEachIncoming(
+      [](Session*, const LinkPtr& link)
+      {
+        if (link->ring)
+        {
+          link->ring->collect();
+        }
+      });
+}
+
+void IncomingLinks::open(SideChannel channel, const BridgeRequest& request)
+{
+  const bool possible =
+      !isLocalAddress(request.address) && !context_->draining && context_->config.topic(request.topic).forward;
+  Session* const session = possible ? sessions_->ofDevice(request.address) : nullptr;
+  if (session == nullptr || session->incoming.size() >= MAX_LINKS)
+  {
+    channel.send(Packet::ended(LinkEnd::REFUSED));
+    return;
+  }
+  const uint32_t id = context_->next_id++;
+  const auto link = std::make_shared<IncomingLink>(id, request, std::move(channel));
+  link->on_blocked = [this]() { pauseBlocked(); };
+  session->incoming[id] = link;
+  context_->loop->add(link->fd(), EPOLLIN, [this, session, link](uint32_t) { onSubscriber(session, link); });
+  if (session->peer->up())
+  {
+    this->request(session, link);
+  }
+}
+
+void IncomingLinks::openWaiting(Session* session)
+{
+  for (const auto& link : session->incoming)
+  {
+    if (link.second->state == IncomingLink::State::WANTED)
+    {
+      request(session, link.second);
+    }
+  }
+}
+
+void IncomingLinks::request(Session* session, const LinkPtr& link)
+{
+  link->state = IncomingLink::State::OPENING;
+  const BridgeRequest& request = link->request;
+  const LinkOpen open{request.socket_token, request.link_token, request.topic,
+                      request.type,         request.publisher,  request.subscriber};
+  session->peer->control(FrameHeader::of(FrameType::LINK_OPEN, link->id), open.encode());
+}
+
+void IncomingLinks::onSubscriber(Session* session, const LinkPtr& link)
+{
+  for (;;)
+  {
+    Packet packet;
+    SideChannel::Descriptors descriptors;
+    const SideChannel::Receive received = link->channel().receive(&packet, &descriptors);
+    if (received == SideChannel::Receive::NOTHING)
+    {
+      return;
+    }
+    if (received == SideChannel::Receive::PACKET && link->ring && link->ring->isProof(packet))
+    {
+      if (link->state == IncomingLink::State::OFFERED)
+      {
+        link->state = IncomingLink::State::CARRYING;
+        session->peer->control(FrameHeader::of(FrameType::LINK_PROVED, link->id));
+      }
+      continue;
+    }
+    end(session, link, LinkEnd::CLOSED, link->state != IncomingLink::State::WANTED);
+    return;
+  }
+}
+
+void IncomingLinks::onLinkFrame(Session* session, const FrameHeader& header)
+{
+  const auto found = session->incoming.find(header.id);
+  if (found == session->incoming.end())
+  {
+    return;
+  }
+  const LinkPtr link = found->second;
+  switch (header.type)
+  {
+    case FrameType::LINK_READY:
+      offer(session, link);
+      break;
+    case FrameType::LINK_START:
+      if (link->state == IncomingLink::State::CARRYING)
+      {
+        link->start(header.offset, header.count);
+      }
+      break;
+    default:
+      end(session, link, static_cast<LinkEnd>(header.count), false);
+      break;
+  }
+}
+
+/// Offers shared memory to the subscriber.
+void IncomingLinks::offer(Session* session, const LinkPtr& link)
+{
+  if (link->state != IncomingLink::State::OPENING)
+  {
+    return;  // the frame came again after an interruption
+  }
+  auto ring = std::make_unique<RingSender>(context_->pool.get(), pool_token_,
+                                           (context_->config.pool_limit_mb << 20) / SUBSCRIBER_SHARE);
+  std::string error;
+  if (!ring->open(std::move(link->client), &error))
+  {
+    if (!error.empty())
+    {
+      context_->log("no shared memory for " + link->request.subscriber + ": " + error);
+    }
+    end(session, link, LinkEnd::REFUSED, true);
+    return;
+  }
+  link->ring = std::move(ring);
+  link->state = IncomingLink::State::OFFERED;
+}
+
+void IncomingLinks::end(Session* session, const LinkPtr& ended, LinkEnd reason, bool tell_peer)
+{
+  const LinkPtr link = ended;  // `ended` may be the entry of the table
+  if (session->incoming.erase(link->id) == 0)
+  {
+    return;
+  }
+  if (tell_peer)
+  {
+    session->peer->control(FrameHeader::of(FrameType::LINK_CLOSE, link->id, FROM_SUBSCRIBER),
+                           encodeText(SUBSCRIBER_LEFT));
+  }
+  link->flush();
+  link->channel().send(Packet::ended(reason));
+  context_->loop->remove(link->fd());
+  link->client.close();
+  link->ring.reset();
+  link->state = IncomingLink::State::WANTED;
+  bool any = false;
+  sessions_->forEachIncoming([&any](Session*, const LinkPtr&) { any = true; });
+  if (!any)
+  {
+    context_->pool->trim();
+  }
+  on_ended_();
+}
+
+void IncomingLinks::drain(Session* session)
+{
+  const auto links = session->incoming;
+  for (const auto& link : links)
+  {
+    if (session->peer->up() && link.second->state == IncomingLink::State::CARRYING)
+    {
+      // The peer closes the link when everything under way has arrived.
+      session->peer->control(FrameHeader::of(FrameType::LINK_CLOSE, link.first, FROM_SUBSCRIBER),
+                             encodeText("the bridge ends"));
+    }
+    else
+    {
+      end(session, link.second, LinkEnd::BACK_TO_TCP, session->peer->up());
+    }
+  }
+}
+
+void IncomingLinks::abandon(Session* session, bool hung)
+{
+  while (!session->incoming.empty())
+  {
+    end(session, session->incoming.begin()->second, hung ? LinkEnd::PUBLISHER_UNAWARE : LinkEnd::BACK_TO_TCP, false);
+  }
+  session->incoming_streams.clear();
+}
+
+/// Tells peers which subscribers take no more, and tries again later.
+void IncomingLinks::pauseBlocked()
+{
+  bool any = false;
+  sessions_->forEachIncoming(
+      [&any](Session* session, const LinkPtr& link)
+      {
+        any = !link->flush() || any;
+        if (link->blocked() != link->paused)
+        {
+          link->paused = link->blocked();
+          session->peer->control(
+              FrameHeader::of(link->paused ? FrameType::LINK_PAUSE : FrameType::LINK_RESUME, link->id));
+        }
+      });
+  if (any && blocked_timer_ == 0)
+  {
+    blocked_timer_ = context_->loop->after(FLUSH_INTERVAL,
+                                           [this]()
+                                           {
+                                             blocked_timer_ = 0;
+                                             pauseBlocked();
+                                           });
+  }
+}
+
+std::shared_ptr<IncomingStream> IncomingLinks::streamFor(Session* session, const FrameHeader& header)
+{
+  const auto found = session->incoming_streams.find(header.id);
+  if (found != session->incoming_streams.end())
+  {
+    return found->second;
+  }
+  const bool begins = header.type == FrameType::MESSAGE || header.type == FrameType::BEGIN;
+  if (!begins || session->incoming_streams.size() >= MAX_STREAMS)
+  {
+    return nullptr;
+  }
+  const auto stream = std::make_shared<IncomingStream>(
+      context_->pool.get(), context_->config.max_message_mb << 20,
+      [session](uint32_t id)
+      {
+        const auto link = session->incoming.find(id);
+        return link != session->incoming.end() ? link->second : nullptr;
+      },
+      [this](const uint8_t* bytes, size_t size, const IncomingStream::Decompressed& done)
+      { return restore(bytes, size, done); });
+  session->incoming_streams[header.id] = stream;
+  return stream;
+}
+
+/// Decompresses an image. @return false if the codec is too busy
+bool IncomingLinks::restore(const uint8_t* bytes, size_t size, const IncomingStream::Decompressed& done)
+{
+  return context_->codec->decode(
+      bytes, size,
+      [this, done](ImageCodec::Result result, std::vector<uint8_t> message, const std::string& detail)
+      {
+        if (result != ImageCodec::Result::CONVERTED)
+        {
+          context_->refusals.warn("a compressed image was lost: " + detail);
+        }
+        done(std::move(message));
+      });
+}
+
+bool IncomingLinks::onStreamFrame(Session* session, const FrameHeader& header, const uint8_t* payload, uint32_t length)
+{
+  const std::shared_ptr<IncomingStream> stream = streamFor(session, header);
+  if (!stream)
+  {
+    return false;
+  }
+  bool accepted = false;
+  switch (header.type)
+  {
+    case FrameType::MESSAGE:
+      accepted = stream->onMessage(header, payload, length);
+      break;
+    case FrameType::BEGIN:
+      accepted = stream->onBegin(header, payload, length);
+      break;
+    case FrameType::FRAGMENT:
+      accepted = stream->onFragment(header, length);
+      break;
+    default:
+      accepted = stream->onAttach(header, payload, length);
+      break;
+  }
+  context_->loop->expectSoon(stream->arriving() ? FRAGMENT_GAP : std::chrono::microseconds(0));
+  retireSegments();
+  return accepted;
+}
+
+/// Tells the subscribers which segments the pool has given up.
+void IncomingLinks::retireSegments()
+{
+  const std::vector<uint32_t> retired = context_->pool->takeRetired();
+  if (retired.empty())
+  {
+    return;
+  }
+  sessions_->forEachIncoming(
+      [&retired](Session*, const LinkPtr& link)
+      {
+        if (link->ring)
+        {
+          link->ring->retire(retired);
+        }
+      });
+}
+
+}  // namespace pi_os_transport

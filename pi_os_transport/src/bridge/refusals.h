@@ -1,0 +1,49 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <string>
+#include <utility>
+
+#include "event_loop/event_loop.h"
+
+namespace pi_os_transport
+{
+
+/// Counts what other machines sent and the bridge refused, and logs each kind of refusal at most once a minute.
+class Refusals
+{
+public:
+  enum Reason
+  {
+    UNKNOWN_PEER,
+    WRONG_VERSION,
+    OVERSIZED,
+    MALFORMED,
+    BAD_SESSION,
+  };
+  static constexpr std::array<const char*, 5> NAMES{"unknown_peer", "wrong_version", "oversized", "malformed",
+                                                    "bad_session"};
+
+  explicit Refusals(std::function<void(const std::string&)> log) : log_(std::move(log)) {}
+
+  void count(Reason reason) { ++counters_[reason]; }
+  void count(Reason reason, const std::string& text)
+  {
+    count(reason);
+    warn(text);
+  }
+  /// Logs without counting.
+  void warn(const std::string& text);
+  uint64_t counter(size_t reason) const { return counters_[reason]; }
+
+private:
+  const std::function<void(const std::string&)> log_;
+  std::array<uint64_t, NAMES.size()> counters_{};
+  std::map<std::string, SteadyTime> logged_;  ///< when each text was logged last
+};
+
+}  // namespace pi_os_transport

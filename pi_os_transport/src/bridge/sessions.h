@@ -1,0 +1,74 @@
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <string>
+
+#include "bridge/bridge_context.h"
+#include "bridge/incoming_stream.h"
+#include "bridge/outgoing_stream.h"
+#include "bridge/peer.h"
+#include "bridge/tunnel.h"
+
+namespace pi_os_transport
+{
+
+/// One other bridge and everything that is carried to it and from it.
+struct Session
+{
+  std::shared_ptr<Peer> peer;
+  std::map<uint32_t, std::shared_ptr<OutgoingLink>> outgoing;
+  std::map<std::string, std::shared_ptr<OutgoingStream>> outgoing_streams;  ///< by publisher's process and topic
+  std::map<uint32_t, std::shared_ptr<IncomingLink>> incoming;
+  std::map<uint32_t, std::shared_ptr<IncomingStream>> incoming_streams;
+  std::map<uint32_t, std::shared_ptr<Tunnel>> tunnels;  ///< by the id in frames that come from the peer
+};
+
+/// The table of sessions, one per bridge that this one knows.
+class Sessions
+{
+public:
+  /// @param listener  of all peers
+  Sessions(BridgeContext* context, Peer::Listener* listener) : context_(context), listener_(listener) {}
+  ~Sessions();
+
+  /// Connects to the configured peers, and from now on forgets bridges that only introduced themselves.
+  void start();
+
+  /// The session with the bridge at `endpoint`, made if there is none. Null if there are too many.
+  Session* at(const Endpoint& endpoint);
+  /// The same for the bridge of a device. Null also if that device is not allowed here.
+  Session* ofDevice(const std::string& address);
+  /// Null if there is none.
+  Session* of(const Peer* peer) const;
+  Session* withSecret(uint64_t secret) const;
+  Session* withConnection(FrameTransport::ConnectionId connection) const;
+  /// Null if there are no sessions.
+  Session* first() const { return table_.empty() ? nullptr : table_.begin()->second.get(); }
+  void remove(const Endpoint& endpoint) { table_.erase(endpoint); }
+
+  const std::map<Endpoint, std::unique_ptr<Session>>& all() const { return table_; }
+  /// Calls `visit(session, link)` for every link of a subscriber on this device.
+  template <typename Visit>
+  void forEachIncoming(Visit visit) const
+  {
+    for (const auto& session : table_)
+    {
+      for (const auto& link : session.second->incoming)
+      {
+        visit(session.second.get(), link.second);
+      }
+    }
+  }
+
+private:
+  void removeStale();
+
+  BridgeContext* const context_;
+  Peer::Listener* const listener_;
+  std::map<Endpoint, std::unique_ptr<Session>> table_;
+  EventLoop::TimerId stale_timer_ = 0;
+};
+
+}  // namespace pi_os_transport

@@ -1,0 +1,14 @@
+#pragma once
+
+#include "preload/hooks.h"
+
+namespace pi_os_transport
+{
+
+// Each replaces the functions of roscpp for one field. Call once, before roscpp uses any of them.
+void attachTransmitHooks(PiOsShim* shim);  ///< publishing
+void attachReceiveHooks(PiOsShim* shim);   ///< subscribing
+void attachQueueHooks(PiOsShim* shim);     ///< waiting for callbacks
+void attachServiceHooks(PiOsShim* shim);
+
+}  // namespace pi_os_transport

@@ -1,0 +1,122 @@
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <memory>
+#include <mutex>
+#include <string>
+
+#include <nlohmann/json_fwd.hpp>
+
+#include "roscpp/fallback.h"
+#include "roscpp/queue_waiter.h"
+#include "roscpp/runtime.h"
+#include "shm/latency_histogram.h"
+#include "shm/ring_receiver.h"
+#include "shm/side_channel.h"
+
+namespace pi_os_transport
+{
+
+/// The subscribing end of one link. Merges the messages from the ring and from TCPROS into the publisher's order and
+/// passes them to roscpp. A message is leased in shared memory until roscpp has deserialised it; beyond the lease
+/// budget it is copied to the heap.
+///
+/// The other end of the ring is the publisher, or the bridge of this device if the publisher is on another device.
+///
+/// Lifetime: owned by the tables, the watchers and every lease. The side channel stays open while a lease lives, which
+/// tells the publisher that its memory is still being read.
+class ReceiveLink : public QueueSource, public std::enable_shared_from_this<ReceiveLink>
+{
+public:
+  ReceiveLink(const ros::TransportPublisherLinkPtr& link, const ros::ConnectionPtr& connection)
+    : link_(link), connection_(connection)
+  {
+  }
+
+  /// Fetches the shared memory that the publisher's header offers. Network thread.
+  void meet(const std::string& header_field);
+  /// Asks this device's bridge for the link. Network thread.
+  /// @return false if no bridge answers: try again later.
+  bool askBridge();
+  /// A message came over TCPROS; `deliver` passes it to roscpp. Network thread.
+  template <typename Deliver>
+  void deliverTcp(Deliver deliver)
+  {
+    std::lock_guard<std::recursive_mutex> lock(mutex_);
+    if (started_ && static_cast<int32_t>(tcp_delivered_ - tcp_before_start_) >= 0)
+    {
+      leaveBridge();  // the publisher has gone back to TCPROS
+    }
+    drain(Drain::ALL_DUE);  // what the publisher wrote before this message
+    deliver();
+    ++tcp_delivered_;
+    drain(Drain::BATCH);
+  }
+  /// The TCPROS connection has ended. @param deliver_rest  deliver the rest of the ring.
+  void disconnect(bool deliver_rest);
+
+  void serve(Doorbell doorbell) override;
+
+  /// True once the shared memory is mapped. Any thread.
+  bool active() const { return active_.load(std::memory_order_acquire); }
+  /// Transport in getBusInfo while the link is active. Any thread.
+  const char* transportName() const { return bridged_ ? BRIDGED_TRANSPORT_NAME : TRANSPORT_NAME; }
+  /// One line for getBusInfo.
+  std::string info();
+  /// Adds the counters of the link to `object`. @return why the link uses TCPROS, if it does.
+  Fallback describe(nlohmann::ordered_json* object);
+
+  /// Gets a message taken from `ring`: leased in place, or beyond the lease budget as a copy, which `*copied` counts.
+  /// The caller serialises this with other calls of `ring`. `held` counts messages that zero-copy subscribers hold;
+  /// null: the message cannot be held. @return null if the memory cannot be read.
+  static boost::shared_array<uint8_t> fetch(const std::shared_ptr<RingReceiver>& ring, const Descriptor& descriptor,
+                                            uint32_t ticket, uint64_t* copied,
+                                            const std::shared_ptr<std::atomic<uint64_t>>& held = nullptr);
+
+private:
+  struct Lease;
+
+  void use(SideChannel channel);
+  void onSocket();
+  void onDoorbell();
+  void onOffer();
+  void joinWaiter();
+  void unwatchSocket();
+  void closeRing();
+  void leaveBridge();
+  enum class Drain
+  {
+    BATCH,    ///< what is due, at most one batch before the network thread serves its other sockets
+    ALL_DUE,  ///< everything that does not wait for a message from TCPROS
+    REST,     ///< everything: no more messages come over TCPROS
+  };
+  void drain(Drain extent);
+  void deliver(const ros::TransportPublisherLinkPtr& link, const Descriptor& descriptor, uint32_t ticket);
+
+  const boost::weak_ptr<ros::TransportPublisherLink> link_;
+  const boost::weak_ptr<ros::Connection> connection_;
+
+  std::recursive_mutex mutex_;  // recursive: a callback that runs in place may end the link
+  std::atomic<bool> active_{false};
+  std::atomic<bool> bridged_{false};
+  bool ended_ = false;  ///< the TCPROS connection is gone
+  Token socket_token_;  ///< of the publisher's process
+  Token link_token_;
+  std::shared_ptr<RingReceiver> ring_;  ///< shared with the leases; may have no ring yet
+  bool socket_watched_ = false;
+  bool in_use_ = false;  ///< the ring's doorbells are watched
+  std::shared_ptr<QueueWaiter> waiter_;
+  bool started_ = false;           ///< a link through bridges has carried its first descriptor
+  uint32_t tcp_before_start_ = 0;  ///< messages sent over TCPROS before that, modulo 2^32
+  uint32_t tcp_delivered_ = 0;     ///< messages delivered from TCPROS on this connection, modulo 2^32
+  uint64_t received_ = 0;          ///< messages from the ring
+  /// Of those, held by zero-copy subscribers.
+  const std::shared_ptr<std::atomic<uint64_t>> held_ = std::make_shared<std::atomic<uint64_t>>();
+  uint64_t copied_ = 0;         ///< of those, copied because too many were leased
+  LatencyHistogram latencies_;  ///< from writing into the ring to taking
+  Fallback fallback_ = Fallback::PEER_SILENT;
+  uint64_t late_ = 0;  ///< messages from a bridge, not delivered because newer ones came over TCPROS
+};
+
+}  // namespace pi_os_transport

@@ -1,0 +1,399 @@
+#include "roscpp/topics/transmit_link.h"
+
+#include <ros/console.h>
+#include <ros/publication.h>
+
+#include <array>
+#include <utility>
+
+#include <nlohmann/json.hpp>
+
+#include "roscpp/topics/outbox_writer.h"
+#include "roscpp/topics/pooled_message.h"
+
+namespace pi_os_transport
+{
+namespace
+{
+
+size_t maxQueue(const ros::TransportSubscriberLink* link)
+{
+  const ros::PublicationPtr parent = link->parent_.lock();
+  return parent ? parent->getMaxQueue() : 0;
+}
+
+bool isLatching(const ros::TransportSubscriberLink* link)
+{
+  const ros::PublicationPtr parent = link->parent_.lock();
+  return parent && parent->isLatching();
+}
+
+}  // namespace
+
+TransmitLink::~TransmitLink()
+{
+  closeChannel();
+}
+
+void TransmitLink::meet(SideChannel channel, bool bridge)
+{
+  {
+    std::lock_guard<std::recursive_mutex> lock(mutex_);
+    if (ring_ && !(bridge && bridged_))
+    {
+      return;  // the link has its subscriber already
+    }
+  }
+  closeChannel();  // the channel of a replaced bridge
+  Runtime& runtime = Runtime::instance();
+  auto ring = std::make_unique<RingSender>(&runtime.pool(), runtime.poolToken(), runtime.leaseBudget());
+  std::string error;
+  if (!ring->open(std::move(channel), &error))
+  {
+    if (!error.empty())
+    {
+      fallback_ = Fallback::NO_MEMORY;
+      ROS_WARN("pi_os_transport: no shared memory for a subscriber of %s (%s); this link stays on TCPROS",
+               topic_.c_str(), error.c_str());
+    }
+    return;
+  }
+  std::lock_guard<std::recursive_mutex> lock(mutex_);
+  ring_ = std::move(ring);
+  bridged_ = bridge;
+  overflow_.forgetAnnouncement();
+  runtime.addChannel(shared_from_this());
+  runtime.watch(ring_->channel().fd(), [self = shared_from_this()](int) { self->onSocket(); });
+}
+
+void TransmitLink::onSocket()
+{
+  for (;;)
+  {
+    Packet packet;
+    SideChannel::Descriptors descriptors;
+    std::unique_lock<std::recursive_mutex> lock(mutex_);
+    if (!ring_)
+    {
+      return;
+    }
+    const SideChannel::Receive received = ring_->channel().receive(&packet, &descriptors);
+    if (received == SideChannel::Receive::NOTHING)
+    {
+      return;
+    }
+    if (received == SideChannel::Receive::PACKET && packet.type == Packet::SPACE && active())
+    {
+      overflow_.forgetAnnouncement();
+      if (const ros::TransportSubscriberLinkPtr link = link_.lock())
+      {
+        flushOverflow(maxQueue(link.get()));
+      }
+      continue;
+    }
+    if (received == SideChannel::Receive::PACKET && ring_->isProof(packet))
+    {
+      if (bridged_)
+      {
+        startBridged();
+      }
+      else
+      {
+        setActive(!ended_);
+      }
+      continue;
+    }
+    lock.unlock();
+    if (received == SideChannel::Receive::CLOSED)
+    {
+      onPeerGone();
+    }
+    else
+    {
+      closeChannel();
+    }
+    return;
+  }
+}
+
+void TransmitLink::onPeerGone()
+{
+  const bool bridged = bridged_;
+  closeChannel();
+  if (!bridged)
+  {
+    dropIfSilent(connection_.lock());
+  }
+}
+
+void TransmitLink::disconnect()
+{
+  Runtime::instance().forget(token_);
+  std::lock_guard<std::recursive_mutex> lock(mutex_);
+  ended_ = true;
+  setActive(false);
+  overflow_.clear();
+  if (bridged_ && ring_)
+  {
+    ring_->channel().send(Packet::ended(LinkEnd::CLOSED));
+  }
+}
+
+void TransmitLink::closeChannel()
+{
+  Runtime& runtime = Runtime::instance();
+  if (!runtime.active())
+  {
+    return;
+  }
+  // Keeps this object alive: the watcher and the set of channels may hold the last references. Null if called by the
+  // destructor, when nothing is left to do.
+  const std::shared_ptr<TransmitLink> self = weak_from_this().lock();
+  ros::TransportSubscriberLinkPtr to_write;
+  {
+    std::lock_guard<std::recursive_mutex> lock(mutex_);
+    if (!ring_)
+    {
+      setActive(false);
+      return;
+    }
+    runtime.unwatch(ring_->channel().fd());
+    if (bridged_ && !ended_)
+    {
+      ring_->channel().send(Packet::ended(LinkEnd::BACK_TO_TCP));
+      if (active())
+      {
+        to_write = link_.lock();
+        returnToTcp();
+      }
+    }
+    setActive(false);
+    ring_->collect();
+    sent_before_ += ring_->sent();
+    dropped_before_ += ring_->dropped();
+    ring_.reset();
+    bridged_ = false;
+  }
+  if (to_write)
+  {
+    to_write->startMessageWrite(false);
+  }
+  if (self)
+  {
+    runtime.removeChannel(self);
+    runtime.announceRetired();
+  }
+}
+
+void TransmitLink::setActive(bool active)
+{
+  if (active_.exchange(active, std::memory_order_acq_rel) != active)
+  {
+    Runtime::instance().active_transmit_links += active ? 1 : -1;
+  }
+}
+
+void TransmitLink::collectReleased()
+{
+  std::unique_lock<std::recursive_mutex> lock(mutex_, std::try_to_lock);
+  if (lock.owns_lock() && ring_)
+  {
+    ring_->collect();
+  }
+}
+
+void TransmitLink::retire(const std::vector<uint32_t>& segments)
+{
+  std::lock_guard<std::recursive_mutex> lock(mutex_);
+  if (ring_)
+  {
+    ring_->retire(segments);
+  }
+}
+
+void TransmitLink::pushToTcp(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message,
+                             size_t max_queue)
+{
+  // Like TransportSubscriberLink::enqueueMessage, with outbox_mutex_ held.
+  if (max_queue > 0 && link->outbox_.size() >= max_queue)
+  {
+    link->outbox_.pop();
+    link->queue_full_ = true;
+    ++tcp_dropped_;
+  }
+  else
+  {
+    link->queue_full_ = false;
+  }
+  link->outbox_.push(message);
+  ++tcp_pushed_;
+}
+
+void TransmitLink::startBridged()
+{
+  const ros::TransportSubscriberLinkPtr link = link_.lock();
+  if (!link || ended_ || active())
+  {
+    return;
+  }
+  const size_t max_queue = maxQueue(link.get());
+  {
+    // Messages that wait for TCPROS use the ring. The message being written is the last one over TCPROS.
+    boost::mutex::scoped_lock outbox_lock(link->outbox_mutex_);
+    for (; !link->outbox_.empty(); link->outbox_.pop())
+    {
+      overflow_.push(link->outbox_.front(), 0, 0);
+      --tcp_pushed_;
+    }
+  }
+  if (ring_->pushStart(max_queue, isLatching(link.get()), tcp_pushed_ - tcp_dropped_))
+  {
+    setActive(true);
+    flushOverflow(max_queue);
+  }
+}
+
+bool TransmitLink::flushOverflow(size_t max_queue)
+{
+  return overflow_.flush(ring_.get(), max_queue, tcp_pushed_ - tcp_dropped_);
+}
+
+void TransmitLink::returnToTcp()
+{
+  const ros::TransportSubscriberLinkPtr link = link_.lock();
+  if (!link)
+  {
+    return;
+  }
+  const size_t max_queue = maxQueue(link.get());
+  boost::mutex::scoped_lock outbox_lock(link->outbox_mutex_);
+  // The newest message of a latched topic must arrive, even if it arrives twice.
+  const RingSender::Message newest = isLatching(link.get()) ? ring_->takeBackNewest() : RingSender::Message{};
+  if (newest.buffer != nullptr)
+  {
+    pushToTcp(link.get(), pooledMessage(newest), max_queue);
+  }
+  for (const RingSender::Message& message : ring_->takeBack())
+  {
+    pushToTcp(link.get(), pooledMessage(message), max_queue);
+  }
+  overflow_.takeAll([&](const ros::SerializedMessage& message) { pushToTcp(link.get(), message, max_queue); });
+}
+
+void TransmitLink::warnOfPool(ros::TransportSubscriberLink* link, size_t bytes)
+{
+  Runtime& runtime = Runtime::instance();
+  ROS_WARN(
+      "pi_os_transport: no shared memory for a message of %zu bytes on %s: %s. Such messages to %s go over TCPROS; "
+      "raise PI_OS_POOL_LIMIT_MB (now %llu) or the limits of this process",
+      bytes, topic_.c_str(), runtime.pool().lastError().c_str(), link->getDestinationCallerID().c_str(),
+      static_cast<unsigned long long>(runtime.options.pool_limit_mb));
+}
+
+/// Writes a message to the ring, or else puts it into the outbox for TCPROS. With mutex_ held.
+/// @param pool_full  set at the first message that finds the pool full. @return true if it is in the ring
+bool TransmitLink::pushOrQueue(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message,
+                               uint64_t serial, size_t max_queue, bool* pool_full)
+{
+  Runtime& runtime = Runtime::instance();
+  boost::mutex::scoped_lock outbox_lock(link->outbox_mutex_);
+  const bool wanted = active() && link->outbox_.empty() && message.num_bytes >= LENGTH_PREFIX &&
+                      message.num_bytes - LENGTH_PREFIX >= runtime.options.min_bytes;
+  const uint8_t* const buffer = wanted ? poolBuffer(message) : nullptr;
+  if (buffer != nullptr)
+  {
+    const RingSender::Push pushed = ring_->push(buffer, static_cast<uint32_t>(message.num_bytes - LENGTH_PREFIX),
+                                                max_queue, tcp_pushed_ - tcp_dropped_, serial);
+    if (pushed == RingSender::Push::WRITTEN)
+    {
+      return true;
+    }
+    if (pushed == RingSender::Push::BROKEN)
+    {
+      ROS_ERROR("pi_os_transport: a subscriber of %s broke the shared ring; the link goes back to TCPROS",
+                topic_.c_str());
+      setActive(false);
+      fallback_ = Fallback::BROKEN;
+    }
+    runtime.pool().release(buffer);
+  }
+  else if (wanted)
+  {
+    ++pool_full_;
+    *pool_full = !std::exchange(pool_warned_, true);
+  }
+  pushToTcp(link, messageToQueue(message, link->outbox_.size()), max_queue);
+  return false;
+}
+
+void TransmitLink::enqueue(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message, uint64_t serial)
+{
+  const size_t max_queue = maxQueue(link);
+  bool by_ring = false;
+  bool warn = false;
+  {
+    std::unique_lock<std::recursive_mutex> lock(mutex_);
+    if (active() && bridged_)
+    {
+      by_ring = true;
+      dropped_before_ += overflow_.push(message, serial, max_queue) ? 1 : 0;
+      if (!flushOverflow(max_queue))
+      {
+        lock.unlock();
+        warnOfPool(link, message.num_bytes);
+        closeChannel();
+      }
+    }
+    else
+    {
+      by_ring = pushOrQueue(link, message, serial, max_queue, &warn);
+    }
+  }
+  if (!by_ring && serial != 0)
+  {
+    OutboxWriter::add(link);
+  }
+  else if (!by_ring)
+  {
+    link->startMessageWrite(false);
+  }
+  if (warn)
+  {
+    warnOfPool(link, message.num_bytes);
+  }
+  link->stats_.messages_sent_++;
+  link->stats_.bytes_sent_ += message.num_bytes;
+  link->stats_.message_data_sent_ += message.num_bytes;
+}
+
+Fallback TransmitLink::describe(nlohmann::ordered_json* object)
+{
+  const ros::TransportSubscriberLinkPtr link = link_.lock();
+  size_t outbox = 0;
+  if (link)
+  {
+    boost::mutex::scoped_lock lock(link->outbox_mutex_);
+    outbox = link->outbox_.size();
+  }
+  std::lock_guard<std::recursive_mutex> lock(mutex_);
+  object->update({{"memory", sent_before_ + (ring_ ? ring_->sent() : 0)},
+                  {"tcp", tcp_pushed_},
+                  {"dropped", dropped_before_ + (ring_ ? ring_->dropped() : 0) + tcp_dropped_},
+                  {"waiting", (ring_ ? ring_->untaken() : 0) + overflow_.size() + outbox},
+                  {"queue_size", link ? maxQueue(link.get()) : 0},
+                  {"pool_full", pool_full_}});
+  return active() ? Fallback::NONE : fallback_;
+}
+
+std::string TransmitLink::info()
+{
+  const SlotPool::Usage usage = Runtime::instance().pool().usage();
+  std::lock_guard<std::recursive_mutex> lock(mutex_);
+  const uint64_t sent = sent_before_ + (ring_ ? ring_->sent() : 0);
+  const uint64_t dropped = dropped_before_ + (ring_ ? ring_->dropped() : 0);
+  return std::string(transportName()) + " ring (" + std::to_string(sent) + " messages through shared memory, " +
+         std::to_string(dropped) + " dropped, " + std::to_string(tcp_pushed_) + " through TCPROS; pool of the node " +
+         std::to_string(usage.committed >> 10) + " of " + std::to_string(usage.limit >> 10) + " kiB)";
+}
+
+}  // namespace pi_os_transport

@@ -1,0 +1,110 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "shm/descriptor_ring.h"
+#include "shm/shared_memory.h"
+#include "shm/side_channel.h"
+#include "shm/slot_pool.h"
+
+namespace pi_os_transport
+{
+
+/// The doorbells of a ring. Each wakes another thread of the subscriber.
+enum Doorbell : uint32_t
+{
+  NETWORK_THREAD = 1,  ///< the thread that serves all connections
+  SPINNER = 2,         ///< a thread in CallbackQueue::callAvailable or callOne, which runs the callback
+};
+constexpr size_t DOORBELLS = 2;
+
+/// Size of the length at the start of a message's buffer, as in TCPROS [B].
+constexpr uint32_t LENGTH_PREFIX = 4;
+
+/// The sending end of one link in shared memory: ring, doorbells, side channel, and the subscriber's references in the
+/// pool. The caller serialises all calls.
+class RingSender
+{
+public:
+  /// @param pool  must outlive this object.
+  /// @param lease_budget  most shared memory that the subscriber may pin [B].
+  RingSender(SlotPool* pool, const Token& pool_token, uint64_t lease_budget)
+    : pool_(pool), pool_token_(pool_token), lease_budget_(lease_budget)
+  {
+  }
+  ~RingSender() { close(); }
+  RingSender(const RingSender&) = delete;
+  RingSender& operator=(const RingSender&) = delete;
+
+  /// Makes the ring and offers it to the subscriber behind `channel`.
+  /// @return false with `*error` set, which is empty if the subscriber has left; this object is then unchanged.
+  bool open(SideChannel channel, std::string* error);
+  bool isOpen() const { return static_cast<bool>(channel_); }
+  /// Ends the link and frees all memory that the subscriber held.
+  void close();
+
+  SideChannel& channel() { return channel_; }
+  /// True if `packet` proves that the subscriber has mapped the ring.
+  bool isProof(const Packet& packet) const { return packet.type == Packet::PROOF && packet.values[0] == nonce_; }
+
+  enum class Push
+  {
+    WRITTEN,  ///< the ring took over one reference of the buffer
+    FULL,     ///< no place, or the subscriber pins too much memory
+    BROKEN,   ///< the subscriber wrote invalid indices
+  };
+  /// @param buffer  memory of the pool: LENGTH_PREFIX bytes, then `length` bytes of message.
+  /// @param max_queue  most waiting messages (plus one, see .cpp) before the oldest is dropped; 0: no limit.
+  Push push(const uint8_t* buffer, uint32_t length, size_t max_queue, uint32_t after_tcp, uint64_t serial);
+  /// Writes the descriptor that starts a link through bridges. False if there is no place.
+  bool pushStart(size_t max_queue, bool latched, uint32_t after_tcp);
+
+  /// Frees what the subscriber has released.
+  void collect();
+  /// Tells the subscriber that these segments are not used any more.
+  void retire(const std::vector<uint32_t>& segments);
+
+  struct Message
+  {
+    const uint8_t* buffer;  ///< with one reference, owned by the caller
+    uint32_t length;        ///< [B], without the prefix
+  };
+  /// Takes back all messages that the subscriber has not taken, oldest first.
+  std::vector<Message> takeBack();
+  /// Takes back the newest message if the subscriber has taken but not released it; else the buffer is null.
+  Message takeBackNewest();
+
+  /// Messages written that the subscriber has not taken.
+  uint32_t untaken() const { return ring_ ? ring_->inFlight() : 0; }
+  /// True if the subscriber holds nothing: waiting frees no place.
+  bool idle() const { return !ring_ || ring_->idle(); }
+  uint64_t sent() const { return sent_; }
+  uint64_t dropped() const { return dropped_; }
+
+private:
+  bool announce(uint32_t segment);
+  bool write(const Descriptor& descriptor, const uint8_t* buffer, uint32_t length);
+  void give(uint32_t ticket);
+
+  SlotPool* const pool_;
+  const Token pool_token_;
+  const uint64_t lease_budget_;
+  SideChannel channel_;
+  std::array<FileDescriptor, DOORBELLS> doorbells_;
+  SharedMapping memory_;  ///< of the ring
+  std::unique_ptr<RingProducer> ring_;
+  uint64_t nonce_ = 0;
+  std::vector<const uint8_t*> buffers_;  ///< by ticket
+  std::vector<uint32_t> lengths_;        ///< by ticket [B]
+  std::vector<uint32_t> announced_;      ///< segments that the subscriber knows
+  uint32_t tail_ = 0;                    ///< index of the next message in the ring
+  uint64_t sent_ = 0;
+  uint64_t dropped_ = 0;
+};
+
+}  // namespace pi_os_transport
