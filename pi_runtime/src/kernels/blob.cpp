@@ -10,9 +10,7 @@
 #include "kernels/codelet_arguments.h"
 #include "kernels/simd.h"
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 namespace
 {
@@ -356,5 +354,4 @@ uint16_t toHalf(float value)
   return static_cast<uint16_t>(sign | (bits - 0x38000000U) >> 13);
 }
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

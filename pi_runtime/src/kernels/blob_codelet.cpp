@@ -1,15 +1,10 @@
 #include <stdexcept>
 #include <string>
 
-#include "kernels/codelet_arguments.h"
-#include "kernels/image_bytes.h"
-#include "kernel_sources.h"
 #include <pi_runtime/kernels/blob.h>
-#include <pi_runtime/opencl_command.h>
+#include "kernels/codelet_arguments.h"
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 namespace
 {
@@ -68,20 +63,9 @@ void runOpenCl(OpenClCommand& command)
 
 CodeletPtr blobCodelet()
 {
-  static const CodeletPtr instance = []
-  {
-    Codelet codelet;
-    codelet.name = NAME;
-    codelet.native = {NativeImplementation{runNative}};
-    codelet.opencl = {OpenClImplementation{std::string(prelude_cl) + blob_cl,
-                                           "",
-                                           {"blob_float_1", "blob_float_3", "blob_half_1", "blob_half_3"},
-                                           runOpenCl}};
-    codelet.sliceable = true;
-    return makeCodelet(std::move(codelet));
-  }();
+  static const CodeletPtr instance = makeKernelCodelet(
+      NAME, runNative, blob_cl, {"blob_float_1", "blob_float_3", "blob_half_1", "blob_half_3"}, runOpenCl);
   return instance;
 }
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

@@ -1,8 +1,6 @@
 #pragma once
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 
 /// Index of the pixel that stands for pixel i outside of [0, size): mirrored at the outermost pixel, which is not
@@ -20,5 +18,4 @@ inline int reflect101(int i, int size)
   return i;
 }
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

@@ -7,9 +7,7 @@
 #include <pi_runtime/kernels/pyramid.h>
 #include <pi_runtime/kernels/ssd_postprocess.h>
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 
 // The texts follow the headers, where the exact definitions are. Fields of structs are 4 bytes each, in this order.
@@ -46,5 +44,4 @@ void registerBuiltinCodelets(CodeletRegistry& registry)
                 "5 out float residual per point; 6 value TrackOptions; range: points"});
 }
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

@@ -2,14 +2,11 @@
 
 #include "core/codelet_registry.h"
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 
 /// Adds all kernels of this package with their descriptions.
 /// @throws std::invalid_argument if one of their names is taken.
 void registerBuiltinCodelets(CodeletRegistry& registry);
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

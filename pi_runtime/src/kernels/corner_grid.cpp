@@ -5,9 +5,7 @@
 #include <stdexcept>
 #include <string>
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 namespace
 {
@@ -158,5 +156,4 @@ std::vector<Corner> selectGridCorners(const Corner* corners, size_t count, const
   return chosen;
 }
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

@@ -7,9 +7,7 @@
 
 #include "kernels/simd.h"
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 namespace
 {
@@ -235,5 +233,4 @@ size_t findFastCorners(const ImageView<const uint8_t>& image, int threshold, Cor
   return count;
 }
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

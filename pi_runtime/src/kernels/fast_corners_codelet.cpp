@@ -1,14 +1,9 @@
 #include <algorithm>
 
-#include "kernels/codelet_arguments.h"
-#include "kernels/image_bytes.h"
-#include "kernel_sources.h"
 #include <pi_runtime/kernels/fast_corners.h>
-#include <pi_runtime/opencl_command.h>
+#include "kernels/codelet_arguments.h"
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 namespace
 {
@@ -106,21 +101,11 @@ size_t fastCornersWorkBytes(int width, int height)
 
 CodeletPtr fastCornersCodelet()
 {
-  static const CodeletPtr instance = []
-  {
-    OpenClImplementation opencl;
-    opencl.source = std::string(prelude_cl) + fast_corners_cl;
-    opencl.options = "-DROW_ITEMS=" + std::to_string(ROW_ITEMS);
-    opencl.kernels = {"fast_score", "fast_score_narrow", "fast_maxima", "fast_offsets", "fast_list", "fast_none"};
-    opencl.function = runOpenCl;
-    Codelet codelet;
-    codelet.name = NAME;
-    codelet.native = {NativeImplementation{runNative}};
-    codelet.opencl = {std::move(opencl)};
-    return makeCodelet(std::move(codelet));
-  }();
+  static const CodeletPtr instance =
+      makeKernelCodelet(NAME, runNative, fast_corners_cl,
+                        {"fast_score", "fast_score_narrow", "fast_maxima", "fast_offsets", "fast_list", "fast_none"},
+                        runOpenCl, NOT_SLICEABLE, "-DROW_ITEMS=" + std::to_string(ROW_ITEMS));
   return instance;
 }
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

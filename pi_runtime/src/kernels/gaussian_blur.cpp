@@ -5,9 +5,7 @@
 #include "kernels/border.h"
 #include "kernels/simd.h"
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 namespace
 {
@@ -86,5 +84,4 @@ void gaussianBlur7(const ImageView<const uint8_t>& source, const ImageView<uint8
   }
 }
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

@@ -7,9 +7,7 @@
 
 #include "kernels/simd.h"
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 namespace
 {
@@ -102,5 +100,4 @@ void matchHamming(const uint8_t* queries, const uint8_t* trains, const float* qu
   }
 }
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

@@ -1,13 +1,9 @@
 #include <string>
 
 #include <pi_runtime/kernels/hamming.h>
-#include <pi_runtime/opencl_command.h>
-#include "kernel_sources.h"
 #include "kernels/codelet_arguments.h"
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 namespace
 {
@@ -60,18 +56,9 @@ void matchOpenCl(OpenClCommand& command)
 
 CodeletPtr hammingCodelet()
 {
-  static const CodeletPtr instance = []
-  {
-    Codelet codelet;
-    codelet.name = NAME;
-    codelet.native = {NativeImplementation{matchNative}};
-    codelet.opencl = {
-        OpenClImplementation{std::string(prelude_cl) + hamming_cl, "", {"match_all", "match_in_window"}, matchOpenCl}};
-    codelet.sliceable = true;
-    return makeCodelet(std::move(codelet));
-  }();
+  static const CodeletPtr instance =
+      makeKernelCodelet(NAME, matchNative, hamming_cl, {"match_all", "match_in_window"}, matchOpenCl);
   return instance;
 }
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

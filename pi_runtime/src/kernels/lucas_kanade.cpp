@@ -8,9 +8,7 @@
 #include "kernels/codelet_arguments.h"
 #include "kernels/lucas_kanade_window.h"
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 namespace
 {
@@ -198,5 +196,4 @@ void trackPoints(const uint8_t* previous_pyramid, const uint8_t* next_pyramid, c
   }
 }
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

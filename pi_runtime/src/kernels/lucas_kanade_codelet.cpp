@@ -1,11 +1,7 @@
-#include "kernels/codelet_arguments.h"
-#include "kernel_sources.h"
 #include <pi_runtime/kernels/lucas_kanade.h>
-#include <pi_runtime/opencl_command.h>
+#include "kernels/codelet_arguments.h"
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 namespace
 {
@@ -46,21 +42,8 @@ void runOpenCl(OpenClCommand& command)
 
 CodeletPtr trackPointsCodelet()
 {
-  static const CodeletPtr instance = []
-  {
-    OpenClImplementation opencl;
-    opencl.source = std::string(prelude_cl) + lucas_kanade_cl;
-    opencl.kernels = {"track_points"};
-    opencl.function = runOpenCl;
-    Codelet codelet;
-    codelet.name = NAME;
-    codelet.native = {NativeImplementation{runNative}};
-    codelet.opencl = {std::move(opencl)};
-    codelet.sliceable = true;
-    return makeCodelet(std::move(codelet));
-  }();
+  static const CodeletPtr instance = makeKernelCodelet(NAME, runNative, lucas_kanade_cl, {"track_points"}, runOpenCl);
   return instance;
 }
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

@@ -6,9 +6,7 @@
 #include "kernels/border.h"
 #include "kernels/simd.h"
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 namespace
 {
@@ -281,5 +279,4 @@ int64_t absoluteDifference(const Window& window, const float* next, const Biline
   return sum;
 }
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

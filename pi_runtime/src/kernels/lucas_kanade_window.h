@@ -5,9 +5,7 @@
 
 #include <pi_runtime/kernels/image_view.h>
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 
 /// Rows in memory are a number of whole vectors long, of patches with some pixels more.
@@ -84,5 +82,4 @@ Mismatch compareWindow(const Window& window, const float* next, const BilinearWe
 /// Sum over the window of |next - previous|, times 32.
 int64_t absoluteDifference(const Window& window, const float* next, const BilinearWeights& weights);
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

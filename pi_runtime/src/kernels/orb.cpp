@@ -1,8 +1,6 @@
 #include <pi_runtime/kernels/orb.h>
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 
 const OrbPattern ORB_PATTERN = {
@@ -53,5 +51,4 @@ const OrbPattern ORB_PATTERN = {
      0,   -10, 3,   1,   -9,  -12, -1,  -16, 2,   10,  -8,  2,   -10, -8,  6,   -14, -2,  -6,  -11, 3,   -6,  0,   12,
      10,  0,   1,   9,   -5,  17}};
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

@@ -7,9 +7,7 @@
 #include "kernels/codelet_arguments.h"
 #include "kernels/simd.h"
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 namespace
 {
@@ -111,5 +109,4 @@ void buildPyramid(const ImageView<const uint8_t>& image, const PyramidLayout& la
   }
 }
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

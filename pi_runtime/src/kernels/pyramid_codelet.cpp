@@ -1,12 +1,7 @@
-#include "kernels/codelet_arguments.h"
-#include "kernels/image_bytes.h"
-#include "kernel_sources.h"
 #include <pi_runtime/kernels/pyramid.h>
-#include <pi_runtime/opencl_command.h>
+#include "kernels/codelet_arguments.h"
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 namespace
 {
@@ -118,45 +113,27 @@ void pyramidOpenCl(OpenClCommand& command)
   }
 }
 
-OpenClImplementation openClImplementation(std::vector<std::string> kernels, OpenClFunction function)
+std::string openClOptions()
 {
-  OpenClImplementation implementation;
-  implementation.source = std::string(prelude_cl) + pyramid_cl;
-  implementation.options = "-DROWS=" + std::to_string(ROWS_PER_ITEM);
-  implementation.kernels = std::move(kernels);
-  implementation.function = std::move(function);
-  return implementation;
+  return "-DROWS=" + std::to_string(ROWS_PER_ITEM);
 }
 
 }  // namespace
 
 CodeletPtr pyramidDownCodelet()
 {
-  static const CodeletPtr instance = []
-  {
-    Codelet codelet;
-    codelet.name = "pyramid_down";
-    codelet.native = {NativeImplementation{downNative}};
-    codelet.opencl = {openClImplementation({"pyramid_down", "pyramid_down_narrow"}, downOpenCl)};
-    codelet.sliceable = true;
-    codelet.slice_granularity = ROWS_PER_ITEM;
-    return makeCodelet(std::move(codelet));
-  }();
+  static const CodeletPtr instance =
+      makeKernelCodelet("pyramid_down", downNative, pyramid_cl, {"pyramid_down", "pyramid_down_narrow"}, downOpenCl,
+                        ROWS_PER_ITEM, openClOptions());
   return instance;
 }
 
 CodeletPtr imagePyramidCodelet()
 {
-  static const CodeletPtr instance = []
-  {
-    Codelet codelet;
-    codelet.name = "image_pyramid";
-    codelet.native = {NativeImplementation{pyramidNative}};
-    codelet.opencl = {openClImplementation({"pyramid_copy", "pyramid_down", "pyramid_down_narrow"}, pyramidOpenCl)};
-    return makeCodelet(std::move(codelet));
-  }();
+  static const CodeletPtr instance = makeKernelCodelet("image_pyramid", pyramidNative, pyramid_cl,
+                                                       {"pyramid_copy", "pyramid_down", "pyramid_down_narrow"},
+                                                       pyramidOpenCl, NOT_SLICEABLE, openClOptions());
   return instance;
 }
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

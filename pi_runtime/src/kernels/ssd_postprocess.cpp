@@ -10,9 +10,7 @@
 #include "kernels/simd.h"
 #include "kernels/ssd_work.h"
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 namespace
 {
@@ -307,5 +305,4 @@ int postprocessSsd(const float* locations, const float* confidences, const SsdPr
   return Postprocess(locations, confidences, priors, shape, variances, work).run(detections);
 }
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

@@ -1,15 +1,11 @@
 #include <stdexcept>
 #include <string>
 
-#include "kernels/codelet_arguments.h"
-#include "kernel_sources.h"
 #include <pi_runtime/kernels/ssd_postprocess.h>
-#include <pi_runtime/opencl_command.h>
+#include "kernels/codelet_arguments.h"
 #include "kernels/ssd_work.h"
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 namespace
 {
@@ -87,19 +83,10 @@ size_t ssdWorkBytes(const SsdShape& shape)
 
 CodeletPtr ssdPostprocessCodelet()
 {
-  static const CodeletPtr instance = []
-  {
-    Codelet codelet;
-    codelet.name = NAME;
-    codelet.native = {NativeImplementation{runNative}};
-    codelet.opencl = {OpenClImplementation{std::string(prelude_cl) + ssd_postprocess_cl,
-                                           "",
-                                           {"ssd_clear", "ssd_collect", "ssd_make_heaps", "ssd_suppress"},
-                                           runOpenCl}};
-    return makeCodelet(std::move(codelet));
-  }();
+  static const CodeletPtr instance =
+      makeKernelCodelet(NAME, runNative, ssd_postprocess_cl,
+                        {"ssd_clear", "ssd_collect", "ssd_make_heaps", "ssd_suppress"}, runOpenCl, NOT_SLICEABLE);
   return instance;
 }
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

@@ -5,9 +5,7 @@
 
 #include <pi_runtime/kernels/ssd_postprocess.h>
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 namespace
 {
@@ -81,5 +79,4 @@ std::vector<SsdPrior> makeSsdPriors(const std::vector<SsdFeatureMap>& maps, bool
   return priors;
 }
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

@@ -5,9 +5,7 @@
 
 #include <pi_runtime/kernels/ssd_postprocess.h>
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 
 /// The work memory of ssd_postprocess, which the kernels of ssd_postprocess.cl divide up in the same way. Keys are
@@ -33,5 +31,4 @@ inline SsdWork ssdWork(void* memory, const SsdShape& shape)
 /// divides the exponential by a sum that is 1 at least.
 float ssdConfidenceBound(const SsdShape& shape);
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

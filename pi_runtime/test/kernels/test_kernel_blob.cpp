@@ -6,9 +6,7 @@
 #include "kernels/codelet_runner.h"
 #include "kernels/kernel_pictures.h"
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 namespace
 {
@@ -237,5 +235,4 @@ TEST_F(Blob, RefusesWhatDoesNotFit)
 }
 
 }  // namespace
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

@@ -7,9 +7,7 @@
 
 #include <pi_runtime/kernels/corner_grid.h>
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 
 bool operator==(const Corner& a, const Corner& b)
@@ -122,5 +120,4 @@ TEST(CornerGrid, RefusesBadGridsAndCornersOutside)
 }
 
 }  // namespace
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

@@ -3,9 +3,7 @@
 
 #include "kernels/kernel_pictures.h"
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 namespace
 {
@@ -74,5 +72,4 @@ TEST(GaussianBlur7, InSlicesEqualsTheWhole)
 }
 
 }  // namespace
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

@@ -7,9 +7,7 @@
 #include "kernels/codelet_runner.h"
 #include "kernels/kernel_pictures.h"
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 namespace
 {
@@ -208,5 +206,4 @@ TEST_F(Hamming, RefusesBuffersThatAreTooSmall)
 }
 
 }  // namespace
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

@@ -11,9 +11,7 @@
 
 #include "kernels/kernel_test_images.h"
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 namespace
 {
@@ -378,5 +376,4 @@ TEST(OrbPattern, MatchesTurnedAndNoisyPicturesAsWellAsOpenCvsLearnedPattern)
 }
 
 }  // namespace
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

@@ -5,9 +5,7 @@
 #include "kernels/codelet_runner.h"
 #include "kernels/ssd_outputs.h"
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 namespace
 {
@@ -361,5 +359,4 @@ TEST(SsdPriors, RefuseEmptyFeatureMapsAndScales)
 }
 
 }  // namespace
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

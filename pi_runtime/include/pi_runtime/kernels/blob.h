@@ -5,9 +5,7 @@
 
 #include <pi_runtime/codelet.h>
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 
 /// Size and layout of an image and of the network input made of it. Argument 3 of the codelet.
@@ -70,5 +68,4 @@ void makeBlob(const uint8_t* source, const int32_t* plan, const BlobGeometry& ge
 /// IEEE binary16, rounded to the nearest, ties to even.
 uint16_t toHalf(float value);
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

@@ -6,9 +6,7 @@
 #include <pi_runtime/kernels/fast_corners.h>
 #include <pi_runtime/kernels/point.h>
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 
 /// How to spread corners over an image.
@@ -36,5 +34,4 @@ struct CornerGrid
 std::vector<Corner> selectGridCorners(const Corner* corners, size_t count, const CornerGrid& grid,
                                       const std::vector<Point2f>& existing = {});
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

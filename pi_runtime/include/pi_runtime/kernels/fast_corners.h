@@ -6,9 +6,7 @@
 #include <pi_runtime/codelet.h>
 #include <pi_runtime/kernels/image_view.h>
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 
 struct Corner
@@ -49,5 +47,4 @@ size_t fastCornersWorkBytes(int width, int height);
 ///   4       FastCornersShape
 CodeletPtr fastCornersCodelet();
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

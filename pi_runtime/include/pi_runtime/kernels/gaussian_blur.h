@@ -4,9 +4,7 @@
 
 #include <pi_runtime/kernels/image_view.h>
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 
 /// Gaussian of 7 x 7 px, sigma 2, with the weights 18 34 48 56 48 34 18 (of 256) in both directions; the exact sum is
@@ -16,5 +14,4 @@ namespace kernels
 /// @param begin, end   rows of destination to make
 void gaussianBlur7(const ImageView<const uint8_t>& source, const ImageView<uint8_t>& destination, int begin, int end);
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

@@ -5,9 +5,7 @@
 
 #include <pi_runtime/codelet.h>
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 
 constexpr int HAMMING_BYTES = 32;       ///< per descriptor: 256 bits
@@ -54,5 +52,4 @@ void matchHamming(const uint8_t* queries, const uint8_t* trains, const float* qu
 /// A set without descriptors still needs a buffer of at least one byte.
 CodeletPtr hammingCodelet();
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

@@ -7,9 +7,7 @@
 #include <pi_runtime/kernels/point.h>
 #include <pi_runtime/kernels/pyramid.h>
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 
 constexpr int MAX_TRACK_WINDOW = 31;
@@ -60,5 +58,4 @@ void trackPoints(const uint8_t* previous_pyramid, const uint8_t* next_pyramid, c
 ///   6         TrackOptions
 CodeletPtr trackPointsCodelet();
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

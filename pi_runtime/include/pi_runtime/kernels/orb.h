@@ -2,9 +2,7 @@
 
 #include <cstdint>
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 
 constexpr int ORB_BITS = 256;
@@ -28,5 +26,4 @@ struct OrbPattern
 
 extern const OrbPattern ORB_PATTERN;
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

@@ -1,8 +1,6 @@
 #pragma once
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 
 /// A position in an image [px]; (0, 0) is the middle of the first pixel.
@@ -12,5 +10,4 @@ struct Point2f
   float y;
 };
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

@@ -7,9 +7,7 @@
 #include <pi_runtime/codelet.h>
 #include <pi_runtime/kernels/image_view.h>
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 
 /// Most levels of a pyramid, the full image included.
@@ -75,5 +73,4 @@ CodeletPtr pyramidDownCodelet();
 ///   2       PyramidShape
 CodeletPtr imagePyramidCodelet();
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels

@@ -6,9 +6,7 @@
 
 #include <pi_runtime/codelet.h>
 
-namespace pi_runtime
-{
-namespace kernels
+namespace pi_runtime::kernels
 {
 
 /// A default box of an SSD network (Liu et al. 2016), in parts of the image's width and height.
@@ -119,5 +117,4 @@ int postprocessSsd(const float* locations, const float* confidences, const SsdPr
 ///   7      SsdVariances
 CodeletPtr ssdPostprocessCodelet();
 
-}  // namespace kernels
-}  // namespace pi_runtime
+}  // namespace pi_runtime::kernels
