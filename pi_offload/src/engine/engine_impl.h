@@ -127,6 +127,7 @@ struct OffloadEngine::Impl
   /// Computes missing residences of nodes in range, and renews at most so many old ones.
   void placeNodes(size_t renewals);
   void place(NodeState& node);
+  Residence residenceIn(const NodeDescription& node, bool whole_route) const;
   double residence(const NodeState& node) const;
   bool connected(const NodeState& node, TaskKind kind) const;
   /// @param ahead_s  time until the task arrives [s]
@@ -146,6 +147,7 @@ struct OffloadEngine::Impl
   void onProbeReply(const std::string& node, uint64_t request, double round_trip_s,
                     const NodeAdvertisement& advertisement);
   NodeStatus status(const NodeState& node) const;
+  const NodeState* quickestNode(TaskKind kind) const;
   double leaseRate(const std::string& id, TaskKind kind) const;
 
   // --- Tasks (engine_tasks.cpp, engine_answers.cpp) -------------------------------------------------------------

@@ -166,30 +166,32 @@ void OffloadEngine::Impl::measure(NodeState& node)
   node.in_range = in_range;
 }
 
+/// @param whole_route  to the end of the route, not only to RouteTracker's horizon.
+Residence OffloadEngine::Impl::residenceIn(const NodeDescription& node, bool whole_route) const
+{
+  if (std::isinf(node.range_m))
+  {
+    return {INFINITE, 0.0, INFINITE};
+  }
+  if (!vehicle.known)
+  {
+    return {0.0, INFINITE, 0.0};
+  }
+  if (route.empty())
+  {
+    return straightResidence(vehicle.position, vehicle.heading, vehicle.speed, node.position, node.range_m);
+  }
+  return whole_route ? route.wholeResidence(node.position, node.range_m, vehicle.speed)
+                     : route.residence(node.position, node.range_m, vehicle.speed);
+}
+
 void OffloadEngine::Impl::place(NodeState& node)
 {
-  const NodeDescription& description = node.description;
   node.placed = true;
   node.old = false;
   node.moved = false;
   node.placed_ns = now;
-  if (std::isinf(description.range_m))
-  {
-    node.residence = {INFINITE, 0.0, INFINITE};
-  }
-  else if (!vehicle.known)
-  {
-    node.residence = {0.0, INFINITE, 0.0};
-  }
-  else if (route.empty())
-  {
-    node.residence =
-        straightResidence(vehicle.position, vehicle.heading, vehicle.speed, description.position, description.range_m);
-  }
-  else
-  {
-    node.residence = route.residence(description.position, description.range_m, vehicle.speed);
-  }
+  node.residence = residenceIn(node.description, false);
 }
 
 void OffloadEngine::Impl::placeNodes(size_t renewals)
@@ -449,21 +451,7 @@ OffloadEngine::NodeStatus OffloadEngine::Impl::status(const NodeState& node) con
     status.service_s[k] = service(node, kind).mean;
     status.queue_s[k] = queue(node, kind, 0.0).estimate.mean;
   }
-  if (std::isinf(node.description.range_m))
-  {
-    status.residence = {INFINITE, 0.0, INFINITE};
-  }
-  else if (!vehicle.known)
-  {
-    status.residence = {0.0, INFINITE, 0.0};
-  }
-  else
-  {
-    status.residence = route.empty()
-                           ? straightResidence(vehicle.position, vehicle.heading, vehicle.speed,
-                                               node.description.position, node.description.range_m)
-                           : route.wholeResidence(node.description.position, node.description.range_m, vehicle.speed);
-  }
+  status.residence = residenceIn(node.description, true);
   status.sent = node.sent;
   status.answered = node.answered;
   status.late = node.late;
@@ -472,11 +460,33 @@ OffloadEngine::NodeStatus OffloadEngine::Impl::status(const NodeState& node) con
   return status;
 }
 
+/// The node in range with the shortest expected time of a task; null: none.
+const NodeState* OffloadEngine::Impl::quickestNode(TaskKind kind) const
+{
+  const TaskNeeds& needs = options.needs[static_cast<size_t>(kind)];
+  const NodeState* quickest = nullptr;
+  double least_s = INFINITE;
+  for (const std::unique_ptr<NodeState>& node : nodes)
+  {
+    if (!node->in_range || !connected(*node, kind))
+    {
+      continue;
+    }
+    const double time_s = node->estimates.network(needs.input_mbit, needs.output_mbit, now).mean_s +
+                          service(*node, kind).mean + queue(*node, kind, uplinkTime(*node, kind)).estimate.mean;
+    if (time_s < least_s)
+    {
+      least_s = time_s;
+      quickest = node.get();
+    }
+  }
+  return quickest;
+}
+
 double OffloadEngine::Impl::leaseRate(const std::string& id, TaskKind kind) const
 {
-  const auto k = static_cast<size_t>(kind);
   const NodeState* node = find(id);
-  const Last& tasks_of_kind = last[k];
+  const Last& tasks_of_kind = last[static_cast<size_t>(kind)];
   if (node == nullptr || !enabled || !tasks_of_kind.interval_s.known() || !node->in_range || !connected(*node, kind))
   {
     return 0.0;
@@ -489,22 +499,8 @@ double OffloadEngine::Impl::leaseRate(const std::string& id, TaskKind kind) cons
   const NodeState* wanted = find(tasks_of_kind.node);
   if (wanted == nullptr || !wanted->in_range || !connected(*wanted, kind))
   {
-    const double input_mbit = options.needs[k].input_mbit;
-    double least_s = INFINITE;
-    for (const std::unique_ptr<NodeState>& other : nodes)
-    {
-      if (!other->in_range || !connected(*other, kind))
-      {
-        continue;
-      }
-      const double time_s = other->estimates.network(input_mbit, options.needs[k].output_mbit, now).mean_s +
-                            service(*other, kind).mean + queue(*other, kind, uplinkTime(*other, kind)).estimate.mean;
-      if (time_s < least_s)
-      {
-        least_s = time_s;
-        wanted = other.get();
-      }
-    }
+    const NodeState* quickest = quickestNode(kind);
+    wanted = quickest != nullptr ? quickest : wanted;
   }
   return wanted == node ? LEASE_MARGIN / interval_s : 0.0;
 }

@@ -5,6 +5,7 @@
 #include <iomanip>
 #include <iostream>
 #include <map>
+#include <nlohmann/json.hpp>
 #include <sstream>
 
 namespace pi_offload
@@ -104,11 +105,6 @@ Spread spreadOf(const Case& one, const std::string& name)
   return spread;
 }
 
-std::string jsonNumber(double value)
-{
-  return std::isfinite(value) ? plain(value) : "null";
-}
-
 /// A row of cells, each in its column's width.
 void printRow(const std::vector<std::string>& cells, const std::vector<int>& widths)
 {
@@ -159,23 +155,24 @@ std::string csvText(const std::string& scenario, uint32_t first_seed, const std:
 
 std::string jsonText(const std::string& scenario, uint32_t first_seed, const std::vector<Case>& cases)
 {
-  std::ostringstream text;
-  text << "{\n  \"scenario\": " << std::quoted(scenario) << ",\n  \"first_seed\": " << first_seed
-       << ",\n  \"seeds\": " << (cases.empty() ? 0 : cases.front().results.size()) << ",\n  \"cases\": [";
-  for (size_t c = 0; c < cases.size(); ++c)
+  nlohmann::ordered_json json;
+  json["scenario"] = scenario;
+  json["first_seed"] = first_seed;
+  json["seeds"] = cases.empty() ? 0 : cases.front().results.size();
+  json["cases"] = nlohmann::ordered_json::array();
+  for (const Case& one : cases)
   {
-    text << (c == 0 ? "\n" : ",\n") << "    {\"policy\": " << std::quoted(cases[c].policy)
-         << ", \"lambda\": " << plain(cases[c].lambda);
+    nlohmann::ordered_json of;
+    of["policy"] = one.policy;
+    of["lambda"] = one.lambda;
     for (const Figure& figure : FIGURES)
     {
-      const Spread spread = spreadOf(cases[c], figure.name);
-      text << ",\n     " << std::quoted(figure.name) << ": {\"mean\": " << jsonNumber(spread.mean)
-           << ", \"deviation\": " << jsonNumber(spread.deviation) << "}";
+      const Spread spread = spreadOf(one, figure.name);
+      of[figure.name] = {{"mean", spread.mean}, {"deviation", spread.deviation}};
     }
-    text << "}";
+    json["cases"].push_back(of);
   }
-  text << "\n  ]\n}\n";
-  return text.str();
+  return json.dump(2) + "\n";  // numbers that are not finite become null
 }
 
 void printTable(const std::vector<Case>& cases)
