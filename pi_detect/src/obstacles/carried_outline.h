@@ -11,18 +11,18 @@
 namespace pi_detect::obstacles
 {
 
-/// The outline of an obstacle that is followed: from its estimated position, along the axes of odom, so that it goes
-/// with the position and does not turn with the vehicle.
+/// The outline of a tracked obstacle, relative to its estimated position and along the axes of odom: it moves with the
+/// obstacle and does not turn with the vehicle.
 class CarriedOutline
 {
 public:
-  /// Takes a measurement as it is. @param measured  in base_link; may be empty.
+  /// Replaces the outline by a measurement. @param measured  in base_link; may be empty.
   void take(int64_t stamp_ns, const Outline& measured, const VehiclePlace& vehicle, const Eigen::Vector2d& position);
 
-  /// Takes what a measurement has in common with the last one (by GROWTH_M more), and around it what was shown a short
-  /// while ago: what is joined or left out in a single picture does not count.
-  /// @param moved  of the position since then, without a motion of the obstacle [m].
-  /// @param cut    the obstacle may go on where it is not seen: what was shown is kept for longer.
+  /// Takes the part of a measurement that the last one confirms (with a margin of GROWTH_M), and adds the outlines of a
+  /// short while before, so that errors of a single picture do not count.
+  /// @param moved  change of the estimated position that is no motion of the obstacle [m].
+  /// @param cut    parts of the obstacle may be hidden: former outlines are kept for longer.
   void correct(int64_t stamp_ns, const Outline& measured, const VehiclePlace& vehicle, const Eigen::Vector2d& position,
                const Eigen::Vector2d& moved, bool cut);
 

@@ -9,8 +9,8 @@ namespace pi_detect::obstacles
 {
 
 /// Disparity of rectified pairs by block matching (OpenCV's StereoBM: sums of absolute differences of the horizontal
-/// gradient). Left out are pixels without texture and those with a second match that is about as good (repetitive
-/// patterns). Looking for the way back from right to left finds no more of the wrong matches but takes a sixth longer.
+/// gradient). Pixels without texture have no disparity, nor have those with a second match that is about as good
+/// (repetitive patterns). A check from right to left would find no more wrong matches and take a sixth longer.
 class DisparityMatcher
 {
 public:
@@ -22,7 +22,8 @@ public:
   const cv::Mat& compute(const cv::Mat& left, const cv::Mat& right);
 
 private:
-  /// The picture at the camera's size, with room to the left: columns whose partner may lie outside are matched too.
+  /// The picture at the camera's size with a margin at the left, so that columns whose partner is outside are matched
+  /// too.
   void prepare(const cv::Mat& picture, cv::Mat* small, cv::Mat* padded) const;
 
   MatchedCamera camera_;

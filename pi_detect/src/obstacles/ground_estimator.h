@@ -11,7 +11,7 @@
 namespace pi_detect::obstacles
 {
 
-/// A plane as a disparity picture shows it: points (u, v) of it have the disparity a u + b v + c (exact for pinholes).
+/// A plane in a disparity picture: its points (u, v) have the disparity a u + b v + c (exact for pinhole cameras).
 struct DisparityPlane
 {
   double a = 0.0;
@@ -22,8 +22,8 @@ struct DisparityPlane
   double at(double u, double v) const { return a * u + b * v + c; }
 };
 
-/// The ground in disparity pictures: a robust fit near to what the mounting says, held by the last pair's plane where
-/// little is seen.
+/// Fits the ground plane to disparity pictures: a robust fit close to the plane that the mounting implies. The plane of
+/// the last pair stabilises it where little ground is seen.
 class GroundEstimator
 {
 public:
@@ -45,9 +45,9 @@ private:
   };
 
   DisparityPlane toDisparity(const GroundPlane& plane) const;
-  /// @return false if the mounting excludes it.
+  /// @return false if the plane is too far from that of the mounting.
   bool toBase(const Eigen::Vector3d& abc, GroundPlane* plane) const;
-  /// Pixels that could be ground: not further from the mounting's plane than the options allow.
+  /// Samples pixels that could be ground: not further from the mounting's plane than the options allow.
   void collect(const cv::Mat& disparity);
   bool search(Eigen::Vector3d* abc);
   /// @return false if too little of the ground is seen.

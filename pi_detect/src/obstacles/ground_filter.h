@@ -9,17 +9,17 @@ namespace pi_detect::obstacles
 class GroundFilter
 {
 public:
-  /// Starts at rest with that uncertainty.
+  /// Starts at rest. @param speed_sigma  standard deviation of the speed [m/s].
   GroundFilter(const Eigen::Vector2d& position, const Eigen::Matrix2d& covariance, double speed_sigma);
 
-  /// The acceleration is random, of that standard deviation, and another one every 0.1 s.
+  /// @param acceleration_sigma  standard deviation of a random acceleration that changes every 0.1 s.
   void predict(double dt_s, double acceleration_sigma, double max_speed);
   void correct(const Eigen::Vector2d& position, const Eigen::Matrix2d& covariance);
   /// Squared Mahalanobis distance of a measurement.
   double distance2(const Eigen::Vector2d& position, const Eigen::Matrix2d& covariance) const;
-  /// Places it anew; its velocity is forgotten.
+  /// Sets the position and forgets the velocity.
   void restart(const Eigen::Vector2d& position, const Eigen::Matrix2d& covariance, double speed_sigma);
-  /// Places it anew, which says nothing about its velocity: that fades.
+  /// Sets the position without information about the velocity, which fades.
   void moveTo(const Eigen::Vector2d& position, const Eigen::Matrix2d& covariance);
 
   Eigen::Vector2d position() const { return x_.head<2>(); }

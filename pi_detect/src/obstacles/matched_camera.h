@@ -7,7 +7,7 @@
 namespace pi_detect::obstacles
 {
 
-/// Camera of the disparity picture that is worked on: the geometry, made smaller where pictures are.
+/// Camera of the matched disparity picture: the geometry at the size of the picture.
 struct MatchedCamera
 {
   int width = 0;
@@ -32,13 +32,13 @@ struct MatchedCamera
     cx_difference = geometry.cx_difference * scale_x;
   }
 
-  /// Of a pixel, with depth 1, in the optical frame.
+  /// Ray of a pixel to depth 1, in the optical frame.
   Eigen::Vector3d ray(double u, double v) const { return {(u - cx) / fx, (v - cy) / fy, 1.0}; }
 };
 
 /// Noise of a matched disparity, standard deviation [px]. Measured with bench_obstacles: 0.2 to 0.3 on surfaces.
 constexpr double DISPARITY_SIGMA_PX = 0.25;
-/// Of this the part that does not average out [px].
+/// The part of this noise that does not average out [px].
 constexpr double DISPARITY_FLOOR_PX = 0.08;
 
 }  // namespace pi_detect::obstacles

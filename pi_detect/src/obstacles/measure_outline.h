@@ -10,7 +10,7 @@
 namespace pi_detect::obstacles
 {
 
-/// How well one camera sees, for outlines.
+/// Resolution of a camera, for outlines.
 struct OutlineScale
 {
   Eigen::Vector2d camera = Eigen::Vector2d::Zero();  ///< its place on the ground, in the frame of the points [m]
@@ -18,10 +18,10 @@ struct OutlineScale
   double fb = 1.0;                                   ///< fx * baseline of the disparity picture [px m]
 };
 
-/// The convex hull of what the points see, on the ground: half a cell wider at the sides, and nearer and farther by the
-/// depth's error that does not average out. A point that hardly any other one lies near to is left out; these are few,
-/// or none is left out. At most MAX_OUTLINE_CORNERS corners, never thinner than 0.1 m. Points of one column of cells
-/// are taken to lie on one ray on the ground, as they do for cameras that are not rolled by more than some degrees.
+/// The convex hull of the points on the ground, wider by half a cell at the sides, and by the constant error of depth
+/// towards and away from the camera. Isolated points are ignored, up to a few. The outline has at most
+/// MAX_OUTLINE_CORNERS corners and is at least 0.1 m thick. Points of one column of cells count as one ray on the
+/// ground, which holds for cameras rolled by a few degrees at most.
 /// @param part  not empty.
 Outline measureOutline(const std::vector<SurfacePoint>& part, const OutlineScale& scale);
 

@@ -7,7 +7,7 @@
 namespace pi_detect::obstacles
 {
 
-/// Where the vehicle is, on the ground plane of odom.
+/// Pose of the vehicle on the ground plane of odom.
 struct VehiclePlace
 {
   Eigen::Matrix2d R_odom_base = Eigen::Matrix2d::Identity();
@@ -20,24 +20,24 @@ struct VehiclePlace
   Eigen::Vector2d toOdom(const Eigen::Vector2d& p_base) const { return R_odom_base * p_base + p_odom_base; }
 };
 
-/// What a measurement says about an obstacle's place, in odom: the middle of the side that faces the vehicle.
+/// Measured position of an obstacle in odom: the middle of the side that faces the vehicle.
 struct Place
 {
   Eigen::Vector2d position;
   Eigen::Matrix2d covariance;
 };
 
-constexpr double BULKY_M = 5.0;  ///< the middle of longer things says nothing about motion
+constexpr double BULKY_M = 5.0;  ///< the middle of longer obstacles does not show their motion
 
 /// @param known_size   of the obstacle so far, along the axes of base_link.
-/// @param most_edge_m  bound for what is added for ends that are not seen or have changed.
+/// @param most_edge_m  bound of the uncertainty [m] that is added for hidden or changed ends.
 Place placeOf(const ObstacleMeasurement& measurement, const Eigen::Vector2d& known_size, const VehiclePlace& vehicle,
               double most_edge_m = 10.0);
 
 /// On the ground, along the axes of base_link.
 OutlineBounds footprintOf(const ObstacleMeasurement& measurement);
 
-/// What two have in common, as part of the smaller one.
+/// The intersection, as a part of the smaller one.
 double commonPart(const OutlineBounds& a, const OutlineBounds& b);
 
 }  // namespace pi_detect::obstacles

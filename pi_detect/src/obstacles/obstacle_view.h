@@ -9,7 +9,7 @@
 namespace pi_detect::obstacles
 {
 
-/// What one stereo pair shows, and so, where nothing is. Refers to its arguments.
+/// Tells which places one stereo pair shows to be free. Refers to its arguments.
 class ObstacleView
 {
 public:
@@ -17,11 +17,11 @@ public:
   ObstacleView(const std::vector<ObstacleMeasurement>& measurements, const StereoGeometry& geometry,
                const Eigen::Isometry3d& T_base_left, double min_depth_m);
 
-  /// A thing there should be seen: inside the picture, and nothing measured lies before it.
+  /// Whether an obstacle at this point would be visible: inside the picture, and not behind a measured one.
   bool isExposed(const Eigen::Vector3d& p_base) const;
 
-  /// An outline that is not measured, without the ends on which a thing should be seen; empty if it should be wholly.
-  /// @param outline  in base_link. @param z  height in base_link at which it should be seen.
+  /// The part of an outline that would not be visible: the outline without its visible ends. May be empty.
+  /// @param outline  in base_link. @param z  height in base_link at which visibility is tested.
   Outline hiddenPart(const Outline& outline, double z) const;
 
 private:

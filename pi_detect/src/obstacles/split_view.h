@@ -9,7 +9,7 @@
 namespace pi_detect::obstacles
 {
 
-/// Where a part of a surface is to be taken apart.
+/// Where a surface is split.
 struct ViewSplit
 {
   int column = 0;             ///< of cells: those before it are the left piece
@@ -17,8 +17,8 @@ struct ViewSplit
   bool right_goes_on = false;
 };
 
-/// The convex hull of a part covers ground over which the camera looks at the rest of it: where a post stands before a
-/// wall, or in the corner of two walls. Nothing if that is nowhere deeper than the depth's errors allow to tell.
+/// Where to split a surface whose convex hull covers free ground: where a post stands before a wall, or in the corner
+/// of two walls. Nothing if the free ground is not deeper than the error of depth.
 std::optional<ViewSplit> splitView(const std::vector<SurfacePoint>& part, const OutlineScale& scale);
 
 }  // namespace pi_detect::obstacles

@@ -5,7 +5,7 @@
 namespace pi_detect::obstacles
 {
 
-/// What one cell sees, in base_link.
+/// A cell of a surface in base_link.
 struct SurfacePoint
 {
   Eigen::Vector3f position;

@@ -11,24 +11,24 @@
 namespace pi_detect::obstacles
 {
 
-/// A square of pixels that sees something above the ground.
+/// A square of pixels that shows something above the ground.
 struct Cell
 {
   int column = 0;
   int row = 0;
   float disparity = 0.0F;  ///< of the nearer surface, if there are two [px]
-  int pixels = 0;          ///< that see it
+  int pixels = 0;          ///< that show it
 };
 
-/// Cells that hang together in the picture and in depth.
+/// Cells that are connected in the picture and in depth.
 struct Surface
 {
   std::vector<Cell> cells;
-  bool cut_left = false;  ///< at its left end (in the picture) there is the picture's border or something nearer
+  bool cut_left = false;  ///< its left end in the picture lies at the border or beside something nearer
   bool cut_right = false;
 };
 
-/// Finds connected surfaces that stand out of the ground.
+/// Finds connected surfaces above the ground.
 class SurfaceFinder
 {
 public:

@@ -7,9 +7,9 @@
 namespace pi_detect
 {
 
-/// Transports are loaded when somebody listens; one that is missing has to be known before.
-/// @param parameter  that asks for it, for the message.
-/// @throws std::invalid_argument listing those that are installed.
+/// Checks that a transport is installed, because transports are loaded only when somebody listens.
+/// @param parameter  name of the parameter, for the message.
+/// @throws std::invalid_argument with the list of installed transports.
 void requireTransport(const image_transport::ImageTransport& transport, const std::string& name,
                       const std::string& parameter);
 

@@ -9,14 +9,13 @@
 namespace pi_detect
 {
 
-/// Obstacles as rviz shows them: the outline as high as the box (the box where there is none), coloured by class (grey
-/// without), a text "#id label 4.2 m 3.1 s" with distance and time to collision, an arrow for the velocity of what
-/// moves (its end is where the obstacle is in one second). Markers keep the obstacle's id; those of vanished obstacles
-/// are deleted. Not thread safe.
+/// Obstacles as markers for rviz: the outline, extruded to the height of the box (or the box), coloured by class (grey
+/// without class); a text "#id label 4.2 m 3.1 s" with distance and time to collision; for moving obstacles an arrow to
+/// their place in 1 s. Markers have the ids of obstacles; those of vanished obstacles are deleted. Not thread safe.
 class ObstacleMarkers
 {
 public:
-  /// @param lifetime_s  after which rviz removes them by itself, when no more come [s].
+  /// @param lifetime_s  after which rviz removes markers that are not renewed [s].
   explicit ObstacleMarkers(double lifetime_s);
 
   visualization_msgs::MarkerArrayPtr update(const ObstacleArray& obstacles);

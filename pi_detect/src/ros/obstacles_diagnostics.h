@@ -15,7 +15,7 @@
 namespace pi_detect
 {
 
-/// What the adapter knows of itself, for the diagnostics.
+/// State of the obstacles node, for the diagnostics.
 struct ObstaclesFigures
 {
   struct Input
@@ -36,7 +36,7 @@ struct ObstaclesFigures
   bool motion_known = false;   ///< false: velocities are relative to the vehicle
 };
 
-/// What was found in a pair.
+/// Figures of a pair.
 struct PairFigures
 {
   double latency_s = 0.0;  ///< from stamp to published [s]
@@ -51,7 +51,7 @@ struct PairFigures
   std::optional<double> track_age_s;  ///< of the labels' tracks; nullopt: none
 };
 
-/// What /diagnostics says: obstacles and how fast they are found, what comes in and what was wrong with it, motion.
+/// Publishes the diagnostics of the obstacles node: results and speed, inputs and their faults, motion of the vehicle.
 class ObstaclesDiagnostics
 {
 public:
@@ -62,7 +62,7 @@ public:
 
   /// After each pair. Any thread.
   void addPair(const PairFigures& pair);
-  /// Looks at everything and publishes. One thread at a time.
+  /// Publishes. Not thread safe.
   void update(const ObstaclesFigures& figures);
 
 private:

@@ -25,7 +25,7 @@ StereoSource parseStereoSource(const std::string& name);
 struct ObstaclesRosOptions : pi_node::NodeParameters<ObstaclesRosOptions>
 {
   StereoSource source = StereoSource::RECTIFIED;
-  bool zero_copy = true;  ///< raw pictures are read where their publisher wrote them, if the transport can
+  bool zero_copy = true;                ///< read raw pictures in the publisher's memory, if the transport can
   std::string image_transport = "raw";  ///< of the pictures
   double pair_tolerance_s = 0.005;      ///< between the stamps of a pair's pictures [s]
   double max_rate_hz = 0.0;             ///< pairs that come faster are left out [Hz]; 0: none is

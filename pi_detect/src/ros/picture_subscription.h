@@ -11,15 +11,16 @@
 namespace pi_detect
 {
 
-/// Pictures of one topic: where their publisher wrote them if they come raw, else by image_transport. One thread.
+/// Subscribes to pictures: raw ones are read in the publisher's memory, others come by image_transport. Not thread
+/// safe.
 class PictureSubscription
 {
 public:
   using ImageHandle = pi_os_transport::zero_copy::ImageHandle;
   using Callback = boost::function<void(const ImageHandle&)>;
 
-  /// @param node       for pictures that come raw, with the queue of `transport`.
-  /// @param zero_copy  false: by image_transport also then.
+  /// @param node       for raw pictures, with the queue of `transport`.
+  /// @param zero_copy  false: raw pictures come by image_transport, too.
   /// @throws as image_transport::ImageTransport::subscribe().
   void subscribe(ros::NodeHandle& node, image_transport::ImageTransport& transport, const std::string& topic,
                  uint32_t queue_size, bool zero_copy, const image_transport::TransportHints& hints,

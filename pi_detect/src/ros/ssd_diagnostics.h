@@ -14,7 +14,7 @@
 namespace pi_detect
 {
 
-/// What the adapter knows of itself, for the diagnostics.
+/// State of the ssd node, for the diagnostics.
 struct SsdFigures
 {
   std::string topic;
@@ -34,7 +34,7 @@ struct SsdFigures
   bool use_runtime = false;
 };
 
-/// What /diagnostics says: the network and how fast it is, what comes in and what was wrong with it.
+/// Publishes the diagnostics of the ssd node: network and speed, inputs and their faults.
 class SsdDiagnostics
 {
 public:
@@ -52,7 +52,7 @@ public:
   /// Pictures worked on per second, of late. Any thread.
   double rate() const;
 
-  /// Looks at everything and publishes. One thread at a time.
+  /// Publishes. Not thread safe.
   void update(const SsdFigures& figures);
 
 private:

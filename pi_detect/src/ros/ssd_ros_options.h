@@ -18,7 +18,7 @@ struct SsdRosOptions : pi_node::NodeParameters<SsdRosOptions>
   bool use_runtime = true;   ///< tasks of pi_runtime::Runtime::shared(); false: plain calls
   ObjectTrackerOptions tracker;
 
-  bool zero_copy = true;  ///< raw pictures are read where their publisher wrote them, if the transport can
+  bool zero_copy = true;                ///< read raw pictures in the publisher's memory, if the transport can
   std::string image_transport = "raw";  ///< of `image`
   bool always_on = false;               ///< also while nobody listens
   double max_rate_hz = 0.0;             ///< pictures that come faster are left out [Hz]; 0: none is

@@ -16,7 +16,8 @@
 namespace pi_detect
 {
 
-/// What camera_info messages say of a rectified pair. Binning and region of interest are taken into account.
+/// A rectified stereo camera from camera_info messages. Takes binning and region of interest into account. Own code:
+/// image_geometry has no checks of a pair with their way out, which are most of this.
 struct StereoCamera
 {
   StereoGeometry geometry;
@@ -32,7 +33,7 @@ struct StereoCamera
                               const std::string& left_name);
 };
 
-/// All that the geometry depends on; a stamp is no change.
+/// Compares all that the geometry depends on; stamps may differ.
 bool sameCamera(const sensor_msgs::CameraInfo& a, const sensor_msgs::CameraInfo& b);
 
 /// Rectifies the raw pictures of one camera: plumb_bob, rational_polynomial and equidistant lenses.
@@ -44,7 +45,7 @@ public:
 
   /// @param raw  CV_8UC1 of the camera_info's size.
   cv::Mat rectify(const cv::Mat& raw) const;
-  /// Around the rectified picture of a box in the raw one.
+  /// The bounding box of a raw picture's box in the rectified one.
   Box rectify(const Box& raw) const;
 
 private:
@@ -64,8 +65,8 @@ struct StereoPair
   pi_os_transport::zero_copy::ImageHandle right;
 };
 
-/// Brings pictures of two cameras together by their stamps, at once when the second one comes. Pictures whose partner
-/// does not come are forgotten. (message_filters' approximate time waits for the next picture first.) Not thread safe.
+/// Pairs the pictures of two cameras by their stamps, as soon as the second one comes; the approximate time policy of
+/// message_filters would wait for the next picture. Pictures without partner are forgotten. Not thread safe.
 class StereoPairing
 {
 public:

@@ -4,12 +4,12 @@
 #include <pi_detect/LabelArray.h>
 #include <pi_detect/object_tracker.h>
 #include <pi_detect/ros/conversions.h>
-#include "ros/tracker_ros_options.h"
 #include <pi_node/ros/callback_thread.h>
 #include <pi_node/ros/warning_board.h>
 #include <ros/node_handle.h>
 #include <ros/publisher.h>
 #include <ros/subscriber.h>
+#include "ros/tracker_ros_options.h"
 
 #include <mutex>
 #include <string>
@@ -17,9 +17,9 @@
 namespace pi_detect
 {
 
-/// Follows the objects of `detections`, whoever found them, and publishes `tracks`: what the ssd node does with its own
-/// detections, for those that come from somewhere else, as from another computer. Names come from `labels`.
-/// All callbacks come on one thread of its own.
+/// Tracks the objects of `detections` and publishes `tracks`. The ssd node does this for its own detections; this node
+/// is for detections of other nodes, for example on another computer. Names come from `labels`. All callbacks run on
+/// one own thread.
 class TrackerRos
 {
 public:

@@ -17,7 +17,7 @@
 namespace pi_detect
 {
 
-/// Where the vehicle is and where its cameras are, from tf.
+/// Poses of the vehicle and its cameras, from tf.
 class VehicleMotion
 {
 public:
@@ -28,14 +28,14 @@ public:
   VehicleMotion(const VehicleMotion&) = delete;
   VehicleMotion& operator=(const VehicleMotion&) = delete;
 
-  /// The state at a stamp; moved on from the newest one if tf does not get there in time. Waits only if tf is close.
-  /// @param[out] problem  why there is none, or why it is moved on; empty: all is well.
+  /// The state at a stamp, extrapolated if tf does not reach the stamp in time. Waits only if tf is close.
+  /// @param[out] problem  why there is no state, or why it is extrapolated; empty: none.
   std::optional<VehicleState> at(const ros::Time& stamp, std::string* problem);
 
-  /// Newest pose of a frame in base_link. nullopt: tf has none.
+  /// Newest pose of a frame in base_link; nullopt if tf has none.
   std::optional<Eigen::Isometry3d> mounting(const std::string& frame) const;
 
-  /// at() returns at once from now on. Any thread.
+  /// From now on at() does not wait. Any thread.
   void stop();
 
 private:

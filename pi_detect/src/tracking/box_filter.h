@@ -32,8 +32,8 @@ struct AxisFilter
   void correct(double measured, double sigma);
 };
 
-/// Kalman filter of a box that moves with constant velocity: centre, width and height, whose errors are independent of
-/// each other, so that one filter with 8 states falls apart into four with 2.
+/// Kalman filter of a box that moves with constant velocity. The errors of centre, width and height are independent, so
+/// one filter with 8 states becomes four with 2.
 class BoxFilter
 {
 public:

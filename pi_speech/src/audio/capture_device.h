@@ -11,7 +11,7 @@
 namespace pi_speech
 {
 
-/// What ALSA refused. The text has the way out.
+/// An error of ALSA. The text has the way out.
 class CaptureError : public std::runtime_error
 {
 public:

@@ -21,10 +21,10 @@ struct CaptureDevice
   std::string description;  ///< of the device on the card: "USB Audio"
 };
 
-/// Those there are, in the order of their cards. Never throws; empty where there is no sound card.
+/// All devices that record, in the order of their cards. Never throws.
 std::vector<CaptureDevice> captureDevices();
 
-/// The first whose card or description has this text in it, no matter the case.
+/// The first device with this text in card or description, in upper or lower case.
 std::optional<CaptureDevice> findCaptureDevice(const std::vector<CaptureDevice>& devices, const std::string& part);
 
 /// "there are: hw:1,0 (USB PnP Sound Device, USB Audio)", or that there is none.
@@ -33,17 +33,17 @@ std::string listCaptureDevices(const std::vector<CaptureDevice>& devices);
 struct MicrophoneOptions
 {
   std::string device = "default";  ///< name of ALSA, or a part of the card's name
-  AudioFormat format;              ///< wanted; a card that cannot gives what comes closest
+  AudioFormat format;              ///< wanted; the card gives the closest that it can
   double period_s = 0.02;          ///< of sound at a time [s], in [0.002, 1]
-  double buffer_s = 0.5;           ///< that ALSA keeps while nobody takes it [s], in [2 periods, 10]
-  double stall_s = 2.0;            ///< without a sample, after which the device counts as gone [s], in [0.05, 60]
+  double buffer_s = 0.5;           ///< size of ALSA's buffer [s], in [2 periods, 10]
+  double stall_s = 2.0;            ///< without a sample until the device counts as lost [s], in [0.05, 60]
   double retry_s = 1.0;            ///< between tries to open it [s], in [0.01, 60]
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
 };
 
-/// Sound as it was recorded, at most one period. Valid during the call.
+/// Recorded sound, at most one period. Valid during the call.
 struct MicrophoneSound
 {
   AudioFormat format;
@@ -53,13 +53,13 @@ struct MicrophoneSound
   bool gap = false;                  ///< some were lost before it, or it is the first
 };
 
-/// Called on the thread `microphone`, one at a time. They must not throw.
+/// Callbacks on the thread `microphone`. They must not throw.
 struct MicrophoneEvents
 {
   std::function<void(const MicrophoneSound&)> sound;  ///< may block up to buffer_s; later ones are lost then
-  /// The device gives sound: before the first one, and before the first after lost().
+  /// Called before the first sound, and before the first sound after lost().
   std::function<void(const std::string& device, const AudioFormat& format)> found;  ///< may be empty
-  /// The device cannot be opened, or is gone: once, until found(). What is wrong and the way out.
+  /// Called once when the device cannot be opened or is lost, with the reason and the way out.
   std::function<void(const std::string& problem)> lost;  ///< may be empty
 };
 
@@ -75,9 +75,9 @@ struct MicrophoneStatus
   uint64_t times_lost = 0;  ///< that the device was gone after it had given sound
 };
 
-/// Records from a device of ALSA, on a thread of its own. A device that is not there, or goes, is tried again and again
-/// until it is back. Stamps follow the device's clock smoothly, and jump where sound was lost. A device that gives
-/// sound faster than it can be recorded, as ALSA's null and file do, is slowed down to its rate.
+/// Records from a device of ALSA on its own thread. If the device is missing or lost, it is tried again until it is
+/// back. Stamps follow the device's clock smoothly, and jump where sound was lost. Devices without a clock, such as
+/// ALSA's null and file, are slowed down to their rate.
 class Microphone
 {
 public:
@@ -88,7 +88,7 @@ public:
   Microphone(const Microphone&) = delete;
   Microphone& operator=(const Microphone&) = delete;
 
-  /// Returns when a call in work has returned; none comes afterwards. Not from within an event.
+  /// Returns after the last callback. Must not be called by a callback.
   void stop();
   /// Any thread.
   MicrophoneStatus status() const;

@@ -12,11 +12,11 @@ namespace pi_speech
 
 struct SoundCheckOptions
 {
-  double clipped_share = 0.005;      ///< of samples at full scale in a window, from which it is clipped, in (0, 1]
-  double silent_level_dbfs = -75.0;  ///< level of a window, below which it is silent [dB of full scale], in [-120, 0]
-  double silent_s = 10.0;            ///< of silence in a row, until it is said [s], in [1, 3600]
-  double missing_s = 2.0;            ///< without a sample, until it is said [s], in [0.1, 3600]
-  double window_s = 1.0;             ///< that levels and shares are taken of [s], in [0.05, 10]
+  double clipped_share = 0.005;      ///< part of a window's samples at full scale from which it is clipped, in (0, 1]
+  double silent_level_dbfs = -75.0;  ///< level below which a window is silent [dB of full scale], in [-120, 0]
+  double silent_s = 10.0;            ///< of silence until it is reported [s], in [1, 3600]
+  double missing_s = 2.0;            ///< without a sample until it is reported [s], in [0.1, 3600]
+  double window_s = 1.0;             ///< over which level and share are measured [s], in [0.05, 10]
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
@@ -31,26 +31,25 @@ enum class SoundState
 };
 const char* toString(SoundState state);
 
-/// Another state, with what there is to say of it.
+/// A change of state, with a text for users.
 struct SoundChange
 {
   SoundState state = SoundState::GOOD;
   std::string text;  ///< figure, its bound and the way out
 };
 
-/// Watches a stream of sound as it comes from the microphone, before it is resampled, which hides what is clipped. Not
-/// thread safe.
+/// Watches the sound of a microphone for faults, before resampling, which hides clipped samples. Not thread safe.
 class SoundCheck
 {
 public:
-  /// @param now_ns  of any clock that does not jump; from then on sound is awaited.
+  /// @param now_ns  monotonic time from which sound is expected.
   /// @throws std::invalid_argument for wrong options.
   SoundCheck(const SoundCheckOptions& options, int64_t now_ns);
 
   /// @param samples  interleaved. A format other than before begins a new window.
   /// @return the change, once.
   std::optional<SoundChange> add(const AudioFormat& format, const int16_t* samples, size_t count, int64_t now_ns);
-  /// Between samples, from time to time.
+  /// To be called regularly while no sound comes.
   std::optional<SoundChange> look(int64_t now_ns);
 
   SoundState state() const { return state_; }

@@ -7,8 +7,8 @@
 namespace pi_speech
 {
 
-/// Forward and backward passes over hidden Markov models of a fixed shape, in logarithms (Rabiner 1989). Emissions are
-/// ln p(x_t | state): one row per frame. Where occupancies are wanted, they are p(state at t | utterance, model).
+/// Forward and backward passes over hidden Markov models of fixed topology, in logarithms (Rabiner 1989). Emissions are
+/// ln p(x_t | state), one row per frame. Occupancies are p(state at t | utterance, model).
 
 /// A chain of states from left to right: stay, go on, or skip one. The first state may be skipped, and the last one.
 /// @param emissions  one column per state that exists.

@@ -11,10 +11,10 @@ namespace pi_speech
 /// Hidden Markov models of whole words with Gaussian mixtures, one for other speech (the filler: states in any order)
 /// and one for the background.
 ///
-/// A word is a sequence of states, from left to right, each passed, stayed in or skipped; background lies before and
-/// behind it. Scores are ln p(utterance | model) by the forward algorithm (Rabiner 1989), brought to the scale of
-/// posteriors by `scale` and the biases, which are trained together with the mixtures for the share of right answers
-/// (maximum mutual information, Bahl et al. 1986).
+/// A word is a sequence of states from left to right; each is passed, repeated or skipped. Background surrounds it.
+/// Scores are ln p(utterance | model) by the forward algorithm (Rabiner 1989), brought to the scale of posteriors by
+/// `scale` and the biases, which are trained together with the mixtures for the share of right answers (maximum mutual
+/// information, Bahl et al. 1986).
 struct WordModels
 {
   std::vector<std::string> words;  ///< in lower case
@@ -27,7 +27,7 @@ struct WordModels
   float filler_bias = 0.0F;
   float background_bias = 0.0F;
 
-  /// @return -1 if there is no model of the word.
+  /// @return number of the word, or -1.
   int find(const std::string& word) const;
 
   /// @throws std::invalid_argument naming what is wrong.
@@ -36,7 +36,7 @@ struct WordModels
   /// Reads the file that save() writes.
   /// @throws std::runtime_error naming the file and what is wrong: missing, not of this kind, truncated, damaged.
   static WordModels load(const std::string& path);
-  /// Binary, little endian, with a check sum; the file appears when it is complete.
+  /// Writes a binary file, little endian, with a check sum. The file appears when it is complete.
   /// @throws std::runtime_error naming the file and the reason.
   void save(const std::string& path) const;
 };

@@ -2,8 +2,8 @@
 
 #include <pi_node/ros/callback_thread.h>
 #include <pi_speech/audio.h>
-#include "ros/player_ros_options.h"
 #include <ros/ros.h>
+#include "ros/player_ros_options.h"
 
 #include <chrono>
 #include <condition_variable>
@@ -18,12 +18,12 @@
 namespace pi_speech
 {
 
-/// Plays sound files as a microphone would give them: `audio_stamped` and latched `audio_info` as MicrophoneRos, at
-/// SAMPLE_RATE_HZ in one channel. Each message leaves when its last sample would have been recorded. Stamps are those
-/// of the first message and the count of samples from there on, also where `rate` is not 1.
+/// Plays sound files with the topics of MicrophoneRos: `audio_stamped` and latched `audio_info`, at SAMPLE_RATE_HZ in
+/// one channel. Each message is published when its last sample would have been recorded. Stamps count samples from the
+/// first message on, also if `rate` is not 1.
 ///
-/// Says on latched `playing` (std_msgs/String) which file begins, and on latched `finished` (std_msgs/Empty) that all
-/// were played. A file that cannot be read is an error in the log, and the next one is played.
+/// Publishes the name of each file on latched `playing` (std_msgs/String), and at the end latched `finished`
+/// (std_msgs/Empty). If a file cannot be read, the log shows an error and the next file is played.
 ///
 /// Three threads: `player` plays, `player_reader` reads the next file, `player_links` learns of subscribers.
 class PlayerRos

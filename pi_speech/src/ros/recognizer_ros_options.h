@@ -20,17 +20,16 @@ struct RecognizerRosOptions : pi_node::NodeParameters<RecognizerRosOptions>
   bool use_runtime = true;  ///< decisions are tasks of pi_runtime::Runtime::shared(); false: plain calls
   /// Service (pi_speech/RecognizeUtterance) that is asked for each utterance first, such as pi_offload's; empty: none.
   std::string utterance_service;
-  double utterance_deadline_s = 0.30;  ///< from a pause to the decision, wherever it is made [s], in [0.05, 5]
+  double utterance_deadline_s = 0.30;  ///< from a pause to the decision, here or elsewhere [s], in [0.05, 5]
   bool start_listening = true;         ///< false: not before ~start
-  /// Also while nobody listens to the outputs. True, as the noise is learned while nobody has subscribed yet, and a
-  /// vehicle must understand the first "stop" said to it.
+  /// Also without subscribers: the noise must be known before the first "stop".
   bool always_on = true;
-  bool dictation = false;  ///< other speech is written down, see RecognizerRos
+  bool dictation = false;  ///< publishes the text of other speech
 
-  bool stamped = true;     ///< sound comes on audio_stamped; false: on audio, and its stamp is the arrival
+  bool stamped = true;     ///< sound comes on audio_stamped; false: on audio, stamped on arrival
   AudioFormat format;      ///< of sound that comes before audio_info
-  double max_gap_s = 0.1;  ///< between stamps and sound, from which sound is missing [s], in [0.005, 10]
-  double queue_s = 5.0;    ///< of sound that waits for the worker; the oldest is dropped [s], in [0.1, 60]
+  double max_gap_s = 0.1;  ///< largest gap between two messages [s], in [0.005, 10]
+  double queue_s = 5.0;    ///< of sound that may wait; then the oldest is dropped [s], in [0.1, 60]
   SoundCheckOptions check;
 
   double diagnostic_period = 1.0;  ///< [s]; the name is that of diagnostic_updater

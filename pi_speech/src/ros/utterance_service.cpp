@@ -37,7 +37,7 @@ std::optional<Recognition> UtteranceService::ask(const Utterance& utterance, con
   std::unique_lock<std::mutex> lock(mutex_);
   if (busy_)
   {
-    return std::nullopt;  // it has not even answered the last one
+    return std::nullopt;  // the last call is still unanswered
   }
   next_ = call;
   busy_ = true;

@@ -15,27 +15,26 @@
 namespace pi_speech
 {
 
-/// Asks a service (RecognizeUtterance) what was said, and does without its answer where it is not there in time: roscpp
-/// itself waits for ever for a server that hangs.
+/// Asks a service (RecognizeUtterance) what was said, with a deadline: roscpp itself waits forever for a server that
+/// hangs.
 class UtteranceService
 {
 public:
-  /// @param node        its namespace resolves the name. @param deadline_s  until the answer must be there, the
-  ///   vehicle's own decision included [s].
+  /// @param node        its namespace resolves the name. @param deadline_s  for an answer [s].
   UtteranceService(ros::NodeHandle node, const std::string& service, double deadline_s);
-  /// Waits for a call under way, whose connection it breaks.
+  /// Breaks the connection of a call in progress and waits for it.
   ~UtteranceService();
   UtteranceService(const UtteranceService&) = delete;
   UtteranceService& operator=(const UtteranceService&) = delete;
 
-  /// @param commands  that can be said. @return nothing if the service is not there, does not handle it, or is late.
+  /// @param commands  of the table. @return nothing if the service is missing, late, or does not handle the utterance.
   /// Not thread safe; returns within deadline_s.
   std::optional<Recognition> ask(const Utterance& utterance, const std::vector<std::string>& commands);
 
   const std::string& name() const { return name_; }
 
 private:
-  /// A call; shared with the thread, which may still be in it when the caller has gone on.
+  /// A call, shared with the thread, which may outlast the caller's wait.
   struct Call
   {
     RecognizeUtterance service;

@@ -19,7 +19,7 @@ namespace pi_speech
 /// @throws std::runtime_error naming the first file of the model that is missing or empty, and the way out.
 void checkSphinxFiles(const SphinxModel& model, bool dictation);
 
-/// A folder in which the files that PocketSphinx writes, one per utterance, are links to a file in memory.
+/// A folder for the files that PocketSphinx writes, one per utterance. They are links to a file in memory.
 class NamedScores
 {
 public:
@@ -49,8 +49,8 @@ private:
 
 /// Two decoders of PocketSphinx, without the precautions of SphinxDecoder: a damaged model can end the process.
 ///
-/// One computes the likelihoods of all states, and writes them to a file in memory; the other one searches through
-/// them. It must never see sound itself: what is left of it would be searched behind the likelihoods.
+/// One decoder computes the likelihoods of all states and writes them to a file in memory; the other one searches them.
+/// The second decoder must not get sound: it would search what is left of that after the likelihoods.
 class SphinxEngine
 {
 public:
@@ -81,7 +81,7 @@ private:
 
   Decoder load(const std::string& dictionary, bool scores) const;
   void loadGrammar(Decoder* decoder, size_t number, const std::string& jsgf) const;
-  /// Has the scorer take sound in. @return number of frames.
+  /// Gives sound to the scorer. @return number of frames.
   int process(const int16_t* samples, size_t count);
   SphinxHypothesis search(const std::string& name);
   SphinxHypothesis hypothesisOf(ps_decoder_s* decoder, int frames) const;

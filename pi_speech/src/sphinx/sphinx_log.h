@@ -5,8 +5,8 @@
 namespace pi_speech
 {
 
-/// Takes PocketSphinx' log over, for the whole process: nothing is printed, and the errors of each thread are kept.
-/// What PocketSphinx says before it ends the process goes to standard error.
+/// Redirects the log of PocketSphinx for the whole process: errors are kept per thread, all else is dropped. The last
+/// error before PocketSphinx ends the process goes to standard error.
 void quietSphinx();
 
 /// Forgets the errors of this thread.
