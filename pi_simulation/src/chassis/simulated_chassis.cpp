@@ -1,5 +1,6 @@
 #include "chassis/simulated_chassis.h"
 
+#include <pi_node/durations.h>
 #include <pi_node/option_check.h>
 
 #include <algorithm>
@@ -88,7 +89,7 @@ void SimulatedChassis::step(int64_t now_ns)
     controller_->onBytes(bytes.data(), count, now_ns);
   }
   const chassis::Setpoint setpoint = controller_->update(model_.measurement(), now_ns);
-  model_.step(setpoint, 1e-9 * static_cast<double>(now_ns - now_ns_));
+  model_.step(setpoint, pi_node::secondsBetween(now_ns_, now_ns));
   now_ns_ = now_ns;
 
   const std::vector<uint8_t> output = controller_->takeOutput();
@@ -98,10 +99,63 @@ void SimulatedChassis::step(int64_t now_ns)
   }
   if (garbage_)
   {
-    std::vector<uint8_t> garbage(GARBAGE_PER_STEP);
-    std::generate(garbage.begin(), garbage.end(), [this] { return static_cast<uint8_t>(random_()); });
-    write(garbage);
+    writeGarbage(GARBAGE_PER_STEP);
   }
+}
+
+bool SimulatedChassis::setFault(const std::string& name, bool on)
+{
+  if (name == "silent")
+  {
+    silent_ = on;
+  }
+  else if (name == "stuck")
+  {
+    model_.setStuck(on);
+  }
+  else if (name == "button")
+  {
+    model_.setEmergencyButton(on);
+  }
+  else if (name == "garbage")
+  {
+    garbage_ = on;
+  }
+  else
+  {
+    return false;
+  }
+  return true;
+}
+
+void SimulatedChassis::writeGarbage(size_t count)
+{
+  std::vector<uint8_t> garbage(count);
+  std::generate(garbage.begin(), garbage.end(), [this] { return static_cast<uint8_t>(random_()); });
+  write(garbage);
+}
+
+bool SimulatedChassis::setNumbers(const std::string& name, std::istringstream numbers)
+{
+  double number = 0.0;
+  chassis::Pose pose;
+  if (name == "garbage" && numbers >> number && number >= 1.0 && number <= static_cast<double>(MAX_GARBAGE))
+  {
+    writeGarbage(static_cast<size_t>(number));
+  }
+  else if (name == "battery" && numbers >> number && number >= 0.0 && number <= 1.0)
+  {
+    model_.setBatteryCharge(number);
+  }
+  else if (name == "pose" && numbers >> pose.x >> pose.y >> pose.yaw)
+  {
+    model_.setPose(pose);
+  }
+  else
+  {
+    return false;
+  }
+  return true;
 }
 
 std::string SimulatedChassis::command(const std::string& line, int64_t now_ns)
@@ -110,73 +164,36 @@ std::string SimulatedChassis::command(const std::string& line, int64_t now_ns)
   std::string name;
   std::string value;
   words >> name >> value;
-  const std::optional<bool> on = flag(value);
-  try
+  if (name == "unplug" && value.empty())
   {
-    if (name == "unplug" && value.empty())
-    {
-      terminal_.reset();
-      return "";
-    }
-    if (name == "plug" && value.empty())
+    terminal_.reset();
+    return "";
+  }
+  if (name == "plug" && value.empty())
+  {
+    try
     {
       if (!terminal_)
       {
         terminal_.emplace(options_.link);
       }
-      return "";
     }
-  }
-  catch (const std::runtime_error& error)
-  {
-    return error.what();
+    catch (const std::runtime_error& error)
+    {
+      return error.what();
+    }
+    return "";
   }
   if (name == "restart" && value.empty())
   {
     controller_ = std::make_unique<chassis::ChassisController>(hello_, now_ns);
     return "";
   }
-  if (name == "silent" && on)
-  {
-    silent_ = *on;
-    return "";
-  }
-  if (name == "stuck" && on)
-  {
-    model_.setStuck(*on);
-    return "";
-  }
-  if (name == "button" && on)
-  {
-    model_.setEmergencyButton(*on);
-    return "";
-  }
-  if (name == "garbage" && on)
-  {
-    garbage_ = *on;
-    return "";
-  }
-  std::istringstream numbers(line.substr(std::min(line.size(), line.find(name) + name.size())));
-  double number = 0.0;
-  if (name == "garbage" && numbers >> number && number >= 1.0 && number <= static_cast<double>(MAX_GARBAGE))
-  {
-    std::vector<uint8_t> garbage(static_cast<size_t>(number));
-    std::generate(garbage.begin(), garbage.end(), [this] { return static_cast<uint8_t>(random_()); });
-    write(garbage);
-    return "";
-  }
-  if (name == "battery" && numbers >> number && number >= 0.0 && number <= 1.0)
-  {
-    model_.setBatteryCharge(number);
-    return "";
-  }
-  chassis::Pose pose;
-  if (name == "pose" && numbers >> pose.x >> pose.y >> pose.yaw)
-  {
-    model_.setPose(pose);
-    return "";
-  }
-  return "command \"" + line + "\" is not understood, must be one of: " + COMMANDS;
+  const std::optional<bool> on = flag(value);
+  const bool done =
+      (on && setFault(name, *on)) ||
+      setNumbers(name, std::istringstream(line.substr(std::min(line.size(), line.find(name) + name.size()))));
+  return done ? "" : "command \"" + line + "\" is not understood, must be one of: " + COMMANDS;
 }
 
 std::string SimulatedChassis::truth() const

@@ -9,7 +9,9 @@
 #include <memory>
 #include <optional>
 #include <random>
+#include <sstream>
 #include <string>
+#include <vector>
 
 namespace pi_simulation
 {
@@ -56,6 +58,11 @@ public:
 
 private:
   void write(const std::vector<uint8_t>& bytes);
+  void writeGarbage(size_t count);
+  /// The commands "NAME on|off". @return false: there is no such command.
+  bool setFault(const std::string& name, bool on);
+  /// The commands with numbers. @return false: there is no such command.
+  bool setNumbers(const std::string& name, std::istringstream numbers);
 
   const SimulationOptions options_;
   const chassis::Hello hello_;

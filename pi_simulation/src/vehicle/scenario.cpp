@@ -145,6 +145,62 @@ std::vector<Eigen::Vector2d> readRoad(pi_node::YamlSection* section)
   return line;
 }
 
+void readTrigger(pi_node::YamlSection* section, ActorTrigger* result)
+{
+  pi_node::YamlSection trigger = section->section("trigger");
+  if (trigger.has("time"))
+  {
+    result->time = number(&trigger, "time", 0.0, LONG_S);
+  }
+  readPlace(&trigger, &result->near, &result->within);
+  trigger.read("command", "true or false", &result->command);
+  trigger.finish();
+  if ((result->time ? 1 : 0) + (result->near ? 1 : 0) + (result->command ? 1 : 0) > 1)
+  {
+    section->refuse("trigger", "(several)", "one of time, near with within, or command");
+  }
+}
+
+std::vector<ActorPause> readPauses(pi_node::YamlSection* section)
+{
+  std::vector<ActorPause> pauses;
+  for (pi_node::YamlSection& entry : section->list("pauses"))
+  {
+    pauses.push_back({number(&entry, "at", 0.0, FAR_M), number(&entry, "for", 0.0, LONG_S)});
+    entry.finish();
+  }
+  std::sort(pauses.begin(), pauses.end(), [](const ActorPause& a, const ActorPause& b) { return a.at < b.at; });
+  return pauses;
+}
+
+/// Random changes within the ranges of `vary`.
+void vary(pi_node::YamlSection section, Random* random, ActorPlan* actor)
+{
+  double x = 0.0;
+  double y = 0.0;
+  double speed = 0.0;
+  double time = 0.0;
+  section.readNumber("x", 0.0, 50.0, &x);
+  section.readNumber("y", 0.0, 50.0, &y);
+  section.readNumber("speed", 0.0, 0.9, &speed);
+  section.readNumber("pause", 0.0, 0.9, &time);
+  section.finish();
+  const Eigen::Vector2d shift(random->within(x), random->within(y));
+  for (Eigen::Vector2d& corner : actor->path)
+  {
+    corner += shift;
+  }
+  if (actor->trigger.near)
+  {
+    *actor->trigger.near += shift;
+  }
+  actor->speed *= 1.0 + random->within(speed);
+  for (ActorPause& pause : actor->pauses)
+  {
+    pause.duration *= 1.0 + random->within(time);
+  }
+}
+
 ActorPlan readActor(pi_node::YamlSection* section, Random* random)
 {
   ActorPlan actor;
@@ -170,28 +226,11 @@ ActorPlan readActor(pi_node::YamlSection* section, Random* random)
   }
   if (section->has("trigger"))
   {
-    pi_node::YamlSection trigger = section->section("trigger");
-    if (trigger.has("time"))
-    {
-      actor.trigger.time = number(&trigger, "time", 0.0, LONG_S);
-    }
-    readPlace(&trigger, &actor.trigger.near, &actor.trigger.within);
-    trigger.read("command", "true or false", &actor.trigger.command);
-    trigger.finish();
-    if ((actor.trigger.time ? 1 : 0) + (actor.trigger.near ? 1 : 0) + (actor.trigger.command ? 1 : 0) > 1)
-    {
-      section->refuse("trigger", "(several)", "one of time, near with within, or command");
-    }
+    readTrigger(section, &actor.trigger);
   }
   if (section->has("pauses"))
   {
-    for (pi_node::YamlSection& entry : section->list("pauses"))
-    {
-      actor.pauses.push_back({number(&entry, "at", 0.0, FAR_M), number(&entry, "for", 0.0, LONG_S)});
-      entry.finish();
-    }
-    std::sort(actor.pauses.begin(), actor.pauses.end(),
-              [](const ActorPause& a, const ActorPause& b) { return a.at < b.at; });
+    actor.pauses = readPauses(section);
   }
   section->read("hidden", "true or false", &actor.hidden);
   if (section->has("vanish_after"))
@@ -201,30 +240,7 @@ ActorPlan readActor(pi_node::YamlSection* section, Random* random)
   section->read("vanish_at_end", "true or false", &actor.vanish_at_end);
   if (section->has("vary"))
   {
-    pi_node::YamlSection vary = section->section("vary");
-    double x = 0.0;
-    double y = 0.0;
-    double speed = 0.0;
-    double time = 0.0;
-    vary.readNumber("x", 0.0, 50.0, &x);
-    vary.readNumber("y", 0.0, 50.0, &y);
-    vary.readNumber("speed", 0.0, 0.9, &speed);
-    vary.readNumber("pause", 0.0, 0.9, &time);
-    vary.finish();
-    const Eigen::Vector2d shift(random->within(x), random->within(y));
-    for (Eigen::Vector2d& corner : actor.path)
-    {
-      corner += shift;
-    }
-    if (actor.trigger.near)
-    {
-      *actor.trigger.near += shift;
-    }
-    actor.speed *= 1.0 + random->within(speed);
-    for (ActorPause& pause : actor.pauses)
-    {
-      pause.duration *= 1.0 + random->within(time);
-    }
+    vary(section->section("vary"), random, &actor);
   }
   section->finish();
   return actor;

@@ -41,8 +41,7 @@ faults:
 class Drive
 {
 public:
-  explicit Drive(const std::string& scenario = SCENARIO,
-                             VehicleSimulationOptions options = VehicleSimulationOptions())
+  explicit Drive(const std::string& scenario = SCENARIO, VehicleSimulationOptions options = VehicleSimulationOptions())
     : simulation(Scenario::parse(scenario, "test", 1), options, outputs(), [] { return START_NS; })
     , host(pi_vehicle::chassis::HostOptions())
     , port(simulation.chassis().path(), 115200)

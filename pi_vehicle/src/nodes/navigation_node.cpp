@@ -1,4 +1,4 @@
-#include "ros/navigation_ros.h"
+#include "ros/navigation/navigation_ros.h"
 
 #include <pi_node/ros/node_main.h>
 

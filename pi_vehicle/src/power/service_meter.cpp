@@ -1,8 +1,7 @@
 #include "power/service_meter.h"
 
-#include <pi_node/durations.h>
-
 #include <fnmatch.h>
+#include <pi_node/durations.h>
 
 #include <algorithm>
 #include <iterator>

@@ -1,7 +1,7 @@
 #include "ros/arbiter_ros.h"
 #include "ros/chassis_ros.h"
 #include "ros/command_ros.h"
-#include "ros/navigation_ros.h"
+#include "ros/navigation/navigation_ros.h"
 #include "ros/pose_keeper_ros.h"
 #include "ros/power_ros.h"
 #include "ros/reaction_ros.h"

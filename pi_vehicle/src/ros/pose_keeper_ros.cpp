@@ -2,7 +2,7 @@
 
 #include "decision/saved_pose_file.h"
 #include "ros/decision_conversions.h"
-#include "ros/navigation_conversions.h"
+#include "ros/navigation/navigation_conversions.h"
 
 #include <diagnostic_msgs/DiagnosticStatus.h>
 #include <pi_node/formatting.h>

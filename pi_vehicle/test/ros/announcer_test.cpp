@@ -1,7 +1,7 @@
 // Judge of announcer.test.
 
-#include "child_node.h"
 #include "ros/announcer_ros.h"
+#include "ros/child_node.h"
 
 #include <gtest/gtest.h>
 #include <pi_node/ros/parameter_values.h>

@@ -1,6 +1,6 @@
 // Judge of command.test.
 
-#include "child_node.h"
+#include "ros/child_node.h"
 
 #include <geometry_msgs/PoseStamped.h>
 #include <gtest/gtest.h>

@@ -1,6 +1,6 @@
 // Judge of pose_keeper.test.
 
-#include "child_node.h"
+#include "ros/child_node.h"
 
 #include <geometry_msgs/PoseWithCovarianceStamped.h>
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-#include "ros/kept_goal.h"
+#include "ros/navigation/kept_goal.h"
 
 #include <gtest/gtest.h>
 

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "decision/navigator.h"
-#include "ros/navigation_ros_options.h"
+#include "ros/navigation/navigation_ros_options.h"
 
 #include <geometry_msgs/PoseWithCovarianceStamped.h>
 #include <nav_msgs/Odometry.h>

@@ -1,7 +1,7 @@
-#include "ros/drive_goals.h"
+#include "ros/navigation/drive_goals.h"
 
-#include "ros/kept_goal.h"
-#include "ros/navigation_conversions.h"
+#include "ros/navigation/kept_goal.h"
+#include "ros/navigation/navigation_conversions.h"
 
 namespace pi_vehicle
 {

@@ -1,9 +1,9 @@
 #pragma once
 
 #include "decision/navigator.h"
-#include "ros/drive_goals.h"
-#include "ros/navigation_inputs.h"
-#include "ros/navigation_ros_options.h"
+#include "ros/navigation/drive_goals.h"
+#include "ros/navigation/navigation_inputs.h"
+#include "ros/navigation/navigation_ros_options.h"
 
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <pi_detect/ObstacleArray.h>

@@ -1,7 +1,7 @@
-#include "ros/navigation_inputs.h"
+#include "ros/navigation/navigation_inputs.h"
 
 #include "ros/decision_conversions.h"
-#include "ros/navigation_conversions.h"
+#include "ros/navigation/navigation_conversions.h"
 
 #include <pi_node/formatting.h>
 #include <tf2/exceptions.h>

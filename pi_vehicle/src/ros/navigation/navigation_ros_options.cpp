@@ -1,6 +1,6 @@
-#include "ros/navigation_ros_options.h"
+#include "ros/navigation/navigation_ros_options.h"
 
-#include "ros/kept_goal.h"
+#include "ros/navigation/kept_goal.h"
 
 #include <pi_node/option_check.h>
 #include <pi_node/ros/parameter_tree.h>

@@ -2,8 +2,8 @@
 
 #include "decision/navigator.h"
 #include "ros/kept_parameters.h"
-#include "ros/navigation_inputs.h"
-#include "ros/navigation_ros_options.h"
+#include "ros/navigation/navigation_inputs.h"
+#include "ros/navigation/navigation_ros_options.h"
 
 #include <actionlib/server/action_server.h>
 #include <geometry_msgs/PoseStamped.h>

@@ -1,7 +1,7 @@
-#include "ros/navigation_ros.h"
+#include "ros/navigation/navigation_ros.h"
 
 #include "ros/decision_conversions.h"
-#include "ros/navigation_conversions.h"
+#include "ros/navigation/navigation_conversions.h"
 
 #include <pi_node/formatting.h>
 #include <pi_node/ros/node_options.h>

@@ -1,4 +1,4 @@
-#include "ros/navigation_conversions.h"
+#include "ros/navigation/navigation_conversions.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,6 +1,6 @@
 // config/navigation.yaml and the defaults in the code must be the same, and impossible values must be named.
 
-#include "ros/navigation_ros_options.h"
+#include "ros/navigation/navigation_ros_options.h"
 
 #include <gtest/gtest.h>
 #include <pi_node/test_support/options_reader.h>
