@@ -26,7 +26,7 @@ inline bool writes(Access access)
   return access != Access::READ;
 }
 
-/// A memory that computing units work in and that is not the host's: one per OpenCL device with memory of its own.
+/// Memory of a computing unit that is not the host's: one object per OpenCL device with its own memory.
 class MemorySpace
 {
 public:
@@ -40,8 +40,8 @@ public:
   virtual void upload(Copy& copy, const void* host, size_t bytes) = 0;
   /// Blocks until the host has the copy's bytes. @throws OpenClError
   virtual void download(Copy& copy, void* host, size_t bytes) = 0;
-  /// Before each use of the copy by a unit, and before each use of the memory by the host, whatever has to be moved:
-  /// for memory that is the host's and has one owner at a time. @throws OpenClError
+  /// Called before each use by a unit or by the host. For host memory that has one owner at a time (map and unmap).
+  /// @throws OpenClError
   virtual void giveToUnit(Copy&) {}
   virtual void giveToHost(Copy&, size_t /*bytes*/) {}
 };
@@ -49,19 +49,18 @@ public:
 class Buffer;
 using BufferPtr = std::shared_ptr<Buffer>;
 
-/// Host memory that tasks read and write. Units that share the host's memory use it in place; for the others the
-/// runtime keeps copies and moves bytes only when a task or host() needs them.
+/// Host memory that tasks read and write. Units that share the host's memory use it in place. For other units the
+/// runtime keeps copies, and moves bytes only when a task or host() needs them.
 ///
-/// Thread safe, but tasks that write a buffer and others that use it must be ordered by the caller (by waiting, or as
-/// edges of a graph).
+/// Thread safe. The caller must order a task that writes a buffer and other users of it (by waiting, or by edges of a
+/// graph).
 class Buffer
 {
 public:
   /// Zeroed memory of its own, aligned to a page. @throws std::invalid_argument if bytes is 0.
   static BufferPtr allocate(size_t bytes);
-  /// Memory of the caller, used in place. Zero-copy on OpenCL units needs an address that is a multiple of 64 (an
-  /// OpenCL driver may copy otherwise).
-  /// @param owner  keeps the memory alive; may be null if the caller sees to that.
+  /// Memory of the caller, used in place. An OpenCL driver may copy it if the address is not a multiple of 64.
+  /// @param owner  keeps the memory alive; null: the caller does.
   static BufferPtr wrap(void* data, size_t bytes, std::shared_ptr<const void> owner = nullptr);
   /// Read-only memory of the caller; a task that writes it is refused.
   static BufferPtr wrap(const void* data, size_t bytes, std::shared_ptr<const void> owner = nullptr);
@@ -73,9 +72,9 @@ public:
   size_t bytes() const { return bytes_; }
   bool readOnly() const { return read_only_; }
 
-  /// The host's memory, with the newest content if access reads. Copies on devices become stale if access writes. Call
-  /// it again after each task that wrote the buffer. May wait for a transfer.
-  /// @throws std::runtime_error if the unit that has the newest content does not give it.
+  /// The host's memory, with the newest content if `access` reads. If `access` writes, copies on devices become stale.
+  /// Call again after each task that wrote the buffer. May wait for a transfer.
+  /// @throws std::runtime_error if the unit with the newest content fails to return it.
   void* host(Access access);
   /// As host(), as T.
   template <typename T>
@@ -84,10 +83,10 @@ public:
     return static_cast<T*>(host(access));
   }
 
-  /// The host's memory without any transfer: for identity, and for units that share it.
+  /// The host's memory without any transfer: to compare addresses, and for units that share it.
   void* address() const { return data_; }
 
-  /// The copy in a memory space, up to date if access reads. Copies elsewhere become stale if access writes.
+  /// The copy in a memory space, up to date if `access` reads. If `access` writes, other copies become stale.
   /// @param make  called once per space to create the copy.
   /// @param[out] moved  bytes transferred by this call.
   template <typename Make>
@@ -107,8 +106,7 @@ public:
   /// Bytes that a use with this access would move to the space (null: to the host) now. Does not wait for transfers.
   size_t bytesToMove(const MemorySpace* space, Access access) const;
 
-  /// An object that belongs to this buffer and to one context of units that share the host's memory (a cl_mem). Made
-  /// once per key.
+  /// The cl_mem of this buffer in one context whose units share the host's memory. Made once per key.
   template <typename Make>
   MemorySpace::Copy& shared(const void* key, const Make& make)
   {

@@ -53,7 +53,7 @@ private:
   size_t value_bytes_ = 0;
 };
 
-/// The arguments of a task as its implementation sees them, and the part of its range to work on.
+/// The arguments of a task for its implementation, and the slice of its range to work on.
 class TaskArguments
 {
 public:
@@ -93,7 +93,7 @@ private:
   const uint64_t range_;
 };
 
-/// What a native implementation is called with, on the thread of the unit.
+/// The call of a native implementation, on the thread of the unit.
 class NativeCall : public TaskArguments
 {
 public:
@@ -109,7 +109,7 @@ public:
   {
     return static_cast<T*>(bufferAt(index).address());
   }
-  /// True once nobody wants the result any more: long functions look now and then and return early.
+  /// True if the task was cancelled. Long functions poll this and return early.
   bool cancelled() const { return cancelled_ != nullptr && cancelled_->load(std::memory_order_relaxed); }
 
 private:
@@ -134,8 +134,8 @@ using OpenClFunction = std::function<void(OpenClCommand&)>;
 struct NativeImplementation
 {
   NativeFunction function;
-  /// Types of units whose thread may run it (bits of UnitType). Beside CPU: host code that drives such a unit by
-  /// itself, for example a network on a GPU.
+  /// Types of units whose thread may run it (bits of UnitType). For types other than CPU the function is host code that
+  /// drives such a unit, for example a network on a GPU.
   uint8_t unit_types = static_cast<uint8_t>(UnitType::CPU);
 };
 
@@ -143,20 +143,19 @@ struct OpenClImplementation
 {
   std::string source;   ///< OpenCL C 1.2
   std::string options;  ///< of the compiler, as "-DRADIUS=3 -cl-mad-enable"
-  /// The kernels that function uses: created, and so checked, before the first run.
+  /// The kernels that the function uses. They are created before the first run, which checks their names.
   std::vector<std::string> kernels;
   OpenClFunction function;
 };
 
-/// A computation that the runtime can place on units: what it is called, and one or more ways to do it.
-///
-/// All implementations take the same arguments and leave the same results (within the codelet's stated tolerance).
+/// A computation with one or more implementations. All take the same arguments and give the same results (within the
+/// codelet's stated tolerance).
 struct Codelet
 {
   std::string name;                          ///< key of the ETC table: one word, unique in the process
   std::vector<NativeImplementation> native;  ///< at most one
   std::vector<OpenClImplementation> opencl;  ///< at most one
-  /// May be run as several slices of its range, one after the other, with other tasks in between.
+  /// The range may run in several slices, with other tasks in between.
   bool sliceable = false;
   /// Slices begin at multiples of this (a kernel's local size, a row of blocks).
   uint64_t slice_granularity = 1;

@@ -13,11 +13,11 @@
 namespace pi_runtime
 {
 
-/// Before when nothing can start. All times of a plan count from the same instant as these. An empty vector: all 0.
+/// Earliest starts. All times of a plan count from the same instant as these. An empty vector: all 0.
 struct StartTimes
 {
-  std::vector<double> available;  ///< per unit: until then it works on something else [s], finite and >= 0
-  std::vector<double> release;    ///< per node: until then its data from outside are missing [s], finite and >= 0
+  std::vector<double> available;  ///< per unit: end of its earlier work [s], finite and >= 0
+  std::vector<double> release;    ///< per node: arrival of its data from outside [s], finite and >= 0
 };
 
 /// Which unit runs each node of a graph, and when.
@@ -39,16 +39,16 @@ struct DagPlan
 
   bool feasible() const { return infeasible.empty(); }
 
-  /// Schedule length ratio (Topcuoglu, Hariri, Wu 2002, eq. 9): makespan over critical path, >= 1; it tells how far at
-  /// most the plan is from the best one. 1 for a graph without any work; without meaning if not feasible().
+  /// Schedule length ratio (Topcuoglu, Hariri, Wu 2002, eq. 9): makespan over critical path, >= 1. An upper
+  /// bound of the plan's length over that of the best plan. 1 for a graph without work; undefined if not feasible().
   double slr() const;
 };
 
 /// Checks a plan against its problem, with a tolerance of 1e-9 of the makespan for rounding: every node runs for its
 /// time on a unit that can run it, not before its release, the unit's available time and the arrival of its
-/// predecessors' data; no unit runs two nodes at a time; order, level, infeasible and makespan say what the rest says.
+/// predecessors' data; no unit runs two nodes at a time; order, level, infeasible and makespan agree with the rest.
 /// @param barrier  also demand that no node starts before all nodes of the levels above it have finished.
-/// @return the first thing wrong, nothing if the plan holds.
+/// @return the first violation; nothing if the plan is valid.
 std::optional<std::string> validatePlan(const TaskGraph& graph, const EtcMatrix& etc, const TransferModel& transfers,
                                         const DagPlan& plan, const StartTimes& start_times = StartTimes(),
                                         bool barrier = false);

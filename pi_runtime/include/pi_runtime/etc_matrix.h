@@ -8,9 +8,9 @@
 namespace pi_runtime
 {
 
-/// Table of a duration (or another positive cost) for every pair of task and computing unit, the paper's ETC-table
-/// (π-Edge, section IV.A): expected execution times ETC(t_i, c_j), data movement included. Rows are tasks, columns are
-/// units. The unit of time is the caller's; +infinity says that the task cannot run there.
+/// The paper's ETC table (π-Edge, section IV.A): expected execution times ETC(t_i, c_j) of tasks (rows) on computing
+/// units (columns), data movement included. The caller chooses the unit of time. +infinity: the unit cannot run the
+/// task.
 class EtcMatrix
 {
 public:
@@ -18,7 +18,7 @@ public:
   /// All entries are +infinity.
   EtcMatrix(size_t tasks, size_t units);
   /// @param values row-major, tasks * units entries.
-  /// @throws std::invalid_argument if the number of values is another.
+  /// @throws std::invalid_argument if the number of values differs.
   EtcMatrix(size_t tasks, size_t units, std::vector<double> values);
 
   size_t tasks() const { return tasks_; }

@@ -11,11 +11,11 @@
 namespace pi_runtime
 {
 
-/// Expected execution times, learned from every run: the paper's ETC table (π-Edge, section IV.A), kept per codelet,
-/// size bucket and column. A column is one way to execute on one unit ("cpu0/opencl"). Transfers are not in it: what
-/// has to be moved depends on where the data are, and the runtime adds it.
+/// The paper's ETC table (π-Edge, section IV.A), learned from every run: expected execution times per codelet, size
+/// bucket and column. A column is one executor of one unit ("cpu0/opencl"). Transfer times are not included: they
+/// depend on where the data are, and the runtime adds them.
 ///
-/// Means are Welford's while there are few samples, then exponential, so that they follow a unit that slows down.
+/// With few samples a mean is Welford's; later it is exponential, so that it follows a unit that slows down.
 /// Not thread safe.
 class EtcTable
 {
@@ -36,16 +36,16 @@ public:
   {
     double seconds = 0.0;      ///< expected, in [1e-9, 1e9]; 0 if nothing is known
     double deviation_s = 0.0;  ///< standard deviation
-    bool known = false;        ///< false: nothing at all is known of the codelet
-    bool measured = false;     ///< from runs of this column; else from other units, at their speed
+    bool known = false;        ///< false: the codelet never ran anywhere
+    bool measured = false;     ///< true: from runs of this column; false: from runs on other units
   };
 
   /// All cells of one codelet.
   class Row
   {
   public:
-    /// From the cell itself, else from the nearest bucket of the column in proportion to the size, else in the same way
-    /// from the mean of the other columns.
+    /// From the cell; without one from the nearest bucket of the column, scaled by the size; without that likewise from
+    /// the mean of the other columns.
     Estimate predict(int bucket, Column column) const;
     /// Runs seen in this column, of any size.
     uint64_t samples(Column column) const;
@@ -72,23 +72,23 @@ public:
     double p95 = 0.0;
   };
 
-  /// Quarter octaves: sizes that differ by less than about 9 % share a bucket. Sizes <= 0 count as 1.
+  /// Buckets are quarter octaves: sizes within about 9 % share one. Sizes <= 0 count as 1.
   static int sizeBucket(double size);
 
-  /// The column of this name, made if need be.
+  /// The column of this name; adds it if it is new.
   Column column(const std::string& name);
   const std::vector<std::string>& columns() const { return columns_; }
-  /// The row of a codelet, made if need be; valid as long as the table.
+  /// The row of a codelet; adds it if it is new. Valid as long as the table.
   Row& row(const std::string& codelet);
-  /// Null if nothing was ever asked or learned of the codelet.
+  /// Null if the codelet has no row.
   const Row* find(const std::string& codelet) const;
 
   void record(Row& row, int bucket, Column column, double seconds);
-  /// Notes how good a prediction was.
+  /// Updates predictionError().
   void recordPrediction(double predicted_s, double real_s);
   PredictionError predictionError() const;
 
-  /// Sets one cell. @throws std::invalid_argument naming the field that is impossible.
+  /// Sets one cell. @throws std::invalid_argument naming the field that is out of bounds.
   void set(const Entry& entry);
   std::vector<Entry> entries() const;
   void clear();
@@ -98,7 +98,7 @@ public:
   void load(std::istream& input);
   /// Comma-separated text: codelet, bucket, column, count, mean [s], deviation [s].
   void save(std::ostream& output) const;
-  /// As above with a file. A missing file is an error of load; save replaces the file as a whole.
+  /// As above with a file. load() fails if the file is missing; save() replaces the whole file.
   /// @throws std::runtime_error naming the file.
   void load(const std::string& path);
   void save(const std::string& path) const;

@@ -16,10 +16,10 @@ enum class Outcome : uint8_t
 {
   OK,
   CANCELLED,         ///< by the caller, or because a task that it depends on did not end well
-  REFUSED,           ///< no unit can run it, or only at the cost of admitted deadlines
+  REFUSED,           ///< no unit can run it without breaking admitted deadlines
   BUILD_FAILED,      ///< its OpenCL program does not compile, and there is no other implementation
-  EXECUTION_FAILED,  ///< an OpenCL call refused its arguments, or its function threw
-  UNIT_FAILED,       ///< the unit broke down under it, and no other can take it
+  EXECUTION_FAILED,  ///< an OpenCL call failed, or its function threw
+  UNIT_FAILED,       ///< its unit failed, and no other unit can run it
   SHUT_DOWN,         ///< the runtime ended first
 };
 const char* toString(Outcome outcome);
@@ -62,21 +62,21 @@ public:
   /// "native", "opencl": column of the ETC table.
   virtual const char* name() const = 0;
   virtual bool supports(const Codelet& codelet) const = 0;
-  /// True if start() returns at once and completion comes from another thread: the submitting thread may then start.
+  /// True if start() returns at once and completion comes from another thread. The submitting thread then starts tasks.
   virtual bool asynchronous() const = 0;
   /// True if start() will not compile or move anything first.
   virtual bool ready(const Execution& execution) const = 0;
-  /// Compiles and loads. Takes its time. @throws OpenClError, std::invalid_argument
+  /// Compiles and loads; may take seconds. @throws OpenClError, std::invalid_argument
   virtual void prepare(const CodeletPtr& codelet) = 0;
   /// Begins an execution; completion is called exactly once, from any thread, perhaps before start() returns.
   virtual void start(const Execution& execution, Completion completion) = 0;
   /// The unit's memory if it is not the host's.
   virtual const MemorySpace* memory() const { return nullptr; }
-  /// Moves bytes to the unit and back and tells the bandwidth [B/s]; infinite where memory is shared. Takes a while.
+  /// Measures the bandwidth to the unit and back [B/s]; infinite where memory is shared.
   virtual double measureBandwidth() = 0;
 };
 
-/// The report for an exception that is being handled. Only inside a catch block.
+/// The report for the exception in flight. Call inside a catch block only.
 ExecutionReport reportOfCurrentException();
 
 }  // namespace pi_runtime

@@ -11,18 +11,18 @@
 namespace pi_runtime
 {
 
-/// How the inner-core scheduler plans the sub-tasks of an application that depend on each other.
+/// How the inner-core scheduler plans sub-tasks that depend on each other.
 enum class InnerCorePolicy
 {
-  /// π-Edge, section IV.C, as printed: the graph is cut into levels of independent nodes, each level is mapped with
-  /// Min-Min or Diff-Min, and begins when all nodes above it are done. Kept for comparison: the barrier costs 1-30 %.
+  /// π-Edge, section IV.C, as printed: the graph is cut into levels of independent nodes. Min-Min or Diff-Min maps each
+  /// level. A level begins when all nodes above it are done. For comparison only: this barrier costs 1-30 %.
   LEVELS,
   /// Topcuoglu, Hariri, Wu 2002, "Performance-effective and low-complexity task scheduling for heterogeneous
   /// computing": nodes by falling upward rank, each on the unit where it finishes first.
   HEFT,
   /// Bittencourt, Sakellariou, Madeira 2010, "DAG scheduling using a lookahead variant of the heterogeneous earliest
-  /// finish time algorithm": as HEFT, but each node goes where the last of its successors would finish first. Takes 2
-  /// to 7 times as long to plan; pays where transfers take as long as the work or longer.
+  /// finish time algorithm": as HEFT, but each node goes where the last of its successors would finish first. Planning
+  /// takes 2 to 7 times as long. Better than HEFT where transfers take at least as long as the work.
   LOOKAHEAD,
 };
 
@@ -52,14 +52,11 @@ struct InnerCoreOptions
   bool level_barrier = true;                           ///< as the paper; false: a node waits for its predecessors only
 };
 
-/// Plans one task graph after the other; keeps its working memory, so that a plan of a size seen before costs hardly
-/// any allocation.
+/// Plans task graphs. Keeps its working memory between plans to save allocations. Not thread safe.
 ///
 /// Deterministic. Ties go to the node that comes first in TaskGraph::topologicalOrder() and to the unit with the
-/// smallest number. Diff-Min breaks ties by the larger upward rank first, as its own key is the same for all nodes
-/// where the units are alike (π-Edge: at random).
-///
-/// Not thread safe; one object per thread.
+/// smallest number. Diff-Min breaks ties by the larger upward rank (π-Edge: at random), since its own key is the same
+/// for all nodes if the units are alike.
 class InnerCoreScheduler
 {
 public:
@@ -70,8 +67,9 @@ public:
 
   const InnerCoreOptions& options() const { return options_; }
 
-  /// @param etc        time of each node on each unit [s]; +infinity: the unit cannot run it. A node that no unit can
-  ///                   run makes the plan infeasible, which is a result and not an error.
+  /// @param etc        time of each node on each unit [s]; +infinity: the unit cannot run it. If no unit can run a
+  /// node,
+  ///                   the plan is infeasible; this is a result, not an error.
   /// @param transfers  between the units of `etc`.
   /// @param plan       overwritten; its memory is used again.
   /// @throws std::invalid_argument  sizes do not agree, no units, a time in `etc` that is not > 0, or a start time that
@@ -90,8 +88,8 @@ private:
   std::unique_ptr<Workspace> workspace_;
 };
 
-/// Communication to computation ratio: mean transfer time of an edge, over all pairs of different units, by the mean
-/// time of a node, over the units that can run it. 0 without edges or with one unit.
+/// Communication to computation ratio: mean transfer time of an edge (over all pairs of different units) divided by the
+/// mean time of a node (over the units that can run it). 0 without edges or with one unit.
 double communicationToComputation(const TaskGraph& graph, const EtcMatrix& etc, const TransferModel& transfers);
 
 /// LOOKAHEAD where communicationToComputation() >= 1, else HEFT.

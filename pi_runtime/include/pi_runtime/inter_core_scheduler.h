@@ -11,14 +11,15 @@
 namespace pi_runtime
 {
 
-/// How independent tasks are mapped to computing units. All heuristics map task by task; "completion" of task i on unit
-/// j is ct(t_i, c_j) = M(c_j) + ETC(t_i, c_j) (π-Edge, section IV.A), plus gamma / alpha * energy if energy counts.
+/// How independent tasks are mapped to computing units. All heuristics map task by task. The "completion" of task i on
+/// unit j is ct(t_i, c_j) = M(c_j) + ETC(t_i, c_j) (π-Edge, section IV.A), plus gamma / alpha * energy if energy
+/// counts.
 enum class InterCorePolicy
 {
   DIFF_MIN,   ///< π-Edge, steps (1)-(9): tasks by Div (eq. 1), then Sub (eq. 2); each to its smallest completion
-  MIN_MIN,    ///< again and again the pair of smallest completion (Ibarra and Kim 1977)
-  MAX_MIN,    ///< again and again the task whose smallest completion is largest
-  SUFFERAGE,  ///< again and again the task that loses most if it misses its best unit (Maheswaran et al. 1999)
+  MIN_MIN,    ///< repeatedly the pair with the smallest completion (Ibarra and Kim 1977)
+  MAX_MIN,    ///< repeatedly the task whose smallest completion is largest
+  SUFFERAGE,  ///< repeatedly the task that loses most without its best unit (Maheswaran et al. 1999)
   MCT,        ///< tasks in the order given, each to its smallest completion
   MET,        ///< each to the unit with the smallest ETC, whatever its load
   OLB,        ///< tasks in the order given, each to the unit that is available first, whatever its ETC
@@ -71,18 +72,17 @@ struct Assignment
   double makespan = 0.0;        ///< largest load
   double energy = 0.0;          ///< sum over the tasks, 0 without an energy matrix [J]
   double objective = 0.0;       ///< alpha * makespan + gamma * energy
-  /// SEARCH only: no mapping of these tasks has an objective below this (dual bound, see src/dual_bound.h); else 0.
+  /// SEARCH only: a lower bound of the objective of all mappings (src/scheduler/dual_bound.h); else 0.
   double lower_bound = 0.0;
   bool proven = false;  ///< SEARCH only: the mapping is known to be optimal
 };
 
-/// Maps metatasks to units and keeps its memory between calls: once grown to the largest problem it allocates nothing.
-/// A single task takes a short cut. Not thread safe.
+/// Maps metatasks to units. Keeps its memory between calls and then allocates nothing. Not thread safe.
 ///
-/// Deterministic for equal input, options and seed, except for SEARCH when the budget ends it. Among equal choices the
-/// task with the lowest number is taken, then the unit with the lowest number; Diff-Min draws the task by seed.
-/// MAX_MIN and SUFFERAGE choose among the 1024 tasks that rank first on idle units if there are more, since their exact
-/// form takes quadratic time.
+/// Deterministic for equal input, options and seed, except if the budget ends SEARCH. Ties go to the task with the
+/// lowest number, then to the unit with the lowest number; Diff-Min draws the task by seed. With more than 1024 tasks
+/// MAX_MIN and SUFFERAGE choose among the 1024 that rank first on idle units, since their exact form takes quadratic
+/// time.
 class InterCoreScheduler
 {
 public:
@@ -92,11 +92,11 @@ public:
   InterCoreScheduler& operator=(const InterCoreScheduler&) = delete;
 
   /// @param etc       tasks x units; tasks without a finite entry are refused.
-  /// @param available per unit the paper's mat(c_j), when it is done with earlier tasks, in the time unit of `etc`;
+  /// @param available per unit the paper's mat(c_j): end of its earlier tasks, in the time unit of `etc`;
   ///                  finite, >= 0. Empty: all zero.
   /// @param energy    energy of each task on each unit, same size as `etc` [J]; finite and >= 0 where `etc` is finite.
   ///                  nullptr: energy is not considered.
-  /// @param result    overwritten; keeping the object between calls saves its memory too.
+  /// @param result    overwritten; reuse the object to save allocations.
   /// @throws std::invalid_argument naming object, value and bound; `result` is then untouched.
   void schedule(const EtcMatrix& etc, const std::vector<double>& available, const InterCoreOptions& options,
                 const EtcMatrix* energy, Assignment* result);

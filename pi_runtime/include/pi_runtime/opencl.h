@@ -29,9 +29,9 @@ class OpenClError : public std::runtime_error
 public:
   OpenClError(const std::string& what_failed, cl_int code, std::string build_log = "");
   cl_int code() const { return code_; }
-  /// The compiler's words where a program did not build.
+  /// The compiler's output if a program did not build; else empty.
   const std::string& buildLog() const { return build_log_; }
-  /// True if the code says that the device itself is gone or unusable, and not that the call was wrong.
+  /// True if the code means that the device is lost, not that the call was wrong.
   bool deviceLost() const;
 
 private:
@@ -93,7 +93,7 @@ struct OpenClDeviceInfo
   uint64_t memory_bytes;
 };
 
-/// The usable devices of all platforms: in the order of the ICD loader; empty where OpenCL is not installed.
+/// The usable devices of all platforms, in the order of the ICD loader; empty without OpenCL.
 /// @param[out] problems  one line per platform or device that cannot be used, with the reason; may be null.
 std::vector<OpenClDeviceInfo> findOpenClDevices(std::vector<std::string>* problems);
 

@@ -38,10 +38,10 @@ struct LocalMemory
   size_t bytes;
 };
 
-/// What an OpenCL implementation is called with: its arguments as memory objects of the unit, and the unit's queue.
+/// The call of an OpenCL implementation: its arguments as memory objects of the unit, and the unit's queue.
 ///
-/// Kernels run in the order in which they are enqueued. Local sizes are given always: the first launch of a kernel with
-/// a new local size compiles it once more on PoCL (28 to 140 ms), so they are part of the implementation.
+/// Kernels run in the order in which they are enqueued. The local size must be given: PoCL compiles a kernel again for
+/// each new local size (28 to 140 ms).
 class OpenClCommand : public TaskArguments
 {
 public:
@@ -69,7 +69,7 @@ public:
   void enqueueAll(const std::string& kernel, const NdRange& range);
 
   cl_command_queue queue() const { return queue_; }
-  /// The event of the newest kernel, which is now the caller's to release; null if none was enqueued.
+  /// The event of the newest kernel, null if there is none. The caller must release it.
   cl_event takeLastEvent();
 
 private:

@@ -39,18 +39,18 @@ struct UnitStatus
   std::string failure;       ///< why, if failed
   size_t queued;             ///< tasks waiting
   size_t running;            ///< tasks handed to the unit
-  double load_s;             ///< until it is done with both, by the ETC table
-  double blocking_budget_s;  ///< longest uninterrupted stretch of batch work; infinite without streams
+  double load_s;             ///< expected time for queued and running tasks, by the ETC table
+  double blocking_budget_s;  ///< longest batch task (or slice) that it may take; infinite without streams
   uint64_t tasks;            ///< ended here
   uint64_t failures;
   uint64_t stolen;  ///< taken over from other units
   uint64_t deadline_tasks;
   uint64_t missed_deadlines;
   double busy_s;       ///< since the start
-  double utilisation;  ///< part of the time since the last call of units() that it was busy, 0..1
+  double utilisation;  ///< busy part of the time since the last call of units(), 0..1
 };
 
-/// A task that comes again and again, with a deadline that must hold.
+/// A periodic task whose deadline must hold.
 struct StreamRequest
 {
   std::string name;  ///< for messages
@@ -97,34 +97,34 @@ struct RuntimeStatistics
 
 /// Runs tasks on the computing units of this device: the paper's runtime layer (π-Edge, section IV).
 ///
-/// Each unit runs one task (or one slice) at a time. Tasks with deadlines go first (EDF); a unit on which streams are
-/// admitted takes no work that would hold it longer than their deadlines stand. Independent tasks are placed by the
-/// inter-core policy on the ETC table, graphs by the inner-core policy; an idle unit steals what would end earlier
-/// on it. A unit that fails leaves, its tasks go elsewhere.
+/// Each unit runs one task (or one slice) at a time. Tasks with deadlines go first (EDF). A unit with admitted streams
+/// takes no work that could break their deadlines. The inter-core policy places independent tasks by the ETC table, the
+/// inner-core policy places graphs. An idle unit steals tasks that it would finish earlier. If a unit fails, its tasks
+/// move to other units.
 ///
-/// Thread safe. The destructor cancels what has not begun and waits for what runs, callbacks included; what does not
-/// come back within the hang timeout keeps its memory.
+/// Thread safe. The destructor cancels tasks that have not begun, and waits for running tasks and their callbacks. A
+/// task that exceeds the hang timeout keeps its memory.
 class Runtime
 {
 public:
   /// Finds the units. @throws std::invalid_argument for impossible options, std::runtime_error if no unit is left.
   explicit Runtime(const RuntimeOptions& options = RuntimeOptions());
-  /// As above, but with executors of the caller's own beside or instead of the ones that options ask for.
+  /// As above, with further units of the caller.
   Runtime(const RuntimeOptions& options, std::vector<CustomUnit> units);
   ~Runtime();
   Runtime(const Runtime&) = delete;
   Runtime& operator=(const Runtime&) = delete;
 
-  /// The runtime that the nodelets of one process share: made by the first call, with its options; ends with the last
-  /// pointer.
+  /// The runtime that the nodelets of one process share. The first call makes it with its options; it ends with the
+  /// last pointer.
   static std::shared_ptr<Runtime> shared(const RuntimeOptions& options = RuntimeOptions());
 
-  /// Never blocks on the task. What is wrong with a request shows in the result (Outcome::REFUSED).
+  /// Does not wait for the task. An invalid request ends with Outcome::REFUSED.
   TaskHandle submit(TaskRequest request);
-  /// A metatask: independent tasks, placed together. The first to be started is not the first of the vector in general.
+  /// A metatask: independent tasks, placed together. They may start in any order.
   std::vector<TaskHandle> submitBatch(std::vector<TaskRequest> requests);
-  /// @return handles of the sub-tasks, in their order. Successors of a task that does not end well are cancelled.
-  /// @throws std::invalid_argument if the edges are no acyclic graph; nothing is submitted then.
+  /// If a sub-task does not end OK, its successors are cancelled. @return handles of the sub-tasks, in their order.
+  /// @throws std::invalid_argument if the edges form a cycle; nothing is submitted then.
   std::vector<TaskHandle> submitGraph(GraphRequest request);
 
   /// Reserves capacity for a stream of jobs with deadlines on the unit where it fits best.
@@ -133,13 +133,14 @@ public:
   void retire(StreamId id);
   std::vector<StreamStatus> streams() const;
 
-  /// Runs the task on every unit and executor that can, first once (compilation, caches), then `runs` times for the ETC
-  /// table. Blocks. The arguments' buffers are written as by any run.
+  /// Runs the task on every unit and executor that can: once to compile and fill caches, then `runs` times for the ETC
+  /// table. Blocks. Each run writes the buffers of the arguments.
   /// @return one result per unit and executor.
   std::vector<TaskResult> calibrate(const TaskRequest& request, int runs = 5);
 
   std::vector<UnitStatus> units() const;
-  /// Takes a unit out (its tasks go elsewhere) or brings a failed one back; one that hangs comes back when it answers.
+  /// Takes a unit out of use, or a failed unit back into use. Its tasks move to other units. A unit that hangs comes
+  /// back when it answers.
   /// @throws std::invalid_argument if unknown.
   void setUnitAvailable(const std::string& unit, bool available);
   RuntimeStatistics statistics() const;

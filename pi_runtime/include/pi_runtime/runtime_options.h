@@ -20,7 +20,7 @@ enum class LogLevel : uint8_t
   WARNING,
 };
 
-/// In which order a unit takes the tasks in its queue.
+/// The order in which a unit takes tasks from its queue.
 enum class QueueOrder : uint8_t
 {
   EDF,   ///< deadlines first, the earliest at the head; then priorities, then as planned
@@ -30,7 +30,7 @@ const char* toString(QueueOrder order);
 /// @throws std::invalid_argument listing the valid names.
 QueueOrder parseQueueOrder(const std::string& name);
 
-/// What differs from the defaults for one unit, by its name.
+/// Settings of one unit.
 struct UnitTuning
 {
   std::string unit;
@@ -49,10 +49,10 @@ struct RuntimeOptions
   bool native = true;      ///< CPU units run native functions
   bool opencl_cpu = true;  ///< CPU units run OpenCL (PoCL)
   bool opencl_gpu = true;  ///< GPUs and accelerators become units
-  /// Treats the memory of CPU units as if it were this. DIRECT is what it is; the others are for tests.
+  /// Memory model of CPU units. DIRECT is correct; the others are for tests.
   MemoryModel cpu_memory = MemoryModel::DIRECT;
-  /// Threads of CPU units, PoCL's among them, keep to their cores. Isolates better where other programs run; a wake-up
-  /// across cores takes longer than one that the kernel may place (measured: 16 instead of 8 us for submit and wait).
+  /// Pins the threads of CPU units, also PoCL's, to their cores. Isolates better from other programs, but a wake-up
+  /// across cores takes longer (measured: 16 instead of 8 us for submit and wait).
   bool pin_threads = false;
   /// Real-time priority (SCHED_FIFO) of the units' own threads; 0: none. Needs the right to it (CAP_SYS_NICE).
   int thread_priority = 0;
@@ -62,12 +62,12 @@ struct RuntimeOptions
   InnerCoreOptions inner_core;
   QueueOrder queue_order = QueueOrder::EDF;
   bool stealing = true;
-  /// A sliceable task that is expected to take longer is run in slices of about this.
+  /// A sliceable task with a longer expected time runs in slices of about this length.
   std::chrono::microseconds slice{5000};
-  /// Small OpenCL tasks are enqueued behind a running one while their expected times sum up to no more than this.
+  /// Small OpenCL tasks are enqueued behind a running task while their expected times add up to at most this.
   std::chrono::microseconds pipeline{200};
-  /// A unit whose task runs longer than this (six times this in a codelet's first run there, which may compile), and than
-  /// 20 times its prediction, has failed.
+  /// A unit has failed if its task runs longer than this and longer than 20 times its prediction. The first run of a
+  /// codelet on a unit may take six times this, since it may compile.
   std::chrono::milliseconds hang_timeout{10000};
   /// Share units with other processes of the user. @see UnitArbiter
   bool arbitration = true;
@@ -87,7 +87,7 @@ struct RuntimeOptions
   void validate() const;
 };
 
-/// A unit with executors of the caller's: accelerators that OpenCL does not know, fakes in tests.
+/// A unit with executors of the caller: an accelerator without OpenCL, a fake in a test.
 struct CustomUnit
 {
   std::string name;

@@ -31,7 +31,7 @@ struct TaskResult
   int64_t transfer_ns = 0;   ///< part of the run spent on moving buffers
   double predicted_s = 0.0;  ///< run time as the ETC table had it; 0 if it knew nothing
   uint32_t slices = 1;
-  bool stolen = false;  ///< it ran on another unit than it was first given to
+  bool stolen = false;  ///< ran on another unit than planned
 
   bool ok() const { return outcome == Outcome::OK; }
   bool missedDeadline() const { return deadline_ns != 0 && finished_ns > deadline_ns; }
@@ -42,24 +42,23 @@ struct TaskRequest
 {
   CodeletPtr codelet;
   std::vector<Argument> arguments;
-  uint64_t range = 1;  ///< what the codelet works through: rows, points, work items; > 0
+  uint64_t range = 1;  ///< number of rows, points or work items; > 0
   /// Amount of work, key into the ETC table beside the codelet's name; 0: range.
   double size = 0.0;
   /// After submission. Tasks with deadlines go first, the earliest at the head.
   std::optional<std::chrono::nanoseconds> deadline;
   int priority = 0;  ///< higher goes first among tasks without deadline, and among equal deadlines
-  /// An admitted stream that this task is a job of: its deadline is the stream's, unless the task has one.
+  /// The admitted stream of this job. Its deadline is the stream's, unless the task has one.
   StreamId stream = NO_STREAM;
-  std::string unit;  ///< must run there; empty: where it is best
-  /// Called once when the task has ended, without any lock, on the thread that ended it, which may be the one that
-  /// submits: it must not wait for tasks. It may submit others, but has to look at the outcome before it does so for
-  /// ever.
+  std::string unit;  ///< must run there; empty: the runtime chooses
+  /// Called once when the task has ended, without locks, on the thread that ended it (perhaps the submitting thread).
+  /// Must not wait for tasks. May submit tasks; check the outcome first, or failures may submit without end.
   std::function<void(const TaskResult&)> done;
 };
 
 struct TaskState;
 
-/// The future of a task; copies refer to the same task. Thread safe. Dropping it cancels nothing.
+/// The future of a task. Copies refer to the same task. Destruction does not cancel the task. Thread safe.
 class TaskHandle
 {
 public:
@@ -72,8 +71,8 @@ public:
   const TaskResult& wait() const;
   /// @return false if it has not ended within timeout.
   bool waitFor(std::chrono::nanoseconds timeout) const;
-  /// Takes the task back if it has not begun; a native function that runs can see it in NativeCall::cancelled(), a
-  /// sliced task ends after its slice. The task ends in any case.
+  /// Cancels the task if it has not begun. A running native function may poll NativeCall::cancelled(); a sliced task
+  /// ends after its slice.
   void cancel() const;
 
 private:
@@ -88,8 +87,8 @@ struct GraphRequest
   struct Edge
   {
     uint32_t from;       ///< index into tasks
-    uint32_t to;         ///< starts after from has ended well
-    double bytes = 0.0;  ///< handed over [B]; counts if the two run in different memories
+    uint32_t to;         ///< starts after `from` ended OK
+    double bytes = 0.0;  ///< data handed over [B]; cost time between different memories
   };
   std::vector<TaskRequest> tasks;  ///< deadlines count from the submission of the graph
   std::vector<Edge> edges;

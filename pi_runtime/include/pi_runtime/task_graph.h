@@ -8,8 +8,7 @@
 namespace pi_runtime
 {
 
-/// A directed acyclic graph of sub-tasks, numbered 0 to nodes() - 1. It cannot be changed once made, so it may be read
-/// from any number of threads.
+/// A directed acyclic graph of sub-tasks, numbered 0 to nodes() - 1. Immutable, so any thread may read it.
 class TaskGraph
 {
 public:
@@ -62,11 +61,11 @@ public:
     return {successors_.data() + successors_begin_[node], successors_.data() + successors_begin_[node + 1]};
   }
 
-  /// All nodes, predecessors first; one level after the other. Depends on nothing but nodes and edges as given.
+  /// All nodes, level by level, so predecessors come first. Depends only on nodes and edges as given.
   const std::vector<uint32_t>& topologicalOrder() const { return order_; }
 
-  /// Edges on the longest way from a node without predecessors: 0 for those. The nodes of a level do not depend on each
-  /// other, and each node of a level > 0 has a predecessor in the level above.
+  /// Number of edges on the longest path from a node without predecessors. Nodes of one level do not depend on each
+  /// other; each node of a level > 0 has a predecessor in the level above.
   uint32_t level(uint32_t node) const { return levels_[node]; }
   uint32_t levels() const { return order_.empty() ? 0 : levels_[order_.back()] + 1; }
 
@@ -92,7 +91,7 @@ public:
   /// @return number of the new node: 0, 1, 2, ...
   uint32_t addNode() { return nodes_++; }
 
-  /// @param bytes  data handed over [B]; 0: only the order matters. What is wrong with an edge, build() tells.
+  /// @param bytes  data handed over [B]; 0: only the order matters. build() checks the edges.
   void addEdge(uint32_t from, uint32_t to, double bytes = 0) { edges_.push_back({from, to, bytes}); }
 
   /// @throws std::invalid_argument  as the constructor of TaskGraph.

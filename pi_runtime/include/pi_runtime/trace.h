@@ -20,34 +20,34 @@ enum class TaskOutcome : uint8_t
   CANCELLED,
 };
 
-/// What became of one task, or of one slice of a task that ran in slices. All times are of the steady clock.
+/// The record of one task, or of one slice of a sliced task. All times are of the steady clock.
 struct TaskTrace
 {
   uint64_t task = 0;                ///< number of the task, the same in all its slices
-  std::string_view codelet;         ///< what was to be done, such as "detect"
-  std::string_view implementation;  ///< which program did it, such as "detect.cl"
+  std::string_view codelet;         ///< name, such as "detect"
+  std::string_view implementation;  ///< program that ran, such as "detect.cl"
   uint32_t unit = 0;                ///< computing unit that ran it
   uint32_t slice = 0;               ///< in [0, slices)
   uint32_t slices = 1;
   int64_t submitted_ns = 0;  ///< when the runtime got it
-  int64_t queued_ns = 0;     ///< when it had nothing left to wait for but the unit
+  int64_t queued_ns = 0;     ///< when it waited only for the unit
   int64_t started_ns = 0;    ///< when it began to run, its data in place; 0 if it never ran
   int64_t transfer_ns = 0;   ///< duration of the transfer of its data that ended at started_ns
   int64_t finished_ns = 0;
   int64_t deadline_ns = 0;  ///< 0: none
   TaskOutcome outcome = TaskOutcome::OK;
   bool stolen = false;     ///< ran on another unit than the one planned
-  double predicted_s = 0;  ///< duration of the run that the scheduler expected [s]; 0: unknown
+  double predicted_s = 0;  ///< expected duration of the run [s]; 0: unknown
 
   bool ran() const { return started_ns != 0; }
-  /// A task that did not end well after its deadline counts as late as well.
+  /// Also true for a task that failed after its deadline.
   bool missedDeadline() const { return deadline_ns != 0 && finished_ns > deadline_ns; }
 };
 
 /// Keeps the newest records in bounded memory. All methods may be called from any thread.
 ///
-/// A recorder that is off costs one load per record. One that is on copies the record, and the names only when it
-/// meets them for the first time: in the steady state it allocates nothing.
+/// If disabled, a record costs one load. If enabled, it is copied; names are copied when they are new, so that nothing
+/// is allocated in the steady state.
 class TraceRecorder
 {
 public:
@@ -71,11 +71,11 @@ public:
 
   /// The records kept, oldest first. Their names live as long as the recorder.
   std::vector<TaskTrace> snapshot() const;
-  /// Records that newer ones have pushed out.
+  /// Number of records overwritten by newer ones.
   uint64_t dropped() const;
   /// Forgets the records and the count of dropped ones. Names stay.
   void clear();
-  /// Keeps at least so many records from then on, and is enabled.
+  /// Keeps at least `capacity` records from now on, and enables the recorder.
   void keepAtLeast(size_t capacity);
 
 private:
@@ -91,9 +91,9 @@ private:
   std::set<std::string, std::less<>> names_;
 };
 
-/// Writes records as Chrome trace events (Trace Event Format, JSON object form), for ui.perfetto.dev, chrome://tracing
-/// and draw_gantt. Each unit is a thread; "X" events are the transfer and the run of a task, with all fields of
-/// the record as arguments of the latter; "b" and "e" events are its wait for the unit; tasks that never ran are "i".
+/// Writes records as Chrome trace events (Trace Event Format, JSON object form) for ui.perfetto.dev, chrome://tracing
+/// and draw_gantt. Each unit is a thread. "X" events are the transfer and the run of a task; the run has all fields of
+/// the record as arguments. "b" and "e" events are the wait for the unit. A task that never ran is an "i" event.
 /// @param units  names by unit number; units without a name are called "unit <number>".
 void writeChromeTrace(std::ostream& stream, const std::vector<TaskTrace>& records,
                       const std::vector<std::string>& units);

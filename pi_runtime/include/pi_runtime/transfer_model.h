@@ -14,11 +14,9 @@ struct TransferLink
   double bandwidth = std::numeric_limits<double>::infinity();  ///< [B/s], > 0; infinite: both share one memory
 };
 
-/// How long it takes until one computing unit has the result of another: latency + bytes / bandwidth, per ordered pair
-/// of units. Inside a unit it takes no time, nor between units with the same memory (latency 0, bandwidth infinite).
-/// An edge without bytes still takes the latency, as the other unit has to be told.
-///
-/// Reading is safe from any number of threads while nobody changes it.
+/// Time until one computing unit has the result of another: latency + bytes / bandwidth, per ordered pair of units. 0
+/// inside a unit and between units with the same memory. An edge without bytes takes the latency of the notification.
+/// Any number of threads may read while none writes.
 class TransferModel
 {
 public:
@@ -39,8 +37,7 @@ public:
     return latency_[i] + bytes * seconds_per_byte_[i];
   }
 
-  /// The mean of time() over all ordered pairs of different units is latency + bytes * seconds_per_byte; 0 with less
-  /// than two units. (The mean of 1 / bandwidth, not one over the mean: it is exact, and finite for shared memory.)
+  /// Mean of time() over all ordered pairs of different units: latency + bytes * seconds_per_byte; 0 with one unit.
   struct Mean
   {
     double latency = 0.0;           ///< [s]

@@ -30,7 +30,7 @@ struct BlobColours
   int32_t fill;     ///< grey level of the bars, 0 to 255
 };
 
-/// Where the picture lies in the network input [px]; what is outside is bars.
+/// Where the picture lies in the network input [px]; the rest is bars.
 struct BlobContent
 {
   int32_t x;
@@ -40,18 +40,18 @@ struct BlobContent
 };
 BlobContent blobContent(const BlobGeometry& geometry);
 
-/// Which source pixels, with which weights, make each column and row: made once per geometry, shared by all tasks of
-/// it. Content, int32, with columns = width rounded up to 16: offset of the left pixel in its row [bytes] (columns),
-/// its weight in the low half and its right neighbour's in the high half (columns), upper row (height), lower row
-/// (height), weights likewise (height). Weights are 2048ths, rounded as cv::resize does.
+/// Source pixels and weights of each column and row. Make it once per geometry; tasks share it. Content, int32, with
+/// columns = width rounded up to 16: offset of the left pixel in its row [bytes] (columns), its weight in the low half
+/// and its right neighbour's in the high half (columns), upper row (height), lower row (height), weights likewise
+/// (height). Weights are 2048ths, rounded as cv::resize does.
 /// @throws std::invalid_argument naming the field that is out of its bounds.
 BufferPtr makeBlobPlan(const BlobGeometry& geometry);
 size_t blobPlanBytes(const BlobGeometry& geometry);
 
-/// "blob": resizes an image, and makes planes of (value - mean) * scale of it (HWC to CHW), as cv::dnn::blobFromImage
-/// does with ddepth CV_32F. Resized grey levels are integers: the fixed-point scheme of cv::resize(INTER_LINEAR), bit
-/// for bit, except that OpenCV averages areas where the image is exactly twice as large (at most 1 level apart). Both
-/// implementations give the same bits. Range: rows of the destination; sliceable.
+/// "blob": resizes an image and makes planes of (value - mean) * scale (HWC to CHW), as cv::dnn::blobFromImage does
+/// with ddepth CV_32F. Resized grey levels equal those of cv::resize(INTER_LINEAR) bit for bit, except if the image is
+/// exactly twice as large: OpenCV then averages areas (at most 1 level apart). Both implementations give the same bits.
+/// Range: rows of the destination; sliceable.
 ///   0 in   source, uint8, source_height rows
 ///   1 in   plan, of makeBlobPlan() for the same geometry
 ///   2 out  destination, channels * height * width of float or binary16

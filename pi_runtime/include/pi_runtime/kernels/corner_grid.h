@@ -23,12 +23,12 @@ struct CornerGrid
   void validate() const;
 };
 
-/// Corners spread evenly over the image: the strongest of each cell first, then the second strongest of each, and so
-/// on, as far as there is room; of the same rank the stronger first (ties: the order in the list). Points that are
-/// there already take up room, but are not moved.
-/// @param corners  `count` ones inside the image, in any order.
-/// @param existing  points that corners keep away from, as those of features being tracked; those outside of the image
-///                  count as if they were in the nearest cell.
+/// Spreads corners evenly over the image: first the strongest corner of each cell, then the second strongest, and so on
+/// while there is room. Within a rank the stronger corner goes first (ties: by the order in the list). Existing points
+/// take up room.
+/// @param corners  `count` corners inside the image, in any order.
+/// @param existing  points that corners keep their distance from, for example tracked features; points outside of the
+///                  image count for the nearest cell.
 /// @return the corners chosen: at most max_points - existing.size(), in the order of choice.
 /// @throws std::invalid_argument if the grid is not valid, or a corner lies outside of the image.
 std::vector<Corner> selectGridCorners(const Corner* corners, size_t count, const CornerGrid& grid,

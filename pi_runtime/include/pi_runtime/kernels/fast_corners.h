@@ -17,9 +17,9 @@ struct Corner
 };
 
 /// FAST-9 corners (Rosten & Drummond 2006): pixels for which at least 9 neighbouring pixels of the circle of 16 pixels
-/// around them are all brighter than the pixel by more than the threshold, or all darker. Of these the ones with a
-/// score above that of all 8 neighbours. The same corners and scores as cv::FAST with TYPE_9_16 and non-maximum
-/// suppression. Pixels less than 3 away from the border are none.
+/// around them are all brighter than the pixel by more than the threshold, or all darker. Only corners with a score
+/// above that of all 8 neighbours are kept. Same corners and scores as cv::FAST with TYPE_9_16 and non-maximum
+/// suppression. Pixels less than 3 px from the border are no corners.
 /// @param image  8 bit, one channel, at most 65535 wide and high.
 /// @param threshold  0 to 254.
 /// @param corners  the first `capacity` ones, ordered by row, then column.
@@ -41,7 +41,7 @@ size_t fastCornersWorkBytes(int width, int height);
 
 /// fast_corners: findFastCorners() as a task. Range: 1. Both implementations give the same list.
 ///   0  in   image, height rows of stride bytes
-///   1  out  Corner[capacity]; those behind the ones found are left alone
+///   1  out  Corner[capacity]; elements behind the found ones stay unchanged
 ///   2  out  uint32_t: number of corners found, perhaps above capacity
 ///   3  out  working memory, max(1, fastCornersWorkBytes(width, height)); content undefined afterwards
 ///   4       FastCornersShape

@@ -38,8 +38,9 @@ struct TrackOptions
 /// Thread safe on different slices of the points. Allocates nothing.
 /// @param previous_pyramid,next_pyramid  layout.bytes each.
 /// @param previous  points in the first image [px].
-/// @param[in,out] next  guesses where they are in the second image, as the same points where nothing is known; replaced
-///                      by the positions found (of lost points: by the last estimate).
+/// @param[in,out] next  guesses of the positions in the second image (without a better guess: the same points);
+/// replaced
+///                      by the positions found (for lost points: the last estimate).
 /// @param[out] status  1: tracked, 0: lost (out of the image, no texture, or not a number).
 /// @param[out] residual  mean absolute difference of the windows [grey levels]; 0 for lost points.
 /// @param begin,end  points to track.
@@ -47,8 +48,8 @@ void trackPoints(const uint8_t* previous_pyramid, const uint8_t* next_pyramid, c
                  const Point2f* previous, Point2f* next, uint8_t* status, float* residual, size_t begin, size_t end);
 
 /// track_points: trackPoints() as a task. Range: the points; sliceable. Sums over windows are exact in both
-/// implementations; where the few float operations behind them round alike, as on x86-64, results are the same, else
-/// they differ by about 0.001 px, and by the status of border-line points.
+/// implementations. Results are equal where float operations round alike, as on x86-64. Elsewhere they differ by about
+/// 0.001 px, and border-line points may differ in their status.
 ///   0  in     previous pyramid, PyramidLayout(width, height, levels).bytes, as from image_pyramid
 ///   1  in     next pyramid, likewise
 ///   2  in     previous points, Point2f[range]

@@ -66,8 +66,8 @@ struct PyramidShape
 ///   2       PyramidShape
 CodeletPtr pyramidDownCodelet();
 
-/// image_pyramid: buildPyramid() as a task. Range: 1. Both implementations give the same bytes (those between the rows
-/// and behind the last level are left alone).
+/// image_pyramid: buildPyramid() as a task. Range: 1. Both implementations give the same bytes. Bytes between the
+/// rows and behind the last level stay unchanged.
 ///   0  in   image, height rows of source_stride bytes
 ///   1  out  pyramid, PyramidLayout(width, height, levels).bytes
 ///   2       PyramidShape

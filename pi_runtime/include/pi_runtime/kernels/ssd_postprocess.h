@@ -45,7 +45,7 @@ std::vector<SsdBoxSize> ssdBoxSizes(float scale, float next_scale, const std::ve
 /// @throws std::invalid_argument naming a feature map without cells or boxes.
 std::vector<SsdPrior> makeSsdPriors(const std::vector<SsdFeatureMap>& maps, bool clip);
 
-/// What a confidence becomes before it is a score, and other choices: bits of SsdShape::flags.
+/// How scores are made of confidences, and other choices: bits of SsdShape::flags.
 enum SsdFlags : int32_t
 {
   SSD_RAW = 0,             ///< confidences are scores
@@ -89,7 +89,7 @@ struct SsdDetection
   float y2;
 };
 
-/// Memory for intermediate results; its content means nothing afterwards.
+/// Size of the memory for intermediate results [B].
 size_t ssdWorkBytes(const SsdShape& shape);
 
 /// Detections of an SSD network: (1) scores of the confidences, (2) per class the top_k candidates not below the
@@ -105,13 +105,13 @@ int postprocessSsd(const float* locations, const float* confidences, const SsdPr
                    const SsdVariances& variances, void* work, SsdDetection* detections);
 
 /// "ssd_postprocess": postprocessSsd() above. Range: 1. Both implementations give the same bits on devices that divide
-/// floats with correct rounding (CPUs do); elsewhere scores may differ in the last two bits, and with them the order of
-/// equal ones. Steps 3 to 5 are one work item on the device, as it is sequential.
+/// floats with correct rounding (CPUs do). Elsewhere scores may differ in the last two bits, and so may the order of
+/// equal scores. Steps 3 to 5 are sequential: one work item on the device.
 ///   0 in   locations, float, priors * 4
 ///   1 in   confidences, float, priors * classes
 ///   2 in   SsdPrior, priors
 ///   3 out  work, ssdWorkBytes()
-///   4 out  SsdDetection, keep_top_k; those behind the ones found are left alone
+///   4 out  SsdDetection, keep_top_k; elements behind the found ones stay unchanged
 ///   5 out  int32: number of detections
 ///   6      SsdShape
 ///   7      SsdVariances
