@@ -4,11 +4,11 @@
 // The three take turns picture by picture, in an order that rotates; a second network (--other) takes part likewise.
 // Wall time is what the user waits; processor time counts all threads and is disturbed less by other programs.
 
-#include "ros/default_model.h"
 #include <pi_detect/ssd_detector.h>
+#include <pi_node/command_line.h>
+#include "ros/default_model.h"
 
 #include <algorithm>
-#include <boost/program_options.hpp>
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
@@ -221,34 +221,19 @@ int main(int argc, char** argv)
   int rounds = 5;
   std::vector<std::string> inputs;
   DetectorOptions detector;
-  po::options_description options("bench_detect [options] PICTURE_FOLDER_OR_VIDEO...");
-  auto add = options.add_options();
-  add("help", "prints this");
-  add("model", po::value(&model)->default_value(defaultModel()), "description of the network");
-  add("other", po::value(&other), "a second network, for comparison");
-  add("target", po::value(&target)->default_value(target), "of SsdDetector: cpu, opencl or opencl_fp16");
-  add("threads", po::value(&detector.threads)->default_value(0, "all cores"), "of OpenCV, for all of them");
-  add("rounds", po::value(&rounds)->default_value(rounds), "over the pictures");
-  add("inputs", po::value(&inputs)->required(), "pictures, folders, videos");
-  po::positional_options_description positional;
-  positional.add("inputs", -1);
-  try
-  {
-    po::variables_map values;
-    po::store(po::command_line_parser(argc, argv).options(options).positional(positional).run(), values);
-    if (values.count("help") != 0)
-    {
-      std::cout << options;
-      return EXIT_SUCCESS;
-    }
-    po::notify(values);
-    detector.target = parseTarget(target);
-    run(model, other, detector, rounds, inputs);
-    return EXIT_SUCCESS;
-  }
-  catch (const std::exception& error)
-  {
-    std::cerr << "bench_detect: " << error.what() << "\n";
-    return EXIT_FAILURE;
-  }
+  pi_node::CommandLine options("bench_detect [options] PICTURE_FOLDER_OR_VIDEO...");
+  options.add("model", po::value(&model)->default_value(defaultModel()), "description of the network");
+  options.add("other", po::value(&other), "a second network, for comparison");
+  options.addValue("target", &target, "of SsdDetector: cpu, opencl or opencl_fp16");
+  options.add("threads", po::value(&detector.threads)->default_value(0, "all cores"), "of OpenCV, for all of them");
+  options.addValue("rounds", &rounds, "over the pictures");
+  options.addPositional("inputs", &inputs, "no picture, folder or video is named; see --help");
+  return pi_node::runTool(
+      "bench_detect", [&] { return options.parse(argc, argv); },
+      [&]
+      {
+        detector.target = parseTarget(target);
+        run(model, other, detector, rounds, inputs);
+        return EXIT_SUCCESS;
+      });
 }

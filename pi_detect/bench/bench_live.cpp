@@ -5,15 +5,15 @@
 // of dnn_detect_recipe, the usual way to write such a node. Starts a master of its own.
 
 #include <pi_detect/Detection2DArray.h>
-#include "ros/default_model.h"
+#include <pi_node/command_line.h>
 #include <ros/ros.h>
 #include <sensor_msgs/Image.h>
 #include <spawn.h>
 #include <sys/wait.h>
 #include <unistd.h>
+#include "ros/default_model.h"
 
 #include <algorithm>
-#include <boost/program_options.hpp>
 #include <chrono>
 #include <csignal>
 #include <cstdio>
@@ -41,7 +41,7 @@ namespace
 namespace po = boost::program_options;
 using Clock = std::chrono::steady_clock;
 
-struct CommandLine
+struct Arguments
 {
   std::string video;
   std::string model;
@@ -123,7 +123,7 @@ private:
   pid_t pid_ = -1;
 };
 
-std::vector<sensor_msgs::ImagePtr> readPictures(const CommandLine& line)
+std::vector<sensor_msgs::ImagePtr> readPictures(const Arguments& line)
 {
   cv::VideoCapture video(line.video);
   std::vector<sensor_msgs::ImagePtr> pictures;
@@ -183,7 +183,7 @@ private:
   size_t objects_ = 0;
 };
 
-Round measure(const CommandLine& line, const std::string& program, const std::vector<sensor_msgs::ImagePtr>& pictures)
+Round measure(const Arguments& line, const std::string& program, const std::vector<sensor_msgs::ImagePtr>& pictures)
 {
   ros::NodeHandle node;
   Detections detections;
@@ -266,7 +266,7 @@ void print(const std::string& program, const Round& round)
   std::fflush(stdout);
 }
 
-void run(const CommandLine& line, int argc, char** argv)
+void run(const Arguments& line, int argc, char** argv)
 {
   setenv("ROS_MASTER_URI", ("http://localhost:" + std::to_string(line.port)).c_str(), 1);
   const Process master({"rosrun", "pi_os_transport", "pi_core", "-p", std::to_string(line.port)});
@@ -311,38 +311,24 @@ void run(const CommandLine& line, int argc, char** argv)
 
 int main(int argc, char** argv)
 {
-  CommandLine line;
-  po::options_description options("bench_live [options] VIDEO");
-  auto add = options.add_options();
-  add("help", "prints this");
-  add("model", po::value(&line.model)->default_value(pi_detect::defaultModel()), "description of the network");
-  add("rate", po::value(&line.rate_hz)->default_value(line.rate_hz), "of pictures [Hz]");
-  add("duration", po::value(&line.duration_s)->default_value(line.duration_s), "of a round [s]");
-  add("rounds", po::value(&line.rounds)->default_value(line.rounds), "of each node");
-  add("width", po::value(&line.width)->default_value(line.width), "of pictures [px]");
-  add("height", po::value(&line.height)->default_value(line.height), "of pictures [px]");
-  add("port", po::value(&line.port)->default_value(line.port), "of the master that is started");
-  add("recipe", po::bool_switch(&line.recipe), "compare with dnn_detect_recipe");
-  add("parameter", po::value(&line.parameters)->composing(), "_NAME:=VALUE for the node; may be repeated");
-  add("video", po::value(&line.video)->required(), "what the camera sees");
-  po::positional_options_description positional;
-  positional.add("video", 1);
-  try
-  {
-    po::variables_map values;
-    po::store(po::command_line_parser(argc, argv).options(options).positional(positional).run(), values);
-    if (values.count("help") != 0)
-    {
-      std::cout << options;
-      return EXIT_SUCCESS;
-    }
-    po::notify(values);
-    run(line, argc, argv);
-    return EXIT_SUCCESS;
-  }
-  catch (const std::exception& error)
-  {
-    std::cerr << "bench_live: " << error.what() << "\n";
-    return EXIT_FAILURE;
-  }
+  Arguments line;
+  line.model = pi_detect::defaultModel();
+  pi_node::CommandLine options("bench_live [options] VIDEO");
+  options.addValue("model", &line.model, "description of the network");
+  options.addValue("rate", &line.rate_hz, "of pictures [Hz]");
+  options.addValue("duration", &line.duration_s, "of a round [s]");
+  options.addValue("rounds", &line.rounds, "of each node");
+  options.addValue("width", &line.width, "of pictures [px]");
+  options.addValue("height", &line.height, "of pictures [px]");
+  options.addValue("port", &line.port, "of the master that is started");
+  options.addFlag("recipe", &line.recipe, "compare with dnn_detect_recipe");
+  options.add("parameter", po::value(&line.parameters)->composing(), "_NAME:=VALUE for the node; may be repeated");
+  options.addPositional("video", &line.video, "no video is named; see --help");
+  return pi_node::runTool(
+      "bench_live", [&] { return options.parse(argc, argv); },
+      [&]
+      {
+        run(line, argc, argv);
+        return EXIT_SUCCESS;
+      });
 }

@@ -392,37 +392,47 @@ struct CommandRecognizer::Impl
       evidence.filler_margin = WORD_SCALE * margin(score, words.filler);
       evidence.background_margin = WORD_SCALE * margin(score, words.background);
     }
+    recognition->confidence = 1.0;
     if (confidence)
     {
-      const SphinxHypothesis& hypothesis = hypotheses[best];
-      const auto ratio = [&](double other) { return (scores[best] - other) / framesOf(hypothesis); };
-      if (first_garbage_grammar != 0)
-      {
-        evidence.garbage_ratio = ratio(scoreOf(sphinx->find(first_garbage_grammar)));
-        evidence.talk_ratio = ratio(scoreOf(sphinx->find(first_garbage_grammar + 1)));
-      }
-      evidence.phone_ratio = ratio(scoreOf(sphinx->findPhones()));
-      evidence.word_score = wordScoreOf(hypothesis);
+      compareBySphinx(hypotheses[best], scores[best], &evidence);
       recognition->confidence = confidence->confidence(evidence);
     }
-    else
+    judge(candidate, recognition);
+  }
+
+  /// Compares a candidate with other speech.
+  void compareBySphinx(const SphinxHypothesis& hypothesis, double score, Evidence* evidence)
+  {
+    const auto ratio = [&](double other) { return (score - other) / framesOf(hypothesis); };
+    if (first_garbage_grammar != 0)
     {
-      recognition->confidence = 1.0;
+      evidence->garbage_ratio = ratio(scoreOf(sphinx->find(first_garbage_grammar)));
+      evidence->talk_ratio = ratio(scoreOf(sphinx->find(first_garbage_grammar + 1)));
     }
+    evidence->phone_ratio = ratio(scoreOf(sphinx->findPhones()));
+    evidence->word_score = wordScoreOf(hypothesis);
+  }
+
+  /// Accepts a candidate or says why not.
+  void judge(const Command& candidate, Recognition* recognition) const
+  {
+    const double speech_s = recognition->evidence.speech_s;
+    const double most_s = LEAST_COMMAND_S + MORE_PER_WORD_S * recognition->evidence.words;
+    const double threshold = candidate.threshold > 0.0 ? candidate.threshold : options.threshold;
     if (options.mode == RecognitionMode::CLOSED)
     {
       recognition->accepted = true;
-      return;
     }
-    const double most_s = LEAST_COMMAND_S + MORE_PER_WORD_S * evidence.words;
-    if (speech_s > most_s)
+    else if (speech_s > most_s)
     {
       recognition->reason = "too long for it: " + number(speech_s) + " s of speech, " + number(most_s) + " s at most";
-      return;
     }
-    const double threshold = candidate.threshold > 0.0 ? candidate.threshold : options.threshold;
-    recognition->accepted = recognition->confidence >= threshold;
-    if (!recognition->accepted)
+    else if (recognition->confidence >= threshold)
+    {
+      recognition->accepted = true;
+    }
+    else
     {
       recognition->reason = "confidence " + number(recognition->confidence) + " below " + number(threshold);
     }

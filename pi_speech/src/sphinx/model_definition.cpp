@@ -92,6 +92,97 @@ bool isIndex(int64_t value, int64_t count)
   return value >= 0 && value < count;
 }
 
+using Counts = std::array<int32_t, COUNTS>;
+
+constexpr char TOO_SHORT[] = "it is too short";
+
+std::string problemOfCounts(const Counts& counts)
+{
+  for (const Count which : {CI_PHONES, PHONES, CI_SENONES, SENONES, TRANSITION_MATRICES, SEQUENCES})
+  {
+    if (counts[which] <= 0)
+    {
+      return "it has no phones or states";
+    }
+  }
+  const bool fit = counts[STATES] >= 0 && counts[TREE_NODES] >= 0 && counts[CI_PHONES] <= counts[PHONES] &&
+                   counts[CI_SENONES] <= counts[SENONES] && isIndex(counts[SILENCE], counts[CI_PHONES]);
+  return fit ? "" : "its numbers of phones and states do not fit together";
+}
+
+/// Names of phones, padded to 4 bytes.
+std::string problemOfNames(const Counts& counts, Bytes* bytes)
+{
+  const size_t begin = bytes->position();
+  for (int32_t i = 0; i < counts[CI_PHONES]; ++i)
+  {
+    if (!bytes->skipText())
+    {
+      return TOO_SHORT;
+    }
+  }
+  return bytes->skip(static_cast<int64_t>((4 - (bytes->position() - begin) % 4) % 4)) ? "" : TOO_SHORT;
+}
+
+std::string problemOfTree(const Counts& counts, Bytes* bytes)
+{
+  for (int32_t i = 0; i < counts[TREE_NODES]; ++i)
+  {
+    const std::optional<TreeNode> node = bytes->next<TreeNode>();
+    if (!node)
+    {
+      return TOO_SHORT;
+    }
+    const int64_t target = node->first_child_or_phone;
+    const bool good = node->children > 0 ? target >= 0 && target + node->children <= counts[TREE_NODES]
+                                         : target >= -1 && target < counts[PHONES];
+    if (!good)
+    {
+      return "its tree of phones points outside of it";
+    }
+  }
+  return "";
+}
+
+std::string problemOfPhones(const Counts& counts, Bytes* bytes)
+{
+  for (int32_t i = 0; i < counts[PHONES]; ++i)
+  {
+    const std::optional<PhoneEntry> phone = bytes->next<PhoneEntry>();
+    if (!phone)
+    {
+      return TOO_SHORT;
+    }
+    if (!isIndex(phone->sequence, counts[SEQUENCES]) || !isIndex(phone->transition_matrix, counts[TRANSITION_MATRICES]))
+    {
+      return "phone " + std::to_string(i) + " has states that do not exist";
+    }
+  }
+  return "";
+}
+
+std::string problemOfSequences(const Counts& counts, Bytes* bytes)
+{
+  const std::optional<int32_t> states = bytes->next<int32_t>();
+  if (!states || *states < int64_t{counts[SEQUENCES]} * counts[STATES])
+  {
+    return TOO_SHORT;
+  }
+  for (int32_t i = 0; i < *states; ++i)
+  {
+    const std::optional<uint16_t> senone = bytes->next<uint16_t>();
+    if (!senone)
+    {
+      return TOO_SHORT;
+    }
+    if (*senone >= counts[SENONES])
+    {
+      return "a sequence has a state that does not exist";
+    }
+  }
+  return "";
+}
+
 }  // namespace
 
 std::string problemOfModelDefinition(const std::string& path)
@@ -103,88 +194,23 @@ std::string problemOfModelDefinition(const std::string& path)
   {
     return "";
   }
-  const std::string too_short = "it is too short";
   const std::optional<int32_t> version = bytes.next<int32_t>();
   const std::optional<int32_t> description = bytes.next<int32_t>();
   if (!version || !description || !bytes.skip(*description))
   {
-    return too_short;
+    return TOO_SHORT;
   }
-  const std::optional<std::array<int32_t, COUNTS>> counts = bytes.next<std::array<int32_t, COUNTS>>();
+  const std::optional<Counts> counts = bytes.next<Counts>();
   if (!counts)
   {
-    return too_short;
+    return TOO_SHORT;
   }
-  const auto count = [&counts](Count which) { return static_cast<int64_t>((*counts)[which]); };
-  for (const Count which : {CI_PHONES, PHONES, CI_SENONES, SENONES, TRANSITION_MATRICES, SEQUENCES})
+  std::string problem = problemOfCounts(*counts);
+  for (const auto part : {problemOfNames, problemOfTree, problemOfPhones, problemOfSequences})
   {
-    if (count(which) <= 0)
-    {
-      return "it has no phones or states";
-    }
+    problem = problem.empty() ? part(*counts, &bytes) : problem;
   }
-  if (count(STATES) < 0 || count(TREE_NODES) < 0 || count(CI_PHONES) > count(PHONES) ||
-      count(CI_SENONES) > count(SENONES) || !isIndex(count(SILENCE), count(CI_PHONES)))
-  {
-    return "its numbers of phones and states do not fit together";
-  }
-  const size_t names = bytes.position();
-  for (int64_t i = 0; i < count(CI_PHONES); ++i)
-  {
-    if (!bytes.skipText())
-    {
-      return too_short;
-    }
-  }
-  if (!bytes.skip(static_cast<int64_t>((4 - (bytes.position() - names) % 4) % 4)))
-  {
-    return too_short;
-  }
-  for (int64_t i = 0; i < count(TREE_NODES); ++i)
-  {
-    const std::optional<TreeNode> node = bytes.next<TreeNode>();
-    if (!node)
-    {
-      return too_short;
-    }
-    const int64_t target = node->first_child_or_phone;
-    const bool good = node->children > 0 ? target >= 0 && target + node->children <= count(TREE_NODES)
-                                         : target >= -1 && target < count(PHONES);
-    if (!good)
-    {
-      return "its tree of phones points outside of it";
-    }
-  }
-  for (int64_t i = 0; i < count(PHONES); ++i)
-  {
-    const std::optional<PhoneEntry> phone = bytes.next<PhoneEntry>();
-    if (!phone)
-    {
-      return too_short;
-    }
-    if (!isIndex(phone->sequence, count(SEQUENCES)) || !isIndex(phone->transition_matrix, count(TRANSITION_MATRICES)))
-    {
-      return "phone " + std::to_string(i) + " has states that do not exist";
-    }
-  }
-  const std::optional<int32_t> states = bytes.next<int32_t>();
-  if (!states || *states < count(SEQUENCES) * count(STATES))
-  {
-    return too_short;
-  }
-  for (int32_t i = 0; i < *states; ++i)
-  {
-    const std::optional<uint16_t> senone = bytes.next<uint16_t>();
-    if (!senone)
-    {
-      return too_short;
-    }
-    if (*senone >= count(SENONES))
-    {
-      return "a sequence has a state that does not exist";
-    }
-  }
-  return "";
+  return problem;
 }
 
 }  // namespace pi_speech

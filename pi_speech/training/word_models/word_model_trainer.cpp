@@ -429,6 +429,50 @@ void checkExamples(const std::vector<std::string>& words, const std::vector<Trai
   }
 }
 
+Eigen::RowVectorXd varianceOfFrames(const std::vector<TrainingExample>& examples)
+{
+  Eigen::RowVectorXd sum = Eigen::RowVectorXd::Zero(FEATURES);
+  Eigen::RowVectorXd squares = Eigen::RowVectorXd::Zero(FEATURES);
+  double frames = 0.0;
+  for (const TrainingExample& example : examples)
+  {
+    sum += example.features.colwise().sum().cast<double>();
+    squares += example.features.cwiseAbs2().colwise().sum().cast<double>();
+    frames += static_cast<double>(example.features.rows());
+  }
+  return squares / frames - (sum / frames).cwiseAbs2();
+}
+
+/// To begin with, a word's states share its loud part evenly, and all else is background.
+void startEvenly(const std::vector<TrainingExample>& examples, const Eigen::VectorXd& prior_variance,
+                 WordModels* models)
+{
+  const auto word_count = static_cast<int>(models->words.size());
+  AllMoments first(*models);
+  for (const TrainingExample& example : examples)
+  {
+    const auto [from, to] = loudPart(example.features);
+    RowMatrix background = RowMatrix::Ones(example.features.rows(), 1);
+    RowMatrix states = RowMatrix::Zero(example.features.rows(), models->word_mixtures.states);
+    if (example.label <= word_count)
+    {
+      background.middleRows(from, to - from).setZero();
+    }
+    if (example.label < word_count)
+    {
+      for (Eigen::Index t = from; t < to; ++t)
+      {
+        const Eigen::Index state = (t - from) * models->states_per_word / (to - from);
+        states(t, example.label * models->states_per_word + state) = 1.0F;
+      }
+    }
+    first.words.add(example.features, states);
+    first.background.add(example.features, background);
+  }
+  maximise(first.words, prior_variance, &models->word_mixtures);
+  maximise(first.background, prior_variance, &models->background);
+}
+
 /// Adam for one array of parameters.
 class Adam
 {
@@ -605,43 +649,9 @@ WordModels trainLikelihood(const std::vector<std::string>& words, const std::vec
   models.scale = 0.1F;
   models.word_biases.assign(words.size(), 0.0F);
 
-  // All frames.
-  Eigen::RowVectorXd sum = Eigen::RowVectorXd::Zero(FEATURES);
-  Eigen::RowVectorXd squares = Eigen::RowVectorXd::Zero(FEATURES);
-  double frames = 0.0;
-  for (const TrainingExample& example : examples)
-  {
-    sum += example.features.colwise().sum().cast<double>();
-    squares += example.features.cwiseAbs2().colwise().sum().cast<double>();
-    frames += static_cast<double>(example.features.rows());
-  }
-  const Eigen::RowVectorXd variance = squares / frames - (sum / frames).cwiseAbs2();
+  const Eigen::RowVectorXd variance = varianceOfFrames(examples);
   const Eigen::VectorXd prior_variance = 0.1 * variance.transpose();
-
-  // To begin with, a word's states share its loud part evenly, and all else is background.
-  AllMoments first(models);
-  for (const TrainingExample& example : examples)
-  {
-    const auto [from, to] = loudPart(example.features);
-    RowMatrix background = RowMatrix::Ones(example.features.rows(), 1);
-    RowMatrix states = RowMatrix::Zero(example.features.rows(), models.word_mixtures.states);
-    if (example.label <= word_count)
-    {
-      background.middleRows(from, to - from).setZero();
-    }
-    if (example.label < word_count)
-    {
-      for (Eigen::Index t = from; t < to; ++t)
-      {
-        const Eigen::Index state = (t - from) * options.states_per_word / (to - from);
-        states(t, example.label * options.states_per_word + state) = 1.0F;
-      }
-    }
-    first.words.add(example.features, states);
-    first.background.add(example.features, background);
-  }
-  maximise(first.words, prior_variance, &models.word_mixtures);
-  maximise(first.background, prior_variance, &models.background);
+  startEvenly(examples, prior_variance, &models);
   const Eigen::RowVectorXf deviation = variance.cwiseSqrt().cast<float>();
   models.filler.means = clusterSpeech(examples, options.filler_states, deviation, options.seed);
   models.filler.log_variances.rowwise() = (0.5 * variance).array().log().matrix().cast<float>();
