@@ -9,11 +9,11 @@ namespace pi_node
 /// How a program ended.
 struct ChildResult
 {
-  bool in_time = true;  ///< else it was killed
-  int status = 0;       ///< as waitpid() says
+  bool in_time = true;  ///< false: it was killed
+  int status = 0;       ///< of waitpid()
   std::string output;   ///< the first 4096 bytes
 
-  /// Whether somebody ended it (Ctrl-C, roslaunch), which says nothing about what it worked on.
+  /// Whether SIGINT, SIGTERM or SIGHUP ended it (Ctrl-C, roslaunch). This is no error of the program.
   bool wasInterrupted() const;
 };
 
@@ -21,11 +21,10 @@ struct ChildOptions
 {
   double timeout_s = 60.0;
   int input = -1;           ///< descriptor of its standard input; -1: it has none
-  bool take_errors = true;  ///< what it writes to its standard error belongs to the output; false: is thrown away
+  bool take_errors = true;  ///< its standard error goes to the output; false: to /dev/null
 };
 
-/// Runs a program until it ends or its time is over; then it is killed. No process is left behind. It gets the
-/// environment but for libraries to preload, which it has no use for.
+/// Runs a program and kills it after the timeout. The program gets the environment without LD_PRELOAD.
 /// @throws std::runtime_error naming the program, if it cannot be started.
 ChildResult runChild(const std::string& program, std::vector<std::string> arguments, const ChildOptions& options);
 

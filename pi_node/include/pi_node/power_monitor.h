@@ -9,21 +9,21 @@
 namespace pi_node
 {
 
-/// What the sensors of a computer say at one time. A sensor that cannot be read just now is left out. Powers are not
-/// to be added up: a package contains its cores, and a supply rail what hangs on it.
+/// Readings of a computer's sensors at one time, without sensors that cannot be read now. Do not add up powers: a
+/// package contains its cores, and a supply rail contains its consumers.
 struct PowerReading
 {
   struct Power
   {
     std::string name;
-    double watts;   ///< now; for counters of energy the mean since the previous read()
-    double joules;  ///< since the monitor was made: counted, or powers integrated by trapezoids between the readings
+    double watts;   ///< now; of an energy counter: the mean since the previous read()
+    double joules;  ///< since construction: counted, or powers integrated by trapezoids
   };
   struct Battery
   {
     std::string name;
-    double watts;   ///< what it gives, negative while it is charged; NaN if it does not say
-    double charge;  ///< in [0, 1]; NaN if it does not say
+    double watts;   ///< output, negative while charging; NaN if unknown
+    double charge;  ///< in [0, 1]; NaN if unknown
   };
   struct Temperature
   {
@@ -48,13 +48,13 @@ struct PowerReading
 ///   of the ina3221's channels; power inputs of any chip);
 /// - batteries (power_supply), temperatures (thermal zones, hwmon), frequencies of the CPU cores (cpufreq).
 ///
-/// The sensors are looked for once, at construction. Nothing is an error: a sensor that vanishes or says nonsense is
-/// left out until it is well again. RAPL counters wrap around after about 2^32 uJ or more: read at least each minute.
+/// The constructor finds the sensors. Nothing throws: a sensor that vanishes or gives nonsense is left out until it
+/// recovers. RAPL counters wrap around after 2^32 uJ or more: read at least once a minute.
 /// Not thread safe.
 class PowerMonitor
 {
 public:
-  /// A sensor that is there but may not be read.
+  /// A sensor that exists but may not be read.
   struct Unreadable
   {
     std::string path;
@@ -63,7 +63,7 @@ public:
 
   /// @param root  where sysfs is mounted.
   explicit PowerMonitor(const std::string& root = "/sys");
-  /// The same at a given time, for recordings and tests. @param now_ns  a clock that never goes back.
+  /// The same with a given time, for recordings and tests. @param now_ns  of a monotonic clock.
   PowerMonitor(const std::string& root, int64_t now_ns);
   ~PowerMonitor();
   PowerMonitor(PowerMonitor&&) noexcept;
@@ -73,9 +73,9 @@ public:
   /// @param now_ns  of the same clock as at construction; not before the previous call.
   PowerReading read(int64_t now_ns);
 
-  /// True if any sensor was found that can be read.
+  /// True if at least one sensor can be read.
   bool available() const;
-  /// What was found at construction and could not be read, once each.
+  /// Sensors that the constructor found but could not read.
   const std::vector<Unreadable>& unreadable() const { return unreadable_; }
 
 private:

@@ -8,19 +8,19 @@
 namespace pi_node
 {
 
-/// How far a tool is, its rate and the time left, on stderr: one line that changes on a terminal, a line every tenth
-/// elsewhere.
+/// Writes progress, rate and time left of a tool to stderr: on a terminal one line that changes, elsewhere a line for
+/// each tenth.
 class Progress
 {
 public:
   /// @param unit  what is counted: "pairs".
   Progress(std::string unit, bool quiet) : unit_(std::move(unit)), quiet_(quiet) {}
-  /// Leaves the line.
+  /// Ends the line.
   ~Progress();
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
 
-  /// @param total  to be expected; it may turn out too small.
+  /// @param total  expected number; may be too small.
   void show(size_t done, size_t total);
   double seconds() const;  ///< since construction
 

@@ -6,7 +6,7 @@
 namespace pi_node
 {
 
-/// The first of SIGINT, SIGTERM and SIGHUP asks a tool to stop in order, the second one ends it at once.
+/// The first SIGINT, SIGTERM or SIGHUP asks a tool to stop; the second one ends it at once.
 class StopSignal
 {
 public:
@@ -22,7 +22,7 @@ public:
   }
 
   static bool came() { return received_ != 0; }
-  /// What the tool ends with: 0, or 128 + the signal.
+  /// Exit status of the tool: 0, or 128 + the signal.
   static int exitStatus() { return received_ == 0 ? 0 : 128 + received_; }
 
 private:

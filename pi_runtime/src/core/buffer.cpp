@@ -143,7 +143,7 @@ size_t Buffer::bringToHost()
   }
   catch (const std::exception& error)
   {
-    // No OpenClError: it is not the unit that asks for the content that is broken.
+    // No OpenClError: the unit that asks for the content is not the broken one.
     throw std::runtime_error("the newest content of a buffer of " + std::to_string(bytes_) +
                              " bytes cannot be had from the unit that wrote it: " + error.what());
   }

@@ -126,7 +126,7 @@ void RuntimeCore::stop()
   }
   if (!clean)
   {
-    // Something still runs in a driver or in a function of the user, and will come back to this object.
+    // A driver or a function of the user still runs and will call this object.
     say(LogLevel::WARNING, "the runtime ends while a unit hangs; its memory is not given back");
     new std::shared_ptr<RuntimeCore>(shared_from_this());
   }
@@ -201,7 +201,7 @@ CodeletRecord& RuntimeCore::recordOf(const CodeletPtr& codelet)
   CodeletRecord& record = codelets_[codelet->name];
   if (record.codelet != codelet)
   {
-    // New, or another codelet under a known name: what is known of building the old one does not hold.
+    // New, or another codelet under a known name: forget build failures of the old one.
     record.codelet = codelet;
     record.columns.clear();
     record.row = &etc_.row(codelet->name);

@@ -19,7 +19,7 @@ namespace pi_runtime
 
 using TaskPtr = std::shared_ptr<TaskState>;
 
-/// A stream of jobs and what became of them.
+/// An admitted stream and its statistics.
 struct Stream
 {
   StreamRequest request;
@@ -28,23 +28,23 @@ struct Stream
   uint64_t jobs = 0;
   uint64_t missed = 0;
   double max_s = 0.0;
-  // Constant bandwidth server (Abeni and Buttazzo 1998): who takes longer than admitted waits, and not the others.
-  int64_t used_ns = 0;             ///< of the running job, or what is left over from the periods that it has paid for
-  int64_t server_deadline_ns = 0;  ///< no job of the stream is more urgent
+  // Constant bandwidth server (Abeni and Buttazzo 1998): a stream that takes longer than admitted delays only itself.
+  int64_t used_ns = 0;             ///< run time not yet covered by periods
+  int64_t server_deadline_ns = 0;  ///< earliest deadline of its jobs
   std::vector<float> responses_s;  ///< ring of the last
 };
 
-/// What stands behind Runtime: placement, dispatch, streams and statistics under one lock, which is never held while a
+/// Implementation of Runtime: placement, dispatch, streams and statistics under one lock. The lock is not held while a
 /// task is compiled, moved, started or run.
 ///
-/// A unit's tasks are started by whoever makes that possible: the submitting thread where nothing has to be compiled or
-/// moved and the executor is asynchronous (OpenCL), else the unit's own thread.
+/// The submitting thread starts a task if the executor is asynchronous (OpenCL) and nothing must be compiled or moved.
+/// Else the unit's own thread starts it.
 class RuntimeCore : public std::enable_shared_from_this<RuntimeCore>
 {
 public:
   RuntimeCore(const RuntimeOptions& options, std::vector<CustomUnit> units);
   void start();
-  /// Ends what has not begun, waits for what runs, ends the threads.
+  /// Cancels tasks that have not begun, waits for running ones, ends the threads.
   void stop();
 
   TaskHandle submit(TaskRequest request);
@@ -73,18 +73,18 @@ public:
 private:
   using Lock = std::unique_lock<std::mutex>;
 
-  /// What running a task on a unit would cost.
+  /// Cost of a task on a unit.
   struct Cost
   {
     bool possible = false;
-    bool allowed = false;  ///< possible, and it would not hold the unit longer than admitted streams stand
+    bool allowed = false;  ///< possible, and within the blocking budget of admitted streams
     int executor = 0;
     double run_s = 0.0;  ///< predicted; 0 if nothing is known
     bool measured = false;
-    double plan_s = 0.0;  ///< what planning counts: guesses where nothing is known, transfers included; > 0
+    double plan_s = 0.0;  ///< for planning: run_s or a guess, plus transfers; > 0
     double energy_j = 0.0;
   };
-  /// Who tries to start tasks.
+  /// The thread that tries to start tasks.
   enum class Caller : uint8_t
   {
     SUBMITTER,
@@ -110,9 +110,9 @@ private:
   /// Places and queues a task; ends it if no unit takes it. Ended tasks are appended to `ended`.
   Unit* place(TaskState& task, std::vector<TaskPtr>* ended);
   void placeBatch(Lock& lock, const std::vector<TaskPtr>& batch, std::vector<TaskPtr>* ended);
-  /// Places those queued tasks anew for which it is true.
+  /// Places the queued tasks again for which `leaves` is true.
   void replaceQueued(Unit& unit, const std::function<bool(const TaskState&)>& leaves, std::vector<TaskPtr>* ended);
-  /// As above: what would delay streams now.
+  /// As above, for tasks that would delay streams now.
   void replaceDelaying(Unit& unit, std::vector<TaskPtr>* ended);
   std::string unitNames() const;
   bool steal(Unit& thief, int64_t now);
@@ -144,17 +144,17 @@ private:
   bool enroll(TaskState& task, std::vector<TaskPtr>* ended);
   std::string problemOf(const TaskRequest& request) const;
   CodeletRecord& recordOf(const CodeletPtr& codelet);
-  /// Ends a task. It is told to those who wait by announce(), without the lock.
+  /// Ends a task. announce() then notifies waiters and callbacks, without the lock.
   void end(TaskState& task, Outcome outcome, const std::string& message, std::vector<TaskPtr>* ended);
   void endGraphNode(TaskState& task, std::vector<TaskPtr>* ended);
   void countStreamJob(const TaskState& task);
-  /// Gives the lock back, and then tells those concerned what has happened under it: log lines, ended tasks.
+  /// Releases the lock, then writes log lines and announces ended tasks.
   void leave(Lock& lock, const std::vector<TaskPtr>& ended);
   void announce(const std::vector<TaskPtr>& ended) const;
   Unit* findUnit(const std::string& name) const;
-  /// Without the lock.
+  /// Call without the lock.
   void say(LogLevel level, const std::string& text) const;
-  /// With the lock: said by leave().
+  /// Call with the lock; leave() writes the line.
   void note(const std::string& warning);
   void loadEtc();
   void saveEtc(Lock& lock);
@@ -168,13 +168,13 @@ private:
   // streams.cpp: what must be on time.
   void refreshBudget(Unit& unit);
   void refreshOthersBudgets(std::vector<TaskPtr>* ended);
-  /// Takes the streams of a unit that is out elsewhere.
+  /// Moves the streams of a failed unit to other units.
   void moveStreams(Unit& from, std::vector<TaskPtr>* ended);
-  /// Gives the streams without a place another try.
+  /// Tries again to place streams without a unit.
   void housePlaceless(std::vector<TaskPtr>* ended);
   /// Reserves capacity where the stream fits best. @param[out] reason  why it fits nowhere, one clause per unit.
   bool findHome(StreamId id, Stream& stream, std::string* reason, std::vector<TaskPtr>* ended);
-  /// What jobs of the stream are on the unit. @return why it cannot be said; empty if it can.
+  /// The load of the stream's jobs on the unit. @return why it is unknown; empty if it is known.
   std::string loadOn(const Unit& unit, const StreamRequest& request, PeriodicLoad* load);
   void warnOfShortWcet(const Unit& unit, const Stream& stream);
   void beginStreamJob(const TaskState& task);
@@ -200,7 +200,7 @@ private:
   std::vector<Cost> costs_;
   EtcTable etc_;
   bool etc_changed_ = false;
-  bool separate_memory_ = false;  ///< some executor has memory of its own: transfers count
+  bool separate_memory_ = false;  ///< true: some executor has separate memory, so transfers count
   std::map<std::string, CodeletRecord> codelets_;
   std::map<StreamId, Stream> streams_;
   StreamId next_stream_ = 1;
@@ -208,7 +208,7 @@ private:
   uint64_t next_sequence_ = 1;
   bool stopping_ = false;
   int announcing_ = 0;                 ///< threads in log or done callbacks
-  std::vector<std::string> warnings_;  ///< not said yet
+  std::vector<std::string> warnings_;  ///< not logged yet
   RuntimeStatistics statistics_{};
   std::condition_variable watch_;
   std::condition_variable idle_;  ///< while stopping: a task has ended, a callback has returned, or a worker has left

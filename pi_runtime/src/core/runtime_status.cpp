@@ -1,4 +1,4 @@
-// RuntimeCore: what users ask of it beside running tasks, and the ETC table.
+// RuntimeCore: status, settings and the ETC table.
 #include <algorithm>
 #include <cmath>
 #include <filesystem>

@@ -13,9 +13,9 @@ namespace
 
 constexpr std::chrono::milliseconds WATCH_INTERVAL{500};
 constexpr int ETC_SAVE_INTERVALS = 60;
-/// A task may take this many times as long as predicted before it counts as hanging.
+/// A task hangs if it takes more than this many times its prediction.
 constexpr double HANG_FACTOR = 20.0;
-/// The hang timeout of a codelet's first run on a unit is longer by this.
+/// Factor on the hang timeout for a codelet's first run on a unit.
 constexpr double FIRST_RUN_FACTOR = 6.0;
 
 }  // namespace

@@ -1,4 +1,4 @@
-// RuntimeCore: streams of jobs with deadlines that must hold.
+// RuntimeCore: admitted streams.
 #include <algorithm>
 #include <cmath>
 
@@ -118,7 +118,7 @@ std::string RuntimeCore::loadOn(const Unit& unit, const StreamRequest& request, 
 
 bool RuntimeCore::findHome(StreamId id, Stream& stream, std::string* reason, std::vector<TaskPtr>* ended)
 {
-  // Units with streams first: the others stay free for long batch tasks. Among equals the fastest.
+  // Units with streams first, so that the others stay free for long batch tasks; then the fastest.
   std::vector<std::pair<Unit*, PeriodicLoad>> candidates;
   for (const std::unique_ptr<Unit>& unit : units_)
   {

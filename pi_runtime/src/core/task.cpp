@@ -12,7 +12,7 @@ namespace pi_runtime
 namespace
 {
 
-/// Until `ended` is set or the time is over. @param until  absolute CLOCK_MONOTONIC; null: for ever.
+/// Waits until `ended` is set. @param until  absolute CLOCK_MONOTONIC; null: no limit.
 void waitForEnd(std::atomic<uint32_t>& ended, const timespec* until)
 {
   static_assert(sizeof(std::atomic<uint32_t>) == sizeof(uint32_t), "a futex is a plain word");

@@ -26,7 +26,7 @@ inline int64_t timeAfter(int64_t start_ns, std::chrono::nanoseconds time)
   return time.count() < NO_DEADLINE_NS - start_ns ? start_ns + time.count() : NO_DEADLINE_NS;
 }
 
-/// What the runtime knows of a codelet: its row of the ETC table, and where it cannot run.
+/// A codelet's row of the ETC table, and the columns where it cannot run.
 struct CodeletRecord
 {
   CodeletPtr codelet;
@@ -54,7 +54,7 @@ struct TaskState : std::enable_shared_from_this<TaskState>
 {
   enum class Phase : uint8_t
   {
-    NEW,      ///< placed nowhere yet: has predecessors, or is being planned
+    NEW,      ///< not placed yet: has predecessors, or is being planned
     QUEUED,   ///< in the queue of unit
     RUNNING,  ///< handed to unit
     ENDED,
@@ -77,25 +77,25 @@ struct TaskState : std::enable_shared_from_this<TaskState>
 
   Phase phase = Phase::NEW;
   std::shared_ptr<TaskState> self;  ///< keeps it alive until it has ended
-  /// Place in a queue: the deadline, or a later one if its stream has used more than it was admitted with.
+  /// Key in a queue: the deadline, or a later time if its stream used more than admitted.
   int64_t urgency_ns = NO_DEADLINE_NS;
-  uint64_t sequence = 0;   ///< place among its equals in a queue; 0: none yet
-  bool executing = false;  ///< an executor has it, even if it was given up as hanging
+  uint64_t sequence = 0;   ///< order among equal keys in a queue; 0: none yet
+  bool executing = false;  ///< an executor runs it, even if it counts as hanging
   bool moved = false;      ///< its slices ran on several units
   Unit* unit = nullptr;
   int pinned_executor = ANY_EXECUTOR;  ///< index in the unit, of calibration runs
   int executor = 0;                    ///< index in the unit
   double run_s = 0.0;                  ///< prediction for the whole task on its unit; 0 if nothing is known
-  double expected_s = 0.0;             ///< what planning counts for what is left of it, transfers included
+  double expected_s = 0.0;             ///< for planning: time of the rest of it, transfers included
   bool measured = false;               ///< run_s comes from runs on this unit
   uint64_t next = 0;                   ///< where the next slice begins
   uint64_t slice_end = 0;              ///< where the running one ends
-  int64_t queued_ns = 0;               ///< when it had nothing left to wait for but a unit
+  int64_t queued_ns = 0;               ///< when it waited only for a unit
   int64_t started_ns = 0;              ///< of the running slice
   int64_t run_ns = 0;                  ///< of all slices so far, without transfers
   TaskResult result;
 
-  std::shared_ptr<GraphState> graph;  ///< null unless part of one, and once its successors know of its end
+  std::shared_ptr<GraphState> graph;  ///< null if it has none, and after its successors were told of its end
   uint32_t node = 0;
 
   bool realTime() const { return deadline_ns != NO_DEADLINE_NS; }

@@ -48,12 +48,12 @@ public:
   /// @param codelets, buffers  outlive it.
   RemoteTasks(std::shared_ptr<Runtime> runtime, const CodeletRegistry* codelets, KeptBuffers* buffers,
               const Limits& limits);
-  /// As close(), and cancels all that is open.
+  /// As close(), and cancels open tasks.
   ~RemoteTasks();
   RemoteTasks(const RemoteTasks&) = delete;
   RemoteTasks& operator=(const RemoteTasks&) = delete;
 
-  /// Runs a task and tells the listener how it ended, be it that it was refused.
+  /// Runs a task. The listener gets its report, also if it is refused.
   void run(const TaskConstPtr& task, Listener listener);
   /// Runs a task whose report is kept. @throws std::exception with a text that says why it is refused.
   EntryPtr submit(const TaskConstPtr& task);
@@ -65,14 +65,14 @@ public:
   bool wait(const std::vector<EntryPtr>& entries, std::chrono::nanoseconds timeout);
   /// Makes wait() return.
   void close();
-  /// The report of each, as far as it has ended; these are then no longer kept.
+  /// The reports of ended tasks, null for the others. Handed-over reports are no longer kept.
   std::vector<TaskReportConstPtr> handOver(const std::vector<EntryPtr>& entries);
 
   Answer query(uint64_t id);
   /// @return false if there is no open task of this id.
   bool cancel(uint64_t id);
 
-  /// Forgets reports that were kept long enough; also done whenever a task ends.
+  /// Forgets old reports. Each end of a task does this, too.
   void expire();
   size_t openTasks() const;
   size_t keptReports() const;

@@ -35,7 +35,7 @@ TaskReportPtr makeReport(const ReportThread::EntryPtr& entry, TaskResult result)
   {
     report->outputs = std::move(entry->intake.report->outputs);
   }
-  // Else the outputs stay where they are, with the buffers: a unit that hangs may still write into them.
+  // Else the outputs stay with the buffers: a unit that hangs may still write into them.
   return report;
 }
 

@@ -76,7 +76,7 @@ void RuntimeDiagnostics::update()
 void RuntimeDiagnostics::reportUnit(const UnitView& unit, Status& status) const
 {
   const UnitStatus& now = unit.now;
-  // Not UnitStatus::utilisation, whose interval anybody else who asks for the units cuts short.
+  // Not UnitStatus::utilisation: each caller of units() starts a new interval.
   const double utilisation = interval_s_ > 0.0 ? std::clamp((now.busy_s - unit.busy_s) / interval_s_, 0.0, 1.0) : 0.0;
   const uint64_t missed = now.missed_deadlines - unit.missed;
   if (now.failed)

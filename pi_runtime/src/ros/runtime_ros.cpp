@@ -10,7 +10,7 @@ namespace
 {
 
 constexpr size_t MEGABYTE = 1024 * 1024;
-/// Beside the threads of calls that wait: one for what comes meanwhile, one for the diagnostics.
+/// Threads beside those of waiting calls: one for other calls, one for the diagnostics.
 constexpr uint32_t SPARE_THREADS = 2;
 
 ros::NodeHandle onQueue(ros::NodeHandle node, ros::CallbackQueue* queue)
@@ -136,7 +136,7 @@ bool RuntimeRos::submitTask(SubmitTask::Request& request, SubmitTask::Response& 
   try
   {
     const std::chrono::nanoseconds timeout = toNanoseconds(request.timeout, "timeout");
-    // Moved, not copied; and the task may outlive the call.
+    // Moved to the heap: the task may outlive the call.
     const RemoteTasks::EntryPtr entry = tasks_->submit(boost::make_shared<Task>(std::move(request.task)));
     response.accepted = true;
     response.id = entry->id;

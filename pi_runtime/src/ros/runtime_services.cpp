@@ -16,7 +16,7 @@ namespace pi_runtime
 namespace
 {
 
-/// Runs an action; what it throws becomes the message of the response.
+/// Runs an action; the text of an exception becomes the message of the response.
 template <typename Response, typename Action>
 bool answer(Response& response, const Action& action)
 {

@@ -1,4 +1,4 @@
-// RuntimeCore: what a unit does next.
+// RuntimeCore: start and end of tasks on units.
 #include <algorithm>
 #include <cmath>
 
@@ -9,7 +9,7 @@ namespace pi_runtime
 namespace
 {
 
-/// First slice of a task that nothing is known of: 1/32 of it.
+/// First slice of an unknown task: 1/32 of it.
 constexpr uint64_t UNKNOWN_SLICES = 32;
 
 bool hasInOut(const TaskRequest& request)
@@ -96,7 +96,7 @@ bool RuntimeCore::takeArbiter(Lock& lock, Unit& unit, const TaskState& task, Cal
   const int priority = task.request.priority;
   if (unit.waits_for_arbiter)
   {
-    // Only the waiting worker takes it: it would go on waiting for what its own process holds.
+    // Only the waiting worker may take it; otherwise the worker would wait for its own process.
     unit.arbiter->updateWaiting(deadline_ns, priority);
     return false;
   }
@@ -246,7 +246,7 @@ void RuntimeCore::learn(const Unit& unit, TaskState& task)
 {
   const EtcTable::Column column = unit.executors[static_cast<size_t>(task.executor)].column;
   CodeletRecord::Column& known = task.record->at(column);
-  // The first run in a process compiles and fills caches: it says nothing about the next ones.
+  // The first run in a process compiles and fills caches, so its time is not learned.
   if (!known.warm)
   {
     known.warm = true;
@@ -292,7 +292,7 @@ void RuntimeCore::afterGoodRun(Unit& unit, TaskState& task, std::vector<TaskPtr>
   unit.push(task);
 }
 
-/// Its program does not build there: neither this task nor the others that wait for the same try it again.
+/// After a failed build: no task tries this program on this unit again.
 void RuntimeCore::blockExecutor(Unit& unit, const TaskState& task, const ExecutionReport& report,
                                 std::vector<TaskPtr>* ended)
 {
@@ -342,7 +342,7 @@ void RuntimeCore::afterBadRun(Unit& unit, TaskState& task, const ExecutionReport
     end(task, Outcome::CANCELLED, "cancelled", ended);
     return;
   }
-  // Anew, and elsewhere or by another implementation.
+  // Again on another unit or with another implementation.
   task.phase = TaskState::Phase::NEW;
   task.next = 0;
   task.run_ns = 0;
@@ -392,7 +392,7 @@ void RuntimeCore::onFinished(TaskState& task, const ExecutionReport& report)
   leave(lock, ended);
 }
 
-/// A task that had been given up as hanging has come back after all.
+/// A task that counted as hanging has ended.
 void RuntimeCore::takeBack(Unit& unit, TaskState& task, int64_t now, std::vector<TaskPtr>* ended)
 {
   task.self.reset();

@@ -5,21 +5,21 @@
 namespace pi_runtime
 {
 
-/// A periodic task as the admission test sees it.
+/// A periodic task in the admission test.
 struct PeriodicLoad
 {
   double period_s;    ///< shortest time between two jobs, > 0
   double deadline_s;  ///< after the release of a job, > 0
   double wcet_s;      ///< longest execution time, > 0
-  /// Longest stretch in which a job cannot be interrupted: wcet_s, or that of a slice.
+  /// Longest part of a job that cannot be interrupted: wcet_s, or the length of a slice.
   double chunk_s;
 };
 
 struct EdfVerdict
 {
   bool feasible = false;
-  /// Longest uninterrupted stretch that other work may have on the unit without any job being late [s]; infinite
-  /// without loads, 0 if not feasible.
+  /// Longest uninterrupted time for other work on the unit such that no job is late [s]; infinite without loads, 0 if
+  /// not feasible.
   double blocking_budget_s = 0.0;
 };
 
@@ -28,8 +28,7 @@ struct EdfVerdict
 /// Rivierre, Spuri 1996): for each interval t the demand of all jobs with release and deadline in it, and one stretch
 /// of a job with a later deadline, fit into t.
 ///
-/// Sufficient and, for integer release times, necessary. Conservative where the loads come within 0.1 % of the whole
-/// unit: then not feasible.
+/// Sufficient and, for integer release times, necessary. Loads within 0.1 % of the whole unit count as not feasible.
 EdfVerdict analyseEdf(const std::vector<PeriodicLoad>& loads);
 
 }  // namespace pi_runtime

@@ -1,7 +1,7 @@
 #pragma once
 
-#include "scheduler/inter_core_problem.h"
 #include <pi_runtime/inter_core_scheduler.h>
+#include "scheduler/inter_core_problem.h"
 
 #include <cstdint>
 #include <utility>
@@ -10,15 +10,15 @@
 namespace pi_runtime
 {
 
-/// The mapping rules that build a mapping task by task; see InterCorePolicy for what they do and InterCoreScheduler for
-/// ties. Keeps its memory between calls. Every method overwrites `mapping`.
+/// The rules that build a mapping task by task: see InterCorePolicy for the rules, InterCoreScheduler for ties. Keeps
+/// its memory between calls. Every method overwrites `mapping`.
 class InterCoreHeuristics
 {
 public:
   /// π-Edge, steps (1)-(9). Infinite entries make Div infinite, so tasks that fewer units can run have the larger Div;
   /// among equals the finite entries decide. O(x g + g log g).
   void diffMin(const InterCoreProblem& problem, DiffMinOrder order, uint64_t seed, InterCoreMapping* mapping);
-  /// With sorted columns of which mapped tasks are dropped when they come up: O(x g log g), not O(x g^2).
+  /// Uses sorted columns: O(x g log g) instead of O(x g^2).
   void minMin(const InterCoreProblem& problem, InterCoreMapping* mapping);
   /// O(x g W), W = 1024.
   void maxMin(const InterCoreProblem& problem, InterCoreMapping* mapping);

@@ -11,11 +11,10 @@
 namespace pi_runtime
 {
 
-/// Improves a mapping by iterated local search. Two starts, the given mapping and the one that minimises the dual
-/// bound, go down by moves off the critical unit (the one with the largest load) and exchanges with it; then kicks, 2
-/// to 8 random moves each, try to leave the local optimum, and are taken back if the way down ends above it. Pairs of
-/// task and unit that by the dual bound are in no better mapping are left out of all this. Keeps its memory between
-/// calls.
+/// Improves a mapping by iterated local search. It starts from the given mapping and from the one that minimises the
+/// dual bound. It descends by moving tasks off the critical unit (the one with the largest load) and by exchanges with
+/// it. Then kicks of 2 to 8 random moves try to leave the local optimum; a kick is undone if the descent ends above it.
+/// Pairs of task and unit that the dual bound excludes are skipped. Keeps its memory between calls.
 class InterCoreSearch
 {
 public:

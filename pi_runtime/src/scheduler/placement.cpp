@@ -1,4 +1,4 @@
-// RuntimeCore: which unit a task goes to.
+// RuntimeCore: placement of tasks on units.
 #include <algorithm>
 #include <cmath>
 #include <iterator>
@@ -12,9 +12,9 @@ namespace
 {
 
 constexpr double INF = std::numeric_limits<double>::infinity();
-/// Stands for the run time of a codelet that nothing is known of.
+/// Assumed run time of an unknown codelet.
 constexpr double UNKNOWN_S = 1e-3;
-/// Units that have not been tried yet look this much better than the tried ones, so that they are tried.
+/// Factor by which untried units look better than tried ones, so that they are tried.
 constexpr double CURIOSITY = 0.5;
 /// A stolen task must end earlier by this and by a tenth of its run time.
 constexpr double LEAST_GAIN_S = 20e-6;
@@ -117,7 +117,7 @@ bool RuntimeCore::withinBudget(const TaskState& task, const Unit& unit, const Co
   {
     return true;
   }
-  // Nobody knows how long it takes: rather where nothing can be late. Where there is no such unit, UNKNOWN_S stands.
+  // Unknown run time: prefer a unit without streams; if there is none, count UNKNOWN_S.
   const bool unknown = cost.run_s == 0.0 && !task.request.codelet->sliceable;
   if (unknown && std::any_of(units_.begin(), units_.end(),
                              [&](const std::unique_ptr<Unit>& other)
@@ -136,7 +136,7 @@ double RuntimeCore::runningLeft(const Unit& unit, int64_t now) const
     if (&task == &unit.running.front())
     {
       const double elapsed = static_cast<double>(now - std::max(task->started_ns, unit.last_end_ns)) * 1e-9;
-      // One that takes longer than expected is expected to go on for as long again as it is late.
+      // A late task is expected to need as much time again as it is late.
       left += std::abs(task->expected_s - elapsed);
     }
     else
@@ -376,7 +376,7 @@ void RuntimeCore::placeBatch(Lock& lock, const std::vector<TaskPtr>& batch, std:
     }
   }
   const InterCoreOptions options = inter_core_;
-  // The plan may take a while: others are not to wait for it.
+  // Planning may take long, so it runs without the lock.
   lock.unlock();
   Assignment assignment;
   {

@@ -11,10 +11,10 @@
 #include <thread>
 #include <vector>
 
-#include "scheduler/edf_admission.h"
 #include <pi_runtime/runtime_options.h>
-#include "units/unit_arbiter.h"
 #include "core/task_state.h"
+#include "scheduler/edf_admission.h"
+#include "units/unit_arbiter.h"
 
 namespace pi_runtime
 {
@@ -33,8 +33,7 @@ inline bool canRun(const UnitExecutor& entry, CodeletRecord& record)
   return entry.executor->supports(*record.codelet) && !record.at(entry.column).blocked;
 }
 
-/// A computing unit: its executors, its queue, and the thread that feeds it. Guarded by the lock of RuntimeCore, but
-/// for what is constant after start-up.
+/// A computing unit: executors, queue and thread. The lock of RuntimeCore guards all but the constant fields.
 struct Unit
 {
   explicit Unit(bool fifo) : queue(TaskOrder{fifo}) {}
@@ -60,7 +59,7 @@ struct Unit
   std::set<TaskState*, TaskOrder> queue;           ///< tasks own themselves until they end
   double queued_s = 0.0;                           ///< sum of expected_s in the queue
   std::deque<std::shared_ptr<TaskState>> running;  ///< in the order of their start
-  bool starting = false;                           ///< a thread is between taking a task and having started it
+  bool starting = false;                           ///< a thread has taken a task and is starting it
   bool holds_arbiter = false;
   bool waits_for_arbiter = false;
   int64_t last_end_ns = 0;
@@ -85,7 +84,7 @@ struct Unit
 
   bool usable() const { return !failed && !withdrawn; }
   std::string whyOut() const { return failed ? failure : withdrawn ? "taken out by request" : ""; }
-  /// Something that was given up still runs on it.
+  /// A task that counts as hanging still runs on it.
   bool hangs() const
   {
     return std::any_of(running.begin(), running.end(),
@@ -102,12 +101,12 @@ struct Unit
   void remove(TaskState& task)
   {
     queue.erase(&task);
-    // Rounding must not add up over millions of tasks.
+    // Rounding errors must not add up over millions of tasks.
     queued_s = queue.empty() ? 0.0 : queued_s - task.expected_s;
   }
 };
 
-/// The units that the options ask for, without threads. @param problems  one line per thing that could not be had.
+/// The units of the options, without threads. @param problems  one line per device that cannot be used.
 std::vector<std::unique_ptr<Unit>> makeUnits(const RuntimeOptions& options, std::vector<CustomUnit> custom,
                                              std::vector<std::string>* problems);
 

@@ -184,7 +184,7 @@ bool UnitArbiter::withdraw()
     size_t waiters = 0;
     bestWaiter(&waiters);
     const uint64_t left = successor(seen, placeOf(seen), (seen & GRANTED) | (waiters > 0 ? WAITERS : 0));
-    // Even if nothing else changes, the serial number does: who was about to hand the unit to this place looks again.
+    // The serial number changes, so a process that is handing the unit to this place decides again.
     if (file_.table().holder.compare_exchange_weak(seen, left, std::memory_order_acq_rel, std::memory_order_acquire))
     {
       return true;
@@ -217,7 +217,7 @@ void UnitArbiter::stopWaiting()
   }
 }
 
-/// @return the place of the waiter that is to have the unit next, -1 if nobody waits. @param waiters set to how many.
+/// @return the place of the next holder, -1 if no place waits. @param waiters  set to their number.
 int UnitArbiter::bestWaiter(size_t* waiters) const
 {
   const UnitTable& table = file_.table();

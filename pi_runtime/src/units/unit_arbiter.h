@@ -13,17 +13,17 @@
 namespace pi_runtime
 {
 
-/// Decides between the processes of one device whose task runs next on a computing unit (a GPU, a set of CPU cores).
+/// Shares a computing unit (a GPU, a set of CPU cores) between the processes of a device.
 ///
-/// At most one UnitArbiter of those opened with the same key holds the unit. A free unit goes to whoever asks; a unit
-/// that others wait for is handed by release() to the waiter with the earliest deadline, then the highest priority,
-/// then the longest wait. It is never taken away: a holder with a long task looks at contended() between slices.
+/// At most one UnitArbiter with the same key holds the unit. A free unit goes to the first that asks. release() hands
+/// the unit to the waiter with the earliest deadline, then the highest priority, then the longest wait. There is no
+/// preemption: a holder with a long task polls contended() between slices.
 ///
-/// The table lies in a file of the user in a folder that should be memory (/dev/shm), see UnitTableFile. A waiter looks
-/// every CHECK_INTERVAL whether the holder still lives; a unit whose holder was killed goes to the next.
+/// The table is a file of the user in a memory folder (/dev/shm), see UnitTableFile. A waiter checks every
+/// CHECK_INTERVAL that the holder lives. If the holder was killed, the unit goes to the next waiter.
 ///
-/// All methods may be called from any thread. A forked child has no part in the unit: its copy of the object throws
-/// std::logic_error when used, and neither its life nor its end has any effect on the unit.
+/// All methods may be called from any thread. In a forked child they throw std::logic_error; the child does not affect
+/// the unit.
 class UnitArbiter
 {
 public:
@@ -40,38 +40,37 @@ public:
   UnitArbiter(const UnitArbiter&) = delete;
   UnitArbiter& operator=(const UnitArbiter&) = delete;
 
-  /// Takes the unit if it is free. One compare-exchange, no system call. A unit whose holder was killed counts as taken
-  /// until somebody calls acquire().
-  /// @return false if it is taken, by this object or another, or somebody waits for it.
+  /// Takes the unit if it is free: one compare-exchange, no system call. A unit whose holder was killed counts as taken
+  /// until the next acquire(). @return false if it is taken (also by this object), or a process waits for it.
   bool tryAcquire();
 
   /// Takes the unit, waiting for it if necessary. One thread at a time; tryAcquire() in another thread is allowed.
-  /// @param deadline_ns  when the task has to be done; the clock is the callers' choice, but the same in all processes.
+  /// @param deadline_ns  of the task; all processes must use the same clock.
   /// @param priority     higher goes first among equal deadlines.
   /// @return false if the unit did not come within `timeout`, or the wait was cancelled.
   /// @throws std::logic_error if another thread already waits in this object.
   bool acquire(int64_t deadline_ns, int priority, std::chrono::nanoseconds timeout);
 
-  /// Changes what the waiting acquire() asked for. @return false, without effect, if none waits.
+  /// Changes deadline and priority of the waiting acquire(). @return false if none waits.
   bool updateWaiting(int64_t deadline_ns, int priority);
 
-  /// Makes the waiting acquire() return false, or, if none waits, the next one: a cancellation that comes just before
-  /// the wait is not lost. If the unit came at the same moment, acquire() returns true and the cancellation is spent.
+  /// Makes the waiting acquire() return false; if none waits, the next one. If the unit comes at the same moment,
+  /// acquire() returns true and the cancellation has no further effect.
   void cancelWait();
 
-  /// Gives the unit to the best waiter, or frees it; then it is one compare-exchange without a system call.
+  /// Hands the unit to the best waiter, or frees it (one compare-exchange, no system call).
   /// @throws std::logic_error if this object does not hold the unit.
   void release();
 
   bool held() const;
-  /// True if another process waits. One load if nobody does. A waiter that was killed counts until the next release().
+  /// True if another process waits: one load if none does. A killed waiter counts until the next release().
   bool contended() const;
   /// Number of other processes that wait, killed ones included until the next release().
   size_t waiters() const;
   /// Earliest deadline of the other processes that wait and live; NO_DEADLINE if there is none.
   int64_t nextDeadline() const;
 
-  /// Tells the others the longest task without a deadline that this process can stand on the unit [ns].
+  /// Publishes the longest task without a deadline that this process tolerates on the unit [ns].
   void setBlockingBudget(int64_t budget_ns);
   /// The smallest budget of the other living processes [ns]; NO_BUDGET if none has set one.
   int64_t blockingBudget() const;

@@ -193,7 +193,7 @@ void UnitTableFile::mapTable()
     fail("has " + std::to_string(status.st_size) + " bytes instead of " + std::to_string(BYTES),
          "end the programs that use it and remove it");
   }
-  // Takes the pages now: a full /dev/shm is an error here, and not SIGBUS later.
+  // Allocates the pages now: a full /dev/shm is an error here instead of SIGBUS later.
   if (const int error = allocatePages(file_, BYTES))
   {
     if (status.st_size == 0)
@@ -235,7 +235,7 @@ void UnitTableFile::checkOrMakeTable()
   table_->magic.store(UnitTable::MAGIC, std::memory_order_release);
 }
 
-/// Takes the first place that no living user has. What its last user left there is for the caller to tidy up.
+/// Takes the first place without a living user. The caller cleans up its content.
 void UnitTableFile::claimPlace()
 {
   while (place_ < UnitTable::PLACES && fileLock(file_, F_OFD_SETLK, F_WRLCK, PLACE_BYTE + place_, 1) != 0)
@@ -275,7 +275,7 @@ UnitTable& UnitTableFile::table() const
 
 bool UnitTableFile::isAlive(uint32_t place) const
 {
-  // A query that fails counts as alive: nothing is taken from anybody on a mere suspicion.
+  // A failed query counts as alive, so that no living user loses the unit.
   return place == place_ || fileLock(file_, F_OFD_GETLK, F_WRLCK, PLACE_BYTE + place, 1) != 0;
 }
 

@@ -7,23 +7,22 @@
 namespace pi_runtime
 {
 
-/// The memory that the processes sharing one computing unit map. A process may die between any two stores and the
-/// others go on.
+/// Memory that the processes which share one computing unit map. A process may die between any two stores.
 ///
-/// Nothing in it is ever locked: every change of hands is one compare-exchange of `holder`, and every change of it
-/// counts up its serial number, so that a decision made on an older value never takes effect.
+/// There are no locks. Each change of the holder is one compare-exchange of `holder`. Each change counts up its serial
+/// number, so that a decision on an older value has no effect.
 struct UnitTable
 {
   static constexpr uint64_t MAGIC = 0x656c62617452502e;  // ".PRtable"
   static constexpr uint32_t VERSION = 1;
   static constexpr uint32_t PLACES = 64;
 
-  /// One process, or more exactly one UnitArbiter.
+  /// One UnitArbiter of one process.
   struct alignas(64) Place
   {
     std::atomic<uint32_t> waiting;  ///< odd while its acquire() waits; counts up at each change
     std::atomic<uint32_t> wake;     ///< futex that its waiting thread sleeps on
-    std::atomic<int32_t> pid;       ///< for messages only: processes in other containers count differently
+    std::atomic<int32_t> pid;       ///< for messages only: containers have their own numbers
     std::atomic<int32_t> priority;
     std::atomic<int64_t> deadline_ns;
     std::atomic<uint64_t> arrival;  ///< serial number of `holder` when it began to wait
@@ -33,8 +32,8 @@ struct UnitTable
   std::atomic<uint64_t> magic;  ///< written last when the table is made; 0: not complete
   uint32_t version;
   uint32_t places;
-  /// Bits 0..7: place of the holder + 1, 0 if free; bit 8: somebody waits (never set when free); bit 9: handed to a
-  /// waiter that has not taken note yet; bits 16..63: serial number.
+  /// Bits 0..7: place of the holder + 1, 0 if free; bit 8: a place waits (never set when free); bit 9: handed to a
+  /// waiter that has not seen it yet; bits 16..63: serial number.
   alignas(64) std::atomic<uint64_t> holder;
   Place place[PLACES];
 };
@@ -43,13 +42,12 @@ static_assert(std::atomic<uint64_t>::is_always_lock_free && std::atomic<int64_t>
 
 /// One user's access to a UnitTable in a file, and its place there.
 ///
-/// Each user locks one byte of the file (an open file description lock); the kernel drops the lock with the process
-/// however it ends. So a killed process is recognised at once, also out of another container and while it is an
-/// unreaped zombie, which process ids and start times do not give. The last user removes the file; a file whose users
-/// were all killed is made anew by the next user.
+/// Each user locks one byte of the file (an open file description lock). The kernel drops the lock when the process
+/// ends, so a killed process is seen at once, also from another container and while it is a zombie. The last user
+/// removes the file. If all users were killed, the next user makes the file again.
 ///
-/// After construction all methods may be called from any thread. A forked child loses the file and the memory when it
-/// is made, as an open file there would hide its parent's death; table() throws there.
+/// After construction all methods may be called from any thread. A forked child loses file and memory, since an open
+/// file there would hide the death of its parent; table() throws there.
 class UnitTableFile
 {
 public:

@@ -6,8 +6,8 @@
 namespace pi_runtime
 {
 
-/// When one computing unit is free, from 0 s on. For the inner-core scheduler. It keeps the gaps and not the nodes in
-/// between: where a unit is well used there are far fewer of them to look through.
+/// The free gaps of one computing unit from 0 s on, for the inner-core scheduler. A busy unit has far fewer gaps than
+/// nodes.
 class UnitTimeline
 {
 public:

@@ -13,7 +13,8 @@ namespace pi_node
 ///   using VioNodelet = pi_node::AdapterNodelet<VioRos>;
 ///   PLUGINLIB_EXPORT_CLASS(pi_slam::VioNodelet, nodelet::Nodelet)
 ///
-/// If the adapter cannot be built, the reason is logged and the load fails: the manager swallows the text.
+/// If the constructor of the adapter throws, the reason is logged and the load fails. The manager itself logs no
+/// reason.
 template <typename Adapter>
 class AdapterNodelet : public nodelet::Nodelet
 {

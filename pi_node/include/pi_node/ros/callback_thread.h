@@ -11,7 +11,7 @@
 namespace pi_node
 {
 
-/// A queue of callbacks with a thread of its own that serves it.
+/// A callback queue and the thread that serves it.
 class CallbackThread
 {
 public:
@@ -21,14 +21,14 @@ public:
   CallbackThread(const CallbackThread&) = delete;
   CallbackThread& operator=(const CallbackThread&) = delete;
 
-  /// The same handle, whose callbacks come on this thread.
+  /// The same handle with its callbacks on this thread.
   ros::NodeHandle handle(ros::NodeHandle node);
 
-  /// Calls a function on this thread, once, after what waits already.
+  /// Calls a function once on this thread, after the callbacks in the queue.
   void post(std::function<void()> function);
 
   void start();
-  /// Returns when the callback in work has returned; no more come afterwards.
+  /// Returns when the current callback has returned. No callback comes afterwards.
   void stop();
 
 private:

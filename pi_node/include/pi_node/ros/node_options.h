@@ -10,8 +10,8 @@
 namespace pi_node
 {
 
-/// Reads a node's parameters, warns of those that mean nothing, logs all. Options has load() and toText().
-/// @param name  of the log and of the file config/<name>.yaml; always the same for the same Options.
+/// Reads a node's parameters, warns of unknown ones, logs all. Options has load() and toText().
+/// @param name  of the log and of the file config/<name>.yaml; the same in every call for the same Options.
 /// @throws what Options::load() throws.
 template <typename Options>
 Options loadNodeOptions(const ros::NodeHandle& private_node, const std::string& name)
@@ -26,7 +26,7 @@ Options loadNodeOptions(const ros::NodeHandle& private_node, const std::string& 
   return options;
 }
 
-/// For the WarningBoard of a node: writes to the log of this name, which is always the same for the same Options.
+/// For the WarningBoard of a node: writes to the log of this name, the same in every call for the same Options.
 template <typename Options>
 std::function<void(bool error, const std::string& text)> warningLog(const std::string& name)
 {

@@ -27,7 +27,7 @@ constexpr double MAX_DURATION_S = 3600.0;
 using parameters::read;
 using parameters::write;
 
-/// Takes a parameter out of the leaves, if it is there.
+/// Reads a parameter, if it is set, and removes it from the leaves.
 template <typename Field>
 void take(const std::string& name, std::map<std::string, XmlRpcValue>* leaves, Field* field)
 {
@@ -48,7 +48,7 @@ void take(const std::string& name, std::map<std::string, XmlRpcValue>* leaves, F
   leaves->erase(leaf);
 }
 
-/// A map is whatever begins with its name.
+/// All leaves that begin with the name are entries of the map.
 inline void take(const std::string& name, std::map<std::string, XmlRpcValue>* leaves, Scores* field)
 {
   if (const auto leaf = leaves->find(name); leaf != leaves->end())
@@ -64,9 +64,9 @@ inline void take(const std::string& name, std::map<std::string, XmlRpcValue>* le
   }
 }
 
-/// @param tree     as the parameter server has it.
+/// @param tree     of the parameter server.
 /// @param path     in front of names in messages.
-/// @param unknown  gets the names of parameters that mean nothing.
+/// @param unknown  gets the names of unknown parameters.
 /// @throws std::invalid_argument "parameter path name = value, must be bound".
 template <typename Options>
 Options load(const XmlRpcValue& tree, const std::string& path, std::vector<std::string>* unknown)
@@ -120,7 +120,7 @@ XmlRpcValue save(const Options& options)
   return tree;
 }
 
-/// Validates options that stand in a group.
+/// Validates a group of options.
 template <typename Part>
 void validateGroup(const std::string& group, const Part& part)
 {

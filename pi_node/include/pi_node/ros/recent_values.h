@@ -6,7 +6,7 @@
 namespace pi_node
 {
 
-/// The last so many values, for their mean and quantiles. Not thread safe.
+/// The newest values of a series, for mean and quantiles. Not thread safe.
 class RecentValues
 {
 public:
@@ -14,8 +14,8 @@ public:
   void add(double value);
   bool empty() const { return values_.empty(); }
   void clear();
-  double mean() const;  ///< 0 if there are no values
-  /// @param part  in [0, 1]: 0.99 is the value that 99 % do not exceed. 0 if there are no values.
+  double mean() const;  ///< 0 without values
+  /// @param part  in [0, 1]: 0.99 gives the value that 99 % do not exceed. 0 without values.
   double quantile(double part) const;
 
 private:

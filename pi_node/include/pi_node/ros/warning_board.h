@@ -10,14 +10,14 @@
 namespace pi_node
 {
 
-/// Warnings that may come with every message: each is logged at most once per period, and can be read for a while by
-/// the diagnostics. Texts that differ in their numbers only are the same warning. Thread safe.
+/// Logs each warning at most once per period, and keeps it for the diagnostics. Texts that differ only in their numbers
+/// are the same warning. Thread safe.
 class WarningBoard
 {
 public:
   using Log = std::function<void(bool error, const std::string& text)>;
-  /// @param period_s  between two log lines of one warning, and how long it can be read after it came last [s].
-  /// @param log       writes a line, on the thread of whoever warns.
+  /// @param period_s  between two log lines of one warning; also the time that recent() returns it [s].
+  /// @param log       writes a line, on the thread that warns.
   WarningBoard(double period_s, Log log);
 
   void warn(const std::string& text) { add(text, false); }
@@ -25,10 +25,10 @@ public:
 
   struct Entry
   {
-    std::string text;  ///< as it came last
+    std::string text;  ///< of the newest one
     bool error = false;
   };
-  /// Those of the last period, errors first.
+  /// Warnings of the last period, errors first.
   std::vector<Entry> recent() const;
 
 private:
