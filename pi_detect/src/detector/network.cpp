@@ -13,7 +13,7 @@ namespace
 
 constexpr int DETECTION_COLUMNS = 7;
 
-/// The one line of OpenCV's message that says something.
+/// The informative line of OpenCV's message.
 std::string reasonOf(const cv::Exception& error)
 {
   const std::string text = error.err.empty() ? error.what() : error.err;

@@ -123,7 +123,7 @@ void SurfaceMeter::split(std::vector<SurfacePoint> part, bool cut_left, bool cut
                                       [&](const SurfacePoint& point) { return point.position(axis) < middle; });
     const std::vector<SurfacePoint> rest(upper, part.end());
     part.erase(upper, part.end());
-    // Cut ends in y: both pieces go on in the other, whichever way the wall runs.
+    // Ends are cut in y: each piece continues in the other one, in whatever direction the wall runs.
     split(std::move(part), true, true, piece, obstacles, points);
     split(rest, true, true, piece, obstacles, points);
     return;

@@ -5,13 +5,13 @@
 #include <optional>
 #include <utility>
 
+#include <pi_node/option_check.h>
 #include "obstacles/carried_outline.h"
 #include "obstacles/ground_filter.h"
 #include "obstacles/obstacle_labels.h"
 #include "obstacles/obstacle_place.h"
 #include "obstacles/obstacle_view.h"
 #include "tracking/assignment.h"
-#include <pi_node/option_check.h>
 
 namespace pi_detect
 {
@@ -107,7 +107,7 @@ public:
   }
 
 private:
-  /// An obstacle that is followed. Its place is the middle of the side that faces the vehicle; the box lies behind it.
+  /// A tracked obstacle. Its position is the middle of the side that faces the vehicle; the box lies behind it.
   struct Known
   {
     explicit Known(obstacles::GroundFilter start) : filter(std::move(start)) {}
@@ -168,9 +168,9 @@ private:
     return v.norm() > MOVING_SPEED && v.dot(velocityCovariance(known).inverse() * v) > MOVING_SIGMAS2;
   }
 
-  /// What is not seen goes on as long as it is known to move, but not longer than it was followed; else it stays where
-  /// it was seen last: a velocity that may as well be none takes it anywhere in memory_s, and its growing uncertainty
-  /// takes hold of other things.
+  /// An obstacle that is not seen keeps moving if its motion is significant, but not longer than it was tracked. Others
+  /// stay where they were seen last: with an uncertain velocity they could be anywhere after memory_s, and would be
+  /// associated with other obstacles.
   void predict(int64_t stamp_ns, double dt_s, Known* known) const
   {
     if (known->held)
@@ -252,7 +252,7 @@ private:
     const Place place = obstacles::placeOf(measurement, known->size, vehicle_);
     known->place_covariance = place.covariance;
     const Place narrow = obstacles::placeOf(measurement, known->size, vehicle_, GATE_EDGE_M);
-    // Where it is known not to have moved, only what is seen of it has changed: its outline stays where it was.
+    // If the obstacle did not move, only its visible part has changed: the outline stays in place.
     const Eigen::Vector2d expected = known->filter.position();
     const bool cut = measurement.cut_left || measurement.cut_right;
     const bool anew = known->held;
@@ -266,7 +266,7 @@ private:
     }
     else if (reachesBorder(measurement, geometry))
     {
-      // What of a wall is seen moves with the view: its ends say nothing about motion.
+      // The visible part of a wall moves with the view: its ends do not show motion.
       known->filter.moveTo(place.position, place.covariance);
       known->followed_since_ns = isMoving(*known) ? known->followed_since_ns : stamp_ns;
       stays = true;
@@ -313,7 +313,7 @@ private:
     }
   }
 
-  /// With what errors that stay the same for a while may look like.
+  /// Covariance of the velocity, plus errors that stay the same for a while and so look like motion.
   Eigen::Matrix2d velocityCovariance(const Known& known) const
   {
     const double same_s = std::clamp(followedS(known), 0.1, SAME_ERROR_S);
@@ -347,7 +347,7 @@ private:
     known_.erase(std::remove_if(known_.begin(), known_.end(), isOver), known_.end());
   }
 
-  /// Takes away what should be seen of it. @return false if nothing is left.
+  /// Removes the part that should be visible. @return false if nothing is left.
   bool keepHidden(const obstacles::ObstacleView& view, Known* known) const
   {
     const Eigen::Vector2d place = vehicle_.toBase(known->filter.position());

@@ -1,7 +1,7 @@
 #include "ros/ssd_worker.h"
 
-#include <pi_node/durations.h>
 #include <pi_detect/ros/conversions.h>
+#include <pi_node/durations.h>
 #include <pthread.h>
 
 #include <algorithm>
@@ -115,7 +115,7 @@ void SsdWorker::beginLoading(const std::string& description)
 void SsdWorker::use(std::shared_ptr<SsdDetector> detector)
 {
   std::lock_guard<std::mutex> lock(mutex_);
-  detector_.swap(detector);  // the old one ends after the lock: parameters live longer
+  detector_.swap(detector);  // the old one is destroyed with the parameter, after the lock is released
   figures_.loading.clear();
   figures_.problem.clear();
 }

@@ -16,8 +16,8 @@
 namespace pi_detect
 {
 
-/// A rectified stereo camera from camera_info messages. Takes binning and region of interest into account. Own code:
-/// image_geometry has no checks of a pair with their way out, which are most of this.
+/// A rectified stereo camera from camera_info messages. Takes binning and region of interest into account. This is own
+/// code because image_geometry does not check that two cameras are calibrated as a pair, which is most of the code.
 struct StereoCamera
 {
   StereoGeometry geometry;

@@ -50,7 +50,7 @@ bool endsInRaw(const std::string& path)
   return end == ".raw";
 }
 
-/// A sound file that is open, and closed again.
+/// An open sound file.
 class SoundFile
 {
 public:
@@ -120,7 +120,7 @@ public:
 
 private:
   /// libsndfile takes a WAV file that ends too early for a shorter one.
-  /// @return what is wrong, or "". Sizes that programs write who do not know the end are right.
+  /// @return what is wrong, or "". Placeholder sizes of programs that stream are accepted.
   static std::string missingData(int file, off_t size)
   {
     constexpr uint32_t UNKNOWN = 0x7ffff000;

@@ -21,7 +21,7 @@ namespace pi_speech
 namespace
 {
 
-/// ALSA writes to stderr what it thinks of every try; on this thread it does not, while there is one of these.
+/// Keeps ALSA from writing to stderr on this thread, as long as the object lives.
 class QuietAlsa
 {
 public:

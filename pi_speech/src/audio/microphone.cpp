@@ -30,7 +30,7 @@ std::chrono::milliseconds milliseconds(double s)
   return std::chrono::milliseconds(std::max(1L, std::lround(std::ceil(1e3 * s))));
 }
 
-/// When samples were recorded. The times measured at each read shake; the count of samples does not, but drifts.
+/// Times of samples: smooths the jitter of the times of reads, and corrects the drift of counted samples.
 class SmoothStamps
 {
 public:
@@ -61,7 +61,7 @@ private:
   int64_t next_ns_ = 0;
 };
 
-/// Holds a device without a clock at its rate. What a device may give at once is what its buffer holds.
+/// Slows a device without a clock down to its rate. The device may give as much at once as its buffer holds.
 class Pace
 {
 public:
@@ -202,7 +202,7 @@ private:
       {
         throw CaptureError("device " + pcm->name() + " gives no sound; plug it in again");
       }
-      // A device that says it has sound, and has none, must not keep a core busy.
+      // A device that reports sound but has none must not keep a core busy.
       if (stopsWithin(milliseconds(std::min(options_.period_s, options_.stall_s) / 2.0)))
       {
         return;

@@ -1,5 +1,5 @@
-#include <pi_node/option_check.h>
 #include "audio/sound_check.h"
+#include <pi_node/option_check.h>
 
 #include <algorithm>
 #include <cmath>
@@ -82,7 +82,7 @@ std::optional<SoundChange> SoundCheck::add(const AudioFormat& format, const int1
     {
       if (const std::optional<SoundChange> now = endWindow())
       {
-        said = now;  // of several in one call the last is what holds
+        said = now;  // the last one of several in a call holds
       }
     }
   }
@@ -120,7 +120,7 @@ std::optional<SoundChange> SoundCheck::endWindow()
                                               "microphone's gain down",
                                               100.0 * clipped_share_, 100.0 * options_.clipped_share));
   }
-  // A bound that is just met would come and go otherwise.
+  // Hysteresis: at the bound the state would flicker.
   if (state_ == SoundState::CLIPPED && clipped_share_ > 0.5 * options_.clipped_share)
   {
     return std::nullopt;
@@ -133,7 +133,7 @@ std::optional<SoundChange> SoundCheck::endWindow()
   silent_for_s_ += options_.window_s;
   if (silent_for_s_ < options_.silent_s - 1e-9)
   {
-    // Not yet said to be silent, but there it is again, or no longer too loud.
+    // Not silent for long enough to report it, but no longer missing or too loud.
     return state_ == SoundState::SILENT ? std::nullopt : change(SoundState::GOOD, "sound comes");
   }
   return change(

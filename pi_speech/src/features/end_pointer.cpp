@@ -64,7 +64,7 @@ void EndPointer::process(const int16_t* samples, size_t count)
     takeFrame(buffer_.data() + (next_frame_ - buffer_begin_));
     next_frame_ += HOP_SAMPLES;
   }
-  // Before an utterance only its lead is needed.
+  // Between utterances only the lead is needed.
   const auto lead = static_cast<int64_t>(options_.lead_s * SAMPLE_RATE_HZ);
   const int64_t needed = (state_ == State::NOISE ? next_frame_ : speech_begin_) - lead;
   if (needed > buffer_begin_ + SAMPLE_RATE_HZ)
@@ -152,7 +152,7 @@ void EndPointer::takeFrame(const int16_t* frame)
 void EndPointer::learnNoise(const BandEnergies& energies, double power, bool speech)
 {
   ++noise_frames_;
-  // A running mean of the first frames; then pauses fast, speech slowly, and what is below the estimate at once.
+  // A running mean over the first frames; later fast in pauses, slow in speech, and fastest for quieter sound.
   const float first = noise_frames_ <= FIRST_FRAMES && !speech ? 1.0F / static_cast<float>(noise_frames_) : 0.0F;
   const float rise = std::max(first, speech ? SPEECH_RATE : NOISE_RATE);
   const float fall = std::max(first, SINK_RATE);

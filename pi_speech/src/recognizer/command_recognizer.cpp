@@ -22,19 +22,18 @@ namespace
 
 using pi_node::secondsSince;
 
-/// Natural logarithms of likelihoods are brought to these scales for choosing a command and for the margins: frames are
-/// no independent witnesses.
+/// Scales of log-likelihoods for the choice of a command and for margins: frames are not independent.
 constexpr double WORD_SCALE = 0.5;
 constexpr double SPHINX_SCALE = 0.25;
 /// A command's score in place of none, and least frames that ratios are taken over.
 constexpr double NO_SCORE = -2000.0;
 constexpr int LEAST_FRAMES = 3;
-/// A command of n words has at most so much speech, the background that is taken for speech included: LEAST + n * MORE.
+/// Most speech in a command of n words, including background that counts as speech: LEAST + n * MORE.
 constexpr double LEAST_COMMAND_S = 1.0;
 constexpr double MORE_PER_WORD_S = 0.6;
 /// More commands than that are not searched for one by one.
 constexpr size_t MOST_SEARCHES = 64;
-/// So many of the garbage words, two in a row, stand for talk.
+/// Talk is two in a row of this many garbage words.
 constexpr size_t TALK_WORDS = 100;
 constexpr int TALK_WORDS_IN_A_ROW = 2;
 
@@ -186,7 +185,7 @@ struct CommandRecognizer::Impl
     loadWordModels();
   }
 
-  /// They take part where they have all words of all commands.
+  /// Uses the models if they have all words of all commands.
   void loadWordModels()
   {
     if (options.word_models.empty())
@@ -222,7 +221,7 @@ struct CommandRecognizer::Impl
         told_fast = false;
         return;
       case EndPointer::Event::PAUSE:
-        // Decided while it is not certain yet that the speech has ended: then the command comes without delay.
+        // Decides before it is certain that the speech has ended, so that the command comes without delay.
         early = decide(utterance);
         early_end = utterance.speech_end;
         tellFast(utterance);
@@ -232,7 +231,7 @@ struct CommandRecognizer::Impl
     }
     const bool is_decided = early && early_end == utterance.speech_end && !utterance.cut;
     Recognition recognition = is_decided ? *early : decide(utterance);
-    // What was told already is not told again; but another command that was heard after all is.
+    // A command that was reported early is not reported again, but another command is.
     if (told_fast && (recognition.text == fast.text || !recognition.accepted))
     {
       recognition = fast;
@@ -328,7 +327,7 @@ struct CommandRecognizer::Impl
     return recognition;
   }
 
-  /// What PocketSphinx makes of each command; where there are too many, of the best one only.
+  /// The hypothesis of PocketSphinx for each command; if there are too many, for the best one only.
   std::vector<SphinxHypothesis> searchCommands()
   {
     std::vector<SphinxHypothesis> hypotheses(table.commands.size());
