@@ -1,5 +1,6 @@
 #include <fcntl.h>
 #include <pi_node/child_process.h>
+#include <pi_node/unique_fd.h>
 #include <poll.h>
 #include <spawn.h>
 #include <sys/wait.h>
@@ -22,7 +23,7 @@ namespace
 
 constexpr size_t MAX_OUTPUT = 4096;
 
-/// A process that is killed, and waited for, unless it was before.
+/// Kills its process at the end of its life, unless wait() was called.
 class Child
 {
 public:
@@ -54,29 +55,18 @@ private:
 
 struct Pipe
 {
-  int ends[2] = {-1, -1};
+  UniqueFd input;
+  UniqueFd output;
   Pipe()
   {
+    int ends[2] = {-1, -1};
     if (pipe2(ends, O_CLOEXEC) != 0)
     {
       throw std::runtime_error(std::string("no pipe to a child process: ") + std::strerror(errno) +
                                "; raise the limit of open files of this process");
     }
-  }
-  Pipe(const Pipe&) = delete;
-  Pipe& operator=(const Pipe&) = delete;
-  ~Pipe()
-  {
-    closeEnd(0);
-    closeEnd(1);
-  }
-  void closeEnd(int end)
-  {
-    if (ends[end] != -1)
-    {
-      close(ends[end]);
-      ends[end] = -1;
-    }
+    input = UniqueFd(ends[0]);
+    output = UniqueFd(ends[1]);
   }
 };
 
@@ -132,7 +122,7 @@ pid_t start(const std::string& program, std::vector<std::string>& arguments, con
   return pid;
 }
 
-/// All that comes until the other end is closed. @return false if that is not so in time.
+/// Reads until the other end is closed. @return false after the timeout.
 bool readAll(int input, double timeout_s, std::string* text)
 {
   using Clock = std::chrono::steady_clock;
@@ -172,9 +162,9 @@ ChildResult runChild(const std::string& program, std::vector<std::string> argume
 {
   ChildResult result;
   Pipe pipe;
-  Child child(start(program, arguments, options, pipe.ends[1]));
-  pipe.closeEnd(1);
-  result.in_time = readAll(pipe.ends[0], options.timeout_s, &result.output);
+  Child child(start(program, arguments, options, pipe.output.get()));
+  pipe.output.reset();
+  result.in_time = readAll(pipe.input.get(), options.timeout_s, &result.output);
   if (result.in_time)
   {
     result.status = child.wait();

@@ -1,9 +1,9 @@
+#include <pi_node/durations.h>
 #include <pi_node/power_monitor.h>
 
 #include <algorithm>
 #include <cerrno>
 #include <charconv>
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <cstring>
@@ -19,12 +19,6 @@ namespace
 {
 
 namespace fs = std::filesystem;
-
-int64_t steadyNs()
-{
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
-      .count();
-}
 
 /// First line of a file of sysfs, without blanks at the end. @param error  set to the errno of a failure.
 std::optional<std::string> readLine(const fs::path& path, int* error = nullptr)
@@ -142,7 +136,7 @@ struct Rail
     const std::optional<double> now_watts = watts();
     if (now_watts && last_watts)
     {
-      joules += (*last_watts + *now_watts) / 2 * static_cast<double>(now_ns - last_ns) * 1e-9;
+      joules += (*last_watts + *now_watts) / 2 * secondsBetween(last_ns, now_ns);
     }
     last_watts = now_watts;  // nothing is made up for a time in which it could not be read
     last_ns = now_ns;
@@ -347,7 +341,7 @@ void PowerMonitor::Sensors::findOthers(const fs::path& root)
   }
 }
 
-PowerMonitor::PowerMonitor(const std::string& root) : PowerMonitor(root, steadyNs()) {}
+PowerMonitor::PowerMonitor(const std::string& root) : PowerMonitor(root, monotonicNs()) {}
 
 PowerMonitor::PowerMonitor(const std::string& root, int64_t now_ns) : sensors_(std::make_unique<Sensors>())
 {
@@ -365,7 +359,7 @@ PowerMonitor& PowerMonitor::operator=(PowerMonitor&&) noexcept = default;
 
 PowerReading PowerMonitor::read()
 {
-  return read(steadyNs());
+  return read(monotonicNs());
 }
 
 PowerReading PowerMonitor::read(int64_t now_ns)

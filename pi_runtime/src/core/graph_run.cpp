@@ -1,4 +1,5 @@
 // RuntimeCore: tasks that depend on each other.
+#include <pi_node/durations.h>
 #include <algorithm>
 #include <limits>
 
@@ -69,7 +70,7 @@ void RuntimeCore::planGraph(Lock& lock, GraphState& graph, const TaskGraph& stru
   const size_t nodes = structure.nodes();
   EtcMatrix etc(nodes, units_.size());
   StartTimes start_times;
-  const int64_t now = steadyNow();
+  const int64_t now = pi_node::monotonicNs();
   bool feasible = nodes != 0;
   for (size_t node = 0; node < nodes; ++node)
   {

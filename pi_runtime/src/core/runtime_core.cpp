@@ -2,6 +2,7 @@
 #include "core/runtime_core.h"
 
 #include <linux/futex.h>
+#include <pi_node/durations.h>
 #include <sys/syscall.h>
 #include <unistd.h>
 
@@ -14,11 +15,6 @@
 
 namespace pi_runtime
 {
-
-int64_t steadyNow()
-{
-  return std::chrono::steady_clock::now().time_since_epoch() / std::chrono::nanoseconds(1);
-}
 
 std::string milliseconds(double seconds)
 {
@@ -43,7 +39,7 @@ RuntimeCore::RuntimeCore(const RuntimeOptions& options, std::vector<CustomUnit> 
   }
   for (const std::unique_ptr<Unit>& unit : units_)
   {
-    unit->reported_at_ns = steadyNow();
+    unit->reported_at_ns = pi_node::monotonicNs();
     for (UnitExecutor& entry : unit->executors)
     {
       entry.column = etc_.column(unit->name + "/" + entry.executor->name());
@@ -214,7 +210,7 @@ TaskPtr RuntimeCore::makeTask(TaskRequest request)
   auto task = std::make_shared<TaskState>();
   task->self = task;
   task->core = weak_from_this();
-  task->submitted_ns = steadyNow();
+  task->submitted_ns = pi_node::monotonicNs();
   task->request = std::move(request);
   task->bucket =
       EtcTable::sizeBucket(task->request.size > 0.0 ? task->request.size : static_cast<double>(task->request.range));
@@ -264,7 +260,7 @@ bool RuntimeCore::enroll(TaskState& task, std::vector<TaskPtr>* ended)
   task.record = &recordOf(task.request.codelet);
   if (task.request.stream != NO_STREAM && !task.realTime())
   {
-    task.deadline_ns = task.submitted_ns + static_cast<int64_t>(streams_.at(task.request.stream).load.deadline_s * 1e9);
+    task.deadline_ns = task.submitted_ns + pi_node::nanoseconds(streams_.at(task.request.stream).load.deadline_s);
   }
   task.urgency_ns = task.deadline_ns;
   const auto stream = streams_.find(task.request.stream);
@@ -324,7 +320,7 @@ void RuntimeCore::end(TaskState& task, Outcome outcome, const std::string& messa
   result.outcome = outcome;
   result.message = message;
   result.submitted_ns = task.submitted_ns;
-  result.finished_ns = steadyNow();
+  result.finished_ns = pi_node::monotonicNs();
   result.deadline_ns = task.realTime() ? task.deadline_ns : 0;
   switch (outcome)
   {

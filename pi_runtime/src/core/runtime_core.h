@@ -1,5 +1,6 @@
 #pragma once
 
+#include <pi_node/durations.h>
 #include <condition_variable>
 #include <cstdint>
 #include <functional>
@@ -218,7 +219,6 @@ private:
   InterCoreScheduler batch_scheduler_;
 };
 
-int64_t steadyNow();
 /// For messages, as "12.3 ms".
 std::string milliseconds(double seconds);
 

@@ -1,4 +1,5 @@
 // RuntimeCore: status, settings and the ETC table.
+#include <pi_node/durations.h>
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -52,7 +53,7 @@ std::vector<UnitStatus> RuntimeCore::units() const
 {
   std::vector<UnitStatus> result;
   std::lock_guard<std::mutex> lock(mutex_);
-  const int64_t now = steadyNow();
+  const int64_t now = pi_node::monotonicNs();
   for (const std::unique_ptr<Unit>& unit : units_)
   {
     UnitStatus status{};
@@ -87,7 +88,7 @@ std::vector<UnitStatus> RuntimeCore::units() const
     const int64_t running_ns =
         unit->running.empty() ? 0 : now - std::max(unit->running.front()->started_ns, unit->last_end_ns);
     const int64_t busy_ns = unit->busy_ns + running_ns;
-    status.busy_s = static_cast<double>(busy_ns) * 1e-9;
+    status.busy_s = pi_node::seconds(busy_ns);
     const int64_t since = now - unit->reported_at_ns;
     status.utilisation =
         since > 0

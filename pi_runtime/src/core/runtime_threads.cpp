@@ -1,4 +1,5 @@
 // RuntimeCore: the threads of the units, and the one that watches them.
+#include <pi_node/durations.h>
 #include <pthread.h>
 #include <sched.h>
 
@@ -56,7 +57,7 @@ void RuntimeCore::workerLoop(Unit& unit)
     }
     if (unit.look_again_ns != 0)
     {
-      unit.wake.wait_for(lock, std::chrono::nanoseconds(unit.look_again_ns - steadyNow()));
+      unit.wake.wait_for(lock, std::chrono::nanoseconds(unit.look_again_ns - pi_node::monotonicNs()));
     }
     else
     {
@@ -80,7 +81,7 @@ void RuntimeCore::checkHanging(int64_t now, std::vector<TaskPtr>* ended)
     const double first = task.measured ? 1.0 : FIRST_RUN_FACTOR;
     const double limit_s =
         std::max(first * std::chrono::duration<double>(options_.hang_timeout).count(), HANG_FACTOR * task.run_s);
-    const double elapsed_s = static_cast<double>(now - std::max(task.started_ns, unit->last_end_ns)) * 1e-9;
+    const double elapsed_s = pi_node::seconds(now - std::max(task.started_ns, unit->last_end_ns));
     if (elapsed_s <= limit_s || task.phase != TaskState::Phase::RUNNING)
     {
       continue;
@@ -109,7 +110,7 @@ void RuntimeCore::watchLoop()
       break;
     }
     std::vector<TaskPtr> ended;
-    checkHanging(steadyNow(), &ended);
+    checkHanging(pi_node::monotonicNs(), &ended);
     refreshOthersBudgets(&ended);
     if (tick % ETC_SAVE_INTERVALS == 0)
     {

@@ -1,4 +1,5 @@
 // RuntimeCore: admitted streams.
+#include <pi_node/durations.h>
 #include <algorithm>
 #include <cmath>
 
@@ -30,9 +31,8 @@ void RuntimeCore::refreshBudget(Unit& unit)
   unit.blocking_budget_s = analyseEdf(loads).blocking_budget_s;
   if (unit.arbiter)
   {
-    unit.arbiter->setBlockingBudget(std::isinf(unit.blocking_budget_s)
-                                        ? UnitArbiter::NO_BUDGET
-                                        : static_cast<int64_t>(unit.blocking_budget_s * 1e9));
+    unit.arbiter->setBlockingBudget(std::isinf(unit.blocking_budget_s) ? UnitArbiter::NO_BUDGET
+                                                                       : pi_node::nanoseconds(unit.blocking_budget_s));
   }
 }
 
@@ -196,8 +196,8 @@ void RuntimeCore::chargeStream(TaskState& task, int64_t run_ns)
     return;
   }
   Stream& stream = found->second;
-  const auto budget_ns = std::max<int64_t>(static_cast<int64_t>(stream.load.wcet_s * 1e9), 1);
-  const auto period_ns = static_cast<int64_t>(stream.load.period_s * 1e9);
+  const auto budget_ns = std::max<int64_t>(pi_node::nanoseconds(stream.load.wcet_s), 1);
+  const auto period_ns = pi_node::nanoseconds(stream.load.period_s);
   stream.used_ns += run_ns;
   if (stream.used_ns > budget_ns)
   {
@@ -318,8 +318,8 @@ void RuntimeCore::refreshOthersBudgets(std::vector<TaskPtr>* ended)
       continue;
     }
     const int64_t budget_ns = unit->arbiter->blockingBudget();
-    const double budget_s = budget_ns == UnitArbiter::NO_BUDGET ? std::numeric_limits<double>::infinity()
-                                                                : static_cast<double>(budget_ns) * 1e-9;
+    const double budget_s =
+        budget_ns == UnitArbiter::NO_BUDGET ? std::numeric_limits<double>::infinity() : pi_node::seconds(budget_ns);
     const bool tighter = budget_s < unit->others_budget_s;
     unit->others_budget_s = budget_s;
     if (tighter)

@@ -1,3 +1,4 @@
+#include <pi_node/durations.h>
 #include <pi_runtime/task.h>
 
 #include <linux/futex.h>
@@ -44,10 +45,10 @@ const TaskResult& TaskHandle::wait() const
 
 bool TaskHandle::waitFor(std::chrono::nanoseconds timeout) const
 {
-  const int64_t until_ns = timeAfter(steadyNow(), timeout);
+  const int64_t until_ns = timeAfter(pi_node::monotonicNs(), timeout);
   const timespec until = {until_ns / 1000000000, until_ns % 1000000000};
   ++state_->waiters;
-  while (!ready() && steadyNow() < until_ns)
+  while (!ready() && pi_node::monotonicNs() < until_ns)
   {
     waitForEnd(state_->ended, &until);
   }

@@ -1,10 +1,10 @@
 #include "ros/runtime_diagnostics.h"
 #include <diagnostic_msgs/DiagnosticStatus.h>
+#include <pi_node/formatting.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <utility>
 
 namespace pi_runtime
@@ -13,19 +13,13 @@ namespace
 {
 
 using diagnostic_msgs::DiagnosticStatus;
+using pi_node::format;
 
 std::string hostName()
 {
   char name[256] = "";
   gethostname(name, sizeof name - 1);
   return name;
-}
-
-std::string format(const char* pattern, double value)
-{
-  char text[64];
-  std::snprintf(text, sizeof text, pattern, value);
-  return text;
 }
 
 std::string missedText(uint64_t missed)

@@ -1,6 +1,7 @@
 #include "ros/runtime_ros.h"
 #include "ros/conversions.h"
 
+#include <pi_node/durations.h>
 #include <boost/make_shared.hpp>
 #include <utility>
 
@@ -46,7 +47,7 @@ RemoteTasks::Limits limitsOf(const RuntimeRosOptions& options)
 {
   return {static_cast<size_t>(options.max_tasks), static_cast<size_t>(options.max_task_memory_mb) * MEGABYTE,
           static_cast<size_t>(options.max_kept_reports),
-          std::chrono::nanoseconds(static_cast<int64_t>(options.report_keep_s * 1e9))};
+          std::chrono::nanoseconds(pi_node::nanoseconds(options.report_keep_s))};
 }
 
 }  // namespace

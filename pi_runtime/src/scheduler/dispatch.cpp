@@ -1,4 +1,5 @@
 // RuntimeCore: start and end of tasks on units.
+#include <pi_node/durations.h>
 #include <algorithm>
 #include <cmath>
 
@@ -44,7 +45,7 @@ uint64_t RuntimeCore::sliceEnd(const Unit& unit, const TaskState& task) const
   double items = 0.0;
   if (task.next != 0)
   {
-    items = target_s * static_cast<double>(task.next) / std::max(static_cast<double>(task.run_ns) * 1e-9, 1e-9);
+    items = target_s * static_cast<double>(task.next) / std::max(pi_node::seconds(task.run_ns), 1e-9);
   }
   else if (task.run_s > 0.0)
   {
@@ -149,7 +150,7 @@ void RuntimeCore::pump(Lock& lock, Unit& unit, Caller caller)
         }
         return;
       }
-      if (!steal(unit, steadyNow()))
+      if (!steal(unit, pi_node::monotonicNs()))
       {
         return;
       }
@@ -188,7 +189,7 @@ void RuntimeCore::startTask(Lock& lock, Unit& unit, TaskState& task)
   task.slice_end = sliceEnd(unit, task);
   task.phase = TaskState::Phase::RUNNING;
   task.executing = true;
-  task.started_ns = steadyNow();
+  task.started_ns = pi_node::monotonicNs();
   if (task.result.started_ns == 0)
   {
     task.result.started_ns = task.started_ns;
@@ -256,7 +257,7 @@ void RuntimeCore::learn(const Unit& unit, TaskState& task)
   {
     return;
   }
-  const double run_s = std::max(static_cast<double>(task.run_ns) * 1e-9, 1e-9);
+  const double run_s = std::max(pi_node::seconds(task.run_ns), 1e-9);
   if (task.measured)
   {
     etc_.recordPrediction(task.run_s, run_s);
@@ -286,9 +287,8 @@ void RuntimeCore::afterGoodRun(Unit& unit, TaskState& task, std::vector<TaskPtr>
     place(task, ended);
     return;
   }
-  task.expected_s = std::max(
-      static_cast<double>(task.run_ns) * 1e-9 * static_cast<double>(task.left()) / static_cast<double>(task.next),
-      1e-9);
+  task.expected_s =
+      std::max(pi_node::seconds(task.run_ns) * static_cast<double>(task.left()) / static_cast<double>(task.next), 1e-9);
   unit.push(task);
 }
 
@@ -355,7 +355,7 @@ void RuntimeCore::onFinished(TaskState& task, const ExecutionReport& report)
   Lock lock(mutex_);
   const TaskPtr keep = task.self;
   Unit& unit = *task.unit;
-  const int64_t now = steadyNow();
+  const int64_t now = pi_node::monotonicNs();
   task.executing = false;
   unit.running.erase(std::remove(unit.running.begin(), unit.running.end(), keep), unit.running.end());
   bool concerns_all = task.graph != nullptr || report.outcome != Outcome::OK || !unit.usable();

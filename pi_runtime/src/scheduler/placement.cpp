@@ -1,4 +1,5 @@
 // RuntimeCore: placement of tasks on units.
+#include <pi_node/durations.h>
 #include <algorithm>
 #include <cmath>
 #include <iterator>
@@ -135,7 +136,7 @@ double RuntimeCore::runningLeft(const Unit& unit, int64_t now) const
   {
     if (&task == &unit.running.front())
     {
-      const double elapsed = static_cast<double>(now - std::max(task->started_ns, unit.last_end_ns)) * 1e-9;
+      const double elapsed = pi_node::seconds(now - std::max(task->started_ns, unit.last_end_ns));
       // A late task is expected to need as much time again as it is late.
       left += std::abs(task->expected_s - elapsed);
     }
@@ -173,7 +174,7 @@ Unit* RuntimeCore::chooseForDeadline(const TaskState& task, const std::vector<Co
   if (stream != streams_.end())
   {
     Unit* const home = stream->second.unit;
-    const double left = static_cast<double>(task.deadline_ns - now) * 1e-9;
+    const double left = pi_node::seconds(task.deadline_ns - now);
     if (home != nullptr && costs[home->index].allowed && finish(*home) <= left)
     {
       return home;
@@ -195,7 +196,7 @@ Unit* RuntimeCore::chooseForDeadline(const TaskState& task, const std::vector<Co
 Unit* RuntimeCore::choose(TaskState& task, Cost* cost, TaskResult* refusal)
 {
   costs_.resize(units_.size());
-  const int64_t now = steadyNow();
+  const int64_t now = pi_node::monotonicNs();
   bool any = false;
   single_etc_.resize(1, units_.size());
   single_energy_.resize(1, units_.size());
@@ -311,7 +312,7 @@ void RuntimeCore::assign(TaskState& task, Unit& unit, const Cost& cost)
   }
   if (task.queued_ns == 0)
   {
-    task.queued_ns = steadyNow();
+    task.queued_ns = pi_node::monotonicNs();
   }
   task.executor = cost.executor;
   task.run_s = cost.run_s;
@@ -361,7 +362,7 @@ void RuntimeCore::placeBatch(Lock& lock, const std::vector<TaskPtr>& batch, std:
   EtcMatrix etc(planned.size(), units_.size());
   EtcMatrix energy(inter_core_.gamma > 0.0 ? planned.size() : 0, units_.size());
   std::vector<double> available(units_.size());
-  const int64_t now = steadyNow();
+  const int64_t now = pi_node::monotonicNs();
   for (const std::unique_ptr<Unit>& unit : units_)
   {
     available[unit->index] = readyIn(*unit, now, nullptr);
@@ -474,7 +475,7 @@ bool RuntimeCore::steal(Unit& thief, int64_t now)
   }
   if (best == nullptr)
   {
-    thief.look_again_ns = next_look_s < INF ? now + static_cast<int64_t>(next_look_s * 1e9) : 0;
+    thief.look_again_ns = next_look_s < INF ? now + pi_node::nanoseconds(next_look_s) : 0;
     return false;
   }
   best->unit->remove(*best);

@@ -1,3 +1,4 @@
+#include <pi_node/durations.h>
 #include <pi_runtime/trace.h>
 
 #include <algorithm>
@@ -92,8 +93,7 @@ std::string arguments(const TaskTrace& record)
   text += OUTCOMES[static_cast<size_t>(record.outcome)];
   text += std::string("\",\"stolen\":") + (record.stolen ? "true" : "false");
   text += ",\"predicted_s\":" + number(record.predicted_s);
-  text +=
-      ",\"real_s\":" + number(record.ran() ? static_cast<double>(record.finished_ns - record.started_ns) * 1e-9 : 0);
+  text += ",\"real_s\":" + number(record.ran() ? pi_node::seconds(record.finished_ns - record.started_ns) : 0);
   return text + "}";
 }
 
