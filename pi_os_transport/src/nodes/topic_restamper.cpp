@@ -1,8 +1,8 @@
 // topic_restamper: passes on the topics of a bag that `rosbag play` plays, with stamps of now, as live sensors would
 // send.
 //
-// It starts the playback once the subscribers that it is told to wait for are connected. Pictures that are read at a
-// fixed rate, pauses of the disk and loops of the bag are then no matter of the nodes that work on them.
+// It starts the playback once the subscribers that it is told to wait for are connected. A looped bag looks like one long
+// recording: the stamps of each lap go on where the last lap ended.
 
 #include <ros/ros.h>
 #include <std_msgs/String.h>
