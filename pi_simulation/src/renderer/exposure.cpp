@@ -26,8 +26,8 @@ struct Sensor
   uint32_t seed;
 };
 
-PI_SLAM_VECTORISED void expose(const float* light, const float* vignette, const Sensor& sensor, int first_pixel,
-                               uint8_t* grey)
+PI_SIMULATION_VECTORISED void expose(const float* light, const float* vignette, const Sensor& sensor, int first_pixel,
+                                     uint8_t* grey)
 {
   const float scale = sensor.scale;
   const float shot = sensor.shot_noise;

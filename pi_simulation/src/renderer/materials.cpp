@@ -13,7 +13,7 @@ const Rgb BLACK(0.06f, 0.06f, 0.07f);
 
 }  // namespace
 
-PI_SLAM_VECTORISED void paintRough(const Primitive& p, const NoiseSpec& noise, float contrast, Surface* s)
+PI_SIMULATION_VECTORISED void paintRough(const Primitive& p, const NoiseSpec& noise, float contrast, Surface* s)
 {
   const Rgb color(p.color);
   float detail[LANES];
@@ -81,7 +81,7 @@ void paintPoster(const Primitive& p, Surface* s)
 }
 
 /// Slanted stripes, worn.
-PI_SLAM_VECTORISED void paintWarning(const Primitive& p, Surface* s)
+PI_SIMULATION_VECTORISED void paintWarning(const Primitive& p, Surface* s)
 {
   const Rgb color(p.color);
   const Rgb accent(p.accent);
@@ -96,7 +96,7 @@ PI_SLAM_VECTORISED void paintWarning(const Primitive& p, Surface* s)
 }
 
 /// Painted tube: rings of other colour at random heights, scratches.
-PI_SLAM_VECTORISED void paintMetal(const Primitive& p, Surface* s)
+PI_SIMULATION_VECTORISED void paintMetal(const Primitive& p, Surface* s)
 {
   const Rgb color(p.color);
   const Rgb accent(p.accent);
@@ -114,7 +114,7 @@ PI_SLAM_VECTORISED void paintMetal(const Primitive& p, Surface* s)
 }
 
 /// Stripes and folds.
-PI_SLAM_VECTORISED void paintCloth(const Primitive& p, Surface* s)
+PI_SIMULATION_VECTORISED void paintCloth(const Primitive& p, Surface* s)
 {
   const Rgb color(p.color);
   const Rgb accent(p.accent);

@@ -11,7 +11,7 @@ const Rgb TILE(0.50f, 0.49f, 0.46f);
 const Rgb DARK(0.07f, 0.07f, 0.08f);
 
 /// Walls: slabs of concrete with bolt holes, a painted lower part, a cable duct.
-PI_SLAM_VECTORISED void paintWalls(const Primitive& p, const float* detail, Surface* s)
+PI_SIMULATION_VECTORISED void paintWalls(const Primitive& p, const float* detail, Surface* s)
 {
   for (int i = 0; i < s->n; ++i)
   {
@@ -35,7 +35,7 @@ PI_SLAM_VECTORISED void paintWalls(const Primitive& p, const float* detail, Surf
 }
 
 /// Floor: tiles with stains and yellow lines.
-PI_SLAM_VECTORISED void paintFloor(const Primitive& p, const float* detail, Surface* s)
+PI_SIMULATION_VECTORISED void paintFloor(const Primitive& p, const float* detail, Surface* s)
 {
   for (int i = 0; i < s->n; ++i)
   {
@@ -52,7 +52,7 @@ PI_SLAM_VECTORISED void paintFloor(const Primitive& p, const float* detail, Surf
 }
 
 /// Ceiling: sheets between beams, lamps that shine.
-PI_SLAM_VECTORISED void paintCeiling(const Primitive& p, const float* detail, Surface* s)
+PI_SIMULATION_VECTORISED void paintCeiling(const Primitive& p, const float* detail, Surface* s)
 {
   for (int i = 0; i < s->n; ++i)
   {
@@ -223,7 +223,7 @@ void paintMachine(const Primitive& p, Surface* s)
 }
 
 /// Insulation in crumpled foil, with clamps.
-PI_SLAM_VECTORISED void paintPipe(const Primitive& p, Surface* s)
+PI_SIMULATION_VECTORISED void paintPipe(const Primitive& p, Surface* s)
 {
   const Rgb color(p.color);
   float foil[LANES];

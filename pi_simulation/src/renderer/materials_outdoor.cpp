@@ -17,7 +17,7 @@ struct alignas(64) RoadLanes
   float w_along[LANES];
 };
 
-PI_SLAM_VECTORISED void locate(const RoadMap& road, const Surface& s, RoadLanes* __restrict lanes)
+PI_SIMULATION_VECTORISED void locate(const RoadMap& road, const Surface& s, RoadLanes* __restrict lanes)
 {
   RoadMap::Places places;
   road.locate(s.u, s.v, s.n, &places);
@@ -33,7 +33,7 @@ PI_SLAM_VECTORISED void locate(const RoadMap& road, const Surface& s, RoadLanes*
 }
 
 /// Grass, and tar with rectangular repairs.
-PI_SLAM_VECTORISED void paintGroundBase(const float* detail, const RoadLanes& road, Surface* s)
+PI_SIMULATION_VECTORISED void paintGroundBase(const float* detail, const RoadLanes& road, Surface* s)
 {
   for (int i = 0; i < s->n; ++i)
   {
@@ -54,7 +54,7 @@ PI_SLAM_VECTORISED void paintGroundBase(const float* detail, const RoadLanes& ro
 }
 
 /// Lines and crossings.
-PI_SLAM_VECTORISED void paintRoadMarks(const float* detail, const RoadLanes& road, Surface* s)
+PI_SIMULATION_VECTORISED void paintRoadMarks(const float* detail, const RoadLanes& road, Surface* s)
 {
   for (int i = 0; i < s->n; ++i)
   {
@@ -72,7 +72,7 @@ PI_SLAM_VECTORISED void paintRoadMarks(const float* detail, const RoadLanes& roa
 }
 
 /// Kerb stones and the slabs of the pavement.
-PI_SLAM_VECTORISED void paintPavement(const float* detail, const RoadLanes& road, Surface* s)
+PI_SIMULATION_VECTORISED void paintPavement(const float* detail, const RoadLanes& road, Surface* s)
 {
   for (int i = 0; i < s->n; ++i)
   {
@@ -100,7 +100,7 @@ struct Reach
   float farthest;
 };
 
-PI_SLAM_VECTORISED Reach reachOf(const RoadLanes& road, int n)
+PI_SIMULATION_VECTORISED Reach reachOf(const RoadLanes& road, int n)
 {
   float nearest[8];
   float farthest[8];
@@ -137,7 +137,7 @@ inline Bricks bricks(float u, float v, float wu, float wv, uint32_t seed)
 }
 
 /// Wall without its openings: brick, slabs of concrete, or plaster, by the seed.
-PI_SLAM_VECTORISED void paintOuterWall(const Primitive& p, const float* detail, Surface* s)
+PI_SIMULATION_VECTORISED void paintOuterWall(const Primitive& p, const float* detail, Surface* s)
 {
   const Rgb color(p.color);
   const uint32_t style = p.seed % 3u;
@@ -157,7 +157,7 @@ PI_SLAM_VECTORISED void paintOuterWall(const Primitive& p, const float* detail, 
 }
 
 /// Windows in a grid, doors in the lowest row.
-PI_SLAM_VECTORISED void paintOpenings(const Primitive& p, const float* detail, Surface* s)
+PI_SIMULATION_VECTORISED void paintOpenings(const Primitive& p, const float* detail, Surface* s)
 {
   const Rgb accent(p.accent);
   const float storey = 3.0f + 0.4f * cellRandom(1, 1, p.seed);
@@ -256,7 +256,7 @@ void paintCar(const Primitive& p, Surface* s)
 }
 
 /// Windows of a car between thin posts, with a blurred sky in them.
-PI_SLAM_VECTORISED void paintGlass(const Primitive& p, Surface* s)
+PI_SIMULATION_VECTORISED void paintGlass(const Primitive& p, Surface* s)
 {
   const Rgb color(p.color);
   float reflection[LANES];
@@ -270,7 +270,7 @@ PI_SLAM_VECTORISED void paintGlass(const Primitive& p, Surface* s)
 }
 
 /// Leaves: dark gaps between clumps of bright ones.
-PI_SLAM_VECTORISED void paintFoliage(const Primitive& p, Surface* s)
+PI_SIMULATION_VECTORISED void paintFoliage(const Primitive& p, Surface* s)
 {
   const Rgb color(p.color);
   float leaves[LANES];

@@ -68,7 +68,7 @@ RoadMap::Place RoadMap::at(float x, float y) const
   return {places.lateral[0], places.along[0], places.dx[0], places.dy[0]};
 }
 
-PI_SLAM_VECTORISED void RoadMap::locate(const float* x, const float* y, int n, Places* __restrict places) const
+PI_SIMULATION_VECTORISED void RoadMap::locate(const float* x, const float* y, int n, Places* __restrict places) const
 {
   alignas(64) int index[LANES];
   alignas(64) float fx[LANES];

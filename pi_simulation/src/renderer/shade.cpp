@@ -96,7 +96,7 @@ void gatherAll(const RayPacket& packet, RayGroup* g)
   std::copy_n(packet.spread, LANES, g->spread);
 }
 
-PI_SLAM_VECTORISED bool allHit(const RayPacket& packet, int32_t id)
+PI_SIMULATION_VECTORISED bool allHit(const RayPacket& packet, int32_t id)
 {
   int others = 0;
   for (int i = 0; i < LANES; ++i)
@@ -106,7 +106,7 @@ PI_SLAM_VECTORISED bool allHit(const RayPacket& packet, int32_t id)
   return others == 0;
 }
 
-PI_SLAM_VECTORISED void colourAll(const Surface& surface, RayPacket* packet)
+PI_SIMULATION_VECTORISED void colourAll(const Surface& surface, RayPacket* packet)
 {
   for (int i = 0; i < LANES; ++i)
   {
@@ -143,8 +143,8 @@ struct alignas(64) LocalHits
   float dz[LANES];
 };
 
-PI_SLAM_VECTORISED void localise(const Primitive& primitive, const Eigen::Vector3f& origin, const RayGroup& g,
-                                 LocalHits* hits)
+PI_SIMULATION_VECTORISED void localise(const Primitive& primitive, const Eigen::Vector3f& origin, const RayGroup& g,
+                                       LocalHits* hits)
 {
   const Eigen::Vector3f o = primitive.to_unit * (origin - primitive.center);
   const Eigen::Matrix3f m = primitive.rotation.transpose();
@@ -181,8 +181,8 @@ inline float footprint(float t, float spread, float along, float into)
 // The compiler gives up on telling a dozen arrays apart: __restrict says that the result overlaps none of the inputs.
 
 /// Faces of a box; `inside` turns it inside out.
-PI_SLAM_VECTORISED void boxSurface(const Primitive& primitive, float ambient, bool inside, const RayGroup& g,
-                                   const LocalHits& h, Surface* __restrict s)
+PI_SIMULATION_VECTORISED void boxSurface(const Primitive& primitive, float ambient, bool inside, const RayGroup& g,
+                                         const LocalHits& h, Surface* __restrict s)
 {
   const float hx = primitive.half.x();
   const float hy = primitive.half.y();
@@ -213,8 +213,8 @@ PI_SLAM_VECTORISED void boxSurface(const Primitive& primitive, float ambient, bo
   }
 }
 
-PI_SLAM_VECTORISED void cylinderSurface(const Primitive& primitive, float ambient, const RayGroup& g,
-                                        const LocalHits& h, Surface* __restrict s)
+PI_SIMULATION_VECTORISED void cylinderSurface(const Primitive& primitive, float ambient, const RayGroup& g,
+                                              const LocalHits& h, Surface* __restrict s)
 {
   const float hx = primitive.half.x();
   const float hy = primitive.half.y();
@@ -237,8 +237,8 @@ PI_SLAM_VECTORISED void cylinderSurface(const Primitive& primitive, float ambien
   }
 }
 
-PI_SLAM_VECTORISED void sphereSurface(const Primitive& primitive, float ambient, const RayGroup& g, const LocalHits& h,
-                                      Surface* __restrict s)
+PI_SIMULATION_VECTORISED void sphereSurface(const Primitive& primitive, float ambient, const RayGroup& g,
+                                            const LocalHits& h, Surface* __restrict s)
 {
   const float hx = primitive.half.x();
   const float hz = primitive.half.z();
@@ -258,7 +258,7 @@ PI_SLAM_VECTORISED void sphereSurface(const Primitive& primitive, float ambient,
   }
 }
 
-PI_SLAM_VECTORISED void groundSurface(float light, const Eigen::Vector3f& origin, const RayGroup& g, Surface* s)
+PI_SIMULATION_VECTORISED void groundSurface(float light, const Eigen::Vector3f& origin, const RayGroup& g, Surface* s)
 {
   const float ox = origin.x();
   const float oy = origin.y();

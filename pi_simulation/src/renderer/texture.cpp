@@ -87,17 +87,17 @@ inline void addOctaveOf(const Surface& s, const Octave& octave, float* __restric
   }
 }
 
-PI_SLAM_VECTORISED void addOctave(const Surface& s, const Octave& octave, float* __restrict out)
+PI_SIMULATION_VECTORISED void addOctave(const Surface& s, const Octave& octave, float* __restrict out)
 {
   addOctaveOf<false>(s, octave, out);
 }
 
-PI_SLAM_VECTORISED void addQuickOctave(const Surface& s, const Octave& octave, float* __restrict out)
+PI_SIMULATION_VECTORISED void addQuickOctave(const Surface& s, const Octave& octave, float* __restrict out)
 {
   addOctaveOf<true>(s, octave, out);
 }
 
-PI_SLAM_VECTORISED float finestPixel(const Surface& s, float stretch)
+PI_SIMULATION_VECTORISED float finestPixel(const Surface& s, float stretch)
 {
   // Eight minima side by side, as in farthest(); n is a multiple of 8.
   float finest[8] = {1e30f, 1e30f, 1e30f, 1e30f, 1e30f, 1e30f, 1e30f, 1e30f};

@@ -12,9 +12,9 @@
 /// Compiles a function twice, for AVX2 and for any x86-64, and picks one when the program starts. Both round alike, as
 /// neither may contract to fused multiply-add. On other processors the compiler's own vector code serves.
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
-#define PI_SLAM_VECTORISED __attribute__((target_clones("avx2", "default")))
+#define PI_SIMULATION_VECTORISED __attribute__((target_clones("avx2", "default")))
 #else
-#define PI_SLAM_VECTORISED
+#define PI_SIMULATION_VECTORISED
 #endif
 
 namespace pi_simulation::synthetic

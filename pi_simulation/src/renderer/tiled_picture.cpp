@@ -98,7 +98,7 @@ FrustumNormals RayTable::frustumAround(const std::vector<int>& tiles) const
   return {u - high[0] * axis, low[0] * axis - u, v - high[1] * axis, low[1] * axis - v};
 }
 
-PI_SLAM_VECTORISED void RayTable::fill(int tile, const Eigen::Matrix3f& R, RayPacket* packet) const
+PI_SIMULATION_VECTORISED void RayTable::fill(int tile, const Eigen::Matrix3f& R, RayPacket* packet) const
 {
   const size_t first = static_cast<size_t>(tile) * LANES;
   const float* x = &x_[first];

@@ -68,7 +68,7 @@ inline Interval cubeInterval(const Direction& d, float ox, float oy, float oz)
           std::min(std::min(std::max(x1, x2), std::max(y1, y2)), std::max(z1, z2))};
 }
 
-PI_SLAM_VECTORISED void hitBox(const UnitRays& rays, int32_t id, RayPacket* p)
+PI_SIMULATION_VECTORISED void hitBox(const UnitRays& rays, int32_t id, RayPacket* p)
 {
   const float ox = rays.origin.x();
   const float oy = rays.origin.y();
@@ -82,7 +82,7 @@ PI_SLAM_VECTORISED void hitBox(const UnitRays& rays, int32_t id, RayPacket* p)
   }
 }
 
-PI_SLAM_VECTORISED void hitRoom(const UnitRays& rays, int32_t id, RayPacket* p)
+PI_SIMULATION_VECTORISED void hitRoom(const UnitRays& rays, int32_t id, RayPacket* p)
 {
   const float ox = rays.origin.x();
   const float oy = rays.origin.y();
@@ -96,7 +96,7 @@ PI_SLAM_VECTORISED void hitRoom(const UnitRays& rays, int32_t id, RayPacket* p)
   }
 }
 
-PI_SLAM_VECTORISED void hitGround(const UnitRays& rays, int32_t id, RayPacket* p)
+PI_SIMULATION_VECTORISED void hitGround(const UnitRays& rays, int32_t id, RayPacket* p)
 {
   const float oz = rays.origin.z();
   for (int i = 0; i < LANES; ++i)
@@ -108,7 +108,7 @@ PI_SLAM_VECTORISED void hitGround(const UnitRays& rays, int32_t id, RayPacket* p
   }
 }
 
-PI_SLAM_VECTORISED void hitCylinder(const UnitRays& rays, int32_t id, RayPacket* p)
+PI_SIMULATION_VECTORISED void hitCylinder(const UnitRays& rays, int32_t id, RayPacket* p)
 {
   const float ox = rays.origin.x();
   const float oy = rays.origin.y();
@@ -132,7 +132,7 @@ PI_SLAM_VECTORISED void hitCylinder(const UnitRays& rays, int32_t id, RayPacket*
   }
 }
 
-PI_SLAM_VECTORISED void hitSphere(const UnitRays& rays, int32_t id, RayPacket* p)
+PI_SIMULATION_VECTORISED void hitSphere(const UnitRays& rays, int32_t id, RayPacket* p)
 {
   const float ox = rays.origin.x();
   const float oy = rays.origin.y();
@@ -169,7 +169,7 @@ void hitPrimitive(const Primitive& primitive, int32_t id, RayPacket* packet)
   }
 }
 
-PI_SLAM_VECTORISED float farthest(const RayPacket& packet)
+PI_SIMULATION_VECTORISED float farthest(const RayPacket& packet)
 {
   // Eight maxima side by side: a single one would be a chain of comparisons that no vector code may reorder.
   float t[8] = {};
