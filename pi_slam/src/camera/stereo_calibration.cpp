@@ -1,3 +1,4 @@
+#include <pi_node/formatting.h>
 #include <pi_slam/stereo_calibration.h>
 
 #include <Eigen/LU>
@@ -92,7 +93,7 @@ private:
   Eigen::Isometry3d rigid(const std::string& key, const Eigen::Matrix4d& matrix) const
   {
     const Eigen::Matrix3d rotation = matrix.topLeftCorner<3, 3>();
-    // Files carry a handful of digits.
+    // Files have few digits.
     if (!((rotation * rotation.transpose() - Eigen::Matrix3d::Identity()).norm() < 1e-3) ||
         rotation.determinant() < 0.0 || !matrix.allFinite())
     {
@@ -160,8 +161,7 @@ StereoCalibration StereoCalibration::makeForwardPair(int width, int height, doub
 {
   if (width < 16 || height < 16)
   {
-    throw std::invalid_argument("camera: size " + std::to_string(width) + "x" + std::to_string(height) +
-                                ", must be at least 16x16 px");
+    throw std::invalid_argument("camera: size " + pi_node::sizeText(width, height) + ", must be at least 16x16 px");
   }
   if (!(baseline_m > 0.0))
   {

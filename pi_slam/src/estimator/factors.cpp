@@ -13,7 +13,7 @@ namespace
 {
 
 constexpr double BEHIND = 1000.0;
-/// Standing still: how well the pose is held, and how slow still is.
+/// Standstill: deviations of pose and velocity.
 constexpr double STILL_POSITION_M = 1e-3;
 constexpr double STILL_ANGLE_RAD = 5e-4;
 constexpr double STILL_SPEED_MPS = 5e-3;

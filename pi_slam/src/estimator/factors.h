@@ -35,7 +35,7 @@ Eigen::Vector2d reprojectionError(const Eigen::Matrix3d& R_odom_body, const Eige
                                   const Eigen::Matrix<double, 2, 3>& tangent, const Eigen::Vector3d& p_landmark,
                                   Eigen::Matrix<double, 2, 6>* J_pose, Eigen::Matrix<double, 2, 3>* J_landmark);
 
-/// What ties two neighbouring states together: preintegrated IMU, or the knowledge that nothing moved.
+/// The link between two neighbouring states: preintegrated IMU, or standstill.
 class StateLink
 {
 public:
@@ -46,7 +46,7 @@ public:
   /// @param[out] J  by the errors of `begin` (columns 0..14) and of `end` (15..29); may be null
   Vector15d error(const NavState& begin, const NavState& end, Eigen::Matrix<double, 15, 30>* J) const;
 
-  /// Integrates again if the bias has gone far from the one the integral was made with.
+  /// Integrates again if the bias is far from the one of the integral.
   void relinearize(const ImuBias& bias);
 
   bool still() const { return still_; }

@@ -16,8 +16,8 @@ namespace
 constexpr int POSE = 6;
 constexpr int SPEED = 9;  ///< velocity and biases
 
-/// The state at which derivatives are taken. What the prior knows was worked out with the states of then; with
-/// derivatives at the states of now, the sum of both would know the heading, which nothing has measured
+/// The state at which derivatives are taken. The prior was linearised at earlier states. With derivatives at the
+/// present states, the sum of both would contain information on the heading, which nothing has measured
 /// (first-estimates Jacobians: Huang, Mourikis and Roumeliotis, "Observability-based rules for designing consistent EKF
 /// SLAM estimators", IJRR 2010).
 const NavState& linearizationPoint(const WindowProblem& problem, size_t state)

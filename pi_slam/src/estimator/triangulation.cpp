@@ -10,7 +10,7 @@ namespace pi_slam::estimator
 namespace
 {
 
-/// Rays whose directions differ by less meet anywhere: a third of a pixel at a usual focal length.
+/// Rays whose directions differ by less have no intersection: a third of a pixel at a usual focal length.
 constexpr double MIN_PARALLAX_RAD = 7e-4;
 constexpr double MIN_DISTANCE_M = 0.1;
 constexpr double MAX_DISTANCE_M = 500.0;

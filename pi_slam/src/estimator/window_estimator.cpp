@@ -31,7 +31,7 @@ constexpr double FIRST_ACCEL_BIAS = 0.3;
 /// Views of landmarks are believed up to this when they are triangulated [standard deviations].
 constexpr double TRIANGULATION_ERROR = 3.0;
 
-/// Left of the pose's variance where it is taken as exact [m^2, rad^2].
+/// Variance of a pose that is taken as exact [m^2, rad^2].
 constexpr double EXACT_POSE = 1e-10;
 
 /// Covariance of velocity and biases if the pose is known.
@@ -294,7 +294,7 @@ void WindowEstimator::start(const InitialSolution& solution, const ImuBuffer& im
     throw std::invalid_argument("an initial solution needs two states or more, with what each of them saw");
   }
   impl_->clear();
-  // Any number of states to begin with; keyframes beyond the window leave as others come.
+  // Of more states than the window holds, the newest are used.
   const size_t first = solution.states.size() > static_cast<size_t>(impl_->options.keyframes)
                            ? solution.states.size() - static_cast<size_t>(impl_->options.keyframes)
                            : 0;

@@ -203,7 +203,7 @@ private:
       fail("has no picture from " + std::to_string(options.start_s) + " s on; it is " + std::to_string(length_s) +
            " s long");
     }
-    // By the mean rate, since only reading all of it would tell.
+    // By the mean rate; the exact number would need a pass over the bag.
     const double left_s = length_s - options.start_s;
     const double part = options.duration_s > 0.0 ? std::min(options.duration_s, left_s) : left_s;
     description_.pairs = length_s > 0.0 ? static_cast<size_t>(part / length_s * left.size() + 0.5) : left.size();
@@ -309,7 +309,7 @@ private:
     }
   }
 
-  /// True if nothing of a stream with a stamp up to this one is to come any more.
+  /// True if a stream has no more messages with stamps up to this one.
   bool settled(Stream stream, int64_t stamp_ns) const
   {
     const int64_t newest_ns = std::max({newest_ns_[0], newest_ns_[1], newest_ns_[2]});

@@ -1,5 +1,7 @@
 #include "evaluation/sequence_reader.h"
 
+#include <pi_node/durations.h>
+
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
@@ -169,7 +171,7 @@ std::vector<PairRow> joinPairs(const std::vector<PictureRow>& left, const std::v
   return pairs;
 }
 
-/// The IMU's frame must be the body's: the estimator knows no other.
+/// The IMU's frame must be the body's, as the estimator expects.
 void requireImuIsBody(const std::string& file)
 {
   std::vector<double> values;
@@ -299,10 +301,10 @@ private:
     }
   }
 
-  /// Leaves what was asked for.
+  /// Removes what is outside of the span asked for.
   void cut(const std::string& folder, const SequenceReaderOptions& options)
   {
-    const double length_s = 1e-9 * static_cast<double>(pairs_.back().stamp_ns - pairs_.front().stamp_ns);
+    const double length_s = pi_node::seconds(pairs_.back().stamp_ns - pairs_.front().stamp_ns);
     const int64_t from_ns = pairs_.front().stamp_ns + static_cast<int64_t>(1e9 * options.start_s);
     const int64_t to_ns = options.duration_s > 0.0 ? from_ns + static_cast<int64_t>(1e9 * options.duration_s)
                                                    : std::numeric_limits<int64_t>::max();

@@ -23,7 +23,7 @@ void writeText(const std::string& file, const std::string& text)
   }
 }
 
-/// Without what would end a cell.
+/// Replaces characters that would end a cell.
 std::string cell(std::string text)
 {
   for (char& character : text)
@@ -117,7 +117,7 @@ void writeRun(const std::string& file, const std::string& name, const SequenceRu
     }
   }
   writeTrajectory(judged.front(), &text);
-  // At IMU rate it is the same line: only the map's path is drawn beside.
+  // The poses at IMU rate lie on the same line; only the map's path is added.
   if (judged.back().name == MAP_PATH_NAME && judged.back().accuracy.has_value() == judged.front().accuracy.has_value())
   {
     writeTrajectory(judged.back(), &text);

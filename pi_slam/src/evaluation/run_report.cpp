@@ -1,5 +1,7 @@
 #include "evaluation/run_report.h"
 
+#include <pi_node/durations.h>
+
 #include <algorithm>
 #include <cmath>
 #include <iomanip>
@@ -25,7 +27,7 @@ std::string fixed(double value, int decimals)
 /// Time of a recording [s].
 std::string since(int64_t start_ns, int64_t stamp_ns)
 {
-  return fixed(1e-9 * static_cast<double>(stamp_ns - start_ns), 2) + " s";
+  return fixed(pi_node::seconds(stamp_ns - start_ns), 2) + " s";
 }
 
 /// A row of mean, median, 99th percentile and largest value.
@@ -216,7 +218,7 @@ void printRun(const SequenceRunResult& result, const SequenceDescription& descri
   const double length_s =
       result.pairs.empty()
           ? 0.0
-          : 1e-9 * static_cast<double>(result.pairs.back().report.stamp_ns - result.pairs.front().report.stamp_ns);
+          : pi_node::seconds(result.pairs.back().report.stamp_ns - result.pairs.front().report.stamp_ns);
   *stream << description.name << ": " << result.pairs.size() << " pairs in " << fixed(length_s, 2) << " s"
           << (result.stopped ? ", stopped before the end" : "") << "\n"
           << "pairs        " << processed << " processed, " << result.pairs.size() - processed << " skipped, "

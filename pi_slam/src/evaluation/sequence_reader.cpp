@@ -1,4 +1,6 @@
 #include "evaluation/sequence_reader.h"
+
+#include <pi_node/durations.h>
 #include <pthread.h>
 
 #include <condition_variable>
@@ -80,7 +82,7 @@ struct SequenceReader::Impl
   {
     timespec time{};
     clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
-    return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
+    return static_cast<double>(time.tv_sec) + pi_node::seconds(time.tv_nsec);
   }
 
   std::unique_ptr<SequenceSource> source;
@@ -160,7 +162,7 @@ double SequenceReader::cpuSeconds() const
   {
     return impl_->cpu_s;
   }
-  return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
+  return static_cast<double>(time.tv_sec) + pi_node::seconds(time.tv_nsec);
 }
 
 }  // namespace pi_slam

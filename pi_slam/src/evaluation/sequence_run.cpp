@@ -1,5 +1,7 @@
 #include "evaluation/sequence_run.h"
 
+#include <pi_node/formatting.h>
+
 #include <pi_runtime/runtime.h>
 #include <sys/resource.h>
 
@@ -31,7 +33,7 @@ double processCpuSeconds()
 {
   timespec time{};
   clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &time);
-  return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
+  return static_cast<double>(time.tv_sec) + pi_node::seconds(time.tv_nsec);
 }
 
 double peakRssMb()
@@ -46,9 +48,9 @@ void requireSize(const cv::Mat& picture, const CameraModel& model, const char* s
   if (!picture.empty() && (picture.cols != model.width || picture.rows != model.height))
   {
     throw RecordingError(std::string(side) + " picture at " + formatSeconds(stamp_ns) + " s is " +
-                         std::to_string(picture.cols) + "x" + std::to_string(picture.rows) +
-                         ", the calibration is for " + std::to_string(model.width) + "x" +
-                         std::to_string(model.height) + "; give the calibration of these cameras by --calibration");
+                         pi_node::sizeText(picture.cols, picture.rows) + ", the calibration is for " +
+                         pi_node::sizeText(model.width, model.height) +
+                         "; give the calibration of these cameras by --calibration");
   }
 }
 
@@ -127,7 +129,7 @@ private:
     if (state)
     {
       result_.imu_rate.push_back({{state->state.stamp_ns, state->state.T_odom_body()},
-                                  1e-9 * static_cast<double>(state->state.stamp_ns - corrected_ns_)});
+                                  pi_node::seconds(state->state.stamp_ns - corrected_ns_)});
     }
     warn(sample.stamp_ns, vio_.imuMessage());
   }
@@ -198,7 +200,7 @@ private:
       std::nth_element(imu_us_.begin(), p99, imu_us_.end());
       result_.imu_p99_us = *p99;
     }
-    // Behind the last pair there is only integration, for as long as the recording happens to have samples.
+    // After the last pair there is only integration.
     const int64_t last_ns = result_.pairs.empty() ? 0 : result_.pairs.back().report.stamp_ns;
     while (!result_.imu_rate.empty() && result_.imu_rate.back().pose.stamp_ns > last_ns)
     {

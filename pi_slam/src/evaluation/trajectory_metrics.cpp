@@ -1,5 +1,7 @@
 #include "evaluation/trajectory_metrics.h"
 
+#include <pi_node/durations.h>
+
 #include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
@@ -284,7 +286,7 @@ std::optional<RelativeError> relativeErrorOverTime(const std::vector<PosePair>& 
   seconds.reserve(pairs.size());
   for (const PosePair& pair : pairs)
   {
-    seconds.push_back(1e-9 * static_cast<double>(pair.stamp_ns - pairs.front().stamp_ns));
+    seconds.push_back(pi_node::seconds(pair.stamp_ns - pairs.front().stamp_ns));
   }
   // Stamps wander by microseconds: a pose that much early ends its stretch.
   const double early_s = std::min(1e-4, 0.01 * interval_s);

@@ -107,7 +107,7 @@ void StereoTracker::Impl::chooseNew(size_t old_count, size_t max_features, Track
   report->created = static_cast<int>(count);
 }
 
-/// Takes out features that one camera sees where both ought to: outlines in front of something else, mostly.
+/// Removes features that one camera sees where both should: mostly outlines in front of something else.
 void StereoTracker::Impl::dropUnpaired()
 {
   const auto paired = static_cast<double>(std::count_if(

@@ -65,7 +65,7 @@ bool StereoTracker::Impl::planStep(size_t index, int camera, const TrackerPredic
   }
   else if (track.has_depth)
   {
-    // As the body went on before. Over its distance, so that far points are nothing special.
+    // With the velocity of before. Divided by the distance, so that far points need no special case.
     const Eigen::Vector3d moved =
         turned + track.inverse_distance[camera] * (T_body_camera.linear().transpose() * p_now_last_camera[camera]);
     predicted = geometry.camera(camera).project(moved);

@@ -11,7 +11,7 @@ namespace pi_slam::front_end
 {
 
 /// Two calibrated cameras, numbered LEFT and RIGHT, and what follows from how they are mounted. Points are given by the
-/// bearing in one camera and the inverse of their distance [1/m], so that points far away are nothing special.
+/// bearing in one camera and the inverse of their distance [1/m], so that far points need no special case.
 class StereoGeometry
 {
 public:

@@ -1,4 +1,6 @@
 #include "inertial/imu_preintegration.h"
+
+#include <pi_node/durations.h>
 #include <pi_slam/so3.h>
 
 #include <algorithm>
@@ -183,7 +185,7 @@ ImuBuffer::Added ImuBuffer::add(const ImuSample& sample)
   {
     return Added::OUT_OF_ORDER;
   }
-  const bool gap = !empty() && 1e-9 * static_cast<double>(sample.stamp_ns - lastNs()) > longest_interval_s_;
+  const bool gap = !empty() && pi_node::seconds(sample.stamp_ns - lastNs()) > longest_interval_s_;
   samples_.push_back(withoutSaturation(sample, empty() ? nullptr : &samples_.back(), model_));
   return gap ? Added::GAP : samples_.back().saturated ? Added::SATURATED : Added::OK;
 }
@@ -208,7 +210,7 @@ ImuPreintegration ImuBuffer::integrate(int64_t from_ns, int64_t to_ns, const Imu
     for (;; ++next)
     {
       const ImuSample& before = *(next - 1);
-      const double distance_s = 1e-9 * static_cast<double>(next->stamp_ns - before.stamp_ns);
+      const double distance_s = pi_node::seconds(next->stamp_ns - before.stamp_ns);
       const bool gap = distance_s > longest_interval_s_;
       found.gap_s = gap ? std::max(found.gap_s, distance_s) : found.gap_s;
       found.saturated = found.saturated || before.saturated || next->saturated;

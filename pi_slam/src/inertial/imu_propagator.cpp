@@ -1,5 +1,7 @@
 #include "inertial/imu_propagator.h"
 
+#include <pi_node/durations.h>
+
 #include <algorithm>
 
 #include "inertial/imu_step.h"
@@ -87,7 +89,7 @@ void ImuPropagator::advance(const ImuSample& from, const ImuSample& to, Propagat
 {
   NavState& state = now->state;
   const int64_t distance_ns = to.stamp_ns - std::min(from.stamp_ns, state.stamp_ns);
-  const bool gap = 1e-9 * static_cast<double>(distance_ns) > longest_interval_s_;
+  const bool gap = pi_node::seconds(distance_ns) > longest_interval_s_;
   now->w_body = to.w - state.bias.gyro;
   if (to.stamp_ns == state.stamp_ns)
   {

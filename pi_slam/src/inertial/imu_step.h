@@ -1,5 +1,6 @@
 #pragma once
 
+#include <pi_node/durations.h>
 #include <pi_slam/imu_sample.h>
 #include <pi_slam/so3.h>
 #include "inertial/nav_state.h"
@@ -45,7 +46,7 @@ inline double noiseFactor(const ImuSample& from, const ImuSample& to, bool gap, 
     return sensor;
   }
   // The white noise that makes the speed as uncertain as a steady acceleration for so long.
-  const double length_s = 1e-9 * static_cast<double>(to.stamp_ns - from.stamp_ns);
+  const double length_s = pi_node::seconds(to.stamp_ns - from.stamp_ns);
   const double acceleration = std::min(UNKNOWN_JERK * length_s, UNKNOWN_ACCELERATION);
   return std::clamp(acceleration * std::sqrt(length_s) / accel_noise_density, sensor, LARGEST_NOISE_FACTOR);
 }
@@ -82,7 +83,7 @@ inline ImuSample withoutSaturation(const ImuSample& sample, const ImuSample* bef
 struct ImuStep
 {
   ImuStep(const ImuSample& from, const ImuSample& to, const ImuBias& bias, const Eigen::Quaterniond& q_ref_from)
-    : dt(1e-9 * static_cast<double>(to.stamp_ns - from.stamp_ns))
+    : dt(pi_node::seconds(to.stamp_ns - from.stamp_ns))
   {
     const Eigen::Vector3d phi = dt * (0.5 * (from.w + to.w) - bias.gyro);
     const Eigen::Vector3d f0 = from.f - bias.accel;

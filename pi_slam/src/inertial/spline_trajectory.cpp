@@ -1,3 +1,4 @@
+#include <pi_node/durations.h>
 #include <pi_slam/spline_trajectory.h>
 
 #include <algorithm>
@@ -95,7 +96,7 @@ double defaultInterval(const std::vector<StampedPose>& poses, double shortest)
   std::vector<double> intervals;
   for (size_t i = 1; i < poses.size(); ++i)
   {
-    intervals.push_back(1e-9 * static_cast<double>(poses[i].stamp_ns - poses[i - 1].stamp_ns));
+    intervals.push_back(pi_node::seconds(poses[i].stamp_ns - poses[i - 1].stamp_ns));
   }
   std::nth_element(intervals.begin(), intervals.begin() + static_cast<long>(intervals.size() / 2), intervals.end());
   const double sample = intervals[intervals.size() / 2];
@@ -128,7 +129,7 @@ SplineTrajectory SplineTrajectory::fit(const std::vector<StampedPose>& poses, do
   spline.end_ns_ = poses.back().stamp_ns;
   spline.knot_interval_s_ = interval;
   spline.turn_interval_s_ = knot_interval_s == 0.0 ? defaultInterval(poses, 0.02) : knot_interval_s;
-  const double duration_s = 1e-9 * static_cast<double>(spline.end_ns_ - spline.start_ns_);
+  const double duration_s = pi_node::seconds(spline.end_ns_ - spline.start_ns_);
   // Control point i has most of its weight at the start of segment i - 1.
   const auto firstGuess = [&](size_t i, double knots_s)
   { return interpolate(poses, spline.start_ns_ + std::llround((static_cast<double>(i) - 1.0) * knots_s * 1e9)); };
@@ -156,7 +157,7 @@ double SplineTrajectory::refine(const std::vector<StampedPose>& poses)
   std::vector<Pull> turns(rotations_.size());
   for (const StampedPose& pose : poses)
   {
-    const double time_s = 1e-9 * static_cast<double>(pose.stamp_ns - start_ns_);
+    const double time_s = pi_node::seconds(pose.stamp_ns - start_ns_);
     const State state = evaluate(time_s);
     const Eigen::Vector3d shift = pose.T_world_body.translation() - state.T_world_body.translation();
     const Eigen::Vector3d turn = logSo3(
@@ -200,12 +201,12 @@ SplineTrajectory::State SplineTrajectory::at(int64_t stamp_ns) const
     throw std::out_of_range("trajectory: time " + std::to_string(stamp_ns) + " ns is outside of [" +
                             std::to_string(start_ns_) + ", " + std::to_string(end_ns_) + "]");
   }
-  return evaluate(1e-9 * static_cast<double>(stamp_ns - start_ns_));
+  return evaluate(pi_node::seconds(stamp_ns - start_ns_));
 }
 
 SplineTrajectory::State SplineTrajectory::atSeconds(double time_s) const
 {
-  const double duration_s = 1e-9 * static_cast<double>(end_ns_ - start_ns_);
+  const double duration_s = pi_node::seconds(end_ns_ - start_ns_);
   if (!(time_s >= 0.0 && time_s <= duration_s))
   {
     throw std::out_of_range("trajectory: time " + std::to_string(time_s) + " s is outside of [0, " +

@@ -17,7 +17,7 @@ constexpr int BIAS_ITERATIONS = 6;
 constexpr double ROTATION_HUBER = 0.005;  ///< [rad]
 constexpr int GRAVITY_ITERATIONS = 5;
 constexpr double LEAST_POSITION_SIGMA = 0.002;  ///< what stereo is believed at best [m]
-/// What accelerometers' biases are like [m/s^2], for positions that err by POSITION_SIGMA [m].
+/// Standard deviation of an accelerometer's bias [m/s^2], for positions with an error of POSITION_SIGMA [m].
 constexpr double ACCEL_BIAS_SIGMA = 0.2;
 constexpr double POSITION_SIGMA = 0.005;
 

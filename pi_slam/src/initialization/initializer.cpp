@@ -149,7 +149,7 @@ Initializer::Outcome Initializer::Impl::add(const FrameFeatures& features, const
   }
   any = true;
   last_ns = stamp_ns;
-  // Pairs come at their own rate: a tenth early is no other pair.
+  // Pairs come at their own rate: a tenth of the interval early still counts.
   if (!pairs.empty() && stamp_ns - pairs.back().stamp_ns < std::llround(1e9 * (0.9 * options.interval_s)))
   {
     return Outcome::COLLECTING;

@@ -74,7 +74,7 @@ bool StandstillDetector::update(const FrameFeatures& features, const ImuBuffer& 
   const Pair* earlier = pairBefore(stamp_ns - std::llround(1e9 * (LONG_WINDOWS * options_.window_s)));
   if (calm && earlier != nullptr && (!still_ || earlier->stamp_ns >= since_ns_))
   {
-    // Features that are not seen any more tell nothing here.
+    // Features that are no longer seen do not count.
     calm = flowSince(*earlier, features) <= slack * LONG_FLOW_FACTOR * options_.max_flow_px;
   }
   if (calm && !still_)

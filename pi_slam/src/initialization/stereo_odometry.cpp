@@ -91,7 +91,7 @@ bool StereoOdometry::triangulate(const FeatureObservation& feature, Eigen::Vecto
   }
   if (depth <= 0.0)
   {
-    // Rays that part: of a far point, by noise, or of no point at all.
+    // Rays that diverge: a far point with noise, or no point at all.
     depth = far_m_;
   }
   depth = std::min(depth, far_m_);
@@ -447,7 +447,7 @@ void StereoOdometry::minimize()
 double StereoOdometry::adjust()
 {
   minimize();
-  // What does not fit one place even so moves, or is matched wrongly.
+  // An observation that still does not fit moves, or is a wrong match.
   size_t good = 0;
   size_t count = 0;
   for (auto entry = landmarks_.begin(); entry != landmarks_.end();)

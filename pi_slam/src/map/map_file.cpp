@@ -161,7 +161,7 @@ void checkCamera(const MountedCamera& camera, const char* side, Reader* reader)
                    std::to_string(height) + " px, this one has " + std::to_string(camera.model.width) + " x " +
                    std::to_string(camera.model.height));
   }
-  // The rest is kept for people: features are rays, which do not depend on the lens.
+  // The other numbers are only kept for information: features are rays, which do not depend on the lens.
   for (int i = 0; i < 4; ++i)
   {
     reader->get<double>();

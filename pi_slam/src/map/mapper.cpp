@@ -118,7 +118,7 @@ void checkFrame(const MapFrame& frame, const StereoCalibration& calibration)
   }
 }
 
-/// The nodes that `keep` wants, and the edges between them.
+/// The nodes that `keep` selects, and the edges between them.
 MapData selected(const MapData& map, const std::function<bool(const MapNode&)>& keep)
 {
   MapData part;
@@ -226,8 +226,8 @@ struct Mapper::Impl
   DriftFilter filter;
   MapData data;
   uint64_t next_serial = 0;
-  /// Segments with the same number lie in the map as they should, relative to each other. 0: that of the oldest one,
-  /// or the one loaded.
+  /// Segments with the same number are tied to each other in the map. 0: the part of the oldest segment, or the loaded
+  /// one.
   std::vector<uint32_t> part_of_segment;
   uint32_t segment = 0;
   bool segment_begun = false;
@@ -364,7 +364,7 @@ bool Mapper::Impl::hasWitness(const MapFrame& frame, const RecognizedPlace& plac
   bool agreed = false;
   for (const Witness& witness : witnesses)
   {
-    // Both measured where odom is: compared here, where the body is.
+    // Both are measurements of odom; compared at the body.
     const Eigen::Isometry3d before = witness.T_map_odom * frame.T_odom_body;
     agreed = agreed || (witness.part == part && travelled_m - witness.travelled_m < AGREEMENT_WAY_M &&
                         isApart(witness.T_odom_body, frame.T_odom_body, OTHER_VIEW_M, OTHER_VIEW_RAD) &&
@@ -391,7 +391,7 @@ void Mapper::Impl::movePart(uint32_t part, const Eigen::Isometry3d& shift)
   }
 }
 
-/// A place of another part of the map was recognised: now both are one.
+/// A place of another part of the map was recognised: joins both parts.
 void Mapper::Impl::joinParts(const MapFrame& frame, RecognizedPlace* place)
 {
   const uint32_t own = ownPart();
@@ -415,7 +415,7 @@ void Mapper::Impl::joinParts(const MapFrame& frame, RecognizedPlace* place)
   was_localized = was_localized || ownPart() == 0;
 }
 
-/// Odom comes to lie there, with what was mapped by it; a map from a file stays.
+/// Moves odom, and what was mapped by it; a map from a file stays.
 void Mapper::Impl::moveTo(const Eigen::Isometry3d& T_map_odom)
 {
   if (segment_begun && ownPart() == 0 && loaded)
@@ -513,7 +513,7 @@ std::vector<RecognizedPlace> Mapper::Impl::recognize(const MapFrame& frame, cons
   return places;
 }
 
-/// On known ground only what the map does not show well becomes a keyframe.
+/// On known ground a frame becomes a keyframe only where the map covers it badly.
 bool Mapper::Impl::isKeyframe(const FeatureSet& features, const std::vector<RecognizedPlace>& places) const
 {
   if (features.size() < static_cast<size_t>(options.min_inliers))
@@ -564,8 +564,8 @@ void Mapper::Impl::addNode(const MapFrame& frame, FeatureSetPtr features, const 
   ++nodes_since_correction;
 }
 
-/// A place says that odometry drifted more than it should since a place was recognised last: it counts less there, or
-/// the graph would not follow.
+/// By this place, odometry drifted more than expected since the last recognised place. Odometry gets less weight there;
+/// otherwise the graph would not follow.
 void Mapper::Impl::doubtOdometry(const RecognizedPlace& place)
 {
   const double factor = std::sqrt(filter.innovation(place.match).chi2) / USUAL_DEVIATIONS;
@@ -627,9 +627,8 @@ void Mapper::Impl::addLoop(uint32_t to, const RecognizedPlace& place)
 
 void Mapper::Impl::correct()
 {
-  // On a thread of its own: solving takes several times the memory of the map in small pieces, which glibc then takes
-  // from another arena than what the map keeps. Given back after each time, or the most that was ever needed would
-  // stay.
+  // On a thread of its own: solving needs several times the memory of the map in small pieces. On another thread glibc
+  // takes them from another arena than the map's, which is given back after each solution.
   auto solved = std::async(std::launch::async, [this] { return optimizePoseGraph(&data).usable; });
   const bool usable = solved.get();
   malloc_trim(0);
@@ -651,7 +650,7 @@ void Mapper::Impl::boundMap()
     recognizer.remove(data.nodes[node]);
     data.nodes[node].features.reset();
   }
-  // So that the map grows with the ground that was seen, not with the time spent on it.
+  // The map must grow with the area that was seen, not with time.
   const size_t keyframes = countKeyframes(data);
   if (const auto moved = thinOut(&data, keyframes + std::max(keyframes, PLAIN_NODES)))
   {

@@ -66,7 +66,7 @@ struct MapPoint
 };
 
 /// The map: keyframes with landmarks and descriptors, recognised again (loop closure, relocalisation), corrected by a
-/// pose graph. Odometry is never touched: what changes is T_map_odom (REP 105).
+/// pose graph. Odometry stays as it is: only T_map_odom changes (REP 105).
 ///
 /// All methods may be called from any thread. Without `threaded` the result depends on the input only.
 class Mapper
@@ -91,13 +91,12 @@ public:
   void odometryReset();
 
   /// Sets the place of the body in map: T_map_odom becomes so that T_odom_body is at the position and heading of
-  /// T_map_body. Roll and pitch stay those of odometry, which knows gravity. Takes
-  /// effect before it returns, which may wait for the frame in work.
+  /// T_map_body. Roll and pitch stay those of odometry, which measures gravity. Waits for the frame in work; has taken
+  /// effect when it returns.
   ///
-  /// What was mapped since odometry began, and all that recognised places tie to it, moves along as one: path, cloud
-  /// and recognised places stay right. A map from a file keeps its place: the body leaves it, statistics().localized
-  /// becomes (or stays) false, and the next place of it that is recognised overrides this pose. It is no prior of that
-  /// search, which looks in the whole map anyway.
+  /// The map since odometry started, with all parts joined to it, moves along; path and cloud stay consistent. A map
+  /// from a file keeps its place: statistics().localized becomes false, and the next recognised place of it overrides
+  /// this pose. The search for that place covers the whole map.
   /// @throws std::invalid_argument for matrices that are no poses; changes nothing then.
   void setPose(const Eigen::Isometry3d& T_odom_body, const Eigen::Isometry3d& T_map_body);
 

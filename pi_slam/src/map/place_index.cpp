@@ -107,7 +107,7 @@ std::vector<PlaceIndex::Vote> PlaceIndex::query(const FeatureSet& features) cons
   {
     const uint8_t* const descriptor = features.descriptor(i);
     fits.clear();
-    // Each list lies somewhere else in memory: asked for all at once, they come together.
+    // Each list lies elsewhere in memory: prefetching all hides the latency.
     const Bucket* buckets[TABLES * PROBES];
     for (size_t t = 0; t < TABLES; ++t)
     {

@@ -33,8 +33,8 @@ struct PlaceQuery
   std::vector<bool> own_part;
 };
 
-/// Finds known places: near where the body should be, or anywhere by looks. Keeps an index of the map's keyframes.
-/// Not thread safe. Deterministic.
+/// Finds known places: near the expected pose of the body, or anywhere by appearance. Keeps an index of the map's
+/// keyframes. Not thread safe. Deterministic.
 class PlaceRecognizer
 {
 public:

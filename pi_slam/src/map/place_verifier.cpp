@@ -67,7 +67,7 @@ struct PlaceVerifier::Match
   bool inlier = false;
 };
 
-/// Of the picture: R_map_odom and the camera's place.
+/// Pose of the picture: R_map_odom and the position of the camera.
 struct PlaceVerifier::Pose
 {
   Eigen::Matrix3d R_map_odom = Eigen::Matrix3d::Identity();
@@ -429,7 +429,7 @@ std::optional<PlaceMatch> PlaceVerifier::verify(const FeatureSet& query, const E
   }
   Eigen::Matrix<double, 6, 6> information;
   refine(&matches, &pose, &information);
-  // Of matches among all features of both pictures: chance brings few of them together, whatever the pose.
+  // Among all features of both pictures, few matches agree with any pose by chance.
   const auto mutual = std::count_if(matches.begin(), matches.end(),
                                     [&](const Match& match) { return pose.chi2(match, 1.0) < MAX_CHI2; });
   for (int round = 0; round < ROUNDS; ++round)
@@ -469,7 +469,7 @@ std::optional<PlaceMatch> PlaceVerifier::verify(const FeatureSet& query, const E
     }
     result.covariance(i, i) += i < 3 ? POSITION_FLOOR_M * POSITION_FLOOR_M : HEADING_FLOOR_RAD * HEADING_FLOOR_RAD;
   }
-  // What is left of the tilt is noise of gravity: the camera's place is the measurement, not the tilt.
+  // The remaining tilt is noise of gravity: the position of the camera is the measurement, not the tilt.
   const Eigen::Matrix3d R_map_odom = turnZ(heading);
   const Eigen::Vector3d p_odom_camera = T_odom_body * query.p_body_camera.cast<double>();
   result.T_map_odom.linear() = R_map_odom;

@@ -39,11 +39,11 @@ struct PlaceVerifierOptions
   double gravity_noise_deg = 0.3;       ///< of roll and pitch, on each side
 };
 
-/// Finds where a picture was taken from what other pictures near its place saw, whose poses are known, and whether that
-/// holds. Both sides know gravity: position and heading from two matches between a point and a ray (Kukelova, Bujnak
-/// and Pajdla, ACCV 2010) in RANSAC, then all six degrees of freedom, with a prior of gravity, by Gauss-Newton over the
-/// matches of all views, whose distances (known to both sides, with their uncertainty) are eliminated one by one.
-/// Not thread safe. Deterministic.
+/// Finds the pose of a picture from other pictures near its place with known poses, and verifies it. Both sides know
+/// gravity: position and heading from two matches between a point and a ray (Kukelova, Bujnak and Pajdla, ACCV 2010) in
+/// RANSAC, then all six degrees of freedom, with a prior of gravity, by Gauss-Newton over the matches of all views,
+/// whose distances (known to both sides, with their uncertainty) are eliminated one by one. Not thread safe.
+/// Deterministic.
 class PlaceVerifier
 {
 public:

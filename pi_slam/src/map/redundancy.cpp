@@ -75,7 +75,7 @@ std::vector<size_t> redundantKeyframes(const MapData& map, size_t most, double d
   const size_t wanted = std::max(count - most, count / 20);
   std::vector<bool> gone(count, false);
   std::vector<size_t> chosen;
-  // First those whose neighbour stays, then whatever is left.
+  // First those whose neighbour stays, then the others.
   for (const bool any : {false, true})
   {
     for (const Neighbour& candidate : order)

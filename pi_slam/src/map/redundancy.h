@@ -8,14 +8,13 @@
 namespace pi_slam::map
 {
 
-/// Keyframes that a map with more than `most` of them can best do without: those with another one nearest to them, in
-/// units of distance_m and angle_rad. If it has more, one in twenty goes, so that the search is rare. The newest ones
-/// stay.
+/// The most redundant keyframes of a map with more than `most` of them: those with the nearest neighbour, in units of
+/// distance_m and angle_rad. One keyframe in twenty goes at once, so that the search is rare. The newest ones stay.
 /// @return indices of nodes; empty if there are not more than `most` keyframes.
 std::vector<size_t> redundantKeyframes(const MapData& map, size_t most, double distance_m, double angle_rad);
 
 /// Takes nodes without features out of a map that has more than `most` nodes: of the older half of them every other
-/// one. What their edges say goes over to edges between those that stay.
+/// one. Their edges are combined into edges between the nodes that stay.
 /// @return where each node has gone (-1: taken out); nullopt if nothing changed.
 std::optional<std::vector<int64_t>> thinOut(MapData* map, size_t most);
 

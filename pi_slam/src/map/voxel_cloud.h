@@ -12,8 +12,8 @@
 namespace pi_slam::map
 {
 
-/// The landmarks of a map in space, one per voxel (PCL's VoxelGrid), kept up to date: keyframes that are new are added,
-/// and only if others have moved or gone all is made anew. Not thread safe.
+/// The landmarks of a map in space, one per voxel (PCL's VoxelGrid), kept up to date: new keyframes are added. The
+/// cloud is computed again only if other keyframes have moved or gone. Not thread safe.
 class VoxelCloud
 {
 public:

@@ -9,7 +9,7 @@
 namespace pi_slam
 {
 
-/// Poses of the last while by their stamps. Not thread safe.
+/// Recent poses by their stamps. Not thread safe.
 class PoseHistory
 {
 public:

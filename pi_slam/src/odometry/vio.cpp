@@ -519,7 +519,7 @@ void Vio::Impl::noteMissingCorrection(const FilterReport& filtered, size_t views
   }
   if (at_odds && seconds(stamp_ns - odds_since_ns) > MAX_ODDS_S)
   {
-    // Landmarks and state will not come together again: both are believed, but not the connection.
+    // Landmarks and state will not agree again: both are kept, but the tracks between them are not.
     tracker.reset();
     odds_since_ns = 0;
   }
@@ -791,7 +791,7 @@ Matrix15d Vio::Impl::outputCovariance() const
   return filter.covariance() + common_covariance;
 }
 
-/// What other threads may see.
+/// The results for other threads.
 void Vio::Impl::publish()
 {
   const bool running = status != VioStatus::INITIALIZING && status != VioStatus::LOST;

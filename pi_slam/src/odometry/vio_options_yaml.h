@@ -30,7 +30,7 @@ struct OptionField
 /// @param vio,mapper  what the fields point into.
 std::vector<OptionField> optionFields(VioOptions* vio, MapperOptions* mapper);
 
-/// The known key that is written most like this one; empty if there is none.
+/// The known key with the most similar spelling; empty if there is none.
 std::string nearestKey(const std::string& key, const std::vector<OptionField>& fields);
 
 /// Replaces the options that a YAML file names; the others stay as they are. Groups are nested maps or written with a

@@ -26,7 +26,7 @@ constexpr double MAX_BASELINE_M = 3.0;
 Eigen::Matrix3d rectification(const sensor_msgs::CameraInfo& info, const std::string& name)
 {
   Eigen::Matrix3d R_rectified_camera = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(info.R.data());
-  // Files carry a handful of digits.
+  // Files have few digits.
   if (!((R_rectified_camera * R_rectified_camera.transpose() - Eigen::Matrix3d::Identity()).norm() < 1e-3) ||
       R_rectified_camera.determinant() < 0.0)
   {
@@ -63,7 +63,7 @@ std::optional<double> kalibrTimeShift(const std::string& file)
   return value;
 }
 
-/// Noise and rate of the file; what a file does not hold stays.
+/// Noise and rate of the file; the other fields stay.
 ImuModel loadImu(const std::string& file, const ImuModel& imu)
 {
   ImuModel model = ImuModel::loadYaml(file);

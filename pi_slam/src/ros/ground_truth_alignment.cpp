@@ -1,4 +1,6 @@
 #include "ros/ground_truth_alignment.h"
+
+#include <pi_node/durations.h>
 #include <tf2/exceptions.h>
 #include "ros/conversions.h"
 
@@ -79,7 +81,7 @@ void GroundTruthAlignmentRos::onOdometry(const nav_msgs::OdometryConstPtr& odome
     published_ns_ = 0;
   }
   last_ns_ = stamp_ns;
-  if (first_ns_ != 0 && 1e-9 * static_cast<double>(stamp_ns - first_ns_) > window_s_)
+  if (first_ns_ != 0 && pi_node::seconds(stamp_ns - first_ns_) > window_s_)
   {
     return;
   }

@@ -1,4 +1,6 @@
 #include "front_end/frame_features.h"
+
+#include <pi_node/durations.h>
 #include "ros/pair_matcher.h"
 
 #include <algorithm>
@@ -67,7 +69,7 @@ void PairMatcher::add(int camera, int64_t stamp_ns, const cv::Mat& picture, std:
     if (std::abs(difference_ns) > tolerance_ns_)
     {
       // Stamps increase, so the older one's partner cannot come any more.
-      const double difference_s = 1e-9 * static_cast<double>(std::abs(difference_ns));
+      const double difference_s = pi_node::seconds(std::abs(difference_ns));
       if (difference_s < MAX_MISMATCH_S)
       {
         mismatch_s_ = difference_s;

@@ -16,7 +16,7 @@ namespace
 
 using pi_node::sizeText;
 
-/// All that the calibration depends on; a stamp is no change.
+/// Compares all that the calibration depends on.
 bool sameCamera(const sensor_msgs::CameraInfo& a, const sensor_msgs::CameraInfo& b)
 {
   return a.width == b.width && a.height == b.height && a.distortion_model == b.distortion_model && a.D == b.D &&

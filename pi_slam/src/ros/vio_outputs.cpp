@@ -88,7 +88,7 @@ void VioOutputs::publishPath()
     return;
   }
   VioPoses::Path poses = pipeline->mapper ? pipeline->mapper->path() : VioPoses::Path();  // T_map_body
-  // Where odometry goes on after the map's last keyframe; all of it if that is of another time, before a jump.
+  // Only poses of odometry after the map's last keyframe; all of them if that keyframe is from before a jump of time.
   const int64_t from_ns = !poses.empty() && poses.back().first <= session_.last_odometry_ns ? poses.back().first : 0;
   for (const auto& [stamp_ns, T_map_body] : session_.odomPathInMap())
   {

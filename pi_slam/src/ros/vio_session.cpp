@@ -161,7 +161,7 @@ void VioSession::imuArrived()
 {
   if (worker_waits_for_imu_)
   {
-    // The lock makes sure that the worker is not between its look and its sleep.
+    // The lock ensures that the worker is not between its check and its wait.
     std::unique_lock<std::mutex>(mutex_).unlock();
     imu_arrived_.notify_all();
   }

@@ -102,7 +102,7 @@ void VioWorker::beginGeneration(const VioSession::Work& work)
   started_ = false;
   pairs_without_stereo_ = 0;
   outputs_.forgetTracks();
-  // Here, where frames for the map come from: none of the old time can follow.
+  // Done on the thread that feeds the map: no older frame can follow.
   const std::shared_ptr<Mapper>& mapper = work.pipeline->mapper;
   if (mapper && mapper == mapper_.lock())
   {
