@@ -26,6 +26,7 @@
 
 #include <pi_runtime/inner_core_scheduler.h>
 #include "dag_families.h"
+#include "plan_check.h"
 #include "textbook_heft.h"
 
 namespace pi_runtime_bench

@@ -1,4 +1,5 @@
 #include "dag_families.h"
+#include "plan_check.h"
 
 #include <algorithm>
 #include <cmath>

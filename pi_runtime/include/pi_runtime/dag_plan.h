@@ -2,8 +2,6 @@
 
 #include <cstdint>
 #include <limits>
-#include <optional>
-#include <string>
 #include <vector>
 
 #include <pi_runtime/etc_matrix.h>
@@ -41,16 +39,7 @@ struct DagPlan
 
   /// Schedule length ratio (Topcuoglu, Hariri, Wu 2002, eq. 9): makespan over critical path, >= 1. An upper
   /// bound of the plan's length over that of the best plan. 1 for a graph without work; undefined if not feasible().
-  double slr() const;
+  double slr() const { return makespan == critical_path ? 1.0 : makespan / critical_path; }
 };
-
-/// Checks a plan against its problem, with a tolerance of 1e-9 of the makespan for rounding: every node runs for its
-/// time on a unit that can run it, not before its release, the unit's available time and the arrival of its
-/// predecessors' data; no unit runs two nodes at a time; order, level, infeasible and makespan agree with the rest.
-/// @param barrier  also demand that no node starts before all nodes of the levels above it have finished.
-/// @return the first violation; nothing if the plan is valid.
-std::optional<std::string> validatePlan(const TaskGraph& graph, const EtcMatrix& etc, const TransferModel& transfers,
-                                        const DagPlan& plan, const StartTimes& start_times = StartTimes(),
-                                        bool barrier = false);
 
 }  // namespace pi_runtime

@@ -88,11 +88,4 @@ private:
   std::unique_ptr<Workspace> workspace_;
 };
 
-/// Communication to computation ratio: mean transfer time of an edge (over all pairs of different units) divided by the
-/// mean time of a node (over the units that can run it). 0 without edges or with one unit.
-double communicationToComputation(const TaskGraph& graph, const EtcMatrix& etc, const TransferModel& transfers);
-
-/// LOOKAHEAD where communicationToComputation() >= 1, else HEFT.
-InnerCorePolicy recommendedPolicy(const TaskGraph& graph, const EtcMatrix& etc, const TransferModel& transfers);
-
 }  // namespace pi_runtime

@@ -88,8 +88,6 @@ struct OpenClDeviceInfo
   bool unified_memory;  ///< shares the host's memory
   bool fp16;
   bool fp64;
-  bool images;
-  bool out_of_order;
   uint64_t memory_bytes;
 };
 

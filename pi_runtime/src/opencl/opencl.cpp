@@ -122,9 +122,6 @@ OpenClDeviceInfo describe(cl_platform_id platform, const std::string& platform_n
   const std::string extensions = deviceText(device, CL_DEVICE_EXTENSIONS);
   info.fp16 = extensions.find("cl_khr_fp16") != std::string::npos;
   info.fp64 = deviceValue<cl_device_fp_config>(device, CL_DEVICE_DOUBLE_FP_CONFIG) != 0;
-  info.images = deviceValue<cl_bool>(device, CL_DEVICE_IMAGE_SUPPORT) == CL_TRUE;
-  const auto queues = deviceValue<cl_command_queue_properties>(device, CL_DEVICE_QUEUE_PROPERTIES);
-  info.out_of_order = (queues & CL_QUEUE_OUT_OF_ORDER_EXEC_MODE_ENABLE) != 0;
   info.memory_bytes = deviceValue<cl_ulong>(device, CL_DEVICE_GLOBAL_MEM_SIZE);
   return info;
 }

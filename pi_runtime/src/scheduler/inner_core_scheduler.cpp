@@ -262,37 +262,4 @@ DagPlan InnerCoreScheduler::schedule(const TaskGraph& graph, const EtcMatrix& et
   return plan;
 }
 
-double communicationToComputation(const TaskGraph& graph, const EtcMatrix& etc, const TransferModel& transfers)
-{
-  checkSizes(graph, etc, transfers);
-  if (graph.edges() == 0)
-  {
-    return 0.0;
-  }
-  const TransferModel::Mean mean = transfers.mean();
-  double communication = 0.0;
-  double computation = 0.0;
-  int runnable = 0;
-  for (uint32_t node = 0; node < graph.nodes(); ++node)
-  {
-    for (const TaskGraph::Link& successor : graph.successors(node))
-    {
-      communication += mean.time(successor.bytes);
-    }
-    const Times times = timesOf(etc, node);
-    if (std::isfinite(times.fastest))
-    {
-      computation += times.mean;
-      ++runnable;
-    }
-  }
-  communication /= static_cast<double>(graph.edges());
-  return communication == 0.0 ? 0.0 : communication / (computation / runnable);
-}
-
-InnerCorePolicy recommendedPolicy(const TaskGraph& graph, const EtcMatrix& etc, const TransferModel& transfers)
-{
-  return communicationToComputation(graph, etc, transfers) >= 1.0 ? InnerCorePolicy::LOOKAHEAD : InnerCorePolicy::HEFT;
-}
-
 }  // namespace pi_runtime

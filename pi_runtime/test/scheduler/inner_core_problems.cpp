@@ -1,4 +1,5 @@
 #include "scheduler/inner_core_problems.h"
+#include "plan_check.h"
 
 #include <gtest/gtest.h>
 

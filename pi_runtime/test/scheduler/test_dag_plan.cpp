@@ -6,6 +6,8 @@
 #include <limits>
 #include <string>
 
+#include "plan_check.h"
+
 namespace pi_runtime
 {
 namespace

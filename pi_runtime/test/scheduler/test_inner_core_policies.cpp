@@ -7,6 +7,7 @@
 
 #include <pi_runtime/inner_core_scheduler.h>
 #include "dag_families.h"
+#include "plan_check.h"
 #include "scheduler/inner_core_problems.h"
 #include "textbook_heft.h"
 

@@ -1,4 +1,4 @@
-#include <pi_runtime/dag_plan.h>
+#include "plan_check.h"
 
 #include <algorithm>
 #include <cmath>
@@ -191,11 +191,6 @@ private:
 
 }  // namespace
 
-double DagPlan::slr() const
-{
-  return makespan == critical_path ? 1.0 : makespan / critical_path;
-}
-
 std::optional<std::string> validatePlan(const TaskGraph& graph, const EtcMatrix& etc, const TransferModel& transfers,
                                         const DagPlan& plan, const StartTimes& start_times, bool barrier)
 {
@@ -211,6 +206,42 @@ std::optional<std::string> validatePlan(const TaskGraph& graph, const EtcMatrix&
   finding = finding ? finding : check.precedence();
   finding = finding ? finding : check.unitOrders();
   return finding || !barrier ? finding : check.barriers();
+}
+
+double communicationToComputation(const TaskGraph& graph, const EtcMatrix& etc, const TransferModel& transfers)
+{
+  if (graph.edges() == 0)
+  {
+    return 0.0;
+  }
+  const TransferModel::Mean mean = transfers.mean();
+  double communication = 0.0;
+  double computation = 0.0;
+  int runnable = 0;
+  for (uint32_t node = 0; node < graph.nodes(); ++node)
+  {
+    for (const TaskGraph::Link& successor : graph.successors(node))
+    {
+      communication += mean.time(successor.bytes);
+    }
+    double sum = 0.0;
+    int units = 0;
+    for (size_t unit = 0; unit < etc.units(); ++unit)
+    {
+      const bool possible = std::isfinite(etc.at(node, unit));
+      sum += possible ? etc.at(node, unit) : 0.0;
+      units += possible;
+    }
+    computation += units > 0 ? sum / units : 0.0;
+    runnable += units > 0;
+  }
+  communication /= static_cast<double>(graph.edges());
+  return communication == 0.0 ? 0.0 : communication / (computation / runnable);
+}
+
+InnerCorePolicy recommendedPolicy(const TaskGraph& graph, const EtcMatrix& etc, const TransferModel& transfers)
+{
+  return communicationToComputation(graph, etc, transfers) >= 1.0 ? InnerCorePolicy::LOOKAHEAD : InnerCorePolicy::HEFT;
 }
 
 }  // namespace pi_runtime
