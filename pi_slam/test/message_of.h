@@ -1,18 +1,5 @@
 #pragma once
 
-#include <string>
+#include <pi_node/test_support/message_of.h>
 
-/// what() of the exception that `action` throws, or "" if it throws none of this kind.
-template <typename Exception, typename Action>
-std::string messageOf(const Action& action)
-{
-  try
-  {
-    action();
-  }
-  catch (const Exception& exception)
-  {
-    return exception.what();
-  }
-  return "";
-}
+using pi_node::test_support::messageOf;

@@ -5,6 +5,7 @@
 #include "chassis/simulated_chassis.h"
 
 #include <gtest/gtest.h>
+#include <pi_node/durations.h>
 #include <pi_node/test_support/temporary_folder.h>
 #include <pi_vehicle/chassis/serial_port.h>
 
@@ -21,6 +22,8 @@ namespace pi_simulation
 {
 namespace
 {
+
+using namespace pi_vehicle::chassis;
 
 using pi_node::test_support::TemporaryFolder;
 

@@ -1,13 +1,16 @@
 #include <pi_slam/imu_simulator.h>
 
 #include "drives/vehicle_path.h"
-#include "temporary_folder.h"
 
 #include <gtest/gtest.h>
+#include <pi_node/test_support/message_of.h>
+#include <pi_node/test_support/temporary_folder.h>
 
 #include <cmath>
 
 using namespace pi_simulation;
+using pi_node::test_support::messageOf;
+using pi_node::test_support::TemporaryFolder;
 
 namespace
 {
@@ -44,7 +47,7 @@ Eigen::Isometry3d integrate(const pi_slam::SplineTrajectory& truth, const std::v
 
 }  // namespace
 
-TEST(pi_slam::ImuSimulator, IdealSamplesIntegrateBackToTheTrajectory)
+TEST(ImuSimulator, IdealSamplesIntegrateBackToTheTrajectory)
 {
   const pi_slam::SplineTrajectory drive = makeDrive(20.0);
   for (const double rate_hz : {200.0, 1000.0})
@@ -64,7 +67,7 @@ TEST(pi_slam::ImuSimulator, IdealSamplesIntegrateBackToTheTrajectory)
   }
 }
 
-TEST(pi_slam::ImuSimulator, AtRestItMeasuresGravityUpwards)
+TEST(ImuSimulator, AtRestItMeasuresGravityUpwards)
 {
   const pi_slam::SplineTrajectory drive = makeDrive(20.0);
   const auto samples =
@@ -74,7 +77,7 @@ TEST(pi_slam::ImuSimulator, AtRestItMeasuresGravityUpwards)
   EXPECT_GT(samples[100].f.z(), 9.8);
 }
 
-TEST(pi_slam::ImuSimulator, NoiseHasTheStatedDensity)
+TEST(ImuSimulator, NoiseHasTheStatedDensity)
 {
   const pi_slam::SplineTrajectory drive = makeDrive(60.0);
   pi_slam::ImuSimulatorOptions options;
@@ -95,7 +98,7 @@ TEST(pi_slam::ImuSimulator, NoiseHasTheStatedDensity)
   EXPECT_NEAR(std::sqrt(accel / count), 2e-3 * std::sqrt(200.0), 0.02 * 2e-3 * std::sqrt(200.0));
 }
 
-TEST(pi_slam::ImuSimulator, BiasesWalkAndAreReported)
+TEST(ImuSimulator, BiasesWalkAndAreReported)
 {
   const pi_slam::SplineTrajectory drive = makeDrive(30.0);
   pi_slam::ImuSimulatorOptions options;
@@ -112,7 +115,7 @@ TEST(pi_slam::ImuSimulator, BiasesWalkAndAreReported)
   EXPECT_LT((biases.back().accel - options.accel_bias).cwiseAbs().maxCoeff(), 5.0 * 3e-3 * std::sqrt(30.0));
 }
 
-TEST(pi_slam::ImuSimulator, Saturates)
+TEST(ImuSimulator, Saturates)
 {
   const pi_slam::SplineTrajectory drive = makeDrive(10.0);
   pi_slam::ImuSimulatorOptions options = pi_slam::ImuSimulatorOptions::makeIdeal();
@@ -124,7 +127,7 @@ TEST(pi_slam::ImuSimulator, Saturates)
   }
 }
 
-TEST(pi_slam::ImuSimulator, RepeatsItselfWithTheSameSeed)
+TEST(ImuSimulator, RepeatsItselfWithTheSameSeed)
 {
   const pi_slam::SplineTrajectory drive = makeDrive(10.0);
   pi_slam::ImuSimulatorOptions options;
@@ -136,7 +139,7 @@ TEST(pi_slam::ImuSimulator, RepeatsItselfWithTheSameSeed)
   EXPECT_NE(first.back().w, other.back().w);
 }
 
-TEST(pi_slam::ImuSimulator, RefusesOptionsOutOfRangeByName)
+TEST(ImuSimulator, RefusesOptionsOutOfRangeByName)
 {
   pi_slam::ImuSimulatorOptions options;
   options.rate_hz = 1.0;
@@ -148,7 +151,7 @@ TEST(pi_slam::ImuSimulator, RefusesOptionsOutOfRangeByName)
             std::string::npos);
 }
 
-TEST(pi_slam::ImuLog, KeepsLinesAsTheyAre)
+TEST(ImuLog, KeepsLinesAsTheyAre)
 {
   const TemporaryFolder folder;
   const pi_slam::ImuLog log =
@@ -159,7 +162,7 @@ TEST(pi_slam::ImuLog, KeepsLinesAsTheyAre)
   EXPECT_EQ(log.stamps_ns[1], 2000);
 }
 
-TEST(pi_slam::ImuLog, NamesTheLineThatIsWrong)
+TEST(ImuLog, NamesTheLineThatIsWrong)
 {
   const TemporaryFolder folder;
   const auto complaint = [&](const std::string& text)

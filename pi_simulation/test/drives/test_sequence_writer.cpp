@@ -1,17 +1,21 @@
 #include "drives/sequence_writer.h"
 
 #include "drives/vehicle_path.h"
-#include "temporary_folder.h"
 
 #include <gtest/gtest.h>
+#include <pi_node/test_support/message_of.h>
+#include <pi_node/test_support/temporary_folder.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <fstream>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <sstream>
 
 using namespace pi_simulation;
+using pi_node::test_support::messageOf;
+using pi_node::test_support::TemporaryFolder;
 namespace fs = std::filesystem;
 
 namespace
@@ -42,7 +46,7 @@ struct Scenario
   SequenceOptions options(const TemporaryFolder& folder) const
   {
     SequenceOptions options;
-    options.folder = (folder.path() / "out").string();
+    options.folder = (fs::path(folder.path()) / "out").string();
     return options;
   }
 
@@ -104,7 +108,7 @@ TEST(SequenceWriter, WritesTheLayoutOfEuroc)
   EXPECT_TRUE(report.complete);
   EXPECT_EQ(report.pairs, 41u);  // 20 Hz, both ends
   EXPECT_EQ(report.imu_samples, 401u);
-  const fs::path mav = folder.path() / "out" / "mav0";
+  const fs::path mav = fs::path(folder.path()) / "out" / "mav0";
   for (const char* camera : {"cam0", "cam1"})
   {
     const auto lines = dataLines(mav / camera / "data.csv");
@@ -122,11 +126,11 @@ TEST(SequenceWriter, WritesTheLayoutOfEuroc)
   const auto truth = dataLines(mav / "state_groundtruth_estimate0" / "data.csv");
   ASSERT_EQ(truth.size(), 401u);
   EXPECT_EQ(std::count(truth[0].begin(), truth[0].end(), ','), 16);
-  EXPECT_EQ(dataLines(folder.path() / "out" / "groundtruth_tum.txt").size(), 401u);
+  EXPECT_EQ(dataLines(fs::path(folder.path()) / "out" / "groundtruth_tum.txt").size(), 401u);
   const cv::Mat depth =
-      cv::imread((folder.path() / "out/truth/depth/1700000000000000000.png").string(), cv::IMREAD_UNCHANGED);
+      cv::imread((fs::path(folder.path()) / "out/truth/depth/1700000000000000000.png").string(), cv::IMREAD_UNCHANGED);
   EXPECT_EQ(depth.type(), CV_16UC1);
-  cv::FileStorage json((folder.path() / "out/truth/obstacles.json").string(), cv::FileStorage::READ);
+  cv::FileStorage json((fs::path(folder.path()) / "out/truth/obstacles.json").string(), cv::FileStorage::READ);
   EXPECT_EQ(json["frames"].size(), 41u);
 }
 
@@ -134,7 +138,7 @@ TEST(SequenceWriter, CalibrationAndTruthReadBackAsWritten)
 {
   const TemporaryFolder folder;
   scenario().write(scenario().options(folder));
-  const std::string mav = (folder.path() / "out" / "mav0").string();
+  const std::string mav = (fs::path(folder.path()) / "out" / "mav0").string();
   const pi_slam::StereoCalibration read =
       pi_slam::StereoCalibration::loadEuroc(mav + "/cam0/sensor.yaml", mav + "/cam1/sensor.yaml");
   const pi_slam::StereoCalibration& written = scenario().calibration;
@@ -142,7 +146,7 @@ TEST(SequenceWriter, CalibrationAndTruthReadBackAsWritten)
   EXPECT_EQ(read.left.model.fx, written.left.model.fx);
   EXPECT_EQ(read.left.model.cx, written.left.model.cx);
   EXPECT_LT((read.right.T_body_camera.matrix() - written.right.T_body_camera.matrix()).norm(), 1e-12);
-  const auto tum = pi_slam::readTrajectory((folder.path() / "out" / "groundtruth_tum.txt").string());
+  const auto tum = pi_slam::readTrajectory((fs::path(folder.path()) / "out" / "groundtruth_tum.txt").string());
   const auto csv = pi_slam::readTrajectory(mav + "/state_groundtruth_estimate0/data.csv");
   ASSERT_EQ(tum.size(), csv.size());
   for (size_t i = 0; i < tum.size(); ++i)
@@ -162,15 +166,16 @@ TEST(SequenceWriter, ContentDoesNotDependOnThreads)
   options.obstacles = true;
   options.renderer.threads = 1;
   scenario().write(options);
-  options.folder = (folder.path() / "other").string();
+  options.folder = (fs::path(folder.path()) / "other").string();
   options.renderer.threads = 3;
   scenario().write(options);
   int files = 0;
-  for (const auto& entry : fs::recursive_directory_iterator(folder.path() / "out"))
+  for (const auto& entry : fs::recursive_directory_iterator(fs::path(folder.path()) / "out"))
   {
     if (entry.is_regular_file())
     {
-      const fs::path other = folder.path() / "other" / fs::relative(entry.path(), folder.path() / "out");
+      const fs::path other =
+          fs::path(folder.path()) / "other" / fs::relative(entry.path(), fs::path(folder.path()) / "out");
       EXPECT_EQ(textOf(entry.path()), textOf(other)) << other;
       ++files;
     }
@@ -192,7 +197,7 @@ TEST(SequenceWriter, PassesAnImuLogOnUnchangedAndTakesPicturesAtItsStamps)
   SequenceOptions options = scenario().options(folder);
   options.imu_log = folder.file("imu.csv", log);
   const SequenceReport report = scenario().write(options);
-  const fs::path mav = folder.path() / "out" / "mav0";
+  const fs::path mav = fs::path(folder.path()) / "out" / "mav0";
   const auto kept = dataLines(mav / "imu0" / "data.csv");
   ASSERT_EQ(kept.size(), report.imu_samples);
   EXPECT_TRUE(std::equal(kept.begin(), kept.end(), lines.begin()));
@@ -215,7 +220,7 @@ TEST(SequenceWriter, MakesTheFaultsThatAreAskedFor)
   options.faults.late.push_back({1.0, 1.1});
   options.faults.imu_gaps.push_back({1.5, 1.75});
   scenario().write(options);
-  const fs::path mav = folder.path() / "out" / "mav0";
+  const fs::path mav = fs::path(folder.path()) / "out" / "mav0";
   const auto brightest = [&](const char* camera, int64_t time_ms)
   {
     const fs::path file = mav / camera / "data" / (std::to_string(START_NS + time_ms * 1000000) + ".png");
@@ -256,13 +261,14 @@ TEST(SequenceWriter, SwapsTheCamerasPictures)
   SequenceOptions options = scenario().options(folder);
   options.duration_s = 0.1;
   scenario().write(options);
-  options.folder = (folder.path() / "swapped").string();
+  options.folder = (fs::path(folder.path()) / "swapped").string();
   options.faults.swapped_cameras = true;
   scenario().write(options);
   const std::string name = "data/" + std::to_string(START_NS) + ".png";
-  EXPECT_EQ(textOf(folder.path() / "out/mav0/cam0" / name), textOf(folder.path() / "swapped/mav0/cam1" / name));
-  EXPECT_EQ(textOf(folder.path() / "out/mav0/cam0/sensor.yaml"),
-            textOf(folder.path() / "swapped/mav0/cam0/sensor.yaml"));
+  EXPECT_EQ(textOf(fs::path(folder.path()) / "out/mav0/cam0" / name),
+            textOf(fs::path(folder.path()) / "swapped/mav0/cam1" / name));
+  EXPECT_EQ(textOf(fs::path(folder.path()) / "out/mav0/cam0/sensor.yaml"),
+            textOf(fs::path(folder.path()) / "swapped/mav0/cam0/sensor.yaml"));
 }
 
 TEST(SequenceWriter, LeavesNothingBehindWhenStopped)
@@ -272,8 +278,8 @@ TEST(SequenceWriter, LeavesNothingBehindWhenStopped)
   const SequenceReport report = writeSequence(scenario().world, scenario().trajectory, scenario().calibration, options,
                                               [](size_t done, size_t) { return done < 3; });
   EXPECT_FALSE(report.complete);
-  EXPECT_FALSE(fs::exists(folder.path() / "out" / "mav0"));
-  EXPECT_FALSE(fs::exists(folder.path() / "out" / "groundtruth_tum.txt"));
+  EXPECT_FALSE(fs::exists(fs::path(folder.path()) / "out" / "mav0"));
+  EXPECT_FALSE(fs::exists(fs::path(folder.path()) / "out" / "groundtruth_tum.txt"));
 }
 
 TEST(SequenceWriter, KeepsARecordingUnlessAskedToReplaceIt)
@@ -311,5 +317,5 @@ TEST(SequenceWriter, RefusesBadInputByName)
             std::string::npos);
   EXPECT_NE(complaint([](SequenceOptions* o) { o->folder = "/proc/nowhere"; }).find("/proc/nowhere"),
             std::string::npos);
-  EXPECT_FALSE(fs::exists(folder.path() / "out"));
+  EXPECT_FALSE(fs::exists(fs::path(folder.path()) / "out"));
 }

@@ -1,13 +1,13 @@
 #include "drives/vehicle_path.h"
 
-#include "temporary_folder.h"
-
 #include <gtest/gtest.h>
+#include <pi_node/test_support/message_of.h>
 #include <pi_slam/spline_trajectory.h>
 
 #include <cmath>
 
 using namespace pi_simulation;
+using pi_node::test_support::messageOf;
 
 namespace
 {

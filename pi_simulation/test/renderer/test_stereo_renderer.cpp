@@ -2,14 +2,15 @@
 
 #include "drives/vehicle_path.h"
 #include "renderer/visible_obstacles.h"
-#include "temporary_folder.h"
 
 #include <gtest/gtest.h>
+#include <pi_node/test_support/message_of.h>
 
 #include <cmath>
 #include <opencv2/core.hpp>
 
 using namespace pi_simulation;
+using pi_node::test_support::messageOf;
 
 namespace
 {

@@ -1,15 +1,16 @@
 #include "renderer/synthetic_world.h"
 
 #include "drives/vehicle_path.h"
-#include "temporary_folder.h"
 
 #include <gtest/gtest.h>
+#include <pi_node/test_support/message_of.h>
 
 #include <algorithm>
 #include <cmath>
 #include <set>
 
 using namespace pi_simulation;
+using pi_node::test_support::messageOf;
 
 namespace
 {
