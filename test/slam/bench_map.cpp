@@ -19,6 +19,7 @@
 namespace
 {
 
+using namespace pi_simulation;
 using namespace pi_slam;
 using namespace pi_slam::map;
 

@@ -17,6 +17,7 @@ namespace
 {
 
 namespace po = boost::program_options;
+using namespace pi_simulation;
 using namespace pi_slam;
 
 struct Arguments

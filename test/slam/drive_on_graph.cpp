@@ -11,6 +11,7 @@
 
 namespace pi_slam
 {
+using namespace pi_simulation;
 namespace
 {
 

@@ -25,7 +25,7 @@ struct SyntheticDrive
 {
   StereoCalibration calibration;
   std::vector<ImuSample> imu;
-  std::vector<StereoFrame> frames;
+  std::vector<pi_simulation::StereoFrame> frames;
   std::vector<Eigen::Isometry3d> T_world_body;  ///< at each sample of the IMU
 
   static SyntheticDrive make(double duration_s);

@@ -18,6 +18,7 @@
 #include "estimator/simulated_features.h"
 #include "message_of.h"
 
+using namespace pi_simulation;
 using namespace pi_slam;
 
 namespace

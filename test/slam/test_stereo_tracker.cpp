@@ -13,6 +13,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <set>
 
+using namespace pi_simulation;
 using namespace pi_slam;
 
 namespace

@@ -14,6 +14,7 @@
 
 namespace pi_slam
 {
+using namespace pi_simulation;
 namespace
 {
 
