@@ -1,4 +1,4 @@
-#include "detector/tiny_network.h"
+#include "tiny_network.h"  // pi_offload compiles this file, too
 
 #include <fstream>
 #include <stdexcept>
