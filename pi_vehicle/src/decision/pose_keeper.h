@@ -78,9 +78,8 @@ const char* toString(KeeperState state);
 /// While odometry runs, the pose is T_map_odom T_odom_base; while it is silent, wheel odometry continues the pose.
 /// Odometry counts as restarted if
 /// - it comes over another connection, and its count of messages went back; or
-/// - it comes over another connection or after silence_s, and its pose jumped: against the wheels by more than jump_*,
-/// or
-///   without trusted wheels by more than the vehicle can have driven; or
+/// - it comes over another connection or after silence_s, and its pose jumped: against the wheels by more than
+///   jump_*, or without trusted wheels by more than the vehicle can have driven; or
 /// - it comes over another connection, and its pose in the map jumped in this way.
 /// A jump of T_map_odom alone is a loop closure and is accepted. Restarted odometry is sent its pose until it reports
 /// the same pose; if it does so by itself, because its map knows the place, nothing is sent. When stamps go back by

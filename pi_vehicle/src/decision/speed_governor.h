@@ -100,9 +100,8 @@ struct GovernorOutput
 /// Obstacles move with constant velocity from their stamp on, as outlines or, without one, as boxes. The vehicle's
 /// outline with margin moves along the way. A speed is allowed if
 /// - driving it for the reaction time and then braking comfortably touches no obstacle, with a gap ahead that grows
-/// with
-///   the speed. So the vehicle stops before standing obstacles, follows slower ones, lets crossing ones pass and waits
-///   for oncoming ones; and
+///   with the speed. So the vehicle stops before standing obstacles, follows slower ones, lets crossing ones pass and
+///   waits for oncoming ones; and
 /// - emergency braking suffices if a moving obstacle stops at once.
 /// If the present speed is not allowed, the vehicle keeps it where it passes all obstacles with pass_time_margin. An
 /// emergency is when comfortable braking would end in contact. Obstacles that are wholly behind the vehicle do not

@@ -47,9 +47,9 @@ std::vector<std::string> computerSensors(const pi_node::PowerReading& reading,
                                          const std::vector<std::string>& asked_for);
 
 /// Shares the power of the computer out to its services.
-/// @param sensors  as computerSensors() takes them. Of what is measured, model.idle_w + model.board_w is idle (all of
+/// @param sensors  as for computerSensors(). Of the measured power, model.idle_w + model.board_w is idle power (all of
 /// it
-///                 if it is less), the rest dynamic.
+///                 if it is less), the rest is dynamic.
 PowerAccount accountPower(const MachineUse& use, const pi_node::PowerReading& reading, const ModelOptions& model,
                           const std::vector<std::string>& sensors);
 
