@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <pi_node/test_support/message_of.h>
 #include <pi_slam/imu_simulator.h>
 #include "initialization/initializer.h"
 #include <pi_slam/so3.h>
@@ -16,10 +17,10 @@
 #include <sstream>
 
 #include "estimator/simulated_features.h"
-#include "message_of.h"
 
 using namespace pi_simulation;
 using namespace pi_slam;
+using pi_node::test_support::messageOf;
 
 namespace
 {

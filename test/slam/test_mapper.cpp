@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <pi_node/test_support/message_of.h>
 #include <pi_node/test_support/temporary_folder.h>
 #include <pi_runtime/runtime.h>
 #include "map/mapper.h"
@@ -14,13 +15,12 @@
 #include <map>
 #include <opencv2/imgcodecs.hpp>
 
-#include "message_of.h"
-
 namespace
 {
 
 using namespace pi_simulation;
 using namespace pi_slam;
+using pi_node::test_support::messageOf;
 using pi_node::test_support::TemporaryFolder;
 
 constexpr int64_t SECOND_ROUND_NS = 1000000000000LL;

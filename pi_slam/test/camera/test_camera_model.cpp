@@ -1,15 +1,16 @@
 #include <gtest/gtest.h>
+#include <pi_node/test_support/message_of.h>
 #include <pi_slam/camera_model.h>
 
 #include <cmath>
-
-#include "message_of.h"
 
 using pi_slam::CameraModel;
 using pi_slam::Distortion;
 
 namespace
 {
+
+using pi_node::test_support::messageOf;
 
 CameraModel makeCamera(Distortion distortion, const std::array<double, 4>& coefficients)
 {

@@ -1,10 +1,10 @@
 #include <gtest/gtest.h>
+#include <pi_node/test_support/message_of.h>
 #include <pi_node/test_support/temporary_folder.h>
 #include <pi_slam/stereo_calibration.h>
 
-#include "message_of.h"
-
 using namespace pi_slam;
+using pi_node::test_support::messageOf;
 using pi_node::test_support::TemporaryFolder;
 
 namespace

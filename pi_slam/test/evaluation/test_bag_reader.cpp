@@ -1,6 +1,7 @@
 #include "evaluation/bag_reader.h"
 
 #include <gtest/gtest.h>
+#include <pi_node/test_support/message_of.h>
 #include <pi_node/test_support/temporary_folder.h>
 #include <rosbag/bag.h>
 #include <sensor_msgs/CompressedImage.h>
@@ -14,12 +15,12 @@
 #include <vector>
 
 #include "evaluation/read_all.h"
-#include "message_of.h"
 
 namespace
 {
 
 using namespace pi_slam;
+using pi_node::test_support::messageOf;
 using pi_node::test_support::TemporaryFolder;
 
 constexpr int64_t START_NS = 1400000000000000000;

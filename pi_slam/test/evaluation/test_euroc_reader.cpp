@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <pi_node/test_support/message_of.h>
 #include <pi_node/test_support/temporary_folder.h>
 #include "evaluation/sequence_reader.h"
 
@@ -8,12 +9,12 @@
 #include <vector>
 
 #include "evaluation/read_all.h"
-#include "message_of.h"
 
 namespace
 {
 
 using namespace pi_slam;
+using pi_node::test_support::messageOf;
 using pi_node::test_support::TemporaryFolder;
 namespace fs = std::filesystem;
 

@@ -1,16 +1,16 @@
 #include <gtest/gtest.h>
+#include <pi_node/test_support/message_of.h>
 #include "evaluation/trajectory_metrics.h"
 
 #include <cmath>
 #include <limits>
 #include <random>
 
-#include "message_of.h"
-
 namespace
 {
 
 using namespace pi_slam;
+using pi_node::test_support::messageOf;
 
 constexpr int64_t SECOND = 1000000000;
 constexpr double NOT_A_NUMBER = std::numeric_limits<double>::quiet_NaN();

@@ -1,13 +1,13 @@
 #include <gtest/gtest.h>
+#include <pi_node/test_support/message_of.h>
 #include <pi_slam/so3.h>
 #include "inertial/imu_preintegration.h"
 
 #include <cmath>
 #include <limits>
 
-#include "message_of.h"
-
 using namespace pi_slam;
+using pi_node::test_support::messageOf;
 
 namespace
 {

@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <pi_node/test_support/message_of.h>
 #include <pi_slam/imu_simulator.h>
 #include <pi_slam/so3.h>
 #include "inertial/imu_preintegration.h"
@@ -8,9 +9,8 @@
 #include <limits>
 #include <random>
 
-#include "message_of.h"
-
 using namespace pi_slam;
+using pi_node::test_support::messageOf;
 
 namespace
 {

@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <pi_node/test_support/message_of.h>
 #include "initialization/standstill_detector.h"
 
 #include <algorithm>
@@ -7,9 +8,8 @@
 #include <limits>
 #include <random>
 
-#include "message_of.h"
-
 using namespace pi_slam;
+using pi_node::test_support::messageOf;
 
 namespace
 {

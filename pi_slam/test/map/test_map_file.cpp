@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <pi_node/test_support/message_of.h>
 #include <pi_node/test_support/temporary_folder.h>
 
 #include <cmath>
@@ -6,12 +7,12 @@
 #include <random>
 
 #include "map/map_file.h"
-#include "message_of.h"
 
 namespace
 {
 
 using namespace pi_slam;
+using pi_node::test_support::messageOf;
 using pi_node::test_support::TemporaryFolder;
 using namespace pi_slam::map;
 

@@ -1,15 +1,15 @@
 #include <gtest/gtest.h>
+#include <pi_node/test_support/message_of.h>
 #include <pi_node/test_support/temporary_folder.h>
 #include "odometry/vio_options_yaml.h"
 
 #include <set>
 
-#include "message_of.h"
-
 namespace
 {
 
 using namespace pi_slam;
+using pi_node::test_support::messageOf;
 using pi_node::test_support::TemporaryFolder;
 
 class VioOptionsYaml : public testing::Test
