@@ -13,7 +13,7 @@ namespace pi_runtime
 namespace
 {
 
-using namespace test_support;
+using namespace pi_node::test_support;
 using XmlRpc::XmlRpcValue;
 
 /// The parameters of a tree by their names, as text.
