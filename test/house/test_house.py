@@ -76,7 +76,7 @@ class House(unittest.TestCase):
                     users[name].add(file)
         readmes = "".join((ROOT / path).read_text() for path in tracked("*.md"))
         used = {name for name, path in headers.items()
-                if name in readmes or any(user.parts[0] not in (path.parts[0], "test") or "examples" in user.parts
+                if name in readmes or "`%s`" % path.name in readmes or any(user.parts[0] not in (path.parts[0], "test") or "examples" in user.parts
                                           for user in users[name])}
         unread = list(used)
         while unread:  # and what these include

@@ -24,12 +24,17 @@ class Scenario:
     edge_nodes: list
 
 
+def simulation_config(package):
+    """pi_simulation's config: beside pi_bringup in the source tree and in the install space."""
+    return package.parent / "pi_simulation" / "config"
+
+
 def find(text, package):
-    """@param text  path of a file, or a name in config/scenarios. @throws DemoError naming those that are there."""
+    """@param text  path of a file, or a name in pi_simulation's config/scenarios. @throws DemoError naming those that are there."""
     path = Path(text)
     if path.is_file():
         return path.resolve()
-    folder = package / "config" / "scenarios"
+    folder = simulation_config(package) / "scenarios"
     if (folder / (text + ".yaml")).is_file():
         return folder / (text + ".yaml")
     known = ", ".join(sorted(one.stem for one in folder.glob("*.yaml")))
@@ -49,7 +54,7 @@ def load(path, package):
     """@throws DemoError. The simulator judges the file in full; here only what is read counts."""
     try:
         tree = yaml.safe_load(path.read_text(encoding="utf-8"))
-        simulator = yaml.safe_load((package / "config" / "vehicle_simulator.yaml").read_text(encoding="utf-8"))
+        simulator = yaml.safe_load((simulation_config(package) / "vehicle_simulator.yaml").read_text(encoding="utf-8"))
         mount = (simulator["imu_in_base"]["x"], simulator["imu_in_base"]["y"])
         nodes = [EdgeNode(one["id"], *to_map(tree["start"], mount, (one["x"], one["y"])), float(one["range"]))
                  for one in tree.get("edge_nodes") or []]
