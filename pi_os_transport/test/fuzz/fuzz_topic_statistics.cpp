@@ -3,7 +3,7 @@
 #include <stdexcept>
 
 #include "fuzz_input.h"
-#include "topic_monitor/topic_statistics.h"
+#include "topic_monitor/topic_report.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size)
 {
