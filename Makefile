@@ -66,8 +66,8 @@ compile: $(BUILD)/.configured
 build: compile
 	@scripts/install_if_changed $(CURDIR) $(BUILD) $(INSTALL)
 
-# Tests wait more than they compute: a few run at once. Those that measure time have a turn of their own (RUN_SERIAL).
-TEST_JOBS ?= $(shell expr $$(nproc) + 1)
+# Tests wait more than they compute, so as many run at once as there are cores.
+TEST_JOBS ?= $(shell nproc)
 .PHONY: check
 check: $(BUILD)/.configured
 	@scripts/run_tests --build $(BUILD) --install $(INSTALL) --jobs $(JOBS) --test-jobs $(TEST_JOBS) \

@@ -30,7 +30,8 @@ def simulation_config(package):
 
 
 def find(text, package):
-    """@param text  path of a file, or a name in pi_simulation's config/scenarios. @throws DemoError naming those that are there."""
+    """@param text  path of a file, or a name in pi_simulation's config/scenarios.
+    @throws DemoError naming those that are there."""
     path = Path(text)
     if path.is_file():
         return path.resolve()
