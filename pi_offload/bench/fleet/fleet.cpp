@@ -24,11 +24,6 @@ constexpr int64_t TICK_NS = 5000000;
 /// it vehicles would meet in the same order for the whole time.
 constexpr double JITTER = 0.05;
 
-int64_t pi_node::nanoseconds(double seconds)
-{
-  return static_cast<int64_t>(seconds * 1e9);
-}
-
 void sleepUntil(int64_t time_ns)
 {
   std::this_thread::sleep_until(std::chrono::steady_clock::time_point(std::chrono::nanoseconds(time_ns)));

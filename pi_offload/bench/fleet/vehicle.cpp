@@ -22,16 +22,6 @@ constexpr int64_t LOST_NS = 2000000000;
 /// Text of a server that gives a task back.
 constexpr char GIVES_BACK[] = "no worker will be free in time any more";
 
-double pi_node::secondsBetween(int64_t from_ns, int64_t to_ns)
-{
-  return static_cast<double>(to_ns - from_ns) * 1e-9;
-}
-
-int64_t pi_node::nanoseconds(double seconds)
-{
-  return static_cast<int64_t>(seconds * 1e9);
-}
-
 std::string nameOf(size_t number)
 {
   return "vehicle_" + std::to_string(number);
