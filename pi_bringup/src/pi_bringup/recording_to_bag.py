@@ -286,6 +286,9 @@ class VideoInput:
             film_ns = round(index / self.rate_hz * 1e9) - start_ns
             read, pixels = self._capture.read() if film_ns < duration_ns else (False, None)
             if not read:
+                if film_ns < duration_ns and index + 1 < self._capture.get(cv2.CAP_PROP_FRAME_COUNT):
+                    self.skipped = round(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)) - index
+                    self.first_skip = "%s ends after %d frames: it is truncated or damaged" % (self._path, index)
                 break
             if film_ns < 0:
                 continue

@@ -363,6 +363,14 @@ class Video(Folder):
         (self.folder / "packed.avi.gz").write_text("x")
         self.assertIn("gunzip", self.error("packed.avi"))
 
+    def test_truncated_video_is_converted_with_a_warning(self):
+        content = self.input.read_bytes()
+        self.input.write_bytes(content[:content.index(b"idx1") * 2 // 3])
+        status, _, errors = self.run_main()
+        self.assertEqual(0, status, errors)
+        self.assertRegex(errors, r"warning: \d+ damaged pictures left out, the first: .* ends after \d frames: it is "
+                                 "truncated or damaged")
+
     def test_file_that_is_no_video(self):
         self.assertRegex(self.error("text.avi", b"no film"), r"text.avi \(7 bytes\): OpenCV cannot open it; use a format")
 
