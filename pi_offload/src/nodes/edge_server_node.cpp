@@ -6,7 +6,6 @@
 #include <pi_node/stop_signal.h>
 #include <ros/ros.h>
 
-#include <chrono>
 #include <exception>
 #include <iostream>
 #include <memory>
@@ -27,8 +26,6 @@ using pi_offload::EdgeServer;
 using pi_offload::EdgeServerRosOptions;
 using pi_offload::HealthEndpoint;
 using Level = ros::console::levels::Level;
-
-constexpr std::chrono::milliseconds SIGNAL_PERIOD(20);
 
 /// Writes to the log of ROS if there is a node, else to the error stream.
 class Log
@@ -109,15 +106,6 @@ std::unique_ptr<HealthEndpoint> makeHealth(const EdgeServerRosOptions& options, 
   return std::make_unique<HealthEndpoint>(options.healthOptions(), std::move(probes));
 }
 
-/// @param on_graph  also ends if ROS shuts the node down.
-void waitForEnd(bool on_graph)
-{
-  while (!pi_node::StopSignal::came() && (!on_graph || ros::ok()))
-  {
-    std::this_thread::sleep_for(SIGNAL_PERIOD);
-  }
-}
-
 void serve(const EdgeServerRosOptions& options, const ros::NodeHandle* node, Log* log)
 {
   log->info("parameters: " + options.toText());
@@ -136,14 +124,29 @@ void serve(const EdgeServerRosOptions& options, const ros::NodeHandle* node, Log
   const pi_offload::EdgeNode announced = options.announcement(server.port());
   log->info(announced.id + " works at " + announced.address +
             (health ? ", health at port " + std::to_string(health->port()) : ""));
-  waitForEnd(node != nullptr);
+  std::thread shutdown;
+  if (node != nullptr)
+  {
+    shutdown = std::thread(
+        []
+        {
+          ros::waitForShutdown();  // rosnode kill
+          pi_node::StopSignal::wake();
+        });
+  }
+  pi_node::StopSignal::wait();
   log->info("drains");
   if (!server.drain(options.drain_s))
   {
     log->warn(pi_node::format("not all tasks were done within %.1f s", options.drain_s));
   }
   on_graph.reset();
-  ros::shutdown();
+  if (shutdown.joinable())
+  {
+    ros::requestShutdown();
+    ros::shutdown();
+    shutdown.join();
+  }
 }
 
 void run(const Arguments& arguments, Log* log)

@@ -315,29 +315,6 @@ OffloadClientOptions CoordinatorRosOptions::clientOptions(const std::string& nam
   return complete;
 }
 
-CoordinatorRosOptions CoordinatorRosOptions::load(const ros::NodeHandle& private_node,
-                                                  std::vector<std::string>* unknown)
-{
-  XmlRpcValue tree;
-  const std::string& path = private_node.getNamespace();
-  private_node.getParam(path, tree);
-  return fromParameters(tree, path + "/", unknown);
-}
-
-CoordinatorRosOptions CoordinatorRosOptions::fromParameters(const XmlRpcValue& tree, const std::string& path,
-                                                            std::vector<std::string>* unknown)
-{
-  return parameter_tree::load<CoordinatorRosOptions>(tree, path, unknown);
-}
-
-XmlRpcValue CoordinatorRosOptions::toParameters() const
-{
-  return parameter_tree::save(*this);
-}
-
-std::string CoordinatorRosOptions::toText() const
-{
-  return parameters::text(toParameters());
-}
-
 }  // namespace pi_offload
+
+template struct pi_node::NodeParameters<pi_offload::CoordinatorRosOptions>;

@@ -1,7 +1,6 @@
 #pragma once
 
-#include <ros/node_handle.h>
-#include <xmlrpcpp/XmlRpcValue.h>
+#include <pi_node/ros/node_parameters.h>
 
 #include <string>
 #include <vector>
@@ -26,7 +25,7 @@ struct BatteryOptions
 };
 
 /// The parameters of the coordinator node; config/coordinator.yaml shows each with its unit.
-struct CoordinatorRosOptions
+struct CoordinatorRosOptions : pi_node::NodeParameters<CoordinatorRosOptions>
 {
   CoordinatorRosOptions();
 
@@ -62,18 +61,6 @@ struct CoordinatorRosOptions
 
   /// The complete options of the client. @param vehicle  default name.
   OffloadClientOptions clientOptions(const std::string& vehicle) const;
-
-  /// Reads the private parameters of a node, and validates.
-  /// @param[out] unknown  names of parameters that mean nothing here.
-  /// @throws std::invalid_argument naming the parameter that is wrong, its value and its bound.
-  static CoordinatorRosOptions load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown);
-  /// The same with a tree as the parameter server has it. @param path  in front of names in messages.
-  static CoordinatorRosOptions fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path,
-                                              std::vector<std::string>* unknown);
-  /// All parameters as the parameter server would have them.
-  XmlRpc::XmlRpcValue toParameters() const;
-  /// The same in one line, for the log.
-  std::string toText() const;
 };
 
 }  // namespace pi_offload

@@ -338,14 +338,6 @@ EdgeNode EdgeServerRosOptions::announcement(uint16_t listening_port) const
   return node;
 }
 
-EdgeServerRosOptions EdgeServerRosOptions::load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown)
-{
-  XmlRpcValue tree;
-  const std::string& path = private_node.getNamespace();
-  private_node.getParam(path, tree);
-  return fromParameters(tree, path + "/", unknown);
-}
-
 EdgeServerRosOptions EdgeServerRosOptions::loadFile(const std::string& path, std::vector<std::string>* unknown)
 {
   try
@@ -367,20 +359,6 @@ EdgeServerRosOptions EdgeServerRosOptions::loadFile(const std::string& path, std
   }
 }
 
-EdgeServerRosOptions EdgeServerRosOptions::fromParameters(const XmlRpcValue& tree, const std::string& path,
-                                                          std::vector<std::string>* unknown)
-{
-  return parameter_tree::load<EdgeServerRosOptions>(tree, path, unknown);
-}
-
-XmlRpcValue EdgeServerRosOptions::toParameters() const
-{
-  return parameter_tree::save(*this);
-}
-
-std::string EdgeServerRosOptions::toText() const
-{
-  return parameters::text(toParameters());
-}
-
 }  // namespace pi_offload
+
+template struct pi_node::NodeParameters<pi_offload::EdgeServerRosOptions>;

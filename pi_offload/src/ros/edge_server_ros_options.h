@@ -1,8 +1,7 @@
 #pragma once
 
 #include <pi_offload/EdgeNode.h>
-#include <ros/node_handle.h>
-#include <xmlrpcpp/XmlRpcValue.h>
+#include <pi_node/ros/node_parameters.h>
 
 #include <array>
 #include <limits>
@@ -23,7 +22,7 @@ struct Range
 };
 
 /// The parameters of the edge_server, from ROS or from a YAML file; config/edge_server.yaml shows each with its unit.
-struct EdgeServerRosOptions
+struct EdgeServerRosOptions : pi_node::NodeParameters<EdgeServerRosOptions>
 {
   EdgeServerRosOptions();
 
@@ -61,19 +60,8 @@ struct EdgeServerRosOptions
   /// The announcement for vehicles. @param port  of the server.
   EdgeNode announcement(uint16_t port) const;
 
-  /// Reads the private parameters of a node, and validates.
-  /// @param[out] unknown  names of parameters that mean nothing here.
-  /// @throws std::invalid_argument naming the parameter that is wrong, its value and its bound.
-  static EdgeServerRosOptions load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown);
   /// Reads a YAML file. @throws std::runtime_error naming file, key, value and bound.
   static EdgeServerRosOptions loadFile(const std::string& path, std::vector<std::string>* unknown);
-  /// The same with a tree as the parameter server has it. @param path  in front of names in messages.
-  static EdgeServerRosOptions fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path,
-                                             std::vector<std::string>* unknown);
-  /// All parameters as the parameter server would have them.
-  XmlRpc::XmlRpcValue toParameters() const;
-  /// The same in one line, for the log.
-  std::string toText() const;
 };
 
 }  // namespace pi_offload

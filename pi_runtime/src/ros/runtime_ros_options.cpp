@@ -184,14 +184,6 @@ void RuntimeRosOptions::validate() const
           "in (0, 1e6]");
 }
 
-RuntimeRosOptions RuntimeRosOptions::load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown)
-{
-  XmlRpcValue tree;
-  const std::string& path = private_node.getNamespace();
-  private_node.getParam(path, tree);
-  return fromParameters(tree, path + "/", unknown);
-}
-
 RuntimeRosOptions RuntimeRosOptions::fromParameters(const XmlRpcValue& tree, const std::string& path,
                                                     std::vector<std::string>* unknown)
 {
@@ -213,9 +205,6 @@ XmlRpcValue RuntimeRosOptions::toParameters() const
   return tree;
 }
 
-std::string RuntimeRosOptions::toText() const
-{
-  return pi_node::parameters::text(toParameters());
-}
-
 }  // namespace pi_runtime
+
+template struct pi_node::NodeParameters<pi_runtime::RuntimeRosOptions>;

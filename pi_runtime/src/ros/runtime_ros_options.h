@@ -1,6 +1,7 @@
 #pragma once
 
 #include <pi_runtime/runtime_options.h>
+#include <pi_node/ros/node_parameters.h>
 #include <ros/node_handle.h>
 
 #include <string>
@@ -10,7 +11,7 @@ namespace pi_runtime
 {
 
 /// The parameters of the runtime node; config/runtime.yaml shows each with its unit.
-struct RuntimeRosOptions
+struct RuntimeRosOptions : pi_node::NodeParameters<RuntimeRosOptions>
 {
   RuntimeOptions runtime;
 
@@ -25,17 +26,10 @@ struct RuntimeRosOptions
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
 
-  /// Reads the private parameters of a node, and validates.
-  /// @param[out] unknown  names of parameters that mean nothing here.
-  /// @throws std::invalid_argument naming the parameter that is wrong, its value and its bound.
-  static RuntimeRosOptions load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown);
-  /// The same with a tree as the parameter server has it. @param path  in front of names in messages.
+  /// As in the base; a default cache_folder means the one of this user.
   static RuntimeRosOptions fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path,
                                           std::vector<std::string>* unknown);
-  /// All parameters as the parameter server would have them.
   XmlRpc::XmlRpcValue toParameters() const;
-  /// The same in one line, for the log.
-  std::string toText() const;
 };
 
 }  // namespace pi_runtime

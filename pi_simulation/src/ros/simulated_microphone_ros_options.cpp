@@ -6,7 +6,6 @@ namespace pi_simulation
 {
 
 namespace parameter_tree = pi_node::parameter_tree;
-using XmlRpc::XmlRpcValue;
 
 /// Every parameter by the path of its name, with its field.
 template <typename Options, typename Visitor>
@@ -28,30 +27,6 @@ void SimulatedMicrophoneRosOptions::validate() const
                                "an absolute path: a node's working folder is not its user's");
 }
 
-SimulatedMicrophoneRosOptions SimulatedMicrophoneRosOptions::load(const ros::NodeHandle& private_node,
-                                                                  std::vector<std::string>* unknown)
-{
-  XmlRpcValue tree;
-  const std::string& path = private_node.getNamespace();
-  private_node.getParam(path, tree);
-  return fromParameters(tree, path + "/", unknown);
-}
-
-SimulatedMicrophoneRosOptions SimulatedMicrophoneRosOptions::fromParameters(const XmlRpcValue& tree,
-                                                                            const std::string& path,
-                                                                            std::vector<std::string>* unknown)
-{
-  return parameter_tree::load<SimulatedMicrophoneRosOptions>(tree, path, unknown);
-}
-
-XmlRpcValue SimulatedMicrophoneRosOptions::toParameters() const
-{
-  return parameter_tree::save(*this);
-}
-
-std::string SimulatedMicrophoneRosOptions::toText() const
-{
-  return pi_node::parameters::text(toParameters());
-}
-
 }  // namespace pi_simulation
+
+template struct pi_node::NodeParameters<pi_simulation::SimulatedMicrophoneRosOptions>;

@@ -7,7 +7,6 @@ namespace pi_simulation
 {
 
 namespace parameter_tree = pi_node::parameter_tree;
-using XmlRpc::XmlRpcValue;
 
 /// Every parameter by the path of its name, with its field.
 template <typename Options, typename Visitor>
@@ -78,29 +77,11 @@ void VehicleSimulatorRosOptions::validate() const
 VehicleSimulatorRosOptions VehicleSimulatorRosOptions::load(const ros::NodeHandle& private_node,
                                                             std::vector<std::string>* unknown)
 {
-  XmlRpcValue tree;
+  VehicleSimulatorRosOptions options = NodeParameters::load(private_node, unknown);
   const std::string& path = private_node.getNamespace();
-  private_node.getParam(path, tree);
-  VehicleSimulatorRosOptions options = fromParameters(tree, path + "/", unknown);
   pi_node::parameters::require(!options.scenario.empty(), ("parameter " + path + "/scenario").c_str(), "\"\"",
                                "a file of config/scenarios or your own");
   return options;
-}
-
-VehicleSimulatorRosOptions VehicleSimulatorRosOptions::fromParameters(const XmlRpcValue& tree, const std::string& path,
-                                                                      std::vector<std::string>* unknown)
-{
-  return parameter_tree::load<VehicleSimulatorRosOptions>(tree, path, unknown);
-}
-
-XmlRpcValue VehicleSimulatorRosOptions::toParameters() const
-{
-  return parameter_tree::save(*this);
-}
-
-std::string VehicleSimulatorRosOptions::toText() const
-{
-  return pi_node::parameters::text(toParameters());
 }
 
 VehicleSimulationOptions VehicleSimulatorRosOptions::simulationOptions() const
@@ -144,3 +125,5 @@ pi_slam::StereoCalibration VehicleSimulatorRosOptions::calibration() const
 }
 
 }  // namespace pi_simulation
+
+template struct pi_node::NodeParameters<pi_simulation::VehicleSimulatorRosOptions>;

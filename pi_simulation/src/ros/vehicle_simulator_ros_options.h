@@ -4,6 +4,7 @@
 #include "vehicle/vehicle_simulation.h"
 
 #include <pi_slam/stereo_calibration.h>
+#include <pi_node/ros/node_parameters.h>
 #include <ros/node_handle.h>
 #include <xmlrpcpp/XmlRpcValue.h>
 
@@ -14,7 +15,7 @@ namespace pi_simulation
 {
 
 /// The parameters of the vehicle simulator; config/vehicle_simulator.yaml shows each with its unit.
-struct VehicleSimulatorRosOptions
+struct VehicleSimulatorRosOptions : pi_node::NodeParameters<VehicleSimulatorRosOptions>
 {
   std::string scenario;   ///< file; must be set
   int scenario_seed = 1;  ///< of the scenario's random ranges and of all noise
@@ -65,13 +66,6 @@ struct VehicleSimulatorRosOptions
   /// @param[out] unknown  names of parameters that mean nothing here.
   /// @throws std::invalid_argument naming the parameter that is wrong, its value and its bound.
   static VehicleSimulatorRosOptions load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown);
-  /// The same with a tree as the parameter server has it. @param path  in front of names in messages.
-  static VehicleSimulatorRosOptions fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path,
-                                                   std::vector<std::string>* unknown);
-  /// All parameters as the parameter server would have them.
-  XmlRpc::XmlRpcValue toParameters() const;
-  /// The same in one line, for the log.
-  std::string toText() const;
 
   VehicleSimulationOptions simulationOptions() const;
   StereoRendererOptions rendererOptions() const;

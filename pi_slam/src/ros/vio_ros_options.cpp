@@ -119,28 +119,6 @@ void VioRosOptions::validate() const
   requireDuration("warning_period_s", warning_period_s);
 }
 
-VioRosOptions VioRosOptions::load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown)
-{
-  XmlRpcValue tree;
-  const std::string& path = private_node.getNamespace();
-  private_node.getParam(path, tree);
-  return fromParameters(tree, path + "/", unknown);
-}
-
-VioRosOptions VioRosOptions::fromParameters(const XmlRpcValue& tree, const std::string& path,
-                                            std::vector<std::string>* unknown)
-{
-  return pi_node::parameter_tree::load<VioRosOptions>(tree, path, unknown);
-}
-
-XmlRpcValue VioRosOptions::toParameters() const
-{
-  return pi_node::parameter_tree::save(*this);
-}
-
-std::string VioRosOptions::toText() const
-{
-  return pi_node::parameters::text(toParameters());
-}
-
 }  // namespace pi_slam
+
+template struct pi_node::NodeParameters<pi_slam::VioRosOptions>;

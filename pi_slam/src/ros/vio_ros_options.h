@@ -3,18 +3,16 @@
 #include "map/mapper.h"
 #include "ros/calibration_loader.h"
 #include "odometry/vio.h"
-#include <ros/node_handle.h>
-#include <xmlrpcpp/XmlRpcValue.h>
+#include <pi_node/ros/node_parameters.h>
 
 #include <string>
-#include <vector>
 
 namespace pi_slam
 {
 
 /// The parameters of the vio node; config/vio.yaml shows each with its unit. Those of `vio` and `mapper` have the names
 /// of optionFields().
-struct VioRosOptions
+struct VioRosOptions : pi_node::NodeParameters<VioRosOptions>
 {
   VioOptions vio;
   MapperOptions mapper;
@@ -49,18 +47,6 @@ struct VioRosOptions
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
-
-  /// Reads the private parameters of a node, and validates.
-  /// @param[out] unknown  names of parameters that mean nothing here.
-  /// @throws std::invalid_argument naming the parameter that is wrong, its value and its bound.
-  static VioRosOptions load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown);
-  /// The same with a tree as the parameter server has it. @param path  in front of names in messages.
-  static VioRosOptions fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path,
-                                      std::vector<std::string>* unknown);
-  /// All parameters as the parameter server would have them.
-  XmlRpc::XmlRpcValue toParameters() const;
-  /// The same in one line, for the log.
-  std::string toText() const;
 };
 
 }  // namespace pi_slam

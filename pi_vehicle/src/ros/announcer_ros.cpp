@@ -36,20 +36,6 @@ using diagnostic_msgs::DiagnosticStatus;
 
 constexpr int HORN_RATE = 22050;  // [Hz]
 
-AnnouncerRosOptions loadOptions(const ros::NodeHandle& private_node)
-{
-  XmlRpcValue tree;
-  std::vector<std::string> unknown;
-  private_node.getParam(private_node.getNamespace(), tree);
-  const auto options = AnnouncerRosOptions::fromParameters(tree, private_node.getNamespace() + "/", &unknown);
-  for (const std::string& name : unknown)
-  {
-    ROS_WARN_STREAM_NAMED("announcer", "parameter " << name << " means nothing here; see config/announcer.yaml");
-  }
-  ROS_INFO_STREAM_NAMED("announcer", "parameters: " << pi_node::parameters::text(options.toParameters()));
-  return options;
-}
-
 }  // namespace
 
 void AnnouncerRosOptions::validate() const
@@ -64,21 +50,10 @@ void AnnouncerRosOptions::validate() const
   parameter_tree::requireDuration("warning_period_s", warning_period_s);
 }
 
-AnnouncerRosOptions AnnouncerRosOptions::fromParameters(const XmlRpcValue& tree, const std::string& path,
-                                                        std::vector<std::string>* unknown)
-{
-  return parameter_tree::load<AnnouncerRosOptions>(tree, path, unknown);
-}
-
-XmlRpcValue AnnouncerRosOptions::toParameters() const
-{
-  return parameter_tree::save(*this);
-}
-
 AnnouncerRos::AnnouncerRos(ros::NodeHandle node, ros::NodeHandle private_node)
   : thread_("announcer")
   , node_(thread_.handle(node))
-  , options_(loadOptions(private_node))
+  , options_(pi_node::loadNodeOptions<AnnouncerRosOptions>(private_node, "announcer"))
   , warnings_(options_.warning_period_s, pi_node::warningLog<AnnouncerRosOptions>("announcer"))
   , updater_(node_, private_node, private_node.getNamespace())
 {
@@ -211,3 +186,5 @@ void AnnouncerRos::report(Status& status)
 }
 
 }  // namespace pi_vehicle
+
+template struct pi_node::NodeParameters<pi_vehicle::AnnouncerRosOptions>;

@@ -4,6 +4,7 @@
 
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <pi_node/ros/callback_thread.h>
+#include <pi_node/ros/node_parameters.h>
 #include <pi_node/ros/warning_board.h>
 #include <ros/ros.h>
 #include <std_msgs/Empty.h>
@@ -24,7 +25,7 @@ namespace pi_vehicle
 {
 
 /// The parameters of the announcer node; config/announcer.yaml shows each with its unit.
-struct AnnouncerRosOptions
+struct AnnouncerRosOptions : pi_node::NodeParameters<AnnouncerRosOptions>
 {
   std::string device = "default";
   std::string voice = "en-us";
@@ -36,10 +37,6 @@ struct AnnouncerRosOptions
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
-  /// @throws std::invalid_argument naming the parameter that is wrong, its value and its bound.
-  static AnnouncerRosOptions fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path,
-                                            std::vector<std::string>* unknown);
-  XmlRpc::XmlRpcValue toParameters() const;
 };
 
 /// Speaks what comes on `say` (std_msgs/String) and blows the horn for `horn` (std_msgs/Empty), one after the other,

@@ -7,7 +7,6 @@ namespace pi_vehicle
 {
 
 namespace parameter_tree = pi_node::parameter_tree;
-using XmlRpc::XmlRpcValue;
 
 /// Every parameter by the path of its name, with its field.
 template <typename Options, typename Visitor>
@@ -56,28 +55,6 @@ void ChassisRosOptions::validate() const
   parameter_tree::requireDuration("warning_period_s", warning_period_s);
 }
 
-ChassisRosOptions ChassisRosOptions::load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown)
-{
-  XmlRpcValue tree;
-  const std::string& path = private_node.getNamespace();
-  private_node.getParam(path, tree);
-  return fromParameters(tree, path + "/", unknown);
-}
-
-ChassisRosOptions ChassisRosOptions::fromParameters(const XmlRpcValue& tree, const std::string& path,
-                                                    std::vector<std::string>* unknown)
-{
-  return parameter_tree::load<ChassisRosOptions>(tree, path, unknown);
-}
-
-XmlRpcValue ChassisRosOptions::toParameters() const
-{
-  return parameter_tree::save(*this);
-}
-
-std::string ChassisRosOptions::toText() const
-{
-  return pi_node::parameters::text(toParameters());
-}
-
 }  // namespace pi_vehicle
+
+template struct pi_node::NodeParameters<pi_vehicle::ChassisRosOptions>;

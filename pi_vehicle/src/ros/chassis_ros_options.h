@@ -1,11 +1,9 @@
 #pragma once
 
 #include <pi_vehicle/chassis/chassis_driver.h>
-#include <ros/node_handle.h>
-#include <xmlrpcpp/XmlRpcValue.h>
+#include <pi_node/ros/node_parameters.h>
 
 #include <string>
-#include <vector>
 
 namespace pi_vehicle
 {
@@ -20,7 +18,7 @@ struct OdometryErrors
 };
 
 /// The parameters of the chassis node; config/chassis.yaml shows each with its unit.
-struct ChassisRosOptions
+struct ChassisRosOptions : pi_node::NodeParameters<ChassisRosOptions>
 {
   chassis::DriverOptions driver;
   std::string odom_frame = "odom";
@@ -32,18 +30,6 @@ struct ChassisRosOptions
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
-
-  /// Reads the private parameters of a node, and validates.
-  /// @param[out] unknown  names of parameters that mean nothing here.
-  /// @throws std::invalid_argument naming the parameter that is wrong, its value and its bound.
-  static ChassisRosOptions load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown);
-  /// The same with a tree as the parameter server has it. @param path  in front of names in messages.
-  static ChassisRosOptions fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path,
-                                          std::vector<std::string>* unknown);
-  /// All parameters as the parameter server would have them.
-  XmlRpc::XmlRpcValue toParameters() const;
-  /// The same in one line, for the log.
-  std::string toText() const;
 };
 
 }  // namespace pi_vehicle

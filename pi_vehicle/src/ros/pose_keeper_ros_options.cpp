@@ -7,7 +7,6 @@ namespace pi_vehicle
 {
 
 namespace parameter_tree = pi_node::parameter_tree;
-using XmlRpc::XmlRpcValue;
 
 /// Every parameter by the path of its name, with its field.
 template <typename Options, typename Visitor>
@@ -53,28 +52,6 @@ void PoseKeeperRosOptions::validate() const
   parameter_tree::requireDuration("warning_period_s", warning_period_s);
 }
 
-PoseKeeperRosOptions PoseKeeperRosOptions::load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown)
-{
-  XmlRpcValue tree;
-  const std::string& path = private_node.getNamespace();
-  private_node.getParam(path, tree);
-  return fromParameters(tree, path + "/", unknown);
-}
-
-PoseKeeperRosOptions PoseKeeperRosOptions::fromParameters(const XmlRpcValue& tree, const std::string& path,
-                                                          std::vector<std::string>* unknown)
-{
-  return parameter_tree::load<PoseKeeperRosOptions>(tree, path, unknown);
-}
-
-XmlRpcValue PoseKeeperRosOptions::toParameters() const
-{
-  return parameter_tree::save(*this);
-}
-
-std::string PoseKeeperRosOptions::toText() const
-{
-  return pi_node::parameters::text(toParameters());
-}
-
 }  // namespace pi_vehicle
+
+template struct pi_node::NodeParameters<pi_vehicle::PoseKeeperRosOptions>;

@@ -138,28 +138,6 @@ void PowerRosOptions::validate() const
   parameter_tree::requireDuration("warning_period_s", warning_period_s);
 }
 
-PowerRosOptions PowerRosOptions::load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown)
-{
-  XmlRpcValue tree;
-  const std::string& path = private_node.getNamespace();
-  private_node.getParam(path, tree);
-  return fromParameters(tree, path + "/", unknown);
-}
-
-PowerRosOptions PowerRosOptions::fromParameters(const XmlRpcValue& tree, const std::string& path,
-                                                std::vector<std::string>* unknown)
-{
-  return parameter_tree::load<PowerRosOptions>(tree, path, unknown);
-}
-
-XmlRpcValue PowerRosOptions::toParameters() const
-{
-  return parameter_tree::save(*this);
-}
-
-std::string PowerRosOptions::toText() const
-{
-  return parameters::text(toParameters());
-}
-
 }  // namespace pi_vehicle
+
+template struct pi_node::NodeParameters<pi_vehicle::PowerRosOptions>;

@@ -4,8 +4,7 @@
 #include "power/power_account.h"
 #include "power/service_meter.h"
 
-#include <ros/node_handle.h>
-#include <xmlrpcpp/XmlRpcValue.h>
+#include <pi_node/ros/node_parameters.h>
 
 #include <string>
 #include <vector>
@@ -14,7 +13,7 @@ namespace pi_vehicle
 {
 
 /// The parameters of the power node; config/power.yaml shows each with its unit.
-struct PowerRosOptions
+struct PowerRosOptions : pi_node::NodeParameters<PowerRosOptions>
 {
   std::vector<power::ServiceDescription> services = power::defaultServices();
   double period_s = 1.0;             ///< between messages [s], in [0.1, 60]
@@ -31,18 +30,6 @@ struct PowerRosOptions
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
-
-  /// Reads the private parameters of a node, and validates.
-  /// @param[out] unknown  names of parameters that mean nothing here.
-  /// @throws std::invalid_argument naming the parameter that is wrong, its value and its bound.
-  static PowerRosOptions load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown);
-  /// The same with a tree as the parameter server has it. @param path  in front of names in messages.
-  static PowerRosOptions fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path,
-                                        std::vector<std::string>* unknown);
-  /// All parameters as the parameter server would have them.
-  XmlRpc::XmlRpcValue toParameters() const;
-  /// The same in one line, for the log.
-  std::string toText() const;
 };
 
 }  // namespace pi_vehicle

@@ -147,7 +147,7 @@ Options NodeParameters<Options>::load(const ros::NodeHandle& private_node, std::
   XmlRpc::XmlRpcValue tree;
   const std::string& path = private_node.getNamespace();
   private_node.getParam(path, tree);
-  return fromParameters(tree, path + "/", unknown);
+  return Options::fromParameters(tree, path + "/", unknown);  // which the options may have replaced
 }
 
 template <typename Options>
@@ -166,7 +166,7 @@ XmlRpc::XmlRpcValue NodeParameters<Options>::toParameters() const
 template <typename Options>
 std::string NodeParameters<Options>::toText() const
 {
-  return parameters::text(toParameters());
+  return parameters::text(static_cast<const Options&>(*this).toParameters());
 }
 
 }  // namespace pi_node

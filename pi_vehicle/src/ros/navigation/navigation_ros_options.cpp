@@ -120,10 +120,8 @@ void NavigationRosOptions::validate() const
 
 NavigationRosOptions NavigationRosOptions::load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown)
 {
-  XmlRpcValue tree;
+  NavigationRosOptions options = NodeParameters::load(private_node, unknown);
   const std::string& path = private_node.getNamespace();
-  private_node.getParam(path, tree);
-  NavigationRosOptions options = fromParameters(tree, path + "/", unknown);
   // What the node left there itself.
   const std::string kept = path + "/" + KEPT_GOAL;
   unknown->erase(std::remove_if(unknown->begin(), unknown->end(),
@@ -132,20 +130,6 @@ NavigationRosOptions NavigationRosOptions::load(const ros::NodeHandle& private_n
   return options;
 }
 
-NavigationRosOptions NavigationRosOptions::fromParameters(const XmlRpcValue& tree, const std::string& path,
-                                                          std::vector<std::string>* unknown)
-{
-  return parameter_tree::load<NavigationRosOptions>(tree, path, unknown);
-}
-
-XmlRpcValue NavigationRosOptions::toParameters() const
-{
-  return parameter_tree::save(*this);
-}
-
-std::string NavigationRosOptions::toText() const
-{
-  return pi_node::parameters::text(toParameters());
-}
-
 }  // namespace pi_vehicle
+
+template struct pi_node::NodeParameters<pi_vehicle::NavigationRosOptions>;

@@ -2,6 +2,7 @@
 
 #include "decision/navigator.h"
 
+#include <pi_node/ros/node_parameters.h>
 #include <ros/node_handle.h>
 #include <xmlrpcpp/XmlRpcValue.h>
 
@@ -16,7 +17,7 @@ namespace pi_vehicle
 using Places = std::map<std::string, Waypoint>;
 
 /// The parameters of navigation; config/navigation.yaml shows each with its unit.
-struct NavigationRosOptions
+struct NavigationRosOptions : pi_node::NodeParameters<NavigationRosOptions>
 {
   NavigatorOptions navigator;
   double rate_hz = 20.0;  ///< of motion/navigation
@@ -35,13 +36,6 @@ struct NavigationRosOptions
   /// @param[out] unknown  names of parameters that mean nothing here.
   /// @throws std::invalid_argument naming the parameter that is wrong, its value and its bound.
   static NavigationRosOptions load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown);
-  /// The same with a tree as the parameter server has it. @param path  in front of names in messages.
-  static NavigationRosOptions fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path,
-                                             std::vector<std::string>* unknown);
-  /// All parameters as the parameter server would have them.
-  XmlRpc::XmlRpcValue toParameters() const;
-  /// The same in one line, for the log.
-  std::string toText() const;
 };
 
 }  // namespace pi_vehicle
