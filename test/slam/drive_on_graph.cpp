@@ -1,8 +1,8 @@
 #include "drive_on_graph.h"
 
+#include "drives/vehicle_path.h"
 #include "front_end/frame_features.h"
 #include "ros/conversions.h"
-#include "drives/vehicle_path.h"
 
 #include <algorithm>
 #include <cmath>
@@ -196,35 +196,6 @@ bool DriveOnGraph::playUntil(double from_s, double speed, double later_s, const 
     }
   }
   return false;
-}
-
-bool LogCollector::waitForNode(double timeout_s) const
-{
-  return until(timeout_s, [this] { return publishers() >= 2; });
-}
-
-std::string LogCollector::text() const
-{
-  std::string text = "logged:\n";
-  for (const auto& log : messages())
-  {
-    text += "  " + log->name + ": " + log->msg + "\n";
-  }
-  return text;
-}
-
-bool until(double timeout_s, const std::function<bool()>& condition)
-{
-  const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(timeout_s);
-  while (std::chrono::steady_clock::now() < deadline)
-  {
-    if (condition())
-    {
-      return true;
-    }
-    std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  }
-  return condition();
 }
 
 }  // namespace pi_slam

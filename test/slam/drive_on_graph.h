@@ -1,24 +1,25 @@
 #pragma once
 
+#include <pi_node/test_support/on_graph.h>
 #include <pi_slam/imu_simulator.h>
 #include <pi_slam/stereo_calibration.h>
-#include "renderer/stereo_renderer.h"
 #include <ros/ros.h>
-#include <rosgraph_msgs/Log.h>
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/Image.h>
 #include <sensor_msgs/Imu.h>
 #include <tf2_ros/static_transform_broadcaster.h>
+#include "renderer/stereo_renderer.h"
 
-#include <chrono>
-#include <condition_variable>
 #include <functional>
-#include <mutex>
 #include <string>
 #include <vector>
 
 namespace pi_slam
 {
+
+using pi_node::test_support::Collector;
+using pi_node::test_support::LogCollector;
+using pi_node::test_support::until;
 
 /// A short drive through a hall, rendered with 320x240 px at 15 Hz, IMU at 200 Hz: 0.8 s at rest, then 1.5 m/s.
 struct SyntheticDrive
@@ -72,85 +73,5 @@ private:
   ros::Publisher images_[2];
   ros::Publisher infos_[2];
 };
-
-/// Keeps what comes on a topic.
-template <typename Message>
-class Collector
-{
-public:
-  Collector(const std::string& topic, uint32_t queue_size)
-  {
-    subscriber_ = ros::NodeHandle().subscribe<Message>(
-        topic, queue_size,
-        [this](const boost::shared_ptr<const Message>& message)
-        {
-          std::lock_guard<std::mutex> lock(mutex_);
-          messages_.push_back(message);
-          changed_.notify_all();
-        },
-        ros::VoidConstPtr(), ros::TransportHints().tcpNoDelay());
-  }
-
-  std::vector<boost::shared_ptr<const Message>> messages() const
-  {
-    std::lock_guard<std::mutex> lock(mutex_);
-    return messages_;
-  }
-  size_t count() const
-  {
-    std::lock_guard<std::mutex> lock(mutex_);
-    return messages_.size();
-  }
-  void clear()
-  {
-    std::lock_guard<std::mutex> lock(mutex_);
-    messages_.clear();
-  }
-  uint32_t publishers() const { return subscriber_.getNumPublishers(); }
-
-  /// @return true once a message fits, also one that came before.
-  bool waitFor(double timeout_s, const std::function<bool(const Message&)>& fits) const
-  {
-    std::unique_lock<std::mutex> lock(mutex_);
-    size_t looked_at = 0;
-    return changed_.wait_for(lock, std::chrono::duration<double>(timeout_s),
-                             [&]
-                             {
-                               for (; looked_at < messages_.size(); ++looked_at)
-                               {
-                                 if (fits(*messages_[looked_at]))
-                                 {
-                                   return true;
-                                 }
-                               }
-                               return false;
-                             });
-  }
-
-private:
-  mutable std::mutex mutex_;
-  mutable std::condition_variable changed_;
-  std::vector<boost::shared_ptr<const Message>> messages_;
-  ros::Subscriber subscriber_;  ///< last: its callbacks end before the rest
-};
-
-/// What nodes log.
-class LogCollector : public Collector<rosgraph_msgs::Log>
-{
-public:
-  LogCollector() : Collector("/rosout", 1000) {}
-  bool waitFor(double timeout_s, const std::string& part) const
-  {
-    return Collector::waitFor(
-        timeout_s, [&part](const rosgraph_msgs::Log& log) { return log.msg.find(part) != std::string::npos; });
-  }
-  /// Waits until the node under test is heard, beside this process itself.
-  bool waitForNode(double timeout_s) const;
-  /// All of it, for the message of a failed test.
-  std::string text() const;
-};
-
-/// Asks again and again. @return true once it holds.
-bool until(double timeout_s, const std::function<bool()>& condition);
 
 }  // namespace pi_slam

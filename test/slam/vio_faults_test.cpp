@@ -5,9 +5,9 @@
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <gtest/gtest.h>
 #include <nav_msgs/Odometry.h>
+#include <std_srvs/Trigger.h>
 #include "front_end/frame_features.h"
 #include "ros/conversions.h"
-#include <std_srvs/Trigger.h>
 
 #include <algorithm>
 #include <cmath>
@@ -67,34 +67,35 @@ protected:
     graph_->odometry.clear();
   }
 
-  static bool isLogged(const std::string& part) { return graph_->log.waitFor(TIMEOUT_S, part); }
+  static bool isLogged(const std::string& part) { return graph_->log.waitForText(part, TIMEOUT_S); }
 
   /// The diagnostics of a kind once they say so. @param part  of the summary or a value.
   static bool isDiagnosed(const std::string& part)
   {
-    return graph_->diagnostics.waitFor(TIMEOUT_S,
-                                       [&part](const diagnostic_msgs::DiagnosticArray& array)
-                                       {
-                                         for (const diagnostic_msgs::DiagnosticStatus& status : array.status)
-                                         {
-                                           const bool in_values =
-                                               std::any_of(status.values.begin(), status.values.end(),
-                                                           [&part](const diagnostic_msgs::KeyValue& value)
-                                                           { return value.value.find(part) != std::string::npos; });
-                                           if (in_values || status.message.find(part) != std::string::npos)
-                                           {
-                                             return true;
-                                           }
-                                         }
-                                         return false;
-                                       });
+    return graph_->diagnostics.waitFor(
+        [&part](const diagnostic_msgs::DiagnosticArray& array)
+        {
+          for (const diagnostic_msgs::DiagnosticStatus& status : array.status)
+          {
+            const bool in_values = std::any_of(status.values.begin(), status.values.end(),
+                                               [&part](const diagnostic_msgs::KeyValue& value)
+                                               { return value.value.find(part) != std::string::npos; });
+            if (in_values || status.message.find(part) != std::string::npos)
+            {
+              return true;
+            }
+          }
+          return false;
+        },
+        TIMEOUT_S);
   }
 
   static bool odometryReaches(double drive_s)
   {
     const int64_t stamp_ns = graph_->drive.drive().imu.front().stamp_ns + std::llround(1e9 * (drive_s + later_s_));
-    return graph_->odometry.waitFor(TIMEOUT_S, [stamp_ns](const nav_msgs::Odometry& odometry)
-                                    { return fromMsg(odometry.header.stamp) >= stamp_ns; });
+    return graph_->odometry.waitFor([stamp_ns](const nav_msgs::Odometry& odometry)
+                                    { return fromMsg(odometry.header.stamp) >= stamp_ns; },
+                                    TIMEOUT_S);
   }
 
   static std::unique_ptr<Graph> graph_;
@@ -123,7 +124,7 @@ TEST_F(VioFaults, SwappedCamerasAreRefusedUntilTheyAreRight)
   swapped.info = [](int camera, sensor_msgs::CameraInfo* info)
   { *info = graph_->drive.info(camera == LEFT ? RIGHT : LEFT); };
   const auto is_told = []
-  { return graph_->log.waitFor(0.0, "the cameras are swapped; swap the topics of left and right"); };
+  { return graph_->log.waitForText("the cameras are swapped; swap the topics of left and right", 0.0); };
   EXPECT_TRUE(graph_->drive.playUntil(0.0, SPEED, later_s_, is_told, swapped)) << graph_->log.text();
   EXPECT_TRUE(isDiagnosed("the cameras are swapped"));
   EXPECT_EQ(0u, graph_->odometry.count());
@@ -205,12 +206,12 @@ TEST_F(VioFaults, TimeThatGoesBackBeginsAnew)
                                       []
                                       {
                                         return graph_->odometry.waitFor(
-                                            0.0,
                                             [](const nav_msgs::Odometry& odometry) {
                                               return fromMsg(odometry.header.stamp) <
                                                      graph_->drive.drive().imu.back().stamp_ns +
                                                          std::llround(1e9 * later_s_);
-                                            });
+                                            },
+                                            0.0);
                                       },
                                       {}))
       << graph_->log.text();

@@ -6,8 +6,8 @@
 #include <gtest/gtest.h>
 #include <nav_msgs/Odometry.h>
 #include <nav_msgs/Path.h>
-#include "ros/conversions.h"
 #include <tf2_msgs/TFMessage.h>
+#include "ros/conversions.h"
 
 #include <cmath>
 #include <string>
@@ -33,7 +33,7 @@ protected:
   {
     log_.clear();
     publisher_.publish(message);
-    return log_.waitFor(TIMEOUT_S, logged);
+    return log_.waitForText(logged, TIMEOUT_S);
   }
   /// T_map_odom as tf has it.
   Eigen::Isometry3d newestMapOdom() const

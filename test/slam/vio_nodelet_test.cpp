@@ -58,7 +58,7 @@ TEST(VioNodelet, RefusesAWrongParameterByName)
   ASSERT_TRUE(log.waitForNode(TIMEOUT_S));
   ros::param::set("/wrong/tracker/max_features", -1);
   EXPECT_FALSE(load("/wrong"));
-  EXPECT_TRUE(log.waitFor(TIMEOUT_S, "parameter /wrong/tracker/max_features = -1")) << log.text();
+  EXPECT_TRUE(log.waitForText("parameter /wrong/tracker/max_features = -1", TIMEOUT_S)) << log.text();
 }
 
 TEST(VioNodelet, RefusesACalibrationFileThatIsMissing)
@@ -68,7 +68,7 @@ TEST(VioNodelet, RefusesACalibrationFileThatIsMissing)
   ros::param::set("/missing/calibration/source", "kalibr");
   ros::param::set("/missing/calibration/camchain", "/no/camchain.yaml");
   EXPECT_FALSE(load("/missing"));
-  EXPECT_TRUE(log.waitFor(TIMEOUT_S, "/no/camchain.yaml: missing or not readable")) << log.text();
+  EXPECT_TRUE(log.waitForText("/no/camchain.yaml: missing or not readable", TIMEOUT_S)) << log.text();
 }
 
 }  // namespace

@@ -8,13 +8,13 @@
 #include <nav_msgs/Path.h>
 #include <pi_slam/LoadMap.h>
 #include <pi_slam/SaveMap.h>
-#include "ros/conversions.h"
 #include <sensor_msgs/PointCloud2.h>
 #include <sensor_msgs/point_cloud2_iterator.h>
 #include <std_srvs/Trigger.h>
 #include <tf2_msgs/TFMessage.h>
 #include <tf2_ros/buffer.h>
 #include <unistd.h>
+#include "ros/conversions.h"
 
 #include <cmath>
 #include <filesystem>
@@ -56,7 +56,7 @@ protected:
     recording_->drive.play(0.0, DRIVE_S, 1.0);
     const int64_t last_ns = recording_->drive.drive().imu.back().stamp_ns - 100000000;
     recording_->odometry.waitFor(
-        TIMEOUT_S, [last_ns](const nav_msgs::Odometry& odometry) { return fromMsg(odometry.header.stamp) >= last_ns; });
+        [last_ns](const nav_msgs::Odometry& odometry) { return fromMsg(odometry.header.stamp) >= last_ns; }, TIMEOUT_S);
   }
   static void TearDownTestSuite() { recording_.reset(); }
 
@@ -236,18 +236,18 @@ TEST_F(VioOutputs, DiagnosticsTellStateFrameTimeAndInputs)
   EXPECT_GE(std::stod(odometry.at("frame time, p99 [ms]")), std::stod(odometry.at("frame time, mean [ms]")));
   EXPECT_GT(std::stoi(odometry.at("features")), 20);
   EXPECT_GT(std::stoi(odometry.at("inliers")), 20);
-  EXPECT_EQ(1u, odometry.count("delay camera to IMU, estimated [s]"));
   const auto inputs = status("inputs");
   EXPECT_EQ(1u, inputs.count("pairs dropped to keep up"));
   EXPECT_EQ(1u, inputs.count("pictures without partner"));
   // While the drive went on; it has ended by now.
-  EXPECT_TRUE(recording_->diagnostics.waitFor(0.0,
-                                              [](const diagnostic_msgs::DiagnosticArray& array)
-                                              {
-                                                const auto values = valuesOf(array, "inputs");
-                                                const auto rate = values.find("/imu/data [Hz]");
-                                                return rate != values.end() && std::stod(rate->second) > 100.0;
-                                              }));
+  EXPECT_TRUE(recording_->diagnostics.waitFor(
+      [](const diagnostic_msgs::DiagnosticArray& array)
+      {
+        const auto values = valuesOf(array, "inputs");
+        const auto rate = values.find("/imu/data [Hz]");
+        return rate != values.end() && std::stod(rate->second) > 100.0;
+      },
+      0.0));
   EXPECT_GT(std::stoi(status("map").at("keyframes")), 1);
 }
 

@@ -81,15 +81,10 @@ void NormalEquations::reset(const WindowProblem& problem)
   couplings_.clear();
   bodies_.clear();
   linearized_bodies_.clear();
-  turns_.clear();
   for (size_t i = 0; i < states_; ++i)
   {
-    bodies_.push_back(problem.pictureBody(problem.keyframes[i].state, i));
-    linearized_bodies_.push_back(problem.pictureBody(linearizationPoint(problem, i), i));
-    if (problem.time_offset_s != 0.0)
-    {
-      turns_.push_back(problem.pictureTurn(i).toRotationMatrix());
-    }
+    bodies_.emplace_back(problem.keyframes[i].state);
+    linearized_bodies_.emplace_back(linearizationPoint(problem, i));
   }
   cost_ = 0.0;
 }
@@ -161,8 +156,8 @@ void NormalEquations::addLandmark(const WindowProblem& problem, Landmark* landma
     // Views of one keyframe, of the left camera and the right one, together: with J_b the derivative by the landmark in
     // the body frame, J_landmark = J_b R^T, J_position = -J_b R^T and J_angle = J_b [p_body]x.
     const size_t slot = problem.slot(views[i]);
-    const PictureBody& body = bodies_[slot];
-    const PictureBody& linearized = linearized_bodies_[slot];
+    const BodyPose& body = bodies_[slot];
+    const BodyPose& linearized = linearized_bodies_[slot];
     const bool apart = problem.prior.marginal && slot < problem.prior.linearized.size();
     const Eigen::Vector3d p_body = body.R_odom_body.transpose() * (landmark->estimate.p_odom - body.p_odom_body);
     const Eigen::Vector3d p_linearized =
@@ -190,11 +185,7 @@ void NormalEquations::addLandmark(const WindowProblem& problem, Landmark* landma
       continue;  // behind the cameras: no derivative
     }
     const Eigen::Matrix3d& R = linearized.R_odom_body;
-    Eigen::Matrix3d turn = hat(p_linearized);
-    if (!turns_.empty())
-    {
-      turn = (turn * turns_[slot].transpose()).eval();
-    }
+    const Eigen::Matrix3d turn = hat(p_linearized);
     const Eigen::Matrix3d H_point_body = R * H_body;
     const Eigen::Matrix3d H_point = H_point_body * R.transpose();
     const Eigen::Matrix3d H_point_turn = H_point_body * turn;
@@ -412,7 +403,7 @@ double windowCost(const WindowProblem& problem, const std::vector<Landmark*>& us
   {
     for (const View& view : landmark->views)
     {
-      const PictureBody body = problem.pictureBody(view);
+      const BodyPose body = problem.bodyPose(view);
       double weight = 1.0;
       cost += huberCost(reprojectionError(body.R_odom_body, body.p_odom_body, problem.cameras[view.camera],
                                           view.bearing, view.tangent, landmark->estimate.p_odom, nullptr, nullptr)

@@ -78,9 +78,8 @@ private:
   Eigen::VectorXd solution_;
   std::vector<Entry> entries_;
   std::vector<Coupling> couplings_;
-  std::vector<PictureBody> bodies_;             ///< of the states
-  std::vector<PictureBody> linearized_bodies_;  ///< where derivatives are taken
-  std::vector<Eigen::Matrix3d> turns_;          ///< R_picture_body, if pictures are not taken at the stamps
+  std::vector<BodyPose> bodies_;             ///< of the states
+  std::vector<BodyPose> linearized_bodies_;  ///< where derivatives are taken
   double cost_ = 0.0;
 };
 

@@ -27,7 +27,7 @@ bool triangulate(const WindowProblem& problem, double max_error, Landmark* landm
   double parallax = 0.0;
   for (const View& view : landmark->views)
   {
-    const PictureBody body = problem.pictureBody(view);
+    const BodyPose body = problem.bodyPose(view);
     const CameraGeometry& camera = problem.cameras[view.camera];
     const Eigen::Vector3d ray = body.R_odom_body * (camera.R_camera_body.transpose() * view.bearing);
     const Eigen::Vector3d origin =
@@ -56,7 +56,7 @@ bool triangulate(const WindowProblem& problem, double max_error, Landmark* landm
     mean_error = 0.0;
     for (const View& view : landmark->views)
     {
-      const PictureBody body = problem.pictureBody(view);
+      const BodyPose body = problem.bodyPose(view);
       const Eigen::Vector2d error = reprojectionError(body.R_odom_body, body.p_odom_body, problem.cameras[view.camera],
                                                       view.bearing, view.tangent, p, nullptr, &J);
       double weight = 1.0;
@@ -83,7 +83,7 @@ bool triangulate(const WindowProblem& problem, double max_error, Landmark* landm
   }
   for (const View& view : landmark->views)
   {
-    const PictureBody body = problem.pictureBody(view);
+    const BodyPose body = problem.bodyPose(view);
     const CameraGeometry& camera = problem.cameras[view.camera];
     const Eigen::Vector3d p_camera =
         camera.R_camera_body * (body.R_odom_body.transpose() * (p - body.p_odom_body)) + camera.p_camera_body;

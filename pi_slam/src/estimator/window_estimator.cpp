@@ -57,25 +57,18 @@ void WindowOptions::validate() const
   check.range("pixel_noise", pixel_noise, 0.1, 10.0);
   check.range("huber_px", huber_px, 0.1, 100.0);
   check.range("max_error_px", max_error_px, 0.5, 100.0);
-  if ((refine_extrinsics || refine_time_offset) && !solver)
-  {
-    throw std::invalid_argument(
-        "window/refine_extrinsics and window/refine_time_offset need another solver than the own one: set both to "
-        "false");
-  }
 }
 
 struct WindowEstimator::Impl
 {
-  Impl(const StereoCalibration& calibration_in, const ImuModel& model_in, const WindowOptions& options_in)
-    : calibration(calibration_in), model(model_in), options(options_in)
+  Impl(const StereoCalibration& calibration, const ImuModel& model_in, const WindowOptions& options_in)
+    : model(model_in), options(options_in)
   {
     options.validate();
     model.validate();
     calibration.left.model.validate();
     calibration.right.model.validate();
-    problem.calibrated = estimator::cameraGeometry(calibration);
-    problem.cameras = problem.calibrated;
+    problem.cameras = estimator::cameraGeometry(calibration);
     problem.huber = options.huber_px / options.pixel_noise;
   }
 
@@ -101,9 +94,7 @@ struct WindowEstimator::Impl
   std::vector<Landmark*> selectLandmarks();
   void judgeLandmarks(const std::vector<Landmark*>& used, WindowReport* report);
   void moveUnused();
-  void storeCalibration();
 
-  StereoCalibration calibration;
   const ImuModel model;
   const WindowOptions options;
   estimator::WindowProblem problem;
@@ -115,7 +106,6 @@ struct WindowEstimator::Impl
 /// From the newest keyframe to the one that is appended next.
 void WindowEstimator::Impl::appendLink(const ImuPreintegration& imu, bool still)
 {
-  problem.keyframes.back().w_imu = imu.firstSample().w;
   problem.links.emplace_back(imu, model, still);
 }
 
@@ -123,10 +113,6 @@ void WindowEstimator::Impl::appendKeyframe(const NavState& state, const FrameFea
 {
   estimator::Keyframe keyframe;
   keyframe.state = state;
-  if (!problem.links.empty())
-  {
-    keyframe.w_imu = problem.links.back().imu().lastSample().w;
-  }
   problem.keyframes.push_back(keyframe);
   const uint64_t serial = problem.first_keyframe + problem.keyframes.size() - 1;
   for (const FeatureObservation& feature : features.features)
@@ -232,7 +218,7 @@ void WindowEstimator::Impl::judgeLandmarks(const std::vector<Landmark*>& used, W
     double error = 0.0;
     for (const View& view : landmark->views)
     {
-      const estimator::PictureBody body = problem.pictureBody(view);
+      const estimator::BodyPose body = problem.bodyPose(view);
       error += estimator::reprojectionError(body.R_odom_body, body.p_odom_body, problem.cameras[view.camera],
                                             view.bearing, view.tangent, landmark->estimate.p_odom, nullptr, nullptr)
                    .norm() *
@@ -264,18 +250,6 @@ void WindowEstimator::Impl::moveUnused()
     {
       estimator::triangulate(problem, TRIANGULATION_ERROR, &landmark);
     }
-  }
-}
-
-void WindowEstimator::Impl::storeCalibration()
-{
-  MountedCamera* const mounted[2] = {&calibration.left, &calibration.right};
-  for (int camera : {LEFT, RIGHT})
-  {
-    Eigen::Isometry3d T_camera_body = Eigen::Isometry3d::Identity();
-    T_camera_body.linear() = problem.cameras[camera].R_camera_body;
-    T_camera_body.translation() = problem.cameras[camera].p_camera_body;
-    mounted[camera]->T_body_camera = T_camera_body.inverse();
   }
 }
 
@@ -367,10 +341,9 @@ WindowReport WindowEstimator::optimize(int max_iterations)
   WindowReport report;
   if (impl_->options.solver)
   {
-    report = impl_->options.solver(&problem, use, iterations, impl_->options);
+    report = impl_->options.solver(&problem, use, iterations);
     const WindowReport last = estimator::solveSchur(&problem, use, 0, &impl_->equations);
     report.failed = report.failed || last.failed;
-    impl_->storeCalibration();
   }
   else
   {
@@ -382,7 +355,6 @@ WindowReport WindowEstimator::optimize(int max_iterations)
     impl_->relative_covariance = givenPose(impl_->covariance);
   }
   report.landmarks = static_cast<int>(use.size());
-  report.time_offset_s = problem.time_offset_s;
   impl_->judgeLandmarks(use, &report);
   impl_->moveUnused();
   return report;
@@ -430,11 +402,6 @@ std::vector<LandmarkEstimate> WindowEstimator::landmarks() const
     }
   }
   return known;
-}
-
-const StereoCalibration& WindowEstimator::calibration() const
-{
-  return impl_->calibration;
 }
 
 void WindowEstimator::clear()

@@ -21,24 +21,20 @@ struct Landmark;
 struct WindowProblem;
 }  // namespace estimator
 
-struct WindowOptions;
 struct WindowReport;
 /// Optimises states, and the landmarks that take part, in place.
-using WindowSolver =
-    std::function<WindowReport(estimator::WindowProblem* problem, const std::vector<estimator::Landmark*>& use,
-                               int max_iterations, const WindowOptions& options)>;
+using WindowSolver = std::function<WindowReport(estimator::WindowProblem* problem,
+                                                const std::vector<estimator::Landmark*>& use, int max_iterations)>;
 
 struct WindowOptions
 {
-  WindowSolver solver;              ///< for tests and benchmarks, in place of the own one
-  int keyframes = 9;                ///< states in the window; in [3, 30]
-  int max_landmarks = 120;          ///< used in one optimisation; in [20, 2000]
-  int max_iterations = 5;           ///< in [1, 50]
-  double pixel_noise = 1.0;         ///< standard deviation of an observation [px]; in [0.1, 10]
-  double huber_px = 2.0;            ///< where the robust loss begins [px]; in [0.1, 100]
-  double max_error_px = 6.0;        ///< landmarks whose mean error is larger are dropped; in [0.5, 100]
-  bool refine_extrinsics = false;   ///< T_body_camera of both cameras, about the calibration; needs `solver`
-  bool refine_time_offset = false;  ///< between cameras and IMU; needs `solver`
+  WindowSolver solver;        ///< for tests and benchmarks, in place of the own one
+  int keyframes = 9;          ///< states in the window; in [3, 30]
+  int max_landmarks = 120;    ///< used in one optimisation; in [20, 2000]
+  int max_iterations = 5;     ///< in [1, 50]
+  double pixel_noise = 1.0;   ///< standard deviation of an observation [px]; in [0.1, 10]
+  double huber_px = 2.0;      ///< where the robust loss begins [px]; in [0.1, 100]
+  double max_error_px = 6.0;  ///< landmarks whose mean error is larger are dropped; in [0.5, 100]
 
   /// @throws std::invalid_argument that names field, value and bound.
   void validate() const;
@@ -62,7 +58,6 @@ struct WindowReport
   double final_cost = 0.0;
   double mean_error_px = 0.0;     ///< of the observations, afterwards
   bool failed = false;            ///< numbers that are not finite, or no descent: states are as before
-  double time_offset_s = 0.0;     ///< estimated: stamp of the IMU = stamp of the cameras + this
   std::vector<int64_t> rejected;  ///< landmarks dropped since their observations do not agree
 };
 
@@ -111,9 +106,6 @@ public:
   /// @return null if it is not known in space. Valid until the next change.
   const LandmarkEstimate* landmark(int64_t id) const;
   std::vector<LandmarkEstimate> landmarks() const;  ///< by increasing id
-
-  /// Refined calibration (as given, unless refined).
-  const StereoCalibration& calibration() const;
 
   void clear();
 

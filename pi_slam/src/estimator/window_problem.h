@@ -2,7 +2,6 @@
 
 #include "estimator/factors.h"
 
-#include <pi_slam/so3.h>
 #include "estimator/window_estimator.h"
 #include "front_end/frame_features.h"
 #include "inertial/nav_state.h"
@@ -36,12 +35,13 @@ struct Landmark
 struct Keyframe
 {
   NavState state;
-  Eigen::Vector3d w_imu = Eigen::Vector3d::Zero();  ///< angular rate at its stamp as measured [rad/s]
 };
 
-/// Where the body was when the pictures of a keyframe were taken.
-struct PictureBody
+/// Pose of the body at a keyframe.
+struct BodyPose
 {
+  explicit BodyPose(const NavState& state) : R_odom_body(state.q.toRotationMatrix()), p_odom_body(state.p) {}
+
   Eigen::Matrix3d R_odom_body;
   Eigen::Vector3d p_odom_body;
 };
@@ -61,10 +61,8 @@ struct Prior
 /// States, landmarks and all that ties them together.
 struct WindowProblem
 {
-  std::array<CameraGeometry, 2> cameras;     ///< as refined
-  std::array<CameraGeometry, 2> calibrated;  ///< as given
-  double time_offset_s = 0.0;                ///< pictures were taken so much after the stamps of their keyframes
-  double huber = 2.0;                        ///< [standard deviations]
+  std::array<CameraGeometry, 2> cameras;
+  double huber = 2.0;  ///< [standard deviations]
 
   uint64_t first_keyframe = 0;  ///< serial number of keyframes[0]
   std::vector<Keyframe> keyframes;
@@ -73,24 +71,7 @@ struct WindowProblem
   Prior prior;
 
   size_t slot(const View& view) const { return static_cast<size_t>(view.keyframe - first_keyframe); }
-
-  /// @param state  of the keyframe, or near it
-  PictureBody pictureBody(const NavState& state, size_t slot) const
-  {
-    if (time_offset_s == 0.0)
-    {
-      return PictureBody{state.q.toRotationMatrix(), state.p};
-    }
-    return PictureBody{(state.q * pictureTurn(slot)).toRotationMatrix(), state.p + time_offset_s * state.v};
-  }
-
-  PictureBody pictureBody(const View& view) const { return pictureBody(keyframes[slot(view)].state, slot(view)); }
-
-  /// Rotation of the body between the stamp of a keyframe and its pictures.
-  Eigen::Quaterniond pictureTurn(size_t slot) const
-  {
-    return expSo3(time_offset_s * (keyframes[slot].w_imu - keyframes[slot].state.bias.gyro));
-  }
+  BodyPose bodyPose(const View& view) const { return BodyPose(keyframes[slot(view)].state); }
 };
 
 /// Robust cost of an error of squared norm `squared` and the weight of its square in the normal equations (Huber).

@@ -78,7 +78,7 @@ void writeTiming(const std::string& file, const std::vector<PairRecord>& pairs)
   text
       << "stamp_ns,status,processed,keyframe,reset,reduced,features,inliers,landmarks,iterations,tracked,lost,created,"
          "stereo,parallax_px,flow_px,pyramid_ms,track_ms,detect_ms,stereo_ms,front_end_ms,filter_ms,window_ms,total_ms,"
-         "wall_ms,cpu_ms,map_ms,time_offset_s,message\n"
+         "wall_ms,cpu_ms,map_ms,message\n"
       << std::fixed << std::setprecision(4);
   for (const PairRecord& pair : pairs)
   {
@@ -90,8 +90,7 @@ void writeTiming(const std::string& file, const std::vector<PairRecord>& pairs)
          << tracker.created << ',' << tracker.stereo << ',' << tracker.parallax_px << ',' << tracker.flow_px << ','
          << tracker.pyramid_ms << ',' << tracker.track_ms << ',' << tracker.detect_ms << ',' << tracker.stereo_ms << ','
          << report.front_end_ms << ',' << report.filter_ms << ',' << report.window_ms << ',' << report.total_ms << ','
-         << pair.wall_ms << ',' << pair.cpu_ms << ',' << pair.map_ms << ',' << std::setprecision(6)
-         << report.time_offset_s << std::setprecision(4) << ',' << cell(report.message) << "\n";
+         << pair.wall_ms << ',' << pair.cpu_ms << ',' << pair.map_ms << ',' << cell(report.message) << "\n";
   }
   writeText(file, text.str());
 }

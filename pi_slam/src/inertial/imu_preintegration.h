@@ -41,8 +41,6 @@ public:
   int64_t startNs() const { return intervals_.front().from.stamp_ns; }
   int64_t endNs() const { return intervals_.back().to.stamp_ns; }
   double duration() const { return duration_s_; }  ///< [s]
-  const ImuSample& firstSample() const { return intervals_.front().from; }
-  const ImuSample& lastSample() const { return intervals_.back().to; }
   const ImuBias& bias() const { return bias_; }
 
   const Eigen::Quaterniond& deltaR() const { return delta_R_; }  ///< R_begin_end

@@ -695,7 +695,6 @@ void Vio::Impl::optimize(int iterations, FrameReport* report)
   const WindowReport optimized = window.optimize(iterations);
   report->iterations = optimized.iterations;
   report->landmarks = optimized.landmarks;
-  report->time_offset_s = options.imu.time_offset_s + optimized.time_offset_s;
   if (optimized.failed || optimized.mean_error_px > MAX_ERROR_PX)
   {
     giveUp(optimized.failed ? "the optimisation found no finite solution"

@@ -76,7 +76,6 @@ struct FrameReport
   double filter_ms = 0.0;
   double window_ms = 0.0;
   double total_ms = 0.0;
-  double time_offset_s = 0.0;  ///< estimated, camera to IMU
 };
 
 /// A landmark of the window.

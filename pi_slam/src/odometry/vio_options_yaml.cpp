@@ -190,8 +190,6 @@ std::vector<OptionField> optionFields(VioOptions* vio, MapperOptions* mapper)
       {"window/pixel_noise", &window.pixel_noise},
       {"window/huber_px", &window.huber_px},
       {"window/max_error_px", &window.max_error_px},
-      {"window/refine_extrinsics", &window.refine_extrinsics},
-      {"window/refine_time_offset", &window.refine_time_offset},
 
       {"vio/frame_budget_s", &vio->frame_budget_s},
       {"vio/keyframe_parallax_px", &vio->keyframe_parallax_px},

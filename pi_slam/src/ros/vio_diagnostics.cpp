@@ -119,7 +119,6 @@ void VioDiagnostics::reportOdometry(Status& status)
     status.add("features in stereo", frame_->tracker.stereo);
     status.add("landmarks", frame_->landmarks);
     status.add("reduced to keep up", frame_->reduced ? "yes" : "no");
-    status.add("delay camera to IMU, estimated [s]", format("%.6f", frame_->time_offset_s));
     status.add("mean grey level left", format("%.1f", frame_->tracker.mean_grey[LEFT]));
     status.add("mean grey level right", format("%.1f", frame_->tracker.mean_grey[RIGHT]));
   }

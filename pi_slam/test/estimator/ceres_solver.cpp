@@ -24,13 +24,6 @@ using RowMajor6x7 = Eigen::Matrix<double, 6, 7, Eigen::RowMajor>;
 constexpr int POSE_SIZE = 7;   ///< position, then the quaternion x, y, z, w
 constexpr int SPEED_SIZE = 9;  ///< velocity, bias of the gyro, bias of the accelerometer
 
-/// How far a refined calibration may be from the given one, and from what it was after the last optimisation.
-constexpr double CALIBRATED_POSITION_M = 0.01;
-constexpr double CALIBRATED_ANGLE_RAD = 0.0175;
-constexpr double CALIBRATED_OFFSET_S = 0.02;
-constexpr double DRIFT_POSITION_M = 5e-4;
-constexpr double DRIFT_ANGLE_RAD = 3e-4;
-constexpr double DRIFT_OFFSET_S = 2e-4;
 /// Directions of the prior that hold less than this part of what is known are left out of its root.
 constexpr double LEAST_EIGENVALUE = 1e-12;
 
@@ -128,7 +121,7 @@ void storePoseJacobian(const Eigen::MatrixBase<Derived>& J, double* jacobian)
   out.col(6).setZero();
 }
 
-/// A view of a landmark by a camera that is where its calibration says: blocks pose, landmark.
+/// A view of a landmark: blocks pose, landmark.
 class ReprojectionCost : public ceres::SizedCostFunction<2, POSE_SIZE, 3>
 {
 public:
@@ -158,70 +151,6 @@ public:
 private:
   const View& view_;
   const CameraGeometry& camera_;
-};
-
-/// A view by a camera whose mounting (T_camera_body, as a pose) and time offset are estimated too: blocks pose,
-/// landmark, mounting, offset. Speed and angular rate of the body are taken as they were before the optimisation.
-class RefinedReprojectionCost : public ceres::SizedCostFunction<2, POSE_SIZE, 3, POSE_SIZE, 1>
-{
-public:
-  RefinedReprojectionCost(const View& view, const CameraGeometry& camera, const Keyframe& keyframe)
-    : view_(view), camera_(camera), v_(keyframe.state.v), w_(keyframe.w_imu - keyframe.state.bias.gyro)
-  {
-  }
-
-  bool Evaluate(double const* const* blocks, double* residuals, double** jacobians) const override
-  {
-    const double offset_s = blocks[3][0];
-    const Eigen::Quaterniond turn = expSo3(w_ * offset_s);
-    const Eigen::Vector3d p = vectorAt(blocks[0]) + v_ * offset_s;
-    const Eigen::Matrix3d R = (quaternionAt(blocks[0] + 3) * turn).toRotationMatrix();
-    const Eigen::Vector3d p_landmark = vectorAt(blocks[1]);
-    CameraGeometry camera = camera_;
-    camera.p_camera_body = vectorAt(blocks[2]);
-    camera.R_camera_body = quaternionAt(blocks[2] + 3).toRotationMatrix();
-    Eigen::Matrix<double, 2, 6> J_pose;
-    Eigen::Matrix<double, 2, 3> J_landmark;
-    Eigen::Map<Eigen::Vector2d> error(residuals);
-    error = reprojectionError(R, p, camera, view_.bearing, view_.tangent, p_landmark, &J_pose, &J_landmark);
-    if (jacobians == nullptr)
-    {
-      return true;
-    }
-    if (jacobians[0] != nullptr)
-    {
-      Eigen::Matrix<double, 2, 6> J = J_pose;
-      J.rightCols<3>() = J_pose.rightCols<3>() * turn.toRotationMatrix().transpose();
-      storePoseJacobian<2>(J, jacobians[0]);
-    }
-    if (jacobians[1] != nullptr)
-    {
-      Eigen::Map<RowMajor2x3> out(jacobians[1]);
-      out = J_landmark;
-    }
-    if (jacobians[2] != nullptr)
-    {
-      // p_camera = R exp(d_theta) p_body + p + d_p, and J_landmark is by p_camera what remains without R R_odom_body^T.
-      const Eigen::Matrix<double, 2, 3> J_body = J_landmark * R;
-      const Eigen::Vector3d p_body = R.transpose() * (p_landmark - p);
-      Eigen::Matrix<double, 2, 6> J;
-      J.leftCols<3>() = J_body * camera.R_camera_body.transpose();
-      J.rightCols<3>() = -J_body * hat(p_body);
-      storePoseJacobian<2>(J, jacobians[2]);
-    }
-    if (jacobians[3] != nullptr)
-    {
-      Eigen::Map<Eigen::Vector2d> out(jacobians[3]);
-      out = J_pose.leftCols<3>() * v_ + J_pose.rightCols<3>() * w_;
-    }
-    return true;
-  }
-
-private:
-  const View& view_;
-  const CameraGeometry& camera_;
-  const Eigen::Vector3d v_;
-  const Eigen::Vector3d w_;
 };
 
 /// Two neighbouring keyframes: blocks pose and speed of the first, pose and speed of the second.
@@ -317,63 +246,11 @@ private:
   Eigen::VectorXd error_;
 };
 
-/// What is known of a camera's mounting: block T_camera_body.
-class MountingCost : public ceres::SizedCostFunction<6, POSE_SIZE>
-{
-public:
-  MountingCost(const CameraGeometry& expected, double position_m, double angle_rad)
-    : p_(expected.p_camera_body), q_(expected.R_camera_body), position_m_(position_m), angle_rad_(angle_rad)
-  {
-  }
-
-  bool Evaluate(double const* const* blocks, double* residuals, double** jacobians) const override
-  {
-    const Eigen::Vector3d turned = logSo3(q_.conjugate() * quaternionAt(blocks[0] + 3));
-    vectorAt(residuals) = (vectorAt(blocks[0]) - p_) / position_m_;
-    vectorAt(residuals + 3) = turned / angle_rad_;
-    if (jacobians != nullptr && jacobians[0] != nullptr)
-    {
-      Eigen::Map<RowMajor6x7> out(jacobians[0]);
-      out.setZero();
-      out.topLeftCorner<3, 3>() = Eigen::Matrix3d::Identity() / position_m_;
-      out.block<3, 3>(3, 3) = rightJacobianInverse(turned) / angle_rad_;
-    }
-    return true;
-  }
-
-private:
-  const Eigen::Vector3d p_;
-  const Eigen::Quaterniond q_;
-  const double position_m_;
-  const double angle_rad_;
-};
-
-/// What is known of a number: block the number.
-class NumberCost : public ceres::SizedCostFunction<1, 1>
-{
-public:
-  NumberCost(double expected, double deviation) : expected_(expected), deviation_(deviation) {}
-
-  bool Evaluate(double const* const* blocks, double* residuals, double** jacobians) const override
-  {
-    residuals[0] = (blocks[0][0] - expected_) / deviation_;
-    if (jacobians != nullptr && jacobians[0] != nullptr)
-    {
-      jacobians[0][0] = 1.0 / deviation_;
-    }
-    return true;
-  }
-
-private:
-  const double expected_;
-  const double deviation_;
-};
-
 /// Parameter blocks and costs of one optimisation.
 class CeresWindow
 {
 public:
-  CeresWindow(WindowProblem* window, const std::vector<Landmark*>& use, const WindowOptions& options)
+  CeresWindow(WindowProblem* window, const std::vector<Landmark*>& use)
     : window_(window), states_(window->keyframes.size()), huber_(window->huber), problem_(ownership())
   {
     for (size_t i = 0; i < states_.size(); ++i)
@@ -387,11 +264,6 @@ public:
     {
       problem_.AddResidualBlock(keep<LinkCost>(window->links[i]), nullptr, states_[i].pose, states_[i].speed,
                                 states_[i + 1].pose, states_[i + 1].speed);
-    }
-    refine_ = options.refine_extrinsics || options.refine_time_offset || window->time_offset_s != 0.0;
-    if (refine_)
-    {
-      addCalibration(options);
     }
     for (Landmark* const landmark : use)
     {
@@ -409,14 +281,6 @@ public:
       options.linear_solver_ordering->AddElementToGroup(const_cast<double*>(state.pose), 1);
       options.linear_solver_ordering->AddElementToGroup(const_cast<double*>(state.speed), 1);
     }
-    if (refine_)
-    {
-      for (int camera : {LEFT, RIGHT})
-      {
-        options.linear_solver_ordering->AddElementToGroup(mounting_[camera], 1);
-      }
-      options.linear_solver_ordering->AddElementToGroup(&time_offset_s_, 1);
-    }
     options.max_num_iterations = max_iterations;
     options.function_tolerance = 1e-8;
     options.num_threads = 1;
@@ -426,7 +290,7 @@ public:
     return summary;
   }
 
-  /// Takes states and calibration over; landmarks were optimised in place.
+  /// Takes the states over; landmarks were optimised in place.
   void store() const
   {
     for (size_t i = 0; i < states_.size(); ++i)
@@ -434,16 +298,6 @@ public:
       const int64_t stamp_ns = window_->keyframes[i].state.stamp_ns;
       window_->keyframes[i].state = stateOf(states_[i].pose, states_[i].speed);
       window_->keyframes[i].state.stamp_ns = stamp_ns;
-    }
-    if (refine_)
-    {
-      for (int camera : {LEFT, RIGHT})
-      {
-        CameraGeometry& geometry = window_->cameras[camera];
-        geometry.p_camera_body = vectorAt(mounting_[camera]);
-        geometry.R_camera_body = quaternionAt(mounting_[camera] + 3).toRotationMatrix();
-      }
-      window_->time_offset_s = time_offset_s_;
     }
   }
 
@@ -482,35 +336,6 @@ private:
     problem_.AddResidualBlock(keep<PriorCost>(window_->prior), nullptr, blocks);
   }
 
-  void addCalibration(const WindowOptions& options)
-  {
-    for (int camera : {LEFT, RIGHT})
-    {
-      const CameraGeometry& now = window_->cameras[camera];
-      vectorAt(mounting_[camera]) = now.p_camera_body;
-      quaternionAt(mounting_[camera] + 3) = Eigen::Quaterniond(now.R_camera_body).normalized();
-      problem_.AddParameterBlock(mounting_[camera], POSE_SIZE, &pose_manifold_);
-      if (!options.refine_extrinsics)
-      {
-        problem_.SetParameterBlockConstant(mounting_[camera]);
-        continue;
-      }
-      problem_.AddResidualBlock(
-          keep<MountingCost>(window_->calibrated[camera], CALIBRATED_POSITION_M, CALIBRATED_ANGLE_RAD), nullptr,
-          mounting_[camera]);
-      problem_.AddResidualBlock(keep<MountingCost>(now, DRIFT_POSITION_M, DRIFT_ANGLE_RAD), nullptr, mounting_[camera]);
-    }
-    time_offset_s_ = window_->time_offset_s;
-    problem_.AddParameterBlock(&time_offset_s_, 1);
-    if (!options.refine_time_offset)
-    {
-      problem_.SetParameterBlockConstant(&time_offset_s_);
-      return;
-    }
-    problem_.AddResidualBlock(keep<NumberCost>(0.0, CALIBRATED_OFFSET_S), nullptr, &time_offset_s_);
-    problem_.AddResidualBlock(keep<NumberCost>(time_offset_s_, DRIFT_OFFSET_S), nullptr, &time_offset_s_);
-  }
-
   void addViews(Landmark* landmark)
   {
     double* const point = landmark->estimate.p_odom.data();
@@ -519,23 +344,12 @@ private:
     {
       const size_t slot = window_->slot(view);
       const CameraGeometry& camera = window_->cameras[view.camera];
-      if (refine_)
-      {
-        problem_.AddResidualBlock(keep<RefinedReprojectionCost>(view, camera, window_->keyframes[slot]), &huber_,
-                                  states_[slot].pose, point, mounting_[view.camera], &time_offset_s_);
-      }
-      else
-      {
-        problem_.AddResidualBlock(keep<ReprojectionCost>(view, camera), &huber_, states_[slot].pose, point);
-      }
+      problem_.AddResidualBlock(keep<ReprojectionCost>(view, camera), &huber_, states_[slot].pose, point);
     }
   }
 
   WindowProblem* const window_;
   std::vector<StateBlocks> states_;
-  double mounting_[2][POSE_SIZE];
-  double time_offset_s_ = 0.0;
-  bool refine_ = false;
   PoseManifold pose_manifold_;
   ceres::HuberLoss huber_;
   std::vector<std::unique_ptr<ceres::CostFunction>> costs_;
@@ -545,8 +359,7 @@ private:
 
 }  // namespace
 
-WindowReport solveCeres(WindowProblem* problem, const std::vector<Landmark*>& use, int max_iterations,
-                        const WindowOptions& options)
+WindowReport solveCeres(WindowProblem* problem, const std::vector<Landmark*>& use, int max_iterations)
 {
   WindowReport report;
   report.initial_cost = windowCost(*problem, use);
@@ -556,7 +369,7 @@ WindowReport solveCeres(WindowProblem* problem, const std::vector<Landmark*>& us
   {
     landmarks_before.push_back(landmark->estimate.p_odom);
   }
-  CeresWindow window(problem, use, options);
+  CeresWindow window(problem, use);
   const ceres::Solver::Summary summary = window.solve(max_iterations);
   report.iterations = summary.num_successful_steps + summary.num_unsuccessful_steps;
   report.failed = !summary.IsSolutionUsable() || !std::isfinite(summary.final_cost);

@@ -17,7 +17,6 @@ WindowProblem makeProblem(size_t keyframes)
 {
   WindowProblem problem;
   problem.cameras = cameraGeometry(StereoCalibration::makeForwardPair());
-  problem.calibrated = problem.cameras;
   for (size_t i = 0; i < keyframes; ++i)
   {
     Keyframe keyframe;

@@ -68,6 +68,11 @@ public:
     std::lock_guard<std::mutex> lock(mutex_);
     return messages_.empty() ? nullptr : messages_.back();
   }
+  size_t count() const
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    return messages_.size();
+  }
   void clear()
   {
     std::lock_guard<std::mutex> lock(mutex_);
@@ -115,13 +120,14 @@ class LogCollector : public Collector<rosgraph_msgs::Log>
 public:
   LogCollector() : Collector("/rosout") {}
   /// Waits until a node is heard beside this process itself.
-  bool waitForNode() const
+  bool waitForNode(double timeout_s = TIMEOUT_S) const
   {
-    return until(TIMEOUT_S, [this] { return publishers() >= 2; });
+    return until(timeout_s, [this] { return publishers() >= 2; });
   }
-  bool waitForText(const std::string& part) const
+  bool waitForText(const std::string& part, double timeout_s = TIMEOUT_S) const
   {
-    return waitFor([&part](const rosgraph_msgs::Log& log) { return log.msg.find(part) != std::string::npos; });
+    return waitFor([&part](const rosgraph_msgs::Log& log) { return log.msg.find(part) != std::string::npos; },
+                   timeout_s);
   }
   /// All of it, for the message of a failed test.
   std::string text() const
