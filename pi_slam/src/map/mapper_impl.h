@@ -1,0 +1,153 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <condition_variable>
+#include <mutex>
+#include <optional>
+#include <thread>
+#include <vector>
+
+#include "map/drift_filter.h"
+#include "map/feature_extractor.h"
+#include "map/map_data.h"
+#include "map/mapper.h"
+#include "map/place_recognizer.h"
+#include "map/voxel_cloud.h"
+
+namespace pi_slam
+{
+
+using namespace map;
+
+inline double angleBetween(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b)
+{
+  return Eigen::AngleAxisd(a.linear().transpose() * b.linear()).angle();
+}
+
+inline bool isApart(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b, double distance_m, double angle_rad)
+{
+  return (a.translation() - b.translation()).norm() >= distance_m || angleBetween(a, b) >= angle_rad;
+}
+
+inline double headingOf(const Eigen::Isometry3d& T_map_odom)
+{
+  return std::atan2(T_map_odom.linear()(1, 0), T_map_odom.linear()(0, 0));
+}
+
+inline size_t countKeyframes(const MapData& map)
+{
+  return static_cast<size_t>(
+      std::count_if(map.nodes.begin(), map.nodes.end(), [](const MapNode& node) { return node.features != nullptr; }));
+}
+
+/// mapper.cpp has queue, threads and files; mapper_places.cpp recognises places; mapper_graph.cpp builds the map.
+struct Mapper::Impl
+{
+  Impl(const StereoCalibration& camera_calibration, const MapperOptions& mapper_options,
+       const std::shared_ptr<pi_runtime::Runtime>& runtime)
+    : calibration(camera_calibration)
+    , options(mapper_options)
+    , extractor(calibration, options.features, runtime)
+    , recognizer(calibration, verifierOptions(options), runtime)
+    , voxels(options.voxel_m, options.max_landmark_range_m)
+  {
+    reset();
+  }
+
+  static PlaceVerifierOptions verifierOptions(const MapperOptions& options)
+  {
+    PlaceVerifierOptions verifier;
+    verifier.min_inliers = options.min_inliers;
+    return verifier;
+  }
+
+  void run();
+  void dropWaiting();
+  void processOne(const MapFrame& frame, bool begins_anew);
+
+  // What follows works on the map: under map_mutex.
+  void process(const MapFrame& frame, bool begins_anew);
+  void beginSegment(const MapFrame& frame);
+  bool isNodeDue(const MapFrame& frame) const;
+  bool isAttemptDue(const MapFrame& frame) const;
+  std::vector<RecognizedPlace> recognize(const MapFrame& frame, const FeatureSet& features);
+  void recognizeNear(const MapFrame& frame, const PlaceQuery& query, std::vector<RecognizedPlace>* places);
+  void recognizeAnywhere(const MapFrame& frame, const PlaceQuery& query, std::vector<RecognizedPlace>* places);
+  bool fits(const RecognizedPlace& place) const;
+  bool hasWitness(const MapFrame& frame, const RecognizedPlace& place);
+  void joinParts(const MapFrame& frame, RecognizedPlace* place);
+  void moveTo(const Eigen::Isometry3d& T_map_odom);
+  void movePart(uint32_t part, const Eigen::Isometry3d& shift);
+  bool isKeyframe(const FeatureSet& features, const std::vector<RecognizedPlace>& places) const;
+  void addNode(const MapFrame& frame, FeatureSetPtr features, const std::vector<RecognizedPlace>& places);
+  void doubtOdometry(const RecognizedPlace& place);
+  void addOdometry(uint32_t to);
+  void addLoop(uint32_t to, const RecognizedPlace& place);
+  void correct();
+  void boundMap();
+  void reset();
+  void publish();
+  bool isCorrectionDue() const;
+  /// Frames are not added: there is a map from a file, in which the body is not localised yet.
+  bool isWaiting() const { return loaded && !was_localized; }
+  uint32_t ownPart() const { return part_of_segment[segment]; }
+
+  const StereoCalibration calibration;
+  const MapperOptions options;
+
+  mutable std::mutex map_mutex;  ///< taken after queue_mutex
+  FeatureExtractor extractor;
+  PlaceRecognizer recognizer;
+  DriftFilter filter;
+  MapData data;
+  uint64_t next_serial = 0;
+  /// Segments with the same number are tied to each other in the map. 0: the part of the oldest segment, or the loaded
+  /// one.
+  std::vector<uint32_t> part_of_segment;
+  uint32_t segment = 0;
+  bool segment_begun = false;
+  double travelled_m = 0.0;      ///< way of this segment
+  double recognized_at_m = 0.0;  ///< of it, when a place was recognised last; where it began if none was
+  bool recognized_any = false;   ///< in this segment
+  bool loaded = false;
+  bool was_localized = true;         ///< at least once since the map was loaded
+  Eigen::Isometry3d T_odom_last;     ///< of the frame before
+  Eigen::Isometry3d T_odom_attempt;  ///< of the frame that was looked at last
+  int64_t attempt_ns = 0;
+  Eigen::Isometry3d T_odom_anywhere;  ///< of the frame that was looked for in the whole map last
+  int64_t last_node = -1;             ///< index of the segment's newest node
+  size_t nodes_since_correction = 0;
+  bool loops_pending = false;
+  bool large_correction = false;
+  double odometry_factor = 1.0;  ///< on the deviations of the next edge of odometry
+  struct Witness
+  {
+    Eigen::Isometry3d T_odom_body;
+    Eigen::Isometry3d T_map_odom;
+    uint32_t part;
+    double travelled_m;
+  };
+  std::vector<Witness> witnesses;
+  size_t loops = 0;
+  int64_t last_recognized_ns = 0;
+  double last_add_ms = 0.0;
+
+  mutable std::mutex cloud_mutex;  ///< taken before map_mutex
+  mutable VoxelCloud voxels;
+
+  mutable std::mutex published_mutex;  ///< taken last
+  MapStatistics published;
+  Eigen::Isometry3d published_T_map_odom = Eigen::Isometry3d::Identity();
+
+  mutable std::mutex queue_mutex;
+  std::condition_variable queue_changed;
+  std::optional<MapFrame> next_frame;
+  bool next_begins_anew = false;
+  bool busy = false;
+  bool stopping = false;
+  size_t skipped = 0;
+  std::thread thread;
+};
+
+}  // namespace pi_slam

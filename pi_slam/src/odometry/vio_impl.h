@@ -1,0 +1,122 @@
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <unordered_map>
+#include <utility>
+#include <vector>
+
+#include "estimator/factors.h"
+#include "estimator/frame_budget.h"
+#include "estimator/window_estimator.h"
+#include "front_end/frame_filter.h"
+#include "inertial/imu_preintegration.h"
+#include "odometry/vio.h"
+
+namespace pi_slam
+{
+
+/// vio.cpp has the threads, inputs and results; vio_estimate.cpp has the estimate.
+struct Vio::Impl
+{
+  Impl(const StereoCalibration& calibration_in, const VioOptions& options_in,
+       std::shared_ptr<pi_runtime::Runtime> runtime)
+    : calibration(calibration_in)
+    , options(options_in)
+    , cameras(estimator::cameraGeometry(calibration))
+    , tracker(calibration, options.tracker, std::move(runtime))
+    , initializer(calibration, options.imu, options.initializer)
+    , standstill(options.imu, options.standstill)
+    , window(calibration, options.imu, options.window)
+    , filter(calibration, options.window.pixel_noise)
+    , propagator(options.imu)
+    , imu(options.imu)
+    , inbox_check(options.imu)
+    , since_keyframe(options.imu, ImuBias())
+    , budget(options.frame_budget_s)
+  {
+  }
+
+  // The thread of the IMU.
+  std::optional<PropagatedState> addImu(ImuSample sample);
+
+  // The thread of the pictures.
+  FrameReport addPair(int64_t stamp_ns, const cv::Mat& left, const cv::Mat& right);
+  void forgetPairs();
+  void clearEstimate();
+  void takeInbox();
+  std::string whyUnusable(int64_t stamp_ns, bool running) const;
+  TrackerPrediction predictViews(const ImuPreintegration& since_pair, bool running);
+  void runFrontEnd(const cv::Mat& left, const cv::Mat& right, const TrackerPrediction& prediction, int64_t stamp_ns,
+                   FrameReport* report);
+  void start(FrameReport* report);
+  void track(const ImuPreintegration& since_pair, const ImuBuffer::Quality& quality, FrameReport* report);
+  void noteMissingCorrection(const FilterReport& filtered, size_t views, FrameReport* report);
+  void enterStandstill();
+  bool leaveStandstill(FrameReport* report);
+  std::vector<LandmarkView> viewsOfKnown() const;
+  void noteOutliers(const FilterReport& filtered);
+  bool keyframeDue(const FrameReport& report, size_t views) const;
+  double parallaxSinceKeyframe(double* tracked_ratio) const;
+  void addKeyframe(FrameReport* report);
+  void optimize(int iterations, FrameReport* report);
+  void rememberKeyframe();
+  void offerToMap(int64_t stamp_ns, const cv::Mat& left, const cv::Mat& right);
+  std::string failure(const FrameReport& report) const;
+  void giveUp(const std::string& why, FrameReport* report);
+  Matrix15d outputCovariance() const;
+  void publish();
+
+  const StereoCalibration calibration;
+  const VioOptions options;
+  const std::array<estimator::CameraGeometry, 2> cameras;
+  StereoTracker tracker;
+  Initializer initializer;
+  StandstillDetector standstill;
+  WindowEstimator window;
+  FrameFilter filter;
+  ImuPropagator propagator;
+
+  // Between the threads.
+  std::mutex inbox_mutex;
+  std::vector<ImuSample> inbox;
+  std::string imu_message;
+  std::atomic<int64_t> newest_imu_ns{INT64_MIN};
+  std::atomic<bool> forget_imu{false};    ///< asked for by reset(), done by the next addImu()
+  std::atomic<bool> forget_pairs{false};  ///< likewise by the next addPair()
+
+  mutable std::mutex output_mutex;
+  std::optional<PropagatedState> corrected;
+  FrameFeatures shown_features;
+  std::vector<WindowLandmark> shown_landmarks;
+
+  std::function<void(const MapFrame&)> keyframe_callback;
+
+  // Of the pictures' thread alone.
+  ImuBuffer imu;
+  ImuBuffer inbox_check;  ///< of the IMU's thread: finds gaps and disorder, holds two samples
+  std::vector<ImuSample> taken;
+  VioStatus status = VioStatus::INITIALIZING;
+  int64_t last_pair_ns = INT64_MIN;
+  int64_t last_corrected_ns = 0;
+  int64_t odds_since_ns = 0;  ///< 0: pictures and IMU agree
+  FrameFeatures features;
+  ImuPreintegration since_keyframe;
+  int64_t keyframe_ns = 0;
+  std::unordered_map<int64_t, FeatureObservation> keyframe_features;
+  Eigen::Quaterniond keyframe_q = Eigen::Quaterniond::Identity();
+  std::unordered_map<int64_t, int> strikes;
+  Matrix15d common_covariance = Matrix15d::Zero();  ///< of position and heading of the window as a whole
+  NavState still_state;
+  Matrix15d still_covariance = Matrix15d::Zero();
+  FrameFeatures still_features;
+  std::optional<NavState> last_known;  ///< where to go on from after the estimate was given up
+  estimator::FrameBudget budget;
+};
+
+}  // namespace pi_slam
