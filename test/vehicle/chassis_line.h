@@ -1,9 +1,9 @@
 #pragma once
 
-#include <gtest/gtest.h>
-#include <pi_vehicle/chassis/chassis_controller.h>
+#include "chassis/chassis_controller.h"
+#include "chassis/chassis_model.h"
+
 #include <pi_vehicle/chassis/chassis_host.h>
-#include <pi_vehicle/chassis/chassis_model.h>
 
 #include <cstdint>
 #include <functional>
@@ -12,6 +12,11 @@
 
 namespace pi_vehicle::chassis
 {
+
+using pi_simulation::ChassisController;
+using pi_simulation::ChassisModel;
+using pi_simulation::ModelOptions;
+using pi_simulation::Setpoint;
 
 constexpr int64_t TICK_NS = 5'000'000;
 constexpr int64_t COMMAND_TICKS = 4;

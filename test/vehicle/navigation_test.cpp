@@ -1,7 +1,7 @@
 // Judge of navigation.test.
 
-#include "decision/simulated_car.h"
 #include "ros/child_node.h"
+#include "simulated_car.h"
 
 #include <actionlib/client/simple_action_client.h>
 #include <geometry_msgs/PoseStamped.h>

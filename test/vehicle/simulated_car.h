@@ -1,9 +1,7 @@
 #pragma once
 
+#include "chassis/chassis_model.h"
 #include "decision/drive_command.h"
-
-#include <pi_vehicle/chassis/chassis_model.h>
-#include <pi_vehicle/decision/pose2.h>
 
 #include <algorithm>
 
@@ -14,10 +12,7 @@ namespace pi_vehicle
 class SimulatedCar
 {
 public:
-  explicit SimulatedCar(const Pose2& start = Pose2()) : model_(chassis::ModelOptions())
-  {
-    model_.setPose({start.x, start.y, start.heading});
-  }
+  explicit SimulatedCar(const Pose2& start = Pose2()) : model_(pi_simulation::ModelOptions()) { model_.setPose(start); }
 
   /// @param dt  [s], at most 1.
   void step(const DriveCommand& command, double dt)
@@ -30,14 +25,14 @@ public:
     travel_ += model_.measurement().travel - before;
   }
 
-  Pose2 pose() const { return {model_.pose().x, model_.pose().y, wrapAngle(model_.pose().yaw)}; }
+  Pose2 pose() const { return model_.pose(); }
   double speed() const { return model_.measurement().speed; }
   double curvature() const { return model_.measurement().curvature; }
   double travel() const { return travel_; }  ///< [m]
 
 private:
-  chassis::ChassisModel model_;
-  chassis::Setpoint setpoint_;
+  pi_simulation::ChassisModel model_;
+  pi_simulation::Setpoint setpoint_;
   double travel_ = 0.0;
 };
 

@@ -44,7 +44,7 @@ TEST(ChassisHost, WheelOdometryIsTheTruth)
   const WheelOdometry odometry = line.state().odometry;
   EXPECT_NEAR(line.model.pose().x, odometry.pose.x, 0.02);
   EXPECT_NEAR(line.model.pose().y, odometry.pose.y, 0.02);
-  EXPECT_NEAR(line.model.pose().yaw, odometry.pose.yaw, 0.01);
+  EXPECT_NEAR(line.model.pose().heading, odometry.pose.heading, 0.01);
   EXPECT_GT(odometry.distance, line.model.measurement().travel + 1.0);  // backwards counts
 }
 

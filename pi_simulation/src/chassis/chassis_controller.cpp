@@ -1,10 +1,13 @@
-#include <pi_vehicle/chassis/chassis_controller.h>
+#include "chassis/chassis_controller.h"
 
 #include <algorithm>
 #include <cmath>
 
-namespace pi_vehicle::chassis
+namespace pi_simulation
 {
+
+using namespace pi_vehicle::chassis;
+
 namespace
 {
 
@@ -161,4 +164,4 @@ std::vector<uint8_t> ChassisController::takeOutput()
   return output;
 }
 
-}  // namespace pi_vehicle::chassis
+}  // namespace pi_simulation

@@ -5,8 +5,10 @@
 #include <cstdint>
 #include <vector>
 
-namespace pi_vehicle::chassis
+namespace pi_simulation
 {
+
+namespace chassis = pi_vehicle::chassis;
 
 /// Measurements of the chassis.
 struct Measurement
@@ -37,14 +39,13 @@ struct ControllerCounters
 };
 
 /// The chassis's end of the protocol, a reference for its firmware: watchdog, limits, ramps, latched emergency stop.
-/// The tests of the host drive against it, so it lives here and not in pi_simulation. Monotonic time; one thread per
-/// instance.
+/// Monotonic time; one thread per instance.
 class ChassisController
 {
 public:
   /// @param hello  describes this chassis; its limits hold.
   /// @throws std::invalid_argument for limits that are impossible.
-  ChassisController(const Hello& hello, int64_t now_ns);
+  ChassisController(const chassis::Hello& hello, int64_t now_ns);
 
   /// Any bytes from the host.
   void onBytes(const uint8_t* bytes, size_t count, int64_t now_ns);
@@ -53,25 +54,25 @@ public:
   /// Bytes for the host since the last call.
   std::vector<uint8_t> takeOutput();
 
-  Mode mode() const { return mode_; }
-  const Hello& hello() const { return hello_; }
-  const DecoderCounters& decoder() const { return decoder_.counters(); }
+  chassis::Mode mode() const { return mode_; }
+  const chassis::Hello& hello() const { return hello_; }
+  const chassis::DecoderCounters& decoder() const { return decoder_.counters(); }
   const ControllerCounters& counters() const { return counters_; }
 
 private:
-  void onCommand(const Command& command, uint16_t sequence, int64_t now_ns);
+  void onCommand(const chassis::Command& command, uint16_t sequence, int64_t now_ns);
   void watchDrive(const Measurement& measured, int64_t now_ns);
   void sendStatus(const Measurement& measured, int64_t now_ns);
   uint16_t faults(const Measurement& measured) const;
 
-  const Hello hello_;
+  const chassis::Hello hello_;
   const int64_t start_ns_;
-  FrameDecoder decoder_;
+  chassis::FrameDecoder decoder_;
   std::vector<uint8_t> output_;
   ControllerCounters counters_;
   uint16_t sequence_ = 0;
 
-  Command command_;  ///< within the limits
+  chassis::Command command_;  ///< within the limits
   bool command_cut_ = false;
   bool command_seen_ = false;
   bool watching_ = false;  ///< a command came, and the watchdog has not run out since
@@ -79,7 +80,7 @@ private:
   uint16_t command_sequence_ = 0;
   int64_t command_ns_ = 0;
 
-  Mode mode_ = Mode::READY;
+  chassis::Mode mode_ = chassis::Mode::READY;
   bool emergency_ = false;       ///< latched
   uint16_t latched_faults_ = 0;  ///< until released
   Setpoint setpoint_;
@@ -88,4 +89,4 @@ private:
   int64_t status_ns_;   ///< when the next one is due
 };
 
-}  // namespace pi_vehicle::chassis
+}  // namespace pi_simulation

@@ -1,11 +1,11 @@
-#include <pi_vehicle/chassis/chassis_model.h>
+#include "chassis/chassis_model.h"
 
 #include <pi_node/option_check.h>
 
 #include <algorithm>
 #include <cmath>
 
-namespace pi_vehicle::chassis
+namespace pi_simulation
 {
 namespace
 {
@@ -35,17 +35,6 @@ void ModelOptions::validate() const
   check.range("battery_resistance", battery_resistance, 0.0, 10.0);
   check.range("battery_charge", battery_charge, 0.0, 1.0);
   check.range("battery_low", battery_low, 0.0, 1.0);
-}
-
-Pose alongArc(const Pose& pose, double distance, double curvature)
-{
-  const double half = 0.5 * distance * curvature;
-  const double chord = std::abs(half) < 1e-6 ? distance : distance * std::sin(half) / half;
-  Pose next;
-  next.x = pose.x + chord * std::cos(pose.yaw + half);
-  next.y = pose.y + chord * std::sin(pose.yaw + half);
-  next.yaw = pose.yaw + 2.0 * half;
-  return next;
 }
 
 ChassisModel::ChassisModel(const ModelOptions& options)
@@ -97,7 +86,7 @@ void ChassisModel::substep(double dt)
 
   const double share = options_.steering_lag_s > 0.0 ? 1.0 - std::exp(-dt / options_.steering_lag_s) : 1.0;
   const double curvature_before = curvature_;
-  if (options_.kind == Kind::CAR_LIKE)
+  if (options_.kind == chassis::Kind::CAR_LIKE)
   {
     const double wanted =
         std::clamp(std::atan(effective_.curvature * options_.wheelbase), -options_.max_steering, options_.max_steering);
@@ -111,7 +100,7 @@ void ChassisModel::substep(double dt)
   }
 
   const double distance = 0.5 * (speed_before + speed_) * dt;
-  pose_ = alongArc(pose_, distance, 0.5 * (curvature_before + curvature_));
+  pose_ = pose_.moved(distance, 0.5 * (curvature_before + curvature_));
   travel_ += distance;
   discharge(dt > 0.0 && !stuck_ ? (speed_ - speed_before) / dt : 0.0, dt);
 }
@@ -142,9 +131,10 @@ Measurement ChassisModel::measurement() const
   measured.battery_voltage = voltage_;
   measured.battery_current = current_;
   measured.battery_charge = charge_;
-  measured.faults = static_cast<uint16_t>((charge_ < options_.battery_low ? BATTERY_LOW : 0) |
-                                          (charge_ <= 0.0 ? BATTERY_EMPTY : 0) | (button_ ? EMERGENCY_BUTTON : 0));
+  measured.faults =
+      static_cast<uint16_t>((charge_ < options_.battery_low ? chassis::BATTERY_LOW : 0) |
+                            (charge_ <= 0.0 ? chassis::BATTERY_EMPTY : 0) | (button_ ? chassis::EMERGENCY_BUTTON : 0));
   return measured;
 }
 
-}  // namespace pi_vehicle::chassis
+}  // namespace pi_simulation

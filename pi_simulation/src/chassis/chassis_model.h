@@ -1,16 +1,18 @@
 #pragma once
 
-#include <pi_vehicle/chassis/chassis_controller.h>
+#include "chassis/chassis_controller.h"
+
 #include <pi_vehicle/chassis/chassis_protocol.h>
+#include <pi_vehicle/decision/pose2.h>
 
 #include <deque>
 
-namespace pi_vehicle::chassis
+namespace pi_simulation
 {
 
 struct ModelOptions
 {
-  Kind kind = Kind::CAR_LIKE;
+  chassis::Kind kind = chassis::Kind::CAR_LIKE;
   double wheelbase = 1.2;          ///< [m]; of a differential one: between its wheels
   double max_steering = 0.5;       ///< [rad], car-like only
   double max_steering_rate = 1.0;  ///< [rad/s], car-like only
@@ -33,17 +35,6 @@ struct ModelOptions
   void validate() const;
 };
 
-/// Pose of the middle of the rear axle, or of the only axle.
-struct Pose
-{
-  double x = 0.0;    ///< [m]
-  double y = 0.0;    ///< [m]
-  double yaw = 0.0;  ///< [rad], not wrapped
-};
-
-/// The pose after distance [m] along an arc of this curvature [1/m]; exact, also for 0.
-Pose alongArc(const Pose& pose, double distance, double curvature);
-
 /// Models a vehicle's motion and battery. Setpoints pass a dead time and first-order lags of speed and steering, with
 /// limited steering rate; the kinematic bicycle (or differential) model then moves on exact arcs. Deterministic; not
 /// thread safe.
@@ -56,8 +47,9 @@ public:
   /// Advances by dt [s], clamped to [0, 1], in steps of 1 ms at most.
   void step(const Setpoint& setpoint, double dt);
   Measurement measurement() const;
-  const Pose& pose() const { return pose_; }
-  void setPose(const Pose& pose) { pose_ = pose; }
+  /// Of the middle of the rear axle, or of the only axle.
+  const pi_vehicle::Pose2& pose() const { return pose_; }
+  void setPose(const pi_vehicle::Pose2& pose) { pose_ = pose; }
   double time() const { return time_; }  ///< simulated so far [s]
 
   /// Blocks the wheels, or frees them.
@@ -80,7 +72,7 @@ private:
   std::deque<Waiting> waiting_;
   Setpoint effective_;
   double time_ = 0.0;
-  Pose pose_;
+  pi_vehicle::Pose2 pose_;
   double speed_ = 0.0;
   double steering_ = 0.0;  ///< car-like
   double curvature_ = 0.0;
@@ -92,4 +84,4 @@ private:
   bool button_ = false;
 };
 
-}  // namespace pi_vehicle::chassis
+}  // namespace pi_simulation

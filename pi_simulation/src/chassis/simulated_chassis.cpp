@@ -60,7 +60,7 @@ SimulatedChassis::SimulatedChassis(const SimulationOptions& options, int64_t now
   : options_((options.validate(), options))
   , hello_(helloOf(options))
   , model_(options.model)
-  , controller_(std::make_unique<chassis::ChassisController>(hello_, now_ns))
+  , controller_(std::make_unique<ChassisController>(hello_, now_ns))
   , random_(options.seed)
   , now_ns_(now_ns)
 {
@@ -88,7 +88,7 @@ void SimulatedChassis::step(int64_t now_ns)
     }
     controller_->onBytes(bytes.data(), count, now_ns);
   }
-  const chassis::Setpoint setpoint = controller_->update(model_.measurement(), now_ns);
+  const Setpoint setpoint = controller_->update(model_.measurement(), now_ns);
   model_.step(setpoint, pi_node::secondsBetween(now_ns_, now_ns));
   now_ns_ = now_ns;
 
@@ -138,7 +138,7 @@ void SimulatedChassis::writeGarbage(size_t count)
 bool SimulatedChassis::setNumbers(const std::string& name, std::istringstream numbers)
 {
   double number = 0.0;
-  chassis::Pose pose;
+  pi_vehicle::Pose2 pose;
   if (name == "garbage" && numbers >> number && number >= 1.0 && number <= static_cast<double>(MAX_GARBAGE))
   {
     writeGarbage(static_cast<size_t>(number));
@@ -147,7 +147,7 @@ bool SimulatedChassis::setNumbers(const std::string& name, std::istringstream nu
   {
     model_.setBatteryCharge(number);
   }
-  else if (name == "pose" && numbers >> pose.x >> pose.y >> pose.yaw)
+  else if (name == "pose" && numbers >> pose.x >> pose.y >> pose.heading)
   {
     model_.setPose(pose);
   }
@@ -186,7 +186,7 @@ std::string SimulatedChassis::command(const std::string& line, int64_t now_ns)
   }
   if (name == "restart" && value.empty())
   {
-    controller_ = std::make_unique<chassis::ChassisController>(hello_, now_ns);
+    controller_ = std::make_unique<ChassisController>(hello_, now_ns);
     return "";
   }
   const std::optional<bool> on = flag(value);
@@ -198,13 +198,13 @@ std::string SimulatedChassis::command(const std::string& line, int64_t now_ns)
 
 std::string SimulatedChassis::truth() const
 {
-  const chassis::Measurement measured = model_.measurement();
-  const chassis::Pose& pose = model_.pose();
+  const Measurement measured = model_.measurement();
+  const pi_vehicle::Pose2& pose = model_.pose();
   std::array<char, 320> text = {};
   std::snprintf(text.data(), text.size(),
                 "{\"t\": %.4f, \"x\": %.5f, \"y\": %.5f, \"yaw\": %.6f, \"speed\": %.4f, \"curvature\": %.5f, "
                 "\"mode\": \"%s\"}",
-                model_.time(), pose.x, pose.y, pose.yaw, measured.speed, measured.curvature,
+                model_.time(), pose.x, pose.y, pose.heading, measured.speed, measured.curvature,
                 chassis::modeText(controller_->mode()));
   return text.data();
 }

@@ -1,9 +1,8 @@
 #pragma once
 
+#include "chassis/chassis_controller.h"
+#include "chassis/chassis_model.h"
 #include "chassis/pseudo_terminal.h"
-
-#include <pi_vehicle/chassis/chassis_controller.h>
-#include <pi_vehicle/chassis/chassis_model.h>
 
 #include <cstdint>
 #include <memory>
@@ -16,15 +15,13 @@
 namespace pi_simulation
 {
 
-namespace chassis = pi_vehicle::chassis;
-
 struct SimulationOptions
 {
-  chassis::ModelOptions model;
+  ModelOptions model;
   chassis::Limits limits;         ///< curvature and kind of the model are put into the HELLO
   double watchdog_s = 0.25;       ///< [s], in [0.05, 10]
   double status_period_s = 0.02;  ///< [s], in [0.005, 1]
-  chassis::Pose start;
+  pi_vehicle::Pose2 start;
   std::string name = "simulated";
   std::string link;   ///< symbolic link to the pseudo-terminal; empty: none
   uint64_t seed = 1;  ///< of the garbage
@@ -51,8 +48,8 @@ public:
 
   /// Of the pseudo-terminal; empty: unplugged.
   std::string path() const { return terminal_ ? terminal_->path() : ""; }
-  const chassis::ChassisModel& model() const { return model_; }
-  const chassis::ChassisController& controller() const { return *controller_; }
+  const ChassisModel& model() const { return model_; }
+  const ChassisController& controller() const { return *controller_; }
   /// True state as one line of JSON: t [s] simulated, x, y [m], yaw [rad], speed [m/s], curvature [1/m], mode.
   std::string truth() const;
 
@@ -66,8 +63,8 @@ private:
 
   const SimulationOptions options_;
   const chassis::Hello hello_;
-  chassis::ChassisModel model_;
-  std::unique_ptr<chassis::ChassisController> controller_;
+  ChassisModel model_;
+  std::unique_ptr<ChassisController> controller_;
   std::optional<PseudoTerminal> terminal_;
   std::mt19937_64 random_;
   int64_t now_ns_;

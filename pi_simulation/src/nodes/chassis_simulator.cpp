@@ -58,7 +58,7 @@ bool parse(int argc, char** argv, Arguments* arguments)
   add("command", po::value<std::vector<std::string>>(&arguments->commands), "as on stdin, at the start; repeatable");
   add("x", number(&simulation.start.x), "start [m]");
   add("y", number(&simulation.start.y), "start [m]");
-  add("yaw", number(&simulation.start.yaw), "start [rad]");
+  add("yaw", number(&simulation.start.heading), "start [rad]");
   add("wheelbase", number(&simulation.model.wheelbase), "[m]");
   add("max-steering", number(&simulation.model.max_steering), "[rad]");
   add("max-speed", number(&simulation.limits.speed), "[m/s]");

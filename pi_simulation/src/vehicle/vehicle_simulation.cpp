@@ -131,7 +131,7 @@ void VehicleSimulation::step()
 {
   runFaults();
   chassis_.step(now_ns_);
-  const chassis::Pose& pose = chassis_.model().pose();
+  const pi_vehicle::Pose2& pose = chassis_.model().pose();
   for (Actor& actor : actors_)
   {
     if (actor.step(time(), 1e-9 * static_cast<double>(STEP_NS), {pose.x, pose.y}))
@@ -139,7 +139,7 @@ void VehicleSimulation::step()
       log("trigger", {{"actor", actor.plan().id}});
     }
   }
-  window_.add(now_ns_, surface_.T_world_base(pose.x, pose.y, pose.yaw));
+  window_.add(now_ns_, surface_.T_world_base(pose.x, pose.y, pose.heading));
   publish();
 }
 
@@ -183,9 +183,9 @@ void VehicleSimulation::publish()
     }
     if (outputs_.exposure)
     {
-      const chassis::Pose& pose = chassis_.model().pose();
+      const pi_vehicle::Pose2& pose = chassis_.model().pose();
       outputs_.exposure(
-          {now_ns_, surface_.T_world_base(pose.x, pose.y, pose.yaw) * T_base_body_, actorStates(), left_, right_});
+          {now_ns_, surface_.T_world_base(pose.x, pose.y, pose.heading) * T_base_body_, actorStates(), left_, right_});
     }
   }
   if (number % JUDGE_STEPS == 0)
@@ -213,8 +213,7 @@ OrientedBox VehicleSimulation::outline() const
 
 std::vector<TrueObstacle> VehicleSimulation::obstacles() const
 {
-  const chassis::Pose& pose = chassis_.model().pose();
-  const pi_vehicle::Pose2 T_base_world = pi_vehicle::Pose2{pose.x, pose.y, pose.yaw}.inverse();
+  const pi_vehicle::Pose2 T_base_world = chassis_.model().pose().inverse();
   const OrientedBox vehicle = outline();
   std::vector<TrueObstacle> obstacles;
   for (const ObstacleState& state : world_->obstaclesAt(now_ns_, actorStates()))
@@ -253,9 +252,9 @@ void VehicleSimulation::judge()
   {
     outputs_.obstacles(now_ns_, all);
   }
-  const chassis::Pose& pose = chassis_.model().pose();
-  const pi_vehicle::Pose2 in_map = map_in_world_.inverse() * pi_vehicle::Pose2{pose.x, pose.y, pose.yaw};
-  const chassis::Measurement measured = chassis_.model().measurement();
+  const pi_vehicle::Pose2& pose = chassis_.model().pose();
+  const pi_vehicle::Pose2 in_map = map_in_world_.inverse() * pose;
+  const Measurement measured = chassis_.model().measurement();
   const auto describe = [](const TrueObstacle& obstacle) -> Json
   {
     return {{"id", obstacle.id},

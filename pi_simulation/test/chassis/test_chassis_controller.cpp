@@ -1,6 +1,6 @@
 // The chassis's end: watchdog, limits, latches, whatever the host does.
 
-#include <pi_vehicle/chassis/chassis_controller.h>
+#include "chassis/chassis_controller.h"
 
 #include <gtest/gtest.h>
 
@@ -8,8 +8,11 @@
 #include <random>
 #include <vector>
 
-namespace pi_vehicle::chassis
+namespace pi_simulation
 {
+
+using namespace pi_vehicle::chassis;
+
 namespace
 {
 
@@ -294,4 +297,4 @@ TEST_F(ChassisControllerTest, NothingButCommandsMovesIt)
 }
 
 }  // namespace
-}  // namespace pi_vehicle::chassis
+}  // namespace pi_simulation

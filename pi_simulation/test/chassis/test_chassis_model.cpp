@@ -1,14 +1,17 @@
 // The simulated vehicle against closed forms.
 
-#include <pi_vehicle/chassis/chassis_model.h>
+#include "chassis/chassis_model.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <stdexcept>
 
-namespace pi_vehicle::chassis
+namespace pi_simulation
 {
+
+using namespace pi_vehicle::chassis;
+
 namespace
 {
 
@@ -28,19 +31,6 @@ void drive(ChassisModel* model, const Setpoint& set, double seconds)
   }
 }
 
-TEST(AlongArc, IsTheClosedFormOfACircleAndALine)
-{
-  const double pi = std::acos(-1.0);
-  const Pose quarter = alongArc(Pose(), 0.5 * pi * 4.0, 0.25);  // radius 4 m to the left
-  EXPECT_NEAR(4.0, quarter.x, 1e-12);
-  EXPECT_NEAR(4.0, quarter.y, 1e-12);
-  EXPECT_NEAR(0.5 * pi, quarter.yaw, 1e-12);
-  const Pose line = alongArc(Pose{1.0, 2.0, 0.5 * pi}, -3.0, 0.0);
-  EXPECT_NEAR(1.0, line.x, 1e-12);
-  EXPECT_NEAR(-1.0, line.y, 1e-12);
-  EXPECT_NEAR(alongArc(Pose(), 1.0, 0.0).x, alongArc(Pose(), 1.0, 1e-9).x, 1e-12);
-}
-
 class ModelOfKind : public testing::TestWithParam<Kind>
 {
 };
@@ -55,12 +45,12 @@ TEST_P(ModelOfKind, DrivesTheCircleOfItsCurvature)
   EXPECT_NEAR(curvature, model.measurement().curvature, 1e-6);
   drive(&model, setpoint(1.0, curvature), 12.0);
   drive(&model, setpoint(0.0, curvature), 3.0);
-  const Pose end = model.pose();
+  const pi_vehicle::Pose2 end = model.pose();
   const double travel = model.measurement().travel;
   EXPECT_GT(travel, 11.9);
   EXPECT_NEAR(std::sin(travel * curvature) / curvature, end.x, 1e-4);
   EXPECT_NEAR((1.0 - std::cos(travel * curvature)) / curvature, end.y, 1e-4);
-  EXPECT_NEAR(travel * curvature, end.yaw, 1e-4);
+  EXPECT_NEAR(travel * curvature, end.heading, 1e-4);
 }
 
 INSTANTIATE_TEST_SUITE_P(Both, ModelOfKind, testing::Values(Kind::CAR_LIKE, Kind::DIFFERENTIAL));
@@ -153,4 +143,4 @@ TEST(ChassisModel, WrongOptionsAreNamed)
 }
 
 }  // namespace
-}  // namespace pi_vehicle::chassis
+}  // namespace pi_simulation

@@ -125,7 +125,7 @@ void ChassisHost::onStatus(const Status& status, int64_t now_ns)
   if (status_seen_ && !restarted)
   {
     const double distance = TRAVEL_STEP * static_cast<int32_t>(status.travel - status_.travel);
-    odometry_.pose = alongArc(odometry_.pose, distance, 0.5 * (status.curvature + status_.curvature));
+    odometry_.pose = odometry_.pose.moved(distance, 0.5 * (status.curvature + status_.curvature));
     odometry_.distance += std::abs(distance);
   }
   odometry_.speed = status.speed;

@@ -68,8 +68,8 @@ nav_msgs::Odometry toOdometry(const chassis::WheelOdometry& odometry, const ros:
   message.child_frame_id = options.base_link_frame;
   message.pose.pose.position.x = odometry.pose.x;
   message.pose.pose.position.y = odometry.pose.y;
-  message.pose.pose.orientation.z = std::sin(0.5 * odometry.pose.yaw);
-  message.pose.pose.orientation.w = std::cos(0.5 * odometry.pose.yaw);
+  message.pose.pose.orientation.z = std::sin(0.5 * odometry.pose.heading);
+  message.pose.pose.orientation.w = std::cos(0.5 * odometry.pose.heading);
   message.twist.twist.linear.x = odometry.speed;
   message.twist.twist.angular.z = odometry.yaw_rate;
   const OdometryErrors& errors = options.odometry;

@@ -71,7 +71,7 @@ TEST(ChassisConversions, OdometryHasPoseTwistAndGrowingVariance)
 {
   const ChassisRosOptions options;
   chassis::WheelOdometry odometry;
-  odometry.pose = chassis::Pose{1.0, 2.0, 0.5 * std::acos(-1.0)};
+  odometry.pose = Pose2{1.0, 2.0, 0.5 * std::acos(-1.0)};
   odometry.speed = 0.5;
   odometry.yaw_rate = 0.2;
   const nav_msgs::Odometry start = toOdometry(odometry, ros::Time(5, 0), options);

@@ -1,7 +1,7 @@
 #pragma once
 
-#include <pi_vehicle/chassis/chassis_model.h>
 #include <pi_vehicle/chassis/chassis_protocol.h>
+#include <pi_vehicle/decision/pose2.h>
 
 #include <cstdint>
 #include <optional>
@@ -44,7 +44,7 @@ struct Motion
 /// Odometry of the wheels, from the pose at the start of the host.
 struct WheelOdometry
 {
-  Pose pose;
+  Pose2 pose;             ///< of the middle of the rear axle, or of the only axle
   double speed = 0.0;     ///< [m/s]
   double yaw_rate = 0.0;  ///< [rad/s]
   double distance = 0.0;  ///< driven, forwards and backwards [m]
