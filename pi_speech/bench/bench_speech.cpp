@@ -118,12 +118,7 @@ public:
     config_.reset(cmd_ln_init(nullptr, ps_args(), 1, "-hmm", model.acoustic_model.c_str(), "-dict",
                               model.dictionary.c_str(), nullptr));
     decoder_.reset(config_ == nullptr ? nullptr : ps_init(config_.get()));
-    std::vector<std::string> texts;
-    for (const Command& command : table.commands)
-    {
-      texts.push_back(command.text);
-    }
-    const std::string grammar = toJsgf(texts);
+    const std::string grammar = toJsgf(table.texts());
     if (decoder_ == nullptr || ps_set_jsgf_string(decoder_.get(), "commands", grammar.c_str()) != 0 ||
         ps_set_search(decoder_.get(), "commands") != 0)
     {

@@ -19,6 +19,7 @@ struct CommandTable
 {
   std::vector<Command> commands;
 
+  std::vector<std::string> texts() const;
   /// The distinct words of all commands, sorted.
   std::vector<std::string> words() const;
 

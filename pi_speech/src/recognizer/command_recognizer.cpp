@@ -158,11 +158,7 @@ struct CommandRecognizer::Impl
     {
       confidence = ConfidenceModel::load(options.confidence);
     }
-    std::vector<std::string> texts;
-    for (const Command& command : table.commands)
-    {
-      texts.push_back(command.text);
-    }
+    const std::vector<std::string> texts = table.texts();
     std::vector<std::string> grammars{toJsgf(texts)};
     if (texts.size() <= MOST_SEARCHES)
     {

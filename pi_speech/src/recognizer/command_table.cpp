@@ -193,6 +193,16 @@ private:
 
 }  // namespace
 
+std::vector<std::string> CommandTable::texts() const
+{
+  std::vector<std::string> texts;
+  for (const Command& command : commands)
+  {
+    texts.push_back(command.text);
+  }
+  return texts;
+}
+
 std::vector<std::string> CommandTable::words() const
 {
   std::set<std::string> words;

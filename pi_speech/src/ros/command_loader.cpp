@@ -2,6 +2,7 @@
 
 #include <ros/console.h>
 
+#include <boost/algorithm/string/join.hpp>
 #include <exception>
 #include <memory>
 #include <utility>
@@ -12,16 +13,6 @@ namespace pi_speech
 {
 namespace
 {
-
-std::string textsOf(const CommandTable& table)
-{
-  std::string texts;
-  for (const Command& command : table.commands)
-  {
-    texts += (texts.empty() ? "" : ", ") + command.text;
-  }
-  return texts;
-}
 
 CommandTable tableOf(const std::vector<std::string>& texts)
 {
@@ -73,7 +64,7 @@ bool CommandLoader::load(const Source& source, std::string* message)
   {
     const CommandTable table = source.file.empty() ? tableOf(source.texts) : CommandTable::load(source.file);
     auto recognizer = std::make_unique<CommandRecognizer>(options_.recognizerOptions(package_), table);
-    const std::string understood = textsOf(recognizer->table());
+    const std::string understood = boost::algorithm::join(recognizer->table().texts(), ", ");
     *message = "understands " + understood + " (" + (recognizer->usesWordModels() ? "with" : "without") +
                " models of whole words)";
     ROS_INFO_STREAM_NAMED("recognizer", *message);

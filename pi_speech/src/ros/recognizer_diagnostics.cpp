@@ -20,7 +20,7 @@ std::string describe(const AudioFormat& sound)
 
 const char* stateOf(const RecognizerFigures& figures)
 {
-  if (figures.commands == 0)
+  if (figures.stream.commands == 0)
   {
     return figures.loading.empty() && !figures.problem.empty() ? "error" : "loading";
   }
@@ -78,8 +78,9 @@ void RecognizerDiagnostics::update(const RecognizerFigures& figures)
 void RecognizerDiagnostics::reportRecognition(Status& status)
 {
   std::lock_guard<std::mutex> lock(mutex_);
-  const std::string number = std::to_string(now_.commands) + (now_.commands == 1 ? " command" : " commands");
-  if (now_.commands == 0)
+  const std::string number =
+      std::to_string(now_.stream.commands) + (now_.stream.commands == 1 ? " command" : " commands");
+  if (now_.stream.commands == 0)
   {
     const bool failed = now_.loading.empty() && !now_.problem.empty();
     status.summary(failed ? DiagnosticStatus::ERROR : DiagnosticStatus::WARN,
@@ -110,9 +111,9 @@ void RecognizerDiagnostics::reportRecognition(Status& status)
                                    : ", last " + last_command_ + format(" after %.0f ms", 1e3 * last_latency_s_)));
   }
   status.add("state", stateOf(now_));
-  status.add("commands", now_.understood);
+  status.add("commands", now_.stream.understood);
   status.add("mode", now_.mode);
-  status.add("models of whole words", now_.word_models ? "in use" : "not in use");
+  status.add("models of whole words", now_.stream.word_models ? "in use" : "not in use");
   status.add("heard", accepted_ + rejected_);
   status.add("accepted", accepted_);
   status.add("accepted before the pause", fast_);
@@ -124,9 +125,9 @@ void RecognizerDiagnostics::reportRecognition(Status& status)
   status.add("work on a decision, p50 [ms]", format("%.1f", decision_ms_.quantile(0.5)));
   status.add("work on a decision, p95 [ms]", format("%.1f", decision_ms_.quantile(0.95)));
   status.add("CPU per time of sound [%]", format("%.2f", 100.0 * cpu_share_));
-  const RecognizerTasks::Figures& tasks = now_.tasks;
-  status.add("runtime", !now_.use_runtime ? "not used" : tasks.unit.empty() ? "used" : "unit " + tasks.unit);
-  if (now_.use_runtime)
+  const RecognizerTasks::Figures& tasks = now_.stream.tasks;
+  status.add("runtime", !now_.stream.use_runtime ? "not used" : tasks.unit.empty() ? "used" : "unit " + tasks.unit);
+  if (now_.stream.use_runtime)
   {
     status.add("decisions by tasks", tasks.tasks);
     status.add("tasks taken back, as all units were busy", tasks.taken_back);
@@ -177,15 +178,15 @@ void RecognizerDiagnostics::reportSound(Status& status) const
              describe(now_.queue.format) + (now_.queue.format_known ? "" : ", by parameters: no audio_info yet"));
   status.add("state of the sound", toString(now_.sound.last.state));
   status.add("level [dB of full scale]", format("%.1f", now_.sound.level_dbfs));
-  status.add("noise [dB of full scale]", format("%.1f", now_.noise_dbfs));
+  status.add("noise [dB of full scale]", format("%.1f", now_.stream.noise_dbfs));
   status.add("clipped [%]", format("%.2f", 100.0 * now_.sound.clipped_share));
-  status.add("speech", now_.in_speech ? "yes" : "no");
+  status.add("speech", now_.stream.in_speech ? "yes" : "no");
   status.add("messages that came", now_.queue.chunks);
   status.add("messages dropped, as others waited", now_.queue.dropped);
-  status.add("messages that could not be used", now_.queue.unusable + now_.damaged);
-  status.add("gaps", now_.gaps);
-  status.add("times that stamps went back", now_.backs);
-  status.add("changes of format", now_.formats);
+  status.add("messages that could not be used", now_.queue.unusable + now_.stream.damaged);
+  status.add("gaps", now_.stream.gaps);
+  status.add("times that stamps went back", now_.stream.backs);
+  status.add("changes of format", now_.stream.formats);
   status.add("sound that waits [s]", format("%.2f", now_.queue.waiting_s));
   for (size_t i = 0; i < warnings.size(); ++i)
   {

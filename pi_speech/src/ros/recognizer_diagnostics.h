@@ -3,8 +3,6 @@
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <pi_node/ros/recent_values.h>
 #include <pi_node/ros/warning_board.h>
-#include <pi_speech/audio.h>
-#include <pi_speech/command_recognizer.h>
 #include <ros/node_handle.h>
 
 #include <cstdint>
@@ -13,9 +11,9 @@
 #include <string>
 
 #include "ros/dictation.h"
-#include "ros/recognizer_tasks.h"
 #include "ros/sound_queue.h"
 #include "ros/sound_watch.h"
+#include "ros/stream_recognizer.h"
 
 namespace pi_speech
 {
@@ -27,24 +25,13 @@ struct RecognizerFigures
   bool listening = false;   ///< was not stopped
   bool subscribed = false;  ///< to sound
 
-  std::string understood;  ///< the commands in use; empty: none yet
-  size_t commands = 0;     ///< number of them
-  bool word_models = false;
   std::string mode;
   std::string loading;  ///< table that is being loaded; empty: none
   std::string problem;  ///< why the table asked for last is not in use; empty: it is
 
   SoundQueue::Figures queue;
   SoundWatch::Figures sound;
-  double noise_dbfs = 0.0;
-  bool in_speech = false;
-  uint64_t damaged = 0;  ///< messages
-  uint64_t gaps = 0;     ///< in the stamps
-  uint64_t backs = 0;    ///< times that the stamps went back
-  uint64_t formats = 0;  ///< changes of format on the way
-
-  bool use_runtime = false;
-  RecognizerTasks::Figures tasks;
+  StreamRecognizer::Figures stream;
   std::optional<Dictation::Figures> dictation;  ///< nullopt: not asked for
 };
 

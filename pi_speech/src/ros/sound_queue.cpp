@@ -1,7 +1,9 @@
 #include "ros/sound_queue.h"
 
 #include <pi_node/formatting.h>
+#include <pi_speech/ros/audio_conversions.h>
 
+#include <stdexcept>
 #include <utility>
 
 namespace pi_speech
@@ -92,16 +94,19 @@ void SoundQueue::clear()
   figures_.waiting_s = 0.0;
 }
 
-void SoundQueue::setFormat(const AudioFormat& format)
+std::string SoundQueue::setInfo(const AudioInfo& info, const std::string& topic)
 {
-  figures_.format = format;
-  figures_.format_known = true;
-  figures_.problem.clear();
-}
-
-bool SoundQueue::refuse(const std::string& problem)
-{
-  return std::exchange(figures_.problem, problem) != problem;
+  std::string problem;
+  try
+  {
+    figures_.format = fromMsg(info);
+    figures_.format_known = true;
+  }
+  catch (const std::invalid_argument& error)
+  {
+    problem = topic + ": " + error.what();
+  }
+  return std::exchange(figures_.problem, problem) != problem ? problem : "";
 }
 
 }  // namespace pi_speech

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <pi_speech/AudioData.h>
+#include <pi_speech/AudioInfo.h>
 #include <pi_speech/audio.h>
 #include <ros/time.h>
 #include <std_msgs/Header.h>
@@ -55,9 +56,9 @@ public:
   bool empty() const { return chunks_.empty(); }
   void clear();
 
-  void setFormat(const AudioFormat& format);
-  /// Ignores the sound until setFormat(). @return false if the problem is known already.
-  bool refuse(const std::string& problem);
+  /// Takes the format of the sound that comes. If the suite cannot use it, the sound is ignored until the next one.
+  /// @param topic  of the message. @return a new problem; empty: none.
+  std::string setInfo(const AudioInfo& info, const std::string& topic);
 
   const Figures& figures() const { return figures_; }
 
