@@ -8,6 +8,7 @@
 // apart.
 
 #include <pi_node/command_line.h>
+#include <pi_node/durations.h>
 #include <pi_speech/audio.h>
 #include <pi_speech/command_recognizer.h>
 #include <pi_speech/noise_mixing.h>
@@ -72,11 +73,6 @@ double processorSeconds()
   timespec time{};
   clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &time);
   return static_cast<double>(time.tv_sec) + static_cast<double>(time.tv_nsec) * 1e-9;
-}
-
-double secondsSince(std::chrono::steady_clock::time_point start)
-{
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
 double quantile(std::vector<double> values, double part)

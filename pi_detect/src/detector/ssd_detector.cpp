@@ -292,12 +292,11 @@ void SsdDetector::Implementation::runTasks(DetectionResult* result)
 
 void SsdDetector::Implementation::runSteps(DetectionResult* result)
 {
-  using Clock = std::chrono::steady_clock;
   const auto run = [](const pi_runtime::TaskRequest& task, double* seconds)
   {
-    const auto start = Clock::now();
+    const auto start = std::chrono::steady_clock::now();
     task.codelet->native[0].function(pi_runtime::NativeCall(task.arguments, 0, task.range, task.range, nullptr));
-    *seconds = std::chrono::duration<double>(Clock::now() - start).count();
+    *seconds = pi_node::secondsSince(start);
   };
   run(blobTask(), &result->blob_s);
   run(forwardTask(), &result->forward_s);
@@ -369,7 +368,7 @@ DetectionResult SsdDetector::Implementation::detect(const PictureView& picture)
   }
   const auto start = std::chrono::steady_clock::now();
   result.detections = readDetections(picture);
-  result.decode_s += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  result.decode_s += pi_node::secondsSince(start);
   source_.reset();
   return result;
 }

@@ -15,8 +15,6 @@ namespace pi_detect
 namespace
 {
 
-using Clock = std::chrono::steady_clock;
-
 /// Relative name of a camera's topic.
 std::string nameOf(Side side, const char* topic)
 {
@@ -41,22 +39,6 @@ StereoTopics topicsOf(const ros::NodeHandle& node, const ObstaclesRosOptions& op
 }
 
 }  // namespace
-
-void ObstaclesRos::Input::note()
-{
-  ++messages;
-  restart();
-}
-
-void ObstaclesRos::Input::restart()
-{
-  came_at = Clock::now().time_since_epoch().count();
-}
-
-double ObstaclesRos::Input::silentSeconds() const
-{
-  return std::chrono::duration<double>(Clock::now().time_since_epoch() - Clock::duration(came_at)).count();
-}
 
 ObstaclesRos::ObstaclesRos(ros::NodeHandle node, ros::NodeHandle private_node)
   : input_thread_("obs_input")

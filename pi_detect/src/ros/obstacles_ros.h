@@ -1,12 +1,11 @@
 #pragma once
 
 #include <image_transport/image_transport.h>
+#include <pi_node/input_topic.h>
 #include <pi_node/ros/callback_thread.h>
 #include <pi_node/ros/warning_board.h>
 #include <ros/ros.h>
 
-#include <atomic>
-#include <chrono>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -34,17 +33,10 @@ public:
   ObstaclesRos& operator=(const ObstaclesRos&) = delete;
 
 private:
-  /// An input topic, and when it spoke last.
-  struct Input
+  struct Input : pi_node::InputTopic
   {
-    std::string topic;
     bool used = false;
     bool required = true;
-    std::atomic<uint64_t> messages{0};
-    std::atomic<std::chrono::steady_clock::rep> came_at{0};
-    void note();
-    void restart();  ///< silence is counted from now on
-    double silentSeconds() const;
   };
 
   // obs_input

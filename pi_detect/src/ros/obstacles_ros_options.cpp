@@ -1,8 +1,6 @@
 #include "ros/obstacles_ros_options.h"
 #include <pi_node/ros/parameter_tree.h>
 
-#include <stdexcept>
-
 namespace pi_detect
 {
 
@@ -22,18 +20,6 @@ const char* toString(StereoSource source)
       return "disparity";
   }
   return "?";
-}
-
-StereoSource parseStereoSource(const std::string& name)
-{
-  for (const StereoSource source : {StereoSource::RECTIFIED, StereoSource::RAW, StereoSource::DISPARITY})
-  {
-    if (name == toString(source))
-    {
-      return source;
-    }
-  }
-  throw std::invalid_argument("\"" + name + "\", must be rectified, raw or disparity");
 }
 
 /// Every parameter by the path of its name, with its field.
@@ -79,23 +65,9 @@ static void visitFields(Options& options, Visitor&& visit)
   visit("warning_period_s", options.warning_period_s);
 }
 
-static void read(XmlRpcValue value, StereoSource* field)
+static void read(const XmlRpcValue& value, StereoSource* field)
 {
-  std::string name;
-  pi_node::parameters::read(value, &name);
-  try
-  {
-    *field = parseStereoSource(name);
-  }
-  catch (const std::invalid_argument& error)
-  {
-    throw std::invalid_argument(std::string("= ") + error.what());
-  }
-}
-
-static XmlRpcValue write(StereoSource field)
-{
-  return XmlRpcValue(toString(field));
+  pi_node::parameters::readChoice(value, {StereoSource::RECTIFIED, StereoSource::RAW, StereoSource::DISPARITY}, field);
 }
 
 static void requireFrame(const char* name, const std::string& frame)

@@ -18,8 +18,6 @@ enum class StereoSource
   DISPARITY,  ///< disparity
 };
 const char* toString(StereoSource source);  ///< "rectified", "raw", "disparity"
-/// @throws std::invalid_argument listing the valid names.
-StereoSource parseStereoSource(const std::string& name);
 
 /// The parameters of the obstacles node; config/obstacles.yaml shows each with its unit.
 struct ObstaclesRosOptions : pi_node::NodeParameters<ObstaclesRosOptions>

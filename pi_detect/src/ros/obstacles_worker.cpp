@@ -1,5 +1,6 @@
 #include "ros/obstacles_worker.h"
 
+#include <pi_node/durations.h>
 #include <pthread.h>
 
 #include <algorithm>
@@ -172,7 +173,7 @@ void ObstaclesWorker::workOn(const StereoJob& job)
   const std::vector<ObjectTrack> tracks = tracksAt(stamp, &figures.track_age_s);
   const std::vector<Obstacle> obstacles =
       tracker_.update(fromMsg(stamp), vehicle, result.obstacles, tracks, finder_.geometry(), finder_.T_base_left());
-  figures.track_s = std::chrono::duration<double>(Clock::now() - begin).count();
+  figures.track_s = pi_node::secondsSince(begin);
   publish_({job, result, obstacles, labels_, finder_});
 
   figures.latency_s = (ros::Time::now() - stamp).toSec();

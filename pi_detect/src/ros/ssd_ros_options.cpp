@@ -2,7 +2,6 @@
 #include <pi_node/ros/parameter_tree.h>
 
 #include <algorithm>
-#include <stdexcept>
 
 #include "ros/tracker_fields.h"
 
@@ -50,23 +49,9 @@ static void visitFields(Options& options, Visitor&& visit)
   visit("warning_period_s", options.warning_period_s);
 }
 
-static void read(XmlRpcValue value, Target* field)
+static void read(const XmlRpcValue& value, Target* field)
 {
-  std::string name;
-  pi_node::parameters::read(value, &name);
-  try
-  {
-    *field = parseTarget(name);
-  }
-  catch (const std::invalid_argument&)
-  {
-    throw std::invalid_argument("= \"" + name + "\", must be cpu, opencl or opencl_fp16");
-  }
-}
-
-static XmlRpcValue write(Target field)
-{
-  return XmlRpcValue(toString(field));
+  pi_node::parameters::readChoice(value, {Target::CPU, Target::OPENCL, Target::OPENCL_FP16}, field);
 }
 
 void SsdRosOptions::validate() const

@@ -7,7 +7,6 @@ namespace pi_detect
 {
 
 namespace parameter_tree = pi_node::parameter_tree;
-using XmlRpc::XmlRpcValue;
 
 /// Every parameter by the path of its name, with its field.
 template <typename Options, typename Visitor>

@@ -3,6 +3,7 @@
 
 #include <pi_detect/ssd_detector.h>
 #include <pi_node/command_line.h>
+#include <pi_node/durations.h>
 #include <pi_node/output_file.h>
 #include <pi_node/progress.h>
 #include <pi_node/stop_signal.h>
@@ -244,7 +245,7 @@ int run(const Arguments& line)
       const auto start = std::chrono::steady_clock::now();
       const DetectionResult result = detector.detect(
           PictureView{picture.data, picture.cols, picture.rows, picture.step, PictureView::Format::BGR8});
-      times_ms.push_back(std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count());
+      times_ms.push_back(1e3 * pi_node::secondsSince(start));
       file.add(name, result.detections, model.labels);
       found += result.detections.size();
       if (!line.overlay.empty())

@@ -1,7 +1,7 @@
 #pragma once
 
-#include <pi_offload/EdgeNode.h>
 #include <pi_node/ros/node_parameters.h>
+#include <pi_offload/EdgeNode.h>
 
 #include <array>
 #include <limits>

@@ -3,8 +3,8 @@
 #include "renderer/stereo_renderer.h"
 #include "vehicle/vehicle_simulation.h"
 
-#include <pi_slam/stereo_calibration.h>
 #include <pi_node/ros/node_parameters.h>
+#include <pi_slam/stereo_calibration.h>
 #include <ros/node_handle.h>
 #include <xmlrpcpp/XmlRpcValue.h>
 

@@ -1,5 +1,6 @@
 #include "evaluation/sequence_run.h"
 
+#include <pi_node/durations.h>
 #include <pi_node/formatting.h>
 
 #include <pi_runtime/runtime.h>
@@ -18,16 +19,12 @@ namespace pi_slam
 namespace
 {
 
+using pi_node::secondsSince;
 using Clock = std::chrono::steady_clock;
 
 /// A pair waits this long for the IMU's samples, as a live system would [s].
 constexpr double MAX_WAIT_S = 0.2;
 constexpr size_t MAX_WARNINGS = 100;
-
-double secondsSince(Clock::time_point start)
-{
-  return std::chrono::duration<double>(Clock::now() - start).count();
-}
 
 double processCpuSeconds()
 {

@@ -1,6 +1,7 @@
 #include "map/mapper_impl.h"
 
 #include <malloc.h>
+#include <pi_node/durations.h>
 
 #include <chrono>
 #include <future>
@@ -104,7 +105,7 @@ void Mapper::Impl::process(const MapFrame& frame, bool begins_anew)
     }
     boundMap();
   }
-  last_add_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+  last_add_ms = 1e3 * pi_node::secondsSince(start);
   publish();
 }
 

@@ -1,5 +1,6 @@
 #include "ros/vio_inputs.h"
 
+#include <pi_node/durations.h>
 #include <pi_node/formatting.h>
 
 #include <chrono>
@@ -106,7 +107,7 @@ void VioInputs::onImu(const sensor_msgs::ImuConstPtr& message)
   if (propagated)
   {
     outputs_.publishOdometry(*pipeline, *propagated);
-    diagnostics_.addImu(std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count());
+    diagnostics_.addImu(1e3 * pi_node::secondsSince(begin));
   }
 }
 

@@ -66,7 +66,7 @@ VioRos::~VioRos()
 
 void VioRos::watchInputs()
 {
-  for (const InputTopic* input : {&topics_.imu, &topics_.pictures[LEFT], &topics_.pictures[RIGHT]})
+  for (const pi_node::InputTopic* input : {&topics_.imu, &topics_.pictures[LEFT], &topics_.pictures[RIGHT]})
   {
     const double silent_s = input->silentSeconds();
     if (silent_s > options_.input_timeout_s)
@@ -80,7 +80,7 @@ void VioRos::watchInputs()
 void VioRos::publishDiagnostics()
 {
   VioFigures figures;
-  for (const InputTopic* input : {&topics_.imu, &topics_.pictures[LEFT], &topics_.pictures[RIGHT]})
+  for (const pi_node::InputTopic* input : {&topics_.imu, &topics_.pictures[LEFT], &topics_.pictures[RIGHT]})
   {
     figures.inputs.push_back({input->topic, input->messages, input->silentSeconds()});
   }

@@ -85,11 +85,6 @@ static void read(XmlRpcValue value, CalibrationSource* field)
   }
 }
 
-static XmlRpcValue write(const CalibrationSource& field)
-{
-  return XmlRpcValue(toString(field));
-}
-
 void VioRosOptions::validate() const
 {
   vio.validate();

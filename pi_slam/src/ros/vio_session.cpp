@@ -77,7 +77,7 @@ void VioSession::setProblem(const std::string& problem, bool failed)
   {
     warnings_->error(problem + "; no odometry until this is right");
   }
-  else if (std::chrono::duration<double>(Clock::now() - waiting_since_).count() > options_.input_timeout_s)
+  else if (pi_node::secondsSince(waiting_since_) > options_.input_timeout_s)
   {
     warnings_->warn(problem);
   }

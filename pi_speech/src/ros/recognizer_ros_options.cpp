@@ -3,7 +3,6 @@
 #include <pi_node/ros/parameter_tree.h>
 
 #include <filesystem>
-#include <stdexcept>
 #include <utility>
 
 namespace pi_speech
@@ -91,21 +90,7 @@ static void visitFields(Options& options, Visitor&& visit)
 
 static void read(const XmlRpcValue& value, RecognitionMode* field)
 {
-  std::string name;
-  pi_node::parameters::read(value, &name);
-  try
-  {
-    *field = parseRecognitionMode(name);
-  }
-  catch (const std::invalid_argument&)
-  {
-    throw std::invalid_argument("= \"" + name + "\", must be safe or closed");
-  }
-}
-
-static XmlRpcValue write(RecognitionMode field)
-{
-  return XmlRpcValue(toString(field));
+  pi_node::parameters::readChoice(value, {RecognitionMode::SAFE, RecognitionMode::CLOSED}, field);
 }
 
 void RecognizerRosOptions::validate() const

@@ -2,6 +2,7 @@
 // evaluate_commands. Needs no ROS master.
 
 #include <pi_node/command_line.h>
+#include <pi_node/durations.h>
 #include <pi_node/output_file.h>
 #include <pi_node/progress.h>
 #include <pi_node/stop_signal.h>
@@ -333,7 +334,7 @@ void recognizeClip(const Clip& clip, const Arguments& line, CommandRecognizer* r
   recognizer->reset();  // each clip was recorded elsewhere
   const auto start = std::chrono::steady_clock::now();
   const std::vector<Found> all = recognize(recognizer, samples, line);
-  totals->work_s += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  totals->work_s += pi_node::secondsSince(start);
   totals->sound_s += static_cast<double>(samples.size()) / SAMPLE_RATE_HZ;
   ++totals->clips;
   if (pi_node::StopSignal::came())

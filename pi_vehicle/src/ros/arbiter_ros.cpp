@@ -5,7 +5,6 @@
 #include <diagnostic_msgs/DiagnosticStatus.h>
 #include <pi_node/formatting.h>
 #include <pi_node/ros/node_options.h>
-#include <pi_node/ros/parameter_values.h>
 
 #include <cmath>
 
@@ -21,28 +20,13 @@ constexpr uint32_t QUEUE = 50;
 constexpr char LATCHED[] = "latched";  // the parameter that outlives the node
 constexpr char REMOTE[] = "remote";    // the source that cmd_vel is
 
-ArbiterRosOptions loadOptions(const ros::NodeHandle& private_node)
-{
-  std::vector<std::string> unknown;
-  const auto options = loadParameters<ArbiterRosOptions>(private_node, &unknown);
-  for (const std::string& name : unknown)
-  {
-    if (name != private_node.resolveName(LATCHED))
-    {
-      ROS_WARN_STREAM_NAMED("arbiter", "parameter " << name << " means nothing here; see config/arbiter_node.yaml");
-    }
-  }
-  ROS_INFO_STREAM_NAMED("arbiter", "parameters: " << pi_node::parameters::text(toParameters(options)));
-  return options;
-}
-
 }  // namespace
 
 ArbiterRos::ArbiterRos(ros::NodeHandle node, ros::NodeHandle private_node)
   : thread_("arbiter")
   , node_(thread_.handle(node))
   , private_node_(thread_.handle(private_node))
-  , options_(loadOptions(private_node))
+  , options_(pi_node::loadNodeOptions<ArbiterRosOptions>(private_node, "arbiter", {LATCHED}, "arbiter_node"))
   , sources_path_(configPath("sources_file", options_.sources_file))
   , arbiter_(ArbiterOptions::load(sources_path_))
   , warnings_(options_.warning_period_s, pi_node::warningLog<ArbiterRosOptions>("arbiter"))

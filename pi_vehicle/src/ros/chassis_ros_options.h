@@ -1,7 +1,7 @@
 #pragma once
 
-#include <pi_vehicle/chassis/chassis_driver.h>
 #include <pi_node/ros/node_parameters.h>
+#include <pi_vehicle/chassis/chassis_driver.h>
 
 #include <string>
 

@@ -5,7 +5,6 @@
 #include <diagnostic_msgs/DiagnosticStatus.h>
 #include <pi_node/formatting.h>
 #include <pi_node/ros/node_options.h>
-#include <pi_node/ros/parameter_values.h>
 #include <pi_vehicle/MotionCommand.h>
 #include <std_msgs/Empty.h>
 #include <std_msgs/String.h>
@@ -26,21 +25,6 @@ constexpr char SOURCE[] = "command";
 constexpr char LATCHED[] = "latched";
 constexpr char KEPT_SPEED_LIMIT[] = "kept_speed_limit";
 
-CommandRosOptions loadOptions(const ros::NodeHandle& private_node)
-{
-  std::vector<std::string> unknown;
-  const auto options = loadParameters<CommandRosOptions>(private_node, &unknown);
-  for (const std::string& name : unknown)
-  {
-    if (name != private_node.resolveName(LATCHED) && name != private_node.resolveName(KEPT_SPEED_LIMIT))
-    {
-      ROS_WARN_STREAM_NAMED("command", "parameter " << name << " means nothing here; see config/command_node.yaml");
-    }
-  }
-  ROS_INFO_STREAM_NAMED("command", "parameters: " << pi_node::parameters::text(toParameters(options)));
-  return options;
-}
-
 std_msgs::String toText(const std::string& text)
 {
   std_msgs::String message;
@@ -54,7 +38,8 @@ CommandRos::CommandRos(ros::NodeHandle node, ros::NodeHandle private_node)
   : thread_("command")
   , node_(thread_.handle(node))
   , private_node_(thread_.handle(private_node))
-  , options_(loadOptions(private_node))
+  , options_(pi_node::loadNodeOptions<CommandRosOptions>(private_node, "command", {LATCHED, KEPT_SPEED_LIMIT},
+                                                         "command_node"))
   , actions_path_(configPath("actions_file", options_.actions_file))
   , actions_(CommandActionsOptions::load(actions_path_))
   , warnings_(options_.warning_period_s, pi_node::warningLog<CommandRosOptions>("command"))

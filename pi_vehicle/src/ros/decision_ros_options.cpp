@@ -10,7 +10,6 @@ namespace pi_vehicle
 {
 
 namespace parameter_tree = pi_node::parameter_tree;
-using XmlRpc::XmlRpcValue;
 
 // Every parameter by its name, with its field.
 
@@ -100,25 +99,6 @@ void ReactionRosOptions::validate() const
   parameter_tree::requireDuration("warning_period_s", warning_period_s);
 }
 
-template <typename Options>
-Options fromParameters(const XmlRpcValue& tree, const std::string& path, std::vector<std::string>* unknown)
-{
-  return parameter_tree::load<Options>(tree, path, unknown);
-}
-
-template <typename Options>
-XmlRpcValue toParameters(const Options& options)
-{
-  return parameter_tree::save(options);
-}
-
-template ArbiterRosOptions fromParameters(const XmlRpcValue&, const std::string&, std::vector<std::string>*);
-template CommandRosOptions fromParameters(const XmlRpcValue&, const std::string&, std::vector<std::string>*);
-template ReactionRosOptions fromParameters(const XmlRpcValue&, const std::string&, std::vector<std::string>*);
-template XmlRpcValue toParameters(const ArbiterRosOptions&);
-template XmlRpcValue toParameters(const CommandRosOptions&);
-template XmlRpcValue toParameters(const ReactionRosOptions&);
-
 std::string configPath(const std::string& parameter, const std::string& file)
 {
   requireFile(parameter.c_str(), file);
@@ -136,3 +116,7 @@ std::string configPath(const std::string& parameter, const std::string& file)
 }
 
 }  // namespace pi_vehicle
+
+template struct pi_node::NodeParameters<pi_vehicle::ArbiterRosOptions>;
+template struct pi_node::NodeParameters<pi_vehicle::CommandRosOptions>;
+template struct pi_node::NodeParameters<pi_vehicle::ReactionRosOptions>;

@@ -1,16 +1,14 @@
 #pragma once
 
-#include <ros/node_handle.h>
-#include <xmlrpcpp/XmlRpcValue.h>
+#include <pi_node/ros/node_parameters.h>
 
 #include <string>
-#include <vector>
 
 namespace pi_vehicle
 {
 
 /// The parameters of the arbiter node; config/arbiter_node.yaml shows each with its unit.
-struct ArbiterRosOptions
+struct ArbiterRosOptions : pi_node::NodeParameters<ArbiterRosOptions>
 {
   std::string sources_file = "arbiter.yaml";  ///< see configPath()
   double rate = 50.0;                         ///< of motion [Hz]
@@ -23,7 +21,7 @@ struct ArbiterRosOptions
 };
 
 /// The parameters of the command node; config/command_node.yaml shows each with its unit.
-struct CommandRosOptions
+struct CommandRosOptions : pi_node::NodeParameters<CommandRosOptions>
 {
   std::string actions_file = "commands_actions.yaml";  ///< see configPath()
   double rate = 20.0;                                  ///< of motion/command [Hz]
@@ -39,7 +37,7 @@ struct CommandRosOptions
 };
 
 /// The parameters of the reaction node; config/reaction_node.yaml shows each with its unit.
-struct ReactionRosOptions
+struct ReactionRosOptions : pi_node::NodeParameters<ReactionRosOptions>
 {
   std::string rules_file = "reaction.yaml";  ///< see configPath()
   double rate = 20.0;                        ///< of motion/reaction [Hz]
@@ -56,24 +54,6 @@ struct ReactionRosOptions
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
 };
-
-/// Private parameters into options of one of the kinds above, and back.
-/// @param path     in front of names in messages.
-/// @param unknown  gets the names of parameters that mean nothing.
-/// @throws std::invalid_argument naming the parameter that is wrong, its value and its bound.
-template <typename Options>
-Options fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path, std::vector<std::string>* unknown);
-template <typename Options>
-XmlRpc::XmlRpcValue toParameters(const Options& options);
-
-/// The same with the private parameters of a node.
-template <typename Options>
-Options loadParameters(const ros::NodeHandle& private_node, std::vector<std::string>* unknown)
-{
-  XmlRpc::XmlRpcValue tree;
-  private_node.getParam(private_node.getNamespace(), tree);
-  return fromParameters<Options>(tree, private_node.getNamespace() + "/", unknown);
-}
 
 /// An absolute path as it is; a name without a folder as one in this package's folder config.
 /// @throws std::invalid_argument for anything else, or if the package is not found.

@@ -5,7 +5,6 @@
 #include <diagnostic_msgs/DiagnosticStatus.h>
 #include <pi_node/formatting.h>
 #include <pi_node/ros/node_options.h>
-#include <pi_node/ros/parameter_values.h>
 #include <std_msgs/Empty.h>
 #include <std_msgs/String.h>
 
@@ -26,25 +25,13 @@ constexpr char SOURCE[] = "reaction";
 constexpr double FUTURE_S = 0.1;
 constexpr double CLOCK_JUMP_S = 1.0;
 
-ReactionRosOptions loadOptions(const ros::NodeHandle& private_node)
-{
-  std::vector<std::string> unknown;
-  const auto options = loadParameters<ReactionRosOptions>(private_node, &unknown);
-  for (const std::string& name : unknown)
-  {
-    ROS_WARN_STREAM_NAMED("reaction", "parameter " << name << " means nothing here; see config/reaction_node.yaml");
-  }
-  ROS_INFO_STREAM_NAMED("reaction", "parameters: " << pi_node::parameters::text(toParameters(options)));
-  return options;
-}
-
 }  // namespace
 
 ReactionRos::ReactionRos(ros::NodeHandle node, ros::NodeHandle private_node)
   : thread_("reaction")
   , node_(thread_.handle(node))
   , private_node_(thread_.handle(private_node))
-  , options_(loadOptions(private_node))
+  , options_(pi_node::loadNodeOptions<ReactionRosOptions>(private_node, "reaction", {}, "reaction_node"))
   , rules_path_(configPath("rules_file", options_.rules_file))
   , warnings_(options_.warning_period_s, pi_node::warningLog<ReactionRosOptions>("reaction"))
   , updater_(node_, private_node, private_node.getNamespace())

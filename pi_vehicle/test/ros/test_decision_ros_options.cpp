@@ -4,7 +4,6 @@
 #include "ros/decision_ros_options.h"
 
 #include <gtest/gtest.h>
-#include <pi_node/ros/parameter_values.h>
 #include <pi_node/test_support/yaml_parameters.h>
 
 #include <set>
@@ -20,23 +19,17 @@ namespace
 {
 
 template <typename Options>
-std::string text(const Options& options)
-{
-  return pi_node::parameters::text(toParameters(options));
-}
-
-template <typename Options>
 void expectFileEqualsCode(const std::string& file)
 {
   const XmlRpc::XmlRpcValue yaml = fromYaml(YAML::LoadFile(file));
   std::vector<std::string> unknown;
-  const Options options = fromParameters<Options>(yaml, "", &unknown);
+  const Options options = Options::fromParameters(yaml, "", &unknown);
   EXPECT_EQ(std::vector<std::string>(), unknown);
-  EXPECT_EQ(text(Options()), text(options));
+  EXPECT_EQ(Options().toText(), options.toText());
   std::set<std::string> in_file;
   std::set<std::string> in_code;
   collectNames(yaml, "", &in_file);
-  collectNames(toParameters(Options()), "", &in_code);
+  collectNames(Options().toParameters(), "", &in_code);
   EXPECT_EQ(in_code, in_file);
 }
 
@@ -46,7 +39,7 @@ std::string refusal(const std::string& yaml)
   try
   {
     std::vector<std::string> unknown;
-    fromParameters<Options>(fromYaml(YAML::Load(yaml)), "/node/", &unknown);
+    Options::fromParameters(fromYaml(YAML::Load(yaml)), "/node/", &unknown);
   }
   catch (const std::invalid_argument& error)
   {
@@ -70,15 +63,15 @@ TEST(DecisionRosOptions, ParametersComeBackAsTheyWere)
   options.stopped_at_start = true;
   options.question = "";
   std::vector<std::string> unknown;
-  const auto again = fromParameters<CommandRosOptions>(toParameters(options), "", &unknown);
-  EXPECT_EQ(text(options), text(again));
-  EXPECT_NE(text(CommandRosOptions()), text(again));
+  const auto again = CommandRosOptions::fromParameters(options.toParameters(), "", &unknown);
+  EXPECT_EQ(options.toText(), again.toText());
+  EXPECT_NE(CommandRosOptions().toText(), again.toText());
 }
 
 TEST(DecisionRosOptions, NamesUnknownParameters)
 {
   std::vector<std::string> unknown;
-  fromParameters<ReactionRosOptions>(fromYaml(YAML::Load("{rules: 1, need: {obstacles: 2}}")), "/reaction/", &unknown);
+  ReactionRosOptions::fromParameters(fromYaml(YAML::Load("{rules: 1, need: {obstacles: 2}}")), "/reaction/", &unknown);
   EXPECT_EQ((std::vector<std::string>{"/reaction/need/obstacles", "/reaction/rules"}), unknown);
 }
 

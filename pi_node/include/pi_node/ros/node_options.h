@@ -3,6 +3,7 @@
 #include <ros/console.h>
 #include <ros/node_handle.h>
 
+#include <algorithm>
 #include <functional>
 #include <string>
 #include <vector>
@@ -11,16 +12,25 @@ namespace pi_node
 {
 
 /// Reads a node's parameters, warns of unknown ones, logs all. Options has load() and toText().
-/// @param name  of the log and of the file config/<name>.yaml; the same in every call for the same Options.
+/// @param name  of the log and of the file config/<file>.yaml; the same in every call for the same Options.
+/// @param kept  private parameters that the node itself left on the server.
+/// @param file  empty: that of the log's name.
 /// @throws what Options::load() throws.
 template <typename Options>
-Options loadNodeOptions(const ros::NodeHandle& private_node, const std::string& name)
+Options loadNodeOptions(const ros::NodeHandle& private_node, const std::string& name,
+                        const std::vector<std::string>& kept = {}, const std::string& file = "")
 {
   std::vector<std::string> unknown;
   Options options = Options::load(private_node, &unknown);
   for (const std::string& parameter : unknown)
   {
-    ROS_WARN_STREAM_NAMED(name, "parameter " << parameter << " means nothing here; see config/" << name << ".yaml");
+    const auto has_it = [&](const std::string& own)
+    { return (parameter + "/").rfind(private_node.resolveName(own) + "/", 0) == 0; };
+    if (std::none_of(kept.begin(), kept.end(), has_it))
+    {
+      ROS_WARN_STREAM_NAMED(name, "parameter " << parameter << " means nothing here; see config/"
+                                               << (file.empty() ? name : file) << ".yaml");
+    }
   }
   ROS_INFO_STREAM_NAMED(name, "parameters: " << options.toText());
   return options;

@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cstdint>
 #include <cstdio>
+#include <initializer_list>
 #include <map>
 #include <sstream>
 #include <stdexcept>
@@ -105,6 +106,32 @@ inline void read(XmlRpc::XmlRpcValue value, std::vector<std::string>* field)
   read<std::string>(value, field, "a list of texts");
 }
 
+/// For the read() of an enum whose toString() gives the names. @param choices  those that are allowed.
+template <typename Choice>
+void readChoice(const XmlRpc::XmlRpcValue& value, std::initializer_list<Choice> choices, Choice* field)
+{
+  std::string name;
+  read(value, &name);
+  std::string names;
+  size_t left = choices.size();
+  for (const Choice choice : choices)
+  {
+    if (name == toString(choice))
+    {
+      *field = choice;
+      return;
+    }
+    --left;
+    names += std::string(toString(choice)) + (left == 0 ? "" : left == 1 ? " or " : ", ");
+  }
+  throw std::invalid_argument("= \"" + name + "\", must be " + names);
+}
+
+template <typename Choice, std::enable_if_t<std::is_enum<Choice>::value, int> = 0>
+XmlRpc::XmlRpcValue write(const Choice& field)
+{
+  return XmlRpc::XmlRpcValue(toString(field));
+}
 template <typename Integer, std::enable_if_t<std::is_integral<Integer>::value, int> = 0>
 XmlRpc::XmlRpcValue write(const Integer& field)
 {

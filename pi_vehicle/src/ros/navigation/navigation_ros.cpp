@@ -1,6 +1,7 @@
 #include "ros/navigation/navigation_ros.h"
 
 #include "ros/decision_conversions.h"
+#include "ros/navigation/kept_goal.h"
 #include "ros/navigation/navigation_conversions.h"
 
 #include <pi_node/formatting.h>
@@ -27,7 +28,7 @@ NavigationRos::NavigationRos(ros::NodeHandle node, ros::NodeHandle private_node)
   : service_thread_("navigation")
   , service_node_(service_thread_.handle(node))
   , private_node_(service_thread_.handle(private_node))
-  , options_(pi_node::loadNodeOptions<NavigationRosOptions>(private_node, "navigation"))
+  , options_(pi_node::loadNodeOptions<NavigationRosOptions>(private_node, "navigation", {KEPT_GOAL}))
   , warnings_(options_.warning_period_s, pi_node::warningLog<NavigationRosOptions>("navigation"))
   , updater_(service_node_, private_node, private_node.getNamespace())
   , navigator_(options_.navigator)

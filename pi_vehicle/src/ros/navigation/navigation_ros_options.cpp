@@ -1,11 +1,8 @@
 #include "ros/navigation/navigation_ros_options.h"
 
-#include "ros/navigation/kept_goal.h"
-
 #include <pi_node/option_check.h>
 #include <pi_node/ros/parameter_tree.h>
 
-#include <algorithm>
 #include <cmath>
 
 namespace pi_vehicle
@@ -116,18 +113,6 @@ void NavigationRosOptions::validate() const
   pi_node::OptionCheck("").range("resume_goal_within_s", resume_goal_within_s, 0.0, 3600.0);
   parameter_tree::requireDuration("diagnostic_period", diagnostic_period);
   parameter_tree::requireDuration("warning_period_s", warning_period_s);
-}
-
-NavigationRosOptions NavigationRosOptions::load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown)
-{
-  NavigationRosOptions options = NodeParameters::load(private_node, unknown);
-  const std::string& path = private_node.getNamespace();
-  // What the node left there itself.
-  const std::string kept = path + "/" + KEPT_GOAL;
-  unknown->erase(std::remove_if(unknown->begin(), unknown->end(),
-                                [&kept](const std::string& name) { return name.rfind(kept, 0) == 0; }),
-                 unknown->end());
-  return options;
 }
 
 }  // namespace pi_vehicle

@@ -3,12 +3,9 @@
 #include "decision/navigator.h"
 
 #include <pi_node/ros/node_parameters.h>
-#include <ros/node_handle.h>
-#include <xmlrpcpp/XmlRpcValue.h>
 
 #include <map>
 #include <string>
-#include <vector>
 
 namespace pi_vehicle
 {
@@ -31,11 +28,6 @@ struct NavigationRosOptions : pi_node::NodeParameters<NavigationRosOptions>
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
-
-  /// Reads the private parameters of a node, and validates.
-  /// @param[out] unknown  names of parameters that mean nothing here.
-  /// @throws std::invalid_argument naming the parameter that is wrong, its value and its bound.
-  static NavigationRosOptions load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown);
 };
 
 }  // namespace pi_vehicle
