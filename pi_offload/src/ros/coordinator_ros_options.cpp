@@ -126,21 +126,7 @@ static XmlRpcValue write(const std::vector<NodeDescription>& field)
 
 static void read(const XmlRpcValue& value, PictureMode* field)
 {
-  std::string name;
-  parameters::read(value, &name);
-  try
-  {
-    *field = parsePictureMode(name);
-  }
-  catch (const std::invalid_argument&)
-  {
-    throw std::invalid_argument("= \"" + name + "\", must be auto, jpeg or raw");
-  }
-}
-
-static XmlRpcValue write(PictureMode field)
-{
-  return XmlRpcValue(toString(field));
+  parameters::readChoice(value, {PictureMode::AUTO, PictureMode::JPEG, PictureMode::RAW}, field);
 }
 
 /// Every parameter by the path of its name, with its field.

@@ -132,21 +132,7 @@ namespace pi_detect
 
 static void read(const XmlRpc::XmlRpcValue& value, Target* field)
 {
-  std::string name;
-  pi_node::parameters::read(value, &name);
-  try
-  {
-    *field = parseTarget(name);
-  }
-  catch (const std::invalid_argument&)
-  {
-    throw std::invalid_argument("= \"" + name + "\", must be cpu, opencl or opencl_fp16");
-  }
-}
-
-static XmlRpc::XmlRpcValue write(Target field)
-{
-  return XmlRpc::XmlRpcValue(toString(field));
+  pi_node::parameters::readChoice(value, {Target::CPU, Target::OPENCL, Target::OPENCL_FP16}, field);
 }
 
 }  // namespace pi_detect
@@ -156,21 +142,7 @@ namespace pi_speech
 
 static void read(const XmlRpc::XmlRpcValue& value, RecognitionMode* field)
 {
-  std::string name;
-  pi_node::parameters::read(value, &name);
-  try
-  {
-    *field = parseRecognitionMode(name);
-  }
-  catch (const std::invalid_argument&)
-  {
-    throw std::invalid_argument("= \"" + name + "\", must be safe or closed");
-  }
-}
-
-static XmlRpc::XmlRpcValue write(RecognitionMode field)
-{
-  return XmlRpc::XmlRpcValue(toString(field));
+  pi_node::parameters::readChoice(value, {RecognitionMode::SAFE, RecognitionMode::CLOSED}, field);
 }
 
 }  // namespace pi_speech

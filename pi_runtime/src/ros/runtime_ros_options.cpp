@@ -5,7 +5,6 @@
 #include <map>
 #include <set>
 #include <stdexcept>
-#include <type_traits>
 
 namespace pi_runtime
 {
@@ -33,18 +32,6 @@ void readName(const XmlRpcValue& value, Enum* field, Enum (*parse)(const std::st
   {
     throw std::invalid_argument(std::string(": ") + error.what());
   }
-}
-
-MemoryModel parseMemoryModel(const std::string& name)
-{
-  for (const MemoryModel model : {MemoryModel::DIRECT, MemoryModel::MAPPED, MemoryModel::SEPARATE})
-  {
-    if (name == toString(model))
-    {
-      return model;
-    }
-  }
-  throw std::invalid_argument("memory \"" + name + "\" is unknown, must be direct, mapped or separate");
 }
 
 /// @return the members of a struct with these names, and no others.
@@ -111,7 +98,7 @@ void visitFields(Options& options, Visitor&& visit)
 
 static void read(const XmlRpcValue& value, MemoryModel* field)
 {
-  readName(value, field, parseMemoryModel);
+  pi_node::parameters::readChoice(value, {MemoryModel::DIRECT, MemoryModel::MAPPED, MemoryModel::SEPARATE}, field);
 }
 static void read(const XmlRpcValue& value, InterCorePolicy* field)
 {
@@ -155,11 +142,6 @@ static void read(const XmlRpcValue& value, UnitTuning* field)
   }
 }
 
-template <typename Enum, std::enable_if_t<std::is_enum<Enum>::value, int> = 0>
-XmlRpcValue write(const Enum& field)
-{
-  return XmlRpcValue(toString(field));
-}
 static XmlRpcValue write(const UnitTuning& field)
 {
   XmlRpcValue value;

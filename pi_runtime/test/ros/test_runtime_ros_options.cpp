@@ -129,7 +129,7 @@ TEST(RuntimeRosOptions, NameParametersOfTheWrongType)
 
 TEST(RuntimeRosOptions, ListTheNamesThatAreKnown)
 {
-  EXPECT_EQ("parameter /runtime/cpu_memory: memory \"fast\" is unknown, must be direct, mapped or separate",
+  EXPECT_EQ("parameter /runtime/cpu_memory = \"fast\", must be direct, mapped or separate",
             reader.refusal("cpu_memory: fast"));
   EXPECT_NE(std::string::npos, reader.refusal("inter_core: {policy: best}").find("/runtime/inter_core/policy: "));
   EXPECT_NE(std::string::npos, reader.refusal("inter_core: {policy: best}").find("diff_min"));
