@@ -23,8 +23,8 @@ const char* toString(StereoSource source)
 }
 
 /// Every parameter by the path of its name, with its field.
-template <typename Options, typename Visitor>
-static void visitFields(Options& options, Visitor&& visit)
+template <typename Visitor>
+static void visitFields(ObstaclesRosOptions& options, Visitor&& visit)
 {
   auto& stereo = options.stereo;
   auto& tracker = options.tracker;

@@ -21,8 +21,8 @@ constexpr float MIN_THRESHOLD = 1e-3F;
 }  // namespace
 
 /// Every parameter by the path of its name, with its field.
-template <typename Options, typename Visitor>
-static void visitFields(Options& options, Visitor&& visit)
+template <typename Visitor>
+static void visitFields(SsdRosOptions& options, Visitor&& visit)
 {
   auto& detector = options.detector;
   auto& filter = detector.filter;

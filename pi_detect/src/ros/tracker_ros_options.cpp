@@ -9,8 +9,8 @@ namespace pi_detect
 namespace parameter_tree = pi_node::parameter_tree;
 
 /// Every parameter by the path of its name, with its field.
-template <typename Options, typename Visitor>
-static void visitFields(Options& options, Visitor&& visit)
+template <typename Visitor>
+static void visitFields(TrackerRosOptions& options, Visitor&& visit)
 {
   visitTrackerFields(options.tracker, visit);
   visit("always_on", options.always_on);

@@ -130,8 +130,8 @@ static void read(const XmlRpcValue& value, PictureMode* field)
 }
 
 /// Every parameter by the path of its name, with its field.
-template <typename Options, typename Visitor>
-static void visitFields(Options& options, Visitor&& visit)
+template <typename Visitor>
+static void visitFields(CoordinatorRosOptions& options, Visitor&& visit)
 {
   auto& client = options.client;
   auto& engine = client.engine;

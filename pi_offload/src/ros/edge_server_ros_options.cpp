@@ -151,8 +151,8 @@ namespace pi_offload
 {
 
 /// Every parameter by the path of its name, with its field.
-template <typename Options, typename Visitor>
-static void visitFields(Options& options, Visitor&& visit)
+template <typename Visitor>
+static void visitFields(EdgeServerRosOptions& options, Visitor&& visit)
 {
   auto& server = options.server;
   auto& admission = server.admission;

@@ -54,8 +54,8 @@ std::map<std::string, XmlRpcValue> members(XmlRpcValue value, const std::set<std
 
 }  // namespace
 
-template <typename Options, typename Visitor>
-void visitFields(Options& options, Visitor&& visit)
+template <typename Visitor>
+static void visitFields(RuntimeRosOptions& options, Visitor&& visit)
 {
   auto& runtime = options.runtime;
   visit("cpu_units", runtime.cpu_units);

@@ -8,8 +8,8 @@ namespace pi_simulation
 namespace parameter_tree = pi_node::parameter_tree;
 
 /// Every parameter by the path of its name, with its field.
-template <typename Options, typename Visitor>
-static void visitFields(Options& options, Visitor&& visit)
+template <typename Visitor>
+static void visitFields(SimulatedMicrophoneRosOptions& options, Visitor&& visit)
 {
   visit("frame_id", options.frame_id);
   visit("noise_level_dbfs", options.mixer.noise_level_dbfs);

@@ -9,8 +9,8 @@ namespace pi_simulation
 namespace parameter_tree = pi_node::parameter_tree;
 
 /// Every parameter by the path of its name, with its field.
-template <typename Options, typename Visitor>
-static void visitFields(Options& options, Visitor&& visit)
+template <typename Visitor>
+static void visitFields(VehicleSimulatorRosOptions& options, Visitor&& visit)
 {
   visit("scenario", options.scenario);
   visit("scenario_seed", options.scenario_seed);

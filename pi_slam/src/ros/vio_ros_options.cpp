@@ -29,8 +29,8 @@ void requireFrame(const char* name, const std::string& frame)
 }  // namespace
 
 /// Every parameter by the path of its name, with its field; found by parameter_tree.
-template <typename Options, typename Visitor>
-static void visitFields(Options& options, Visitor&& visit)
+template <typename Visitor>
+static void visitFields(VioRosOptions& options, Visitor&& visit)
 {
   // optionFields() gives fields that can be written to; visit() writes only to those of options that are not const.
   auto& fields = const_cast<VioRosOptions&>(options);

@@ -7,8 +7,8 @@ namespace pi_speech
 namespace parameter_tree = pi_node::parameter_tree;
 
 /// Every parameter by the path of its name, with its field.
-template <typename Options, typename Visitor>
-static void visitFields(Options& options, Visitor&& visit)
+template <typename Visitor>
+static void visitFields(MicrophoneRosOptions& options, Visitor&& visit)
 {
   auto& microphone = options.microphone;
   visit("device", microphone.device);

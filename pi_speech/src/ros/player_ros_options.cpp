@@ -9,8 +9,8 @@ namespace parameter_tree = pi_node::parameter_tree;
 using XmlRpc::XmlRpcValue;
 
 /// Every parameter by the path of its name, with its field.
-template <typename Options, typename Visitor>
-static void visitFields(Options& options, Visitor&& visit)
+template <typename Visitor>
+static void visitFields(PlayerRosOptions& options, Visitor&& visit)
 {
   visit("files", options.files);
   visit("rate", options.rate);

@@ -39,8 +39,8 @@ void requireModel(const char* name, const std::string& path)
 }  // namespace
 
 /// Every parameter by the path of its name, with its field.
-template <typename Options, typename Visitor>
-static void visitFields(Options& options, Visitor&& visit)
+template <typename Visitor>
+static void visitFields(RecognizerRosOptions& options, Visitor&& visit)
 {
   auto& recognizer = options.recognizer;
   auto& end_pointer = recognizer.end_pointer;

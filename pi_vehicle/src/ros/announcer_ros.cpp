@@ -17,8 +17,8 @@ namespace parameter_tree = pi_node::parameter_tree;
 using XmlRpc::XmlRpcValue;
 
 /// Every parameter by its name, with its field.
-template <typename Options, typename Visitor>
-static auto visitFields(Options& options, Visitor&& visit) -> decltype(options.words_per_minute, void())
+template <typename Visitor>
+static void visitFields(AnnouncerRosOptions& options, Visitor&& visit)
 {
   visit("device", options.device);
   visit("voice", options.voice);

@@ -13,8 +13,8 @@ namespace parameter_tree = pi_node::parameter_tree;
 
 // Every parameter by its name, with its field.
 
-template <typename Options, typename Visitor>
-static auto visitFields(Options& options, Visitor&& visit) -> decltype(options.sources_file, void())
+template <typename Visitor>
+static void visitFields(ArbiterRosOptions& options, Visitor&& visit)
 {
   visit("sources_file", options.sources_file);
   visit("rate", options.rate);
@@ -23,8 +23,8 @@ static auto visitFields(Options& options, Visitor&& visit) -> decltype(options.s
   visit("warning_period_s", options.warning_period_s);
 }
 
-template <typename Options, typename Visitor>
-static auto visitFields(Options& options, Visitor&& visit) -> decltype(options.actions_file, void())
+template <typename Visitor>
+static void visitFields(CommandRosOptions& options, Visitor&& visit)
 {
   visit("actions_file", options.actions_file);
   visit("rate", options.rate);
@@ -36,8 +36,8 @@ static auto visitFields(Options& options, Visitor&& visit) -> decltype(options.a
   visit("warning_period_s", options.warning_period_s);
 }
 
-template <typename Options, typename Visitor>
-static auto visitFields(Options& options, Visitor&& visit) -> decltype(options.rules_file, void())
+template <typename Visitor>
+static void visitFields(ReactionRosOptions& options, Visitor&& visit)
 {
   visit("rules_file", options.rules_file);
   visit("rate", options.rate);

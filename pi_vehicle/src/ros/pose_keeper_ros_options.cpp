@@ -9,8 +9,8 @@ namespace pi_vehicle
 namespace parameter_tree = pi_node::parameter_tree;
 
 /// Every parameter by the path of its name, with its field.
-template <typename Options, typename Visitor>
-static auto visitFields(Options& options, Visitor&& visit) -> decltype(options.keeper, options.resume, void())
+template <typename Visitor>
+static void visitFields(PoseKeeperRosOptions& options, Visitor&& visit)
 {
   auto& keeper = options.keeper;
   visit("map_frame", options.map_frame);

@@ -90,8 +90,8 @@ static XmlRpcValue write(const std::vector<ServiceDescription>& field)
 }  // namespace power
 
 /// Every parameter by the path of its name, with its field.
-template <typename Options, typename Visitor>
-static void visitFields(Options& options, Visitor&& visit)
+template <typename Visitor>
+static void visitFields(PowerRosOptions& options, Visitor&& visit)
 {
   visit("services", options.services);
   visit("period_s", options.period_s);

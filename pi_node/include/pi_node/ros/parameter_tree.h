@@ -94,7 +94,7 @@ Options load(const XmlRpcValue& tree, const std::string& path, std::vector<std::
 }
 
 template <typename Options>
-XmlRpcValue save(const Options& options)
+XmlRpcValue save(Options options)
 {
   XmlRpcValue tree;
   const auto put = [&tree](const std::string& name, const XmlRpcValue& value)

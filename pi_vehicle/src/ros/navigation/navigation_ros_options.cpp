@@ -78,8 +78,8 @@ static XmlRpcValue write(const Places& places)
 }
 
 /// Every parameter by the path of its name, with its field.
-template <typename Options, typename Visitor>
-static auto visitFields(Options& options, Visitor&& visit) -> decltype(options.navigator, options.rate_hz, void())
+template <typename Visitor>
+static void visitFields(NavigationRosOptions& options, Visitor&& visit)
 {
   const auto group = [&visit](const std::string& name, auto& part)
   { visitFields(part, [&](const char* field, auto& value) { visit((name + "/" + field).c_str(), value); }); };
