@@ -113,12 +113,15 @@ class DeviceProcess:
 
     def __init__(self, device, command, env=None, preload=''):
         self.device, self.command = device, list(command)
-        # setpriv ends it together with this process; env sets the preload, so that it reaches no helper before.
-        full = ['setpriv', '--pdeathsig', 'KILL', 'env'] + ([f'LD_PRELOAD={preload}'] if preload else [])
+        # setpriv ends it together with this process, and the empty line tells that it has seen to that; env sets the
+        # preload, so that it reaches no helper before.
+        full = ['setpriv', '--pdeathsig', 'KILL', 'sh', '-c', 'echo && exec "$@"', 'sh', 'env']
+        full += [f'LD_PRELOAD={preload}'] if preload else []
         with device.entered():
             self.popen = subprocess.Popen(full + self.command, env=device.environment(env), stdin=subprocess.PIPE,
                                           stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True)
         self.pid = self.popen.pid
+        self.popen.stdout.readline()
         self.lines = []
         self._answers = []
         self._changed = threading.Condition()
