@@ -7,7 +7,6 @@
 #include <ros/ros.h>
 #include <std_msgs/String.h>
 #include <std_srvs/SetBool.h>
-#include "topic_monitor/topic_statistics.h"
 
 #include <algorithm>
 #include <cstring>
@@ -18,6 +17,7 @@
 #include <utility>
 #include <vector>
 
+#include "topic_restamper/message_header.h"
 #include "topic_restamper/stamp_map.h"
 
 namespace pi_os_transport
