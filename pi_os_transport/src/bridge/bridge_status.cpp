@@ -27,7 +27,7 @@ Json statusOf(const Peer& peer)
 
 Json statusOf(const OutgoingStream& stream, const std::string& peer)
 {
-  const OutgoingStream::Counters& counters = stream.counters();
+  const StreamCounters& counters = stream.counters();
   return {{"topic", stream.topic()},
           {"publisher", stream.publisher()},
           {"peer", peer},

@@ -1,6 +1,5 @@
 #include "bridge/incoming_links.h"
 
-#include <algorithm>
 #include <utility>
 
 #include "wire/ipv4.h"
@@ -23,11 +22,6 @@ IncomingLinks::IncomingLinks(BridgeContext* context, Sessions* sessions, std::fu
   : context_(context), sessions_(sessions), on_ended_(std::move(on_ended))
 {
   context_->pool->setReclaim([this]() { collect(); });
-}
-
-IncomingLinks::~IncomingLinks()
-{
-  context_->loop->cancel(blocked_timer_);
 }
 
 void IncomingLinks::collect()
@@ -225,14 +219,9 @@ void IncomingLinks::pauseBlocked()
               FrameHeader::of(link->paused ? FrameType::LINK_PAUSE : FrameType::LINK_RESUME, link->id));
         }
       });
-  if (any && blocked_timer_ == 0)
+  if (any && !blocked_timer_.running())
   {
-    blocked_timer_ = context_->loop->after(FLUSH_INTERVAL,
-                                           [this]()
-                                           {
-                                             blocked_timer_ = 0;
-                                             pauseBlocked();
-                                           });
+    blocked_timer_.start(context_->loop, FLUSH_INTERVAL, [this]() { pauseBlocked(); });
   }
 }
 

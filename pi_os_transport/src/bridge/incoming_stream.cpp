@@ -1,6 +1,5 @@
 #include "bridge/incoming_stream.h"
 
-#include <algorithm>
 #include <cstring>
 #include <utility>
 

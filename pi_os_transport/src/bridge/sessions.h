@@ -31,7 +31,6 @@ class Sessions
 public:
   /// @param listener  of all peers
   Sessions(BridgeContext* context, Peer::Listener* listener) : context_(context), listener_(listener) {}
-  ~Sessions();
 
   /// Connects to the configured peers, and from now on forgets bridges that only introduced themselves.
   void start();
@@ -68,7 +67,7 @@ private:
   BridgeContext* const context_;
   Peer::Listener* const listener_;
   std::map<Endpoint, std::unique_ptr<Session>> table_;
-  EventLoop::TimerId stale_timer_ = 0;
+  Timer stale_timer_;
 };
 
 }  // namespace pi_os_transport

@@ -19,7 +19,6 @@
 
 #include "core/core_options.h"
 #include "core/log_folder.h"
-#include "event_loop/end_signals.h"
 #include "event_loop/event_loop.h"
 #include "event_loop/program.h"
 #include "master/http_server.h"

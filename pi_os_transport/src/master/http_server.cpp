@@ -159,7 +159,7 @@ void HttpServer::take(const ConnectionPtr& connection, std::string_view bytes)
   }
   else if (reader.hasBegun())
   {
-    if (connection->deadline == 0)
+    if (!connection->deadline.running())
     {
       allow(connection, limits_.request);
     }
@@ -243,7 +243,7 @@ void HttpServer::onSent(const ConnectionPtr& connection)
     return;
   }
   setOut(connection, std::string());
-  loop_->cancel(std::exchange(connection->deadline, 0));
+  connection->deadline.stop();
   if (connection->unread.empty())
   {
     watch(connection, EPOLLIN);
@@ -282,20 +282,10 @@ void HttpServer::watch(const ConnectionPtr& connection, uint32_t events)
 
 void HttpServer::allow(const ConnectionPtr& connection, std::chrono::milliseconds time)
 {
-  loop_->cancel(connection->deadline);
-  connection->deadline = loop_->after(time, ifAlive(connection,
-                                                    [this](const ConnectionPtr& late)
-                                                    {
-                                                      late->deadline = 0;
-                                                      if (late->out.empty())
-                                                      {
-                                                        refuse(late, 408, "the request was not complete in time");
-                                                      }
-                                                      else
-                                                      {
-                                                        drop(late);
-                                                      }
-                                                    }));
+  connection->deadline.start(
+      loop_, time,
+      ifAlive(connection, [this](const ConnectionPtr& late)
+              { late->out.empty() ? refuse(late, 408, "the request was not complete in time") : drop(late); }));
 }
 
 void HttpServer::drop(const ConnectionPtr& dropped)
@@ -305,7 +295,7 @@ void HttpServer::drop(const ConnectionPtr& dropped)
   {
     return;
   }
-  loop_->cancel(connection->deadline);
+  connection->deadline.stop();
   loop_->remove(connection->socket.get());
   bytes_in_ -= connection->reader.body().size();
   setOut(connection, std::string());

@@ -11,7 +11,6 @@
 #include <ros/transport_publisher_link.h>
 #include <ros/transport_subscriber_link.h>
 
-#include <array>
 #include <functional>
 #include <map>
 #include <memory>
@@ -135,6 +134,26 @@ public:
   /// Tells the peer that these segments are not used any more.
   virtual void retire(const std::vector<uint32_t>& segments) = 0;
 };
+
+// PoolLink's functions for a link that guards its ring by a mutex.
+template <typename Mutex>
+void collectReleasedFrom(const std::unique_ptr<RingSender>& ring, Mutex* mutex)
+{
+  const std::unique_lock<Mutex> lock(*mutex, std::try_to_lock);
+  if (lock.owns_lock() && ring)
+  {
+    ring->collect();
+  }
+}
+template <typename Mutex>
+void retireFrom(const std::unique_ptr<RingSender>& ring, Mutex* mutex, const std::vector<uint32_t>& segments)
+{
+  const std::lock_guard<Mutex> lock(*mutex);
+  if (ring)
+  {
+    ring->retire(segments);
+  }
+}
 
 /// The state of the library in one process. Made when roscpp is first used. Never destroyed, because static destructors
 /// may release messages.

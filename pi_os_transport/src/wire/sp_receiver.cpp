@@ -9,6 +9,7 @@
 #include <system_error>
 #include <utility>
 
+#include "event_loop/socket_io.h"
 #include "wire/ipv4.h"
 #include "wire/sp_transport.h"
 
@@ -21,8 +22,6 @@ constexpr size_t BUFFER_BYTES = 64 * 1024;
 /// After a payload of this size, only the next frame's head is read ahead. More bytes would have to be copied, which
 /// costs more than the system call it saves.
 constexpr uint32_t LARGE_PAYLOAD = 16 * 1024;
-/// Bytes read from one source before the others have their turn.
-constexpr size_t BYTES_PER_TURN = 1024 * 1024;
 constexpr int ACCEPTED_PER_TURN = 64;
 /// Pause after accept() failed for lack of descriptors or memory.
 constexpr std::chrono::milliseconds ACCEPT_PAUSE{100};
@@ -38,7 +37,6 @@ SpReceiver::~SpReceiver()
 {
   for (const auto& acceptor : acceptors_)
   {
-    loop_->cancel(acceptor->pause);
     loop_->remove(acceptor->socket.get());
   }
   for (const auto& source : sources_)
@@ -97,12 +95,7 @@ void SpReceiver::onAcceptorEvent(Acceptor* acceptor)
     {
       // The caller stays in the queue of the kernel.
       loop_->change(acceptor->socket.get(), 0);
-      acceptor->pause = loop_->after(ACCEPT_PAUSE,
-                                     [this, acceptor]
-                                     {
-                                       acceptor->pause = 0;
-                                       loop_->change(acceptor->socket.get(), EPOLLIN);
-                                     });
+      acceptor->pause.start(loop_, ACCEPT_PAUSE, [this, acceptor] { loop_->change(acceptor->socket.get(), EPOLLIN); });
     }
     return;  // any other error means that the caller has left
   }
@@ -125,19 +118,16 @@ void SpReceiver::addSource(FileDescriptor socket, const sockaddr_in& address)
   source->id = next_source_++;
   source->address = addressText(address);
   source->socket = std::move(socket);
-  source->timer = loop_->after(SP_GREETING_TIME,
-                               [this, source]
-                               {
-                                 source->timer = 0;
-                                 fail(source, CloseReason::MALFORMED, std::string(NO_GREETING_DETAIL) + " in time");
-                               });
+  source->timer.start(loop_, SP_GREETING_TIME,
+                      [this, source]
+                      { fail(source, CloseReason::MALFORMED, std::string(NO_GREETING_DETAIL) + " in time"); });
   sources_[source->id] = source;
   loop_->add(source->socket.get(), EPOLLIN, [this, source](uint32_t) { onSourceEvent(source); });
 }
 
 void SpReceiver::onSourceEvent(const SourcePointer& source)
 {
-  for (size_t turn_bytes = 0; !source->closed && turn_bytes < BYTES_PER_TURN;)
+  for (size_t turn_bytes = 0; !source->closed && turn_bytes < SP_BYTES_PER_TURN;)
   {
     // The rest of a payload is read to its final place, bytes after it into the buffer.
     const bool in_payload = source->stage == Source::Stage::PAYLOAD;
@@ -220,7 +210,7 @@ void SpReceiver::onHeadBytes(const SourcePointer& source, size_t stage_bytes)
   source->head_bytes = 0;
   if (source->stage == Stage::GREETING)
   {
-    loop_->cancel(std::exchange(source->timer, 0));
+    source->timer.stop();
     source->stage = Stage::LENGTH;
     return;
   }
@@ -301,7 +291,7 @@ void SpReceiver::closeSource(SourceId source)
 void SpReceiver::shut(Source* source)
 {
   source->closed = true;
-  loop_->cancel(std::exchange(source->timer, 0));
+  source->timer.stop();
   loop_->remove(source->socket.get());
   source->socket.reset();
 }

@@ -36,7 +36,7 @@ private:
   {
     FileDescriptor socket;
     uint16_t port = 0;
-    EventLoop::TimerId pause = 0;
+    Timer pause;
   };
 
   struct Source
@@ -53,7 +53,7 @@ private:
     FileDescriptor socket;
     std::string address;
     bool closed = false;
-    EventLoop::TimerId timer = 0;
+    Timer timer;
     Stage stage = Stage::GREETING;
     std::array<uint8_t, FrameHeader::BYTES> head;  ///< of the stage before the payload
     size_t head_bytes = 0;

@@ -220,7 +220,7 @@ void SpSender::readGreeting(const ConnectionPointer& connection)
   }
   if (connection->greeting_bytes == GREETING_BYTES)
   {
-    loop_->cancel(std::exchange(connection->timer, 0));
+    connection->timer.stop();
     connection->state = Connection::State::OPEN;
     listener_->onConnected(connection->id);
   }
@@ -243,15 +243,13 @@ void SpSender::readEnd(const ConnectionPointer& connection)
 
 void SpSender::setTimer(const ConnectionPointer& connection, std::chrono::milliseconds time)
 {
-  loop_->cancel(connection->timer);
-  connection->timer =
-      loop_->after(time,
-                   [this, connection]
-                   {
-                     connection->timer = 0;
-                     fail(connection, connection->state == Connection::State::GREETING ? CloseReason::SILENT
-                                                                                       : CloseReason::UNREACHABLE);
-                   });
+  connection->timer.start(loop_, time,
+                          [this, connection]
+                          {
+                            fail(connection, connection->state == Connection::State::GREETING
+                                                 ? CloseReason::SILENT
+                                                 : CloseReason::UNREACHABLE);
+                          });
 }
 
 void SpSender::failLater(const ConnectionPointer& connection, CloseReason reason)
@@ -277,7 +275,7 @@ void SpSender::fail(const ConnectionPointer& connection, CloseReason reason)
 void SpSender::shut(Connection* connection)
 {
   connection->closed = true;
-  loop_->cancel(std::exchange(connection->timer, 0));
+  connection->timer.stop();
   loop_->remove(connection->socket.get());
   connection->socket.reset();
 }

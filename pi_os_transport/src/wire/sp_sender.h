@@ -43,7 +43,7 @@ private:
     FileDescriptor socket;
     State state = State::CONNECTING;
     bool closed = false;  ///< pending events must ignore this connection
-    EventLoop::TimerId timer = 0;
+    Timer timer;
     std::array<uint8_t, GREETING_BYTES> greeting;
     size_t greeting_bytes = 0;
     std::array<uint8_t, HEAD_BYTES> head;  ///< length and header of the frame being sent

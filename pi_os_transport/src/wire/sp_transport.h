@@ -23,6 +23,8 @@ constexpr std::chrono::milliseconds SP_GREETING_TIME{2000};
 constexpr std::chrono::milliseconds SP_ACKNOWLEDGE_TIME{5000};
 /// Most incoming connections; more are closed at once.
 constexpr size_t SP_MAX_SOURCES = 256;
+/// Bytes read from one source before other descriptors have their turn.
+constexpr size_t SP_BYTES_PER_TURN = 1024 * 1024;
 
 /// Why an incoming connection was closed, for counters.
 enum class SourceFault
