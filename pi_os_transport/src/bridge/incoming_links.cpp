@@ -9,8 +9,6 @@ namespace pi_os_transport
 namespace
 {
 
-constexpr size_t MAX_LINKS = 4096;                       ///< per session
-constexpr size_t MAX_STREAMS = 4096;                     ///< per session
 constexpr std::chrono::milliseconds FLUSH_INTERVAL{10};  ///< between two offers to subscribers with a full queue
 constexpr std::chrono::microseconds FRAGMENT_GAP{100};   ///< usual between two fragments on a fast network
 constexpr uint64_t SUBSCRIBER_SHARE = 8;                 ///< one subscriber may pin 1/8 of the pool
@@ -41,7 +39,7 @@ void IncomingLinks::open(SideChannel channel, const BridgeRequest& request)
   const bool possible =
       !isLocalAddress(request.address) && !context_->draining && context_->config.topic(request.topic).forward;
   Session* const session = possible ? sessions_->ofDevice(request.address) : nullptr;
-  if (session == nullptr || session->incoming.size() >= MAX_LINKS)
+  if (session == nullptr || session->incoming.size() >= Session::MAX_LINKS)
   {
     channel.send(Packet::ended(LinkEnd::REFUSED));
     return;
@@ -233,7 +231,7 @@ std::shared_ptr<IncomingStream> IncomingLinks::streamFor(Session* session, const
     return found->second;
   }
   const bool begins = header.type == FrameType::MESSAGE || header.type == FrameType::BEGIN;
-  if (!begins || session->incoming_streams.size() >= MAX_STREAMS)
+  if (!begins || session->incoming_streams.size() >= Session::MAX_STREAMS)
   {
     return nullptr;
   }

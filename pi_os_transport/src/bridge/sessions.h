@@ -17,6 +17,9 @@ namespace pi_os_transport
 /// One other bridge and everything that is carried to it and from it.
 struct Session
 {
+  static constexpr size_t MAX_LINKS = 4096;    ///< in each direction
+  static constexpr size_t MAX_STREAMS = 4096;  ///< likewise
+
   std::shared_ptr<Peer> peer;
   std::map<uint32_t, std::shared_ptr<OutgoingLink>> outgoing;
   std::map<std::string, std::shared_ptr<OutgoingStream>> outgoing_streams;  ///< by publisher's process and topic

@@ -3,6 +3,7 @@
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <sys/socket.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
@@ -100,11 +101,7 @@ void Tunnel::onReadable()
   chunk->offset = read_;
   const uint32_t most = traffic_ == Traffic::BULK ? peer_->lane(Traffic::BULK).fragmentBytes() : EXPRESS_CHUNK;
   chunk->bytes.resize(most);
-  ssize_t count;
-  do
-  {
-    count = recv(socket_.get(), chunk->bytes.data(), most, MSG_DONTWAIT);
-  } while (count < 0 && errno == EINTR);
+  const ssize_t count = TEMP_FAILURE_RETRY(recv(socket_.get(), chunk->bytes.data(), most, MSG_DONTWAIT));
   if (count < 0 && (errno == EAGAIN || errno == EWOULDBLOCK))
   {
     return;

@@ -3,6 +3,7 @@
 #include <sys/epoll.h>
 #include <sys/socket.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <utility>
@@ -93,15 +94,10 @@ bool HttpServer::dropLongestSilent()
     return false;
   }
   // Prefer one without a request: its client reconnects when needed.
-  for (const ConnectionPtr& connection : connections_)
-  {
-    if (!connection->reader.hasBegun() && connection->out.empty())
-    {
-      drop(ConnectionPtr(connection));
-      return true;
-    }
-  }
-  drop(ConnectionPtr(connections_.front()));
+  const auto idle = std::find_if(connections_.begin(), connections_.end(),
+                                 [](const ConnectionPtr& connection)
+                                 { return !connection->reader.hasBegun() && connection->out.empty(); });
+  drop(idle != connections_.end() ? *idle : connections_.front());
   return true;
 }
 
