@@ -2,7 +2,6 @@
 
 #include <ifaddrs.h>
 #include <net/if.h>
-#include <netdb.h>
 
 #include <algorithm>
 #include <cctype>
@@ -35,20 +34,6 @@ std::optional<std::string> interfaceAddress(const std::string& name)
     }
   }
   return std::nullopt;
-}
-
-std::optional<std::string> hostAddress(const std::string& host)
-{
-  addrinfo wanted{};
-  wanted.ai_family = AF_INET;
-  wanted.ai_socktype = SOCK_STREAM;
-  addrinfo* list = nullptr;
-  if (getaddrinfo(host.c_str(), nullptr, &wanted, &list) != 0)
-  {
-    return std::nullopt;
-  }
-  const std::unique_ptr<addrinfo, decltype(&freeaddrinfo)> owner(list, &freeaddrinfo);
-  return addressText(*reinterpret_cast<const sockaddr_in*>(list->ai_addr));
 }
 
 /// ADDRESS[:PORT]; the address is not resolved.

@@ -26,7 +26,7 @@
 #include "master/network_address.h"
 #include "master/node_caller.h"
 #include "ros_version.h"
-#include "rosout/log_type.h"
+#include "rosout/log_message.h"
 #include "rosout/rosout_node.h"
 #include "rosout/rotating_file.h"
 #include "shm/file_descriptor.h"

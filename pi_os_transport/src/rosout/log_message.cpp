@@ -1,5 +1,7 @@
 #include "rosout/log_message.h"
 
+#include <rosgraph_msgs/Log.h>
+
 #include <array>
 #include <cstdio>
 #include <utility>
@@ -40,6 +42,21 @@ std::string levelName(uint8_t level)
 }
 
 }  // namespace
+
+const char* LogType::name()
+{
+  return ros::message_traits::DataType<rosgraph_msgs::Log>::value();
+}
+
+const char* LogType::md5sum()
+{
+  return ros::message_traits::MD5Sum<rosgraph_msgs::Log>::value();
+}
+
+const char* LogType::definition()
+{
+  return ros::message_traits::Definition<rosgraph_msgs::Log>::value();
+}
 
 std::optional<LogMessage> readLogMessage(std::string_view bytes)
 {

@@ -12,7 +12,7 @@
 #include "event_loop/if_alive.h"
 #include "event_loop/socket_io.h"
 #include "pi_os_transport/little_endian.h"
-#include "rosout/log_type.h"
+#include "rosout/log_message.h"
 
 namespace pi_os_transport
 {

@@ -13,7 +13,7 @@
 #include "event_loop/if_alive.h"
 #include "event_loop/socket_io.h"
 #include "master/rpc_encoder.h"
-#include "rosout/log_type.h"
+#include "rosout/log_message.h"
 
 namespace pi_os_transport
 {

@@ -8,7 +8,6 @@
 #include <utility>
 
 #include "rosout/log_message.h"
-#include "rosout/log_type.h"
 
 namespace pi_os_transport
 {
