@@ -36,10 +36,6 @@ public:
 
   /// Calls `due` once.
   TimerId at(SteadyTime time, std::function<void()> due);
-  TimerId after(std::chrono::milliseconds delay, std::function<void()> due)
-  {
-    return at(SteadyClock::now() + delay, due);
-  }
   void cancel(TimerId timer);
 
   /// Calls `action` after the callbacks of this round, before waiting again.

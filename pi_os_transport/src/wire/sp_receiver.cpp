@@ -1,4 +1,6 @@
-#include "wire/sp_receiver.h"
+// The incoming half of SpTransport.
+
+#include "wire/sp_transport.h"
 
 #include <sys/socket.h>
 
@@ -11,14 +13,12 @@
 
 #include "event_loop/socket_io.h"
 #include "wire/ipv4.h"
-#include "wire/sp_transport.h"
 
 namespace pi_os_transport
 {
 namespace
 {
 
-constexpr size_t BUFFER_BYTES = 64 * 1024;
 /// After a payload of this size, only the next frame's head is read ahead. More bytes would have to be copied, which
 /// costs more than the system call it saves.
 constexpr uint32_t LARGE_PAYLOAD = 16 * 1024;
@@ -28,24 +28,7 @@ constexpr std::chrono::milliseconds ACCEPT_PAUSE{100};
 
 }  // namespace
 
-SpReceiver::SpReceiver(EventLoop* loop, FrameTransport::Listener* listener)
-  : loop_(loop), listener_(listener), buffer_(BUFFER_BYTES)
-{
-}
-
-SpReceiver::~SpReceiver()
-{
-  for (const auto& acceptor : acceptors_)
-  {
-    loop_->remove(acceptor->socket.get());
-  }
-  for (const auto& source : sources_)
-  {
-    shut(source.second.get());
-  }
-}
-
-bool SpReceiver::listen(const Endpoint& endpoint, std::string* error)
+bool SpTransport::listen(const Endpoint& endpoint, std::string* error)
 {
   const auto failed = [&](const std::string& what)
   {
@@ -78,7 +61,7 @@ bool SpReceiver::listen(const Endpoint& endpoint, std::string* error)
   return true;
 }
 
-void SpReceiver::onAcceptorEvent(Acceptor* acceptor)
+void SpTransport::onAcceptorEvent(Acceptor* acceptor)
 {
   for (int turn = 0; turn < ACCEPTED_PER_TURN; ++turn)
   {
@@ -101,7 +84,7 @@ void SpReceiver::onAcceptorEvent(Acceptor* acceptor)
   }
 }
 
-void SpReceiver::addSource(FileDescriptor socket, const sockaddr_in& address)
+void SpTransport::addSource(FileDescriptor socket, const sockaddr_in& address)
 {
   if (sources_.size() >= SP_MAX_SOURCES)
   {
@@ -125,7 +108,7 @@ void SpReceiver::addSource(FileDescriptor socket, const sockaddr_in& address)
   loop_->add(source->socket.get(), EPOLLIN, [this, source](uint32_t) { onSourceEvent(source); });
 }
 
-void SpReceiver::onSourceEvent(const SourcePointer& source)
+void SpTransport::onSourceEvent(const SourcePointer& source)
 {
   for (size_t turn_bytes = 0; !source->closed && turn_bytes < SP_BYTES_PER_TURN;)
   {
@@ -167,7 +150,7 @@ void SpReceiver::onSourceEvent(const SourcePointer& source)
   }
 }
 
-void SpReceiver::takeBytes(const SourcePointer& source, const uint8_t* bytes, size_t count)
+void SpTransport::takeBytes(const SourcePointer& source, const uint8_t* bytes, size_t count)
 {
   while (count != 0 && !source->closed)
   {
@@ -194,7 +177,7 @@ void SpReceiver::takeBytes(const SourcePointer& source, const uint8_t* bytes, si
 }
 
 /// More bytes of the head were received. The head is complete with `stage_bytes`.
-void SpReceiver::onHeadBytes(const SourcePointer& source, size_t stage_bytes)
+void SpTransport::onHeadBytes(const SourcePointer& source, size_t stage_bytes)
 {
   using Stage = Source::Stage;
   if (source->stage == Stage::GREETING &&
@@ -234,7 +217,7 @@ void SpReceiver::onHeadBytes(const SourcePointer& source, size_t stage_bytes)
   onHeader(source);
 }
 
-void SpReceiver::onHeader(const SourcePointer& source)
+void SpTransport::onHeader(const SourcePointer& source)
 {
   const std::string fault = decodeHeader(source->head.data(), &source->header);
   if (!fault.empty())
@@ -261,7 +244,7 @@ void SpReceiver::onHeader(const SourcePointer& source)
 }
 
 /// `count` more bytes of the payload were received.
-void SpReceiver::onPayloadBytes(const SourcePointer& source, size_t count)
+void SpTransport::onPayloadBytes(const SourcePointer& source, size_t count)
 {
   source->received += static_cast<uint32_t>(count);
   if (source->received == source->length)
@@ -271,14 +254,14 @@ void SpReceiver::onPayloadBytes(const SourcePointer& source, size_t count)
   }
 }
 
-void SpReceiver::fail(const SourcePointer& source, CloseReason reason, const std::string& detail)
+void SpTransport::fail(const SourcePointer& source, CloseReason reason, const std::string& detail)
 {
   shut(source.get());
   listener_->onSourceClosed(source->id, reason, detail);
   sources_.erase(source->id);  // only now: the listener may ask for the address
 }
 
-void SpReceiver::closeSource(SourceId source)
+void SpTransport::closeSource(SourceId source)
 {
   const auto found = sources_.find(source);
   if (found != sources_.end() && !found->second->closed)
@@ -288,15 +271,7 @@ void SpReceiver::closeSource(SourceId source)
   }
 }
 
-void SpReceiver::shut(Source* source)
-{
-  source->closed = true;
-  source->timer.stop();
-  loop_->remove(source->socket.get());
-  source->socket.reset();
-}
-
-std::string SpReceiver::addressOf(SourceId source) const
+std::string SpTransport::addressOf(SourceId source) const
 {
   const auto found = sources_.find(source);
   return found != sources_.end() ? found->second->address : std::string();

@@ -11,6 +11,7 @@
 #include <string>
 #include <utility>
 
+#include "event_loop/if_alive.h"
 #include "roscpp/bridge_client.h"
 #include "roscpp/runtime.h"
 #include "roscpp/services/idle_services.h"
@@ -290,14 +291,8 @@ bool handleHeader(ros::ServiceClientLink* self, const ros::Header& header)
   const auto responder = std::make_shared<ServiceResponder>(service, self->shared_from_this(), connection);
   const std::string offer =
       runtime.expect(responder->token(),
-                     [weak = std::weak_ptr<ServiceResponder>(responder)](SideChannel channel, const Packet&,
-                                                                         SideChannel::Descriptors* descriptors)
-                     {
-                       if (const std::shared_ptr<ServiceResponder> expected = weak.lock())
-                       {
-                         expected->meet(std::move(channel), SideChannel(std::move(descriptors->front())));
-                       }
-                     });
+                     ifAlive(responder, [](const auto& expected, SideChannel channel, const Packet&, auto* descriptors)
+                             { expected->meet(std::move(channel), SideChannel(std::move(descriptors->front()))); }));
   if (offer.empty())
   {
     return runtime.original.service_handle_header(self, header);
