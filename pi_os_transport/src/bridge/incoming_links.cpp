@@ -270,22 +270,10 @@ bool IncomingLinks::onStreamFrame(Session* session, const FrameHeader& header, c
   {
     return false;
   }
-  bool accepted = false;
-  switch (header.type)
-  {
-    case FrameType::MESSAGE:
-      accepted = stream->onMessage(header, payload, length);
-      break;
-    case FrameType::BEGIN:
-      accepted = stream->onBegin(header, payload, length);
-      break;
-    case FrameType::FRAGMENT:
-      accepted = stream->onFragment(header, length);
-      break;
-    default:
-      accepted = stream->onAttach(header, payload, length);
-      break;
-  }
+  const bool accepted = header.type == FrameType::MESSAGE    ? stream->onMessage(header, payload, length)
+                        : header.type == FrameType::BEGIN    ? stream->onBegin(header, payload, length)
+                        : header.type == FrameType::FRAGMENT ? stream->onFragment(header, length)
+                                                             : stream->onAttach(header, payload, length);
   context_->loop->expectSoon(stream->arriving() ? FRAGMENT_GAP : std::chrono::microseconds(0));
   retireSegments();
   return accepted;

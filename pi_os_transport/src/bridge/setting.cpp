@@ -58,6 +58,21 @@ Endpoint splitEndpoint(const Setting& setting, uint16_t default_port, uint16_t l
   return endpoint;
 }
 
+/// Replaces a name by the address that `find` gives.
+void resolve(const Setting& setting, std::optional<std::string> (*find)(const std::string& name),
+             const std::string& expected, Endpoint* endpoint)
+{
+  if (!parseIpv4(endpoint->address))
+  {
+    const std::optional<std::string> found = find(endpoint->address);
+    if (!found)
+    {
+      setting.refuse("ADDRESS[:PORT], where ADDRESS is an IPv4 address or " + expected);
+    }
+    endpoint->address = *found;
+  }
+}
+
 }  // namespace
 
 double parseRate(const Setting& setting)
@@ -113,30 +128,14 @@ std::string parseSocketName(const Setting& setting)
 Endpoint parseListen(const Setting& setting)
 {
   Endpoint endpoint = splitEndpoint(setting, BRIDGE_PORT, 0);
-  if (!parseIpv4(endpoint.address))
-  {
-    const std::optional<std::string> found = interfaceAddress(endpoint.address);
-    if (!found)
-    {
-      setting.refuse("ADDRESS[:PORT], where ADDRESS is an IPv4 address or an interface of this device that has one");
-    }
-    endpoint.address = *found;
-  }
+  resolve(setting, interfaceAddress, "an interface of this device that has one", &endpoint);
   return endpoint;
 }
 
 Endpoint parseReachable(const Setting& setting, uint16_t default_port)
 {
   Endpoint endpoint = splitEndpoint(setting, default_port, 1);
-  if (!parseIpv4(endpoint.address))
-  {
-    const std::optional<std::string> found = hostAddress(endpoint.address);
-    if (!found)
-    {
-      setting.refuse("ADDRESS[:PORT], where ADDRESS is an IPv4 address or a host name that can be resolved now");
-    }
-    endpoint.address = *found;
-  }
+  resolve(setting, hostAddress, "a host name that can be resolved now", &endpoint);
   if (*parseIpv4(endpoint.address) == INADDR_ANY)
   {
     setting.refuse("the address of one device");

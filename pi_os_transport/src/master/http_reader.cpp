@@ -5,7 +5,7 @@
 #include <charconv>
 #include <system_error>
 
-#include "parse_number.h"
+#include "text_parsing.h"
 
 namespace pi_os_transport
 {

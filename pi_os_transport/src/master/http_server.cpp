@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <map>
 #include <utility>
 
 #include "event_loop/if_alive.h"
@@ -21,29 +22,17 @@ constexpr int MOST_CHUNKS_DRAINED = 64;
 
 const char* reasonOf(int status)
 {
-  switch (status)
-  {
-    case 200:
-      return "OK";
-    case 404:
-      return "Not Found";
-    case 408:
-      return "Request Timeout";
-    case 411:
-      return "Length Required";
-    case 413:
-      return "Content Too Large";
-    case 415:
-      return "Unsupported Media Type";
-    case 431:
-      return "Request Header Fields Too Large";
-    case 501:
-      return "Not Implemented";
-    case 503:
-      return "Service Unavailable";
-    default:
-      return "Bad Request";
-  }
+  static const std::map<int, const char*> REASONS{{200, "OK"},
+                                                  {404, "Not Found"},
+                                                  {408, "Request Timeout"},
+                                                  {411, "Length Required"},
+                                                  {413, "Content Too Large"},
+                                                  {415, "Unsupported Media Type"},
+                                                  {431, "Request Header Fields Too Large"},
+                                                  {501, "Not Implemented"},
+                                                  {503, "Service Unavailable"}};
+  const auto found = REASONS.find(status);
+  return found != REASONS.end() ? found->second : "Bad Request";
 }
 
 std::string reply(int status, const char* type, bool keeps_alive, const std::string& body)

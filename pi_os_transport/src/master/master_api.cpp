@@ -19,18 +19,8 @@ const std::string ANY_TYPE = "*";
 
 const char* nameOf(Role role)
 {
-  switch (role)
-  {
-    case Role::SUBSCRIBER:
-      return "SUB";
-    case Role::PUBLISHER:
-      return "PUB";
-    case Role::SERVICE:
-      return "SERVICE";
-    case Role::PARAMETER_SUBSCRIBER:
-      return "CACHEDPARAM";
-  }
-  return "";
+  static constexpr const char* NAMES[] = {"SUB", "PUB", "SERVICE", "CACHEDPARAM"};
+  return NAMES[static_cast<size_t>(role)];
 }
 
 const std::string& text(const RpcValue::Array& arguments, size_t index)

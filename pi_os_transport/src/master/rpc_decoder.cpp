@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "master/xml_reader.h"
-#include "parse_number.h"
+#include "text_parsing.h"
 
 namespace pi_os_transport
 {

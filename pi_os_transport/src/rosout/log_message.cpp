@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstdio>
+#include <map>
 #include <utility>
 
 #include "wire/payload.h"
@@ -24,21 +25,10 @@ std::string_view readText(PayloadReader* in)
 
 std::string levelName(uint8_t level)
 {
-  switch (level)
-  {
-    case 1:
-      return "DEBUG";
-    case 2:
-      return "INFO";
-    case 4:
-      return "WARN";
-    case 8:
-      return "ERROR";
-    case 16:
-      return "FATAL";
-    default:
-      return std::to_string(level);
-  }
+  static const std::map<uint8_t, const char*> NAMES{
+      {1, "DEBUG"}, {2, "INFO"}, {4, "WARN"}, {8, "ERROR"}, {16, "FATAL"}};
+  const auto found = NAMES.find(level);
+  return found != NAMES.end() ? found->second : std::to_string(level);
 }
 
 }  // namespace

@@ -139,17 +139,14 @@ void LogSubscriber::onReady(const PublisherPtr& publisher, uint32_t events)
 
 void LogSubscriber::introduce(const PublisherPtr& publisher)
 {
-  const ssize_t size = send(publisher->socket.get(), publisher->out.data(), publisher->out.size(), MSG_NOSIGNAL);
-  if (size >= 0)
-  {
-    publisher->out.erase(0, static_cast<size_t>(size));
-  }
-  else if (errno != EAGAIN && errno != EINTR)
+  size_t sent = 0;
+  const SendResult result = sendRest(publisher->socket.get(), publisher->out, &sent);
+  publisher->out.erase(0, sent);
+  if (result == SendResult::FAILED)
   {
     tryAgain(publisher);
-    return;
   }
-  if (publisher->out.empty())
+  else if (result == SendResult::DONE)
   {
     loop_->change(publisher->socket.get(), EPOLLIN);
   }
