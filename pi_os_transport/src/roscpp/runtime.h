@@ -92,7 +92,7 @@ void takeOver(PiOsShim* shim, PiOsHook hook, Function** original, Function* repl
 void dropIfSilent(const ros::ConnectionPtr& connection);
 
 /// Additional state of roscpp's link objects, found by their connection. A link that reconnects gets a new connection.
-/// Thread safe.
+/// Never destroyed. Thread safe.
 template <typename Link>
 class LinkTable
 {
@@ -112,6 +112,18 @@ public:
   {
     std::unique_lock<std::shared_mutex> lock(mutex_);
     links_.erase(connection);
+  }
+  /// Holds `link` until its connection ends, and then calls `ended(reason)`.
+  template <typename Ended>
+  void hold(const ros::ConnectionPtr& connection, std::shared_ptr<Link> link, Ended ended)
+  {
+    insert(connection.get(), std::move(link));
+    connection->addDropListener(
+        [this, key = connection.get(), ended](const ros::ConnectionPtr&, ros::Connection::DropReason reason)
+        {
+          erase(key);
+          ended(reason);
+        });
   }
   size_t size() const
   {

@@ -159,14 +159,7 @@ bool initialize(ros::ServiceServerLink* self, const ros::ConnectionPtr& connecti
                                       self->isPersistent()               ? ServiceCaller::Use::PERSISTENT
                                       : link_wanted == LinkWanted::PLAIN ? ServiceCaller::Use::SINGLE_SHOT_PLAIN
                                                                          : ServiceCaller::Use::SINGLE_SHOT);
-  ros::Connection* const key = connection.get();
-  runtime.service_callers.insert(key, caller);
-  connection->addDropListener(
-      [caller, key](const ros::ConnectionPtr&, ros::Connection::DropReason)
-      {
-        Runtime::instance().service_callers.erase(key);
-        caller->disconnect();
-      });
+  runtime.service_callers.hold(connection, caller, [caller](ros::Connection::DropReason) { caller->disconnect(); });
   if (!caller->promising())
   {
     return runtime.original.service_initialize(self, connection);
@@ -297,14 +290,8 @@ bool handleHeader(ros::ServiceClientLink* self, const ros::Header& header)
   {
     return runtime.original.service_handle_header(self, header);
   }
-  ros::Connection* const key = connection.get();
-  runtime.service_responders.insert(key, responder);
-  connection->addDropListener(
-      [responder, key](const ros::ConnectionPtr&, ros::Connection::DropReason)
-      {
-        Runtime::instance().service_responders.erase(key);
-        responder->disconnect();
-      });
+  runtime.service_responders.hold(connection, responder,
+                                  [responder](ros::Connection::DropReason) { responder->disconnect(); });
   OfferScope scope(offer);
   // The client ends the connection, see callService(). Set before the header is written, because another thread may
   // answer the first request at once.

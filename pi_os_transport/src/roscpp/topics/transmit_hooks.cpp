@@ -181,14 +181,7 @@ bool handleHeader(ros::TransportSubscriberLink* self, const ros::Header& header)
   {
     return runtime.original.handle_header(self, header);
   }
-  ros::Connection* const connection = self->connection_.get();
-  runtime.transmit_links.insert(connection, link);
-  connection->addDropListener(
-      [link, connection](const ros::ConnectionPtr&, ros::Connection::DropReason)
-      {
-        Runtime::instance().transmit_links.erase(connection);
-        link->disconnect();
-      });
+  runtime.transmit_links.hold(self->connection_, link, [link](ros::Connection::DropReason) { link->disconnect(); });
   OfferScope scope(offer);
   return runtime.original.handle_header(self, header);
 }
