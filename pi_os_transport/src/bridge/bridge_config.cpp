@@ -8,9 +8,7 @@
 #include <functional>
 #include <iterator>
 #include <map>
-#include <set>
 #include <stdexcept>
-#include <type_traits>
 #include <utility>
 
 #include "bridge/config_file.h"
@@ -33,47 +31,38 @@ std::string hostName()
   return gethostname(name, MAX_NAME) == 0 && name[0] != '\0' ? name : "unnamed";
 }
 
-std::string parseWire(const Setting& setting)
-{
-  return parseChoice(setting, {"sp", "nanomsg"}, "sp or nanomsg");
-}
-
 TopicOptions readTopic(const ConfigFile& file, const YAML::Node& node, const std::string& prefix)
 {
   TopicOptions topic;
   std::optional<Setting> quality;
-  file.readMap(
-      node, prefix,
-      {{"match",
-        [&](const YAML::Node& value, const std::string& key)
-        {
-          const Setting setting = file.scalar(value, key);
-          topic.match = setting.value;
-          if (topic.match.empty() || std::strchr("/*?[", topic.match.front()) == nullptr)
-          {
-            setting.refuse("a shell pattern for full topic names, which start with \"/\"");
-          }
-        }},
-       {"priority",
-        [&](const YAML::Node& value, const std::string& key)
-        {
-          const std::string choice =
-              parseChoice(file.scalar(value, key), {"high", "normal", "low"}, "high, normal or low");
-          topic.priority = choice == "high"  ? TopicOptions::Priority::HIGH
-                           : choice == "low" ? TopicOptions::Priority::LOW
-                                             : TopicOptions::Priority::NORMAL;
-        }},
-       {"rate_limit_hz", [&](const YAML::Node& value, const std::string& key)
-        { topic.rate_limit_hz = parseRate(file.scalar(value, key)); }},
-       {"keep_latest", [&](const YAML::Node& value, const std::string& key)
-        { topic.keep_latest = parseSwitch(file.scalar(value, key)); }},
-       {"compression",
-        [&](const YAML::Node& value, const std::string& key) {
-          topic.compression = parseChoice(file.scalar(value, key), {"", "jpeg", "png"}, "jpeg, png or \"\" for none");
-        }},
-       {"quality", [&](const YAML::Node& value, const std::string& key) { quality = file.scalar(value, key); }},
-       {"forward", [&](const YAML::Node& value, const std::string& key)
-        { topic.forward = parseSwitch(file.scalar(value, key)); }}});
+  const auto scalar = [&file](auto apply)
+  { return [&file, apply](const YAML::Node& value, const std::string& key) { apply(file.scalar(value, key)); }; };
+  const auto match = [&topic](const Setting& setting)
+  {
+    topic.match = setting.value;
+    if (topic.match.empty() || std::strchr("/*?[", topic.match.front()) == nullptr)
+    {
+      setting.refuse("a shell pattern for full topic names, which start with \"/\"");
+    }
+  };
+  const auto priority = [&topic](const Setting& setting)
+  {
+    const std::string choice = parseChoice(setting, {"high", "normal", "low"}, "high, normal or low");
+    topic.priority = choice == "high"  ? TopicOptions::Priority::HIGH
+                     : choice == "low" ? TopicOptions::Priority::LOW
+                                       : TopicOptions::Priority::NORMAL;
+  };
+  const auto compression = [&topic](const Setting& setting) {
+    topic.compression = parseChoice(setting, {"", "jpeg", "png"}, "jpeg, png or \"\" for none");
+  };
+  file.readMap(node, prefix,
+               {{"match", scalar(match)},
+                {"priority", scalar(priority)},
+                {"rate_limit_hz", scalar([&](const Setting& setting) { topic.rate_limit_hz = parseRate(setting); })},
+                {"keep_latest", scalar([&](const Setting& setting) { topic.keep_latest = parseSwitch(setting); })},
+                {"compression", scalar(compression)},
+                {"quality", scalar([&](const Setting& setting) { quality = setting; })},
+                {"forward", scalar([&](const Setting& setting) { topic.forward = parseSwitch(setting); })}});
   if (topic.match.empty())
   {
     throw std::runtime_error(file.place(node, prefix) +
@@ -94,22 +83,62 @@ TopicOptions readTopic(const ConfigFile& file, const YAML::Node& node, const std
   return topic;
 }
 
-template <typename Parsed>
-std::vector<Parsed> parseAll(const std::vector<Setting>& settings, const std::function<Parsed(const Setting&)>& parse)
+using Settings = std::vector<Setting>;
+
+/// An option of the file, of the command line, or of both.
+struct Option
 {
-  std::vector<Parsed> parsed;
-  std::transform(settings.begin(), settings.end(), std::back_inserter(parsed), parse);
-  return parsed;
+  std::string key;   ///< in the file; empty: not there
+  std::string flag;  ///< on the command line; empty: not there
+  bool is_list;
+  std::function<void(const Settings& given, BridgeConfig* config)> apply;
+};
+
+template <typename Field, typename Parse>
+Option single(const char* key, const char* flag, Field BridgeConfig::*field, Parse parse)
+{
+  return {key, flag, false,
+          [=](const Settings& given, BridgeConfig* config) { config->*field = parse(given.front()); }};
 }
 
-Endpoint parsePeer(const Setting& setting)
+template <typename Element, typename Parse>
+Option list(const char* key, const char* flag, std::vector<Element> BridgeConfig::*field, Parse parse)
 {
-  return parseReachable(setting, BRIDGE_PORT);
+  return {key, flag, true,
+          [=](const Settings& given, BridgeConfig* config)
+          {
+            std::vector<Element> elements;
+            std::transform(given.begin(), given.end(), std::back_inserter(elements), parse);
+            config->*field = std::move(elements);
+          }};
 }
 
-Endpoint parseAdvertise(const Setting& setting)
+void readFile(const std::string& path, BridgeConfig* config);
+
+/// The file comes first: the others win over it.
+const std::vector<Option>& options()
 {
-  return setting.value.empty() ? Endpoint{} : parseReachable(setting, 0);
+  static const std::vector<Option> OPTIONS{
+      {"", "--config", false,
+       [](const Settings& given, BridgeConfig* config) { readFile(given.front().value, config); }},
+      single("name", "--name", &BridgeConfig::name, parseDeviceName),
+      list("listen", "--listen", &BridgeConfig::listen, parseListen),
+      single("advertise", "--advertise", &BridgeConfig::advertise,
+             [](const Setting& setting) { return setting.value.empty() ? Endpoint{} : parseReachable(setting, 0); }),
+      list("peers", "--peer", &BridgeConfig::peers,
+           [](const Setting& setting) { return parseReachable(setting, BRIDGE_PORT); }),
+      list("allow", "--allow", &BridgeConfig::allow, parseCIDR),
+      single("wire", "--wire", &BridgeConfig::wire,
+             [](const Setting& setting) {
+               return parseChoice(setting, {"sp", "nanomsg"}, "sp or nanomsg");
+             }),
+      single("socket", "--socket", &BridgeConfig::socket, parseSocketName),
+      single("pool_limit_mb", "", &BridgeConfig::pool_limit_mb,
+             [](const Setting& setting) { return parseWhole<uint64_t>(setting, 1, MAX_POOL_MB); }),
+      single("max_message_mb", "", &BridgeConfig::max_message_mb,
+             [](const Setting& setting) { return parseWhole<uint32_t>(setting, 1, MAX_MESSAGE_MB); }),
+  };
+  return OPTIONS;
 }
 
 void readFile(const std::string& path, BridgeConfig* config)
@@ -120,89 +149,28 @@ void readFile(const std::string& path, BridgeConfig* config)
   {
     return;
   }
-  using Value = const YAML::Node&;
-  using Key = const std::string&;
-  file.readMap(
-      document, "",
-      {{"name", [&](Value value, Key key) { config->name = parseDeviceName(file.scalar(value, key)); }},
-       {"listen",
-        [&](Value value, Key key)
-        {
-          config->listen = parseAll<Endpoint>(file.list(value, key), parseListen);
-          if (config->listen.empty())
-          {
-            throw std::runtime_error(file.place(value, key) + " = [], must name at least one ADDRESS[:PORT]");
-          }
-        }},
-       {"advertise", [&](Value value, Key key) { config->advertise = parseAdvertise(file.scalar(value, key)); }},
-       {"peers", [&](Value value, Key key) { config->peers = parseAll<Endpoint>(file.list(value, key), parsePeer); }},
-       {"allow", [&](Value value, Key key) { config->allow = parseAll<CIDR>(file.list(value, key), parseCIDR); }},
-       {"wire", [&](Value value, Key key) { config->wire = parseWire(file.scalar(value, key)); }},
-       {"socket", [&](Value value, Key key) { config->socket = parseSocketName(file.scalar(value, key)); }},
-       {"pool_limit_mb", [&](Value value, Key key)
-        { config->pool_limit_mb = parseWhole<uint64_t>(file.scalar(value, key), 1, MAX_POOL_MB); }},
-       {"max_message_mb", [&](Value value, Key key)
-        { config->max_message_mb = parseWhole<uint32_t>(file.scalar(value, key), 1, MAX_MESSAGE_MB); }},
-       {"topics", [&](Value value, Key key)
-        {
-          for (const YAML::Node& item : file.items(value, key))
-          {
-            config->topics.push_back(readTopic(file, item, key + "[" + std::to_string(config->topics.size()) + "]"));
-          }
-        }}});
-}
-
-using Arguments = std::map<std::string, std::vector<Setting>>;
-
-/// Options of the command line by name; nothing if --help is among them.
-std::optional<Arguments> splitArguments(int argc, const char* const* argv)
-{
-  static const std::set<std::string> REPEATABLE{"--listen", "--peer", "--allow"};
-  static const std::set<std::string> SINGLE{"--config", "--name", "--advertise", "--wire", "--socket"};
-  std::vector<std::string> words;
-  for (int index = 1; index < argc; ++index)
+  std::map<std::string, ConfigFile::Reader> readers;
+  for (const Option& option : options())
   {
-    const std::string word = argv[index];
-    if (word.find(":=") == std::string::npos)
+    readers[option.key] = [&](const YAML::Node& value, const std::string& key)
     {
-      words.push_back(word);
-    }
+      const Settings given = option.is_list ? file.list(value, key) : Settings{file.scalar(value, key)};
+      if (given.empty() && option.key == "listen")
+      {
+        throw std::runtime_error(file.place(value, key) + " = [], must name at least one ADDRESS[:PORT]");
+      }
+      option.apply(given, config);
+    };
   }
-  Arguments arguments;
-  for (auto word = words.begin(); word != words.end(); ++word)
+  readers.erase("");
+  readers["topics"] = [&](const YAML::Node& value, const std::string& key)
   {
-    if (*word == "--help" || *word == "-h")
+    for (const YAML::Node& item : file.items(value, key))
     {
-      return std::nullopt;
+      config->topics.push_back(readTopic(file, item, key + "[" + std::to_string(config->topics.size()) + "]"));
     }
-    const size_t equals = word->find('=');
-    const std::string option = word->substr(0, equals);
-    if (REPEATABLE.count(option) == 0 && SINGLE.count(option) == 0)
-    {
-      throw std::runtime_error("\"" + *word + "\" is no option, see --help");
-    }
-    std::string value;
-    if (equals != std::string::npos)
-    {
-      value = word->substr(equals + 1);
-    }
-    else if (std::next(word) == words.end())
-    {
-      throw std::runtime_error(option + " lacks its value, see --help");
-    }
-    else
-    {
-      value = *++word;
-    }
-    std::vector<Setting>& given = arguments[option];
-    if (!given.empty() && SINGLE.count(option) != 0)
-    {
-      throw std::runtime_error(option + " = \"" + value + "\" comes after " + option + " = \"" + given[0].value +
-                               "\", must be given once");
-    }
-    given.push_back({option, value});
-  }
-  return arguments;
+  };
+  file.readMap(document, "", readers);
 }
 
 }  // namespace
@@ -259,35 +227,43 @@ std::string bridgeUsage()
 
 std::optional<BridgeConfig> loadBridgeConfig(int argc, const char* const* argv)
 {
-  std::optional<Arguments> arguments = splitArguments(argc, argv);
-  if (!arguments)
+  std::vector<std::string> words;
+  std::copy_if(argv + 1, argv + argc, std::back_inserter(words),
+               [](const std::string& word) { return word.find(":=") == std::string::npos; });
+  std::map<const Option*, Settings> arguments;  // in the order of the table
+  for (auto word = words.begin(); word != words.end(); ++word)
   {
-    return std::nullopt;
+    if (*word == "--help" || *word == "-h")
+    {
+      return std::nullopt;
+    }
+    const size_t equals = word->find('=');
+    const std::string flag = word->substr(0, equals);
+    const auto option = std::find_if(options().begin(), options().end(),
+                                     [&flag](const Option& known) { return !flag.empty() && known.flag == flag; });
+    if (option == options().end())
+    {
+      throw std::runtime_error("\"" + *word + "\" is no option, see --help");
+    }
+    if (equals == std::string::npos && std::next(word) == words.end())
+    {
+      throw std::runtime_error(flag + " lacks its value, see --help");
+    }
+    const std::string value = equals != std::string::npos ? word->substr(equals + 1) : *++word;
+    Settings& given = arguments[&*option];
+    if (!given.empty() && !option->is_list)
+    {
+      throw std::runtime_error(flag + " = \"" + value + "\" comes after " + flag + " = \"" + given[0].value +
+                               "\", must be given once");
+    }
+    given.push_back({flag, value});
   }
   BridgeConfig config;
   config.name = hostName();
-  const auto single = [&arguments](const char* option, const std::function<void(const Setting&)>& apply)
+  for (const auto& [option, given] : arguments)
   {
-    if (const auto found = arguments->find(option); found != arguments->end())
-    {
-      apply(found->second[0]);
-    }
-  };
-  const auto repeated = [&arguments](const char* option, const auto& parse, auto* field)
-  {
-    if (const auto found = arguments->find(option); found != arguments->end())
-    {
-      *field = parseAll<std::decay_t<decltype(field->front())>>(found->second, parse);
-    }
-  };
-  single("--config", [&config](const Setting& setting) { readFile(setting.value, &config); });
-  single("--name", [&config](const Setting& setting) { config.name = parseDeviceName(setting); });
-  single("--advertise", [&config](const Setting& setting) { config.advertise = parseAdvertise(setting); });
-  single("--wire", [&config](const Setting& setting) { config.wire = parseWire(setting); });
-  single("--socket", [&config](const Setting& setting) { config.socket = parseSocketName(setting); });
-  repeated("--listen", parseListen, &config.listen);
-  repeated("--peer", parsePeer, &config.peers);
-  repeated("--allow", parseCIDR, &config.allow);
+    option->apply(given, &config);
+  }
   return config;
 }
 

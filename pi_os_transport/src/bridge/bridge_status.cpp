@@ -27,7 +27,7 @@ Json statusOf(const Peer& peer)
 
 Json statusOf(const OutgoingStream& stream, const std::string& peer)
 {
-  const OutgoingStream::Counters& counters = stream.counters();
+  const StreamCounters& counters = stream.counters();
   return {{"topic", stream.topic()},
           {"publisher", stream.publisher()},
           {"peer", peer},
@@ -92,18 +92,16 @@ std::string bridgeStatus(const BridgeContext& context, const Sessions& sessions)
     const Session& session = *entry.second;
     const std::string address = session.peer->endpoint().toString();
     status["peers"].push_back(statusOf(*session.peer));
-    for (const auto& stream : session.outgoing_streams)
+    const auto append = [&](const char* list, const auto& carried)
     {
-      status["outgoing"].push_back(statusOf(*stream.second, address));
-    }
-    for (const auto& link : session.incoming)
-    {
-      status["incoming"].push_back(statusOf(*link.second, address));
-    }
-    for (const auto& tunnel : session.tunnels)
-    {
-      status["tunnels"].push_back(statusOf(*tunnel.second, address));
-    }
+      for (const auto& one : carried)
+      {
+        status[list].push_back(statusOf(*one.second, address));
+      }
+    };
+    append("outgoing", session.outgoing_streams);
+    append("incoming", session.incoming);
+    append("tunnels", session.tunnels);
   }
   // Names come from other devices: replace invalid UTF-8.
   return status.dump(-1, ' ', true, Json::error_handler_t::replace);

@@ -1,6 +1,5 @@
 #include "bridge/incoming_links.h"
 
-#include <algorithm>
 #include <utility>
 
 #include "wire/ipv4.h"
@@ -10,8 +9,6 @@ namespace pi_os_transport
 namespace
 {
 
-constexpr size_t MAX_LINKS = 4096;                       ///< per session
-constexpr size_t MAX_STREAMS = 4096;                     ///< per session
 constexpr std::chrono::milliseconds FLUSH_INTERVAL{10};  ///< between two offers to subscribers with a full queue
 constexpr std::chrono::microseconds FRAGMENT_GAP{100};   ///< usual between two fragments on a fast network
 constexpr uint64_t SUBSCRIBER_SHARE = 8;                 ///< one subscriber may pin 1/8 of the pool
@@ -23,11 +20,6 @@ IncomingLinks::IncomingLinks(BridgeContext* context, Sessions* sessions, std::fu
   : context_(context), sessions_(sessions), on_ended_(std::move(on_ended))
 {
   context_->pool->setReclaim([this]() { collect(); });
-}
-
-IncomingLinks::~IncomingLinks()
-{
-  context_->loop->cancel(blocked_timer_);
 }
 
 void IncomingLinks::collect()
@@ -47,7 +39,7 @@ void IncomingLinks::open(SideChannel channel, const BridgeRequest& request)
   const bool possible =
       !isLocalAddress(request.address) && !context_->draining && context_->config.topic(request.topic).forward;
   Session* const session = possible ? sessions_->ofDevice(request.address) : nullptr;
-  if (session == nullptr || session->incoming.size() >= MAX_LINKS)
+  if (session == nullptr || session->incoming.size() >= Session::MAX_LINKS)
   {
     channel.send(Packet::ended(LinkEnd::REFUSED));
     return;
@@ -225,14 +217,9 @@ void IncomingLinks::pauseBlocked()
               FrameHeader::of(link->paused ? FrameType::LINK_PAUSE : FrameType::LINK_RESUME, link->id));
         }
       });
-  if (any && blocked_timer_ == 0)
+  if (any && !blocked_timer_.running())
   {
-    blocked_timer_ = context_->loop->after(FLUSH_INTERVAL,
-                                           [this]()
-                                           {
-                                             blocked_timer_ = 0;
-                                             pauseBlocked();
-                                           });
+    blocked_timer_.start(context_->loop, FLUSH_INTERVAL, [this]() { pauseBlocked(); });
   }
 }
 
@@ -244,7 +231,7 @@ std::shared_ptr<IncomingStream> IncomingLinks::streamFor(Session* session, const
     return found->second;
   }
   const bool begins = header.type == FrameType::MESSAGE || header.type == FrameType::BEGIN;
-  if (!begins || session->incoming_streams.size() >= MAX_STREAMS)
+  if (!begins || session->incoming_streams.size() >= Session::MAX_STREAMS)
   {
     return nullptr;
   }
@@ -283,22 +270,10 @@ bool IncomingLinks::onStreamFrame(Session* session, const FrameHeader& header, c
   {
     return false;
   }
-  bool accepted = false;
-  switch (header.type)
-  {
-    case FrameType::MESSAGE:
-      accepted = stream->onMessage(header, payload, length);
-      break;
-    case FrameType::BEGIN:
-      accepted = stream->onBegin(header, payload, length);
-      break;
-    case FrameType::FRAGMENT:
-      accepted = stream->onFragment(header, length);
-      break;
-    default:
-      accepted = stream->onAttach(header, payload, length);
-      break;
-  }
+  const bool accepted = header.type == FrameType::MESSAGE    ? stream->onMessage(header, payload, length)
+                        : header.type == FrameType::BEGIN    ? stream->onBegin(header, payload, length)
+                        : header.type == FrameType::FRAGMENT ? stream->onFragment(header, length)
+                                                             : stream->onAttach(header, payload, length);
   context_->loop->expectSoon(stream->arriving() ? FRAGMENT_GAP : std::chrono::microseconds(0));
   retireSegments();
   return accepted;

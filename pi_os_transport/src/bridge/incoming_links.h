@@ -16,7 +16,6 @@ class IncomingLinks
 public:
   /// @param on_ended  called after a link has ended
   IncomingLinks(BridgeContext* context, Sessions* sessions, std::function<void()> on_ended);
-  ~IncomingLinks();
 
   /// A node of this device wants a link; `channel` is its side channel.
   void open(SideChannel channel, const BridgeRequest& request);
@@ -48,7 +47,7 @@ private:
   Sessions* const sessions_;
   const std::function<void()> on_ended_;
   const Token pool_token_ = Token::random();
-  EventLoop::TimerId blocked_timer_ = 0;
+  Timer blocked_timer_;
 };
 
 }  // namespace pi_os_transport

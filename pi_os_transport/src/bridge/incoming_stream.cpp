@@ -1,9 +1,9 @@
 #include "bridge/incoming_stream.h"
 
-#include <algorithm>
 #include <cstring>
 #include <utility>
 
+#include "event_loop/if_alive.h"
 #include "pi_os_transport/little_endian.h"
 
 namespace pi_os_transport
@@ -235,13 +235,8 @@ void IncomingStream::decodeNext()
   while (!undelivered_.empty() && !decoding_)
   {
     const ArrivalPtr arrival = undelivered_.front();
-    const auto done = [weak = weak_from_this(), arrival](std::vector<uint8_t> bytes)
+    const auto done = [arrival](const std::shared_ptr<IncomingStream>& self, std::vector<uint8_t> bytes)
     {
-      const std::shared_ptr<IncomingStream> self = weak.lock();
-      if (!self)
-      {
-        return;
-      }
       self->decoding_ = false;
       arrival->message =
           bytes.empty() ? nullptr : PooledMessage::make(self->pool_, static_cast<uint32_t>(bytes.size()));
@@ -258,7 +253,7 @@ void IncomingStream::decodeNext()
       }
     };
     decoding_ = true;
-    if (!decompress_ || !decompress_(arrival->message->bytes(), arrival->length, done))
+    if (!decompress_ || !decompress_(arrival->message->bytes(), arrival->length, ifAlive(weak_from_this(), done)))
     {
       decoding_ = false;
       arrival->message.reset();  // counts as lost

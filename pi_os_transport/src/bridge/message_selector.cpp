@@ -17,11 +17,6 @@ MessageSelector::MessageSelector(EventLoop* loop, const TopicOptions& options, u
 {
 }
 
-MessageSelector::~MessageSelector()
-{
-  loop_->cancel(rate_timer_);
-}
-
 void MessageSelector::remove(const std::shared_ptr<OutgoingLink>& link)
 {
   links_.erase(std::remove(links_.begin(), links_.end(), link), links_.end());
@@ -218,14 +213,9 @@ bool MessageSelector::mayLeaveNow(bool latched)
   // A message may be 10 % early: the publisher's clock jitters.
   if (now + period / 10 < next_allowed_)
   {
-    if (latched && rate_timer_ == 0)
+    if (latched && !rate_timer_.running())
     {
-      rate_timer_ = loop_->at(next_allowed_,
-                              [this]()
-                              {
-                                rate_timer_ = 0;
-                                on_due_();
-                              });
+      rate_timer_.start(loop_, next_allowed_, on_due_);
     }
     return false;
   }

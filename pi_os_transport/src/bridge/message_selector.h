@@ -37,9 +37,6 @@ public:
   /// @param on_too_large  a message is larger than `max_message_bytes`; it is still in the link's ring
   MessageSelector(EventLoop* loop, const TopicOptions& options, uint32_t max_message_bytes, StreamCounters* counters,
                   std::function<void()> on_due, OnLink on_too_large);
-  ~MessageSelector();
-  MessageSelector(const MessageSelector&) = delete;
-  MessageSelector& operator=(const MessageSelector&) = delete;
 
   void add(const std::shared_ptr<OutgoingLink>& link) { links_.push_back(link); }
   void remove(const std::shared_ptr<OutgoingLink>& link);
@@ -75,7 +72,7 @@ private:
   uint64_t last_serial_ = 0;
   uint64_t skipped_serial_ = 0;  ///< of the last message that the rate limit dropped; 0: none
   SteadyTime next_allowed_;
-  EventLoop::TimerId rate_timer_ = 0;
+  Timer rate_timer_;
 };
 
 }  // namespace pi_os_transport

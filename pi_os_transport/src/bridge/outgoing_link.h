@@ -45,9 +45,17 @@ public:
   std::string end_text;
 
   /// The publisher has more messages than the ring can hold.
-  void onPublisherWaits();
+  void onPublisherWaits()
+  {
+    publisher_waits_ = true;
+    announceSpace();
+  }
   /// A message was taken or released.
-  void onProgress();
+  void onProgress()
+  {
+    progressed_ = true;
+    announceSpace();
+  }
   /// True if no message is under way, and none will follow.
   bool isDone() const
   {
@@ -55,7 +63,15 @@ public:
   }
 
 private:
-  void announceSpace();
+  void announceSpace()
+  {
+    if (publisher_waits_ && progressed_ && ring->hasRing() && ring->ring().available() < RingLayout::CAPACITY / 2)
+    {
+      publisher_waits_ = false;
+      progressed_ = false;
+      ring->channel().send(Packet::of(Packet::SPACE));
+    }
+  }
 
   bool publisher_waits_ = false;
   bool progressed_ = true;  ///< since the publisher was last told of free places

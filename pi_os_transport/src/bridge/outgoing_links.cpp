@@ -9,13 +9,6 @@
 
 namespace pi_os_transport
 {
-namespace
-{
-
-constexpr size_t MAX_LINKS = 4096;    ///< per session
-constexpr size_t MAX_STREAMS = 4096;  ///< per session
-
-}  // namespace
 
 bool OutgoingLinks::onLinkFrame(Session* session, const FrameHeader& header, const uint8_t* payload, uint32_t length)
 {
@@ -80,8 +73,8 @@ std::string OutgoingLinks::fetch(Session* session, uint32_t id, const LinkOpen& 
 {
   const std::optional<Token> socket_token = Token::fromString(open.socket_token);
   const std::optional<Token> link_token = Token::fromString(open.link_token);
-  if (!socket_token || !link_token || session->outgoing.size() >= MAX_LINKS ||
-      session->outgoing_streams.size() >= MAX_STREAMS || context_->draining)
+  if (!socket_token || !link_token || session->outgoing.size() >= Session::MAX_LINKS ||
+      session->outgoing_streams.size() >= Session::MAX_STREAMS || context_->draining)
   {
     return "not acceptable";
   }

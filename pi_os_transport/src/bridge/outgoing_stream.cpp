@@ -64,10 +64,9 @@ bool OutgoingStream::prepare(const OutgoingMessagePtr& message)
   {
     return false;
   }
-  const auto done = [weak = weak_from_this(), message](std::vector<uint8_t> bytes)
+  const auto done = [message](const std::shared_ptr<OutgoingStream>& self, std::vector<uint8_t> bytes)
   {
-    const std::shared_ptr<OutgoingStream> self = weak.lock();
-    if (!self || !std::exchange(self->preparing_, false))
+    if (!std::exchange(self->preparing_, false))
     {
       return;
     }
@@ -93,7 +92,7 @@ bool OutgoingStream::prepare(const OutgoingMessagePtr& message)
     self->offerAgain();
     self->peer_->pump();
   };
-  preparing_ = compress_(message->data, message->length, done);
+  preparing_ = compress_(message->data, message->length, ifAlive(weak_from_this(), done));
   counters_.uncompressed += preparing_ ? 0 : 1;
   return preparing_;
 }

@@ -23,8 +23,6 @@ namespace pi_os_transport
 class OutgoingStream : public FrameSource, public std::enable_shared_from_this<OutgoingStream>
 {
 public:
-  using Counters = StreamCounters;
-
   /// Compresses a message and calls `done` with the result, which is empty on failure.
   /// @return false if the codec is too busy; `done` is then not called.
   using Compressed = std::function<void(std::vector<uint8_t> bytes)>;
@@ -34,11 +32,10 @@ public:
   OutgoingStream(uint32_t id, Peer* peer, EventLoop* loop, const TopicOptions& options, Compress compress,
                  std::string topic, std::string publisher, uint32_t max_message_bytes);
 
-  uint32_t id() const { return id_; }
   Peer* peer() const { return peer_; }
   const std::string& topic() const { return topic_; }
   const std::string& publisher() const { return publisher_; }
-  const Counters& counters() const { return counters_; }
+  const StreamCounters& counters() const { return counters_; }
   const std::vector<std::shared_ptr<OutgoingLink>>& links() const { return selector_.links(); }
 
   void add(const std::shared_ptr<OutgoingLink>& link);
@@ -82,7 +79,7 @@ private:
   OutgoingMessagePtr sending_;  ///< some fragments are not sent yet
   OutgoingMessagePtr waiting_;  ///< of the other traffic class: is sent when all before it are acknowledged
   bool preparing_ = false;      ///< a message is being compressed
-  Counters counters_;
+  StreamCounters counters_;
   MessageSelector selector_;
 };
 

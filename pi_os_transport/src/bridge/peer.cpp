@@ -46,20 +46,17 @@ Peer::Peer(EventLoop* loop, FrameTransport* transport, Listener* listener, Endpo
 
 Peer::~Peer()
 {
-  loop_->cancel(tick_timer_);
-  loop_->cancel(connect_timer_);
   closeConnections();
 }
 
 void Peer::start()
 {
   connect();
-  tick_timer_ = loop_->after(TICK, [this]() { tick(); });
+  tick_timer_.start(loop_, TICK, [this]() { tick(); });
 }
 
 void Peer::connect()
 {
-  connect_timer_ = 0;
   for (Lane& lane : lanes_)
   {
     lane.open(transport_->connect(endpoint_));
@@ -68,9 +65,9 @@ void Peer::connect()
 
 void Peer::reconnect(milliseconds delay)
 {
-  if (connect_timer_ == 0)
+  if (!connect_timer_.running())
   {
-    connect_timer_ = loop_->after(delay, [this]() { connect(); });
+    connect_timer_.start(loop_, delay, [this]() { connect(); });
   }
 }
 
@@ -243,9 +240,9 @@ bool Peer::onHello(const Hello& hello)
       }
     }
   }
-  if (state_ == State::DOWN && connect_timer_ != 0)
+  if (state_ == State::DOWN && connect_timer_.running())
   {
-    loop_->cancel(std::exchange(connect_timer_, 0));
+    connect_timer_.stop();
     connect();
   }
   beUp();
@@ -269,7 +266,7 @@ void Peer::beUp()
 
 void Peer::tick()
 {
-  tick_timer_ = loop_->after(TICK, [this]() { tick(); });
+  tick_timer_.start(loop_, TICK, [this]() { tick(); });
   const SteadyTime now = SteadyClock::now();
   if (state_ == State::UP)
   {

@@ -140,8 +140,8 @@ private:
   SteadyTime connected_since_;
   SteadyTime last_heard_;
   SteadyTime last_sent_;
-  EventLoop::TimerId tick_timer_ = 0;
-  EventLoop::TimerId connect_timer_ = 0;
+  Timer tick_timer_;
+  Timer connect_timer_;
   uint64_t received_bytes_ = 0;
 
   struct Control

@@ -37,10 +37,26 @@ public:
     warn(text);
   }
   /// Logs without counting.
-  void warn(const std::string& text);
+  void warn(const std::string& text)
+  {
+    const SteadyTime now = SteadyClock::now();
+    if (logged_.size() > MAX_TEXTS)
+    {
+      logged_.clear();
+    }
+    const auto [known, is_new] = logged_.try_emplace(text, now);
+    if (is_new || now - known->second > LOG_INTERVAL)
+    {
+      known->second = now;
+      log_(text);
+    }
+  }
   uint64_t counter(size_t reason) const { return counters_[reason]; }
 
 private:
+  static constexpr size_t MAX_TEXTS = 64;
+  static constexpr std::chrono::seconds LOG_INTERVAL{60};
+
   const std::function<void(const std::string&)> log_;
   std::array<uint64_t, NAMES.size()> counters_{};
   std::map<std::string, SteadyTime> logged_;  ///< when each text was logged last

@@ -12,11 +12,6 @@ constexpr std::chrono::seconds STALE_AFTER{10};  ///< age of a session that carr
 
 }  // namespace
 
-Sessions::~Sessions()
-{
-  context_->loop->cancel(stale_timer_);
-}
-
 void Sessions::start()
 {
   for (const Endpoint& endpoint : context_->config.peers)
@@ -76,7 +71,7 @@ Session* Sessions::withConnection(FrameTransport::ConnectionId connection) const
 
 void Sessions::removeStale()
 {
-  stale_timer_ = context_->loop->after(STALE_AFTER, [this]() { removeStale(); });
+  stale_timer_.start(context_->loop, STALE_AFTER, [this]() { removeStale(); });
   const SteadyTime now = SteadyClock::now();
   const std::vector<Endpoint>& configured = context_->config.peers;
   for (auto entry = table_.begin(); entry != table_.end();)

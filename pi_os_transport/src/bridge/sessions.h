@@ -17,6 +17,9 @@ namespace pi_os_transport
 /// One other bridge and everything that is carried to it and from it.
 struct Session
 {
+  static constexpr size_t MAX_LINKS = 4096;    ///< in each direction
+  static constexpr size_t MAX_STREAMS = 4096;  ///< likewise
+
   std::shared_ptr<Peer> peer;
   std::map<uint32_t, std::shared_ptr<OutgoingLink>> outgoing;
   std::map<std::string, std::shared_ptr<OutgoingStream>> outgoing_streams;  ///< by publisher's process and topic
@@ -31,7 +34,6 @@ class Sessions
 public:
   /// @param listener  of all peers
   Sessions(BridgeContext* context, Peer::Listener* listener) : context_(context), listener_(listener) {}
-  ~Sessions();
 
   /// Connects to the configured peers, and from now on forgets bridges that only introduced themselves.
   void start();
@@ -68,7 +70,7 @@ private:
   BridgeContext* const context_;
   Peer::Listener* const listener_;
   std::map<Endpoint, std::unique_ptr<Session>> table_;
-  EventLoop::TimerId stale_timer_ = 0;
+  Timer stale_timer_;
 };
 
 }  // namespace pi_os_transport

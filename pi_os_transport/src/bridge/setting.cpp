@@ -2,7 +2,6 @@
 
 #include <ifaddrs.h>
 #include <net/if.h>
-#include <netdb.h>
 
 #include <algorithm>
 #include <cctype>
@@ -37,20 +36,6 @@ std::optional<std::string> interfaceAddress(const std::string& name)
   return std::nullopt;
 }
 
-std::optional<std::string> hostAddress(const std::string& host)
-{
-  addrinfo wanted{};
-  wanted.ai_family = AF_INET;
-  wanted.ai_socktype = SOCK_STREAM;
-  addrinfo* list = nullptr;
-  if (getaddrinfo(host.c_str(), nullptr, &wanted, &list) != 0)
-  {
-    return std::nullopt;
-  }
-  const std::unique_ptr<addrinfo, decltype(&freeaddrinfo)> owner(list, &freeaddrinfo);
-  return addressText(*reinterpret_cast<const sockaddr_in*>(list->ai_addr));
-}
-
 /// ADDRESS[:PORT]; the address is not resolved.
 Endpoint splitEndpoint(const Setting& setting, uint16_t default_port, uint16_t lowest_port)
 {
@@ -71,6 +56,21 @@ Endpoint splitEndpoint(const Setting& setting, uint16_t default_port, uint16_t l
     setting.refuse("ADDRESS[:PORT] with an IPv4 address or a name");
   }
   return endpoint;
+}
+
+/// Replaces a name by the address that `find` gives.
+void resolve(const Setting& setting, std::optional<std::string> (*find)(const std::string& name),
+             const std::string& expected, Endpoint* endpoint)
+{
+  if (!parseIpv4(endpoint->address))
+  {
+    const std::optional<std::string> found = find(endpoint->address);
+    if (!found)
+    {
+      setting.refuse("ADDRESS[:PORT], where ADDRESS is an IPv4 address or " + expected);
+    }
+    endpoint->address = *found;
+  }
 }
 
 }  // namespace
@@ -128,30 +128,14 @@ std::string parseSocketName(const Setting& setting)
 Endpoint parseListen(const Setting& setting)
 {
   Endpoint endpoint = splitEndpoint(setting, BRIDGE_PORT, 0);
-  if (!parseIpv4(endpoint.address))
-  {
-    const std::optional<std::string> found = interfaceAddress(endpoint.address);
-    if (!found)
-    {
-      setting.refuse("ADDRESS[:PORT], where ADDRESS is an IPv4 address or an interface of this device that has one");
-    }
-    endpoint.address = *found;
-  }
+  resolve(setting, interfaceAddress, "an interface of this device that has one", &endpoint);
   return endpoint;
 }
 
 Endpoint parseReachable(const Setting& setting, uint16_t default_port)
 {
   Endpoint endpoint = splitEndpoint(setting, default_port, 1);
-  if (!parseIpv4(endpoint.address))
-  {
-    const std::optional<std::string> found = hostAddress(endpoint.address);
-    if (!found)
-    {
-      setting.refuse("ADDRESS[:PORT], where ADDRESS is an IPv4 address or a host name that can be resolved now");
-    }
-    endpoint.address = *found;
-  }
+  resolve(setting, hostAddress, "a host name that can be resolved now", &endpoint);
   if (*parseIpv4(endpoint.address) == INADDR_ANY)
   {
     setting.refuse("the address of one device");

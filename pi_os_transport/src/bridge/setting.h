@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "bridge/bridge_config.h"
-#include "parse_number.h"
+#include "text_parsing.h"
 
 namespace pi_os_transport
 {

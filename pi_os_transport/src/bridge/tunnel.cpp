@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <string_view>
 #include <utility>
 
 #include "event_loop/if_alive.h"
@@ -50,8 +51,7 @@ Tunnel::~Tunnel()
 
 void Tunnel::start()
 {
-  const int on = 1;
-  setsockopt(socket_.get(), IPPROTO_TCP, TCP_NODELAY, &on, sizeof(on));
+  setOption(socket_.get(), IPPROTO_TCP, TCP_NODELAY, 1);
   events_ = connected_ ? EPOLLIN : EPOLLOUT;
   loop_->add(socket_.get(), events_, [self = this](uint32_t events) { self->onSocket(events); });
 }
@@ -101,11 +101,7 @@ void Tunnel::onReadable()
   chunk->offset = read_;
   const uint32_t most = traffic_ == Traffic::BULK ? peer_->lane(Traffic::BULK).fragmentBytes() : EXPRESS_CHUNK;
   chunk->bytes.resize(most);
-  ssize_t count;
-  do
-  {
-    count = recv(socket_.get(), chunk->bytes.data(), most, MSG_DONTWAIT);
-  } while (count < 0 && errno == EINTR);
+  const ssize_t count = TEMP_FAILURE_RETRY(recv(socket_.get(), chunk->bytes.data(), most, MSG_DONTWAIT));
   if (count < 0 && (errno == EAGAIN || errno == EWOULDBLOCK))
   {
     return;
@@ -211,29 +207,21 @@ void Tunnel::onWritable()
 {
   while (!to_write_.empty())
   {
-    const std::vector<uint8_t>& front = to_write_.front();
-    const ssize_t count =
-        ::send(socket_.get(), front.data() + first_offset_, front.size() - first_offset_, MSG_DONTWAIT | MSG_NOSIGNAL);
-    if (count < 0)
+    const std::string_view front(reinterpret_cast<const char*>(to_write_.front().data()), to_write_.front().size());
+    const size_t before = first_offset_;
+    const SendResult result = sendRest(socket_.get(), front, &first_offset_);
+    written_ += first_offset_ - before;
+    if (result == SendResult::FAILED)
     {
-      if (errno == EINTR)
-      {
-        continue;
-      }
-      if (errno != EAGAIN && errno != EWOULDBLOCK)
-      {
-        finish();
-        return;
-      }
+      finish();
+      return;
+    }
+    if (result == SendResult::BLOCKED)
+    {
       break;
     }
-    written_ += static_cast<uint64_t>(count);
-    first_offset_ += static_cast<size_t>(count);
-    if (first_offset_ == front.size())
-    {
-      to_write_.pop_front();
-      first_offset_ = 0;
-    }
+    to_write_.pop_front();
+    first_offset_ = 0;
   }
   sendCredit();
   if (end_known_ && written_ >= end_)
@@ -320,11 +308,6 @@ void Tunnel::rewind()
   {
     resend_.push_back(std::exchange(next_, nullptr));
   }
-}
-
-void Tunnel::abort()
-{
-  finish();
 }
 
 void Tunnel::finish()

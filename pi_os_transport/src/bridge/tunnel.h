@@ -45,14 +45,11 @@ public:
   /// The session was interrupted: sends again what the peer has not acknowledged.
   void rewind();
   /// Ends the tunnel at once.
-  void abort();
+  void finish();
 
   bool sendNext(Peer* peer, Lane* lane) override;
   Traffic traffic() const override { return traffic_; }
 
-  Peer* peer() const { return peer_; }
-  uint32_t id() const { return id_; }
-  Side side() const { return side_; }
   const std::string& target() const { return target_; }
   const char* state() const { return connected_ ? (end_known_ ? "closing" : "open") : "connecting"; }
   uint64_t sentBytes() const { return read_; }
@@ -73,7 +70,6 @@ private:
   void sendCredit();
   void sendClose(bool at_once, const std::string& reason);
   void onAcknowledged();
-  void finish();
   FrameHeader headerOf(FrameType type, uint64_t offset = 0) const;
 
   EventLoop* const loop_;

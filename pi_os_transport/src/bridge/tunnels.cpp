@@ -1,10 +1,8 @@
 #include "bridge/tunnels.h"
 
-#include <sys/socket.h>
-
-#include <cerrno>
 #include <utility>
 
+#include "event_loop/socket_io.h"
 #include "wire/ipv4.h"
 
 namespace pi_os_transport
@@ -57,7 +55,7 @@ bool Tunnels::onFrame(Session* session, const FrameHeader& header, const uint8_t
     case FrameType::TUNNEL_DATA:
       if (waitingBytes() + length > MAX_TUNNEL_BYTES)
       {
-        tunnel->abort();
+        tunnel->finish();
         return true;
       }
       return tunnel->onData(header, payload, length);
@@ -118,11 +116,8 @@ FileDescriptor Tunnels::connectToServer(Session* session, const std::string& add
   {
     return FileDescriptor();
   }
-  FileDescriptor socket(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
   const sockaddr_in destination = socketAddress(address, port);
-  const bool begun = connect(socket.get(), reinterpret_cast<const sockaddr*>(&destination), sizeof(destination)) == 0 ||
-                     errno == EINPROGRESS;
-  return begun ? std::move(socket) : FileDescriptor();
+  return beginConnecting(reinterpret_cast<const sockaddr*>(&destination), sizeof(destination));
 }
 
 void Tunnels::add(Session* session, Tunnel::Side side, uint32_t id, FileDescriptor socket, const std::string& target)
@@ -147,7 +142,7 @@ void Tunnels::abandon(Session* session)
   const auto tunnels = std::exchange(session->tunnels, {});
   for (const auto& tunnel : tunnels)
   {
-    tunnel.second->abort();
+    tunnel.second->finish();
   }
 }
 

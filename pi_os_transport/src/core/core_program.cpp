@@ -6,11 +6,11 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <cctype>
 #include <cerrno>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <iterator>
 #include <memory>
 #include <optional>
 #include <stdexcept>
@@ -19,7 +19,6 @@
 
 #include "core/core_options.h"
 #include "core/log_folder.h"
-#include "event_loop/end_signals.h"
 #include "event_loop/event_loop.h"
 #include "event_loop/program.h"
 #include "master/http_server.h"
@@ -27,7 +26,7 @@
 #include "master/network_address.h"
 #include "master/node_caller.h"
 #include "ros_version.h"
-#include "rosout/log_type.h"
+#include "rosout/log_message.h"
 #include "rosout/rosout_node.h"
 #include "rosout/rotating_file.h"
 #include "shm/file_descriptor.h"
@@ -77,11 +76,10 @@ void keepMemorySmall()
 
 bool isFileLoggingDisabled()
 {
-  const char* const variable = std::getenv("ROSOUT_DISABLE_FILE_LOGGING");
-  std::string value = variable != nullptr ? variable : "";
-  std::transform(value.begin(), value.end(), value.begin(),
-                 [](unsigned char letter) { return static_cast<char>(std::tolower(letter)); });
-  return !(value.empty() || value == "0" || value == "false" || value == "off" || value == "no");
+  const char* const value = std::getenv("ROSOUT_DISABLE_FILE_LOGGING");
+  const auto is_not = [value](const char* no) { return strcasecmp(value, no) != 0; };
+  constexpr const char* NO[] = {"", "0", "false", "off", "no"};
+  return value != nullptr && std::all_of(std::begin(NO), std::end(NO), is_not);
 }
 
 /// Opens the log file of all nodes. Failure is not fatal: a vehicle must start even if its disk is full.

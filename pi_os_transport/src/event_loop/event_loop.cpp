@@ -171,4 +171,24 @@ void EventLoop::stop()
   signalEvent(stop_event_.get());
 }
 
+void Timer::start(EventLoop* loop, SteadyTime time, std::function<void()> due)
+{
+  stop();
+  loop_ = loop;
+  id_ = loop->at(time,
+                 [this, due = std::move(due)]
+                 {
+                   id_ = 0;
+                   due();  // may destroy this object
+                 });
+}
+
+void Timer::stop()
+{
+  if (id_ != 0)
+  {
+    loop_->cancel(std::exchange(id_, 0));
+  }
+}
+
 }  // namespace pi_os_transport

@@ -36,10 +36,6 @@ public:
 
   /// Calls `due` once.
   TimerId at(SteadyTime time, std::function<void()> due);
-  TimerId after(std::chrono::milliseconds delay, std::function<void()> due)
-  {
-    return at(SteadyClock::now() + delay, due);
-  }
   void cancel(TimerId timer);
 
   /// Calls `action` after the callbacks of this round, before waiting again.
@@ -78,6 +74,29 @@ private:
   std::map<std::pair<SteadyTime, TimerId>, std::function<void()>> timers_;
   std::unordered_map<TimerId, SteadyTime> timer_times_;
   std::vector<std::function<void()>> deferred_;
+};
+
+/// One call in the future. Starting again, stop() and the destructor cancel it. The loop must outlive this object.
+class Timer
+{
+public:
+  Timer() = default;
+  ~Timer() { stop(); }
+  Timer(const Timer&) = delete;
+  Timer& operator=(const Timer&) = delete;
+
+  void start(EventLoop* loop, SteadyTime time, std::function<void()> due);
+  void start(EventLoop* loop, std::chrono::milliseconds delay, std::function<void()> due)
+  {
+    start(loop, SteadyClock::now() + delay, std::move(due));
+  }
+  void stop();
+  /// True if the call is still to come.
+  bool running() const { return id_ != 0; }
+
+private:
+  EventLoop* loop_ = nullptr;
+  EventLoop::TimerId id_ = 0;
 };
 
 }  // namespace pi_os_transport

@@ -1,12 +1,30 @@
 #pragma once
 
+#include <signal.h>
+#include <sys/signalfd.h>
+
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
 #include <string>
 
+#include "shm/file_descriptor.h"
+
 namespace pi_os_transport
 {
+
+/// Makes a signalfd for SIGINT and SIGTERM, blocks both, and ignores SIGPIPE. Call it before the first thread starts.
+/// Empty on failure, with errno set.
+inline FileDescriptor endSignals()
+{
+  sigset_t signals;
+  sigemptyset(&signals);
+  sigaddset(&signals, SIGINT);
+  sigaddset(&signals, SIGTERM);
+  sigprocmask(SIG_BLOCK, &signals, nullptr);
+  signal(SIGPIPE, SIG_IGN);
+  return FileDescriptor(signalfd(-1, &signals, SFD_CLOEXEC | SFD_NONBLOCK));
+}
 
 /// The main() of a program with a command line.
 /// @param load  reads the options; an empty optional means that help was asked for, which `usage` gives.

@@ -72,10 +72,6 @@ ImageCodec::ImageCodec(EventLoop* loop, Options options) : loop_(loop), options_
 
 ImageCodec::~ImageCodec()
 {
-  if (wake_timer_ != 0)
-  {
-    loop_->cancel(wake_timer_);
-  }
   endWorker();
 }
 
@@ -102,22 +98,19 @@ bool ImageCodec::add(uint32_t kind, uint32_t parameter, const uint8_t* data, siz
   header.id = next_id_++;
   header.length = length;
   requests_.push_back({header, data, std::move(done)});
-  if (!working_ && wake_timer_ == 0)
+  if (!working_)
   {
-    const auto rest = std::chrono::ceil<std::chrono::milliseconds>(not_before_ - SteadyClock::now());
-    wakeAfter(std::max(rest, std::chrono::milliseconds(0)));
+    wakeLater();
   }
   return true;
 }
 
-void ImageCodec::wakeAfter(std::chrono::milliseconds delay)
+void ImageCodec::wakeLater()
 {
-  wake_timer_ = loop_->after(delay,
-                             [this]
-                             {
-                               wake_timer_ = 0;
-                               begin();
-                             });
+  if (!requests_.empty() && !wake_timer_.running())
+  {
+    wake_timer_.start(loop_, not_before_, [this] { begin(); });
+  }
 }
 
 void ImageCodec::begin()
@@ -136,13 +129,10 @@ void ImageCodec::begin()
   working_ = true;
   request_header_ = requests_.front().header.encode();
   sent_ = received_ = 0;
-  deadline_timer_ = loop_->after(
-      options_.timeout,
+  deadline_timer_.start(
+      loop_, options_.timeout,
       [this]
-      {
-        deadline_timer_ = 0;
-        abandonWorker("the image codec was not done within " + std::to_string(options_.timeout.count()) + " ms");
-      });
+      { abandonWorker("the image codec was not done within " + std::to_string(options_.timeout.count()) + " ms"); });
   loop_->change(socket_.get(), EPOLLIN | EPOLLOUT);
 }
 
@@ -187,11 +177,7 @@ bool ImageCodec::startWorker(std::string* error)
 
 void ImageCodec::endWorker()
 {
-  if (deadline_timer_ != 0)
-  {
-    loop_->cancel(deadline_timer_);
-    deadline_timer_ = 0;
-  }
+  deadline_timer_.stop();
   working_ = false;
   if (worker_ < 0)
   {
@@ -297,8 +283,7 @@ bool ImageCodec::finishAnswer()
 {
   working_ = false;
   received_ = 0;
-  loop_->cancel(deadline_timer_);
-  deadline_timer_ = 0;
+  deadline_timer_.stop();
   std::vector<uint8_t> data = std::exchange(answer_data_, {});
   if (answer_.kind == CodecHeader::CONVERTED)
   {
@@ -335,9 +320,9 @@ void ImageCodec::abandonWorker(const std::string& detail)
   {
     complete(Result::FAILED, {}, cause);
   }
-  else if (!requests_.empty() && wake_timer_ == 0)
+  else
   {
-    wakeAfter(options_.pause);
+    wakeLater();
   }
 }
 
@@ -345,11 +330,7 @@ void ImageCodec::complete(Result result, std::vector<uint8_t> message, const std
 {
   Request request = std::move(requests_.front());
   requests_.pop_front();
-  if (!requests_.empty() && wake_timer_ == 0)
-  {
-    const auto rest = std::chrono::ceil<std::chrono::milliseconds>(not_before_ - SteadyClock::now());
-    wakeAfter(std::max(rest, std::chrono::milliseconds(0)));
-  }
+  wakeLater();
   request.done(result, std::move(message), detail);
 }
 

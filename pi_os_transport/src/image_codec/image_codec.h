@@ -109,7 +109,7 @@ private:
   };
 
   bool add(uint32_t kind, uint32_t parameter, const uint8_t* data, size_t length, Callback done);
-  void wakeAfter(std::chrono::milliseconds delay);
+  void wakeLater();
   void begin();
   bool startWorker(std::string* error);
   void endWorker();
@@ -129,8 +129,8 @@ private:
   FileDescriptor socket_;
   bool working_ = false;  ///< the worker converts requests_.front()
   SteadyTime not_before_{};
-  EventLoop::TimerId wake_timer_ = 0;
-  EventLoop::TimerId deadline_timer_ = 0;
+  Timer wake_timer_;
+  Timer deadline_timer_;
 
   std::array<uint8_t, CodecHeader::BYTES> request_header_{};
   size_t sent_ = 0;  ///< of header and data

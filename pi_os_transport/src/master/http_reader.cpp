@@ -5,6 +5,8 @@
 #include <charconv>
 #include <system_error>
 
+#include "text_parsing.h"
+
 namespace pi_os_transport
 {
 namespace
@@ -14,6 +16,7 @@ constexpr int BAD_REQUEST = 400;
 constexpr int LENGTH_REQUIRED = 411;
 constexpr int TOO_LARGE = 413;
 constexpr int HEAD_TOO_LARGE = 431;
+constexpr std::string_view BLANKS = " \t";
 
 std::string lower(std::string_view text)
 {
@@ -21,13 +24,6 @@ std::string lower(std::string_view text)
   std::transform(result.begin(), result.end(), result.begin(),
                  [](unsigned char letter) { return static_cast<char>(std::tolower(letter)); });
   return result;
-}
-
-std::string_view trimmed(std::string_view text)
-{
-  const size_t first = text.find_first_not_of(" \t");
-  return first == std::string_view::npos ? std::string_view()
-                                         : text.substr(first, text.find_last_not_of(" \t") - first + 1);
 }
 
 bool parse(std::string_view text, int base, uint64_t* number)
@@ -180,8 +176,8 @@ void HttpReader::takeHeader(std::string_view line)
     fail(BAD_REQUEST, "a header without a colon");
     return;
   }
-  const std::string name = lower(trimmed(line.substr(0, colon)));
-  const std::string_view value = trimmed(line.substr(colon + 1));
+  const std::string name = lower(trimmed(line.substr(0, colon), BLANKS));
+  const std::string_view value = trimmed(line.substr(colon + 1), BLANKS);
   if (name == "content-length")
   {
     uint64_t length = 0;
@@ -259,7 +255,7 @@ void HttpReader::endHead()
 
 void HttpReader::takeChunkSize(std::string_view line)
 {
-  if (!parse(trimmed(line.substr(0, line.find(';'))), 16, &left_))
+  if (!parse(trimmed(line.substr(0, line.find(';')), BLANKS), 16, &left_))
   {
     fail(BAD_REQUEST, "a chunk without a size");
     return;

@@ -3,8 +3,10 @@
 #include <sys/epoll.h>
 #include <sys/socket.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
+#include <map>
 #include <utility>
 
 #include "event_loop/if_alive.h"
@@ -20,29 +22,17 @@ constexpr int MOST_CHUNKS_DRAINED = 64;
 
 const char* reasonOf(int status)
 {
-  switch (status)
-  {
-    case 200:
-      return "OK";
-    case 404:
-      return "Not Found";
-    case 408:
-      return "Request Timeout";
-    case 411:
-      return "Length Required";
-    case 413:
-      return "Content Too Large";
-    case 415:
-      return "Unsupported Media Type";
-    case 431:
-      return "Request Header Fields Too Large";
-    case 501:
-      return "Not Implemented";
-    case 503:
-      return "Service Unavailable";
-    default:
-      return "Bad Request";
-  }
+  static const std::map<int, const char*> REASONS{{200, "OK"},
+                                                  {404, "Not Found"},
+                                                  {408, "Request Timeout"},
+                                                  {411, "Length Required"},
+                                                  {413, "Content Too Large"},
+                                                  {415, "Unsupported Media Type"},
+                                                  {431, "Request Header Fields Too Large"},
+                                                  {501, "Not Implemented"},
+                                                  {503, "Service Unavailable"}};
+  const auto found = REASONS.find(status);
+  return found != REASONS.end() ? found->second : "Bad Request";
 }
 
 std::string reply(int status, const char* type, bool keeps_alive, const std::string& body)
@@ -93,15 +83,10 @@ bool HttpServer::dropLongestSilent()
     return false;
   }
   // Prefer one without a request: its client reconnects when needed.
-  for (const ConnectionPtr& connection : connections_)
-  {
-    if (!connection->reader.hasBegun() && connection->out.empty())
-    {
-      drop(ConnectionPtr(connection));
-      return true;
-    }
-  }
-  drop(ConnectionPtr(connections_.front()));
+  const auto idle = std::find_if(connections_.begin(), connections_.end(),
+                                 [](const ConnectionPtr& connection)
+                                 { return !connection->reader.hasBegun() && connection->out.empty(); });
+  drop(idle != connections_.end() ? *idle : connections_.front());
   return true;
 }
 
@@ -159,7 +144,7 @@ void HttpServer::take(const ConnectionPtr& connection, std::string_view bytes)
   }
   else if (reader.hasBegun())
   {
-    if (connection->deadline == 0)
+    if (!connection->deadline.running())
     {
       allow(connection, limits_.request);
     }
@@ -243,7 +228,7 @@ void HttpServer::onSent(const ConnectionPtr& connection)
     return;
   }
   setOut(connection, std::string());
-  loop_->cancel(std::exchange(connection->deadline, 0));
+  connection->deadline.stop();
   if (connection->unread.empty())
   {
     watch(connection, EPOLLIN);
@@ -282,20 +267,10 @@ void HttpServer::watch(const ConnectionPtr& connection, uint32_t events)
 
 void HttpServer::allow(const ConnectionPtr& connection, std::chrono::milliseconds time)
 {
-  loop_->cancel(connection->deadline);
-  connection->deadline = loop_->after(time, ifAlive(connection,
-                                                    [this](const ConnectionPtr& late)
-                                                    {
-                                                      late->deadline = 0;
-                                                      if (late->out.empty())
-                                                      {
-                                                        refuse(late, 408, "the request was not complete in time");
-                                                      }
-                                                      else
-                                                      {
-                                                        drop(late);
-                                                      }
-                                                    }));
+  connection->deadline.start(
+      loop_, time,
+      ifAlive(connection, [this](const ConnectionPtr& late)
+              { late->out.empty() ? refuse(late, 408, "the request was not complete in time") : drop(late); }));
 }
 
 void HttpServer::drop(const ConnectionPtr& dropped)
@@ -305,7 +280,7 @@ void HttpServer::drop(const ConnectionPtr& dropped)
   {
     return;
   }
-  loop_->cancel(connection->deadline);
+  connection->deadline.stop();
   loop_->remove(connection->socket.get());
   bytes_in_ -= connection->reader.body().size();
   setOut(connection, std::string());

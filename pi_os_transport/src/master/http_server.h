@@ -54,7 +54,7 @@ private:
     size_t sent = 0;
     bool closes = false;  ///< closes when `out` is sent
     uint32_t events = 0;  ///< watched by the loop
-    EventLoop::TimerId deadline = 0;
+    Timer deadline;
     std::list<std::shared_ptr<Connection>>::iterator place;
   };
   using ConnectionPtr = std::shared_ptr<Connection>;

@@ -11,6 +11,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "event_loop/socket_io.h"
 #include "master/network_address.h"
 
 namespace pi_os_transport
@@ -23,11 +24,6 @@ constexpr int ACCEPTED_PER_ROUND = 64;           // so that a flood of connectio
 constexpr std::chrono::milliseconds PAUSE{200};  // when there are no descriptors left
 constexpr int KEEP_ALIVE_IDLE_S = 60;
 constexpr int KEEP_ALIVE_INTERVAL_S = 20;
-
-void setOption(int fd, int level, int option, int value)
-{
-  setsockopt(fd, level, option, &value, sizeof(value));  // optional: failure is ignored
-}
 
 }  // namespace
 
@@ -56,7 +52,6 @@ Listener::Listener(EventLoop* loop, const std::string& address, uint16_t port) :
 
 Listener::~Listener()
 {
-  loop_->cancel(resume_);
   loop_->remove(socket_.get());
 }
 
@@ -81,7 +76,8 @@ void Listener::accept()
       }
       if (is_full)
       {
-        pause();
+        loop_->change(socket_.get(), 0);
+        resume_.start(loop_, PAUSE, [this] { loop_->change(socket_.get(), EPOLLIN); });
       }
       return;  // otherwise no caller waits, or the caller has left
     }
@@ -91,12 +87,6 @@ void Listener::accept()
     setOption(connection.get(), IPPROTO_TCP, TCP_KEEPINTVL, KEEP_ALIVE_INTERVAL_S);
     accepted_(std::move(connection));
   }
-}
-
-void Listener::pause()
-{
-  loop_->change(socket_.get(), 0);
-  resume_ = loop_->after(PAUSE, [this] { loop_->change(socket_.get(), EPOLLIN); });
 }
 
 }  // namespace pi_os_transport

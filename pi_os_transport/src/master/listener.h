@@ -31,14 +31,13 @@ public:
 
 private:
   void accept();
-  void pause();
 
   EventLoop* loop_;
   FileDescriptor socket_;
   uint16_t port_ = 0;
   Accepted accepted_;
   MakeRoom make_room_;
-  EventLoop::TimerId resume_ = 0;
+  Timer resume_;
 };
 
 }  // namespace pi_os_transport

@@ -19,18 +19,8 @@ const std::string ANY_TYPE = "*";
 
 const char* nameOf(Role role)
 {
-  switch (role)
-  {
-    case Role::SUBSCRIBER:
-      return "SUB";
-    case Role::PUBLISHER:
-      return "PUB";
-    case Role::SERVICE:
-      return "SERVICE";
-    case Role::PARAMETER_SUBSCRIBER:
-      return "CACHEDPARAM";
-  }
-  return "";
+  static constexpr const char* NAMES[] = {"SUB", "PUB", "SERVICE", "CACHEDPARAM"};
+  return NAMES[static_cast<size_t>(role)];
 }
 
 const std::string& text(const RpcValue::Array& arguments, size_t index)
@@ -44,15 +34,17 @@ std::shared_ptr<const std::string> body(std::string_view method, RpcValue::Array
   return std::make_shared<const std::string>(encodeRpcCall(method, params));
 }
 
+/// The list in an answer of a node; null if there is none.
+const RpcValue::Array* valuesOf(const RpcResponse* response)
+{
+  return response != nullptr && !response->is_fault ? response->value.array() : nullptr;
+}
+
 /// The process id in an answer to getPid; 0 if there is none.
 int pidOf(const RpcResponse* response)
 {
-  if (response == nullptr || response->is_fault || !response->value.is<RpcValue::Array>())
-  {
-    return 0;
-  }
-  const auto& values = response->value.as<RpcValue::Array>();
-  return values.size() == 3 && values[2].is<int>() ? values[2].as<int>() : 0;
+  const RpcValue::Array* const values = valuesOf(response);
+  return values != nullptr && values->size() == 3 && values->back().is<int>() ? values->back().as<int>() : 0;
 }
 
 }  // namespace
@@ -149,8 +141,8 @@ void MasterApi::tellOfParameter(const std::string& key, const RpcValue& value, c
       // A node that does not know the parameter any more answers -1: remove its subscription.
       const auto done = [this, node = node, api = api, subscription = update.subscription](const RpcResponse* response)
       {
-        if (response != nullptr && !response->is_fault && response->value.is<RpcValue::Array>() &&
-            !response->value.as<RpcValue::Array>().empty() && response->value.as<RpcValue::Array>()[0] == RpcValue(-1))
+        const RpcValue::Array* const values = valuesOf(response);
+        if (values != nullptr && !values->empty() && values->front() == RpcValue(-1))
         {
           registrations_.remove(Role::PARAMETER_SUBSCRIBER, subscription, node, api);
         }

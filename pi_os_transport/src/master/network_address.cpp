@@ -14,7 +14,7 @@
 #include <stdexcept>
 #include <string_view>
 
-#include "parse_number.h"
+#include "text_parsing.h"
 
 namespace pi_os_transport
 {

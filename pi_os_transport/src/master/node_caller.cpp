@@ -5,7 +5,6 @@
 #include <sys/epoll.h>
 #include <sys/socket.h>
 
-#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <optional>
@@ -18,12 +17,6 @@
 
 namespace pi_os_transport
 {
-namespace
-{
-
-constexpr size_t CHUNK_BYTES = 4096;
-
-}  // namespace
 
 NodeCaller::NodeCaller(EventLoop* loop, const NodeCallerLimits& limits) : loop_(loop), limits_(limits), resolver_(loop)
 {
@@ -31,7 +24,6 @@ NodeCaller::NodeCaller(EventLoop* loop, const NodeCallerLimits& limits) : loop_(
 
 NodeCaller::~NodeCaller()
 {
-  loop_->cancel(look_again_);
   for (const auto& [api, node] : nodes_)
   {
     disconnect(node);
@@ -120,14 +112,9 @@ void NodeCaller::startWaiting()
   {
     if (busy_ >= limits_.connections && !makeRoom())
     {
-      if (look_again_ == 0)
+      if (!look_again_.running())
       {
-        look_again_ = loop_->after(limits_.patience,
-                                   [this]
-                                   {
-                                     look_again_ = 0;
-                                     startWaiting();
-                                   });
+        look_again_.start(loop_, limits_.patience, [this] { startWaiting(); });
       }
       return;
     }
@@ -179,21 +166,13 @@ void NodeCaller::connect(const NodePtr& node)
 
 void NodeCaller::open(const NodePtr& node, const SocketAddress& address)
 {
-  if (address.size != 0)
+  node->socket = beginConnecting(address.get(), address.size);
+  if (!node->socket)
   {
-    node->socket =
-        FileDescriptor(socket(address.storage.ss_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, IPPROTO_TCP));
-  }
-  if (!node->socket ||
-      (::connect(node->socket.get(), reinterpret_cast<const sockaddr*>(&address.storage), address.size) != 0 &&
-       errno != EINPROGRESS))
-  {
-    node->socket.reset();  // the loop does not watch it yet
     finish(node, nullptr);
     return;
   }
-  const int on = 1;
-  setsockopt(node->socket.get(), IPPROTO_TCP, TCP_NODELAY, &on, sizeof(on));
+  setOption(node->socket.get(), IPPROTO_TCP, TCP_NODELAY, 1);
   node->step = Step::CONNECTING;
   loop_->add(node->socket.get(), EPOLLOUT,
              ifAlive(node, [this](const NodePtr& ready, uint32_t events) { onReady(ready, events); }));
@@ -280,7 +259,7 @@ void NodeCaller::sendRest(const NodePtr& node)
 
 void NodeCaller::receive(const NodePtr& node)
 {
-  std::array<char, CHUNK_BYTES> chunk;
+  std::array<char, 4096> chunk;
   const ssize_t size = recv(node->socket.get(), chunk.data(), chunk.size(), 0);
   if (size < 0 && (errno == EAGAIN || errno == EINTR))
   {
@@ -371,7 +350,7 @@ void NodeCaller::next(const NodePtr& node)
   }
   else
   {
-    loop_->cancel(std::exchange(node->deadline, 0));
+    node->deadline.stop();
     --busy_;
     queue(node);
   }
@@ -379,7 +358,7 @@ void NodeCaller::next(const NodePtr& node)
 
 void NodeCaller::disconnect(const NodePtr& node)
 {
-  loop_->cancel(std::exchange(node->deadline, 0));
+  node->deadline.stop();
   if (node->socket)
   {
     loop_->remove(node->socket.get());
@@ -401,21 +380,20 @@ void NodeCaller::forget(const NodePtr& forgotten)
 
 void NodeCaller::allow(const NodePtr& node, std::chrono::milliseconds time)
 {
-  loop_->cancel(node->deadline);
   node->since = SteadyClock::now();
-  node->deadline = loop_->after(time, ifAlive(node,
-                                              [this](const NodePtr& late)
-                                              {
-                                                late->deadline = 0;
-                                                if (late->step == Step::IDLE && late->calls.empty())
-                                                {
-                                                  forget(late);
-                                                }
-                                                else if (late->step != Step::IDLE)
-                                                {
-                                                  finish(late, nullptr);
-                                                }
-                                              }));
+  node->deadline.start(loop_, time,
+                       ifAlive(node,
+                               [this](const NodePtr& late)
+                               {
+                                 if (late->step == Step::IDLE && late->calls.empty())
+                                 {
+                                   forget(late);
+                                 }
+                                 else if (late->step != Step::IDLE)
+                                 {
+                                   finish(late, nullptr);
+                                 }
+                               }));
 }
 
 }  // namespace pi_os_transport

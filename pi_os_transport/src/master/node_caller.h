@@ -64,7 +64,7 @@ private:
     std::string out;
     size_t sent = 0;
     HttpReader reader{HttpReader::Kind::RESPONSE};
-    EventLoop::TimerId deadline = 0;
+    Timer deadline;
     SteadyTime since;  ///< start of the current step
   };
   using NodePtr = std::shared_ptr<Node>;
@@ -92,7 +92,7 @@ private:
   std::unordered_map<std::string, NodePtr> nodes_;
   std::deque<NodePtr> waiting_;
   size_t busy_ = 0;  ///< nodes in a step other than WAITING
-  EventLoop::TimerId look_again_ = 0;
+  Timer look_again_;
   bool is_starting_ = false;
 };
 

@@ -13,6 +13,21 @@ constexpr size_t indexOf(Role role)
   return static_cast<size_t>(role);
 }
 
+/// Erases the providers for which `which` holds, and the entry with the last one. @return false if there is none
+template <typename Table, typename Which>
+bool eraseProvider(Table* table, typename Table::iterator entry, Which which)
+{
+  auto& providers = entry->second;
+  const auto rest = std::remove_if(providers.begin(), providers.end(), which);
+  const bool found = rest != providers.end();
+  providers.erase(rest, providers.end());
+  if (providers.empty())
+  {
+    table->erase(entry);
+  }
+  return found;
+}
+
 }  // namespace
 
 bool Registrations::Node::isEmpty() const
@@ -30,17 +45,9 @@ Registrations::Replaced Registrations::removeNode(const std::string& node)
     for (const std::string& key : found->second.keys[role])
     {
       const auto entry = tables_[role].find(key);
-      if (entry == tables_[role].end())
+      if (entry != tables_[role].end())  // else another node had taken over this service and removed it
       {
-        continue;  // another node had taken over this service and removed it
-      }
-      std::vector<Provider>& providers = entry->second;
-      providers.erase(std::remove_if(providers.begin(), providers.end(),
-                                     [&](const Provider& provider) { return provider.node == node; }),
-                      providers.end());
-      if (providers.empty())
-      {
-        tables_[role].erase(entry);
+        eraseProvider(&tables_[role], entry, [&](const Provider& one) { return one.node == node; });
       }
     }
   }
@@ -110,22 +117,12 @@ Registrations::Removal Registrations::remove(Role role, const std::string& key, 
       table.erase(entry);
     }
   }
-  else
+  else if (entry == table.end() || !eraseProvider(&table, entry,
+                                                  [&](const Provider& one) {
+                                                    return one == Provider{node, api};
+                                                  }))
   {
-    auto provider = std::vector<Provider>::iterator();
-    if (entry == table.end() ||
-        (provider = std::find(entry->second.begin(), entry->second.end(), Provider{node, api})) == entry->second.end())
-    {
-      removal = {"[" + node + "] is not a known provider of [" + key + "]", 0};
-    }
-    else
-    {
-      entry->second.erase(provider);
-      if (entry->second.empty())
-      {
-        table.erase(entry);
-      }
-    }
+    removal = {"[" + node + "] is not a known provider of [" + key + "]", 0};
   }
   if (removal.count == 1)
   {

@@ -6,20 +6,12 @@
 #include <utility>
 
 #include "master/xml_reader.h"
+#include "text_parsing.h"
 
 namespace pi_os_transport
 {
 namespace
 {
-
-constexpr std::string_view SPACE = " \t\r\n";
-
-std::string_view trimmed(std::string_view text)
-{
-  const size_t first = text.find_first_not_of(SPACE);
-  return first == std::string_view::npos ? std::string_view()
-                                         : text.substr(first, text.find_last_not_of(SPACE) - first + 1);
-}
 
 /// @return true if all of `text` is a number, with or without sign, that fits `number`.
 template <typename Number>

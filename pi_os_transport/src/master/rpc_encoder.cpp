@@ -26,11 +26,10 @@ void appendText(std::string* out, std::string_view text)
   out->append(text, start);
 }
 
-template <typename Number>
-void appendNumber(std::string* out, Number number)
+/// @param content  of the element, as XML
+void appendElement(std::string* out, std::string_view name, std::string_view content)
 {
-  std::array<char, 32> text;  // a double has at most 24 characters
-  out->append(text.data(), std::to_chars(text.data(), text.data() + text.size(), number).ptr);
+  out->append("<").append(name).append(">").append(content).append("</").append(name).append(">");
 }
 
 void append(std::string* out, const RpcValue& value);
@@ -38,18 +37,13 @@ void append(std::string* out, const RpcValue& value);
 struct Appender
 {
   void operator()(RpcValue::Nil) const { out->append("<nil/>"); }
-  void operator()(bool value) const { out->append(value ? "<boolean>1</boolean>" : "<boolean>0</boolean>"); }
-  void operator()(int32_t value) const
-  {
-    out->append("<int>");
-    appendNumber(out, value);
-    out->append("</int>");
-  }
+  void operator()(bool value) const { appendElement(out, "boolean", value ? "1" : "0"); }
+  void operator()(int32_t value) const { appendElement(out, "int", std::to_string(value)); }
   void operator()(double value) const
   {
-    out->append("<double>");
-    appendNumber(out, value);
-    out->append("</double>");
+    std::array<char, 32> text;  // a double has at most 24 characters
+    const char* const end = std::to_chars(text.data(), text.data() + text.size(), value).ptr;
+    appendElement(out, "double", std::string_view(text.data(), static_cast<size_t>(end - text.data())));
   }
   void operator()(const std::string& value) const
   {
@@ -57,14 +51,8 @@ struct Appender
     appendText(out, value);
     out->append("</string>");
   }
-  void operator()(const RpcValue::Binary& value) const
-  {
-    out->append("<base64>").append(value.base64).append("</base64>");
-  }
-  void operator()(const RpcValue::DateTime& value) const
-  {
-    out->append("<dateTime.iso8601>").append(value.iso8601).append("</dateTime.iso8601>");
-  }
+  void operator()(const RpcValue::Binary& value) const { appendElement(out, "base64", value.base64); }
+  void operator()(const RpcValue::DateTime& value) const { appendElement(out, "dateTime.iso8601", value.iso8601); }
   void operator()(const RpcValue::Array& value) const
   {
     out->append("<array><data>");

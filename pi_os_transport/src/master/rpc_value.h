@@ -56,6 +56,8 @@ struct RpcValue
   {
     return std::get<Type>(data);
   }
+  /// Null if the value is no list.
+  const Array* array() const { return std::get_if<Array>(&data); }
   /// True for zero, false and empty values. ROS's own master uses this test, from Python, for missing arguments.
   bool isFalsy() const;
   /// True if the value is or contains nil, which is not part of XML-RPC.

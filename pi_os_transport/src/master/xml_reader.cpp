@@ -144,25 +144,15 @@ XmlReader::Tag XmlReader::nextTag()
   return tag;
 }
 
-bool XmlReader::start(std::string_view name)
+bool XmlReader::expect(std::string_view name, bool is_end)
 {
   const Tag tag = nextTag();
-  if (tag.is_end || tag.name != name)
+  if (tag.is_end != is_end || tag.name != name)
   {
     fail("<" + std::string(tag.is_end ? "/" : "") + std::string(tag.name.substr(0, 40)) + "> in place of <" +
-         std::string(name) + ">");
+         (is_end ? "/" : "") + std::string(name) + ">");
   }
   return tag.is_empty;
-}
-
-void XmlReader::end(std::string_view name)
-{
-  const Tag tag = nextTag();
-  if (!tag.is_end || tag.name != name)
-  {
-    fail("<" + std::string(tag.is_end ? "/" : "") + std::string(tag.name.substr(0, 40)) + "> in place of </" +
-         std::string(name) + ">");
-  }
 }
 
 void XmlReader::appendCharacters(std::string* out, std::string_view characters)

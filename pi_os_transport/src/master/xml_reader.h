@@ -27,8 +27,8 @@ public:
   /// Skips white space, comments and processing instructions, and reads the next tag.
   Tag nextTag();
   /// The same for a start tag of that name. @return true if the element is empty and has no end tag
-  bool start(std::string_view name);
-  void end(std::string_view name);
+  bool start(std::string_view name) { return expect(name, false); }
+  void end(std::string_view name) { expect(name, true); }
   /// Text up to the next tag, with references resolved. @throws if it is not UTF-8 or not allowed in XML
   std::string text();
   /// Checks that only white space and comments follow.
@@ -36,6 +36,7 @@ public:
   [[noreturn]] void fail(const std::string& what) const;
 
 private:
+  bool expect(std::string_view name, bool is_end);
   bool looksAt(std::string_view what) const { return xml_.compare(at_, what.size(), what) == 0; }
   void skipPast(std::string_view what);
   void skipMisc();

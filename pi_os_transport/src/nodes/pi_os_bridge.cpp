@@ -8,7 +8,6 @@
 #include <string>
 
 #include "bridge/bridge.h"
-#include "event_loop/end_signals.h"
 #include "event_loop/program.h"
 
 namespace

@@ -12,6 +12,7 @@
 #include <cerrno>
 #include <cstdio>
 #include <cstdlib>
+#include <fstream>
 #include <vector>
 
 #include <opencv2/core.hpp>
@@ -23,43 +24,31 @@ namespace pi_os_transport
 namespace
 {
 
-/// False at the end of the stream.
-bool receiveAll(uint8_t* data, size_t length)
+/// Repeats recv() or send() until all bytes are through. False at the end of the stream.
+template <typename Byte, typename Transfer>
+bool transferAll(Transfer transfer, Byte* data, size_t length, int flags)
 {
   while (length > 0)
   {
-    const ssize_t received = recv(CODEC_SOCKET, data, length, 0);
-    if (received < 0 && errno == EINTR)
-    {
-      continue;
-    }
-    if (received <= 0)
+    const ssize_t count = TEMP_FAILURE_RETRY(transfer(CODEC_SOCKET, data, length, flags));
+    if (count <= 0)
     {
       return false;
     }
-    data += received;
-    length -= static_cast<size_t>(received);
+    data += count;
+    length -= static_cast<size_t>(count);
   }
   return true;
 }
 
+bool receiveAll(uint8_t* data, size_t length)
+{
+  return transferAll(recv, data, length, 0);
+}
+
 bool sendAll(const uint8_t* data, size_t length)
 {
-  while (length > 0)
-  {
-    const ssize_t sent = send(CODEC_SOCKET, data, length, MSG_NOSIGNAL);
-    if (sent < 0 && errno == EINTR)
-    {
-      continue;
-    }
-    if (sent <= 0)
-    {
-      return false;
-    }
-    data += sent;
-    length -= static_cast<size_t>(sent);
-  }
-  return true;
+  return transferAll(send, data, length, MSG_NOSIGNAL);
 }
 
 /// Limits the process: address space for a few copies of the largest message, no files, and no output. (libpng and
@@ -74,17 +63,7 @@ void confine(uint64_t max_bytes)
   prctl(PR_SET_PDEATHSIG, SIGKILL);
   prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0);
   prctl(PR_SET_DUMPABLE, 0);
-  unsigned long pages = 0;
-  FILE* statm = std::fopen("/proc/self/statm", "re");
-  if (statm != nullptr)
-  {
-    if (std::fscanf(statm, "%lu", &pages) != 1)
-    {
-      pages = 0;
-    }
-    std::fclose(statm);
-  }
-  if (pages > 0)
+  if (rlim_t pages = 0; std::ifstream("/proc/self/statm") >> pages && pages > 0)
   {
     const rlim_t space = pages * static_cast<rlim_t>(sysconf(_SC_PAGESIZE)) + 6 * max_bytes + (64U << 20);
     const rlimit limit{space, space};

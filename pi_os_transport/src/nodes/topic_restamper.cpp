@@ -1,13 +1,12 @@
 // topic_restamper: passes on the topics of a bag that `rosbag play` plays, with stamps of now, as live sensors would
 // send.
 //
-// It starts the playback once the subscribers that it is told to wait for are connected. A looped bag looks like one long
-// recording: the stamps of each lap go on where the last lap ended.
+// It starts the playback once the subscribers that it is told to wait for are connected. A looped bag looks like one
+// long recording: the stamps of each lap go on where the last lap ended.
 
 #include <ros/ros.h>
 #include <std_msgs/String.h>
 #include <std_srvs/SetBool.h>
-#include "topic_monitor/topic_statistics.h"
 
 #include <algorithm>
 #include <cstring>
@@ -18,6 +17,9 @@
 #include <utility>
 #include <vector>
 
+#include <nlohmann/json.hpp>
+
+#include "topic_restamper/message_header.h"
 #include "topic_restamper/stamp_map.h"
 
 namespace pi_os_transport
@@ -103,45 +105,33 @@ const char* const BORDER_TOPIC = "recording_border";  // std_msgs/Bool: true at 
 const ros::WallDuration POLL(0.1);                    // the parameter server tells nobody of what is new
 const ros::WallDuration LINGER(0.5);                  // a node that shuts down drops what is still in its queues
 
-struct RestamperOptions
+/// @throws std::invalid_argument if the parameter is set, but not to a value of this type.
+template <typename Value>
+Value parameter(const ros::NodeHandle& node, const std::string& name, Value value)
 {
-  std::string recording = "recording";  ///< node of rosbag play; its parameter `topics` tells what it will send
-  std::string prefix = "/recorded";     ///< what it puts before its topics
-  bool stamp_at_handover = false;       ///< stamp: moment of publishing, one for all that was recorded together
-  bool loop = false;                    ///< the end of the bag is not the end
-  bool exit_when_done = true;
-  std::vector<std::string> wait_for_subscribers;  ///< "topic" or "topic /node"; topic "*": all that are counted
-
-  static RestamperOptions load(const ros::NodeHandle& node)
+  if (node.hasParam(name) && !node.getParam(name, value))
   {
-    RestamperOptions options;
-    const auto get = [&node](const std::string& name, auto* value)
-    {
-      if (node.hasParam(name) && !node.getParam(name, *value))
-      {
-        throw std::invalid_argument("parameter " + node.resolveName(name) + " has the wrong type, see README.md");
-      }
-    };
-    get("recording", &options.recording);
-    get("prefix", &options.prefix);
-    get("stamp_at_handover", &options.stamp_at_handover);
-    get("loop", &options.loop);
-    get("exit_when_done", &options.exit_when_done);
-    get("wait_for_subscribers", &options.wait_for_subscribers);
-    return options;
+    throw std::invalid_argument("parameter " + node.resolveName(name) + " has the wrong type, see README.md");
   }
-};
+  return value;
+}
 
 /// Everything runs in the thread of ros::spin().
 class TopicRestamper
 {
 public:
-  TopicRestamper(ros::NodeHandle node, ros::NodeHandle private_node)
-    : node_(std::move(node)), options_(RestamperOptions::load(private_node)), stamps_(options_.stamp_at_handover)
+  explicit TopicRestamper(const ros::NodeHandle& private_node)
+    : recording_(parameter<std::string>(private_node, "recording", "recording"))
+    , prefix_(parameter<std::string>(private_node, "prefix", "/recorded"))
+    , loop_(parameter(private_node, "loop", false))
+    , exit_when_done_(parameter(private_node, "exit_when_done", true))
+    , wait_for_(parameter(private_node, "wait_for_subscribers", std::vector<std::string>()))
+    , stamps_(parameter(private_node, "stamp_at_handover", false))
+    , status_(ros::NodeHandle(private_node).advertise<std_msgs::String>("status", 5, true))
   {
-    status_ = private_node.advertise<std_msgs::String>("status", 5, true);
     publishStatus("waiting");
-    timer_ = node_.createWallTimer(POLL, &TopicRestamper::onPoll, this);
+    timer_ =
+        node_.createWallTimer(POLL, [this](const ros::WallTimerEvent&) { topics_.empty() ? advertise() : start(); });
   }
 
 private:
@@ -155,33 +145,17 @@ private:
     uint64_t published = 0;
   };
 
-  void onPoll(const ros::WallTimerEvent&)
-  {
-    if (topics_.empty())
-    {
-      advertise();
-    }
-    else if (!playing_)
-    {
-      start();
-    }
-  }
-
   /// Reads what the player wrote to the parameter server before it started, if it has.
   void advertise()
   {
     XmlRpc::XmlRpcValue topics;
-    if (!node_.getParam(options_.recording + "/topics", topics) || topics.getType() != XmlRpc::XmlRpcValue::TypeArray)
+    if (node_.getParam(recording_ + "/topics", topics) && topics.getType() == XmlRpc::XmlRpcValue::TypeArray)
     {
-      return;
-    }
-    for (int i = 0; i < topics.size(); ++i)
-    {
-      add(topics[i]);
-    }
-    for (const std::string& text : options_.wait_for_subscribers)
-    {
-      require(text);
+      for (int i = 0; i < topics.size(); ++i)
+      {
+        add(topics[i]);
+      }
+      missingLinks();  // checks the names
     }
   }
 
@@ -207,57 +181,59 @@ private:
       topic.publisher = node_.advertise(advertisement);
     }
     topic.subscriber = node_.subscribe<RawMessage>(
-        options_.prefix + full_name, QUEUE_SIZE,
+        prefix_ + full_name, QUEUE_SIZE,
         boost::function<void(const boost::shared_ptr<RawMessage>&)>(
             [this, &topic](const boost::shared_ptr<RawMessage>& message) { onMessage(&topic, message.get()); }),
         ros::VoidConstPtr(), ros::TransportHints().tcpNoDelay());
   }
 
-  void require(const std::string& text)
-  {
-    std::istringstream words(text);
-    std::string topic, node;
-    words >> topic >> node;
-    bool known = false;
-    for (const auto& [name, one] : topics_)
-    {
-      if (topic == "*" ? one.counted : topic == name || topic == "/" + name)
-      {
-        conditions_.emplace_back(name, node);
-        known = true;
-      }
-    }
-    if (!known)
-    {
-      throw std::invalid_argument("wait_for_subscribers: \"" + text + "\" names no topic of the recording; expected " +
-                                  "\"topic\" or \"topic /node\"");
-    }
-  }
-
-  /// Ends the pause of the player once it and the subscribers are there.
-  void start()
+  /// The links of the player and of the subscribers to wait for that are not there yet.
+  /// @throws std::invalid_argument if wait_for_subscribers names an unknown topic.
+  std::string missingLinks() const
   {
     std::string missing;
     for (const auto& [name, topic] : topics_)
     {
       missing += topic.subscriber.getNumPublishers() == 0 ? " " + name + " of the player" : "";
     }
-    for (const auto& [name, node] : conditions_)
+    for (const std::string& text : wait_for_)
     {
-      const std::map<std::string, int>& nodes = topics_.at(name).subscribers;
-      const bool there = std::any_of(nodes.begin(), nodes.end(),
-                                     [&node = node](const auto& one)
-                                     { return one.second > 0 && (node.empty() || one.first == node); });
-      missing += there ? "" : " " + name + (node.empty() ? "" : " to " + node);
+      std::istringstream words(text);
+      std::string wanted, node;
+      words >> wanted >> node;
+      bool known = false;
+      for (const auto& [name, topic] : topics_)
+      {
+        if (wanted == "*" ? topic.counted : wanted == name || wanted == "/" + name)
+        {
+          known = true;
+          const bool there =
+              std::any_of(topic.subscribers.begin(), topic.subscribers.end(),
+                          [&node](const auto& one) { return one.second > 0 && (node.empty() || one.first == node); });
+          missing += there ? "" : " " + name + (node.empty() ? "" : " to " + node);
+        }
+      }
+      if (!known)
+      {
+        throw std::invalid_argument("wait_for_subscribers: \"" + text +
+                                    "\" names no topic of the recording; expected " + "\"topic\" or \"topic /node\"");
+      }
     }
+    return missing;
+  }
+
+  /// Ends the pause of the player once it and the subscribers are there.
+  void start()
+  {
+    const std::string missing = missingLinks();
     std_srvs::SetBool pause;
     pause.request.data = 0;
-    if (!missing.empty() || !ros::service::call(options_.recording + "/pause_playback", pause))
+    if (!missing.empty() || !ros::service::call(recording_ + "/pause_playback", pause))
     {
       ROS_INFO_STREAM_DELAYED_THROTTLE_NAMED(5, "restamper", "still waiting for links:" << missing);
       return;
     }
-    playing_ = true;
+    timer_.stop();
     publishStatus("playing");
   }
 
@@ -266,7 +242,7 @@ private:
     if (!topic->publisher)
     {
       const bool begins = !message->bytes.empty() && message->bytes.front() != 0;
-      if (!options_.loop && !begins)
+      if (!loop_ && !begins)
       {
         finish();
       }
@@ -289,9 +265,9 @@ private:
     if (!std::exchange(finished_, true))
     {
       publishStatus("finished");
-      if (options_.exit_when_done)
+      if (exit_when_done_)
       {
-        exit_timer_ = node_.createWallTimer(
+        timer_ = node_.createWallTimer(
             LINGER, [](const ros::WallTimerEvent&) { ros::requestShutdown(); }, true);
       }
     }
@@ -299,36 +275,38 @@ private:
 
   void publishStatus(const std::string& state)
   {
-    std::ostringstream json;
-    json << "{\"state\": \"" << state << "\", \"published\": {";
-    const char* separator = "";
+    nlohmann::ordered_json status{
+        {"state", state},
+        {"published", nlohmann::ordered_json::object()},
+        {"lateness_ms",
+         {{"mean", stamped_ == 0 ? 0.0 : 1e-6 * lateness_sum_ns_ / static_cast<double>(stamped_)},
+          {"max", 1e-6 * static_cast<double>(lateness_max_ns_)}}}};
     for (const auto& [name, topic] : topics_)
     {
       if (topic.counted)
       {
-        json << std::exchange(separator, ", ") << "\"" << topic.publisher.getTopic() << "\": " << topic.published;
+        status["published"][topic.publisher.getTopic()] = topic.published;
       }
     }
-    json << "}, \"lateness_ms\": {\"mean\": " << (stamped_ == 0 ? 0.0 : 1e-6 * lateness_sum_ns_ / stamped_)
-         << ", \"max\": " << 1e-6 * static_cast<double>(lateness_max_ns_) << "}}";
     std_msgs::String message;
-    message.data = json.str();
+    message.data = status.dump();
     status_.publish(message);
     ROS_INFO_STREAM_NAMED("restamper", message.data);
   }
 
   ros::NodeHandle node_;
-  const RestamperOptions options_;
+  const std::string recording_;  ///< node of rosbag play; its parameter `topics` tells what it will send
+  const std::string prefix_;     ///< what it puts before its topics
+  const bool loop_;              ///< the end of the bag is not the end
+  const bool exit_when_done_;
+  const std::vector<std::string> wait_for_;  ///< "topic" or "topic /node"; topic "*": all that are counted
   StampMap stamps_;
   ros::Publisher status_;
   ros::WallTimer timer_;
-  ros::WallTimer exit_timer_;
   std::map<std::string, Topic> topics_;  ///< entries never move: callbacks hold pointers to them
-  std::vector<std::pair<std::string, std::string>> conditions_;  ///< topic, node
   double lateness_sum_ns_ = 0.0;
   int64_t lateness_max_ns_ = 0;
   uint64_t stamped_ = 0;
-  bool playing_ = false;
   bool finished_ = false;
 };
 
@@ -342,7 +320,7 @@ int main(int argc, char** argv)
   const ros::NodeHandle node;  // to the end: logging stops when the last handle goes
   try
   {
-    pi_os_transport::TopicRestamper restamper(node, ros::NodeHandle("~"));
+    pi_os_transport::TopicRestamper restamper(ros::NodeHandle("~"));
     ros::spin();
     return 0;
   }

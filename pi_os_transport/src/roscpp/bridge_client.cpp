@@ -1,7 +1,5 @@
 #include "roscpp/bridge_client.h"
 
-#include <arpa/inet.h>
-#include <netdb.h>
 #include <netinet/in.h>
 #include <poll.h>
 #include <ros/network.h>
@@ -14,6 +12,7 @@
 
 #include "roscpp/runtime.h"
 #include "roscpp/topics/receive_link.h"
+#include "wire/ipv4.h"
 
 namespace pi_os_transport
 {
@@ -26,27 +25,10 @@ constexpr std::chrono::milliseconds PROBE_TIME{500};
 constexpr std::chrono::milliseconds PING_INTERVAL{500};
 constexpr std::chrono::milliseconds PING_TIMEOUT{1000};
 
-/// The numeric address; empty for a loopback address, which cannot be another device.
-std::string foreignAddress(const in_addr& address)
+/// Empty for a loopback address, which cannot be another device.
+std::string foreignAddress(const std::string& address)
 {
-  char text[INET_ADDRSTRLEN];
-  const bool loopback = ntohl(address.s_addr) >> 24 == IN_LOOPBACKNET;
-  return address.s_addr != 0 && !loopback && inet_ntop(AF_INET, &address, text, sizeof(text)) != nullptr ? text : "";
-}
-
-std::string resolve(const std::string& host)
-{
-  addrinfo hints{};
-  hints.ai_family = AF_INET;
-  hints.ai_socktype = SOCK_STREAM;
-  addrinfo* found = nullptr;
-  if (getaddrinfo(host.c_str(), nullptr, &hints, &found) != 0 || found == nullptr)
-  {
-    return "";
-  }
-  const std::string address = foreignAddress(reinterpret_cast<const sockaddr_in*>(found->ai_addr)->sin_addr);
-  freeaddrinfo(found);
-  return address;
+  return parseIpv4(address).value_or(INADDR_ANY) == INADDR_ANY || isLoopbackAddress(address) ? "" : address;
 }
 
 }  // namespace
@@ -242,7 +224,10 @@ FileDescriptor BridgeClient::openTunnel(const std::string& host, uint16_t port, 
 {
   BridgeRequest request;
   request.kind = BridgeRequest::TUNNEL;
-  request.address = Runtime::instance().options.bridge.empty() || host == ros::network::getHost() ? "" : resolve(host);
+  if (!Runtime::instance().options.bridge.empty() && host != ros::network::getHost())
+  {
+    request.address = foreignAddress(hostAddress(host).value_or(""));
+  }
   if (request.address.empty())
   {
     return FileDescriptor();
@@ -273,10 +258,10 @@ std::string BridgeClient::peerAddress(int socket)
   {
     return "";
   }
-  in_addr address{};
+  sockaddr_in address{};
   if (storage.ss_family == AF_INET)
   {
-    address = reinterpret_cast<const sockaddr_in&>(storage).sin_addr;
+    address = reinterpret_cast<const sockaddr_in&>(storage);
   }
   else if (storage.ss_family == AF_INET6)
   {
@@ -285,9 +270,9 @@ std::string BridgeClient::peerAddress(int socket)
     {
       return "";
     }
-    std::memcpy(&address, wide.s6_addr + 12, sizeof(address));
+    std::memcpy(&address.sin_addr, wide.s6_addr + 12, sizeof(address.sin_addr));
   }
-  return foreignAddress(address);
+  return foreignAddress(addressText(address));
 }
 
 }  // namespace pi_os_transport

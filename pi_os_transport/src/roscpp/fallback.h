@@ -1,9 +1,11 @@
 #pragma once
 
+#include <cstddef>
+
 namespace pi_os_transport
 {
 
-/// Why a link, or the calls of a service, use TCPROS. `pi_os doctor` explains the names.
+/// Why a link, or the calls of a service, use TCPROS. `pi_os doctor` explains the names, see nameOf().
 enum class Fallback
 {
   NONE,
@@ -22,32 +24,10 @@ enum class Fallback
 /// The name in a process's state.
 constexpr const char* nameOf(Fallback reason)
 {
-  switch (reason)
-  {
-    case Fallback::NONE:
-      return "";
-    case Fallback::NEGOTIATING:
-      return "negotiating";
-    case Fallback::DISABLED:
-      return "disabled";
-    case Fallback::EXCLUDED:
-      return "excluded";
-    case Fallback::UDP:
-      return "udp";
-    case Fallback::PEER_SILENT:
-      return "peer_silent";
-    case Fallback::PEER_VERSION:
-      return "peer_version";
-    case Fallback::UNREACHABLE:
-      return "unreachable";
-    case Fallback::OTHER_USER:
-      return "other_user";
-    case Fallback::NO_MEMORY:
-      return "no_memory";
-    case Fallback::BROKEN:
-      return "broken";
-  }
-  return "";
+  constexpr const char* NAMES[] = {"",           "negotiating", "disabled",     "excluded",
+                                   "udp",        "peer_silent", "peer_version", "unreachable",
+                                   "other_user", "no_memory",   "broken"};
+  return NAMES[static_cast<size_t>(reason)];
 }
 
 }  // namespace pi_os_transport

@@ -6,7 +6,7 @@
 #include <cctype>
 #include <cstdlib>
 
-#include "parse_number.h"
+#include "text_parsing.h"
 
 namespace pi_os_transport
 {

@@ -11,7 +11,6 @@
 #include <ros/transport_publisher_link.h>
 #include <ros/transport_subscriber_link.h>
 
-#include <array>
 #include <functional>
 #include <map>
 #include <memory>
@@ -93,7 +92,7 @@ void takeOver(PiOsShim* shim, PiOsHook hook, Function** original, Function* repl
 void dropIfSilent(const ros::ConnectionPtr& connection);
 
 /// Additional state of roscpp's link objects, found by their connection. A link that reconnects gets a new connection.
-/// Thread safe.
+/// Never destroyed. Thread safe.
 template <typename Link>
 class LinkTable
 {
@@ -113,6 +112,18 @@ public:
   {
     std::unique_lock<std::shared_mutex> lock(mutex_);
     links_.erase(connection);
+  }
+  /// Holds `link` until its connection ends, and then calls `ended(reason)`.
+  template <typename Ended>
+  void hold(const ros::ConnectionPtr& connection, std::shared_ptr<Link> link, Ended ended)
+  {
+    insert(connection.get(), std::move(link));
+    connection->addDropListener(
+        [this, key = connection.get(), ended](const ros::ConnectionPtr&, ros::Connection::DropReason reason)
+        {
+          erase(key);
+          ended(reason);
+        });
   }
   size_t size() const
   {
@@ -135,6 +146,26 @@ public:
   /// Tells the peer that these segments are not used any more.
   virtual void retire(const std::vector<uint32_t>& segments) = 0;
 };
+
+// PoolLink's functions for a link that guards its ring by a mutex.
+template <typename Mutex>
+void collectReleasedFrom(const std::unique_ptr<RingSender>& ring, Mutex* mutex)
+{
+  const std::unique_lock<Mutex> lock(*mutex, std::try_to_lock);
+  if (lock.owns_lock() && ring)
+  {
+    ring->collect();
+  }
+}
+template <typename Mutex>
+void retireFrom(const std::unique_ptr<RingSender>& ring, Mutex* mutex, const std::vector<uint32_t>& segments)
+{
+  const std::lock_guard<Mutex> lock(*mutex);
+  if (ring)
+  {
+    ring->retire(segments);
+  }
+}
 
 /// The state of the library in one process. Made when roscpp is first used. Never destroyed, because static destructors
 /// may release messages.

@@ -1,90 +1,73 @@
 #include "rosout/log_message.h"
 
+#include <rosgraph_msgs/Log.h>
+
 #include <array>
 #include <cstdio>
+#include <map>
+#include <utility>
 
-#include "pi_os_transport/little_endian.h"
+#include "wire/payload.h"
 
 namespace pi_os_transport
 {
 namespace
 {
 
-class Fields
+/// A text as ROS serialises it: its length, then its bytes.
+std::string_view readText(PayloadReader* in)
 {
-public:
-  explicit Fields(std::string_view bytes) : bytes_(bytes) {}
-
-  template <typename Number>
-  Number number()
-  {
-    const std::string_view part = take(sizeof(Number));
-    return part.empty() ? 0 : loadLittleEndian<Number>(reinterpret_cast<const uint8_t*>(part.data()));
-  }
-  std::string_view text() { return take(number<uint32_t>()); }
-  bool isWhole() const { return is_whole_; }
-
-private:
-  std::string_view take(size_t size)
-  {
-    is_whole_ = is_whole_ && size <= bytes_.size();
-    if (!is_whole_)
-    {
-      return {};
-    }
-    const std::string_view part = bytes_.substr(0, size);
-    bytes_.remove_prefix(size);
-    return part;
-  }
-
-  std::string_view bytes_;
-  bool is_whole_ = true;
-};
+  const uint32_t length = in->getU32();
+  const auto* const text = reinterpret_cast<const char*>(in->rest());
+  in->skip(length);
+  return in->ok() ? std::string_view(text, length) : std::string_view();
+}
 
 std::string levelName(uint8_t level)
 {
-  switch (level)
-  {
-    case 1:
-      return "DEBUG";
-    case 2:
-      return "INFO";
-    case 4:
-      return "WARN";
-    case 8:
-      return "ERROR";
-    case 16:
-      return "FATAL";
-    default:
-      return std::to_string(level);
-  }
+  static const std::map<uint8_t, const char*> NAMES{
+      {1, "DEBUG"}, {2, "INFO"}, {4, "WARN"}, {8, "ERROR"}, {16, "FATAL"}};
+  const auto found = NAMES.find(level);
+  return found != NAMES.end() ? found->second : std::to_string(level);
 }
 
 }  // namespace
 
+const char* LogType::name()
+{
+  return ros::message_traits::DataType<rosgraph_msgs::Log>::value();
+}
+
+const char* LogType::md5sum()
+{
+  return ros::message_traits::MD5Sum<rosgraph_msgs::Log>::value();
+}
+
+const char* LogType::definition()
+{
+  return ros::message_traits::Definition<rosgraph_msgs::Log>::value();
+}
+
 std::optional<LogMessage> readLogMessage(std::string_view bytes)
 {
-  Fields fields(bytes);
+  PayloadReader in(reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size());
   LogMessage message;
-  fields.number<uint32_t>();  // sequence number
-  message.stamp_s = fields.number<uint32_t>();
-  message.stamp_ns = fields.number<uint32_t>();
-  fields.text();  // frame
-  message.level = fields.number<uint8_t>();
-  message.node = fields.text();
-  message.text = fields.text();
-  message.file = fields.text();
-  message.function = fields.text();
-  message.line = fields.number<uint32_t>();
-  for (uint32_t count = fields.number<uint32_t>(); count > 0 && fields.isWhole(); --count)
+  in.getU32();  // sequence number
+  message.stamp_s = in.getU32();
+  message.stamp_ns = in.getU32();
+  readText(&in);  // frame
+  message.level = in.restLength() != 0 ? *in.rest() : uint8_t{0};
+  in.skip(sizeof(message.level));
+  for (std::string_view* const text : {&message.node, &message.text, &message.file, &message.function})
   {
-    message.topics.push_back(fields.text());
+    *text = readText(&in);
   }
-  if (!fields.isWhole())
+  message.line = in.getU32();
+  for (uint32_t count = in.getU32(); count > 0 && in.ok(); --count)
   {
-    return std::nullopt;
+    message.topics.push_back(readText(&in));
   }
-  return message;
+  return in.ok() ? std::optional<LogMessage>(std::move(message)) : std::nullopt;
 }
 
 std::string formatLogMessage(const LogMessage& message, bool with_topics)

@@ -9,6 +9,14 @@
 namespace pi_os_transport
 {
 
+/// Description of rosgraph_msgs/Log in TCPROS headers, the type of /rosout and /rosout_agg.
+struct LogType
+{
+  static const char* name();
+  static const char* md5sum();
+  static const char* definition();
+};
+
 /// A rosgraph_msgs/Log. The texts point into the serialised bytes.
 struct LogMessage
 {

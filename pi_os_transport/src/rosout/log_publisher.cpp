@@ -12,7 +12,7 @@
 #include "event_loop/if_alive.h"
 #include "event_loop/socket_io.h"
 #include "pi_os_transport/little_endian.h"
-#include "rosout/log_type.h"
+#include "rosout/log_message.h"
 
 namespace pi_os_transport
 {
@@ -64,8 +64,8 @@ void LogPublisher::add(FileDescriptor socket)
   subscriber->place = subscribers_.insert(subscribers_.end(), subscriber);
   loop_->add(subscriber->socket.get(), EPOLLIN,
              [this, subscriber = subscriber.get()](uint32_t events) { onReady(*subscriber->place, events); });
-  subscriber->deadline =
-      loop_->after(INTRODUCTION, ifAlive(subscriber, [this](const SubscriberPtr& late) { drop(late); }));
+  subscriber->deadline.start(loop_, INTRODUCTION,
+                             ifAlive(subscriber, [this](const SubscriberPtr& late) { drop(late); }));
 }
 
 void LogPublisher::onReady(const SubscriberPtr& watched, uint32_t events)
@@ -132,7 +132,7 @@ void LogPublisher::welcome(const SubscriberPtr& subscriber, const TcprosHeader& 
   subscriber->closes = !error.empty();
   if (error.empty())
   {
-    loop_->cancel(std::exchange(subscriber->deadline, 0));
+    subscriber->deadline.stop();
     subscriber->node = node.empty() ? "unknown" : node;
   }
   enqueue(subscriber, std::make_shared<const std::string>(encodeTcprosHeader(answer)));
@@ -214,7 +214,7 @@ void LogPublisher::drop(const SubscriberPtr& dropped)
   {
     return;
   }
-  loop_->cancel(subscriber->deadline);
+  subscriber->deadline.stop();
   loop_->remove(subscriber->socket.get());
   subscriber->socket.reset();
   subscribers_.erase(subscriber->place);

@@ -51,7 +51,7 @@ private:
     size_t queued_bytes = 0;
     size_t sent = 0;  ///< of the first in the queue
     bool closes = false;
-    EventLoop::TimerId deadline = 0;
+    Timer deadline;
     double bytes = 0;
     int32_t messages = 0;
     std::list<std::shared_ptr<Subscriber>>::iterator place;

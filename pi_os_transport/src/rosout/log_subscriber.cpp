@@ -1,6 +1,5 @@
 #include "rosout/log_subscriber.h"
 
-#include <netinet/in.h>
 #include <sys/epoll.h>
 #include <sys/socket.h>
 
@@ -12,8 +11,9 @@
 #include <utility>
 
 #include "event_loop/if_alive.h"
+#include "event_loop/socket_io.h"
 #include "master/rpc_encoder.h"
-#include "rosout/log_type.h"
+#include "rosout/log_message.h"
 
 namespace pi_os_transport
 {
@@ -79,40 +79,23 @@ void LogSubscriber::ask(const PublisherPtr& publisher)
   const auto body = std::make_shared<const std::string>(
       encodeRpcCall("requestTopic", {node_, topic_, RpcValue::Array{RpcValue(RpcValue::Array{RpcValue("TCPROS")})}}));
   calls_->call(publisher->api, {body, "",
-                                [this, weak = std::weak_ptr<Publisher>(publisher)](const RpcResponse* response)
-                                {
-                                  const PublisherPtr asked = weak.lock();
-                                  if (asked != nullptr)
-                                  {
-                                    onAnswer(asked, response);
-                                  }
-                                }});
+                                ifAlive(publisher, [this](const PublisherPtr& asked, const RpcResponse* response)
+                                        { onAnswer(asked, response); })});
 }
 
 void LogSubscriber::onAnswer(const PublisherPtr& publisher, const RpcResponse* response)
 {
   // [1, message, ["TCPROS", host, port]]
-  if (response == nullptr || !response->value.is<RpcValue::Array>() ||
-      response->value.as<RpcValue::Array>().size() != 3)
+  const RpcValue::Array* const answer = response != nullptr ? response->value.array() : nullptr;
+  const RpcValue::Array* const protocol = answer != nullptr && answer->size() == 3 ? answer->back().array() : nullptr;
+  if (protocol == nullptr || protocol->size() != 3 || !(*protocol)[1].is<std::string>() ||
+      !(*protocol)[2].is<int32_t>())
   {
     tryAgain(publisher);
     return;
   }
-  const RpcValue& protocol = response->value.as<RpcValue::Array>()[2];
-  if (!protocol.is<RpcValue::Array>() || protocol.as<RpcValue::Array>().size() != 3 ||
-      !protocol.as<RpcValue::Array>()[1].is<std::string>() || !protocol.as<RpcValue::Array>()[2].is<int32_t>())
-  {
-    tryAgain(publisher);
-    return;
-  }
-  publisher->timer = loop_->after(CONNECTING, ifAlive(publisher,
-                                                      [this](const PublisherPtr& late)
-                                                      {
-                                                        late->timer = 0;
-                                                        tryAgain(late);
-                                                      }));
-  resolver_.resolve(protocol.as<RpcValue::Array>()[1].as<std::string>(),
-                    static_cast<uint16_t>(protocol.as<RpcValue::Array>()[2].as<int32_t>()),
+  publisher->timer.start(loop_, CONNECTING, ifAlive(publisher, [this](const PublisherPtr& late) { tryAgain(late); }));
+  resolver_.resolve((*protocol)[1].as<std::string>(), static_cast<uint16_t>((*protocol)[2].as<int32_t>()),
                     ifAlive(publisher,
                             [this](const PublisherPtr& found, const SocketAddress& address)
                             {
@@ -125,21 +108,13 @@ void LogSubscriber::onAnswer(const PublisherPtr& publisher, const RpcResponse* r
 
 void LogSubscriber::connect(const PublisherPtr& publisher, const SocketAddress& address)
 {
-  if (address.size != 0)
+  publisher->socket = beginConnecting(address.get(), address.size);
+  if (!publisher->socket)
   {
-    publisher->socket =
-        FileDescriptor(socket(address.storage.ss_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, IPPROTO_TCP));
-  }
-  if (!publisher->socket ||
-      (::connect(publisher->socket.get(), reinterpret_cast<const sockaddr*>(&address.storage), address.size) != 0 &&
-       errno != EINPROGRESS))
-  {
-    publisher->socket.reset();
     tryAgain(publisher);
     return;
   }
-  const int on = 1;
-  setsockopt(publisher->socket.get(), SOL_SOCKET, SO_KEEPALIVE, &on, sizeof(on));
+  setOption(publisher->socket.get(), SOL_SOCKET, SO_KEEPALIVE, 1);
   publisher->reader = TcprosReader(MOST_MESSAGE_BYTES);
   publisher->out = encodeTcprosHeader({{"callerid", node_},
                                        {"topic", topic_},
@@ -164,17 +139,14 @@ void LogSubscriber::onReady(const PublisherPtr& publisher, uint32_t events)
 
 void LogSubscriber::introduce(const PublisherPtr& publisher)
 {
-  const ssize_t size = send(publisher->socket.get(), publisher->out.data(), publisher->out.size(), MSG_NOSIGNAL);
-  if (size >= 0)
-  {
-    publisher->out.erase(0, static_cast<size_t>(size));
-  }
-  else if (errno != EAGAIN && errno != EINTR)
+  size_t sent = 0;
+  const SendResult result = sendRest(publisher->socket.get(), publisher->out, &sent);
+  publisher->out.erase(0, sent);
+  if (result == SendResult::FAILED)
   {
     tryAgain(publisher);
-    return;
   }
-  if (publisher->out.empty())
+  else if (result == SendResult::DONE)
   {
     loop_->change(publisher->socket.get(), EPOLLIN);
   }
@@ -217,7 +189,7 @@ bool LogSubscriber::takeParts(const PublisherPtr& publisher)
     }
     publisher->is_connected = true;
     publisher->failures = 0;
-    loop_->cancel(std::exchange(publisher->timer, 0));
+    publisher->timer.stop();
   }
   return !publisher->reader.isBroken();
 }
@@ -227,17 +199,12 @@ void LogSubscriber::tryAgain(const PublisherPtr& publisher)
   close(publisher);
   const auto pause = std::min(FIRST_PAUSE * (1 << std::min(publisher->failures, 10)), LONGEST_PAUSE);
   ++publisher->failures;
-  publisher->timer = loop_->after(pause, ifAlive(publisher,
-                                                 [this](const PublisherPtr& again)
-                                                 {
-                                                   again->timer = 0;
-                                                   ask(again);
-                                                 }));
+  publisher->timer.start(loop_, pause, ifAlive(publisher, [this](const PublisherPtr& again) { ask(again); }));
 }
 
 void LogSubscriber::close(const PublisherPtr& publisher)
 {
-  loop_->cancel(std::exchange(publisher->timer, 0));
+  publisher->timer.stop();
   if (publisher->socket)
   {
     loop_->remove(publisher->socket.get());

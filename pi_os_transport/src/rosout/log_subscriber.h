@@ -48,7 +48,7 @@ private:
     std::string out;            ///< rest of the header to send
     TcprosReader reader{0};
     int failures = 0;  ///< since the last connection
-    EventLoop::TimerId timer = 0;
+    Timer timer;
     double bytes = 0;
     int32_t messages = 0;
   };

@@ -8,7 +8,6 @@
 #include <utility>
 
 #include "rosout/log_message.h"
-#include "rosout/log_type.h"
 
 namespace pi_os_transport
 {
@@ -47,14 +46,11 @@ void RosoutNode::onMessage(std::string_view message)
 void RosoutNode::setPublishers(const RpcValue& apis)
 {
   std::set<std::string> publishers;
-  if (apis.is<RpcValue::Array>())
+  for (const RpcValue& api : apis.array() != nullptr ? *apis.array() : RpcValue::Array())
   {
-    for (const RpcValue& api : apis.as<RpcValue::Array>())
+    if (api.is<std::string>())
     {
-      if (api.is<std::string>())
-      {
-        publishers.insert(api.as<std::string>());
-      }
+      publishers.insert(api.as<std::string>());
     }
   }
   subscriber_.setPublishers(publishers);
@@ -124,11 +120,9 @@ RpcValue RosoutNode::answerTopicRequest(const RpcValue& topic, const RpcValue& p
   }
   const auto isTcpros = [](const RpcValue& protocol)
   {
-    return protocol.is<RpcValue::Array>() && !protocol.as<RpcValue::Array>().empty() &&
-           protocol.as<RpcValue::Array>()[0] == RpcValue("TCPROS");
+    return protocol.array() != nullptr && !protocol.array()->empty() && protocol.array()->front() == RpcValue("TCPROS");
   };
-  if (!protocols.is<RpcValue::Array>() ||
-      std::none_of(protocols.as<RpcValue::Array>().begin(), protocols.as<RpcValue::Array>().end(), isTcpros))
+  if (protocols.array() == nullptr || std::none_of(protocols.array()->begin(), protocols.array()->end(), isTcpros))
   {
     return rpcResult(0, "no supported protocol: TCPROS is spoken here", 0);
   }

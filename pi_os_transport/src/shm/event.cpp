@@ -17,23 +17,13 @@ FileDescriptor makeEvent()
 bool signalEvent(int event)
 {
   const uint64_t one = 1;
-  ssize_t written;
-  do
-  {
-    written = write(event, &one, sizeof(one));
-  } while (written < 0 && errno == EINTR);
-  return written == static_cast<ssize_t>(sizeof(one));
+  return TEMP_FAILURE_RETRY(write(event, &one, sizeof(one))) == static_cast<ssize_t>(sizeof(one));
 }
 
 bool clearEvent(int event)
 {
   uint64_t count;
-  ssize_t received;
-  do
-  {
-    received = read(event, &count, sizeof(count));
-  } while (received < 0 && errno == EINTR);
-  return received == static_cast<ssize_t>(sizeof(count));
+  return TEMP_FAILURE_RETRY(read(event, &count, sizeof(count))) == static_cast<ssize_t>(sizeof(count));
 }
 
 }  // namespace pi_os_transport

@@ -46,13 +46,8 @@ FileDescriptor makeSharedMemory(const char* name, uint64_t length, std::string* 
     return FileDescriptor();
   }
   FileDescriptor memory(fd);
-  int result;
-  do
-  {
-    // Unlike ftruncate(), allocates the pages now: a lack of memory is an error here instead of SIGBUS in a reader.
-    result = fallocate(fd, 0, 0, static_cast<off_t>(length));
-  } while (result != 0 && errno == EINTR);
-  if (result != 0)
+  // Unlike ftruncate(), allocates the pages now: a lack of memory is an error here instead of SIGBUS in a reader.
+  if (TEMP_FAILURE_RETRY(fallocate(fd, 0, 0, static_cast<off_t>(length))) != 0)
   {
     *error = describeFailure("allocation of shared memory", length);
     return FileDescriptor();

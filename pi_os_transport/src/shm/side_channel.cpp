@@ -145,11 +145,7 @@ SideChannel::Receive SideChannel::receiveInto(void* bytes, size_t* length, Descr
   message.msg_iovlen = 1;
   message.msg_control = control;
   message.msg_controllen = sizeof(control);
-  ssize_t received;
-  do
-  {
-    received = recvmsg(socket_.get(), &message, MSG_CMSG_CLOEXEC | MSG_DONTWAIT);
-  } while (received < 0 && errno == EINTR);
+  const ssize_t received = TEMP_FAILURE_RETRY(recvmsg(socket_.get(), &message, MSG_CMSG_CLOEXEC | MSG_DONTWAIT));
   if (received < 0 && (errno == EAGAIN || errno == EWOULDBLOCK))
   {
     return Receive::NOTHING;
@@ -226,11 +222,7 @@ bool SideChannel::sendBytes(const void* bytes, size_t length, std::initializer_l
     part->cmsg_len = CMSG_LEN(descriptors.size() * sizeof(int));
     std::memcpy(CMSG_DATA(part), descriptors.begin(), descriptors.size() * sizeof(int));
   }
-  ssize_t sent;
-  do
-  {
-    sent = sendmsg(socket_.get(), &message, MSG_NOSIGNAL | MSG_DONTWAIT);
-  } while (sent < 0 && errno == EINTR);
+  const ssize_t sent = TEMP_FAILURE_RETRY(sendmsg(socket_.get(), &message, MSG_NOSIGNAL | MSG_DONTWAIT));
   return sent == static_cast<ssize_t>(length);
 }
 

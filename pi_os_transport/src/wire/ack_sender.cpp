@@ -27,21 +27,16 @@ void AckSender::onFrame(uint32_t bytes, bool now)
     scheduled_ = true;
     loop_->defer(ifAlive(weak_from_this(), [](const auto& self) { self->send(); }));
   }
-  else if (timer_ == 0)
+  else if (!timer_.running())
   {
-    timer_ = loop_->after(traffic_ == Traffic::EXPRESS ? ACK_DELAY : ACK_DELAY_BULK,
-                          [this]()
-                          {
-                            timer_ = 0;
-                            send();
-                          });
+    timer_.start(loop_, traffic_ == Traffic::EXPRESS ? ACK_DELAY : ACK_DELAY_BULK, [this]() { send(); });
   }
 }
 
 void AckSender::send()
 {
   scheduled_ = false;
-  loop_->cancel(std::exchange(timer_, 0));
+  timer_.stop();
   if (frames_ != acked_frames_)
   {
     acked_frames_ = frames_;
@@ -52,7 +47,7 @@ void AckSender::send()
 
 void AckSender::reset()
 {
-  loop_->cancel(std::exchange(timer_, 0));
+  timer_.stop();
   frames_ = 0;
   acked_frames_ = 0;
   unacked_bytes_ = 0;

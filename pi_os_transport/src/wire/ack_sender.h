@@ -20,7 +20,6 @@ public:
     : loop_(loop), traffic_(traffic), send_(std::move(send))
   {
   }
-  ~AckSender() { loop_->cancel(timer_); }
 
   /// A frame was received and processed. @param now  the peer waits for the acknowledgement.
   void onFrame(uint32_t bytes, bool now);
@@ -37,7 +36,7 @@ private:
   uint64_t acked_frames_ = 0;
   uint64_t unacked_bytes_ = 0;
   bool scheduled_ = false;  ///< send() follows in this round of the loop
-  EventLoop::TimerId timer_ = 0;
+  Timer timer_;
 };
 
 }  // namespace pi_os_transport

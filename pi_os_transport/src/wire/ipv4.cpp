@@ -1,8 +1,10 @@
 #include "wire/ipv4.h"
 
 #include <arpa/inet.h>
+#include <netdb.h>
 #include <sys/socket.h>
 
+#include <memory>
 #include <utility>
 
 namespace pi_os_transport
@@ -50,6 +52,20 @@ sockaddr_in socketAddress(const std::string& address, uint16_t port)
 std::string addressText(const sockaddr_in& address)
 {
   return formatIpv4(ntohl(address.sin_addr.s_addr));
+}
+
+std::optional<std::string> hostAddress(const std::string& host)
+{
+  addrinfo wanted{};
+  wanted.ai_family = AF_INET;
+  wanted.ai_socktype = SOCK_STREAM;
+  addrinfo* list = nullptr;
+  if (getaddrinfo(host.c_str(), nullptr, &wanted, &list) != 0)
+  {
+    return std::nullopt;
+  }
+  const std::unique_ptr<addrinfo, decltype(&freeaddrinfo)> owner(list, &freeaddrinfo);
+  return addressText(*reinterpret_cast<const sockaddr_in*>(list->ai_addr));
 }
 
 bool isLocalAddress(const std::string& address)

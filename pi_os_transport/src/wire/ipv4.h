@@ -20,6 +20,9 @@ std::string formatIpv4(uint32_t address);
 sockaddr_in socketAddress(const std::string& address, uint16_t port);
 std::string addressText(const sockaddr_in& address);
 
+/// The first IPv4 address of a host. Waits for a name server.
+std::optional<std::string> hostAddress(const std::string& host);
+
 /// True if the address belongs to this device.
 bool isLocalAddress(const std::string& address);
 bool isLoopbackAddress(const std::string& address);

@@ -22,8 +22,6 @@ namespace
 
 constexpr int KERNEL_BUFFER_BYTES = 1024 * 1024;
 constexpr int RECONNECT_INTERVAL_MS = 100;
-/// Bytes read before other descriptors have their turn.
-constexpr size_t BYTES_PER_TURN = 1024 * 1024;
 /// Another process may take a free port before libnanomsg does.
 constexpr int FREE_PORT_TRIES = 20;
 
@@ -333,7 +331,7 @@ void NanomsgTransport::onSendSignal(ConnectionId id, const ConnectionPointer& co
 
 void NanomsgTransport::onReceiveSignal()
 {
-  for (size_t turn_bytes = 0; turn_bytes < BYTES_PER_TURN;)
+  for (size_t turn_bytes = 0; turn_bytes < SP_BYTES_PER_TURN;)
   {
     void* message = nullptr;
     const int length = nn_recv(receiver_->get(), &message, NN_MSG, NN_DONTWAIT);

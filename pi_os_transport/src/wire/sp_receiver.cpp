@@ -1,4 +1,6 @@
-#include "wire/sp_receiver.h"
+// The incoming half of SpTransport.
+
+#include "wire/sp_transport.h"
 
 #include <sys/socket.h>
 
@@ -9,45 +11,24 @@
 #include <system_error>
 #include <utility>
 
+#include "event_loop/socket_io.h"
 #include "wire/ipv4.h"
-#include "wire/sp_transport.h"
 
 namespace pi_os_transport
 {
 namespace
 {
 
-constexpr size_t BUFFER_BYTES = 64 * 1024;
 /// After a payload of this size, only the next frame's head is read ahead. More bytes would have to be copied, which
 /// costs more than the system call it saves.
 constexpr uint32_t LARGE_PAYLOAD = 16 * 1024;
-/// Bytes read from one source before the others have their turn.
-constexpr size_t BYTES_PER_TURN = 1024 * 1024;
 constexpr int ACCEPTED_PER_TURN = 64;
 /// Pause after accept() failed for lack of descriptors or memory.
 constexpr std::chrono::milliseconds ACCEPT_PAUSE{100};
 
 }  // namespace
 
-SpReceiver::SpReceiver(EventLoop* loop, FrameTransport::Listener* listener)
-  : loop_(loop), listener_(listener), buffer_(BUFFER_BYTES)
-{
-}
-
-SpReceiver::~SpReceiver()
-{
-  for (const auto& acceptor : acceptors_)
-  {
-    loop_->cancel(acceptor->pause);
-    loop_->remove(acceptor->socket.get());
-  }
-  for (const auto& source : sources_)
-  {
-    shut(source.second.get());
-  }
-}
-
-bool SpReceiver::listen(const Endpoint& endpoint, std::string* error)
+bool SpTransport::listen(const Endpoint& endpoint, std::string* error)
 {
   const auto failed = [&](const std::string& what)
   {
@@ -80,7 +61,7 @@ bool SpReceiver::listen(const Endpoint& endpoint, std::string* error)
   return true;
 }
 
-void SpReceiver::onAcceptorEvent(Acceptor* acceptor)
+void SpTransport::onAcceptorEvent(Acceptor* acceptor)
 {
   for (int turn = 0; turn < ACCEPTED_PER_TURN; ++turn)
   {
@@ -97,18 +78,13 @@ void SpReceiver::onAcceptorEvent(Acceptor* acceptor)
     {
       // The caller stays in the queue of the kernel.
       loop_->change(acceptor->socket.get(), 0);
-      acceptor->pause = loop_->after(ACCEPT_PAUSE,
-                                     [this, acceptor]
-                                     {
-                                       acceptor->pause = 0;
-                                       loop_->change(acceptor->socket.get(), EPOLLIN);
-                                     });
+      acceptor->pause.start(loop_, ACCEPT_PAUSE, [this, acceptor] { loop_->change(acceptor->socket.get(), EPOLLIN); });
     }
     return;  // any other error means that the caller has left
   }
 }
 
-void SpReceiver::addSource(FileDescriptor socket, const sockaddr_in& address)
+void SpTransport::addSource(FileDescriptor socket, const sockaddr_in& address)
 {
   if (sources_.size() >= SP_MAX_SOURCES)
   {
@@ -125,19 +101,16 @@ void SpReceiver::addSource(FileDescriptor socket, const sockaddr_in& address)
   source->id = next_source_++;
   source->address = addressText(address);
   source->socket = std::move(socket);
-  source->timer = loop_->after(SP_GREETING_TIME,
-                               [this, source]
-                               {
-                                 source->timer = 0;
-                                 fail(source, CloseReason::MALFORMED, std::string(NO_GREETING_DETAIL) + " in time");
-                               });
+  source->timer.start(loop_, SP_GREETING_TIME,
+                      [this, source]
+                      { fail(source, CloseReason::MALFORMED, std::string(NO_GREETING_DETAIL) + " in time"); });
   sources_[source->id] = source;
   loop_->add(source->socket.get(), EPOLLIN, [this, source](uint32_t) { onSourceEvent(source); });
 }
 
-void SpReceiver::onSourceEvent(const SourcePointer& source)
+void SpTransport::onSourceEvent(const SourcePointer& source)
 {
-  for (size_t turn_bytes = 0; !source->closed && turn_bytes < BYTES_PER_TURN;)
+  for (size_t turn_bytes = 0; !source->closed && turn_bytes < SP_BYTES_PER_TURN;)
   {
     // The rest of a payload is read to its final place, bytes after it into the buffer.
     const bool in_payload = source->stage == Source::Stage::PAYLOAD;
@@ -177,7 +150,7 @@ void SpReceiver::onSourceEvent(const SourcePointer& source)
   }
 }
 
-void SpReceiver::takeBytes(const SourcePointer& source, const uint8_t* bytes, size_t count)
+void SpTransport::takeBytes(const SourcePointer& source, const uint8_t* bytes, size_t count)
 {
   while (count != 0 && !source->closed)
   {
@@ -204,7 +177,7 @@ void SpReceiver::takeBytes(const SourcePointer& source, const uint8_t* bytes, si
 }
 
 /// More bytes of the head were received. The head is complete with `stage_bytes`.
-void SpReceiver::onHeadBytes(const SourcePointer& source, size_t stage_bytes)
+void SpTransport::onHeadBytes(const SourcePointer& source, size_t stage_bytes)
 {
   using Stage = Source::Stage;
   if (source->stage == Stage::GREETING &&
@@ -220,7 +193,7 @@ void SpReceiver::onHeadBytes(const SourcePointer& source, size_t stage_bytes)
   source->head_bytes = 0;
   if (source->stage == Stage::GREETING)
   {
-    loop_->cancel(std::exchange(source->timer, 0));
+    source->timer.stop();
     source->stage = Stage::LENGTH;
     return;
   }
@@ -244,7 +217,7 @@ void SpReceiver::onHeadBytes(const SourcePointer& source, size_t stage_bytes)
   onHeader(source);
 }
 
-void SpReceiver::onHeader(const SourcePointer& source)
+void SpTransport::onHeader(const SourcePointer& source)
 {
   const std::string fault = decodeHeader(source->head.data(), &source->header);
   if (!fault.empty())
@@ -271,7 +244,7 @@ void SpReceiver::onHeader(const SourcePointer& source)
 }
 
 /// `count` more bytes of the payload were received.
-void SpReceiver::onPayloadBytes(const SourcePointer& source, size_t count)
+void SpTransport::onPayloadBytes(const SourcePointer& source, size_t count)
 {
   source->received += static_cast<uint32_t>(count);
   if (source->received == source->length)
@@ -281,14 +254,14 @@ void SpReceiver::onPayloadBytes(const SourcePointer& source, size_t count)
   }
 }
 
-void SpReceiver::fail(const SourcePointer& source, CloseReason reason, const std::string& detail)
+void SpTransport::fail(const SourcePointer& source, CloseReason reason, const std::string& detail)
 {
   shut(source.get());
   listener_->onSourceClosed(source->id, reason, detail);
   sources_.erase(source->id);  // only now: the listener may ask for the address
 }
 
-void SpReceiver::closeSource(SourceId source)
+void SpTransport::closeSource(SourceId source)
 {
   const auto found = sources_.find(source);
   if (found != sources_.end() && !found->second->closed)
@@ -298,15 +271,7 @@ void SpReceiver::closeSource(SourceId source)
   }
 }
 
-void SpReceiver::shut(Source* source)
-{
-  source->closed = true;
-  loop_->cancel(std::exchange(source->timer, 0));
-  loop_->remove(source->socket.get());
-  source->socket.reset();
-}
-
-std::string SpReceiver::addressOf(SourceId source) const
+std::string SpTransport::addressOf(SourceId source) const
 {
   const auto found = sources_.find(source);
   return found != sources_.end() ? found->second->address : std::string();

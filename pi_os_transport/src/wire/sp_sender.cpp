@@ -1,4 +1,6 @@
-#include "wire/sp_sender.h"
+// The outgoing half of SpTransport.
+
+#include "wire/sp_transport.h"
 
 #include <netinet/in.h>
 #include <netinet/tcp.h>
@@ -12,20 +14,27 @@
 
 #include "event_loop/socket_io.h"
 #include "wire/ipv4.h"
-#include "wire/sp_transport.h"
 
 namespace pi_os_transport
 {
 
-SpSender::~SpSender()
+SpTransport::~SpTransport()
 {
   for (const auto& connection : connections_)
   {
     shut(connection.second.get());
   }
+  for (const auto& acceptor : acceptors_)
+  {
+    loop_->remove(acceptor->socket.get());
+  }
+  for (const auto& source : sources_)
+  {
+    shut(source.second.get());
+  }
 }
 
-FrameTransport::ConnectionId SpSender::connect(const Endpoint& endpoint)
+FrameTransport::ConnectionId SpTransport::connect(const Endpoint& endpoint)
 {
   const auto connection = std::make_shared<Connection>();
   connection->id = next_connection_++;
@@ -56,7 +65,7 @@ FrameTransport::ConnectionId SpSender::connect(const Endpoint& endpoint)
   return connection->id;
 }
 
-void SpSender::close(ConnectionId connection)
+void SpTransport::close(ConnectionId connection)
 {
   const auto found = connections_.find(connection);
   if (found != connections_.end())
@@ -66,14 +75,14 @@ void SpSender::close(ConnectionId connection)
   }
 }
 
-bool SpSender::writable(ConnectionId connection) const
+bool SpTransport::writable(ConnectionId connection) const
 {
   const auto found = connections_.find(connection);
   return found != connections_.end() && found->second->state == Connection::State::OPEN &&
          found->second->next_piece == found->second->pieces_end;
 }
 
-bool SpSender::send(ConnectionId id, const FrameHeader& header, const iovec* payload, size_t pieces, bool more)
+bool SpTransport::send(ConnectionId id, const FrameHeader& header, const iovec* payload, size_t pieces, bool more)
 {
   if (!writable(id))
   {
@@ -120,7 +129,7 @@ bool SpSender::send(ConnectionId id, const FrameHeader& header, const iovec* pay
 }
 
 /// Sends as much as the socket takes. @return error number, 0 for none.
-int SpSender::sendPieces(Connection* connection)
+int SpTransport::sendPieces(Connection* connection)
 {
   msghdr message{};
   message.msg_iov = &connection->pieces[connection->next_piece];
@@ -144,7 +153,7 @@ int SpSender::sendPieces(Connection* connection)
   return 0;
 }
 
-void SpSender::onConnectionEvent(const ConnectionPointer& connection, uint32_t events)
+void SpTransport::onConnectionEvent(const ConnectionPointer& connection, uint32_t events)
 {
   using State = Connection::State;
   if (connection->closed || connection->state == State::BROKEN)
@@ -181,7 +190,7 @@ void SpSender::onConnectionEvent(const ConnectionPointer& connection, uint32_t e
   }
 }
 
-void SpSender::onTcpConnected(const ConnectionPointer& connection)
+void SpTransport::onTcpConnected(const ConnectionPointer& connection)
 {
   const int fd = connection->socket.get();
   const int error = connectionError(fd);
@@ -200,7 +209,7 @@ void SpSender::onTcpConnected(const ConnectionPointer& connection)
   loop_->change(fd, EPOLLIN);
 }
 
-void SpSender::readGreeting(const ConnectionPointer& connection)
+void SpTransport::readGreeting(const ConnectionPointer& connection)
 {
   const ssize_t count = recv(connection->socket.get(), &connection->greeting[connection->greeting_bytes],
                              GREETING_BYTES - connection->greeting_bytes, MSG_DONTWAIT);
@@ -220,14 +229,14 @@ void SpSender::readGreeting(const ConnectionPointer& connection)
   }
   if (connection->greeting_bytes == GREETING_BYTES)
   {
-    loop_->cancel(std::exchange(connection->timer, 0));
+    connection->timer.stop();
     connection->state = Connection::State::OPEN;
     listener_->onConnected(connection->id);
   }
 }
 
 /// A PULL socket sends nothing after its header, so a readable socket means that the connection has ended.
-void SpSender::readEnd(const ConnectionPointer& connection)
+void SpTransport::readEnd(const ConnectionPointer& connection)
 {
   uint8_t byte;
   const ssize_t count = recv(connection->socket.get(), &byte, 1, MSG_DONTWAIT);
@@ -241,20 +250,18 @@ void SpSender::readEnd(const ConnectionPointer& connection)
   }
 }
 
-void SpSender::setTimer(const ConnectionPointer& connection, std::chrono::milliseconds time)
+void SpTransport::setTimer(const ConnectionPointer& connection, std::chrono::milliseconds time)
 {
-  loop_->cancel(connection->timer);
-  connection->timer =
-      loop_->after(time,
-                   [this, connection]
-                   {
-                     connection->timer = 0;
-                     fail(connection, connection->state == Connection::State::GREETING ? CloseReason::SILENT
-                                                                                       : CloseReason::UNREACHABLE);
-                   });
+  connection->timer.start(loop_, time,
+                          [this, connection]
+                          {
+                            fail(connection, connection->state == Connection::State::GREETING
+                                                 ? CloseReason::SILENT
+                                                 : CloseReason::UNREACHABLE);
+                          });
 }
 
-void SpSender::failLater(const ConnectionPointer& connection, CloseReason reason)
+void SpTransport::failLater(const ConnectionPointer& connection, CloseReason reason)
 {
   connection->state = Connection::State::BROKEN;
   loop_->defer(
@@ -267,19 +274,24 @@ void SpSender::failLater(const ConnectionPointer& connection, CloseReason reason
       });
 }
 
-void SpSender::fail(const ConnectionPointer& connection, CloseReason reason)
+void SpTransport::fail(const ConnectionPointer& connection, CloseReason reason)
 {
   shut(connection.get());
   connections_.erase(connection->id);
   listener_->onClosed(connection->id, reason);
 }
 
-void SpSender::shut(Connection* connection)
+void SpTransport::shut(Channel* channel)
 {
-  connection->closed = true;
-  loop_->cancel(std::exchange(connection->timer, 0));
-  loop_->remove(connection->socket.get());
-  connection->socket.reset();
+  channel->closed = true;
+  channel->timer.stop();
+  loop_->remove(channel->socket.get());
+  channel->socket.reset();
+}
+
+std::unique_ptr<FrameTransport> makeSpTransport(EventLoop* loop, FrameTransport::Listener* listener)
+{
+  return std::make_unique<SpTransport>(loop, listener);
 }
 
 }  // namespace pi_os_transport

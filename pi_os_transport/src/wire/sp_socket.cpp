@@ -6,13 +6,10 @@
 
 #include <cerrno>
 
+#include "event_loop/socket_io.h"
+
 namespace pi_os_transport
 {
-
-void setOption(int fd, int level, int name, int value)
-{
-  setsockopt(fd, level, name, &value, sizeof(value));
-}
 
 void setCommonOptions(int fd)
 {

@@ -19,8 +19,6 @@ constexpr std::array<uint8_t, GREETING_BYTES> PULL_GREETING{0, 'S', 'P', 0, 0, 0
 constexpr size_t LENGTH_BYTES = 8;
 constexpr size_t HEAD_BYTES = LENGTH_BYTES + FrameHeader::BYTES;
 
-/// Sets a socket option that is an optional improvement: failure is ignored.
-void setOption(int fd, int level, int name, int value);
 /// Sets the options of both ends. With keep-alive, a dead machine or link is noticed although nothing is sent.
 void setCommonOptions(int fd);
 CloseReason reasonOf(int error);

@@ -14,44 +14,16 @@ namespace pi_os_transport::zero_copy
 namespace
 {
 
-class Registry
+struct Registry
 {
-public:
   static Registry& instance()
   {
     static Registry* registry = new Registry;  // messages may be published by static destructors
     return *registry;
   }
 
-  std::shared_ptr<TopicCounters> find(const std::string& topic, bool publisher)
-  {
-    std::lock_guard<std::mutex> lock(mutex_);
-    std::shared_ptr<TopicCounters>& counters = counters_[{topic, publisher}];
-    if (!counters)
-    {
-      counters = std::make_shared<TopicCounters>(topic, publisher);
-    }
-    return counters;
-  }
-  bool knows(const std::string& topic, bool publisher)
-  {
-    std::lock_guard<std::mutex> lock(mutex_);
-    return counters_.count({topic, publisher}) != 0;
-  }
-  std::vector<TopicStatistics> read()
-  {
-    std::lock_guard<std::mutex> lock(mutex_);
-    std::vector<TopicStatistics> all;
-    for (const auto& entry : counters_)
-    {
-      all.push_back(entry.second->read());
-    }
-    return all;
-  }
-
-private:
-  std::mutex mutex_;
-  std::map<std::pair<std::string, bool>, std::shared_ptr<TopicCounters>> counters_;
+  std::mutex mutex;
+  std::map<std::pair<std::string, bool>, std::shared_ptr<TopicCounters>> counters;  ///< by topic; true: publisher
 };
 
 }  // namespace
@@ -108,17 +80,33 @@ std::string TopicStatistics::toString() const
 
 std::shared_ptr<TopicCounters> countersOf(const std::string& topic, bool publisher)
 {
-  return Registry::instance().find(topic, publisher);
+  Registry& registry = Registry::instance();
+  const std::lock_guard<std::mutex> lock(registry.mutex);
+  std::shared_ptr<TopicCounters>& counters = registry.counters[{topic, publisher}];
+  if (!counters)
+  {
+    counters = std::make_shared<TopicCounters>(topic, publisher);
+  }
+  return counters;
 }
 
 bool isZeroCopyTopic(const std::string& topic)
 {
-  return Registry::instance().knows(topic, true);
+  Registry& registry = Registry::instance();
+  const std::lock_guard<std::mutex> lock(registry.mutex);
+  return registry.counters.count({topic, true}) != 0;
 }
 
 std::vector<TopicStatistics> statistics()
 {
-  return Registry::instance().read();
+  Registry& registry = Registry::instance();
+  const std::lock_guard<std::mutex> lock(registry.mutex);
+  std::vector<TopicStatistics> all;
+  for (const auto& entry : registry.counters)
+  {
+    all.push_back(entry.second->read());
+  }
+  return all;
 }
 
 }  // namespace pi_os_transport::zero_copy

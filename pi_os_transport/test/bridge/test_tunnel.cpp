@@ -448,8 +448,8 @@ TEST_F(TunnelTest, AbortEndsItHere)
 {
   ASSERT_NO_FATAL_FAILURE(makeBoth());
   const std::shared_ptr<Tunnel> kept = tunnels_[0];
-  kept->abort();
-  kept->abort();
+  kept->finish();
+  kept->finish();
   loop_.runOnce(milliseconds(0));
   EXPECT_EQ(1U, closed_[0]);
   processes_[0].work();

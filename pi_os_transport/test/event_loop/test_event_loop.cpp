@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <array>
+#include <memory>
 #include <string>
 #include <thread>
 #include <vector>
@@ -169,9 +170,10 @@ TEST(EventLoop, CallsTimersInOrderAndNotTooEarly)
   EventLoop loop;
   const SteadyTime start = SteadyClock::now();
   std::vector<int> order;
-  loop.after(milliseconds(60), [&] { order.push_back(60); });
-  loop.after(milliseconds(20), [&] { order.push_back(20); });
-  loop.after(milliseconds(40), [&] { order.push_back(40); });
+  for (const int delay_ms : {60, 20, 40})
+  {
+    loop.at(start + milliseconds(delay_ms), [&, delay_ms] { order.push_back(delay_ms); });
+  }
   while (order.size() < 3 && SteadyClock::now() < start + LONG)
   {
     loop.runOnce(LONG);
@@ -198,7 +200,7 @@ TEST(EventLoop, CallsATimerOnce)
 {
   EventLoop loop;
   int calls = 0;
-  loop.after(NOT_AT_ALL, [&] { ++calls; });
+  loop.at(SteadyClock::now(), [&] { ++calls; });
   loop.runOnce(LONG);
   loop.runOnce(NOT_AT_ALL);
   EXPECT_EQ(1, calls);
@@ -230,21 +232,50 @@ TEST(EventLoop, DoesNotCallWhatWasCancelled)
 TEST(EventLoop, ATimerMaySetAnother)
 {
   EventLoop loop;
+  Timer timer;
   int calls = 0;
   std::function<void()> again = [&]
   {
+    EXPECT_FALSE(timer.running());
     if (++calls < 3)
     {
-      loop.after(milliseconds(1), again);
+      timer.start(&loop, milliseconds(1), again);
     }
   };
-  loop.after(milliseconds(1), again);
+  timer.start(&loop, milliseconds(1), again);
+  EXPECT_TRUE(timer.running());
   const SteadyTime deadline = SteadyClock::now() + LONG;
   while (calls < 3 && SteadyClock::now() < deadline)
   {
     loop.runOnce(LONG);
   }
   EXPECT_EQ(3, calls);
+}
+
+TEST(EventLoop, ATimerIsCancelledByItsNextStartAndByItsEnd)
+{
+  EventLoop loop;
+  std::string called;
+  Timer timer;
+  timer.start(&loop, NOT_AT_ALL, [&] { called += '1'; });
+  timer.start(&loop, NOT_AT_ALL, [&] { called += '2'; });
+  Timer stopped;
+  stopped.start(&loop, NOT_AT_ALL, [&] { called += '3'; });
+  stopped.stop();
+  stopped.stop();
+  auto gone = std::make_unique<Timer>();
+  gone->start(&loop, NOT_AT_ALL, [&] { called += '4'; });
+  gone.reset();
+  auto ends_itself = std::make_unique<Timer>();
+  ends_itself->start(&loop, NOT_AT_ALL,
+                     [&]
+                     {
+                       called += '5';
+                       ends_itself.reset();
+                     });
+  loop.runOnce(LONG);
+  EXPECT_EQ("25", called);
+  EXPECT_FALSE(timer.running() || stopped.running());
 }
 
 TEST(EventLoop, DefersUntilTheCallbacksOfTheRoundAreDone)

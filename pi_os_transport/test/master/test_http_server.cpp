@@ -137,7 +137,7 @@ TEST_F(HttpServerTest, KeepsAQuietConnection)
   client.send(post("a"));
   client.receive(endsWith("<a>"));
   bool is_later = false;
-  loop.after(std::chrono::milliseconds(20), [&] { is_later = true; });
+  loop.at(SteadyClock::now() + std::chrono::milliseconds(20), [&] { is_later = true; });
   ASSERT_TRUE(runUntil(&loop, [&] { return is_later; }));
   client.send(post("b"));
   client.receive(endsWith("<b>"));

@@ -5,8 +5,6 @@
 
 #include <string>
 
-#include "rosout/log_type.h"
-
 namespace pi_os_transport
 {
 namespace

@@ -14,7 +14,6 @@
 #include <cstdint>
 #include <memory>
 #include <string>
-#include <utility>
 
 #include "pi_os_transport/zero_copy/message.h"
 #include "pi_os_transport/zero_copy/subscriber.h"

@@ -10,9 +10,9 @@
 
 #include <boost/shared_ptr.hpp>
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
-#include <cstring>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -78,20 +78,16 @@ bool hasLayoutOf(const sensor_msgs::PointCloud2_<A>& cloud)
   const std::vector<pcl::PCLPointField> theirs = toPclFields(cloud);
   std::vector<pcl::PCLPointField> ours;
   pcl::for_each_type<typename pcl::traits::fieldList<Point>::type>(pcl::detail::FieldAdder<Point>(ours));
-  for (const pcl::PCLPointField& field : ours)
-  {
-    bool found = false;
-    for (const pcl::PCLPointField& other : theirs)
-    {
-      found = found || (other.name == field.name && other.offset == field.offset && other.datatype == field.datatype &&
-                        other.count == field.count);
-    }
-    if (!found)
-    {
-      return false;
-    }
-  }
-  return true;
+  return std::all_of(ours.begin(), ours.end(),
+                     [&theirs](const pcl::PCLPointField& field)
+                     {
+                       return std::any_of(theirs.begin(), theirs.end(),
+                                          [&field](const pcl::PCLPointField& other)
+                                          {
+                                            return other.name == field.name && other.offset == field.offset &&
+                                                   other.datatype == field.datatype && other.count == field.count;
+                                          });
+                     });
 }
 
 template <typename A>

@@ -226,24 +226,6 @@ void ServiceCaller::closeRequests()
   runtime.announceRetired();
 }
 
-void ServiceCaller::collectReleased()
-{
-  std::unique_lock<std::mutex> lock(mutex_, std::try_to_lock);
-  if (lock.owns_lock() && requests_)
-  {
-    requests_->collect();
-  }
-}
-
-void ServiceCaller::retire(const std::vector<uint32_t>& segments)
-{
-  std::lock_guard<std::mutex> lock(mutex_);
-  if (requests_)
-  {
-    requests_->retire(segments);
-  }
-}
-
 /// Call with mutex_ held.
 void ServiceCaller::takeBackRequest()
 {

@@ -61,8 +61,8 @@ public:
   /// True while calls can use shared memory, or may soon.
   bool promising() const;
 
-  void collectReleased() override;
-  void retire(const std::vector<uint32_t>& segments) override;
+  void collectReleased() override { collectReleasedFrom(requests_, &mutex_); }
+  void retire(const std::vector<uint32_t>& segments) override { retireFrom(requests_, &mutex_, segments); }
 
 private:
   enum class State

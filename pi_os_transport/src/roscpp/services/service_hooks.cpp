@@ -11,6 +11,7 @@
 #include <string>
 #include <utility>
 
+#include "event_loop/if_alive.h"
 #include "roscpp/bridge_client.h"
 #include "roscpp/runtime.h"
 #include "roscpp/services/idle_services.h"
@@ -158,14 +159,7 @@ bool initialize(ros::ServiceServerLink* self, const ros::ConnectionPtr& connecti
                                       self->isPersistent()               ? ServiceCaller::Use::PERSISTENT
                                       : link_wanted == LinkWanted::PLAIN ? ServiceCaller::Use::SINGLE_SHOT_PLAIN
                                                                          : ServiceCaller::Use::SINGLE_SHOT);
-  ros::Connection* const key = connection.get();
-  runtime.service_callers.insert(key, caller);
-  connection->addDropListener(
-      [caller, key](const ros::ConnectionPtr&, ros::Connection::DropReason)
-      {
-        Runtime::instance().service_callers.erase(key);
-        caller->disconnect();
-      });
+  runtime.service_callers.hold(connection, caller, [caller](ros::Connection::DropReason) { caller->disconnect(); });
   if (!caller->promising())
   {
     return runtime.original.service_initialize(self, connection);
@@ -290,26 +284,14 @@ bool handleHeader(ros::ServiceClientLink* self, const ros::Header& header)
   const auto responder = std::make_shared<ServiceResponder>(service, self->shared_from_this(), connection);
   const std::string offer =
       runtime.expect(responder->token(),
-                     [weak = std::weak_ptr<ServiceResponder>(responder)](SideChannel channel, const Packet&,
-                                                                         SideChannel::Descriptors* descriptors)
-                     {
-                       if (const std::shared_ptr<ServiceResponder> expected = weak.lock())
-                       {
-                         expected->meet(std::move(channel), SideChannel(std::move(descriptors->front())));
-                       }
-                     });
+                     ifAlive(responder, [](const auto& expected, SideChannel channel, const Packet&, auto* descriptors)
+                             { expected->meet(std::move(channel), SideChannel(std::move(descriptors->front()))); }));
   if (offer.empty())
   {
     return runtime.original.service_handle_header(self, header);
   }
-  ros::Connection* const key = connection.get();
-  runtime.service_responders.insert(key, responder);
-  connection->addDropListener(
-      [responder, key](const ros::ConnectionPtr&, ros::Connection::DropReason)
-      {
-        Runtime::instance().service_responders.erase(key);
-        responder->disconnect();
-      });
+  runtime.service_responders.hold(connection, responder,
+                                  [responder](ros::Connection::DropReason) { responder->disconnect(); });
   OfferScope scope(offer);
   // The client ends the connection, see callService(). Set before the header is written, because another thread may
   // answer the first request at once.

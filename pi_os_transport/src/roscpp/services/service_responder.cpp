@@ -309,22 +309,4 @@ void ServiceResponder::closeAnswers()
   runtime.announceRetired();
 }
 
-void ServiceResponder::collectReleased()
-{
-  std::unique_lock<std::mutex> lock(mutex_, std::try_to_lock);
-  if (lock.owns_lock() && answers_)
-  {
-    answers_->collect();
-  }
-}
-
-void ServiceResponder::retire(const std::vector<uint32_t>& segments)
-{
-  std::lock_guard<std::mutex> lock(mutex_);
-  if (answers_)
-  {
-    answers_->retire(segments);
-  }
-}
-
 }  // namespace pi_os_transport

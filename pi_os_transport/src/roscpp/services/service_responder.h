@@ -40,8 +40,8 @@ public:
   bool respond(const ros::SerializedMessage& response);
 
   void serve(Doorbell doorbell) override;
-  void collectReleased() override;
-  void retire(const std::vector<uint32_t>& segments) override;
+  void collectReleased() override { collectReleasedFrom(answers_, &mutex_); }
+  void retire(const std::vector<uint32_t>& segments) override { retireFrom(answers_, &mutex_, segments); }
 
 private:
   void onRequestChannel();

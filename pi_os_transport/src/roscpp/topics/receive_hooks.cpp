@@ -29,15 +29,10 @@ bool initialize(ros::TransportPublisherLink* self, const ros::ConnectionPtr& con
   }
   const auto link = std::make_shared<ReceiveLink>(
       boost::static_pointer_cast<ros::TransportPublisherLink>(self->shared_from_this()), connection);
-  ros::Connection* const key = connection.get();
-  runtime.receive_links.insert(key, link);
   // Before roscpp's own listener: the rest of the ring is delivered while the link still exists.
-  connection->addDropListener(
-      [link, key](const ros::ConnectionPtr&, ros::Connection::DropReason reason)
-      {
-        Runtime::instance().receive_links.erase(key);
-        link->disconnect(reason == ros::Connection::TransportDisconnect);
-      });
+  runtime.receive_links.hold(connection, link,
+                             [link](ros::Connection::DropReason reason)
+                             { link->disconnect(reason == ros::Connection::TransportDisconnect); });
   OfferScope scope(std::to_string(PROTOCOL_VERSION));
   return runtime.original.initialize(self, connection);
 }

@@ -11,6 +11,7 @@
 #include <string>
 #include <utility>
 
+#include "event_loop/if_alive.h"
 #include "roscpp/runtime.h"
 #include "roscpp/topics/header_offer.h"
 #include "roscpp/topics/outbox_writer.h"
@@ -174,26 +175,13 @@ bool handleHeader(ros::TransportSubscriberLink* self, const ros::Header& header)
   const auto link = std::make_shared<TransmitLink>(
       topic, boost::static_pointer_cast<ros::TransportSubscriberLink>(self->shared_from_this()), self->connection_);
   const std::string offer = runtime.expect(
-      link->token(),
-      [weak = std::weak_ptr<TransmitLink>(link)](SideChannel channel, const Packet& hello, SideChannel::Descriptors*)
-      {
-        if (const std::shared_ptr<TransmitLink> expected = weak.lock())
-        {
-          expected->meet(std::move(channel), hello.values[2] != 0);
-        }
-      });
+      link->token(), ifAlive(link, [](const auto& expected, SideChannel channel, const Packet& hello, auto*)
+                             { expected->meet(std::move(channel), hello.values[2] != 0); }));
   if (offer.empty())
   {
     return runtime.original.handle_header(self, header);
   }
-  ros::Connection* const connection = self->connection_.get();
-  runtime.transmit_links.insert(connection, link);
-  connection->addDropListener(
-      [link, connection](const ros::ConnectionPtr&, ros::Connection::DropReason)
-      {
-        Runtime::instance().transmit_links.erase(connection);
-        link->disconnect();
-      });
+  runtime.transmit_links.hold(self->connection_, link, [link](ros::Connection::DropReason) { link->disconnect(); });
   OfferScope scope(offer);
   return runtime.original.handle_header(self, header);
 }

@@ -3,7 +3,6 @@
 #include <ros/console.h>
 #include <ros/publication.h>
 
-#include <array>
 #include <utility>
 
 #include <nlohmann/json.hpp>
@@ -190,24 +189,6 @@ void TransmitLink::setActive(bool active)
   if (active_.exchange(active, std::memory_order_acq_rel) != active)
   {
     Runtime::instance().active_transmit_links += active ? 1 : -1;
-  }
-}
-
-void TransmitLink::collectReleased()
-{
-  std::unique_lock<std::recursive_mutex> lock(mutex_, std::try_to_lock);
-  if (lock.owns_lock() && ring_)
-  {
-    ring_->collect();
-  }
-}
-
-void TransmitLink::retire(const std::vector<uint32_t>& segments)
-{
-  std::lock_guard<std::recursive_mutex> lock(mutex_);
-  if (ring_)
-  {
-    ring_->retire(segments);
   }
 }
 

@@ -52,8 +52,8 @@ public:
   void disconnect();
 
   /// Takes back what the subscriber has released, unless the link is busy. Any thread.
-  void collectReleased() override;
-  void retire(const std::vector<uint32_t>& segments) override;
+  void collectReleased() override { collectReleasedFrom(ring_, &mutex_); }
+  void retire(const std::vector<uint32_t>& segments) override { retireFrom(ring_, &mutex_, segments); }
 
   /// One line for getBusInfo.
   std::string info();

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <charconv>
 #include <optional>
 #include <string_view>
@@ -7,6 +8,13 @@
 
 namespace pi_os_transport
 {
+
+/// `text` without `spaces` at both ends.
+inline std::string_view trimmed(std::string_view text, std::string_view spaces = " \t\r\n")
+{
+  text.remove_prefix(std::min(text.find_first_not_of(spaces), text.size()));
+  return text.substr(0, text.find_last_not_of(spaces) + 1);
+}
 
 /// Reads a number that is all of `text` and lies in [least, most]. @return empty for any other text
 template <typename Number>
