@@ -7,6 +7,7 @@
 #include <ros/ros.h>
 #include <std_msgs/String.h>
 #include <std_srvs/SetBool.h>
+#include "topic_monitor/topic_statistics.h"
 
 #include <algorithm>
 #include <cstring>
@@ -19,7 +20,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "topic_restamper/message_header.h"
+#include "topic_monitor/topic_statistics.h"
 #include "topic_restamper/stamp_map.h"
 
 namespace pi_os_transport

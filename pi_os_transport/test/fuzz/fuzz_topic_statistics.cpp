@@ -4,7 +4,6 @@
 
 #include "fuzz_input.h"
 #include "topic_monitor/topic_report.h"
-#include "topic_restamper/message_header.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size)
 {

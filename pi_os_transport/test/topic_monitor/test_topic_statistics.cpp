@@ -2,7 +2,6 @@
 #include <sys/stat.h>
 #include <unistd.h>
 #include "topic_monitor/topic_report.h"
-#include "topic_restamper/message_header.h"
 
 #include <algorithm>
 #include <cmath>

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <sstream>
 #include <stdexcept>
 
 namespace pi_os_transport
@@ -111,6 +112,36 @@ std::optional<StampedHeader> readHeader(const uint8_t* data, size_t size)
   header.seq = words[0];
   header.stamp_ns = static_cast<int64_t>(words[1]) * 1000000000LL + words[2];
   return header;
+}
+
+bool beginsWithHeader(const std::string& message_definition)
+{
+  std::istringstream lines(message_definition);
+  std::string line;
+  while (std::getline(lines, line))
+  {
+    line = line.substr(0, line.find('#'));
+    std::istringstream words(line);
+    std::string type;
+    std::string name;
+    words >> type >> name;
+    if (type.empty())
+    {
+      continue;
+    }
+    if (type.rfind("===", 0) == 0)
+    {
+      return false;  // definitions of parts begin here: the message has no field
+    }
+    std::string rest;
+    std::getline(words, rest);
+    if (name.find('=') != std::string::npos || rest.find('=') != std::string::npos)
+    {
+      continue;  // a constant is not part of the message
+    }
+    return type == "Header" || type == "std_msgs/Header" || type == "roslib/Header";
+  }
+  return false;
 }
 
 namespace

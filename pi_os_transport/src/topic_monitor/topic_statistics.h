@@ -74,6 +74,9 @@ struct StampedHeader
 /// @return nullopt if the buffer is too short to hold it.
 std::optional<StampedHeader> readHeader(const uint8_t* data, size_t size);
 
+/// True if the first field of a message definition (from the connection header) is a std_msgs/Header.
+bool beginsWithHeader(const std::string& message_definition);
+
 /// Figures of one topic over a time span.
 struct TopicFigures
 {

@@ -19,7 +19,6 @@
 #include <vector>
 
 #include "topic_monitor/topic_report.h"
-#include "topic_restamper/message_header.h"
 
 namespace pi_os_transport
 {
