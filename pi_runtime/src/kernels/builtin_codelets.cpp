@@ -15,8 +15,8 @@ void registerBuiltinCodelets(CodeletRegistry& registry)
 {
   registry.add({blobCodelet(), "resizes an 8-bit image and makes the planes of a network input of it",
                 "0 in uint8[source_height * source_stride]; 1 in plan of makeBlobPlan(); "
-                "2 out float or binary16[channels * height * width]; "
-                "3 value {source_width, source_height, source_stride, channels, width, height, letterbox, half}; "
+                "2 out float[channels * height * width]; "
+                "3 value {source_width, source_height, source_stride, channels, width, height, letterbox}; "
                 "4 value {float mean[3], float scale, swap_rb, fill}; range: height"});
   registry.add({fastCornersCodelet(), "FAST-9 corners with non-maximum suppression",
                 "0 in uint8[height * stride]; 1 out {uint16 x, uint16 y, int32 score}[capacity]; "
