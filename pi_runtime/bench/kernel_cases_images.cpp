@@ -13,25 +13,22 @@ namespace
 
 using namespace kernels;
 
-KernelCase blobCase(CodeletRunner& runner, int size, bool half)
+KernelCase blobCase(CodeletRunner& runner, int size)
 {
   const cv::Mat source = makePicture(640, 480, 3);
-  const BlobGeometry geometry{640, 480, 640 * 3, 3, size, size, 0, half ? 1 : 0};
+  const BlobGeometry geometry{640, 480, 640 * 3, 3, size, size, 0};
   const BlobColours colours{{127.5F, 127.5F, 127.5F}, 1.0F / 127.5F, 1, 0};
-  const BufferPtr destination = Buffer::allocate(static_cast<size_t>(3) * size * size * (half ? 2 : 4));
+  const BufferPtr destination = Buffer::allocate(static_cast<size_t>(3) * size * size * sizeof(float));
   const std::vector<Argument> arguments{Argument::in(wrapMat(source)), Argument::in(makeBlobPlan(geometry)),
                                         Argument::out(destination), Argument::value(geometry),
                                         Argument::value(colours)};
   const CodeletPtr codelet = blobCodelet();
   KernelCase result;
-  result.name = "blob 640x480 to " + std::to_string(size) + (half ? " half" : " float");
+  result.name = "blob 640x480 to " + std::to_string(size) + " float";
   result.native = [&runner, codelet, arguments, size] { runner.native(codelet, arguments, size); };
   result.opencl = [&runner, codelet, arguments, size] { runner.opencl(codelet, arguments, size); };
-  if (!half)
-  {
-    result.opencv = [source, size, output = cv::Mat()]() mutable
-    { cv::dnn::blobFromImage(source, output, 1.0 / 127.5, cv::Size(size, size), cv::Scalar::all(127.5), true, false); };
-  }
+  result.opencv = [source, size, output = cv::Mat()]() mutable
+  { cv::dnn::blobFromImage(source, output, 1.0 / 127.5, cv::Size(size, size), cv::Scalar::all(127.5), true, false); };
   return result;
 }
 
@@ -84,9 +81,7 @@ std::vector<KernelCase> imageCases(CodeletRunner& runner)
 {
   const SsdOutputs mobilenet = makeSsdOutputs(mobilenetSsdPriors(), 91, 1);
   const SsdOutputs ssd300 = makeSsdOutputs(ssd300Priors(), 21, 2);
-  return {blobCase(runner, 300, false),
-          blobCase(runner, 300, true),
-          ssdCase(runner, "ssd_postprocess 1917 x 91", mobilenet, false),
+  return {blobCase(runner, 300), ssdCase(runner, "ssd_postprocess 1917 x 91", mobilenet, false),
           ssdCase(runner, "ssd_postprocess 1917 x 91", mobilenet, true),
           ssdCase(runner, "ssd_postprocess 8732 x 21", ssd300, false),
           ssdCase(runner, "ssd_postprocess 8732 x 21", ssd300, true)};

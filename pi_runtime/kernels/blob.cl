@@ -13,7 +13,6 @@ typedef struct
   int width;
   int height;
   int letterbox;
-  int half_precision;
 } BlobGeometry;
 
 typedef struct
@@ -98,8 +97,8 @@ INLINE float16 normalised(const BlobColours* colours, const int16* levels, int c
   return (convert_float16(levels[channel]) - colours->mean[plane]) * colours->scale;
 }
 
-#define BLOB_KERNEL(NAME, CHANNELS, TYPE, STORE_RUN, STORE_ONE)                                                     \
-  kernel void NAME(global const uchar* source, global const int* plan, global TYPE* destination,                    \
+#define BLOB_KERNEL(NAME, CHANNELS)                                                                                 \
+  kernel void NAME(global const uchar* source, global const int* plan, global float* destination,                   \
                    const BlobGeometry g, const BlobColours colours, const BlobContent content)                      \
   {                                                                                                                 \
     const int x = (int)get_global_id(0) * RUN;                                                                      \
@@ -113,24 +112,20 @@ INLINE float16 normalised(const BlobColours* colours, const int16* levels, int c
     for (int plane = 0; plane < CHANNELS; ++plane)                                                                  \
     {                                                                                                               \
       const float16 values = normalised(&colours, levels, CHANNELS, plane);                                         \
-      global TYPE* out = destination + ((size_t)plane * g.height + y) * g.width + x;                                \
+      global float* out = destination + ((size_t)plane * g.height + y) * g.width + x;                               \
       if (x + RUN <= g.width)                                                                                       \
       {                                                                                                             \
-        STORE_RUN(values, 0, out);                                                                                  \
+        vstore16(values, 0, out);                                                                                   \
         continue;                                                                                                   \
       }                                                                                                             \
       float rest[RUN];                                                                                              \
       vstore16(values, 0, rest);                                                                                    \
       for (int i = 0; x + i < g.width; ++i)                                                                         \
       {                                                                                                             \
-        STORE_ONE(rest[i], i, out);                                                                                 \
+        out[i] = rest[i];                                                                                           \
       }                                                                                                             \
     }                                                                                                               \
   }
 
-#define STORE_FLOAT(value, i, out) (out)[i] = (value)
-
-BLOB_KERNEL(blob_float_1, 1, float, vstore16, STORE_FLOAT)
-BLOB_KERNEL(blob_float_3, 3, float, vstore16, STORE_FLOAT)
-BLOB_KERNEL(blob_half_1, 1, half, vstore_half16_rte, vstore_half_rte)
-BLOB_KERNEL(blob_half_3, 3, half, vstore_half16_rte, vstore_half_rte)
+BLOB_KERNEL(blob_float_1, 1)
+BLOB_KERNEL(blob_float_3, 3)

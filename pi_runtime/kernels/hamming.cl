@@ -16,10 +16,6 @@ typedef struct
 {
   int queries;
   int trains;
-  int use_window;
-  float max_rows;
-  float min_disparity;
-  float max_disparity;
 } HammingShape;
 
 // PoCL 3.1 makes popcount() of shifts and masks; the compiler's own becomes the processor's instruction.
@@ -62,55 +58,6 @@ kernel void match_all(global const ulong* queries, global const ulong* trains, g
     const uint key = distanceOf(query, vload4(t, trains)) << INDEX_BITS | (uint)t;
     second = min(second, max(best, key));
     best = min(best, key);
-  }
-  matches[i] = matchOf(best, second);
-}
-
-// Whether one of eight trains lies in the window. (PoCL's any() tests the elements one by one.)
-INLINE bool anyInWindow(float2 position, float16 trains, const HammingShape* shape)
-{
-  const float8 disparity = position.x - trains.even;
-  const float8 rows = fabs(position.y - trains.odd);
-  const int8 inside =
-      (rows <= shape->max_rows) & (disparity >= shape->min_disparity) & (disparity <= shape->max_disparity);
-  const int4 half_way = inside.lo | inside.hi;
-  const int2 last = half_way.lo | half_way.hi;
-  return (last.x | last.y) != 0;
-}
-
-kernel void match_in_window(global const ulong* queries, global const ulong* trains,
-                            global const float2* query_positions, global const float2* train_positions,
-                            global HammingMatch* matches, const HammingShape shape, const int begin, const int end)
-{
-  const int i = begin + (int)get_global_id(0);
-  if (i >= end)
-  {
-    return;
-  }
-  const ulong4 query = vload4(i, queries);
-  const float2 position = query_positions[i];
-  uint best = NO_KEY;
-  uint second = NO_KEY;
-  for (int first = 0; first < shape.trains; first += 8)
-  {
-    // Few trains lie in the window, so that mostly all eight of a block are passed over at once.
-    const int count = min(8, shape.trains - first);
-    if (count == 8 && !anyInWindow(position, vload16(0, (global const float*)(train_positions + first)), &shape))
-    {
-      continue;
-    }
-    for (int k = 0; k < count; ++k)
-    {
-      const int t = first + k;
-      const float2 difference = position - train_positions[t];
-      if (fabs(difference.y) <= shape.max_rows && difference.x >= shape.min_disparity &&
-          difference.x <= shape.max_disparity)
-      {
-        const uint key = distanceOf(query, vload4(t, trains)) << INDEX_BITS | (uint)t;
-        second = min(second, max(best, key));
-        best = min(best, key);
-      }
-    }
   }
   matches[i] = matchOf(best, second);
 }

@@ -88,7 +88,6 @@ struct OpenClDeviceInfo
   bool unified_memory;  ///< shares the host's memory
   bool fp16;
   bool fp64;
-  uint64_t memory_bytes;
 };
 
 /// The usable devices of all platforms, in the order of the ICD loader; empty without OpenCL.
@@ -116,7 +115,6 @@ public:
   const OpenClDeviceInfo& info() const { return info_; }
   MemoryModel memoryModel() const { return model_; }
   cl_context get() const { return context_.get(); }
-  size_t devices() const { return devices_.size(); }
   cl_device_id device(size_t index) const { return devices_.at(index).get(); }
   /// An in-order queue. @throws OpenClError
   ClQueue makeQueue(size_t device) const;

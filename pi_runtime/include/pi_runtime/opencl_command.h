@@ -68,7 +68,6 @@ public:
   /// Enqueues a kernel that takes all arguments of the task in their order.
   void enqueueAll(const std::string& kernel, const NdRange& range);
 
-  cl_command_queue queue() const { return queue_; }
   /// The event of the newest kernel, null if there is none. The caller must release it.
   cl_event takeLastEvent();
 

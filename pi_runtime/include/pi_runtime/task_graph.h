@@ -84,22 +84,4 @@ private:
   std::vector<uint32_t> levels_;
 };
 
-/// Collects the nodes and edges of a TaskGraph.
-class TaskGraphBuilder
-{
-public:
-  /// @return number of the new node: 0, 1, 2, ...
-  uint32_t addNode() { return nodes_++; }
-
-  /// @param bytes  data handed over [B]; 0: only the order matters. build() checks the edges.
-  void addEdge(uint32_t from, uint32_t to, double bytes = 0) { edges_.push_back({from, to, bytes}); }
-
-  /// @throws std::invalid_argument  as the constructor of TaskGraph.
-  TaskGraph build() const { return TaskGraph(nodes_, edges_); }
-
-private:
-  uint32_t nodes_ = 0;
-  std::vector<TaskGraph::Edge> edges_;
-};
-
 }  // namespace pi_runtime

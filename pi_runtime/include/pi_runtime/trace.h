@@ -73,8 +73,6 @@ public:
   std::vector<TaskTrace> snapshot() const;
   /// Number of records overwritten by newer ones.
   uint64_t dropped() const;
-  /// Forgets the records and the count of dropped ones. Names stay.
-  void clear();
   /// Keeps at least `capacity` records from now on, and enables the recorder.
   void keepAtLeast(size_t capacity);
 

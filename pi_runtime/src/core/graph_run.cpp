@@ -1,19 +1,12 @@
 // RuntimeCore: tasks that depend on each other.
 #include <pi_node/durations.h>
 #include <algorithm>
-#include <limits>
 
 #include "core/runtime_core.h"
+#include "scheduler/inter_core_problem.h"
 
 namespace pi_runtime
 {
-namespace
-{
-
-constexpr double INF = std::numeric_limits<double>::infinity();
-
-}  // namespace
-
 std::vector<TaskHandle> RuntimeCore::submitGraph(GraphRequest request)
 {
   std::vector<TaskGraph::Edge> edges;

@@ -173,13 +173,9 @@ public:
     , stretched_{std::vector<int16_t>(columns_ * geometry.channels), std::vector<int16_t>(columns_ * geometry.channels)}
     , levels_(columns_ * geometry.channels)
   {
-    if (geometry.half != 0)
-    {
-      fillHalfTables();
-    }
   }
 
-  void make(int y, void* destination)
+  void make(int y, float* destination)
   {
     const auto fill = static_cast<uint8_t>(colours_.fill);
     if (y < content_.y || y >= content_.y + content_.height)
@@ -218,36 +214,14 @@ private:
     return stretched_[newest_].data();
   }
 
-  void store(int y, void* destination) const
+  void store(int y, float* destination) const
   {
     for (int plane = 0; plane < geometry_.channels; ++plane)
     {
       const int channel = colours_.swap_rb != 0 ? geometry_.channels - 1 - plane : plane;
       const uint8_t* const levels = levels_.data() + channel * columns_;
       const size_t first = (static_cast<size_t>(plane) * geometry_.height + y) * geometry_.width;
-      if (geometry_.half == 0)
-      {
-        normalise(levels, geometry_.width, colours_.mean[plane], colours_.scale,
-                  static_cast<float*>(destination) + first);
-        continue;
-      }
-      uint16_t* const out = static_cast<uint16_t*>(destination) + first;
-      std::transform(levels, levels + geometry_.width, out, [&](uint8_t level) { return halves_[plane][level]; });
-    }
-  }
-
-  void fillHalfTables()
-  {
-    std::array<uint8_t, 256> levels;
-    std::array<float, 256> values;
-    for (int level = 0; level < 256; ++level)
-    {
-      levels[level] = static_cast<uint8_t>(level);
-    }
-    for (int plane = 0; plane < geometry_.channels; ++plane)
-    {
-      normalise(levels.data(), 256, colours_.mean[plane], colours_.scale, values.data());
-      std::transform(values.begin(), values.end(), halves_[plane].begin(), toHalf);
+      normalise(levels, geometry_.width, colours_.mean[plane], colours_.scale, destination + first);
     }
   }
 
@@ -261,7 +235,6 @@ private:
   std::array<int, 2> rows_{-1, -1};
   int newest_ = 1;
   std::vector<uint8_t> levels_;
-  std::array<std::array<uint16_t, 256>, 3> halves_;
 };
 
 }  // namespace
@@ -318,40 +291,13 @@ BufferPtr makeBlobPlan(const BlobGeometry& geometry)
 }
 
 void makeBlob(const uint8_t* source, const int32_t* plan, const BlobGeometry& geometry, const BlobColours& colours,
-              int begin, int end, void* destination)
+              int begin, int end, float* destination)
 {
   RowMaker maker(source, plan, geometry, colours);
   for (int y = begin; y < end; ++y)
   {
     maker.make(y, destination);
   }
-}
-
-uint16_t toHalf(float value)
-{
-  uint32_t bits;
-  std::memcpy(&bits, &value, sizeof(bits));
-  const uint32_t sign = bits >> 16 & 0x8000U;
-  bits &= 0x7FFFFFFFU;
-  if (bits > 0x7F800000U)
-  {
-    return static_cast<uint16_t>(sign | 0x7E00U);
-  }
-  if (bits >= 0x477FF000U)  // rounds to 2^16 or more
-  {
-    return static_cast<uint16_t>(sign | 0x7C00U);
-  }
-  if (bits < 0x38800000U)
-  {
-    // Below 2^-14: adding 0.5 leaves the subnormal in the lowest bits, rounded by the processor.
-    float shifted;
-    std::memcpy(&shifted, &bits, sizeof(shifted));
-    shifted += 0.5F;
-    std::memcpy(&bits, &shifted, sizeof(bits));
-    return static_cast<uint16_t>(sign | (bits - 0x3F000000U));
-  }
-  bits += 0xFFFU + (bits >> 13 & 1U);
-  return static_cast<uint16_t>(sign | (bits - 0x38000000U) >> 13);
 }
 
 }  // namespace pi_runtime::kernels

@@ -27,10 +27,9 @@ BlobGeometry checkedGeometry(const TaskArguments& call)
   requireBetween(NAME, "height", g.height, 1, INT16_MAX);
   requireBytes(call, NAME, 0, "source", imageBytes(g.source_height, g.source_stride, g.source_width * g.channels));
   requireBytes(call, NAME, 1, "plan", blobPlanBytes(g));
-  const size_t element = g.half != 0 ? sizeof(uint16_t) : sizeof(float);
   requireBytes(
       call, NAME, 2, "destination",
-      element * static_cast<size_t>(g.channels) * static_cast<size_t>(g.height) * static_cast<size_t>(g.width));
+      sizeof(float) * static_cast<size_t>(g.channels) * static_cast<size_t>(g.height) * static_cast<size_t>(g.width));
   requireRange(call, NAME, "rows of the destination", g.height);
   return g;
 }
@@ -45,7 +44,7 @@ BlobColours checkedColours(const TaskArguments& call)
 void runNative(const NativeCall& call)
 {
   makeBlob(call.buffer<const uint8_t>(0), call.buffer<const int32_t>(1), checkedGeometry(call), checkedColours(call),
-           static_cast<int>(call.begin()), static_cast<int>(call.end()), call.buffer<void>(2));
+           static_cast<int>(call.begin()), static_cast<int>(call.end()), call.buffer<float>(2));
 }
 
 void runOpenCl(OpenClCommand& command)
@@ -55,7 +54,7 @@ void runOpenCl(OpenClCommand& command)
   const BlobContent content = blobContent(g);
   const NdRange range = NdRange(roundUp((g.width + RUN - 1) / RUN, LOCAL), command.end() - command.begin(), LOCAL, 1)
                             .offset(0, command.begin());
-  const std::string kernel = std::string("blob_") + (g.half != 0 ? "half_" : "float_") + std::to_string(g.channels);
+  const std::string kernel = "blob_float_" + std::to_string(g.channels);
   command.enqueue(kernel, range, command.buffer(0), command.buffer(1), command.buffer(2), g, colours, content);
 }
 
@@ -63,8 +62,8 @@ void runOpenCl(OpenClCommand& command)
 
 CodeletPtr blobCodelet()
 {
-  static const CodeletPtr instance = makeKernelCodelet(
-      NAME, runNative, blob_cl, {"blob_float_1", "blob_float_3", "blob_half_1", "blob_half_3"}, runOpenCl);
+  static const CodeletPtr instance =
+      makeKernelCodelet(NAME, runNative, blob_cl, {"blob_float_1", "blob_float_3"}, runOpenCl);
   return instance;
 }
 

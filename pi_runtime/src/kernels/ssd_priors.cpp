@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <cmath>
 #include <stdexcept>
 #include <string>
 
@@ -9,15 +8,6 @@ namespace pi_runtime::kernels
 {
 namespace
 {
-
-void requirePositive(const char* name, float value)
-{
-  if (!(value > 0.0F) || !std::isfinite(value))
-  {
-    throw std::invalid_argument(std::string("ssdBoxSizes: ") + name + " = " + std::to_string(value) +
-                                ", must be positive and finite");
-  }
-}
 
 SsdPrior clipped(const SsdPrior& prior)
 {
@@ -30,24 +20,6 @@ SsdPrior clipped(const SsdPrior& prior)
 }
 
 }  // namespace
-
-std::vector<SsdBoxSize> ssdBoxSizes(float scale, float next_scale, const std::vector<float>& aspect_ratios)
-{
-  requirePositive("scale", scale);
-  std::vector<SsdBoxSize> sizes;
-  for (const float ratio : aspect_ratios)
-  {
-    requirePositive("aspect ratio", ratio);
-    const float root = std::sqrt(ratio);
-    sizes.push_back({scale * root, scale / root});
-    if (ratio == 1.0F && next_scale > 0.0F)
-    {
-      const float between = std::sqrt(scale * next_scale);
-      sizes.push_back({between, between});
-    }
-  }
-  return sizes;
-}
 
 std::vector<SsdPrior> makeSsdPriors(const std::vector<SsdFeatureMap>& maps, bool clip)
 {

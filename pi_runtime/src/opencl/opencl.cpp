@@ -122,7 +122,6 @@ OpenClDeviceInfo describe(cl_platform_id platform, const std::string& platform_n
   const std::string extensions = deviceText(device, CL_DEVICE_EXTENSIONS);
   info.fp16 = extensions.find("cl_khr_fp16") != std::string::npos;
   info.fp64 = deviceValue<cl_device_fp_config>(device, CL_DEVICE_DOUBLE_FP_CONFIG) != 0;
-  info.memory_bytes = deviceValue<cl_ulong>(device, CL_DEVICE_GLOBAL_MEM_SIZE);
   return info;
 }
 
@@ -229,16 +228,8 @@ void checkOpenCl(cl_int code, const std::string& what)
 
 const char* toString(MemoryModel model)
 {
-  switch (model)
-  {
-    case MemoryModel::DIRECT:
-      return "direct";
-    case MemoryModel::MAPPED:
-      return "mapped";
-    case MemoryModel::SEPARATE:
-      return "separate";
-  }
-  return "unknown";
+  static constexpr const char* NAMES[] = {"direct", "mapped", "separate"};
+  return NAMES[static_cast<size_t>(model)];
 }
 
 std::vector<OpenClDeviceInfo> findOpenClDevices(std::vector<std::string>* problems)

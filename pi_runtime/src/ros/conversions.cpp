@@ -102,15 +102,6 @@ EtcTable::Entry fromMsg(const EtcEntry& message)
   return {message.codelet, message.bucket, message.column, {message.count, message.mean_s, message.variance_s2}};
 }
 
-GraphEdge toMsg(const GraphRequest::Edge& edge)
-{
-  GraphEdge message;
-  message.predecessor = edge.from;
-  message.successor = edge.to;
-  message.bytes = edge.bytes;
-  return message;
-}
-
 GraphRequest::Edge fromMsg(const GraphEdge& message)
 {
   return {message.predecessor, message.successor, message.bytes};
@@ -169,30 +160,6 @@ TaskReport toMsg(const TaskResult& result)
   message.stolen = result.stolen;
   message.deadline_missed = result.missedDeadline();
   return message;
-}
-
-TaskResult fromMsg(const TaskReport& message)
-{
-  if (message.outcome > TaskReport::SHUT_DOWN)
-  {
-    throw std::invalid_argument("TaskReport.outcome = " + std::to_string(message.outcome) + ", must be one of 0 to " +
-                                std::to_string(TaskReport::SHUT_DOWN + 0));
-  }
-  TaskResult result;
-  result.outcome = static_cast<Outcome>(message.outcome);
-  result.message = message.message;
-  result.opencl_code = message.opencl_code;
-  result.unit = message.unit;
-  result.executor = message.executor;
-  result.submitted_ns = message.submitted_ns;
-  result.started_ns = message.started_ns;
-  result.finished_ns = message.finished_ns;
-  result.deadline_ns = message.deadline_ns;
-  result.transfer_ns = message.transfer_ns;
-  result.predicted_s = message.predicted_s;
-  result.slices = message.slices;
-  result.stolen = message.stolen;
-  return result;
 }
 
 Statistics toMsg(const RuntimeStatistics& statistics)

@@ -28,7 +28,6 @@ Stream toMsg(const StreamStatus& status);
 EtcEntry toMsg(const EtcTable::Entry& entry);
 EtcTable::Entry fromMsg(const EtcEntry& message);
 
-GraphEdge toMsg(const GraphRequest::Edge& edge);
 GraphRequest::Edge fromMsg(const GraphEdge& message);
 
 /// Both layers of the scheduler.
@@ -43,8 +42,6 @@ SchedulerOptions fromMsg(const SchedulerPolicy& message);
 
 /// Client_key, id and outputs are left empty.
 TaskReport toMsg(const TaskResult& result);
-/// @throws std::invalid_argument if the outcome is none.
-TaskResult fromMsg(const TaskReport& message);
 
 /// The figures of the node are left 0.
 Statistics toMsg(const RuntimeStatistics& statistics);

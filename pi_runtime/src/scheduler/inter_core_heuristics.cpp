@@ -1,15 +1,12 @@
 #include "scheduler/inter_core_heuristics.h"
 
 #include <algorithm>
-#include <limits>
 #include <tuple>
 
 namespace pi_runtime
 {
 namespace
 {
-
-constexpr double INF = std::numeric_limits<double>::infinity();
 
 /// Bounds the quadratic policies; far above the metatasks of a vehicle, so that they are exact there.
 constexpr size_t DYNAMIC_RANK_WINDOW = 1024;

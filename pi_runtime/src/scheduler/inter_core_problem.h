@@ -8,6 +8,8 @@
 namespace pi_runtime
 {
 
+constexpr double INF = std::numeric_limits<double>::infinity();  ///< time: cannot run there; budget: no limit
+
 /// What the inter-core policies work on: tasks that at least one unit can run, and the objective divided by alpha,
 /// which is the largest load plus the sum of the costs.
 struct InterCoreProblem

@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <array>
-#include <limits>
 #include <optional>
 #include <sstream>
 #include <stdexcept>
@@ -16,8 +15,6 @@ namespace pi_runtime
 {
 namespace
 {
-
-constexpr double INF = std::numeric_limits<double>::infinity();
 
 constexpr std::array<const char*, 9> POLICY_NAMES{"diff_min", "min_min", "max_min",   "sufferage", "mct",
                                                   "met",      "olb",     "heft_rank", "search"};

@@ -1,14 +1,11 @@
 #include "scheduler/inter_core_search.h"
 
 #include <algorithm>
-#include <limits>
 
 namespace pi_runtime
 {
 namespace
 {
-
-constexpr double INF = std::numeric_limits<double>::infinity();
 
 /// A step must gain more than this share of the makespan, so that rounding cannot make it go in circles.
 constexpr double LEAST_GAIN = 1e-9;

@@ -3,16 +3,15 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
-#include <limits>
 
 #include "core/runtime_core.h"
+#include "scheduler/inter_core_problem.h"
 
 namespace pi_runtime
 {
 namespace
 {
 
-constexpr double INF = std::numeric_limits<double>::infinity();
 /// Assumed run time of an unknown codelet.
 constexpr double UNKNOWN_S = 1e-3;
 /// Factor by which untried units look better than tried ones, so that they are tried.

@@ -173,14 +173,6 @@ uint64_t TraceRecorder::dropped() const
   return dropped_;
 }
 
-void TraceRecorder::clear()
-{
-  const std::lock_guard<std::mutex> lock(mutex_);
-  ring_.clear();
-  next_ = 0;
-  dropped_ = 0;
-}
-
 void TraceRecorder::keepAtLeast(size_t capacity)
 {
   {

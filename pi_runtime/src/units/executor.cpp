@@ -9,24 +9,9 @@ namespace pi_runtime
 
 const char* toString(Outcome outcome)
 {
-  switch (outcome)
-  {
-    case Outcome::OK:
-      return "ok";
-    case Outcome::CANCELLED:
-      return "cancelled";
-    case Outcome::REFUSED:
-      return "refused";
-    case Outcome::BUILD_FAILED:
-      return "build failed";
-    case Outcome::EXECUTION_FAILED:
-      return "execution failed";
-    case Outcome::UNIT_FAILED:
-      return "unit failed";
-    case Outcome::SHUT_DOWN:
-      return "shut down";
-  }
-  return "unknown";
+  static constexpr const char* NAMES[] = {"ok",          "cancelled", "refused", "build failed", "execution failed",
+                                          "unit failed", "shut down"};
+  return NAMES[static_cast<size_t>(outcome)];
 }
 
 ExecutionReport reportOfCurrentException()

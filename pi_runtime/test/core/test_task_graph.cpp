@@ -213,27 +213,5 @@ TEST(TaskGraph, RefusesImpossibleBytes)
   }
 }
 
-TEST(TaskGraphBuilder, NumbersNodesAndKeepsEdges)
-{
-  TaskGraphBuilder builder;
-  const uint32_t first = builder.addNode();
-  const uint32_t second = builder.addNode();
-  builder.addEdge(first, second, 12.0);
-  const TaskGraph graph = builder.build();
-  EXPECT_EQ(0U, first);
-  EXPECT_EQ(1U, second);
-  EXPECT_EQ(2U, graph.nodes());
-  ASSERT_EQ(1U, graph.successors(first).size());
-  EXPECT_EQ(12.0, graph.successors(first).begin()->bytes);
-}
-
-TEST(TaskGraphBuilder, RefusesWhatTheGraphRefuses)
-{
-  TaskGraphBuilder builder;
-  const uint32_t node = builder.addNode();
-  builder.addEdge(node, node + 1);
-  EXPECT_THROW(builder.build(), std::invalid_argument);
-}
-
 }  // namespace
 }  // namespace pi_runtime

@@ -18,6 +18,25 @@ struct SsdOutputs
   int classes;
 };
 
+/// The sizes that Liu et al. give a feature map (eq. 4 and the text below it): for each aspect ratio a, scale * sqrt(a)
+/// by scale / sqrt(a); after the one for a = 1, a square of sqrt(scale * next_scale) if next_scale is positive.
+inline std::vector<kernels::SsdBoxSize> ssdBoxSizes(float scale, float next_scale,
+                                                    const std::vector<float>& aspect_ratios)
+{
+  std::vector<kernels::SsdBoxSize> sizes;
+  for (const float ratio : aspect_ratios)
+  {
+    const float root = std::sqrt(ratio);
+    sizes.push_back({scale * root, scale / root});
+    if (ratio == 1.0F && next_scale > 0.0F)
+    {
+      const float between = std::sqrt(scale * next_scale);
+      sizes.push_back({between, between});
+    }
+  }
+  return sizes;
+}
+
 /// Default boxes of SSD300 (Liu et al. 2016): 8732.
 inline std::vector<kernels::SsdPrior> ssd300Priors()
 {
@@ -29,7 +48,7 @@ inline std::vector<kernels::SsdPrior> ssd300Priors()
     const bool few = i == 0 || i >= 4;
     const std::vector<float> ratios =
         few ? std::vector<float>{1.0F, 2.0F, 0.5F} : std::vector<float>{1.0F, 2.0F, 0.5F, 3.0F, 1.0F / 3.0F};
-    maps.push_back({cells[i], cells[i], kernels::ssdBoxSizes(scales[i], scales[i + 1], ratios)});
+    maps.push_back({cells[i], cells[i], ssdBoxSizes(scales[i], scales[i + 1], ratios)});
   }
   return kernels::makeSsdPriors(maps, true);
 }
@@ -43,7 +62,7 @@ inline std::vector<kernels::SsdPrior> mobilenetSsdPriors()
   {
     const float scale = 0.2F + 0.15F * static_cast<float>(i);
     const float next = i + 1 < cells.size() ? scale + 0.15F : 1.0F;
-    std::vector<kernels::SsdBoxSize> boxes = kernels::ssdBoxSizes(scale, next, {1.0F, 2.0F, 0.5F, 3.0F, 1.0F / 3.0F});
+    std::vector<kernels::SsdBoxSize> boxes = ssdBoxSizes(scale, next, {1.0F, 2.0F, 0.5F, 3.0F, 1.0F / 3.0F});
     if (i == 0)
     {
       boxes = {{0.1F, 0.1F},

@@ -25,14 +25,13 @@ protected:
 
   static BlobGeometry geometryOf(const cv::Mat& source, cv::Size size)
   {
-    return {
-        source.cols, source.rows, static_cast<int>(source.step[0]), source.channels(), size.width, size.height, 0, 0};
+    return {source.cols, source.rows, static_cast<int>(source.step[0]), source.channels(), size.width, size.height, 0};
   }
 
   static Job job(const cv::Mat& source, const BlobGeometry& geometry, const BlobColours& colours)
   {
     const size_t elements = static_cast<size_t>(geometry.channels) * geometry.width * geometry.height;
-    const BufferPtr output = Buffer::allocate(elements * (geometry.half != 0 ? 2 : 4));
+    const BufferPtr output = Buffer::allocate(elements * sizeof(float));
     return {{Argument::in(wrapMat(source)), Argument::in(makeBlobPlan(geometry)), Argument::out(output),
              Argument::value(geometry), Argument::value(colours)},
             output,
@@ -142,40 +141,6 @@ TEST_F(Blob, LetterboxKeepsTheAspectRatioBetweenBars)
     const BufferPtr output = run(picture, geometry, COLOURS);
     EXPECT_LT(levelsApart(output, openCvs(boxed, {300, 300}, COLOURS), COLOURS.scale), FLOAT_ROUNDING) << from;
   }
-}
-
-TEST_F(Blob, MakesHalvesThatAreTheRoundedFloats)
-{
-  const cv::Mat picture = makePicture(640, 480, 3);
-  BlobGeometry geometry = geometryOf(picture, {301, 299});
-  const BufferPtr floats = run(picture, geometry, COLOURS);
-  geometry.half = 1;
-  const BufferPtr halves = run(picture, geometry, COLOURS);
-  const auto* values = floats->hostAs<const float>(Access::READ);
-  const auto* bits = halves->hostAs<const uint16_t>(Access::READ);
-  for (int i = 0; i < 3 * 301 * 299; ++i)
-  {
-    ASSERT_EQ(bits[i], toHalf(values[i])) << "at " << i;
-  }
-}
-
-TEST(ToHalf, AgreesWithOpenCvOnAllKindsOfNumbers)
-{
-  cv::RNG random(5);
-  std::vector<float> values{0.0F,    -0.0F,    1.0F,    65504.0F,       65519.9F,       65520.0F, -1e9F,
-                            6.1e-5F, 5.96e-8F, 2.9e-8F, 1.00048828125F, 1.00146484375F, INFINITY};
-  for (int i = 0; i < 20000; ++i)
-  {
-    values.push_back(static_cast<float>(random.gaussian(1.0) * std::exp(random.uniform(-20.0, 12.0))));
-  }
-  for (const float value : values)
-  {
-    const cv::float16_t expected(value);
-    uint16_t bits;
-    std::memcpy(&bits, &expected, sizeof(bits));
-    ASSERT_EQ(toHalf(value), bits) << value;
-  }
-  EXPECT_GT(toHalf(NAN) & 0x7FFF, 0x7C00);
 }
 
 TEST_F(Blob, ReadsPaddedRowsAndTheSmallestImages)

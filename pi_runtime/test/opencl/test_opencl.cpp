@@ -108,8 +108,6 @@ TEST_F(OpenClTest, TheCpuIsFoundAndDescribed)
   EXPECT_FALSE(cpu_->name.empty());
   EXPECT_FALSE(cpu_->driver.empty());
   EXPECT_GE(cpu_->compute_units, 1u);
-  EXPECT_GT(cpu_->memory_bytes, 0u);
-  EXPECT_EQ(1u, context().devices());
 }
 
 TEST_F(OpenClTest, ImpossibleSubDevicesAreAnError)

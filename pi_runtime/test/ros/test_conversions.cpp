@@ -117,16 +117,16 @@ TEST(Conversions, OfEtcEntriesGoBothWays)
   EXPECT_EQ(entry.cell.variance_s2, back.cell.variance_s2);
 }
 
-TEST(Conversions, OfEdgesGoBothWays)
+TEST(Conversions, OfEdgesKeepEveryField)
 {
-  const GraphRequest::Edge edge{3, 5, 1e6};
-  const GraphEdge message = toMsg(edge);
-  EXPECT_EQ(3u, message.predecessor);
-  EXPECT_EQ(5u, message.successor);
-  const GraphRequest::Edge back = fromMsg(message);
-  EXPECT_EQ(edge.from, back.from);
-  EXPECT_EQ(edge.to, back.to);
-  EXPECT_EQ(edge.bytes, back.bytes);
+  GraphEdge message;
+  message.predecessor = 3;
+  message.successor = 5;
+  message.bytes = 1e6;
+  const GraphRequest::Edge edge = fromMsg(message);
+  EXPECT_EQ(3u, edge.from);
+  EXPECT_EQ(5u, edge.to);
+  EXPECT_EQ(1e6, edge.bytes);
 }
 
 TEST(Conversions, OfPoliciesGoBothWays)
@@ -170,7 +170,7 @@ TEST(Conversions, OfPoliciesRefuseWhatIsImpossible)
   EXPECT_NE(std::string::npos, refusal([&] { fromMsg(message); }).find("level mapping"));
 }
 
-TEST(Conversions, OfResultsGoBothWays)
+TEST(Conversions, OfResultsKeepEveryField)
 {
   TaskResult result;
   result.outcome = Outcome::UNIT_FAILED;
@@ -189,27 +189,18 @@ TEST(Conversions, OfResultsGoBothWays)
   const TaskReport message = toMsg(result);
   EXPECT_TRUE(message.deadline_missed);
   EXPECT_EQ(TaskReport::UNIT_FAILED, message.outcome);
-  const TaskResult back = fromMsg(message);
-  EXPECT_EQ(result.outcome, back.outcome);
-  EXPECT_EQ(result.message, back.message);
-  EXPECT_EQ(result.opencl_code, back.opencl_code);
-  EXPECT_EQ(result.unit, back.unit);
-  EXPECT_EQ(result.executor, back.executor);
-  EXPECT_EQ(result.submitted_ns, back.submitted_ns);
-  EXPECT_EQ(result.started_ns, back.started_ns);
-  EXPECT_EQ(result.finished_ns, back.finished_ns);
-  EXPECT_EQ(result.deadline_ns, back.deadline_ns);
-  EXPECT_EQ(result.transfer_ns, back.transfer_ns);
-  EXPECT_EQ(result.predicted_s, back.predicted_s);
-  EXPECT_EQ(result.slices, back.slices);
-  EXPECT_EQ(result.stolen, back.stolen);
-}
-
-TEST(Conversions, RefuseAnOutcomeThatIsNone)
-{
-  TaskReport message;
-  message.outcome = 7;
-  EXPECT_EQ("TaskReport.outcome = 7, must be one of 0 to 6", refusal([&] { fromMsg(message); }));
+  EXPECT_EQ(result.message, message.message);
+  EXPECT_EQ(result.opencl_code, message.opencl_code);
+  EXPECT_EQ(result.unit, message.unit);
+  EXPECT_EQ(result.executor, message.executor);
+  EXPECT_EQ(result.submitted_ns, message.submitted_ns);
+  EXPECT_EQ(result.started_ns, message.started_ns);
+  EXPECT_EQ(result.finished_ns, message.finished_ns);
+  EXPECT_EQ(result.deadline_ns, message.deadline_ns);
+  EXPECT_EQ(result.transfer_ns, message.transfer_ns);
+  EXPECT_EQ(result.predicted_s, message.predicted_s);
+  EXPECT_EQ(result.slices, message.slices);
+  EXPECT_EQ(result.stolen, message.stolen);
 }
 
 TEST(Conversions, OfStreamsKeepEveryField)

@@ -89,11 +89,4 @@ std::vector<ObstacleState> SyntheticWorld::obstaclesAt(int64_t stamp_ns, const s
   return states;
 }
 
-WorldKind suitableWorld(const std::vector<pi_slam::StampedPose>& drive)
-{
-  const Extent extent = extentOf(drive);
-  const Eigen::Vector3d size = extent.high - extent.low;
-  return size.head<2>().norm() > 40.0 && size.z() < 1.0 ? WorldKind::CAMPUS : WorldKind::HALL;
-}
-
 }  // namespace pi_simulation

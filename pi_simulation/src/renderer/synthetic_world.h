@@ -88,7 +88,4 @@ private:
   std::unique_ptr<synthetic::Scene> scene_;
 };
 
-/// CAMPUS for a path longer than 40 m across whose height varies by less than 1 m, else HALL.
-WorldKind suitableWorld(const std::vector<pi_slam::StampedPose>& drive);
-
 }  // namespace pi_simulation

@@ -8,8 +8,8 @@ namespace pi_simulation
 {
 
 /// The unevenness of the ground: height and tilt of the vehicle as smooth functions of the place. They are waves with
-/// the lengths and amplitudes of drives/vehicle_path.h, each in a direction of its own. Immutable: any thread may use
-/// it.
+/// the lengths and amplitudes of bench/drives/vehicle_path.h, each in a direction of its own. Immutable: any thread may
+/// use it.
 class RoadSurface
 {
 public:

@@ -1,6 +1,6 @@
 #include "vehicle/scenario.h"
 
-#include "drives/vehicle_path.h"
+#include "renderer/path_shape.h"
 #include "vehicle/rounded_json.h"
 
 #include <pi_node/yaml_section.h>

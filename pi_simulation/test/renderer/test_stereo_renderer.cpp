@@ -1,7 +1,7 @@
 #include "renderer/stereo_renderer.h"
 
 #include "drives/vehicle_path.h"
-#include "renderer/visible_obstacles.h"
+#include "drives/visible_obstacles.h"
 
 #include <gtest/gtest.h>
 #include <pi_node/test_support/message_of.h>

@@ -27,9 +27,7 @@ void DescriptorMatcher::nearest(const FeatureSet& queries, const FeatureSet& tra
                                 std::vector<kernels::HammingMatch>* matches)
 {
   matches->resize(queries.size());
-  kernels::HammingShape shape{};
-  shape.queries = static_cast<int32_t>(queries.size());
-  shape.trains = static_cast<int32_t>(trains.size());
+  const kernels::HammingShape shape{static_cast<int32_t>(queries.size()), static_cast<int32_t>(trains.size())};
   if (runtime_)
   {
     const auto query_buffer =
@@ -39,9 +37,8 @@ void DescriptorMatcher::nearest(const FeatureSet& queries, const FeatureSet& tra
     const auto result = Buffer::wrap(matches->data(), matches->size() * sizeof(kernels::HammingMatch));
     pi_runtime::TaskRequest request;
     request.codelet = hamming_;
-    // The positions are not read without a window; any buffer will do.
-    request.arguments = {Argument::in(query_buffer), Argument::in(train_buffer), Argument::in(query_buffer),
-                         Argument::in(train_buffer), Argument::out(result),      Argument::value(shape)};
+    request.arguments = {Argument::in(query_buffer), Argument::in(train_buffer), Argument::out(result),
+                         Argument::value(shape)};
     request.range = queries.size();
     if (runtime_->submit(std::move(request)).wait().ok())
     {
@@ -49,8 +46,8 @@ void DescriptorMatcher::nearest(const FeatureSet& queries, const FeatureSet& tra
       return;
     }
   }
-  kernels::matchHamming(queries.descriptors.data(), trains.descriptors.data(), nullptr, nullptr, shape, 0,
-                        queries.size(), matches->data());
+  kernels::matchHamming(queries.descriptors.data(), trains.descriptors.data(), shape, 0, queries.size(),
+                        matches->data());
 }
 
 std::vector<DescriptorMatch> DescriptorMatcher::match(const FeatureSet& queries, const FeatureSet& trains,

@@ -385,22 +385,13 @@ ArbiterOutput Arbiter::update(int64_t now_ns, std::optional<double> measured_spe
 
 const char* toString(ArbiterAnswer answer)
 {
-  switch (answer)
-  {
-    case ArbiterAnswer::TAKEN:
-      return "taken";
-    case ArbiterAnswer::UNKNOWN_SOURCE:
-      return "unknown source: add it to sources";
-    case ArbiterAnswer::NOT_FINITE:
-      return "a number that is none, or a negative deceleration";
-    case ArbiterAnswer::TOO_OLD:
-      return "stamp older than the source's timeout";
-    case ArbiterAnswer::FROM_FUTURE:
-      return "stamp in the future: check the clocks";
-    case ArbiterAnswer::OUT_OF_ORDER:
-      return "older than the command before";
-  }
-  return "unknown";
+  static constexpr const char* NAMES[] = {"taken",
+                                          "unknown source: add it to sources",
+                                          "a number that is none, or a negative deceleration",
+                                          "stamp older than the source's timeout",
+                                          "stamp in the future: check the clocks",
+                                          "older than the command before"};
+  return NAMES[static_cast<size_t>(answer)];
 }
 
 }  // namespace pi_vehicle

@@ -17,10 +17,9 @@ using pi_node::seconds;
 namespace
 {
 
-constexpr CommandAction ACTIONS[] = {CommandAction::STOP,   CommandAction::GO,     CommandAction::CONFIRM,
-                                     CommandAction::CANCEL, CommandAction::SLOWER, CommandAction::FASTER,
-                                     CommandAction::LEFT,   CommandAction::RIGHT,  CommandAction::GO_TO,
-                                     CommandAction::SAY,    CommandAction::HORN};
+/// In the order of CommandAction.
+constexpr const char* COMMAND_ACTIONS[] = {"stop", "go",    "confirm", "cancel", "slower", "faster",
+                                           "left", "right", "go_to",   "say",    "horn"};
 
 CommandActionsOptions read(pi_node::YamlSection top)
 {
@@ -48,18 +47,15 @@ CommandActionsOptions read(pi_node::YamlSection top)
     SpokenCommand command;
     command.text = entry.get<std::string>("text", "a text");
     const auto action = entry.get<std::string>("action", "an action");
-    const auto* known = std::find_if(std::begin(ACTIONS), std::end(ACTIONS),
-                                     [&action](CommandAction one) { return action == toString(one); });
-    if (known == std::end(ACTIONS))
+    const auto* known = std::find(std::begin(COMMAND_ACTIONS), std::end(COMMAND_ACTIONS), action);
+    if (known == std::end(COMMAND_ACTIONS))
     {
-      std::string list;
-      for (const CommandAction one : ACTIONS)
-      {
-        list += (list.empty() ? "" : ", ") + std::string(toString(one));
-      }
+      std::string list = COMMAND_ACTIONS[0];
+      std::for_each(std::begin(COMMAND_ACTIONS) + 1, std::end(COMMAND_ACTIONS),
+                    [&list](const char* one) { list += std::string(", ") + one; });
       entry.refuse("action", "\"" + action + "\"", "one of " + list);
     }
-    command.action = *known;
+    command.action = static_cast<CommandAction>(known - COMMAND_ACTIONS);
     entry.readNumber("min_confidence", 0.0, 1.0, &command.min_confidence);
     entry.read("argument", "a text", &command.argument);
     entry.finish();
@@ -267,54 +263,15 @@ CommandActions::Outcome CommandActions::answerQuestion(CommandAction action, int
 
 const char* toString(CommandAction action)
 {
-  switch (action)
-  {
-    case CommandAction::STOP:
-      return "stop";
-    case CommandAction::GO:
-      return "go";
-    case CommandAction::CONFIRM:
-      return "confirm";
-    case CommandAction::CANCEL:
-      return "cancel";
-    case CommandAction::SLOWER:
-      return "slower";
-    case CommandAction::FASTER:
-      return "faster";
-    case CommandAction::LEFT:
-      return "left";
-    case CommandAction::RIGHT:
-      return "right";
-    case CommandAction::GO_TO:
-      return "go_to";
-    case CommandAction::SAY:
-      return "say";
-    case CommandAction::HORN:
-      return "horn";
-  }
-  return "unknown";
+  return COMMAND_ACTIONS[static_cast<size_t>(action)];
 }
 
 const char* toString(CommandOutcome outcome)
 {
-  switch (outcome)
-  {
-    case CommandOutcome::DONE:
-      return "done";
-    case CommandOutcome::AWAITS_CONFIRMATION:
-      return "awaits confirmation";
-    case CommandOutcome::IGNORED_UNKNOWN:
-      return "ignored: unknown";
-    case CommandOutcome::IGNORED_FAINT:
-      return "ignored: faint";
-    case CommandOutcome::IGNORED_OLD:
-      return "ignored: old";
-    case CommandOutcome::IGNORED_STOPPED:
-      return "ignored: stopped";
-    case CommandOutcome::IGNORED_OUT_OF_CONTEXT:
-      return "ignored: out of context";
-  }
-  return "unknown";
+  static constexpr const char* NAMES[] = {
+      "done",         "awaits confirmation", "ignored: unknown",       "ignored: faint",
+      "ignored: old", "ignored: stopped",    "ignored: out of context"};
+  return NAMES[static_cast<size_t>(outcome)];
 }
 
 }  // namespace pi_vehicle

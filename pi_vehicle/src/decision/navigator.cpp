@@ -521,22 +521,8 @@ void Navigator::giveUpIfStuck(int64_t now_ns, NavigatorOutput* output)
 
 const char* toString(NavigatorState state)
 {
-  switch (state)
-  {
-    case NavigatorState::IDLE:
-      return "idle";
-    case NavigatorState::WAITING:
-      return "waiting";
-    case NavigatorState::DRIVING:
-      return "driving";
-    case NavigatorState::HELD_UP:
-      return "held up";
-    case NavigatorState::STOPPED:
-      return "stopped";
-    case NavigatorState::STOPPING:
-      return "stopping";
-  }
-  return "unknown";
+  static constexpr const char* NAMES[] = {"idle", "waiting", "driving", "held up", "stopped", "stopping"};
+  return NAMES[static_cast<size_t>(state)];
 }
 
 }  // namespace pi_vehicle

@@ -373,42 +373,4 @@ std::vector<Pose2> PathFollower::wayAhead(double length, double step) const
   return way;
 }
 
-const char* toString(FollowerState state)
-{
-  switch (state)
-  {
-    case FollowerState::IDLE:
-      return "idle";
-    case FollowerState::FOLLOWING:
-      return "following";
-    case FollowerState::STOPPED:
-      return "stopped";
-    case FollowerState::DONE:
-      return "done";
-  }
-  return "unknown";
-}
-
-const char* toString(FollowerStop stop)
-{
-  switch (stop)
-  {
-    case FollowerStop::NONE:
-      return "none";
-    case FollowerStop::NO_LOCALISATION:
-      return "no localisation";
-    case FollowerStop::STALE_LOCALISATION:
-      return "stale localisation";
-    case FollowerStop::LOCALISATION_JUMPED:
-      return "localisation jumped";
-    case FollowerStop::OFF_PATH:
-      return "off the path";
-    case FollowerStop::BAD_INPUT:
-      return "bad input";
-    case FollowerStop::GOAL_MISSED:
-      return "goal missed";
-  }
-  return "unknown";
-}
-
 }  // namespace pi_vehicle

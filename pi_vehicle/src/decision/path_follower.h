@@ -176,8 +176,4 @@ private:
   bool have_steered_ = false;
 };
 
-/// "following", "stopped", ... for logs and diagnostics.
-const char* toString(FollowerState state);
-const char* toString(FollowerStop stop);
-
 }  // namespace pi_vehicle

@@ -90,20 +90,8 @@ void PoseKeeperOptions::validate() const
 
 const char* toString(KeeperState state)
 {
-  switch (state)
-  {
-    case KeeperState::WAITING:
-      return "waiting";
-    case KeeperState::LOCALISED:
-      return "localised";
-    case KeeperState::SILENT:
-      return "silent";
-    case KeeperState::RESTORING:
-      return "restoring";
-    case KeeperState::LOST:
-      return "lost";
-  }
-  return "";
+  static constexpr const char* NAMES[] = {"waiting", "localised", "silent", "restoring", "lost"};
+  return NAMES[static_cast<size_t>(state)];
 }
 
 PoseKeeper::PoseKeeper(const PoseKeeperOptions& options)

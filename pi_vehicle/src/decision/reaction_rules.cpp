@@ -17,8 +17,8 @@ using pi_node::seconds;
 namespace
 {
 
-constexpr ReactionAction ACTIONS[] = {ReactionAction::GREET, ReactionAction::HORN, ReactionAction::SAY,
-                                      ReactionAction::SLOW, ReactionAction::STOP};
+/// In the order of ReactionAction.
+constexpr const char* REACTION_ACTIONS[] = {"greet", "horn", "say", "slow", "stop"};
 
 bool once(ReactionAction action)
 {
@@ -69,13 +69,12 @@ ReactionRule readRule(pi_node::YamlSection& entry)
   entry.read("cooldown", "a number", &rule.cooldown);
   entry.read("hold", "a number", &rule.hold);
   const auto action = entry.get<std::string>("action", "an action");
-  const auto* known = std::find_if(std::begin(ACTIONS), std::end(ACTIONS),
-                                   [&action](ReactionAction one) { return action == toString(one); });
-  if (known == std::end(ACTIONS))
+  const auto* known = std::find(std::begin(REACTION_ACTIONS), std::end(REACTION_ACTIONS), action);
+  if (known == std::end(REACTION_ACTIONS))
   {
     entry.refuse("action", "\"" + action + "\"", "one of greet, horn, say, slow, stop");
   }
-  rule.action = *known;
+  rule.action = static_cast<ReactionAction>(known - REACTION_ACTIONS);
   entry.read("text", "a text", &rule.text);
   entry.read("speed", "a number", &rule.speed);
   entry.finish();
@@ -287,20 +286,7 @@ ReactionResult ReactionRules::update(int64_t now_ns, const std::vector<SeenThing
 
 const char* toString(ReactionAction action)
 {
-  switch (action)
-  {
-    case ReactionAction::GREET:
-      return "greet";
-    case ReactionAction::HORN:
-      return "horn";
-    case ReactionAction::SAY:
-      return "say";
-    case ReactionAction::SLOW:
-      return "slow";
-    case ReactionAction::STOP:
-      return "stop";
-  }
-  return "unknown";
+  return REACTION_ACTIONS[static_cast<size_t>(action)];
 }
 
 }  // namespace pi_vehicle

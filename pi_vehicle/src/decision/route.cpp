@@ -512,16 +512,7 @@ RouteResult planRoute(const RouteRequest& request, const RouteOptions& options)
   {
     rough.pop_back();
   }
-  result = finish(rough, request.loop, options);
-  if (result.path)
-  {
-    for (const Eigen::Vector2d& p : vertices)
-    {
-      const PathProjection projection = result.path->project({p.x(), p.y(), 0.0});
-      result.max_cut = std::max(result.max_cut, (result.path->at(projection.s).pose().position() - p).norm());
-    }
-  }
-  return result;
+  return finish(rough, request.loop, options);
 }
 
 RouteResult rejoinRoute(const Path& path, const Pose2& pose, double ahead, const RouteOptions& options)

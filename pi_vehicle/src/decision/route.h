@@ -44,7 +44,6 @@ struct RouteResult
   std::optional<Path> path;    ///< nullopt: no path, see `problem`
   std::string problem;         ///< with the remedy; empty: none
   double max_curvature = 0.0;  ///< [1/m]
-  double max_cut = 0.0;        ///< largest distance of a waypoint from the path [m]
 };
 
 /// Plans a path that a vehicle with a turning circle can drive forwards. Corners become arcs, as wide as the legs, the

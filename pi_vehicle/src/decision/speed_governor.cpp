@@ -104,7 +104,6 @@ bool SpeedGovernor::setObstacles(int64_t stamp_ns, const std::vector<ObstacleBox
   {
     if (report_ns_ - stamp_ns <= 1000000000)
     {
-      ++left_out_;
       return false;
     }
     reset();
@@ -112,12 +111,12 @@ bool SpeedGovernor::setObstacles(int64_t stamp_ns, const std::vector<ObstacleBox
   reported_ = true;
   report_ns_ = stamp_ns;
   const Pose2 pose = poseAt(stamp_ns);
-  const size_t left_out = left_out_;
+  bool complete = true;
   for (const ObstacleBox& box : obstacles)
   {
     if (!box.position.allFinite() || !box.size.allFinite() || !box.velocity.allFinite())
     {
-      ++left_out_;
+      complete = false;
       continue;
     }
     Known known;
@@ -129,7 +128,7 @@ bool SpeedGovernor::setObstacles(int64_t stamp_ns, const std::vector<ObstacleBox
     }
     else
     {
-      left_out_ += box.outline.empty() ? 0 : 1;
+      complete = complete && box.outline.empty();
       const Eigen::Vector2d p = pose * box.position;
       known.outline = GroundPolygon::box({p.x(), p.y(), pose.heading}, (0.5 * box.size).cwiseMax(LEAST_HALF_SIZE));
     }
@@ -146,7 +145,7 @@ bool SpeedGovernor::setObstacles(int64_t stamp_ns, const std::vector<ObstacleBox
       *same = known;
     }
   }
-  return left_out_ == left_out;
+  return complete;
 }
 
 SpeedGovernor::Placed SpeedGovernor::alongWay(double s) const

@@ -123,8 +123,6 @@ public:
   /// Call at 10 to 50 Hz. A clock that goes back resets the governor: the limit is 0 until the next report.
   GovernorOutput update(const GovernorInput& input);
 
-  size_t leftOut() const { return left_out_; }  ///< reports, boxes and outlines
-
 private:
   struct Known  // in the frame of dead reckoning
   {
@@ -201,7 +199,6 @@ private:
   bool standing_ = false;  // held at 0 until clear for clear_persistence
   bool was_clear_ = false;
   int64_t clear_since_ns_ = 0;
-  size_t left_out_ = 0;
 };
 
 }  // namespace pi_vehicle

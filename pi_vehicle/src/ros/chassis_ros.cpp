@@ -33,22 +33,9 @@ ros::Time rosTime(int64_t monotonic_ns)
 
 const char* modeText(HostMode mode)
 {
-  switch (mode)
-  {
-    case HostMode::READY:
-      return "ready";
-    case HostMode::DRIVING:
-      return "driving";
-    case HostMode::STOPPED_WATCHDOG:
-      return "stopped by a watchdog";
-    case HostMode::EMERGENCY_STOP:
-      return "emergency stop";
-    case HostMode::FAULT:
-      return "fault";
-    case HostMode::DISCONNECTED:
-      return "disconnected";
-  }
-  return "";
+  static constexpr const char* NAMES[] = {"ready",          "driving", "stopped by a watchdog",
+                                          "emergency stop", "fault",   "disconnected"};
+  return NAMES[static_cast<size_t>(mode)];
 }
 
 }  // namespace

@@ -18,7 +18,6 @@ struct BlobGeometry
   int32_t width;          ///< of the network input [px], 1 to 32767
   int32_t height;
   int32_t letterbox;  ///< 0: stretched to the whole input; 1: keeps its aspect ratio, centred between bars
-  int32_t half;       ///< 0: float; 1: IEEE binary16
 };
 
 /// Colours of the network input. Argument 4 of the codelet.
@@ -54,18 +53,15 @@ size_t blobPlanBytes(const BlobGeometry& geometry);
 /// Range: rows of the destination; sliceable.
 ///   0 in   source, uint8, source_height rows
 ///   1 in   plan, of makeBlobPlan() for the same geometry
-///   2 out  destination, channels * height * width of float or binary16
+///   2 out  destination, float, channels * height * width
 ///   3      BlobGeometry
 ///   4      BlobColours
 CodeletPtr blobCodelet();
 
 /// The native twin: rows [begin, end) of all planes.
 /// @param plan         content of makeBlobPlan() for this geometry
-/// @param destination  float or uint16_t (binary16), channels * height * width
+/// @param destination  channels * height * width
 void makeBlob(const uint8_t* source, const int32_t* plan, const BlobGeometry& geometry, const BlobColours& colours,
-              int begin, int end, void* destination);
-
-/// IEEE binary16, rounded to the nearest, ties to even.
-uint16_t toHalf(float value);
+              int begin, int end, float* destination);
 
 }  // namespace pi_runtime::kernels

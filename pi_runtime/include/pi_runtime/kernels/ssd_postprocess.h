@@ -35,11 +35,6 @@ struct SsdFeatureMap
   float step_y = 0.0F;  ///< likewise; 0: 1 / rows
 };
 
-/// The sizes that Liu et al. give a feature map (eq. 4 and the text below it): for each aspect ratio a, scale * sqrt(a)
-/// by scale / sqrt(a); after the one for a = 1, a square of sqrt(scale * next_scale) if next_scale is positive.
-/// @throws std::invalid_argument if scale or an aspect ratio is not positive.
-std::vector<SsdBoxSize> ssdBoxSizes(float scale, float next_scale, const std::vector<float>& aspect_ratios);
-
 /// All default boxes, by feature map, row, column, box: the order of a network's outputs (as Caffe's PriorBox).
 /// @param clip  cuts boxes at the image's border, as PriorBox does with clip
 /// @throws std::invalid_argument naming a feature map without cells or boxes.

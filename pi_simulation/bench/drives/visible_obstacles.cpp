@@ -1,4 +1,4 @@
-#include "renderer/visible_obstacles.h"
+#include "drives/visible_obstacles.h"
 
 #include <algorithm>
 #include <cmath>

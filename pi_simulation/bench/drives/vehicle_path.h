@@ -1,22 +1,15 @@
 #pragma once
 
+#include "renderer/path_shape.h"
+
 #include <pi_slam/trajectory_file.h>
 
-#include <Eigen/Core>
 #include <cstdint>
 #include <string>
 #include <vector>
 
 namespace pi_simulation
 {
-
-enum class PathShape
-{
-  CAMPUS_LOOP,   ///< around a block, 75 m x 45 m, counterclockwise
-  HALL_LOOP,     ///< around the aisles of a hall, 22 m x 12 m
-  STRAIGHT,      ///< along x
-  FIGURE_EIGHT,  ///< lemniscate, 44 m long
-};
 
 /// @throws std::invalid_argument that lists the known names: campus_loop, hall_loop, straight, figure_eight.
 PathShape parsePathShape(const std::string& name);
@@ -43,8 +36,5 @@ struct VehiclePathOptions
 /// Poses at 50 Hz of a vehicle that follows the shape, round after round where it is closed: body x forward, y left,
 /// z up, accelerations within 1 m/s^2 along the way, pitch, roll and height from bumps fixed to the road.
 std::vector<pi_slam::StampedPose> makeVehiclePath(const VehiclePathOptions& options);
-
-/// The line that a drive follows, every 0.25 m or so: one round of a closed shape, `length_m` of STRAIGHT.
-std::vector<Eigen::Vector2d> pathLine(PathShape shape, double length_m);
 
 }  // namespace pi_simulation

@@ -176,6 +176,22 @@ void readObstacles(const std::string& list, SyntheticWorldOptions* world)
   }
 }
 
+/// CAMPUS for a path longer than 40 m across whose height varies by less than 1 m, else HALL.
+WorldKind suitableWorld(const std::vector<pi_slam::StampedPose>& drive)
+{
+  if (drive.size() < 2)
+  {
+    throw std::invalid_argument("world: the drive has " + std::to_string(drive.size()) + " poses, needs two or more");
+  }
+  Eigen::AlignedBox3d extent;
+  for (const pi_slam::StampedPose& pose : drive)
+  {
+    extent.extend(pose.T_world_body.translation());
+  }
+  const Eigen::Vector3d size = extent.sizes();
+  return size.head<2>().norm() > 40.0 && size.z() < 1.0 ? WorldKind::CAMPUS : WorldKind::HALL;
+}
+
 WorldKind parseWorld(const std::string& name, WorldKind automatic)
 {
   if (name != "auto" && name != "campus" && name != "hall")

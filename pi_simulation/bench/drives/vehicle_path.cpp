@@ -11,147 +11,30 @@ namespace pi_simulation
 namespace
 {
 
-constexpr double STEP_M = 0.05;       ///< of the sampled line
+constexpr double STEP_M = PathLine::STEP_M;
 constexpr double ACCELERATION = 1.0;  ///< along the way [m/s^2]
 constexpr double SIDE_ACCELERATION = 1.2;
 constexpr double PERIOD_S = 0.02;  ///< of the poses
 
-bool isClosed(PathShape shape)
+double headingAt(const PathLine& line, double s)
 {
-  return shape != PathShape::STRAIGHT;
+  const Eigen::Vector2d tangent = line.at(s + 0.25) - line.at(s - 0.25);
+  return std::atan2(tangent.y(), tangent.x());
 }
 
-/// Corner points or curve of a shape; closed shapes do not repeat their first point.
-std::vector<Eigen::Vector2d> outline(PathShape shape)
+double curvatureAt(const PathLine& line, double s)
 {
-  std::vector<Eigen::Vector2d> points;
-  if (shape == PathShape::FIGURE_EIGHT)
-  {
-    for (int i = 0; i < 2000; ++i)  // lemniscate of Gerono
-    {
-      const double a = 2.0 * M_PI * i / 2000.0;
-      points.emplace_back(22.0 * std::sin(a), 22.0 * std::sin(a) * std::cos(a));
-    }
-    return points;
-  }
-  const bool campus = shape == PathShape::CAMPUS_LOOP;
-  const double length = campus ? 75.0 : 22.0;
-  const double width = campus ? 45.0 : 12.0;
-  const double radius = campus ? 9.0 : 3.5;
-  const Eigen::Vector2d centres[] = {
-      {length - radius, radius}, {length - radius, width - radius}, {radius, width - radius}, {radius, radius}};
-  points.emplace_back(0.3 * length, 0.0);  // sets off on a straight
-  for (int corner = 0; corner < 4; ++corner)
-  {
-    for (int i = 0; i <= 60; ++i)
-    {
-      const double a = 0.5 * M_PI * (corner - 1 + i / 60.0);
-      points.emplace_back(centres[corner] + radius * Eigen::Vector2d(std::cos(a), std::sin(a)));
-    }
-  }
-  return points;
+  return std::remainder(headingAt(line, s + 0.25) - headingAt(line, s - 0.25), 2.0 * M_PI) / 0.5;
 }
-
-double perimeter(const std::vector<Eigen::Vector2d>& corners)
-{
-  double length = (corners.front() - corners.back()).norm();
-  for (size_t i = 1; i < corners.size(); ++i)
-  {
-    length += (corners[i] - corners[i - 1]).norm();
-  }
-  return length;
-}
-
-/// Points at equal distance along a closed polygon, about `step` apart, so that a whole number fits.
-std::vector<Eigen::Vector2d> resample(const std::vector<Eigen::Vector2d>& corners, double step)
-{
-  const double length = perimeter(corners);
-  const auto count = static_cast<size_t>(std::round(length / step));
-  const double exact_step = length / static_cast<double>(count);
-  std::vector<Eigen::Vector2d> points;
-  double before = 0.0;  // length up to the corner
-  for (size_t i = 0; i < corners.size(); ++i)
-  {
-    const Eigen::Vector2d a = corners[i];
-    const Eigen::Vector2d edge = corners[(i + 1) % corners.size()] - a;
-    const double after = before + edge.norm();
-    while (points.size() < count && exact_step * static_cast<double>(points.size()) <= after)
-    {
-      const double s = exact_step * static_cast<double>(points.size()) - before;
-      points.emplace_back(edge.norm() > 0.0 ? Eigen::Vector2d(a + edge * (s / edge.norm())) : a);
-    }
-    before = after;
-  }
-  return points;
-}
-
-/// Mean over a window along the closed line: turns the corners' steps of curvature into ramps.
-std::vector<Eigen::Vector2d> smoothed(const std::vector<Eigen::Vector2d>& points, double window_m)
-{
-  const auto count = static_cast<int>(points.size());
-  const int half = static_cast<int>(0.5 * window_m / STEP_M);
-  std::vector<Eigen::Vector2d> result(points.size(), Eigen::Vector2d::Zero());
-  for (int i = 0; i < count; ++i)
-  {
-    for (int k = -half; k <= half; ++k)
-    {
-      result[static_cast<size_t>(i)] += points[static_cast<size_t>((i + k + count) % count)];
-    }
-    result[static_cast<size_t>(i)] /= 2.0 * half + 1.0;
-  }
-  return result;
-}
-
-/// The line as a function of the distance driven.
-class Line
-{
-public:
-  explicit Line(PathShape shape)
-  {
-    if (isClosed(shape))
-    {
-      points_ = resample(smoothed(resample(outline(shape), STEP_M), 4.0), STEP_M);
-      step_m_ = perimeter(points_) / static_cast<double>(points_.size());
-    }
-  }
-
-  Eigen::Vector2d at(double s) const
-  {
-    if (points_.empty())
-    {
-      return {s, 0.0};
-    }
-    const double index = s / step_m_;
-    const double floor = std::floor(index);
-    const auto count = static_cast<long>(points_.size());
-    const long i = ((static_cast<long>(floor) % count) + count) % count;
-    const double f = index - floor;
-    return (1.0 - f) * points_[static_cast<size_t>(i)] + f * points_[static_cast<size_t>((i + 1) % count)];
-  }
-
-  double heading(double s) const
-  {
-    const Eigen::Vector2d tangent = at(s + 0.25) - at(s - 0.25);
-    return std::atan2(tangent.y(), tangent.x());
-  }
-
-  double curvature(double s) const { return std::remainder(heading(s + 0.25) - heading(s - 0.25), 2.0 * M_PI) / 0.5; }
-
-  double length() const { return step_m_ * static_cast<double>(points_.size()); }
-
-private:
-  std::vector<Eigen::Vector2d> points_;  ///< empty: straight
-  double step_m_ = STEP_M;
-};
 
 /// Time at which each of `count` multiples of a step is reached, from rest to rest, with the stops on the way.
-std::vector<double> timeOfDistance(const Line& line, const VehiclePathOptions& options, size_t count, double step_m)
+std::vector<double> timeOfDistance(const PathLine& line, const VehiclePathOptions& options, size_t count, double step_m)
 {
   std::vector<double> speed(count);
   std::vector<double> pause(count, 0.0);
   for (size_t i = 0; i < count; ++i)
   {
-    const double bend = std::abs(line.curvature(step_m * static_cast<double>(i)));
+    const double bend = std::abs(curvatureAt(line, step_m * static_cast<double>(i)));
     speed[i] = std::min(options.speed, std::sqrt(SIDE_ACCELERATION / std::max(bend, 1e-6)));
   }
   for (int stop = 1; stop <= options.stops; ++stop)
@@ -177,13 +60,13 @@ std::vector<double> timeOfDistance(const Line& line, const VehiclePathOptions& o
   return times;
 }
 
-std::vector<double> timeOfDistance(const Line& line, const VehiclePathOptions& options, double length_m)
+std::vector<double> timeOfDistance(const PathLine& line, const VehiclePathOptions& options, double length_m)
 {
   return timeOfDistance(line, options, static_cast<size_t>(length_m / STEP_M) + 2, STEP_M);
 }
 
 /// Length of the way that takes `duration_s` from rest to rest.
-double lengthOfDuration(const Line& line, const VehiclePathOptions& options, double duration_s)
+double lengthOfDuration(const PathLine& line, const VehiclePathOptions& options, double duration_s)
 {
   double low = 0.0;
   double high = options.speed * duration_s;
@@ -274,22 +157,10 @@ void VehiclePathOptions::validate() const
         duration_s, "long enough for the standstills and stops, with a tenth left to drive");
 }
 
-std::vector<Eigen::Vector2d> pathLine(PathShape shape, double length_m)
-{
-  const Line line(shape);
-  const double length = isClosed(shape) ? line.length() : length_m;
-  std::vector<Eigen::Vector2d> points;
-  for (double s = 0.0; s < length; s += 0.25)
-  {
-    points.push_back(line.at(s));
-  }
-  return points;
-}
-
 std::vector<pi_slam::StampedPose> makeVehiclePath(const VehiclePathOptions& options)
 {
   options.validate();
-  const Line line(options.shape);
+  const PathLine line(options.shape);
   double duration_s = options.duration_s;
   double step_m = STEP_M;
   std::vector<double> times;
@@ -326,7 +197,7 @@ std::vector<pi_slam::StampedPose> makeVehiclePath(const VehiclePathOptions& opti
     pi_slam::StampedPose pose;
     pose.stamp_ns = options.start_ns + std::llround(k * PERIOD_S * 1e9);
     pose.T_world_body.translation() << line.at(s), options.height_m + bumps.height(s);
-    pose.T_world_body.linear() = (Eigen::AngleAxisd(line.heading(s), Eigen::Vector3d::UnitZ()) *
+    pose.T_world_body.linear() = (Eigen::AngleAxisd(headingAt(line, s), Eigen::Vector3d::UnitZ()) *
                                   Eigen::AngleAxisd(bumps.pitch(s), Eigen::Vector3d::UnitY()) *
                                   Eigen::AngleAxisd(bumps.roll(s), Eigen::Vector3d::UnitX()))
                                      .toRotationMatrix();

@@ -1,7 +1,7 @@
 #include "drives/sequence_writer.h"
 
 #include "drives/sequence_files.h"
-#include "renderer/visible_obstacles.h"
+#include "drives/visible_obstacles.h"
 #include "renderer/worker_pool.h"
 
 #include <algorithm>
