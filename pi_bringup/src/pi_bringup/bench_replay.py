@@ -139,7 +139,7 @@ class Replay:
         folder = self._output / "recording"
         if not (folder / "mav0").is_dir():
             print("rendering a round", file=sys.stderr, flush=True)
-            command = ["rosrun", "pi_slam", "render_sequence", "--rounds", "1", "--start-standstill", "2",
+            command = ["rosrun", "pi_simulation", "render_sequence", "--rounds", "1", "--start-standstill", "2",
                        "--end-standstill", "2", str(folder)]
             with open(self._log, "ab") as log:
                 status = subprocess.run(command, env=self._started.environment, stdin=subprocess.DEVNULL, stdout=log,
