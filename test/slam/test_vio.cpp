@@ -1,9 +1,9 @@
 #include <gtest/gtest.h>
 #include <pi_slam/imu_simulator.h>
-#include "renderer/stereo_renderer.h"
-#include "renderer/synthetic_world.h"
 #include "drives/vehicle_path.h"
 #include "odometry/vio.h"
+#include "renderer/stereo_renderer.h"
+#include "renderer/synthetic_world.h"
 
 #include <algorithm>
 #include <cmath>
@@ -432,21 +432,6 @@ TEST_F(VioTest, IgnoresSamplesThatAreNotFinite)
   EXPECT_FALSE(vio.addImu(sample));
   EXPECT_NE(vio.imuMessage().find("not finite"), std::string::npos);
   EXPECT_FALSE(vio.imuCovers(sample.stamp_ns));
-}
-
-TEST_F(VioTest, BeginsAnewAfterReset)
-{
-  Vio vio(Drive::instance().calibration, makeOptions());
-  const std::vector<Outcome> first = run(&vio);
-  ASSERT_TRUE(first.back().known);
-  vio.reset();
-  aligned_ = false;
-  // The same drive, with stamps that begin before the last ones.
-  const std::vector<Outcome> second = run(&vio);
-  ASSERT_EQ(first.size(), second.size());
-  EXPECT_FALSE(second.front().known);
-  EXPECT_TRUE(second.back().known) << allMessages();
-  EXPECT_NEAR((first.back().state.p - second.back().state.p).norm(), 0.0, 1e-9);
 }
 
 TEST_F(VioTest, DoesLessRatherThanFallBehind)

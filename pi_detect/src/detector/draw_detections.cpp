@@ -13,17 +13,7 @@ namespace
 
 constexpr double GOLDEN_ANGLE_DEG = 137.508;  // consecutive hues far from each other
 
-}  // namespace
-
-cv::Scalar colourOf(int number)
-{
-  const double hue = std::fmod(std::abs(number) * GOLDEN_ANGLE_DEG, 360.0);
-  cv::Mat pixel(1, 1, CV_32FC3, cv::Scalar(hue, 0.75, 1.0));
-  cv::cvtColor(pixel, pixel, cv::COLOR_HSV2BGR);
-  const auto colour = pixel.at<cv::Vec3f>(0, 0);
-  return {255.0 * colour[0], 255.0 * colour[1], 255.0 * colour[2]};
-}
-
+/// With a caption on a plate of its colour, above the box or, at the upper edge, inside.
 void drawBox(const Box& box, const std::string& caption, const cv::Scalar& colour, cv::Mat* picture)
 {
   // Readable on a picture of any size.
@@ -45,14 +35,26 @@ void drawBox(const Box& box, const std::string& caption, const cv::Scalar& colou
               cv::Scalar::all(0), 1, cv::LINE_AA);
 }
 
-void drawDetections(const Detections& detections, const std::map<int, std::string>& labels, cv::Mat* picture)
+}  // namespace
+
+cv::Scalar colourOf(int number)
 {
-  // The best on top.
+  const double hue = std::fmod(std::abs(number) * GOLDEN_ANGLE_DEG, 360.0);
+  cv::Mat pixel(1, 1, CV_32FC3, cv::Scalar(hue, 0.75, 1.0));
+  cv::cvtColor(pixel, pixel, cv::COLOR_HSV2BGR);
+  const auto colour = pixel.at<cv::Vec3f>(0, 0);
+  return {255.0 * colour[0], 255.0 * colour[1], 255.0 * colour[2]};
+}
+
+void drawDetections(const Detections& detections, const std::map<int, std::string>& labels, cv::Mat* picture,
+                    const std::function<std::string(const Detection&)>& prefix)
+{
   for (auto detection = detections.rbegin(); detection != detections.rend(); ++detection)
   {
     const auto label = labels.find(detection->class_id);
     drawBox(detection->box,
-            (label == labels.end() ? std::to_string(detection->class_id) : label->second) +
+            (prefix ? prefix(*detection) : "") +
+                (label == labels.end() ? std::to_string(detection->class_id) : label->second) +
                 pi_node::format(" %.2f", detection->score),
             colourOf(detection->class_id), picture);
   }

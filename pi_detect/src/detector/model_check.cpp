@@ -4,6 +4,7 @@
 #include <pi_node/child_process.h>
 #include <sys/wait.h>
 
+#include <boost/algorithm/string.hpp>
 #include <cstring>
 #include <filesystem>
 #include <stdexcept>
@@ -73,10 +74,7 @@ void checkModel(const ModelDescription& model, const ModelCheckOptions& options)
   }
   if (WEXITSTATUS(status) != 0)
   {
-    while (!message.empty() && message.back() == '\n')
-    {
-      message.pop_back();
-    }
+    boost::trim_right_if(message, boost::is_any_of("\n"));
     throw ModelError(message.empty() ? model.weights.path + ": the check ended with status " +
                                            std::to_string(WEXITSTATUS(status)) + " and said nothing"
                                      : message);

@@ -21,7 +21,7 @@ using pi_runtime::kernels::SSD_SOFTMAX;
 using pi_runtime::kernels::SsdBoxSize;
 using pi_runtime::kernels::SsdFeatureMap;
 
-constexpr int MAX_INPUT = 4096;       // [px]
+constexpr int MOST_INPUT_PX = 4096;
 constexpr int MAX_PRIORS = 65536;     // of the codelet
 constexpr int MAX_CLASSES = 1024;     // likewise
 constexpr int MAX_DETECTIONS = 1024;  // likewise
@@ -214,8 +214,8 @@ void validateSum(const std::string& field, const std::string& sum)
 
 void validateInput(const NetworkInput& input)
 {
-  require(input.width >= 8 && input.width <= MAX_INPUT, "input/width", input.width, "in [8, 4096]");
-  require(input.height >= 8 && input.height <= MAX_INPUT, "input/height", input.height, "in [8, 4096]");
+  require(input.width >= 8 && input.width <= MOST_INPUT_PX, "input/width", input.width, "in [8, 4096]");
+  require(input.height >= 8 && input.height <= MOST_INPUT_PX, "input/height", input.height, "in [8, 4096]");
   require(std::isfinite(input.scale) && input.scale != 0.0F, "input/scale", input.scale, "finite and not 0");
   for (const float mean : input.mean)
   {
@@ -243,8 +243,9 @@ void validateRaw(const RawOutputs& raw)
   int64_t priors = 0;
   for (const SsdFeatureMap& map : raw.feature_maps)
   {
-    require(map.columns >= 1 && map.columns <= MAX_INPUT, "output/feature_maps/columns", map.columns, "in [1, 4096]");
-    require(map.rows >= 1 && map.rows <= MAX_INPUT, "output/feature_maps/rows", map.rows, "in [1, 4096]");
+    require(map.columns >= 1 && map.columns <= MOST_INPUT_PX, "output/feature_maps/columns", map.columns,
+            "in [1, 4096]");
+    require(map.rows >= 1 && map.rows <= MOST_INPUT_PX, "output/feature_maps/rows", map.rows, "in [1, 4096]");
     require(!map.boxes.empty(), "output/feature_maps/boxes", "(empty)", "a list of [width, height]");
     for (const SsdBoxSize& box : map.boxes)
     {

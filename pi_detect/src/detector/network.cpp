@@ -1,7 +1,7 @@
 #include "detector/network.h"
 
 #include <algorithm>
-#include <cctype>
+#include <boost/algorithm/string.hpp>
 #include <cmath>
 #include <filesystem>
 #include <utility>
@@ -22,10 +22,7 @@ std::string reasonOf(const cv::Exception& error)
 
 std::string extensionOf(const std::string& path)
 {
-  std::string extension = std::filesystem::path(path).extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return std::tolower(c); });
-  return extension;
+  return boost::to_lower_copy(std::filesystem::path(path).extension().string());
 }
 
 std::string shapeOf(const cv::Mat& matrix)
@@ -36,16 +33,6 @@ std::string shapeOf(const cv::Mat& matrix)
     text += (i == 0 ? "" : " x ") + std::to_string(matrix.size[i]);
   }
   return text;
-}
-
-std::string listOf(const std::vector<std::string>& names)
-{
-  std::string list;
-  for (const std::string& name : names)
-  {
-    list += (list.empty() ? "" : ", ") + name;
-  }
-  return list;
 }
 
 void checkFile(const ModelFile& file)
@@ -66,8 +53,7 @@ void checkFile(const ModelFile& file)
     return;
   }
   const std::string sum = sha256OfFile(file.path);
-  std::string wanted = file.sha256;
-  std::transform(wanted.begin(), wanted.end(), wanted.begin(), [](unsigned char c) { return std::tolower(c); });
+  const std::string wanted = boost::to_lower_copy(file.sha256);
   if (sum != wanted)
   {
     throw ModelError(file.path + ": SHA-256 is " + sum + ", but the description says " + wanted +
@@ -109,7 +95,7 @@ Network::Network(const ModelDescription& model, const TargetInUse& target) : mod
       if (std::find(layers.begin(), layers.end(), name) == layers.end())
       {
         throw ModelError(model_.weights.path + ": the network has no layer \"" + name + "\"; its outputs are " +
-                         listOf(net_.getUnconnectedOutLayersNames()));
+                         boost::join(net_.getUnconnectedOutLayersNames(), ", "));
       }
     }
     const std::vector<float> blank(static_cast<size_t>(3) * static_cast<size_t>(model_.input.width) *

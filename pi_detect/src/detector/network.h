@@ -21,8 +21,7 @@ public:
 
   /// @param blob  1 x 3 x height x width floats of the model's input.
   /// @return outputs: RAW: boxes (4 per prior: x, y, width, height), scores; DETECTIONS: rows of 7. Valid until the
-  /// next
-  ///         call. @throws std::runtime_error with OpenCV's words.
+  ///         next call. @throws std::runtime_error with OpenCV's words.
   const std::vector<cv::Mat>& forward(const float* blob);
 
   size_t priors() const { return priors_; }  ///< 0 for DETECTIONS

@@ -5,10 +5,17 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "obstacles/surface_point.h"
-
 namespace pi_detect::obstacles
 {
+
+/// A cell of a surface in base_link.
+struct SurfacePoint
+{
+  Eigen::Vector3f position;
+  int column = 0;  ///< of the cell
+  int row = 0;
+  int pixels = 0;
+};
 
 /// Resolution of a camera, for outlines.
 struct OutlineScale

@@ -13,13 +13,13 @@ namespace
 {
 
 constexpr double LARGE_M = 1.5;        // larger things may hold ground that is free
-constexpr double BULKY_M = 4.0;        // longer things are looked at: a box around a bent wall covers what is free
+constexpr double LONG_M = 4.0;         // longer things are looked at: a box around a bent wall covers what is free
 constexpr double THIN_M = 1.5;         // a box that is this thin covers little
 constexpr double TILE_M = 0.5;         // to see how full a box is
 constexpr double MIN_FULL = 0.4;       // part of its tiles
 constexpr size_t MIN_CELLS = 6;        // of an obstacle
 constexpr double MIN_COVERED = 0.5;    // part of a square of min_size_m that must be seen, at least
-constexpr double EDGE_PART = 0.02;     // of the points that may be outside of the box, at each side
+constexpr double OUTSIDE_PART = 0.02;  // of the points that may be outside of the box, at each side
 constexpr double NEAREST_FROM = 0.02;  // part of the points, by distance: those before may be wrong
 constexpr double NEAREST_TO = 0.10;
 constexpr size_t MOST_BEFORE = 12;  // likewise in cells: of a long wall, 2 % may be metres
@@ -98,8 +98,8 @@ void SurfaceMeter::split(std::vector<SurfacePoint> part, bool cut_left, bool cut
   {
     return;
   }
-  const Range x = rangeOf(part, 0, EDGE_PART);
-  const Range y = rangeOf(part, 1, EDGE_PART);
+  const Range x = rangeOf(part, 0, OUTSIDE_PART);
+  const Range y = rangeOf(part, 1, OUTSIDE_PART);
   if (std::max(x.size(), y.size()) > LARGE_M)
   {
     if (const std::optional<ViewSplit> at = splitView(part, outline_scale_))
@@ -114,8 +114,7 @@ void SurfaceMeter::split(std::vector<SurfacePoint> part, bool cut_left, bool cut
     }
   }
   const bool along_x = x.size() > y.size();
-  if (std::max(x.size(), y.size()) > BULKY_M && std::min(x.size(), y.size()) > THIN_M &&
-      fullness(part, x, y) < MIN_FULL)
+  if (std::max(x.size(), y.size()) > LONG_M && std::min(x.size(), y.size()) > THIN_M && fullness(part, x, y) < MIN_FULL)
   {
     const int axis = along_x ? 0 : 1;
     const auto middle = static_cast<float>(along_x ? 0.5 * (x.low + x.high) : 0.5 * (y.low + y.high));
@@ -160,7 +159,7 @@ bool SurfaceMeter::measure(const std::vector<SurfacePoint>& part, ObstacleMeasur
   }
   for (int axis = 0; axis < 3; ++axis)
   {
-    const Range range = rangeOf(part, axis, EDGE_PART);
+    const Range range = rangeOf(part, axis, OUTSIDE_PART);
     obstacle->min(axis) = range.low;
     obstacle->max(axis) = range.high;
   }

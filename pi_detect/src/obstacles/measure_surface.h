@@ -7,7 +7,6 @@
 
 #include "obstacles/matched_camera.h"
 #include "obstacles/measure_outline.h"
-#include "obstacles/surface_point.h"
 #include "obstacles/surfaces.h"
 
 namespace pi_detect::obstacles

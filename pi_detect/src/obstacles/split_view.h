@@ -4,7 +4,6 @@
 #include <vector>
 
 #include "obstacles/measure_outline.h"
-#include "obstacles/surface_point.h"
 
 namespace pi_detect::obstacles
 {

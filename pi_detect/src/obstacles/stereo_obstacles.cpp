@@ -1,5 +1,6 @@
 #include <pi_detect/stereo_obstacles.h>
 #include <pi_node/durations.h>
+#include <pi_node/formatting.h>
 
 #include <algorithm>
 #include <chrono>
@@ -29,9 +30,9 @@ void checkPicture(const char* name, const cv::Mat& picture, int type, const char
 {
   if (picture.cols != geometry.width || picture.rows != geometry.height)
   {
-    throw std::invalid_argument(std::string(name) + ": " + std::to_string(picture.cols) + "x" +
-                                std::to_string(picture.rows) + ", the camera's calibration says " +
-                                std::to_string(geometry.width) + "x" + std::to_string(geometry.height));
+    throw std::invalid_argument(std::string(name) + ": " + pi_node::sizeText(picture.cols, picture.rows) +
+                                ", the camera's calibration says " +
+                                pi_node::sizeText(geometry.width, geometry.height));
   }
   if (picture.type() != type)
   {
@@ -97,17 +98,6 @@ void StereoObstacleOptions::validate() const
   }
 }
 
-namespace
-{
-
-/// The camera in a frame like base_link, but with its origin on the ground.
-Eigen::Isometry3d onGround(const Eigen::Isometry3d& T_base_left, double ground_z_m)
-{
-  return Eigen::Translation3d(0.0, 0.0, -ground_z_m) * T_base_left;
-}
-
-}  // namespace
-
 class StereoObstacles::Implementation
 {
 public:
@@ -115,7 +105,7 @@ public:
                  const StereoObstacleOptions& options)
     : geometry_(geometry)
     , options_(validated(geometry, T_base_left, options))
-    , T_ground_left_(onGround(T_base_left, options.ground_z_m))
+    , T_ground_left_(Eigen::Translation3d(0.0, 0.0, -options.ground_z_m) * T_base_left)
     , matcher_(geometry, options.max_disparity_px, options.downscale)
     , matched_(matcher_.camera(), geometry, T_ground_left_, options)
     , given_(obstacles::MatchedCamera(geometry, geometry.width, geometry.height), geometry, T_ground_left_, options)
@@ -215,7 +205,7 @@ private:
 
   const StereoGeometry geometry_;
   const StereoObstacleOptions options_;
-  const Eigen::Isometry3d T_ground_left_;
+  const Eigen::Isometry3d T_ground_left_;  ///< ground: like base_link, but with its origin on the ground
   obstacles::DisparityMatcher matcher_;
   Stages matched_;
   Stages given_;

@@ -19,8 +19,6 @@ using pi_node::sizeText;
 
 namespace encodings = sensor_msgs::image_encodings;
 
-constexpr int64_t SECOND_NS = 1000000000;
-
 ros::Duration durationOf(int64_t ns)
 {
   ros::Duration duration;
@@ -64,16 +62,7 @@ using RowMajor3d = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 
 int64_t fromMsg(const ros::Time& stamp)
 {
-  return static_cast<int64_t>(stamp.sec) * SECOND_NS + stamp.nsec;
-}
-
-ros::Time toTime(int64_t stamp_ns)
-{
-  if (stamp_ns < 0 || stamp_ns / SECOND_NS > UINT32_MAX)
-  {
-    throw std::invalid_argument("stamp " + std::to_string(stamp_ns) + " ns does not fit into ros::Time");
-  }
-  return ros::Time(static_cast<uint32_t>(stamp_ns / SECOND_NS), static_cast<uint32_t>(stamp_ns % SECOND_NS));
+  return static_cast<int64_t>(stamp.toNSec());
 }
 
 Eigen::Isometry3d fromMsg(const geometry_msgs::Transform& message)

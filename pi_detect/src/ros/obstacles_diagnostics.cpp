@@ -1,8 +1,8 @@
-#include <diagnostic_msgs/DiagnosticStatus.h>
 #include "ros/obstacles_diagnostics.h"
+#include <diagnostic_msgs/DiagnosticStatus.h>
 #include <pi_node/formatting.h>
-#include <unistd.h>
 
+#include <boost/asio/ip/host_name.hpp>
 #include <cmath>
 #include <utility>
 
@@ -14,13 +14,6 @@ namespace
 using pi_node::format;
 
 using diagnostic_msgs::DiagnosticStatus;
-
-std::string hostName()
-{
-  char name[256] = "";
-  gethostname(name, sizeof name - 1);
-  return name;
-}
 
 std::string finite(const char* pattern, double value)
 {
@@ -38,7 +31,7 @@ ObstaclesDiagnostics::ObstaclesDiagnostics(const ros::NodeHandle& node, const ro
   , updater_(node, private_node, private_node.getNamespace())
   , updated_at_(Clock::now())
 {
-  updater_.setHardwareID(hostName());
+  updater_.setHardwareID(boost::asio::ip::host_name());
   updater_.add("obstacles", [this](Status& status) { reportObstacles(status); });
   updater_.add("input", [this](Status& status) { reportInput(status); });
   updater_.add("motion", [this](Status& status) { reportMotion(status); });

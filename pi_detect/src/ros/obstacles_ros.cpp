@@ -8,8 +8,6 @@
 
 #include <exception>
 
-#include "ros/image_transports.h"
-
 namespace pi_detect
 {
 namespace

@@ -55,17 +55,12 @@ cv::Mat drawOverlay(const FoundObjects& found, double rate_hz)
 {
   const ModelDescription& model = found.detector->model();
   cv::Mat picture = toBgr(found.picture->view());
-  // The best on top.
-  for (auto detection = found.detections.rbegin(); detection != found.detections.rend(); ++detection)
-  {
-    const ObjectTrack* const track = trackOf(*detection, found.tracks);
-    const auto label = model.labels.find(detection->class_id);
-    drawBox(detection->box,
-            (track == nullptr ? "" : "#" + std::to_string(track->id) + " ") +
-                (label == model.labels.end() ? std::to_string(detection->class_id) : label->second) +
-                format(" %.2f", detection->score),
-            colourOf(detection->class_id), &picture);
-  }
+  drawDetections(found.detections, model.labels, &picture,
+                 [&found](const Detection& detection)
+                 {
+                   const ObjectTrack* const track = trackOf(detection, found.tracks);
+                   return track == nullptr ? "" : "#" + std::to_string(track->id) + " ";
+                 });
   const std::string line = model.name + " " + toString(found.detector->target().used) + format(" %.1f FPS", rate_hz);
   const cv::Point corner(4, picture.rows - 6);
   cv::putText(picture, line, corner, cv::FONT_HERSHEY_SIMPLEX, 0.5, cv::Scalar::all(0), 3, cv::LINE_AA);

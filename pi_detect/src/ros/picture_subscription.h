@@ -11,6 +11,12 @@
 namespace pi_detect
 {
 
+/// Checks that a transport is installed, because transports are loaded only when somebody listens.
+/// @param parameter  name of the parameter, for the message.
+/// @throws std::invalid_argument with the list of installed transports.
+void requireTransport(const image_transport::ImageTransport& transport, const std::string& name,
+                      const std::string& parameter);
+
 /// Subscribes to pictures: raw ones are read in the publisher's memory, others come by image_transport. Not thread
 /// safe.
 class PictureSubscription

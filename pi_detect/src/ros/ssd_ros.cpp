@@ -13,7 +13,6 @@
 #include <utility>
 
 #include "ros/default_model.h"
-#include "ros/image_transports.h"
 
 namespace pi_detect
 {

@@ -1,5 +1,5 @@
-#include <pi_detect/ros/conversions.h>
 #include "ros/stereo_camera.h"
+#include <pi_detect/ros/conversions.h>
 #include <pi_node/formatting.h>
 
 #include <Eigen/Geometry>
@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <opencv2/calib3d.hpp>
+#include <opencv2/core/eigen.hpp>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 #include <vector>
@@ -17,9 +18,9 @@ namespace pi_detect
 namespace
 {
 
-using pi_os_transport::zero_copy::ImageHandle;
 using pi_node::format;
 using pi_node::sizeText;
+using pi_os_transport::zero_copy::ImageHandle;
 
 constexpr uint32_t MAX_SIDE_PX = 16384;
 constexpr double MIN_BASELINE_M = 0.01;
@@ -201,11 +202,7 @@ Rectifier::Rectifier(const sensor_msgs::CameraInfo& info, const std::string& nam
   }
   K_ = adjusted(cv::Matx33d(info.K.data()), info);
   P_ = projection(info, name);
-  const Eigen::Matrix3d R = rotation(info, name);
-  for (int i = 0; i < 9; ++i)
-  {
-    R_(i / 3, i % 3) = R(i / 3, i % 3);
-  }
+  cv::eigen2cv(rotation(info, name), R_);
   D_ = coefficients == 0
            ? cv::Mat::zeros(4, 1, CV_64F)
            : cv::Mat(static_cast<int>(coefficients), 1, CV_64F, const_cast<double*>(info.D.data())).clone();

@@ -1,5 +1,5 @@
-#include <pi_detect/ros/conversions.h>
 #include "ros/vehicle_motion.h"
+#include <pi_detect/ros/conversions.h>
 #include <pi_node/formatting.h>
 #include <tf2/exceptions.h>
 
@@ -50,23 +50,12 @@ void VehicleMotion::stop()
   changed_.notify_all();
 }
 
-std::optional<Eigen::Isometry3d> VehicleMotion::mounting(const std::string& frame) const
+std::optional<Eigen::Isometry3d> VehicleMotion::lookUp(const std::string& parent, const std::string& child,
+                                                       const ros::Time& stamp) const
 {
   try
   {
-    return fromMsg(buffer_.lookupTransform(base_link_frame_, frame, ros::Time(0)).transform);
-  }
-  catch (const tf2::TransformException&)
-  {
-    return std::nullopt;
-  }
-}
-
-std::optional<Eigen::Isometry3d> VehicleMotion::poseAt(const ros::Time& stamp) const
-{
-  try
-  {
-    return fromMsg(buffer_.lookupTransform(odom_frame_, base_link_frame_, stamp).transform);
+    return fromMsg(buffer_.lookupTransform(parent, child, stamp).transform);
   }
   catch (const tf2::TransformException&)
   {

@@ -33,13 +33,21 @@ public:
   std::optional<VehicleState> at(const ros::Time& stamp, std::string* problem);
 
   /// Newest pose of a frame in base_link; nullopt if tf has none.
-  std::optional<Eigen::Isometry3d> mounting(const std::string& frame) const;
+  std::optional<Eigen::Isometry3d> mounting(const std::string& frame) const
+  {
+    return lookUp(base_link_frame_, frame, ros::Time(0));
+  }
 
   /// From now on at() does not wait. Any thread.
   void stop();
 
 private:
-  std::optional<Eigen::Isometry3d> poseAt(const ros::Time& stamp) const;
+  std::optional<Eigen::Isometry3d> poseAt(const ros::Time& stamp) const
+  {
+    return lookUp(odom_frame_, base_link_frame_, stamp);
+  }
+  std::optional<Eigen::Isometry3d> lookUp(const std::string& parent, const std::string& child,
+                                          const ros::Time& stamp) const;
   /// @return false if tf does not get there.
   bool waitFor(const ros::Time& stamp);
 

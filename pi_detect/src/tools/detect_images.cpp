@@ -11,13 +11,12 @@
 #include "ros/default_model.h"
 
 #include <algorithm>
-#include <cctype>
+#include <boost/algorithm/string.hpp>
 #include <chrono>
 #include <cstdlib>
 #include <filesystem>
 #include <iomanip>
 #include <iostream>
-#include <nlohmann/json.hpp>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
@@ -46,10 +45,7 @@ struct Arguments
 
 bool hasExtension(const fs::path& path, const std::set<std::string>& extensions)
 {
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return std::tolower(c); });
-  return extensions.count(extension) != 0;
+  return extensions.count(boost::to_lower_copy(path.extension().string())) != 0;
 }
 
 bool isPicture(const fs::path& path)

@@ -37,8 +37,7 @@ public:
 
   int64_t startNs() const { return start_ns_; }
   int64_t endNs() const { return end_ns_; }
-  double knotInterval() const { return knot_interval_s_; }          ///< of positions [s]
-  double rotationKnotInterval() const { return turn_interval_s_; }  ///< [s]
+  double knotInterval() const { return knot_interval_s_; }  ///< of positions [s]
 
   /// @throws std::out_of_range outside [startNs, endNs].
   State at(int64_t stamp_ns) const;

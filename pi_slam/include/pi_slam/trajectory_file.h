@@ -20,6 +20,10 @@ class RecordingError : public std::runtime_error
 {
 public:
   using std::runtime_error::runtime_error;
+  RecordingError(const std::string& file, size_t line, const std::string& defect)
+    : std::runtime_error(file + ":" + std::to_string(line) + ": " + defect)
+  {
+  }
 };
 
 /// Decimal seconds ("1403636580.83856") as nanoseconds, without the rounding of a double.

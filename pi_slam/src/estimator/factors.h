@@ -1,13 +1,25 @@
 #pragma once
 
-#include "camera/camera_geometry.h"
 #include "inertial/imu_preintegration.h"
 #include "inertial/nav_state.h"
 
+#include <pi_slam/stereo_calibration.h>
+
 #include <Eigen/Core>
+#include <array>
 
 namespace pi_slam::estimator
 {
+
+/// What the factors need of a camera.
+struct CameraGeometry
+{
+  Eigen::Matrix3d R_camera_body = Eigen::Matrix3d::Identity();
+  Eigen::Vector3d p_camera_body = Eigen::Vector3d::Zero();  ///< of the body's origin in the camera frame [m]
+  double focal_px = 1.0;                                    ///< pixels per radian at the middle of the picture
+  CameraModel model;
+};
+std::array<CameraGeometry, 2> cameraGeometry(const StereoCalibration& calibration);
 
 /// Two rows that take a vector to the plane tangent to the unit sphere at `bearing`.
 Eigen::Matrix<double, 2, 3> tangentBasis(const Eigen::Vector3d& bearing);

@@ -26,8 +26,7 @@ const NavState& linearizationPoint(const WindowProblem& problem, size_t state)
                                                                            : problem.keyframes[state].state;
 }
 
-}  // namespace
-
+/// Gradient of the prior at the states of now, and its cost.
 double priorCost(const Prior& prior, const std::vector<Keyframe>& keyframes, Eigen::VectorXd* gradient)
 {
   const size_t states = prior.linearized.size();
@@ -45,6 +44,8 @@ double priorCost(const Prior& prior, const std::vector<Keyframe>& keyframes, Eig
   *gradient = prior.b + pull;
   return moved.dot(prior.b) + 0.5 * moved.dot(pull);
 }
+
+}  // namespace
 
 Eigen::Index NormalEquations::poseAt(size_t state) const
 {
@@ -390,30 +391,6 @@ Matrix15d NormalEquations::lastCovariance() const
   return L_inverse.transpose() * L_inverse;
 }
 
-double windowCost(const WindowProblem& problem, const std::vector<Landmark*>& use)
-{
-  Eigen::VectorXd gradient;
-  double cost = priorCost(problem.prior, problem.keyframes, &gradient);
-  for (size_t i = 0; i < problem.links.size(); ++i)
-  {
-    cost +=
-        0.5 * problem.links[i].error(problem.keyframes[i].state, problem.keyframes[i + 1].state, nullptr).squaredNorm();
-  }
-  for (const Landmark* landmark : use)
-  {
-    for (const View& view : landmark->views)
-    {
-      const BodyPose body = problem.bodyPose(view);
-      double weight = 1.0;
-      cost += huberCost(reprojectionError(body.R_odom_body, body.p_odom_body, problem.cameras[view.camera],
-                                          view.bearing, view.tangent, landmark->estimate.p_odom, nullptr, nullptr)
-                            .squaredNorm(),
-                        problem.huber, &weight);
-    }
-  }
-  return cost;
-}
-
 namespace
 {
 
@@ -441,7 +418,6 @@ WindowReport solveSchur(WindowProblem* problem, const std::vector<Landmark*>& us
   WindowReport report;
   double damping = 1e-5;
   double cost = linearize(problem, use, equations);
-  report.initial_cost = cost;
   std::vector<Keyframe> before;
   Eigen::VectorXd step;
   bool done = false;
@@ -476,7 +452,6 @@ WindowReport solveSchur(WindowProblem* problem, const std::vector<Landmark*>& us
       done = damping > 1e8;
     }
   }
-  report.final_cost = cost;
   equations->eliminate(0.0);
   report.failed = !std::isfinite(cost) || !equations->solve(&step);
   if (!report.failed)

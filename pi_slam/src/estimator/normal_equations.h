@@ -89,9 +89,6 @@ private:
 WindowReport solveSchur(WindowProblem* problem, const std::vector<Landmark*>& use, int max_iterations,
                         NormalEquations* equations);
 
-/// Cost of the problem with the landmarks of `use`.
-double windowCost(const WindowProblem& problem, const std::vector<Landmark*>& use);
-
 /// Takes the oldest state out, with the landmarks of `leaving`, whose views must all be in the window, into the prior.
 void marginalizeOldest(WindowProblem* problem, const std::vector<Landmark*>& leaving, NormalEquations* equations);
 

@@ -52,10 +52,8 @@ struct LandmarkEstimate
 struct WindowReport
 {
   int iterations = 0;
-  int landmarks = 0;     ///< that were used
-  int observations = 0;  ///< of them
-  double initial_cost = 0.0;
-  double final_cost = 0.0;
+  int landmarks = 0;              ///< that were used
+  int observations = 0;           ///< of them
   double mean_error_px = 0.0;     ///< of the observations, afterwards
   bool failed = false;            ///< numbers that are not finite, or no descent: states are as before
   std::vector<int64_t> rejected;  ///< landmarks dropped since their observations do not agree

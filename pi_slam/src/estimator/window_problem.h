@@ -87,7 +87,4 @@ inline double huberCost(double squared, double huber, double* weight)
   return huber * (norm - 0.5 * huber);
 }
 
-/// Gradient of the prior at the states of now, and its cost.
-double priorCost(const Prior& prior, const std::vector<Keyframe>& keyframes, Eigen::VectorXd* gradient);
-
 }  // namespace pi_slam::estimator

@@ -9,6 +9,7 @@
 #include <sensor_msgs/image_encodings.h>
 
 #include <algorithm>
+#include <boost/algorithm/string.hpp>
 #include <cstdlib>
 #include <filesystem>
 #include <limits>
@@ -59,19 +60,12 @@ bool isPicture(const std::string& type)
 
 bool endsWith(const std::string& topic, const std::string& name)
 {
-  const std::string tail = "/" + name;
-  return topic == name ||
-         (topic.size() >= tail.size() && topic.compare(topic.size() - tail.size(), tail.size(), tail) == 0);
+  return topic == name || boost::ends_with(topic, "/" + name);
 }
 
 std::string join(const std::vector<std::string>& names)
 {
-  std::string text;
-  for (const std::string& name : names)
-  {
-    text += (text.empty() ? "" : ", ") + name;
-  }
-  return text.empty() ? "none" : text;
+  return names.empty() ? "none" : boost::join(names, ", ");
 }
 
 class BagSource : public SequenceSource
@@ -92,9 +86,6 @@ public:
     chooseTopics(topics);
     describe(options);
   }
-
-  const SequenceDescription& description() const override { return description_; }
-  const SequenceDefects& defects() const override { return defects_; }
 
   std::optional<SequenceItem> next() override
   {
@@ -279,12 +270,8 @@ private:
     cv::Mat picture = decode(message);
     if (picture.empty())
     {
-      ++defects_.unreadable;
-      if (defects_.first.empty())
-      {
-        defects_.first =
-            file_ + ": the picture on " + message.getTopic() + " at " + formatSeconds(stamp_ns) + " s is damaged";
-      }
+      countUnreadable(file_ + ": the picture on " + message.getTopic() + " at " + formatSeconds(stamp_ns) +
+                      " s is damaged");
     }
     defects_.repeated += pictures_[stream].emplace(stamp_ns, std::move(picture)).second ? 0 : 1;
   }
@@ -351,14 +338,10 @@ private:
       {
         return std::nullopt;
       }
-      StereoPair pair = takePair(left_ns, right_ns);
-      if (pair.left.empty() && pair.right.empty())
+      if (StereoPair pair = takePair(left_ns, right_ns); hasPicture(pair))
       {
-        ++defects_.dropped;
-        continue;
+        return pair;
       }
-      defects_.single += pair.left.empty() || pair.right.empty() ? 1 : 0;
-      return pair;
     }
   }
 
@@ -398,8 +381,6 @@ private:
   rosbag::View::iterator message_;
   int64_t from_ns_ = 0;  // of pictures
   int64_t to_ns_ = 0;
-  SequenceDescription description_;
-  SequenceDefects defects_;
 
   std::map<int64_t, cv::Mat> pictures_[2];
   std::map<int64_t, ImuSample> samples_;

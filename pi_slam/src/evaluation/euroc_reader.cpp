@@ -3,6 +3,7 @@
 #include <pi_node/durations.h>
 
 #include <algorithm>
+#include <boost/algorithm/string.hpp>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -36,22 +37,15 @@ struct PairRow
   std::string right;
 };
 
-[[noreturn]] void fail(const std::string& file, size_t line, const std::string& defect)
-{
-  throw RecordingError(file + ":" + std::to_string(line) + ": " + defect);
-}
-
 /// @return text behind the stamp and its comma (empty if there is no comma).
 std::string parseStamp(const std::string& file, size_t line, const std::string& text, int64_t* stamp_ns)
 {
   const size_t comma = text.find(',');
   const std::string cell = text.substr(0, comma);
-  const size_t begin = cell.find_first_not_of(" \t");
-  const size_t end = cell.find_last_not_of(" \t");
-  const std::string digits = begin == std::string::npos ? "" : cell.substr(begin, end - begin + 1);
+  const std::string digits = boost::trim_copy_if(cell, boost::is_any_of(" \t"));
   if (digits.empty() || digits.size() > 18 + 1 || digits.find_first_not_of("0123456789") != std::string::npos)
   {
-    fail(file, line, "\"" + cell.substr(0, 40) + "\" is no time stamp in nanoseconds");
+    throw RecordingError(file, line, "\"" + cell.substr(0, 40) + "\" is no time stamp in nanoseconds");
   }
   *stamp_ns = std::strtoll(digits.c_str(), nullptr, 10);
   return comma == std::string::npos ? "" : text.substr(comma + 1);
@@ -70,10 +64,7 @@ void forEachLine(const std::string& file, const std::string& content, const Take
   for (std::string text; std::getline(stream, text);)
   {
     ++number;
-    while (!text.empty() && (text.back() == '\r' || text.back() == ' '))
-    {
-      text.pop_back();
-    }
+    boost::trim_right_if(text, boost::is_any_of("\r "));
     if (!text.empty() && text.front() != '#')
     {
       take(number, text);
@@ -131,7 +122,8 @@ std::vector<ImuSample> readImu(const fs::path& imu, SequenceDefects* defects)
                   (i < 3 ? sample.w[i] : sample.f[i - 3]) = std::strtod(cursor, &end);
                   if (end == cursor || (*end != ',' && *end != '\0') || (i < 5 && *end == '\0'))
                   {
-                    fail(file, line, "column " + std::to_string(i + 2) + " is no number; expected six of them");
+                    throw RecordingError(file, line,
+                                         "column " + std::to_string(i + 2) + " is no number; expected six of them");
                   }
                   cursor = *end == ',' ? end + 1 : end;
                 }
@@ -219,9 +211,6 @@ public:
     cut(folder, options);
   }
 
-  const SequenceDescription& description() const override { return description_; }
-  const SequenceDefects& defects() const override { return defects_; }
-
   std::optional<SequenceItem> next() override
   {
     while (true)
@@ -237,14 +226,10 @@ public:
         return std::nullopt;
       }
       const PairRow& row = pairs_[next_pair_++];
-      StereoPair pair{row.stamp_ns, load(row.left), load(row.right)};
-      if (pair.left.empty() && pair.right.empty())
+      if (StereoPair pair{row.stamp_ns, load(row.left), load(row.right)}; hasPicture(pair))
       {
-        ++defects_.dropped;
-        continue;
+        return pair;
       }
-      defects_.single += pair.left.empty() || pair.right.empty() ? 1 : 0;
-      return pair;
     }
   }
 
@@ -345,17 +330,11 @@ private:
     }
     if (picture.empty())
     {
-      ++defects_.unreadable;
-      if (defects_.first.empty())
-      {
-        defects_.first = file + (exists ? ": is damaged" : ": missing");
-      }
+      countUnreadable(file + (exists ? ": is damaged" : ": missing"));
     }
     return picture;
   }
 
-  SequenceDescription description_;
-  SequenceDefects defects_;
   std::vector<ImuSample> samples_;
   std::vector<PairRow> pairs_;
   size_t next_sample_ = 0;

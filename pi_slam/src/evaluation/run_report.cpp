@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <iomanip>
+#include <numeric>
 #include <ostream>
 #include <sstream>
 
@@ -137,12 +138,7 @@ void printTiming(const SequenceRunResult& result, std::ostream* stream)
     }
   }
   printTimes("map, if it works", map, stream);
-  double sum_ms = 0.0;
-  for (const double value : wall)
-  {
-    sum_ms += value;
-  }
-  if (sum_ms > 0.0)
+  if (const double sum_ms = std::accumulate(wall.begin(), wall.end(), 0.0); sum_ms > 0.0)
   {
     *stream << "speed        " << fixed(1e3 * static_cast<double>(wall.size()) / sum_ms, 1)
             << " pairs per second without loading and map; all took " << fixed(result.wall_s, 1) << " s, peak "

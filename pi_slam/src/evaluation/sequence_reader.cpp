@@ -1,6 +1,7 @@
 #include "evaluation/sequence_reader.h"
 
 #include <pi_node/durations.h>
+#include <pi_node/option_check.h>
 #include <pthread.h>
 
 #include <condition_variable>
@@ -21,24 +22,23 @@ namespace
 /// Samples of the IMU that may wait: a recording may have minutes of them before the first picture.
 constexpr size_t MAX_WAITING_ITEMS = 10000;
 
-void requireWithin(const char* field, double value, double low, double high)
-{
-  if (!(value >= low && value <= high))
-  {
-    throw std::invalid_argument(std::string("reader: ") + field + " = " + std::to_string(value) + ", must be in [" +
-                                std::to_string(low) + ", " + std::to_string(high) + "]");
-  }
-}
-
 }  // namespace
 
 void SequenceReaderOptions::validate() const
 {
   constexpr double YEAR_S = 3.2e7;
-  requireWithin("start_s", start_s, 0.0, YEAR_S);
-  requireWithin("duration_s", duration_s, 0.0, YEAR_S);
-  requireWithin("pair_tolerance_s", pair_tolerance_s, 0.0, 0.1);
-  requireWithin("read_ahead", read_ahead, 1, 1000);
+  const pi_node::OptionCheck check("reader");
+  check.range("start_s", start_s, 0.0, YEAR_S);
+  check.range("duration_s", duration_s, 0.0, YEAR_S);
+  check.range("pair_tolerance_s", pair_tolerance_s, 0.0, 0.1);
+  check.range("read_ahead", read_ahead, 1, 1000);
+}
+
+double cpuSeconds(clockid_t clock)
+{
+  timespec time{};
+  clock_gettime(clock, &time);
+  return static_cast<double>(time.tv_sec) + pi_node::seconds(time.tv_nsec);
 }
 
 struct SequenceReader::Impl
@@ -74,15 +74,8 @@ struct SequenceReader::Impl
     }
     const std::lock_guard<std::mutex> lock(mutex);
     ended = true;
-    cpu_s = threadSeconds();
+    cpu_s = pi_slam::cpuSeconds(CLOCK_THREAD_CPUTIME_ID);
     added.notify_one();
-  }
-
-  static double threadSeconds()
-  {
-    timespec time{};
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
-    return static_cast<double>(time.tv_sec) + pi_node::seconds(time.tv_nsec);
   }
 
   std::unique_ptr<SequenceSource> source;
@@ -106,7 +99,7 @@ SequenceReader::SequenceReader(std::unique_ptr<SequenceSource> source, int read_
   {
     throw std::invalid_argument("reader: no source; open a recording first");
   }
-  requireWithin("read_ahead", read_ahead, 1, 1000);
+  pi_node::OptionCheck("reader").range("read_ahead", read_ahead, 1, 1000);
   impl_->source = std::move(source);
   impl_->read_ahead = static_cast<size_t>(read_ahead);
   impl_->thread = std::thread([this] { impl_->run(); });
@@ -156,13 +149,8 @@ double SequenceReader::cpuSeconds() const
 {
   const std::lock_guard<std::mutex> lock(impl_->mutex);
   clockid_t clock{};
-  timespec time{};
-  if (impl_->ended || pthread_getcpuclockid(impl_->thread.native_handle(), &clock) != 0 ||
-      clock_gettime(clock, &time) != 0)
-  {
-    return impl_->cpu_s;
-  }
-  return static_cast<double>(time.tv_sec) + pi_node::seconds(time.tv_nsec);
+  return impl_->ended || pthread_getcpuclockid(impl_->thread.native_handle(), &clock) != 0 ? impl_->cpu_s
+                                                                                           : pi_slam::cpuSeconds(clock);
 }
 
 }  // namespace pi_slam

@@ -5,6 +5,7 @@
 #include <pi_slam/trajectory_file.h>
 
 #include <cstdint>
+#include <ctime>
 #include <memory>
 #include <opencv2/core/mat.hpp>
 #include <optional>
@@ -67,12 +68,31 @@ class SequenceSource
 public:
   virtual ~SequenceSource() = default;
   /// Does not change any more: any thread may read it.
-  virtual const SequenceDescription& description() const = 0;
+  const SequenceDescription& description() const { return description_; }
   /// The next sample or pair in order of time (IMU first at equal stamps); nullopt at the end. Loads pictures.
   /// @throws RecordingError
   virtual std::optional<SequenceItem> next() = 0;
   /// So far.
-  virtual const SequenceDefects& defects() const = 0;
+  const SequenceDefects& defects() const { return defects_; }
+
+protected:
+  /// Counts a picture that cannot be read. @param sentence  about it.
+  void countUnreadable(const std::string& sentence)
+  {
+    ++defects_.unreadable;
+    defects_.first = defects_.first.empty() ? sentence : defects_.first;
+  }
+  /// Counts a pair without both pictures. @return false if it has none.
+  bool hasPicture(const StereoPair& pair)
+  {
+    const bool none = pair.left.empty() && pair.right.empty();
+    defects_.dropped += none ? 1 : 0;
+    defects_.single += !none && (pair.left.empty() || pair.right.empty()) ? 1 : 0;
+    return !none;
+  }
+
+  SequenceDescription description_;
+  SequenceDefects defects_;
 };
 
 /// Opens a recording in the layout of the EuRoC MAV data set: mav0/{cam0,cam1}/{data.csv,data/,sensor.yaml} and
@@ -82,6 +102,9 @@ public:
 ///         pictures without any pair; CalibrationError for a sensor.yaml that cannot be used;
 ///         std::invalid_argument for options out of range.
 std::unique_ptr<SequenceSource> openEuroc(const std::string& folder, const SequenceReaderOptions& options = {});
+
+/// CPU time that a thread or the process has taken [s].
+double cpuSeconds(clockid_t clock);
 
 /// Reads a source ahead on a thread of its own, so that loading pictures takes no time from the one who uses them.
 /// Used by one thread.

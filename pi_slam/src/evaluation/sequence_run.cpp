@@ -26,13 +26,6 @@ using Clock = std::chrono::steady_clock;
 constexpr double MAX_WAIT_S = 0.2;
 constexpr size_t MAX_WARNINGS = 100;
 
-double processCpuSeconds()
-{
-  timespec time{};
-  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &time);
-  return static_cast<double>(time.tv_sec) + pi_node::seconds(time.tv_nsec);
-}
-
 double peakRssMb()
 {
   rusage usage{};
@@ -134,11 +127,11 @@ private:
   void addPair(const StereoPair& pair)
   {
     PairRecord record;
-    const double cpu_s = processCpuSeconds() - reader_.cpuSeconds();
+    const double cpu_s = cpuSeconds(CLOCK_PROCESS_CPUTIME_ID) - reader_.cpuSeconds();
     Clock::time_point start = Clock::now();
     record.report = vio_.addPair(pair.stamp_ns, pair.left, pair.right);
     record.wall_ms = 1e3 * secondsSince(start);
-    record.cpu_ms = 1e3 * std::max(0.0, processCpuSeconds() - reader_.cpuSeconds() - cpu_s);
+    record.cpu_ms = 1e3 * std::max(0.0, cpuSeconds(CLOCK_PROCESS_CPUTIME_ID) - reader_.cpuSeconds() - cpu_s);
     warn(pair.stamp_ns, record.report.message);
     if (mapper_)
     {

@@ -12,11 +12,6 @@ namespace pi_slam
 namespace
 {
 
-[[noreturn]] void fail(const std::string& file, size_t line, const std::string& defect)
-{
-  throw RecordingError(file + ":" + std::to_string(line) + ": " + defect);
-}
-
 std::vector<std::string> split(std::string text, bool* has_commas)
 {
   *has_commas = text.find(',') != std::string::npos;
@@ -42,8 +37,8 @@ StampedPose readPose(const std::string& file, size_t line, const std::vector<std
 {
   if (cells.size() < 8)
   {
-    fail(file, line,
-         "has " + std::to_string(cells.size()) + " columns, expected time, 3 of position, 4 of orientation");
+    throw RecordingError(
+        file, line, "has " + std::to_string(cells.size()) + " columns, expected time, 3 of position, 4 of orientation");
   }
   StampedPose pose;
   if (euroc)
@@ -52,7 +47,7 @@ StampedPose readPose(const std::string& file, size_t line, const std::vector<std
   }
   if (euroc ? pose.stamp_ns <= 0 : !parseSeconds(cells[0], &pose.stamp_ns))
   {
-    fail(file, line, "\"" + cells[0] + "\" is no time stamp in " + (euroc ? "nanoseconds" : "seconds"));
+    throw RecordingError(file, line, "\"" + cells[0] + "\" is no time stamp in " + (euroc ? "nanoseconds" : "seconds"));
   }
   std::array<double, 7> values{};
   for (size_t i = 0; i < values.size(); ++i)
@@ -61,14 +56,15 @@ StampedPose readPose(const std::string& file, size_t line, const std::vector<std
     values[i] = std::strtod(cells[i + 1].c_str(), &end);
     if (*end != '\0' || !std::isfinite(values[i]))
     {
-      fail(file, line, "column " + std::to_string(i + 2) + " is \"" + cells[i + 1] + "\", expected a finite number");
+      throw RecordingError(
+          file, line, "column " + std::to_string(i + 2) + " is \"" + cells[i + 1] + "\", expected a finite number");
     }
   }
   const Eigen::Quaterniond q = euroc ? Eigen::Quaterniond(values[3], values[4], values[5], values[6])
                                      : Eigen::Quaterniond(values[6], values[3], values[4], values[5]);
   if (std::abs(q.norm() - 1.0) > 1e-2)
   {
-    fail(file, line, "quaternion has norm " + std::to_string(q.norm()) + ", expected 1");
+    throw RecordingError(file, line, "quaternion has norm " + std::to_string(q.norm()) + ", expected 1");
   }
   pose.T_world_body.linear() = q.normalized().toRotationMatrix();
   pose.T_world_body.translation() = Eigen::Vector3d(values[0], values[1], values[2]);
@@ -118,7 +114,7 @@ std::vector<StampedPose> readTrajectory(const std::string& file)
     const StampedPose pose = readPose(file, line, cells, has_commas);
     if (!poses.empty() && pose.stamp_ns <= poses.back().stamp_ns)
     {
-      fail(file, line, "time stamp is not after the one before");
+      throw RecordingError(file, line, "time stamp is not after the one before");
     }
     poses.push_back(pose);
   }

@@ -131,11 +131,6 @@ void checkStretch(double stretch, const char* name)
 
 }  // namespace
 
-const char* toString(Alignment alignment)
-{
-  return alignment == Alignment::SE3 ? "SE3" : "yaw";
-}
-
 std::vector<PosePair> associate(const std::vector<StampedPose>& estimate, const std::vector<StampedPose>& truth,
                                 double max_gap_s)
 {

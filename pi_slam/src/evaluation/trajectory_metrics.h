@@ -39,7 +39,6 @@ enum class Alignment
   SE3,  ///< six degrees of freedom: what most published tables show
   YAW,  ///< heading and position only: gravity must be right as well (Zhang and Scaramuzza, IROS 2018)
 };
-const char* toString(Alignment alignment);
 
 /// The transform that takes estimated positions onto the true ones with the least sum of squares, without scale
 /// (Horn 1987; Umeyama 1991). What positions leave open (the turn about a straight drive, all of it at standstill) is

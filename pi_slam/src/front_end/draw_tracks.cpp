@@ -1,5 +1,7 @@
 #include "front_end/stereo_tracker.h"
 
+#include <pi_node/formatting.h>
+
 #include <algorithm>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
@@ -28,25 +30,14 @@ cv::Mat toBgr(const cv::Mat& picture, const cv::Size& size)
   {
     return cv::Mat::zeros(size, CV_8UC3);
   }
-  if (picture.size() != size)
+  if (picture.size() != size || picture.type() != CV_8UC1)
   {
-    throw std::invalid_argument("drawTracks: pictures of " + std::to_string(size.width) + " x " +
-                                std::to_string(size.height) + " and " + std::to_string(picture.cols) + " x " +
-                                std::to_string(picture.rows) + " px; both must be of the same size");
+    throw std::invalid_argument("drawTracks: pictures of " + pi_node::sizeText(size.width, size.height) + " and " +
+                                pi_node::sizeText(picture.cols, picture.rows) + " px, type " +
+                                cv::typeToString(picture.type()) + "; both must be CV_8UC1 of the same size");
   }
   cv::Mat bgr;
-  switch (picture.type())
-  {
-    case CV_8UC1:
-      cv::cvtColor(picture, bgr, cv::COLOR_GRAY2BGR);
-      break;
-    case CV_8UC3:
-      bgr = picture;
-      break;
-    default:
-      throw std::invalid_argument("drawTracks: picture of type " + cv::typeToString(picture.type()) +
-                                  ", must be CV_8UC1 or CV_8UC3");
-  }
+  cv::cvtColor(picture, bgr, cv::COLOR_GRAY2BGR);
   return bgr;
 }
 

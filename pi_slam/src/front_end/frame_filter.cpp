@@ -1,6 +1,5 @@
 #include "front_end/frame_filter.h"
 
-#include "estimator/factors.h"
 #include "estimator/window_problem.h"
 
 #include <pi_slam/so3.h>
@@ -99,7 +98,6 @@ FilterReport FrameFilter::update(const std::vector<LandmarkView>& views, int min
     R = state_.q.toRotationMatrix();
     Matrix6d H_pose = Matrix6d::Zero();
     Eigen::Matrix<double, 6, 1> b_pose = Eigen::Matrix<double, 6, 1>::Zero();
-    double error_sum = 0.0;
     for (const Prepared& prepared : used)
     {
       const LandmarkView& view = *prepared.view;
@@ -109,9 +107,7 @@ FilterReport FrameFilter::update(const std::vector<LandmarkView>& views, int min
       estimator::huberCost(error.squaredNorm(), HUBER, &weight);
       H_pose.noalias() += weight * J.transpose() * J;
       b_pose.noalias() += weight * J.transpose() * error;
-      error_sum += error.norm();
     }
-    report.mean_error_px = pixel_noise_ * error_sum / static_cast<double>(used.size());
     H.topLeftCorner<6, 6>() += H_pose;
     b.head<6>() += b_pose;
     const Vector15d step = -H.llt().solve(b);

@@ -1,10 +1,10 @@
 #pragma once
 
-#include "camera/camera_geometry.h"
+#include <pi_slam/stereo_calibration.h>
+#include "estimator/factors.h"
 #include "front_end/frame_features.h"
 #include "inertial/imu_preintegration.h"
 #include "inertial/nav_state.h"
-#include <pi_slam/stereo_calibration.h>
 
 #include <Eigen/Core>
 #include <array>
@@ -29,7 +29,6 @@ struct FilterReport
   int iterations = 0;
   int used = 0;                   ///< views within the gate
   int refused = 0;                ///< views outside of it
-  double mean_error_px = 0.0;     ///< of the views used, afterwards
   std::vector<int64_t> outliers;  ///< landmarks with a view that disagrees, by increasing id
   bool updated = false;           ///< false: too few views agreed, the state is the predicted one
 };

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <optional>
 
 namespace pi_slam::front_end
 {
@@ -129,12 +130,6 @@ kernels::TrackOptions PictureKernels::trackOptions(int levels) const
   return options;
 }
 
-void PictureKernels::buildHere(const cv::Mat& picture, const Pyramid& pyramid) const
-{
-  kernels::buildPyramid({picture.ptr(), picture.cols, picture.rows, picture.step[0]}, layout_,
-                        pyramid->hostAs<uint8_t>(Access::WRITE));
-}
-
 void PictureKernels::build(const std::array<const cv::Mat*, 2>& pictures, const std::array<Pyramid, 2>& pyramids)
 {
   std::array<pi_runtime::TaskHandle, 2> handles;
@@ -160,7 +155,9 @@ void PictureKernels::build(const std::array<const cv::Mat*, 2>& pictures, const 
   {
     if (pictures[i] != nullptr && !(handles[i].valid() && handles[i].wait().ok()))
     {
-      buildHere(*pictures[i], pyramids[i]);
+      const cv::Mat& picture = *pictures[i];
+      kernels::buildPyramid({picture.ptr(), picture.cols, picture.rows, picture.step[0]}, layout_,
+                            pyramids[i]->hostAs<uint8_t>(Access::WRITE));
     }
   }
 }
@@ -217,16 +214,10 @@ void PictureKernels::track(const std::vector<Flow>& flows)
   }
 }
 
-size_t PictureKernels::findCornersHere(const Pyramid& pyramid, int threshold,
-                                       std::vector<kernels::Corner>* corners) const
-{
-  return kernels::findFastCorners(view(pyramid, 0), threshold, corners->data(), corners->size());
-}
-
 void PictureKernels::findCorners(const Pyramid& pyramid, int threshold, std::vector<kernels::Corner>* corners)
 {
   corners->resize(MOST_CORNERS);
-  size_t count = 0;
+  std::optional<size_t> count;
   if (tasks_)
   {
     const kernels::PyramidLevel& level = layout_.level[0];
@@ -242,18 +233,14 @@ void PictureKernels::findCorners(const Pyramid& pyramid, int threshold, std::vec
     if (handle.wait().ok())
     {
       count = std::min<size_t>(*tasks_->corner_count->hostAs<uint32_t>(Access::READ), MOST_CORNERS);
-      std::memcpy(corners->data(), tasks_->corners->host(Access::READ), count * sizeof(kernels::Corner));
-    }
-    else
-    {
-      count = findCornersHere(pyramid, threshold, corners);
+      std::memcpy(corners->data(), tasks_->corners->host(Access::READ), *count * sizeof(kernels::Corner));
     }
   }
-  else
+  if (!count)
   {
-    count = findCornersHere(pyramid, threshold, corners);
+    count = kernels::findFastCorners(view(pyramid, 0), threshold, corners->data(), corners->size());
   }
-  corners->resize(std::min(count, MOST_CORNERS));
+  corners->resize(std::min(*count, MOST_CORNERS));
 }
 
 }  // namespace pi_slam::front_end

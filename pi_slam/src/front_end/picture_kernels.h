@@ -78,10 +78,7 @@ public:
 private:
   struct Tasks;
   pi_runtime::kernels::TrackOptions trackOptions(int levels) const;
-  void buildHere(const cv::Mat& picture, const Pyramid& pyramid) const;
   void trackHere(const Flow& flow) const;
-  size_t findCornersHere(const Pyramid& pyramid, int threshold,
-                         std::vector<pi_runtime::kernels::Corner>* corners) const;
 
   const pi_runtime::kernels::PyramidLayout layout_;
   const FlowOptions options_;

@@ -20,7 +20,6 @@ public:
   const CameraModel& camera(int index) const { return mounted(index).model; }
   const Eigen::Isometry3d& T_body_camera(int index) const { return mounted(index).T_body_camera; }
   double focal(int index) const { return focal_[index]; }  ///< mean of both focal lengths [px]
-  double baseline() const { return baseline_m_; }          ///< [m]
   /// Shift in the picture of a point that comes nearer by 1 / m of inverse distance [px m].
   double disparityScale() const { return baseline_m_ * 0.5 * (focal_[LEFT] + focal_[RIGHT]); }
 

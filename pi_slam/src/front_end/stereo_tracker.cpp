@@ -7,9 +7,9 @@
 #include <stdexcept>
 #include <unordered_set>
 
+#include <pi_node/option_check.h>
 #include "front_end/picture_statistics.h"
 #include "front_end/stereo_tracker_impl.h"
-#include <pi_node/option_check.h>
 
 namespace pi_slam
 {
@@ -134,16 +134,6 @@ void StereoTracker::Impl::equalise(const Pyramid& like, const Pyramid& changed, 
   }
 }
 
-void StereoTracker::Impl::thinOut(size_t max_features)
-{
-  if (tracks.size() <= max_features)
-  {
-    return;
-  }
-  // The oldest ones are known best; tracks are in the order of their ids.
-  tracks.resize(max_features);
-}
-
 FrameFeatures StereoTracker::Impl::process(int64_t stamp_ns, const std::array<const cv::Mat*, 2>& images,
                                            const TrackerPrediction& prediction, size_t max_features,
                                            TrackerReport* report)
@@ -166,7 +156,7 @@ FrameFeatures StereoTracker::Impl::process(int64_t stamp_ns, const std::array<co
   {
     followTracks(prediction, std::abs(static_cast<double>(stamp_ns - last_ns)) * 1e-9, report);
   }
-  thinOut(max_features);
+  tracks.resize(std::min(tracks.size(), max_features));  // the oldest ones are known best
   report->track_ms = clock.lap();
   matchKnown();
   report->stereo_ms = clock.lap();

@@ -64,7 +64,6 @@ struct StereoTracker::Impl
   void planSteps(const TrackerPrediction& prediction, double dt_s);
   bool planStep(size_t index, int camera, const TrackerPrediction& prediction);
   void keepConsistent(double dt_s, TrackerReport* report);
-  void thinOut(size_t max_features);
   void matchKnown();
   void matchUnknown();
   void addCorners(size_t max_features);

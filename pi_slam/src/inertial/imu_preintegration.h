@@ -134,7 +134,6 @@ public:
 
   /// Forgets samples that are older than the last one at or before stamp_ns.
   void forgetBefore(int64_t stamp_ns);
-  void clear() { samples_.clear(); }
 
 private:
   ImuModel model_;

@@ -14,17 +14,12 @@ namespace
 
 constexpr int64_t KEPT_NS = 5000000000LL;
 
-const ImuModel& validated(const ImuModel& model)
-{
-  model.validate();
-  return model;
-}
-
 }  // namespace
 
 ImuPropagator::ImuPropagator(const ImuModel& model)
-  : model_(validated(model)), longest_interval_s_(std::max(5.0 / model.rate_hz, 0.025))
+  : model_(model), longest_interval_s_(std::max(5.0 / model.rate_hz, 0.025))
 {
+  model_.validate();
 }
 
 std::optional<PropagatedState> ImuPropagator::add(const ImuSample& sample)
@@ -114,13 +109,6 @@ void ImuPropagator::reset()
 {
   const std::lock_guard<std::mutex> lock(mutex_);
   running_ = false;
-}
-
-void ImuPropagator::clear()
-{
-  const std::lock_guard<std::mutex> lock(mutex_);
-  running_ = false;
-  samples_.clear();
 }
 
 std::optional<PropagatedState> ImuPropagator::newest() const

@@ -44,9 +44,6 @@ public:
   /// No more poses until the next rebase(). Samples are kept.
   void reset();
 
-  /// reset(), and forgets the samples: the next one may have any stamp (clocks that jumped back).
-  void clear();
-
   /// The newest pose; nullopt as with add().
   std::optional<PropagatedState> newest() const;
 

@@ -8,27 +8,6 @@
 namespace pi_slam
 {
 
-namespace
-{
-
-double number(const YAML::Node& node, const std::string& file, const std::string& key)
-{
-  if (!node[key].IsDefined())
-  {
-    throw CalibrationError(file + ": has no " + key);
-  }
-  try
-  {
-    return node[key].as<double>();
-  }
-  catch (const YAML::Exception&)
-  {
-    throw CalibrationError(file + ": " + key + " is not a number");
-  }
-}
-
-}  // namespace
-
 void ImuModel::validate() const
 {
   const pi_node::OptionCheck check("imu");
@@ -56,12 +35,13 @@ ImuModel ImuModel::loadYaml(const std::string& file)
   {
     throw CalibrationError(file + ": is no map of keys, expected Kalibr's imu.yaml or EuRoC's sensor.yaml");
   }
+  const YamlMap yaml(file, node);
   ImuModel model;
-  model.rate_hz = number(node, file, node["rate_hz"].IsDefined() ? "rate_hz" : "update_rate");
-  model.gyro_noise_density = number(node, file, "gyroscope_noise_density");
-  model.gyro_random_walk = number(node, file, "gyroscope_random_walk");
-  model.accel_noise_density = number(node, file, "accelerometer_noise_density");
-  model.accel_random_walk = number(node, file, "accelerometer_random_walk");
+  model.rate_hz = yaml.number(yaml.has("rate_hz") ? "rate_hz" : "update_rate");
+  model.gyro_noise_density = yaml.number("gyroscope_noise_density");
+  model.gyro_random_walk = yaml.number("gyroscope_random_walk");
+  model.accel_noise_density = yaml.number("accelerometer_noise_density");
+  model.accel_random_walk = yaml.number("accelerometer_random_walk");
   try
   {
     model.validate();

@@ -150,12 +150,11 @@ ImuLog readImuLog(const std::string& file)
     int64_t stamp_ns = 0;
     if (!parseSample(line, &stamp_ns))
     {
-      throw RecordingError(file + ":" + std::to_string(number) + ": is not t,wx,wy,wz,ax,ay,az: \"" +
-                           line.substr(0, 80) + "\"");
+      throw RecordingError(file, number, "is not t,wx,wy,wz,ax,ay,az: \"" + line.substr(0, 80) + "\"");
     }
     if (!log.stamps_ns.empty() && stamp_ns <= log.stamps_ns.back())
     {
-      throw RecordingError(file + ":" + std::to_string(number) + ": time stamp is not after the one before");
+      throw RecordingError(file, number, "time stamp is not after the one before");
     }
     log.stamps_ns.push_back(stamp_ns);
     log.lines.push_back(line);

@@ -18,18 +18,6 @@ constexpr int PARTS = 8;                  ///< of the window
 constexpr size_t MIN_FEATURES = 10;
 constexpr double LONGEST_PAUSE_S = 1.0;
 
-const ImuModel& validated(const ImuModel& model)
-{
-  model.validate();
-  return model;
-}
-
-const StandstillOptions& validated(const StandstillOptions& options)
-{
-  options.validate();
-  return options;
-}
-
 }  // namespace
 
 void StandstillOptions::validate() const
@@ -43,8 +31,10 @@ void StandstillOptions::validate() const
 }
 
 StandstillDetector::StandstillDetector(const ImuModel& model, const StandstillOptions& options)
-  : model_(validated(model)), options_(validated(options))
+  : model_(model), options_(options)
 {
+  model_.validate();
+  options_.validate();
 }
 
 void StandstillDetector::reset()

@@ -5,11 +5,12 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include <array>
+#include <boost/crc.hpp>
 #include <cerrno>
 #include <cmath>
 #include <cstring>
 #include <filesystem>
+#include <fstream>
 
 namespace pi_slam::map
 {
@@ -67,14 +68,8 @@ public:
   template <typename T>
   T get()
   {
-    if (left_ < sizeof(T))
-    {
-      refuse("its records go beyond its end");
-    }
     T value;
-    std::memcpy(&value, at_, sizeof(T));
-    at_ += sizeof(T);
-    left_ -= sizeof(T);
+    copy(&value, sizeof(T));
     return value;
   }
   template <typename T>
@@ -289,45 +284,10 @@ MapEdge getEdge(uint32_t nodes, Reader* reader)
 
 uint64_t crc64(const uint8_t* bytes, size_t count)
 {
-  static const auto tables = []
-  {
-    std::array<std::array<uint64_t, 256>, 8> made{};
-    for (uint64_t i = 0; i < 256; ++i)
-    {
-      uint64_t value = i;
-      for (int bit = 0; bit < 8; ++bit)
-      {
-        value = (value >> 1) ^ ((value & 1) != 0 ? 0xC96C5795D7870F42ULL : 0);
-      }
-      made[0][i] = value;
-    }
-    for (size_t table = 1; table < 8; ++table)
-    {
-      for (size_t i = 0; i < 256; ++i)
-      {
-        made[table][i] = made[0][made[table - 1][i] & 0xFF] ^ (made[table - 1][i] >> 8);
-      }
-    }
-    return made;
-  }();
-  uint64_t crc = ~0ULL;
-  for (; count >= 8; count -= 8, bytes += 8)
-  {
-    uint64_t word;
-    std::memcpy(&word, bytes, sizeof(word));
-    crc ^= word;
-    uint64_t next = 0;
-    for (size_t k = 0; k < 8; ++k)
-    {
-      next ^= tables[7 - k][(crc >> (8 * k)) & 0xFF];
-    }
-    crc = next;
-  }
-  for (; count > 0; --count, ++bytes)
-  {
-    crc = tables[0][(crc ^ *bytes) & 0xFF] ^ (crc >> 8);
-  }
-  return ~crc;
+  constexpr uint64_t ALL_ONES = ~uint64_t{0};
+  boost::crc_optimal<64, 0x42F0E1EBA9EA3693ULL, ALL_ONES, ALL_ONES, true, true> crc;
+  crc.process_bytes(bytes, count);
+  return crc.checksum();
 }
 
 std::vector<uint8_t> encodeMap(const MapData& map, const StereoCalibration& calibration)
@@ -465,32 +425,25 @@ void writeFileAtomically(const std::string& file, const std::vector<uint8_t>& by
 
 std::vector<uint8_t> readFile(const std::string& file)
 {
-  const pi_node::UniqueFd descriptor(::open(file.c_str(), O_RDONLY | O_CLOEXEC));
-  struct stat status = {};
-  if (!descriptor || ::fstat(descriptor.get(), &status) != 0)
+  namespace fs = std::filesystem;
+  std::ifstream stream(file, std::ios::binary);
+  if (!stream)
   {
     failed(file, "open it");
   }
-  if (!S_ISREG(status.st_mode) || static_cast<uint64_t>(status.st_size) > MOST_BYTES)
+  std::error_code unknown;
+  const uint64_t size = fs::is_regular_file(file, unknown) ? fs::file_size(file, unknown) : MOST_BYTES + 1;
+  if (unknown || size > MOST_BYTES)
   {
     throw MapError("map " + file + ": it is no plain file of at most 8 GiB; give the file of a saved map");
   }
-  std::vector<uint8_t> bytes(static_cast<size_t>(status.st_size));
-  size_t read = 0;
-  while (read < bytes.size())
+  std::vector<uint8_t> bytes(size);
+  stream.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(size));
+  if (stream.bad())
   {
-    const ssize_t count = ::read(descriptor.get(), bytes.data() + read, bytes.size() - read);
-    if (count < 0 && errno != EINTR)
-    {
-      failed(file, "read it");
-    }
-    if (count == 0)
-    {
-      break;
-    }
-    read += count > 0 ? static_cast<size_t>(count) : 0;
+    failed(file, "read it");
   }
-  bytes.resize(read);
+  bytes.resize(static_cast<size_t>(stream.gcount()));
   return bytes;
 }
 

@@ -113,7 +113,6 @@ void Mapper::Impl::reset()
   large_correction = false;
   witnesses.clear();
   loops = 0;
-  last_recognized_ns = 0;
   last_add_ms = 0.0;
   filter = DriftFilter();
 }
@@ -136,17 +135,10 @@ void Mapper::Impl::publish()
   statistics.loaded = loaded;
   statistics.localized = !loaded || (was_localized && segment_begun && ownPart() == 0);
   statistics.covariance = filter.covariance();
-  statistics.last_recognized_ns = last_recognized_ns;
   statistics.last_add_ms = last_add_ms;
   std::lock_guard<std::mutex> lock(published_mutex);
   published = statistics;
   published_T_map_odom = filter.T_map_odom();
-}
-
-void Mapper::Impl::processOne(const MapFrame& frame, bool begins_anew)
-{
-  std::lock_guard<std::mutex> lock(map_mutex);
-  process(frame, begins_anew);
 }
 
 void Mapper::Impl::dropWaiting()
@@ -172,7 +164,7 @@ void Mapper::Impl::run()
     next_frame.reset();
     busy = true;
     lock.unlock();
-    processOne(frame, begins_anew);
+    process(frame, begins_anew);
     lock.lock();
     busy = false;
     queue_changed.notify_all();
@@ -229,7 +221,7 @@ void Mapper::add(const MapFrame& frame)
   }
   const bool begins_anew = std::exchange(impl_->next_begins_anew, false);
   lock.unlock();
-  impl_->processOne(frame, begins_anew);
+  impl_->process(frame, begins_anew);
 }
 
 void Mapper::flush()
@@ -359,14 +351,6 @@ void Mapper::load(const std::string& file)
   impl_->loaded = true;
   impl_->was_localized = false;
   impl_->boundMap();
-  impl_->publish();
-}
-
-void Mapper::clear()
-{
-  impl_->dropWaiting();
-  std::lock_guard<std::mutex> lock(impl_->map_mutex);
-  impl_->reset();
   impl_->publish();
 }
 

@@ -54,9 +54,8 @@ struct MapStatistics
   bool localized = false;  ///< map and odom belong together: always true without a loaded map
   /// Of x, y, z of the body in map [m] and heading [rad], by recognised places and the way since.
   Eigen::Matrix4d covariance = Eigen::Matrix4d::Zero();
-  int64_t last_recognized_ns = 0;  ///< stamp of the last pair for which a known place was recognised
-  double last_add_ms = 0.0;        ///< work for the last frame
-  size_t skipped = 0;              ///< frames for which there was no time
+  double last_add_ms = 0.0;  ///< work for the last frame
+  size_t skipped = 0;        ///< frames for which there was no time
 };
 
 struct MapPoint
@@ -119,8 +118,6 @@ public:
   /// @throws MapError for a file that is missing, truncated, damaged, of another version, or made with cameras of
   ///         another size; the map is unchanged then.
   void load(const std::string& file);
-  /// Forgets everything.
-  void clear();
 
 private:
   struct Impl;

@@ -76,6 +76,7 @@ bool Mapper::Impl::isCorrectionDue() const
 
 void Mapper::Impl::process(const MapFrame& frame, bool begins_anew)
 {
+  std::lock_guard<std::mutex> lock(map_mutex);
   const auto start = std::chrono::steady_clock::now();
   if (!segment_begun || begins_anew)
   {
@@ -204,7 +205,7 @@ void Mapper::Impl::correct()
 {
   // On a thread of its own: solving needs several times the memory of the map in small pieces. On another thread glibc
   // takes them from another arena than the map's, which is given back after each solution.
-  auto solved = std::async(std::launch::async, [this] { return optimizePoseGraph(&data).usable; });
+  auto solved = std::async(std::launch::async, [this] { return optimizePoseGraph(&data); });
   const bool usable = solved.get();
   malloc_trim(0);
   if (usable && last_node >= 0)

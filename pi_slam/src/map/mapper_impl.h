@@ -64,10 +64,9 @@ struct Mapper::Impl
 
   void run();
   void dropWaiting();
-  void processOne(const MapFrame& frame, bool begins_anew);
+  void process(const MapFrame& frame, bool begins_anew);
 
   // What follows works on the map: under map_mutex.
-  void process(const MapFrame& frame, bool begins_anew);
   void beginSegment(const MapFrame& frame);
   bool isNodeDue(const MapFrame& frame) const;
   bool isAttemptDue(const MapFrame& frame) const;
@@ -130,7 +129,6 @@ struct Mapper::Impl
   };
   std::vector<Witness> witnesses;
   size_t loops = 0;
-  int64_t last_recognized_ns = 0;
   double last_add_ms = 0.0;
 
   mutable std::mutex cloud_mutex;  ///< taken before map_mutex

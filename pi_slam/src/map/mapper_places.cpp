@@ -207,7 +207,6 @@ std::vector<RecognizedPlace> Mapper::Impl::recognize(const MapFrame& frame, cons
   if (!places.empty())
   {
     ++loops;
-    last_recognized_ns = frame.stamp_ns;
     recognized_at_m = travelled_m;
     recognized_any = true;
   }

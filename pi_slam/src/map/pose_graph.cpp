@@ -105,7 +105,7 @@ bool hasContradiction(const MapData& map, const std::vector<State>& states)
                      });
 }
 
-bool solve(const MapData& map, bool first, std::vector<State>* states, PoseGraphReport* report)
+bool solve(const MapData& map, bool first, std::vector<State>* states)
 {
   ceres::Problem problem;
   for (State& state : *states)
@@ -133,20 +133,16 @@ bool solve(const MapData& map, bool first, std::vector<State>* states, PoseGraph
   options.logging_type = ceres::SILENT;
   ceres::Solver::Summary summary;
   ceres::Solve(options, &problem, &summary);
-  report->iterations += static_cast<int>(summary.iterations.size());
-  report->initial_cost = first ? summary.initial_cost : report->initial_cost;
-  report->final_cost = summary.final_cost;
   return summary.IsSolutionUsable();
 }
 
 }  // namespace
 
-PoseGraphReport optimizePoseGraph(MapData* map)
+bool optimizePoseGraph(MapData* map)
 {
-  PoseGraphReport report;
   if (map->nodes.size() < 2 || map->edges.empty())
   {
-    return report;
+    return false;
   }
   std::vector<State> states(map->nodes.size());
   for (size_t i = 0; i < states.size(); ++i)
@@ -154,24 +150,18 @@ PoseGraphReport optimizePoseGraph(MapData* map)
     const MapNode& node = map->nodes[i];
     states[i] = {node.p_map_body.x(), node.p_map_body.y(), node.p_map_body.z(), node.heading};
   }
-  report.usable = solve(*map, true, &states, &report);
-  if (report.usable && hasContradiction(*map, states))
+  if (!solve(*map, true, &states) || (hasContradiction(*map, states) && !solve(*map, false, &states)) ||
+      !std::all_of(states.begin(), states.end(),
+                   [](const State& state) { return Eigen::Map<const Eigen::Vector4d>(state.data()).allFinite(); }))
   {
-    report.usable = solve(*map, false, &states, &report);
+    return false;
   }
-  for (const State& state : states)
-  {
-    for (const double value : state)
-    {
-      report.usable = report.usable && std::isfinite(value);
-    }
-  }
-  for (size_t i = 0; report.usable && i < states.size(); ++i)
+  for (size_t i = 0; i < states.size(); ++i)
   {
     map->nodes[i].p_map_body = Eigen::Vector3d(states[i][0], states[i][1], states[i][2]);
     map->nodes[i].heading = states[i][3];
   }
-  return report;
+  return true;
 }
 
 }  // namespace pi_slam::map

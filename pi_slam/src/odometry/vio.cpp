@@ -22,10 +22,6 @@ constexpr double IMU_KEPT_S = 12.0;    ///< of samples, for the initialiser and 
 
 std::optional<PropagatedState> Vio::Impl::addImu(ImuSample sample)
 {
-  if (forget_imu.exchange(false))
-  {
-    inbox_check.clear();
-  }
   // Inside, all stamps are those of the cameras.
   const int64_t own_stamp_ns = sample.stamp_ns;
   sample.stamp_ns -= std::llround(1e9 * options.imu.time_offset_s);
@@ -72,19 +68,6 @@ std::optional<PropagatedState> Vio::Impl::addImu(ImuSample sample)
   return result;
 }
 
-/// As after construction.
-void Vio::Impl::forgetPairs()
-{
-  clearEstimate();
-  status = VioStatus::INITIALIZING;
-  last_known.reset();
-  last_pair_ns = INT64_MIN;
-  features = FrameFeatures();
-  imu.clear();
-  const std::lock_guard<std::mutex> lock(output_mutex);
-  corrected.reset();
-}
-
 /// Forgets everything but the samples of the IMU.
 void Vio::Impl::clearEstimate()
 {
@@ -116,10 +99,6 @@ FrameReport Vio::Impl::addPair(int64_t stamp_ns, const cv::Mat& left, const cv::
   const auto begin = std::chrono::steady_clock::now();
   FrameReport report;
   report.stamp_ns = stamp_ns;
-  if (forget_pairs.exchange(false))
-  {
-    forgetPairs();
-  }
   report.status = status;
   takeInbox();
   const bool running = status != VioStatus::INITIALIZING && status != VioStatus::LOST;
@@ -258,11 +237,6 @@ void Vio::Impl::offerToMap(int64_t stamp_ns, const cv::Mat& left, const cv::Mat&
   keyframe_callback(frame);
 }
 
-Matrix15d Vio::Impl::outputCovariance() const
-{
-  return filter.covariance() + common_covariance;
-}
-
 /// The results for other threads.
 void Vio::Impl::publish()
 {
@@ -271,18 +245,8 @@ void Vio::Impl::publish()
   if (running)
   {
     state.state = filter.state();
-    state.covariance = outputCovariance();
+    state.covariance = filter.covariance() + common_covariance;
     propagator.rebase(state.state, state.covariance);
-  }
-  std::vector<WindowLandmark> landmarks;
-  if (running)
-  {
-    for (const LandmarkEstimate& landmark : window.landmarks())
-    {
-      const Eigen::Vector3d along = (landmark.p_odom - state.state.p).normalized();
-      landmarks.push_back(
-          WindowLandmark{landmark.id, landmark.p_odom, std::sqrt(along.dot(landmark.covariance * along))});
-    }
   }
   const std::lock_guard<std::mutex> lock(output_mutex);
   if (running)
@@ -290,7 +254,6 @@ void Vio::Impl::publish()
     corrected = state;
   }
   shown_features = features;
-  shown_landmarks = std::move(landmarks);
 }
 
 Vio::Vio(const StereoCalibration& calibration, const VioOptions& options, std::shared_ptr<pi_runtime::Runtime> runtime)
@@ -334,28 +297,9 @@ FrameFeatures Vio::newestFeatures() const
   return impl_->shown_features;
 }
 
-std::vector<WindowLandmark> Vio::landmarks() const
-{
-  const std::lock_guard<std::mutex> lock(impl_->output_mutex);
-  return impl_->shown_landmarks;
-}
-
 void Vio::setKeyframeCallback(std::function<void(const MapFrame&)> callback)
 {
   impl_->keyframe_callback = std::move(callback);
-}
-
-void Vio::reset()
-{
-  {
-    const std::lock_guard<std::mutex> lock(impl_->inbox_mutex);
-    impl_->inbox.clear();
-    impl_->imu_message.clear();
-  }
-  impl_->newest_imu_ns.store(INT64_MIN, std::memory_order_release);
-  impl_->propagator.clear();
-  impl_->forget_imu.store(true);
-  impl_->forget_pairs.store(true);
 }
 
 }  // namespace pi_slam

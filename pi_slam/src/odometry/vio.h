@@ -78,14 +78,6 @@ struct FrameReport
   double total_ms = 0.0;
 };
 
-/// A landmark of the window.
-struct WindowLandmark
-{
-  int64_t id;
-  Eigen::Vector3d p_odom;
-  double deviation_m;  ///< of its distance
-};
-
 /// Stereo visual-inertial odometry: tracker, filter per pair, window of keyframes, propagation per IMU sample.
 ///
 /// Per pair an iterated Kalman filter corrects the state against the landmarks of the window (FrameFilter); at
@@ -122,14 +114,9 @@ public:
   /// The state at the last pair; nullopt before the start.
   std::optional<PropagatedState> newestCorrected() const;
   FrameFeatures newestFeatures() const;
-  std::vector<WindowLandmark> landmarks() const;
 
   /// Called on the thread of addPair() for keyframes that a map could use, with pictures.
   void setKeyframeCallback(std::function<void(const MapFrame&)> callback);
-
-  /// Starts again, with odom at the origin and stamps that may be older than before. Any thread; takes effect with the
-  /// next sample and the next pair.
-  void reset();
 
 private:
   struct Impl;

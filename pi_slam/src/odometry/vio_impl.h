@@ -47,7 +47,6 @@ struct Vio::Impl
 
   // The thread of the pictures.
   FrameReport addPair(int64_t stamp_ns, const cv::Mat& left, const cv::Mat& right);
-  void forgetPairs();
   void clearEstimate();
   void takeInbox();
   std::string whyUnusable(int64_t stamp_ns, bool running) const;
@@ -69,7 +68,6 @@ struct Vio::Impl
   void offerToMap(int64_t stamp_ns, const cv::Mat& left, const cv::Mat& right);
   std::string failure(const FrameReport& report) const;
   void giveUp(const std::string& why, FrameReport* report);
-  Matrix15d outputCovariance() const;
   void publish();
 
   const StereoCalibration calibration;
@@ -87,13 +85,10 @@ struct Vio::Impl
   std::vector<ImuSample> inbox;
   std::string imu_message;
   std::atomic<int64_t> newest_imu_ns{INT64_MIN};
-  std::atomic<bool> forget_imu{false};    ///< asked for by reset(), done by the next addImu()
-  std::atomic<bool> forget_pairs{false};  ///< likewise by the next addPair()
 
   mutable std::mutex output_mutex;
   std::optional<PropagatedState> corrected;
   FrameFeatures shown_features;
-  std::vector<WindowLandmark> shown_landmarks;
 
   std::function<void(const MapFrame&)> keyframe_callback;
 

@@ -32,6 +32,25 @@ size_t editDistance(const std::string& a, const std::string& b)
   return row.back();
 }
 
+/// The known key with the most similar spelling.
+std::string nearestKey(const std::string& key, const std::vector<OptionField>& fields)
+{
+  std::string nearest;
+  size_t least = std::numeric_limits<size_t>::max();
+  for (const OptionField& field : fields)
+  {
+    // A key whose group is missing is as near as its last part.
+    const std::string name = field.key.substr(field.key.find('/') + 1);
+    const size_t distance = std::min(editDistance(key, field.key), editDistance(key, name));
+    if (distance < least)
+    {
+      least = distance;
+      nearest = field.key;
+    }
+  }
+  return nearest;
+}
+
 /// Assigns scalars of YAML to the fields of their names.
 class Loader
 {
@@ -50,7 +69,7 @@ public:
         throw OptionsError(file_ + ": a key is no word");
       }
       const std::string key = prefix + entry.first.Scalar();
-      if (isForeign(key))
+      if (std::find(foreign_.begin(), foreign_.end(), key) != foreign_.end())
       {
         continue;
       }
@@ -63,8 +82,7 @@ public:
                                       [&](const OptionField& candidate) { return candidate.key == key; });
       if (field == fields_.end())
       {
-        const std::string nearest = nearestKey(key, fields_);
-        fail(key, "is not known" + (nearest.empty() ? "" : "; did you mean " + nearest + "?"));
+        fail(key, "is not known; did you mean " + nearestKey(key, fields_) + "?");
       }
       if (!loaded_.insert(key).second)
       {
@@ -78,11 +96,6 @@ private:
   [[noreturn]] void fail(const std::string& key, const std::string& defect) const
   {
     throw OptionsError(file_ + ": " + key + " " + defect);
-  }
-
-  bool isForeign(const std::string& key) const
-  {
-    return std::find(foreign_.begin(), foreign_.end(), key) != foreign_.end();
   }
 
   template <typename Value>
@@ -210,24 +223,6 @@ std::vector<OptionField> optionFields(VioOptions* vio, MapperOptions* mapper)
       {"map/threaded", &mapper->threaded},
       {"map/use_runtime", &mapper->use_runtime},
   };
-}
-
-std::string nearestKey(const std::string& key, const std::vector<OptionField>& fields)
-{
-  std::string nearest;
-  size_t least = std::numeric_limits<size_t>::max();
-  for (const OptionField& field : fields)
-  {
-    // A key whose group is missing is as near as its last part.
-    const std::string name = field.key.substr(field.key.find('/') + 1);
-    const size_t distance = std::min(editDistance(key, field.key), editDistance(key, name));
-    if (distance < least)
-    {
-      least = distance;
-      nearest = field.key;
-    }
-  }
-  return nearest;
 }
 
 void loadOptionsYaml(const std::string& file, VioOptions* vio, MapperOptions* mapper,

@@ -30,9 +30,6 @@ struct OptionField
 /// @param vio,mapper  what the fields point into.
 std::vector<OptionField> optionFields(VioOptions* vio, MapperOptions* mapper);
 
-/// The known key with the most similar spelling; empty if there is none.
-std::string nearestKey(const std::string& key, const std::vector<OptionField>& fields);
-
 /// Replaces the options that a YAML file names; the others stay as they are. Groups are nested maps or written with a
 /// slash: {tracker: {max_features: 200}} or {tracker/max_features: 200}. Ranges are checked by validate().
 /// @param foreign  keys, or whole groups, of other readers (frames of the nodelet), which are ignored.

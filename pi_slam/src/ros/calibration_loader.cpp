@@ -63,17 +63,6 @@ std::optional<double> kalibrTimeShift(const std::string& file)
   return value;
 }
 
-/// Noise and rate of the file; the other fields stay.
-ImuModel loadImu(const std::string& file, const ImuModel& imu)
-{
-  ImuModel model = ImuModel::loadYaml(file);
-  model.gyro_limit = imu.gyro_limit;
-  model.accel_limit = imu.accel_limit;
-  model.gravity = imu.gravity;
-  model.time_offset_s = imu.time_offset_s;
-  return model;
-}
-
 }  // namespace
 
 const char* toString(CalibrationSource source)
@@ -88,19 +77,6 @@ const char* toString(CalibrationSource source)
       return "euroc";
   }
   return "unknown";
-}
-
-CalibrationSource parseCalibrationSource(const std::string& name)
-{
-  for (const CalibrationSource source :
-       {CalibrationSource::CAMERA_INFO, CalibrationSource::KALIBR, CalibrationSource::EUROC})
-  {
-    if (name == toString(source))
-    {
-      return source;
-    }
-  }
-  fail("\"" + name + "\" is unknown, must be camera_info, kalibr or euroc");
 }
 
 Eigen::Isometry3d parseTransform(const std::vector<double>& numbers, const std::string& field)
@@ -162,6 +138,16 @@ void CalibrationOptions::validate() const
   }
 }
 
+ImuModel withSensor(const ImuModel& imu, const ImuModel& sensor)
+{
+  ImuModel model = sensor;
+  model.gyro_limit = imu.gyro_limit;
+  model.accel_limit = imu.accel_limit;
+  model.gravity = imu.gravity;
+  model.time_offset_s = imu.time_offset_s;
+  return model;
+}
+
 FileCalibration loadCalibrationFiles(const CalibrationOptions& options, const ImuModel& imu)
 {
   FileCalibration calibration;
@@ -171,7 +157,7 @@ FileCalibration loadCalibrationFiles(const CalibrationOptions& options, const Im
     calibration.cameras = StereoCalibration::loadKalibr(options.camchain);
     if (!options.imu_yaml.empty())
     {
-      calibration.imu = loadImu(options.imu_yaml, imu);
+      calibration.imu = withSensor(imu, ImuModel::loadYaml(options.imu_yaml));
     }
     calibration.imu.time_offset_s = kalibrTimeShift(options.camchain).value_or(imu.time_offset_s);
   }
@@ -182,7 +168,7 @@ FileCalibration loadCalibrationFiles(const CalibrationOptions& options, const Im
     const fs::path mav = fs::exists(folder / "mav0") ? folder / "mav0" : folder;
     calibration.cameras =
         StereoCalibration::loadEuroc((mav / "cam0" / "sensor.yaml").string(), (mav / "cam1" / "sensor.yaml").string());
-    calibration.imu = loadImu((mav / "imu0" / "sensor.yaml").string(), imu);
+    calibration.imu = withSensor(imu, ImuModel::loadYaml((mav / "imu0" / "sensor.yaml").string()));
   }
   calibration.imu.validate();
   return calibration;

@@ -19,8 +19,6 @@ enum class CalibrationSource
   EUROC,        ///< a recording's folder with cam0, cam1, imu0 and a sensor.yaml in each
 };
 const char* toString(CalibrationSource source);
-/// @throws std::invalid_argument that lists the known names: camera_info, kalibr, euroc.
-CalibrationSource parseCalibrationSource(const std::string& name);
 
 struct CalibrationOptions
 {
@@ -38,6 +36,9 @@ struct CalibrationOptions
 
 /// A transform of seven numbers x y z qx qy qz qw. @throws std::invalid_argument naming the field.
 Eigen::Isometry3d parseTransform(const std::vector<double>& numbers, const std::string& field);
+
+/// Rate and noise of a file's IMU, with the other fields of `imu`: they do not belong to the sensor.
+ImuModel withSensor(const ImuModel& imu, const ImuModel& sensor);
 
 /// What calibration files say.
 struct FileCalibration

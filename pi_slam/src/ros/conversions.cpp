@@ -1,14 +1,15 @@
 #include "ros/conversions.h"
+#include <cv_bridge/cv_bridge.h>
 #include <pi_node/formatting.h>
 #include <pi_os_transport/zero_copy/cv_bridge.h>
 #include <pi_os_transport/zero_copy/shared_image.h>
 #include <pi_slam/so3.h>
 #include <sensor_msgs/image_encodings.h>
+#include <sensor_msgs/point_cloud2_iterator.h>
 
 #include <algorithm>
 #include <boost/make_shared.hpp>
 #include <cmath>
-#include <cstring>
 #include <stdexcept>
 
 namespace pi_slam
@@ -314,55 +315,29 @@ geometry_msgs::PoseWithCovarianceStamped toMapPose(const nav_msgs::Odometry& odo
 sensor_msgs::PointCloud2Ptr toPointCloud(const std::vector<MapPoint>& points, const ros::Time& stamp,
                                          const std::string& frame)
 {
-  struct Point
-  {
-    float x, y, z, intensity;
-  };
   const auto cloud = boost::make_shared<sensor_msgs::PointCloud2>();
   cloud->header.stamp = stamp;
   cloud->header.frame_id = frame;
-  cloud->height = 1;
-  cloud->width = static_cast<uint32_t>(points.size());
-  cloud->point_step = sizeof(Point);
-  cloud->row_step = cloud->point_step * cloud->width;
   cloud->is_dense = true;
-  uint32_t offset = 0;
-  for (const char* name : {"x", "y", "z", "intensity"})
-  {
-    sensor_msgs::PointField field;
-    field.name = name;
-    field.offset = offset;
-    field.datatype = sensor_msgs::PointField::FLOAT32;
-    field.count = 1;
-    cloud->fields.push_back(field);
-    offset += sizeof(float);
-  }
-  cloud->data.resize(cloud->row_step);
-  uint8_t* out = cloud->data.data();
+  constexpr int FLOAT = sensor_msgs::PointField::FLOAT32;
+  sensor_msgs::PointCloud2Modifier modifier(*cloud);
+  modifier.setPointCloud2Fields(4, "x", 1, FLOAT, "y", 1, FLOAT, "z", 1, FLOAT, "intensity", 1, FLOAT);
+  modifier.resize(points.size());
+  auto* out = reinterpret_cast<float*>(cloud->data.data());
   for (const MapPoint& point : points)
   {
-    const Point values{point.p_map.x(), point.p_map.y(), point.p_map.z(), static_cast<float>(point.grey)};
-    std::memcpy(out, &values, sizeof values);
-    out += sizeof values;
+    Eigen::Map<Eigen::Vector4f>(out) << point.p_map, static_cast<float>(point.grey);
+    out += 4;
   }
   return cloud;
 }
 
 sensor_msgs::ImagePtr toImage(const cv::Mat& picture, const ros::Time& stamp, const std::string& frame)
 {
-  const auto image = boost::make_shared<sensor_msgs::Image>();
-  image->header.stamp = stamp;
-  image->header.frame_id = frame;
-  image->width = static_cast<uint32_t>(picture.cols);
-  image->height = static_cast<uint32_t>(picture.rows);
-  image->encoding = picture.channels() == 3 ? encodings::BGR8 : encodings::MONO8;
-  image->step = static_cast<uint32_t>(picture.cols * picture.elemSize());
-  image->data.resize(static_cast<size_t>(image->step) * image->height);
-  for (int y = 0; y < picture.rows; ++y)
-  {
-    std::memcpy(image->data.data() + static_cast<size_t>(y) * image->step, picture.ptr(y), image->step);
-  }
-  return image;
+  std_msgs::Header header;
+  header.stamp = stamp;
+  header.frame_id = frame;
+  return cv_bridge::CvImage(header, picture.channels() == 3 ? encodings::BGR8 : encodings::MONO8, picture).toImageMsg();
 }
 
 }  // namespace pi_slam

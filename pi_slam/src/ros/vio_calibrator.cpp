@@ -51,10 +51,7 @@ void VioCalibrator::setCameraInfo(int camera, const sensor_msgs::CameraInfoConst
 void VioCalibrator::setImuFrame(const std::string& frame)
 {
   std::lock_guard<std::mutex> lock(mutex_);
-  if (imu_frame_ != frame)
-  {
-    imu_frame_ = frame;
-  }
+  imu_frame_ = frame;
 }
 
 void VioCalibrator::prepare()

@@ -1,9 +1,9 @@
+#include "ros/vio_diagnostics.h"
 #include <diagnostic_msgs/DiagnosticStatus.h>
 #include <pi_node/formatting.h>
-#include "ros/vio_diagnostics.h"
-#include <unistd.h>
 
 #include <algorithm>
+#include <boost/asio/ip/host_name.hpp>
 #include <cmath>
 #include <numeric>
 #include <utility>
@@ -20,13 +20,6 @@ using diagnostic_msgs::DiagnosticStatus;
 constexpr size_t KEPT_FRAMES = 1000;
 constexpr size_t KEPT_IMU_SAMPLES = 2000;
 
-std::string hostName()
-{
-  char name[256] = "";
-  gethostname(name, sizeof name - 1);
-  return name;
-}
-
 }  // namespace
 
 VioDiagnostics::VioDiagnostics(const ros::NodeHandle& node, const ros::NodeHandle& private_node,
@@ -38,7 +31,7 @@ VioDiagnostics::VioDiagnostics(const ros::NodeHandle& node, const ros::NodeHandl
   , frame_ms_(KEPT_FRAMES)
   , imu_ms_(KEPT_IMU_SAMPLES)
 {
-  updater_.setHardwareID(hostName());
+  updater_.setHardwareID(boost::asio::ip::host_name());
   updater_.add("odometry", [this](Status& status) { reportOdometry(status); });
   updater_.add("inputs", [this](Status& status) { reportInputs(status); });
   updater_.add("map", [this](Status& status) { reportMap(status); });

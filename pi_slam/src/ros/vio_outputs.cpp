@@ -64,7 +64,7 @@ void VioOutputs::publishTransforms(const VioPipeline& pipeline, const nav_msgs::
     transforms.push_back(
         toTransform(fromMsg(odometry.pose.pose), stamp, options_.odom_frame, options_.base_link_frame));
   }
-  const VioPoses::MapPlace place = session_.mapPlace();
+  const VioSession::MapPlace place = session_.mapPlace();
   if (place.covariance && map_pose_.getNumSubscribers() > 0)
   {
     map_pose_.publish(
@@ -87,7 +87,7 @@ void VioOutputs::publishPath()
   {
     return;
   }
-  VioPoses::Path poses = pipeline->mapper ? pipeline->mapper->path() : VioPoses::Path();  // T_map_body
+  VioSession::Path poses = pipeline->mapper ? pipeline->mapper->path() : VioSession::Path();  // T_map_body
   // Only poses of odometry after the map's last keyframe; all of them if that keyframe is from before a jump of time.
   const int64_t from_ns = !poses.empty() && poses.back().first <= session_.last_odometry_ns ? poses.back().first : 0;
   for (const auto& [stamp_ns, T_map_body] : session_.odomPathInMap())
@@ -144,20 +144,15 @@ void VioOutputs::showTracks(const PicturePair& pair, const VioPipeline& pipeline
   }
   if (!drawing_.exchange(true))
   {
-    drawing_thread_.post([this, tracks = std::move(tracks), left = pipeline.cameras.left.model,
-                          right = pipeline.cameras.right.model] { publishTracks(tracks, left, right); });
+    drawing_thread_.post([this, tracks = std::move(tracks)] { publishTracks(tracks); });
   }
 }
 
-void VioOutputs::publishTracks(const Tracks& tracks, const CameraModel& left, const CameraModel& right)
+void VioOutputs::publishTracks(const Tracks& tracks)
 {
   try
   {
-    const cv::Mat black_left = cv::Mat::zeros(left.height, left.width, CV_8UC1);
-    const cv::Mat black_right = cv::Mat::zeros(right.height, right.width, CV_8UC1);
-    const cv::Mat picture =
-        drawTracks(tracks.pair.left.empty() ? black_left : tracks.pair.left,
-                   tracks.pair.right.empty() ? black_right : tracks.pair.right, tracks.features, tracks.earlier);
+    const cv::Mat picture = drawTracks(tracks.pair.left, tracks.pair.right, tracks.features, tracks.earlier);
     tracks_.publish(toImage(picture, toTime(tracks.pair.stamp_ns), session_.leftFrame()));
   }
   catch (const std::exception& error)

@@ -48,7 +48,7 @@ private:
   };
 
   void publishTransforms(const VioPipeline& pipeline, const nav_msgs::Odometry& odometry);
-  void publishTracks(const Tracks& tracks, const CameraModel& left, const CameraModel& right);
+  void publishTracks(const Tracks& tracks);
 
   const VioRosOptions& options_;
   VioSession& session_;

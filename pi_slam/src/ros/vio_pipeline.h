@@ -22,8 +22,7 @@ struct VioPipeline
   /// @throws std::exception for a calibration that odometry or mapping cannot use.
   static Ptr make(const VioRosOptions& options, const RuntimePtr& runtime, const FileCalibration& calibration,
                   const Eigen::Isometry3d& T_base_body);
-  /// The same with new odometry. A new object rather than Vio::reset(): pairs and samples of the old time that are in
-  /// work end with the old one.
+  /// The same with new odometry. A new object: pairs and samples of the old time that are in work end with the old one.
   Ptr again(const VioRosOptions& options, const RuntimePtr& runtime, bool forget_map) const;
 
   StereoCalibration cameras;

@@ -71,18 +71,10 @@ static void visitFields(VioRosOptions& options, Visitor&& visit)
   visit("warning_period_s", options.warning_period_s);
 }
 
-static void read(XmlRpcValue value, CalibrationSource* field)
+static void read(const XmlRpcValue& value, CalibrationSource* field)
 {
-  std::string name;
-  pi_node::parameters::read(value, &name);
-  try
-  {
-    *field = parseCalibrationSource(name);
-  }
-  catch (const std::invalid_argument& error)
-  {
-    throw std::invalid_argument(std::string("= ") + error.what());
-  }
+  pi_node::parameters::readChoice(
+      value, {CalibrationSource::CAMERA_INFO, CalibrationSource::KALIBR, CalibrationSource::EUROC}, field);
 }
 
 void VioRosOptions::validate() const

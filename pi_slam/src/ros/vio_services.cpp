@@ -34,48 +34,47 @@ std::shared_ptr<Mapper> VioServices::mapperFor(const std::string& file, std::str
   return nullptr;
 }
 
-bool VioServices::saveMap(SaveMap::Request& request, SaveMap::Response& response)
+template <typename Response>
+bool VioServices::answer(const std::string& file, Response* response,
+                         const std::function<std::string(Mapper&)>& work) const
 {
-  const std::shared_ptr<Mapper> mapper = mapperFor(request.file, &response.message);
-  if (!mapper)
-  {
-    return true;
-  }
   try
   {
-    mapper->flush();
-    const MapStatistics statistics = mapper->statistics();
-    mapper->save(request.file);
-    response.success = true;
-    response.message = std::to_string(statistics.keyframes) + " keyframes with " +
-                       std::to_string(statistics.landmarks) + " landmarks written to " + request.file;
+    if (const std::shared_ptr<Mapper> mapper = mapperFor(file, &response->message))
+    {
+      response->message = work(*mapper);
+      response->success = true;
+    }
   }
   catch (const std::exception& error)
   {
-    response.message = error.what();
+    response->message = error.what();
   }
   return true;
 }
 
+bool VioServices::saveMap(SaveMap::Request& request, SaveMap::Response& response)
+{
+  return answer(request.file, &response,
+                [&request](Mapper& mapper)
+                {
+                  mapper.flush();
+                  const MapStatistics statistics = mapper.statistics();
+                  mapper.save(request.file);
+                  return std::to_string(statistics.keyframes) + " keyframes with " +
+                         std::to_string(statistics.landmarks) + " landmarks written to " + request.file;
+                });
+}
+
 bool VioServices::loadMap(LoadMap::Request& request, LoadMap::Response& response)
 {
-  const std::shared_ptr<Mapper> mapper = mapperFor(request.file, &response.message);
-  if (!mapper)
-  {
-    return true;
-  }
-  try
-  {
-    mapper->load(request.file);
-    response.success = true;
-    response.message = std::to_string(mapper->statistics().keyframes) + " keyframes read from " + request.file +
-                       "; localised as soon as a place is recognised";
-  }
-  catch (const std::exception& error)
-  {
-    response.message = error.what();
-  }
-  return true;
+  return answer(request.file, &response,
+                [&request](Mapper& mapper)
+                {
+                  mapper.load(request.file);
+                  return std::to_string(mapper.statistics().keyframes) + " keyframes read from " + request.file +
+                         "; localised as soon as a place is recognised";
+                });
 }
 
 bool VioServices::reset(std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response)

@@ -5,6 +5,7 @@
 #include <ros/ros.h>
 #include <std_srvs/Trigger.h>
 
+#include <functional>
 #include <memory>
 #include <string>
 
@@ -26,6 +27,9 @@ private:
   bool reset(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
   /// The mapper, or why there is none.
   std::shared_ptr<Mapper> mapperFor(const std::string& file, std::string* problem) const;
+  /// @param work  with the map; its message, unless it throws.
+  template <typename Response>
+  bool answer(const std::string& file, Response* response, const std::function<std::string(Mapper&)>& work) const;
 
   const VioRosOptions& options_;
   VioSession& session_;

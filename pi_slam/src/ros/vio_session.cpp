@@ -46,7 +46,9 @@ bool VioSession::replaceLocked(VioPipeline::Ptr pipeline)
     ++generation_;
     pairs_.clear();
     matcher_.clear();
-    poses_.clear(pipeline_->mapper ? pipeline_->mapper->T_map_odom() : Eigen::Isometry3d::Identity());
+    map_place_ = {pipeline_->mapper ? pipeline_->mapper->T_map_odom() : Eigen::Isometry3d::Identity(), std::nullopt};
+    path_.clear();
+    history_.clear();
     last_odometry_ns = 0;
     problem_ = {};
   }
@@ -182,7 +184,7 @@ void VioSession::addOdometry(const VioPipeline& pipeline, int64_t stamp_ns, cons
   std::lock_guard<std::mutex> lock(mutex_);
   if (pipeline_.get() == &pipeline)
   {
-    poses_.history.add(stamp_ns, T_odom_base);
+    history_.add(stamp_ns, T_odom_base);
   }
 }
 
@@ -191,9 +193,9 @@ void VioSession::updateMapPlace(const VioPipeline& pipeline, uint64_t generation
   std::lock_guard<std::mutex> lock(mutex_);
   if (generation_ == generation)
   {
-    poses_.map_place.T_map_odom = pipeline.mapper->T_map_odom();
+    map_place_.T_map_odom = pipeline.mapper->T_map_odom();
     const MapStatistics map = pipeline.mapper->statistics();
-    poses_.map_place.covariance = map.localized ? std::optional(map.covariance) : std::nullopt;
+    map_place_.covariance = map.localized ? std::optional(map.covariance) : std::nullopt;
   }
 }
 
@@ -202,20 +204,20 @@ void VioSession::setMapPlace(const Place& place, const Eigen::Isometry3d& T_map_
   std::lock_guard<std::mutex> lock(mutex_);
   if (generation_ == place.generation)
   {
-    poses_.map_place.T_map_odom = place.pipeline->mapper ? place.pipeline->mapper->T_map_odom() : T_map_odom;
+    map_place_.T_map_odom = place.pipeline->mapper ? place.pipeline->mapper->T_map_odom() : T_map_odom;
   }
 }
 
-VioPoses::MapPlace VioSession::mapPlace() const
+VioSession::MapPlace VioSession::mapPlace() const
 {
   std::lock_guard<std::mutex> lock(mutex_);
-  return poses_.map_place;
+  return map_place_;
 }
 
 VioSession::Place VioSession::placeAt(int64_t stamp_ns) const
 {
   std::lock_guard<std::mutex> lock(mutex_);
-  return {pipeline_, generation_, poses_.map_place.T_map_odom, poses_.history.at(stamp_ns), poses_.history.newest()};
+  return {pipeline_, generation_, map_place_.T_map_odom, history_.at(stamp_ns), history_.newest()};
 }
 
 void VioSession::keepForPath(uint64_t generation, int64_t stamp_ns, const Eigen::Isometry3d& T_odom_body)
@@ -223,14 +225,27 @@ void VioSession::keepForPath(uint64_t generation, int64_t stamp_ns, const Eigen:
   std::lock_guard<std::mutex> lock(mutex_);
   if (generation_ == generation)
   {
-    poses_.keepForPath(stamp_ns, T_odom_body, options_.path_spacing_m, static_cast<size_t>(options_.path_length));
+    if (path_.empty() ||
+        !((path_.back().second.translation() - T_odom_body.translation()).norm() < options_.path_spacing_m))
+    {
+      path_.emplace_back(stamp_ns, T_odom_body);
+    }
+    if (path_.size() > static_cast<size_t>(options_.path_length))
+    {
+      path_.pop_front();
+    }
   }
 }
 
-VioPoses::Path VioSession::odomPathInMap() const
+VioSession::Path VioSession::odomPathInMap() const
 {
   std::lock_guard<std::mutex> lock(mutex_);
-  return poses_.pathInMap();
+  Path in_map;
+  for (const auto& [stamp_ns, T_odom_body] : path_)
+  {
+    in_map.emplace_back(stamp_ns, map_place_.T_map_odom * T_odom_body);
+  }
+  return in_map;
 }
 
 std::string VioSession::leftFrame() const

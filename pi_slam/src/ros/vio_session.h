@@ -12,11 +12,12 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
+#include "odometry/pose_history.h"
 #include "ros/pair_matcher.h"
 #include "ros/vio_diagnostics.h"
 #include "ros/vio_pipeline.h"
-#include "ros/vio_poses.h"
 
 namespace pi_slam
 {
@@ -47,6 +48,13 @@ public:
     Eigen::Isometry3d T_map_odom = Eigen::Isometry3d::Identity();
     std::optional<Eigen::Isometry3d> T_odom_base;  ///< at the stamp asked for
     std::optional<std::pair<int64_t, Eigen::Isometry3d>> newest_odom_base;
+  };
+
+  using Path = std::vector<std::pair<int64_t, Eigen::Isometry3d>>;
+  struct MapPlace
+  {
+    Eigen::Isometry3d T_map_odom = Eigen::Isometry3d::Identity();
+    std::optional<Eigen::Matrix4d> covariance;  ///< of MapStatistics; nullopt: not localised in the map
   };
 
   /// The arguments outlive it.
@@ -81,10 +89,10 @@ public:
   void updateMapPlace(const VioPipeline& pipeline, uint64_t generation);
   /// After a pose was set: takes T_map_odom of the mapper, or this one without a mapper.
   void setMapPlace(const Place& place, const Eigen::Isometry3d& T_map_odom);
-  VioPoses::MapPlace mapPlace() const;
+  MapPlace mapPlace() const;
   Place placeAt(int64_t stamp_ns) const;
   void keepForPath(uint64_t generation, int64_t stamp_ns, const Eigen::Isometry3d& T_odom_body);
-  VioPoses::Path odomPathInMap() const;  ///< T_map_body by stamp
+  Path odomPathInMap() const;  ///< T_map_body by stamp
   std::string leftFrame() const;
 
   /// Queues and counts, for the diagnostics.
@@ -118,7 +126,9 @@ private:
   std::deque<PicturePair> pairs_;
   uint64_t dropped_pairs_ = 0;
   std::string left_frame_;
-  VioPoses poses_;
+  MapPlace map_place_;
+  PoseHistory history_{5000000000, 4000000};  ///< T_odom_base as published: 5 s, for poses that are set later
+  std::deque<Path::value_type> path_;         ///< T_odom_body
 };
 
 }  // namespace pi_slam

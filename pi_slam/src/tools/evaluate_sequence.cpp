@@ -102,16 +102,6 @@ std::vector<std::string> foreignKeys()
   return keys;
 }
 
-/// Noise and rate of the IMU go over those of the file of options: they belong to the recording.
-void takeImu(const ImuModel& imu, ImuModel* options)
-{
-  options->rate_hz = imu.rate_hz;
-  options->gyro_noise_density = imu.gyro_noise_density;
-  options->gyro_random_walk = imu.gyro_random_walk;
-  options->accel_noise_density = imu.accel_noise_density;
-  options->accel_random_walk = imu.accel_random_walk;
-}
-
 SequenceRunOptions readOptions(const Options& line, const SequenceDescription& description)
 {
   SequenceRunOptions options;
@@ -119,13 +109,14 @@ SequenceRunOptions readOptions(const Options& line, const SequenceDescription& d
   {
     loadOptionsYaml(line.config, &options.vio, &options.mapper, foreignKeys());
   }
+  // Noise and rate of the IMU go over those of the file of options: they belong to the recording.
   if (!line.imu.empty())
   {
-    takeImu(ImuModel::loadYaml(line.imu), &options.vio.imu);
+    options.vio.imu = withSensor(options.vio.imu, ImuModel::loadYaml(line.imu));
   }
   else if (description.imu)
   {
-    takeImu(*description.imu, &options.vio.imu);
+    options.vio.imu = withSensor(options.vio.imu, *description.imu);
   }
   options.vio.frame_budget_s = 1e-3 * line.frame_budget_ms;
   options.mapper.threaded = false;

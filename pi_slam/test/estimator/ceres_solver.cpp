@@ -362,7 +362,6 @@ private:
 WindowReport solveCeres(WindowProblem* problem, const std::vector<Landmark*>& use, int max_iterations)
 {
   WindowReport report;
-  report.initial_cost = windowCost(*problem, use);
   std::vector<Eigen::Vector3d> landmarks_before;
   landmarks_before.reserve(use.size());
   for (const Landmark* landmark : use)
@@ -384,7 +383,6 @@ WindowReport solveCeres(WindowProblem* problem, const std::vector<Landmark*>& us
   {
     window.store();
   }
-  report.final_cost = windowCost(*problem, use);
   return report;
 }
 

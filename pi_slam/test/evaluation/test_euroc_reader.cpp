@@ -409,8 +409,6 @@ TEST(SequenceReader, PassesOnDefects)
 class FailingSource : public SequenceSource
 {
 public:
-  const SequenceDescription& description() const override { return description_; }
-  const SequenceDefects& defects() const override { return defects_; }
   std::optional<SequenceItem> next() override
   {
     if (++count_ > 2)
@@ -421,8 +419,6 @@ public:
   }
 
 private:
-  SequenceDescription description_;
-  SequenceDefects defects_;
   int count_ = 0;
 };
 

@@ -169,7 +169,7 @@ TEST(Align, SettlesStandstillByOrientations)
     const Eigen::Isometry3d T_truth_estimate = poseOf({0, 1, 0}, {0.0, 0.0, -0.4});
     const AbsoluteError error =
         absoluteError(associate(transformed(truth, T_truth_estimate.inverse()), truth), alignment);
-    EXPECT_TRUE(error.T_truth_estimate.isApprox(T_truth_estimate, 1e-9)) << toString(alignment);
+    EXPECT_TRUE(error.T_truth_estimate.isApprox(T_truth_estimate, 1e-9)) << static_cast<int>(alignment);
     EXPECT_EQ(error.driftPercent(), 0.0);
   }
 }

@@ -300,18 +300,6 @@ TEST(ImuPropagator, StopsUntilTheNextCorrection)
   expectEqual(*propagator.newest(), expected(modelOf(200.0), stateAt(2000000), someCovariance(), 2, 200.0));
 }
 
-TEST(ImuPropagator, TakesAClockThatJumpedBackOnceCleared)
-{
-  ImuPropagator propagator(modelOf(200.0));
-  propagator.add(sampleAt(1000, 200.0));
-  propagator.add(sampleAt(0, 200.0));  // refused
-  propagator.clear();
-  propagator.add(sampleAt(0, 200.0));
-  propagator.add(sampleAt(1, 200.0));
-  ASSERT_TRUE(propagator.rebase(stateAt(0), someCovariance()));
-  EXPECT_EQ(propagator.newest()->state.stamp_ns, sampleAt(1, 200.0).stamp_ns);
-}
-
 TEST(ImuPropagator, CorrectionsFromAnotherThreadDoNotDisturbTheStream)
 {
   for (const double rate_hz : {200.0, 1000.0})

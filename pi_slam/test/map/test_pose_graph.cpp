@@ -97,9 +97,7 @@ TEST(PoseGraph, BringsTheSecondRoundOntoTheFirst)
 {
   TwoRounds rounds;
   const double before = rounds.worstError();
-  const PoseGraphReport report = optimizePoseGraph(&rounds.map);
-  ASSERT_TRUE(report.usable);
-  EXPECT_LT(report.final_cost, 0.5 * report.initial_cost);
+  ASSERT_TRUE(optimizePoseGraph(&rounds.map));
   EXPECT_GT(before, 0.5);
   // Between the rounds loops tie to centimetres; what the first round drifted within itself stays.
   for (size_t i = 200; i < 400; i += 10)
@@ -119,8 +117,8 @@ TEST(PoseGraph, DoesNotFollowOneLoopThatAllOthersContradict)
   wrong.heading_deviation = 0.003;
   TwoRounds without = rounds;
   rounds.map.edges.push_back(wrong);
-  ASSERT_TRUE(optimizePoseGraph(&without.map).usable);
-  ASSERT_TRUE(optimizePoseGraph(&rounds.map).usable);
+  ASSERT_TRUE(optimizePoseGraph(&without.map));
+  ASSERT_TRUE(optimizePoseGraph(&rounds.map));
   for (size_t i = 0; i < rounds.map.nodes.size(); ++i)
   {
     EXPECT_LT((rounds.map.nodes[i].p_map_body - without.map.nodes[i].p_map_body).norm(), 0.1) << i;
@@ -149,7 +147,7 @@ TEST(PoseGraph, LetsALargeCorrectionThrough)
   loop.position_deviation = 0.02;
   loop.heading_deviation = 0.003;
   rounds.map.edges.push_back(loop);
-  ASSERT_TRUE(optimizePoseGraph(&rounds.map).usable);
+  ASSERT_TRUE(optimizePoseGraph(&rounds.map));
   const Eigen::Vector3d end = rounds.map.nodes[399].p_map_body - rounds.map.nodes[0].p_map_body;
   EXPECT_LT((turned(-rounds.map.nodes[0].heading, end) - loop.shift).norm(), 0.1);
 }
@@ -171,7 +169,7 @@ TEST(PoseGraph, LeavesPartsThatNothingJoinsWhereTheyAre)
   edge.from = 3;
   edge.to = 2;
   map.edges.push_back(edge);
-  ASSERT_TRUE(optimizePoseGraph(&map).usable);
+  ASSERT_TRUE(optimizePoseGraph(&map));
   EXPECT_NEAR(0.0, map.nodes[0].p_map_body.x(), 1e-12);
   EXPECT_NEAR(1.0, map.nodes[1].p_map_body.x(), 1e-6);
   EXPECT_NEAR(20.0, map.nodes[2].p_map_body.x(), 1e-12);
@@ -181,14 +179,14 @@ TEST(PoseGraph, LeavesPartsThatNothingJoinsWhereTheyAre)
 TEST(PoseGraph, ChangesNothingWithoutEdgesOrWithNumbersThatAreNone)
 {
   MapData map;
-  EXPECT_FALSE(optimizePoseGraph(&map).usable);
+  EXPECT_FALSE(optimizePoseGraph(&map));
   map.nodes.resize(2);
-  EXPECT_FALSE(optimizePoseGraph(&map).usable);
+  EXPECT_FALSE(optimizePoseGraph(&map));
   MapEdge edge;
   edge.to = 1;
   edge.shift = Eigen::Vector3d(std::nan(""), 0.0, 0.0);
   map.edges.push_back(edge);
-  EXPECT_FALSE(optimizePoseGraph(&map).usable);
+  EXPECT_FALSE(optimizePoseGraph(&map));
   EXPECT_EQ(0.0, map.nodes[1].p_map_body.x());
 }
 

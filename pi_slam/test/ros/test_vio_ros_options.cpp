@@ -64,7 +64,7 @@ TEST(VioRosOptions, NamesParameterValueAndBound)
       "differ too",
       reader.refusal("odom_frame: map"));
   EXPECT_EQ("parameter /vio/publish_tf = 1, must be true or false", reader.refusal("publish_tf: 1"));
-  EXPECT_EQ("parameter /vio/calibration/source = \"yaml\" is unknown, must be camera_info, kalibr or euroc",
+  EXPECT_EQ("parameter /vio/calibration/source = \"yaml\", must be camera_info, kalibr or euroc",
             reader.refusal("calibration: {source: yaml}"));
   EXPECT_EQ("parameter /vio/map_file = \"/a.map\", must be empty with mapping = false",
             reader.refusal("{map_file: /a.map, mapping: false}"));

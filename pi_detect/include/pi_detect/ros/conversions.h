@@ -30,8 +30,6 @@ namespace pi_detect
 using Labels = std::map<int, std::string>;
 
 int64_t fromMsg(const ros::Time& stamp);  ///< [ns]
-/// @throws std::invalid_argument unless 0 <= stamp_ns < 2^32 s.
-ros::Time toTime(int64_t stamp_ns);
 
 Eigen::Isometry3d fromMsg(const geometry_msgs::Transform& transform);
 
