@@ -10,8 +10,8 @@ namespace pi_runtime::kernels
 namespace
 {
 
-constexpr int RADIUS = 3;
-constexpr int TAPS = 2 * RADIUS + 1;
+constexpr int BLUR_RADIUS = 3;
+constexpr int TAPS = 2 * BLUR_RADIUS + 1;
 
 /// The weighted sum of seven values, of which the outer ones are equal in pairs. At most 256 * 255: fits 16 bits.
 PI_RUNTIME_ALWAYS_INLINE uint16_t weighted(int a, int b, int c, int d, int e, int f, int g)
@@ -53,13 +53,13 @@ void sumRow(const uint16_t* __restrict high, const uint16_t* __restrict low, int
   }
 }
 
-/// @param values  width + 2 * RADIUS elements, of which the middle ones are there
+/// @param values  width + 2 * BLUR_RADIUS elements, of which the middle ones are there
 void mirrorEnds(uint16_t* values, int width)
 {
-  for (int i = 1; i <= RADIUS; ++i)
+  for (int i = 1; i <= BLUR_RADIUS; ++i)
   {
-    values[RADIUS - i] = values[RADIUS + reflect101(-i, width)];
-    values[RADIUS + width - 1 + i] = values[RADIUS + reflect101(width - 1 + i, width)];
+    values[BLUR_RADIUS - i] = values[BLUR_RADIUS + reflect101(-i, width)];
+    values[BLUR_RADIUS + width - 1 + i] = values[BLUR_RADIUS + reflect101(width - 1 + i, width)];
   }
 }
 
@@ -68,16 +68,16 @@ void mirrorEnds(uint16_t* values, int width)
 void gaussianBlur7(const ImageView<const uint8_t>& source, const ImageView<uint8_t>& destination, int begin, int end)
 {
   const int width = source.width;
-  std::vector<uint16_t> high(width + 2 * RADIUS);
-  std::vector<uint16_t> low(width + 2 * RADIUS);
+  std::vector<uint16_t> high(width + 2 * BLUR_RADIUS);
+  std::vector<uint16_t> low(width + 2 * BLUR_RADIUS);
   for (int y = begin; y < end; ++y)
   {
     const uint8_t* rows[TAPS];
     for (int tap = 0; tap < TAPS; ++tap)
     {
-      rows[tap] = source.row(reflect101(y + tap - RADIUS, source.height));
+      rows[tap] = source.row(reflect101(y + tap - BLUR_RADIUS, source.height));
     }
-    sumColumns(rows, width, high.data() + RADIUS, low.data() + RADIUS);
+    sumColumns(rows, width, high.data() + BLUR_RADIUS, low.data() + BLUR_RADIUS);
     mirrorEnds(high.data(), width);
     mirrorEnds(low.data(), width);
     sumRow(high.data(), low.data(), width, destination.row(y));
