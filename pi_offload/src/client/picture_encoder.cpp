@@ -70,18 +70,6 @@ const char* toString(PictureMode mode)
   return "unknown";
 }
 
-PictureMode parsePictureMode(const std::string& text)
-{
-  for (const PictureMode mode : {PictureMode::AUTO, PictureMode::JPEG, PictureMode::RAW})
-  {
-    if (text == toString(mode))
-    {
-      return mode;
-    }
-  }
-  throw std::invalid_argument("\"" + text + "\" is no way to send pictures, must be auto, jpeg or raw");
-}
-
 void PictureEncoder::Options::validate() const
 {
   const pi_node::OptionCheck check("");

@@ -28,11 +28,6 @@ double transferTime(double mbit, double mbps)
   return mbps > 0.0 ? mbit / mbps : NEVER;
 }
 
-double breakEven(double numerator, double gain)
-{
-  return gain > 0.0 ? numerator / gain : NEVER;
-}
-
 }  // namespace
 
 void LocalComputer::validate() const
@@ -113,21 +108,6 @@ double bestLocalFrequency(const TaskNeeds& needs, const LocalComputer& computer)
   // Without dynamic power the highest frequency is the most efficient.
   const double efficient = computer.beta_w_per_ghz3 > 0.0 ? mostEfficientFrequency(computer) : NEVER;
   return std::clamp(std::max(efficient, needed), computer.least_frequency_ghz, computer.frequency_ghz);
-}
-
-BreakEvenRates breakEvenRates(const TaskNeeds& needs, const LocalComputer& computer, const Radio& radio,
-                              double node_frequency_ghz, double eta)
-{
-  const Cost local = localCost(needs, computer);
-  const double node_s = transferTime(needs.work_gcycles, node_frequency_ghz);
-  const double data_mbit = needs.input_mbit + needs.output_mbit;
-  const double watt_mbit = radio.transmit_w * needs.input_mbit + radio.receive_w * needs.output_mbit;
-  BreakEvenRates rates;
-  rates.energy_mbps = breakEven(watt_mbit, local.energy_j);
-  rates.time_mbps = breakEven(data_mbit, local.time_s - node_s);
-  rates.printed_cost_mbps =
-      breakEven(eta * data_mbit + (1.0 - eta) * watt_mbit, printedCost(local, eta) - (eta > 0.0 ? eta * node_s : 0.0));
-  return rates;
 }
 
 }  // namespace pi_offload

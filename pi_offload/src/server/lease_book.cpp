@@ -66,18 +66,6 @@ double LeaseBook::holdsFor(const std::string& vehicle, TaskKind kind, int64_t no
   return lease != nullptr ? pi_node::secondsBetween(now_ns, lease->until_ns) : 0.0;
 }
 
-bool LeaseBook::holds(const std::string& vehicle, int64_t now_ns) const
-{
-  for (size_t kind = 0; kind < TASK_KINDS; ++kind)
-  {
-    if (find(vehicle, static_cast<TaskKind>(kind), now_ns) != nullptr)
-    {
-      return true;
-    }
-  }
-  return false;
-}
-
 double LeaseBook::load(const Services& services, int64_t now_ns) const
 {
   double sum = 0.0;
