@@ -2,13 +2,14 @@
 
 #include <pi_node/option_check.h>
 #include <pi_node/ros/parameter_tree.h>
+#include <ros/package.h>
 #include <unistd.h>
 #include <yaml-cpp/yaml.h>
 
 #include <cmath>
+#include <filesystem>
 #include <stdexcept>
-
-#include "ros/package_files.h"
+#include <system_error>
 
 namespace pi_offload
 {
@@ -22,7 +23,6 @@ namespace
 
 constexpr uint16_t PORT = 5680;
 constexpr uint16_t HEALTH_PORT = 5681;
-constexpr char EVERYWHERE[] = "inf";
 constexpr size_t DETECTION = static_cast<size_t>(TaskKind::DETECTION);
 constexpr size_t SPEECH = static_cast<size_t>(TaskKind::SPEECH);
 
@@ -37,6 +37,23 @@ void requirePath(const char* name, const std::string& path)
 {
   parameters::require(path.empty() || path.front() == '/', name, "\"" + path + "\"",
                       "an absolute path, or empty for the package's own");
+}
+
+/// A file or folder in a package's share folder: in the install space of the running program, else as ROS finds the
+/// package. Empty if it is in neither.
+std::string packageFile(const std::string& package, const std::string& name)
+{
+  namespace fs = std::filesystem;
+  std::error_code ignored;
+  // PREFIX/lib/pi_offload/PROGRAM and PREFIX/share/PACKAGE
+  const fs::path prefix = fs::read_symlink("/proc/self/exe", ignored).parent_path().parent_path().parent_path();
+  const fs::path installed = prefix / "share" / package / name;
+  if (fs::exists(installed, ignored))
+  {
+    return installed.string();
+  }
+  const std::string path = ros::package::getPath(package);
+  return !path.empty() && fs::exists(fs::path(path) / name, ignored) ? path + "/" + name : "";
 }
 
 /// @throws std::runtime_error naming the file and the parameter in its place.
@@ -103,27 +120,6 @@ XmlRpcValue toTree(const YAML::Node& node)
 }
 
 }  // namespace
-
-static void read(const XmlRpcValue& value, Range* field)
-{
-  if (value.getType() == XmlRpcValue::TypeString)
-  {
-    std::string text;
-    parameters::read(value, &text);
-    if (text != EVERYWHERE)
-    {
-      throw std::invalid_argument("= \"" + text + "\", must be a number [m], or inf");
-    }
-    field->metres = std::numeric_limits<double>::infinity();
-    return;
-  }
-  parameters::read(value, &field->metres);
-}
-
-static XmlRpcValue write(const Range& field)
-{
-  return std::isfinite(field.metres) ? XmlRpcValue(field.metres) : XmlRpcValue(EVERYWHERE);
-}
 
 }  // namespace pi_offload
 
