@@ -16,7 +16,7 @@ namespace
 
 using pi_node::format;
 
-constexpr double LONGEST_ASKED_DEADLINE_S = 3600.0;
+constexpr double LONGEST_DEADLINE_S = 3600.0;
 
 }  // namespace
 
@@ -39,7 +39,7 @@ bool CoordinatorRos::decide(Decide::Request& request, Decide::Response& response
   try
   {
     const TaskKind kind = parseTaskKind(request.kind);
-    if (!(request.deadline >= 0.0 && request.deadline <= LONGEST_ASKED_DEADLINE_S))
+    if (!(request.deadline >= 0.0 && request.deadline <= LONGEST_DEADLINE_S))
     {
       throw std::invalid_argument(format("deadline = %g", request.deadline) + ", must be in [0, 3600]");
     }

@@ -29,8 +29,6 @@ namespace
 constexpr size_t MAX_IDS = 9;
 constexpr int EVENTS_PER_ROUND = 64;
 constexpr int ACCEPTED_PER_ROUND = 64;
-/// Pause of accepting after descriptors or memory ran out.
-constexpr double ACCEPT_PAUSE_S = 0.1;
 /// epoll's data of the other descriptors; connections have their number.
 constexpr uint64_t WAKE = 0;
 constexpr uint64_t LISTENER = 1;
@@ -314,12 +312,7 @@ int SpReplier::Impl::waitMilliseconds() const
   {
     next_ns = std::min(next_ns, entry.second->until_ns);
   }
-  if (next_ns == INT64_MAX)
-  {
-    return -1;
-  }
-  const int64_t left_ns = std::max<int64_t>(0, next_ns - pi_node::monotonicNs());
-  return static_cast<int>(std::min<int64_t>((left_ns + 999999) / 1000000, 3600 * 1000));
+  return pollTimeout(next_ns);
 }
 
 void SpReplier::Impl::run()
