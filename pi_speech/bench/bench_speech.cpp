@@ -11,12 +11,12 @@
 #include <pi_node/durations.h>
 #include <pi_speech/audio.h>
 #include <pi_speech/command_recognizer.h>
-#include <pi_speech/noise_mixing.h>
 #include <pocketsphinx.h>
 #include <sphinxbase/err.h>
 #include <sys/wait.h>
 #include <unistd.h>
 #include "audio/sound_files.h"
+#include "clips/noisy_clips.h"
 #include "recognizer/grammar.h"
 #include "ros/default_models.h"
 
@@ -301,7 +301,7 @@ void take(const Clip& clip, Contender* contender)
     const size_t count = std::min(CHUNK, clip.samples.size() - begin);
     const auto start = std::chrono::steady_clock::now();
     const std::vector<Answer> answers = listener->process(clip.samples.data() + begin, count);
-    keep(answers, begin + count, secondsSince(start));
+    keep(answers, begin + count, pi_node::secondsSince(start));
   }
   const bool in_time = first.has_value();
   keep(listener->flush(), clip.samples.size(), 0.0);
@@ -460,7 +460,7 @@ Cost costOf(const std::function<std::unique_ptr<Listener>()>& load, const Sample
     {
       const auto start = std::chrono::steady_clock::now();
       const std::unique_ptr<Listener> listener = load ? load() : nullptr;
-      cost.load_s = secondsSince(start);
+      cost.load_s = pi_node::secondsSince(start);
       if (listener != nullptr)
       {
         listen(listener.get(), sound);

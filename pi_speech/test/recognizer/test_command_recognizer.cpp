@@ -1,7 +1,6 @@
 #include <gtest/gtest.h>
 #include <pi_node/test_support/temporary_folder.h>
 #include <pi_speech/command_recognizer.h>
-#include <pi_speech/noise_mixing.h>
 
 #include <algorithm>
 #include <cmath>
@@ -20,6 +19,7 @@
 
 #include "audio/sound_bytes.h"
 #include "audio/synthetic_sounds.h"
+#include "clips/noisy_clips.h"
 
 namespace pi_speech
 {

@@ -7,8 +7,8 @@
 #include <pi_node/progress.h>
 #include <pi_node/stop_signal.h>
 #include <pi_speech/command_recognizer.h>
-#include <pi_speech/noise_mixing.h>
 #include "audio/sound_files.h"
+#include "clips/noisy_clips.h"
 #include "ros/default_models.h"
 
 #include <algorithm>
