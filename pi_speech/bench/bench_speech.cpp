@@ -18,7 +18,7 @@
 #include "audio/sound_files.h"
 #include "clips/noisy_clips.h"
 #include "recognizer/grammar.h"
-#include "ros/default_models.h"
+#include "default_models.h"
 
 #include <algorithm>
 #include <chrono>

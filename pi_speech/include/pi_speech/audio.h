@@ -12,6 +12,8 @@ namespace pi_speech
 /// Rate at which all sound is processed, in one channel [Hz].
 constexpr int SAMPLE_RATE_HZ = 16000;
 
+constexpr int FULL_SCALE = 32768;  ///< one more than the largest sample
+
 /// Sound at SAMPLE_RATE_HZ, one channel, full scale = 32767.
 using Samples = std::vector<int16_t>;
 
@@ -26,6 +28,8 @@ struct AudioFormat
 };
 
 bool operator==(const AudioFormat& a, const AudioFormat& b);
+/// "16000 Hz, 1 channel"
+std::string toString(const AudioFormat& format);
 
 /// Converts a stream of any rate and number of channels to SAMPLE_RATE_HZ and one channel (the mean of all) with
 /// libsamplerate. Not thread safe.

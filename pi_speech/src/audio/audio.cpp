@@ -21,7 +21,6 @@ namespace pi_speech
 namespace
 {
 
-constexpr float FULL_SCALE = 32768.0F;
 constexpr size_t PIECE = SAMPLE_RATE_HZ / 100;
 constexpr double WITHIN_DB = 25.0;
 constexpr double ABOVE_NOISE_DB = 6.0;
@@ -164,6 +163,12 @@ void AudioFormat::validate() const
 bool operator==(const AudioFormat& a, const AudioFormat& b)
 {
   return a.sample_rate_hz == b.sample_rate_hz && a.channels == b.channels;
+}
+
+std::string toString(const AudioFormat& format)
+{
+  return std::to_string(format.sample_rate_hz) + " Hz, " + std::to_string(format.channels) +
+         (format.channels == 1 ? " channel" : " channels");
 }
 
 struct Resampler::Impl
