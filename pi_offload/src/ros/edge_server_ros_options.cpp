@@ -2,9 +2,9 @@
 
 #include <pi_node/option_check.h>
 #include <pi_node/ros/parameter_tree.h>
+#include <pi_node/ros/yaml_parameters.h>
 #include <ros/package.h>
 #include <unistd.h>
-#include <yaml-cpp/yaml.h>
 
 #include <cmath>
 #include <filesystem>
@@ -72,51 +72,6 @@ std::string modelFile(const EdgeServerRosOptions& options)
 {
   const std::string& path = options.detector.model;
   return path.empty() ? packaged("pi_detect", "config/models/ssd_street.yaml", "detection/model") : path;
-}
-
-/// As rosparam would put it on the parameter server.
-XmlRpcValue toTree(const YAML::Node& node)
-{
-  XmlRpcValue value;
-  if (node.IsMap())
-  {
-    value.begin();  // a struct, also without members
-    for (const auto& member : node)
-    {
-      value[member.first.as<std::string>()] = toTree(member.second);
-    }
-    return value;
-  }
-  if (node.IsSequence())
-  {
-    value.setSize(static_cast<int>(node.size()));
-    for (size_t i = 0; i < node.size(); ++i)
-    {
-      value[static_cast<int>(i)] = toTree(node[i]);
-    }
-    return value;
-  }
-  const bool quoted = node.Tag() == "!";
-  bool flag = false;
-  int number = 0;
-  double real = 0.0;
-  if (!quoted && YAML::convert<bool>::decode(node, flag))
-  {
-    value = flag;
-  }
-  else if (!quoted && YAML::convert<int>::decode(node, number))
-  {
-    value = number;
-  }
-  else if (!quoted && YAML::convert<double>::decode(node, real))
-  {
-    value = real;
-  }
-  else
-  {
-    value = node.IsNull() ? std::string() : node.as<std::string>();
-  }
-  return value;
 }
 
 }  // namespace
@@ -315,7 +270,7 @@ EdgeServerRosOptions EdgeServerRosOptions::loadFile(const std::string& path, std
     {
       throw std::invalid_argument("is no map of parameters");
     }
-    return fromParameters(file.IsMap() ? toTree(file) : XmlRpcValue(), "", unknown);
+    return fromParameters(file.IsMap() ? pi_node::fromYaml(file) : XmlRpcValue(), "", unknown);
   }
   catch (const YAML::BadFile&)
   {
