@@ -14,7 +14,7 @@ namespace pi_offload
 namespace
 {
 
-constexpr double NEVER = std::numeric_limits<double>::infinity();
+constexpr double UNREACHABLE = std::numeric_limits<double>::infinity();
 constexpr double MOST_WATTS = 1e4;
 constexpr double MOST_GHZ = 1e3;
 
@@ -25,7 +25,7 @@ double transferTime(double mbit, double mbps)
   {
     return 0.0;
   }
-  return mbps > 0.0 ? mbit / mbps : NEVER;
+  return mbps > 0.0 ? mbit / mbps : UNREACHABLE;
 }
 
 }  // namespace
@@ -79,7 +79,7 @@ Cost remoteCost(const TaskNeeds& needs, const Radio& radio, const RemoteService&
   cost.time_s = up_s + down_s + waiting_s;  // eq. 5
   if (!std::isfinite(cost.time_s))
   {
-    cost.energy_j = NEVER;
+    cost.energy_j = UNREACHABLE;
     return cost;
   }
   cost.energy_j = radio.transmit_w * up_s + radio.receive_w * down_s;  // eq. 6
@@ -104,9 +104,9 @@ double mostEfficientFrequency(const LocalComputer& computer)
 
 double bestLocalFrequency(const TaskNeeds& needs, const LocalComputer& computer)
 {
-  const double needed = needs.deadline_s > 0.0 ? needs.work_gcycles / needs.deadline_s : NEVER;
+  const double needed = needs.deadline_s > 0.0 ? needs.work_gcycles / needs.deadline_s : UNREACHABLE;
   // Without dynamic power the highest frequency is the most efficient.
-  const double efficient = computer.beta_w_per_ghz3 > 0.0 ? mostEfficientFrequency(computer) : NEVER;
+  const double efficient = computer.beta_w_per_ghz3 > 0.0 ? mostEfficientFrequency(computer) : UNREACHABLE;
   return std::clamp(std::max(efficient, needed), computer.least_frequency_ghz, computer.frequency_ghz);
 }
 

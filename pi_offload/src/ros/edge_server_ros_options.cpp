@@ -23,8 +23,8 @@ namespace
 
 constexpr uint16_t PORT = 5680;
 constexpr uint16_t HEALTH_PORT = 5681;
-constexpr size_t DETECTION = static_cast<size_t>(TaskKind::DETECTION);
-constexpr size_t SPEECH = static_cast<size_t>(TaskKind::SPEECH);
+constexpr size_t SERVED_DETECTION = static_cast<size_t>(TaskKind::DETECTION);
+constexpr size_t SERVED_SPEECH = static_cast<size_t>(TaskKind::SPEECH);
 
 std::string hostName()
 {
@@ -140,7 +140,7 @@ static void visitFields(Options& options, Visitor&& visit)
   visit("detection/score_threshold", detector.detector.filter.score_threshold);
   visit("detection/max_detections", detector.detector.filter.max_detections);
   visit("detection/max_side", detector.max_side);
-  visit("detection/first_service_s", admission.first_service_s[DETECTION]);
+  visit("detection/first_service_s", admission.first_service_s[SERVED_DETECTION]);
   visit("speech/enabled", options.speech);
   visit("speech/commands", options.commands);
   visit("speech/mode", recognizer.recognizer.mode);
@@ -148,7 +148,7 @@ static void visitFields(Options& options, Visitor&& visit)
   visit("speech/max_sound_s", recognizer.max_sound_s);
   visit("speech/max_commands", recognizer.max_commands);
   visit("speech/max_tables", recognizer.max_tables);
-  visit("speech/first_service_s", admission.first_service_s[SPEECH]);
+  visit("speech/first_service_s", admission.first_service_s[SERVED_SPEECH]);
   visit("health/enabled", options.health);
   visit("health/host", options.health_endpoint.host);
   visit("health/port", options.health_port);
@@ -172,8 +172,8 @@ void EdgeServerRosOptions::validate() const
   parameters::require(std::isfinite(server.position.x), "x", server.position.x, "finite");
   parameters::require(std::isfinite(server.position.y), "y", server.position.y, "finite");
   parameters::require(range.metres >= 0.0, "range", range.metres, "at least 0");
-  own.range("detection/first_service_s", server.admission.first_service_s[DETECTION], 1e-6, 3600.0);
-  own.range("speech/first_service_s", server.admission.first_service_s[SPEECH], 1e-6, 3600.0);
+  own.range("detection/first_service_s", server.admission.first_service_s[SERVED_DETECTION], 1e-6, 3600.0);
+  own.range("speech/first_service_s", server.admission.first_service_s[SERVED_SPEECH], 1e-6, 3600.0);
   parameters::require(!map_frame.empty(), "map_frame", "\"\"", "the name of a frame");
   own.range<size_t>("server/max_payload_mb", max_payload_mb, 1, 65536);
   parameters::require(detection || speech, "detection/enabled and speech/enabled", "false", "true for one at least");
@@ -222,7 +222,7 @@ std::array<ExecutorFactory, TASK_KINDS> EdgeServerRosOptions::executors() const
   {
     DetectionExecutorOptions complete = detector;
     complete.model = modelFile(*this);
-    factories[DETECTION] = detectionExecutor(complete);
+    factories[SERVED_DETECTION] = detectionExecutor(complete);
   }
   if (speech)
   {
@@ -234,7 +234,7 @@ std::array<ExecutorFactory, TASK_KINDS> EdgeServerRosOptions::executors() const
     models.sphinx.adaptation = packageFile("pi_speech", "config/adaptation");
     complete.commands = pi_speech::CommandTable::load(
         commands.empty() ? packaged("pi_speech", "config/commands.yaml", "speech/commands") : commands);
-    factories[SPEECH] = speechExecutor(complete);
+    factories[SERVED_SPEECH] = speechExecutor(complete);
   }
   return factories;
 }

@@ -17,7 +17,7 @@ namespace
 constexpr double TRIAL_PAUSE_S = 1.0;
 /// A measurement of this age that is slower than the first guess counts half, and is replaced by the next measurement.
 /// Otherwise a node that says it is slow gets no tasks, and says so for ever.
-constexpr double SERVICE_MEMORY_S = 10.0;
+constexpr double MEASURED_MEMORY_S = 10.0;
 /// Longer times are cut to these [s].
 constexpr double LONGEST_REMAINING_S = 3600.0;
 constexpr double LONGEST_SERVICE_S = 3600.0;
@@ -75,7 +75,7 @@ double Admission::memory(size_t kind, int64_t now_ns) const
   const bool runs = std::any_of(running_.begin(), running_.end(),
                                 [&](const auto& task) { return static_cast<size_t>(task.second.kind) == kind; });
   const double memories =
-      runs ? 0.0 : std::max(0.0, pi_node::secondsBetween(of_kind_[kind].tried_ns, now_ns)) / SERVICE_MEMORY_S;
+      runs ? 0.0 : std::max(0.0, pi_node::secondsBetween(of_kind_[kind].tried_ns, now_ns)) / MEASURED_MEMORY_S;
   return 1.0 / (1.0 + memories * memories);
 }
 

@@ -14,7 +14,7 @@ namespace
 {
 
 /// A lease covers a burst of this part of a second's tasks, plus one.
-constexpr double BURST_S = 0.25;
+constexpr double LEASE_BURST_S = 0.25;
 /// For rounding of loads.
 constexpr double TOLERANCE = 1e-9;
 
@@ -34,7 +34,7 @@ const LeaseBook::Lease* LeaseBook::find(const std::string& vehicle, TaskKind kin
 double LeaseBook::tokensOf(const Lease& lease, int64_t now_ns) const
 {
   const double passed = std::max(0.0, pi_node::secondsBetween(lease.tokens_ns, now_ns));
-  return std::min(1.0 + lease.rate_hz * BURST_S, lease.tokens + lease.rate_hz * passed);
+  return std::min(1.0 + lease.rate_hz * LEASE_BURST_S, lease.tokens + lease.rate_hz * passed);
 }
 
 bool LeaseBook::covers(const std::string& vehicle, TaskKind kind, int64_t now_ns) const
@@ -206,7 +206,7 @@ double LeaseBook::ask(const std::string& vehicle, TaskKind kind, double rate_hz,
   lease.rate_hz = rate_hz;
   lease.until_ns = now_ns + pi_node::nanoseconds(options_.lease_s);
   lease.held_since_ns = now_ns;
-  lease.tokens = 1.0 + rate_hz * BURST_S;
+  lease.tokens = 1.0 + rate_hz * LEASE_BURST_S;
   lease.tokens_ns = now_ns;
   return rate_hz;
 }

@@ -13,7 +13,7 @@ namespace pi_speech
 namespace
 {
 
-constexpr size_t PIECE = SAMPLE_RATE_HZ / 20;
+constexpr size_t ACTIVE_PIECE = SAMPLE_RATE_HZ / 20;
 constexpr double ACTIVE_SHARE = 0.3;
 
 double power(const int16_t* begin, const int16_t* end)
@@ -52,14 +52,14 @@ double activePower(const Samples& samples)
   {
     return 0.0;
   }
-  if (samples.size() < PIECE)
+  if (samples.size() < ACTIVE_PIECE)
   {
     return power(samples.data(), samples.data() + samples.size());
   }
   std::vector<double> powers;
-  for (size_t begin = 0; begin + PIECE <= samples.size(); begin += PIECE)
+  for (size_t begin = 0; begin + ACTIVE_PIECE <= samples.size(); begin += ACTIVE_PIECE)
   {
-    powers.push_back(power(samples.data() + begin, samples.data() + begin + PIECE));
+    powers.push_back(power(samples.data() + begin, samples.data() + begin + ACTIVE_PIECE));
   }
   std::sort(powers.begin(), powers.end(), std::greater<>());
   const size_t active = std::max<size_t>(1, std::lround(ACTIVE_SHARE * static_cast<double>(powers.size())));
