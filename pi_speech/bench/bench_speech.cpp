@@ -17,8 +17,8 @@
 #include <unistd.h>
 #include "audio/sound_files.h"
 #include "clips/noisy_clips.h"
-#include "recognizer/grammar.h"
 #include "default_models.h"
+#include "recognizer/grammar.h"
 
 #include <algorithm>
 #include <chrono>
