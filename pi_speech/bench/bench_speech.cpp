@@ -11,14 +11,14 @@
 #include <pi_node/durations.h>
 #include <pi_speech/audio.h>
 #include <pi_speech/command_recognizer.h>
-#include <pi_speech/noise_mixing.h>
 #include <pocketsphinx.h>
 #include <sphinxbase/err.h>
 #include <sys/wait.h>
 #include <unistd.h>
 #include "audio/sound_files.h"
+#include "clips/noisy_clips.h"
+#include "default_models.h"
 #include "recognizer/grammar.h"
-#include "ros/default_models.h"
 
 #include <algorithm>
 #include <chrono>

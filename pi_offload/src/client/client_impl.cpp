@@ -15,6 +15,15 @@ namespace
 
 constexpr size_t MOST_REQUESTS = 8192;
 constexpr int64_t FORGET_NS = 30LL * 1000000000;  ///< an older request is not answered any more
+constexpr uint32_t CANCEL_ID = 1U << 30U;
+constexpr uint32_t ID_MASK = CANCEL_ID - 1U;
+
+/// A cancellation has another id than its request, because a request ends with the first reply to its id.
+uint32_t idOf(const OffloadRequest& request)
+{
+  const auto id = static_cast<uint32_t>(request.request) & ID_MASK;
+  return request.type == OffloadRequest::Type::CANCEL ? id | CANCEL_ID : id;
+}
 
 bool usable(const OffloadReply& reply)
 {
@@ -28,6 +37,80 @@ bool usable(const OffloadReply& reply)
 }
 
 }  // namespace
+
+void OffloadClient::Impl::connect(const std::string& node, const SpRequester::Options& link)
+{
+  NodeState& state = nodes[node];
+  if (state.requester && state.address == link.address)
+  {
+    return;
+  }
+  state.requester.reset();
+  state.address = link.address;
+  state.status.up = false;
+  state.unanswered_since_ns = 0;
+  state.connection = ++last_connection;
+  const auto post = [this, node, connection = state.connection](auto function)
+  {
+    client.thread_.post(
+        [this, node, connection, function = std::move(function)](int64_t)
+        {
+          const auto found = nodes.find(node);
+          if (found != nodes.end() && found->second.connection == connection)
+          {
+            function(found->second);
+          }
+        });
+  };
+  SpRequester::Callbacks callbacks;
+  callbacks.reply = [this, post, node](uint32_t, std::vector<uint8_t> body, int64_t received_ns)
+  {
+    try
+    {
+      const auto reply = std::make_shared<const OffloadReply>(decodeReply(body.data(), body.size()));
+      post(
+          [this, node, reply, received_ns](NodeState& from)
+          {
+            from.unanswered_since_ns = 0;
+            onReply(node, *reply, received_ns);
+          });
+    }
+    catch (const WireError& error)
+    {
+      post([this, text = "node " + node + ": an answer is damaged: " + error.what()](NodeState&)
+           { client.callbacks_.log(true, text); });
+    }
+  };
+  callbacks.link = [this, post, node](bool up, const std::string& reason)
+  { post([this, node, up, reason](NodeState& of) { onLink(node, of, up, reason); }); };
+  state.requester = std::make_unique<SpRequester>(link, std::move(callbacks));
+}
+
+bool OffloadClient::Impl::send(const std::string& node, const OffloadRequest& request, int64_t now_ns)
+{
+  const auto found = nodes.find(node);
+  if (found == nodes.end() || !found->second.status.up)
+  {
+    return false;
+  }
+  NodeState& to = found->second;
+  if (to.unanswered_since_ns != 0 && pi_node::seconds(now_ns - to.unanswered_since_ns) > client.options_.unanswered_s)
+  {
+    // Data queued for a silent node would delay all that follows.
+    to.unanswered_since_ns = 0;
+    to.requester->reconnect("no answer for too long");
+    return false;
+  }
+  if (!to.requester->send(idOf(request), pi_offload::encode(request)))
+  {
+    return false;
+  }
+  if (to.unanswered_since_ns == 0 && request.type != OffloadRequest::Type::CANCEL)
+  {
+    to.unanswered_since_ns = now_ns;
+  }
+  return true;
+}
 
 PictureEncoder::Situation OffloadClient::Impl::situation(const std::string& node, const Task& task,
                                                          int64_t now_ns) const
@@ -65,28 +148,22 @@ OffloadRequest OffloadClient::Impl::requestFor(const std::string& node, OffloadR
 bool OffloadClient::Impl::sendTask(const std::string& node, uint64_t number, const Task& task)
 {
   const auto state = tasks.find(task.id);
-  if (state == tasks.end() || !links.connected(node))
+  const auto to = nodes.find(node);
+  if (state == tasks.end() || to == nodes.end() || !to->second.status.up || !to->second.requester->connected())
   {
     return false;
   }
   const int64_t now_ns = pi_node::monotonicNs();
-  if (!state->second.payload)
-  {
-    const std::shared_ptr<const TaskData> data = state->second.data;
-    if (!encode(number, data, client.encoder_->choose(data->picture, situation(node, task, now_ns))))
-    {
-      return false;
-    }
-    requests[number] = Request{node, task.id, task.kind, now_ns, task.deadline_s, 0, 0};
-    return true;
-  }
   requests[number] = Request{node, task.id, task.kind, now_ns, task.deadline_s, 0, 0};
-  if (!transmit(number, state->second))
+  const std::shared_ptr<const TaskData> data = state->second.data;
+  const bool begun = state->second.payload
+                         ? transmit(number, state->second)
+                         : encode(number, data, client.encoder_->choose(data->picture, situation(node, task, now_ns)));
+  if (!begun)
   {
     requests.erase(number);
-    return false;
   }
-  return true;
+  return begun;
 }
 
 /// On the encode thread; onEncoded() gets the result. @return false if too many pictures wait.
@@ -132,7 +209,7 @@ bool OffloadClient::Impl::transmit(uint64_t number, const TaskState& state)
   message.payload = *state.payload;
   request.sent_ns = now_ns;
   request.bytes = message.payload.size();
-  return links.send(request.node, message, now_ns);
+  return send(request.node, message, now_ns);
 }
 
 void OffloadClient::Impl::onEncoded(uint64_t number, Encoding encoding, std::vector<uint8_t> bytes,
@@ -169,7 +246,7 @@ void OffloadClient::Impl::onEncoded(uint64_t number, Encoding encoding, std::vec
 bool OffloadClient::Impl::sendProbe(const std::string& node, uint64_t number)
 {
   const int64_t now_ns = pi_node::monotonicNs();
-  if (!links.send(node, requestFor(node, OffloadRequest::Type::PROBE, number, now_ns), now_ns))
+  if (!send(node, requestFor(node, OffloadRequest::Type::PROBE, number, now_ns), now_ns))
   {
     return false;
   }
@@ -192,34 +269,17 @@ void OffloadClient::Impl::cancel(const std::string& node, uint64_t number)
   const int64_t now_ns = pi_node::monotonicNs();
   OffloadRequest message = requestFor(node, OffloadRequest::Type::CANCEL, number, now_ns);
   message.kind = request->second.kind;
-  links.send(node, message, now_ns);  // if it is not sent, the node only works in vain
+  send(node, message, now_ns);  // if it is not sent, the node only works in vain
 }
 
 void OffloadClient::Impl::deliver(const Outcome& outcome)
 {
-  const auto task = tasks.find(outcome.task.id);
   const OffloadReply* const reply = result != nullptr && result_task == outcome.task.id ? result : nullptr;
-  if (task != tasks.end())
-  {
-    tasks.erase(task);
-  }
+  tasks.erase(outcome.task.id);
   client.callbacks_.deliver(outcome, reply);
 }
 
 // ------------------------------------------------------------------------------------------------------------- events
-
-NodeLinks::Callbacks OffloadClient::Impl::linkCallbacks()
-{
-  NodeLinks::Callbacks callbacks;
-  callbacks.reply = [this](const std::string& node, const OffloadReply& reply, int64_t received_ns)
-  { onReply(node, reply, received_ns); };
-  callbacks.link = [this](const std::string& node, bool up, const std::string& reason) { onLink(node, up, reason); };
-  callbacks.damaged = [this](const std::string& node, const std::string& problem)
-  { client.callbacks_.log(true, "node " + node + ": an answer is damaged: " + problem); };
-  callbacks.post = [this](std::function<void()> function)
-  { client.thread_.post([function = std::move(function)](int64_t) { function(); }); };
-  return callbacks;
-}
 
 NodeAdvertisement OffloadClient::Impl::corrected(const std::string& node, const OffloadReply& reply)
 {
@@ -301,17 +361,12 @@ void OffloadClient::Impl::onReply(const std::string& node, const OffloadReply& r
   result = nullptr;
 }
 
-void OffloadClient::Impl::onLink(const std::string& node, bool up, const std::string& reason)
+void OffloadClient::Impl::onLink(const std::string& node, NodeState& state, bool up, const std::string& reason)
 {
-  const auto found = nodes.find(node);
-  if (found == nodes.end())
-  {
-    return;
-  }
-  NodeState& state = found->second;
   const int64_t now_ns = pi_node::monotonicNs();
   state.status.up = up;
   state.status.problem = up ? "" : reason;
+  state.unanswered_since_ns = 0;
   state.transfer.forgetNetwork();
   if (up)
   {

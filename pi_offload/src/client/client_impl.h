@@ -8,13 +8,13 @@
 #include <string>
 #include <vector>
 
-#include "client/node_links.h"
 #include "client/offload_client.h"
 
 namespace pi_offload
 {
 
-/// Translates between the engine and the messages of the nodes. On the engine thread.
+/// Holds a connection to each node and translates between the engine and the messages of the nodes. On the engine
+/// thread.
 struct OffloadClient::Impl
 {
   /// A request that is sent or waits for its picture.
@@ -41,16 +41,22 @@ struct OffloadClient::Impl
     std::string told;          ///< problem logged last
     std::string warned_model;  ///< models that were warned of
     NodeEstimates transfer;    ///< of the link, without encoding
+
+    std::string address;
+    uint64_t connection = 0;          ///< its number; events of a replaced one are ignored
+    int64_t unanswered_since_ns = 0;  ///< 0: no request is unanswered
+    std::unique_ptr<SpRequester> requester;
   };
 
   explicit Impl(OffloadClient* client)
-    : client(*client), encode_thread("offload_encode", EventThread::Callbacks()), links(linkOptions(), linkCallbacks())
+    : client(*client), eta(client->options_.engine.eta), encode_thread("offload_encode", EventThread::Callbacks())
   {
-    eta = client->options_.engine.eta;
   }
 
-  NodeLinks::Options linkOptions() const { return {client.options_.link, client.options_.unanswered_s}; }
-  NodeLinks::Callbacks linkCallbacks();
+  /// Connects to the address if it is a new one.
+  void connect(const std::string& node, const SpRequester::Options& link);
+  /// @return false if it is not connected or too much waits; then nothing is sent.
+  bool send(const std::string& node, const OffloadRequest& request, int64_t now_ns);
 
   // Actions of the engine.
   bool sendTask(const std::string& node, uint64_t number, const Task& task);
@@ -61,7 +67,7 @@ struct OffloadClient::Impl
   // Events.
   void onEncoded(uint64_t number, Encoding encoding, std::vector<uint8_t> bytes, const std::string& problem);
   void onReply(const std::string& node, const OffloadReply& reply, int64_t received_ns);
-  void onLink(const std::string& node, bool up, const std::string& reason);
+  void onLink(const std::string& node, NodeState& state, bool up, const std::string& reason);
 
   bool encode(uint64_t number, const std::shared_ptr<const TaskData>& data, Encoding encoding);
   bool transmit(uint64_t number, const TaskState& state);
@@ -73,15 +79,15 @@ struct OffloadClient::Impl
 
   OffloadClient& client;
   std::string model;
-  double eta = 0.5;
+  double eta;
   std::map<std::string, NodeState> nodes;
+  uint64_t last_connection = 0;
   std::map<uint64_t, Request> requests;
   std::map<uint64_t, TaskState> tasks;
   const OffloadReply* result = nullptr;  ///< being handed to the engine
   uint64_t result_task = 0;
   std::atomic<size_t> pictures_waiting{0};
   EventThread encode_thread;
-  NodeLinks links;
 };
 
 }  // namespace pi_offload

@@ -96,13 +96,11 @@ void OffloadClient::setNode(const NodeDescription& node, int64_t now_ns)
   link.address = node.address;
   link.validate();
   engine_.setNode(node, now_ns);
-  impl_->nodes[node.id];
-  impl_->links.set(node.id, node.address);
+  impl_->connect(node.id, link);
 }
 
 bool OffloadClient::removeNode(const std::string& node, int64_t now_ns)
 {
-  impl_->links.remove(node);
   impl_->nodes.erase(node);
   return engine_.removeNode(node, now_ns);
 }

@@ -1,5 +1,6 @@
 #include "client/picture_encoder.h"
 
+#include <pi_node/durations.h>
 #include <pi_node/option_check.h>
 
 #include <algorithm>
@@ -68,18 +69,6 @@ const char* toString(PictureMode mode)
       return "raw";
   }
   return "unknown";
-}
-
-PictureMode parsePictureMode(const std::string& text)
-{
-  for (const PictureMode mode : {PictureMode::AUTO, PictureMode::JPEG, PictureMode::RAW})
-  {
-    if (text == toString(mode))
-    {
-      return mode;
-    }
-  }
-  throw std::invalid_argument("\"" + text + "\" is no way to send pictures, must be auto, jpeg or raw");
 }
 
 void PictureEncoder::Options::validate() const
@@ -180,7 +169,7 @@ std::vector<uint8_t> PictureEncoder::encode(const PictureData& picture, Encoding
   {
     throw std::runtime_error("OpenCV cannot encode the picture as JPEG");
   }
-  const double took_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  const double took_s = pi_node::secondsSince(begin);
   std::lock_guard<std::mutex> lock(mutex_);
   const double weight = measured_ ? SMOOTHING : 1.0;
   jpeg_s_per_mpixel_ += weight * (took_s / megapixels(picture) - jpeg_s_per_mpixel_);

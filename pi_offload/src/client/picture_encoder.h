@@ -34,8 +34,6 @@ enum class PictureMode
   RAW,
 };
 const char* toString(PictureMode mode);
-/// @throws std::invalid_argument naming the text and what is allowed.
-PictureMode parsePictureMode(const std::string& text);
 
 /// Encodes pictures as JPEG or raw, whichever costs less at the rate of the link, by the time and size of the last
 /// JPEGs. Thread safe.

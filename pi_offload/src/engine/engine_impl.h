@@ -43,8 +43,6 @@ inline double between(int64_t from_ns, int64_t to_ns)
   return beyond ? pi_node::seconds(to_ns) - pi_node::seconds(from_ns) : pi_node::seconds(difference);
 }
 
-constexpr double MBIT_PER_BYTE = 8e-6;
-
 /// What the engine knows about a node.
 struct NodeState
 {

@@ -7,6 +7,8 @@
 #include <limits>
 #include <stdexcept>
 
+#include "wire/socket_tools.h"
+
 namespace pi_offload
 {
 
@@ -31,31 +33,16 @@ bool validId(const std::string& id)
   return true;
 }
 
-/// host:port, where an IPv6 host stands in brackets.
 bool validAddress(const std::string& address)
 {
-  const size_t colon = address.rfind(':');
-  if (colon == std::string::npos || colon == 0 || address.size() - colon - 1 > 5 || colon + 1 == address.size())
+  try
+  {
+    return parseHostPort("address", address).host.find_first_of(" \t\r\n/[]") == std::string::npos;
+  }
+  catch (const std::invalid_argument&)
   {
     return false;
   }
-  const std::string host = address.substr(0, colon);
-  const bool bracketed = host.size() > 2 && host.front() == '[' && host.back() == ']';
-  if ((!bracketed && host.find_first_of(":[]") != std::string::npos) ||
-      host.find_first_of(" \t\r\n/") != std::string::npos)
-  {
-    return false;
-  }
-  int port = 0;
-  for (size_t i = colon + 1; i < address.size(); ++i)
-  {
-    if (std::isdigit(static_cast<unsigned char>(address[i])) == 0)
-    {
-      return false;
-    }
-    port = port * 10 + (address[i] - '0');
-  }
-  return port >= 1 && port <= 65535;
 }
 
 }  // namespace

@@ -24,15 +24,6 @@ double distance(const Point& a, const Point& b)
 {
   return std::sqrt((a.x - b.x) * (a.x - b.x) + (a.y - b.y) * (a.y - b.y));
 }
-
-Point nearestOf(const Point& from, const Point& to, const Point& p)
-{
-  const Point u{to.x - from.x, to.y - from.y};
-  const double square = u.x * u.x + u.y * u.y;
-  const double share =
-      square > 0.0 ? std::clamp(((p.x - from.x) * u.x + (p.y - from.y) * u.y) / square, 0.0, 1.0) : 0.0;
-  return {from.x + share * u.x, from.y + share * u.y};
-}
 }  // namespace
 
 void RouteTracker::setRoute(const std::vector<Point>& route)

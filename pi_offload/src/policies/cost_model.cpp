@@ -14,7 +14,7 @@ namespace pi_offload
 namespace
 {
 
-constexpr double NEVER = std::numeric_limits<double>::infinity();
+constexpr double UNREACHABLE = std::numeric_limits<double>::infinity();
 constexpr double MOST_WATTS = 1e4;
 constexpr double MOST_GHZ = 1e3;
 
@@ -25,12 +25,7 @@ double transferTime(double mbit, double mbps)
   {
     return 0.0;
   }
-  return mbps > 0.0 ? mbit / mbps : NEVER;
-}
-
-double breakEven(double numerator, double gain)
-{
-  return gain > 0.0 ? numerator / gain : NEVER;
+  return mbps > 0.0 ? mbit / mbps : UNREACHABLE;
 }
 
 }  // namespace
@@ -84,7 +79,7 @@ Cost remoteCost(const TaskNeeds& needs, const Radio& radio, const RemoteService&
   cost.time_s = up_s + down_s + waiting_s;  // eq. 5
   if (!std::isfinite(cost.time_s))
   {
-    cost.energy_j = NEVER;
+    cost.energy_j = UNREACHABLE;
     return cost;
   }
   cost.energy_j = radio.transmit_w * up_s + radio.receive_w * down_s;  // eq. 6
@@ -109,25 +104,10 @@ double mostEfficientFrequency(const LocalComputer& computer)
 
 double bestLocalFrequency(const TaskNeeds& needs, const LocalComputer& computer)
 {
-  const double needed = needs.deadline_s > 0.0 ? needs.work_gcycles / needs.deadline_s : NEVER;
+  const double needed = needs.deadline_s > 0.0 ? needs.work_gcycles / needs.deadline_s : UNREACHABLE;
   // Without dynamic power the highest frequency is the most efficient.
-  const double efficient = computer.beta_w_per_ghz3 > 0.0 ? mostEfficientFrequency(computer) : NEVER;
+  const double efficient = computer.beta_w_per_ghz3 > 0.0 ? mostEfficientFrequency(computer) : UNREACHABLE;
   return std::clamp(std::max(efficient, needed), computer.least_frequency_ghz, computer.frequency_ghz);
-}
-
-BreakEvenRates breakEvenRates(const TaskNeeds& needs, const LocalComputer& computer, const Radio& radio,
-                              double node_frequency_ghz, double eta)
-{
-  const Cost local = localCost(needs, computer);
-  const double node_s = transferTime(needs.work_gcycles, node_frequency_ghz);
-  const double data_mbit = needs.input_mbit + needs.output_mbit;
-  const double watt_mbit = radio.transmit_w * needs.input_mbit + radio.receive_w * needs.output_mbit;
-  BreakEvenRates rates;
-  rates.energy_mbps = breakEven(watt_mbit, local.energy_j);
-  rates.time_mbps = breakEven(data_mbit, local.time_s - node_s);
-  rates.printed_cost_mbps =
-      breakEven(eta * data_mbit + (1.0 - eta) * watt_mbit, printedCost(local, eta) - (eta > 0.0 ? eta * node_s : 0.0));
-  return rates;
 }
 
 }  // namespace pi_offload

@@ -74,15 +74,4 @@ double mostEfficientFrequency(const LocalComputer& computer);
 /// limits.
 double bestLocalFrequency(const TaskNeeds& needs, const LocalComputer& computer);
 
-/// Rates (uplink = downlink) above which the node beats the vehicle, without round trip, queue, wait and tail [Mbit/s].
-/// Infinite if there is none.
-struct BreakEvenRates
-{
-  double energy_mbps = 0.0;
-  double time_mbps = 0.0;
-  double printed_cost_mbps = 0.0;
-};
-BreakEvenRates breakEvenRates(const TaskNeeds& needs, const LocalComputer& computer, const Radio& radio,
-                              double node_frequency_ghz, double eta);
-
 }  // namespace pi_offload

@@ -11,7 +11,6 @@ namespace pi_offload
 {
 namespace
 {
-constexpr double MBIT_PER_BYTE = 8e-6;
 /// Least part of the network's time for the transfer; the subtracted round trip is only an estimate.
 constexpr double LEAST_TRANSFER_SHARE = 0.1;
 /// A usual rate below the first one counts half after this multiple of Options::memory_s.

@@ -5,6 +5,8 @@
 namespace pi_offload
 {
 
+constexpr double MBIT_PER_BYTE = 8e-6;
+
 /// Exponentially weighted mean and mean deviation as TCP estimates round trips (RFC 6298: gains 1/8 and 1/4). The first
 /// sample sets the mean, and half of it as the deviation.
 class MeanDeviation

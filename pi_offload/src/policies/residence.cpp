@@ -167,6 +167,15 @@ private:
 
 }  // namespace
 
+Point nearestOf(const Point& from, const Point& to, const Point& p)
+{
+  const Point u{to.x - from.x, to.y - from.y};
+  const double square = u.x * u.x + u.y * u.y;
+  const double share =
+      square > 0.0 ? std::clamp(((p.x - from.x) * u.x + (p.y - from.y) * u.y) / square, 0.0, 1.0) : 0.0;
+  return {from.x + share * u.x, from.y + share * u.y};
+}
+
 Residence straightResidence(const Point& vehicle, double heading, double speed, const Point& node, double range)
 {
   requireInputs(vehicle, speed, node, range);
@@ -218,18 +227,12 @@ double printedResidence(const Point& vehicle, double heading, double speed, cons
 }
 
 Residence routeResidence(const Point& vehicle, const std::vector<Point>& route, double speed, const Point& node,
-                         double range, size_t first_segment)
+                         double range)
 {
   requireInputs(vehicle, speed, node, range);
   if (route.empty())
   {
     throw std::invalid_argument("route has no points, must have at least one");
-  }
-  const size_t segments = route.size() - 1;
-  if (first_segment >= std::max<size_t>(segments, 1))
-  {
-    throw std::invalid_argument("first_segment = " + std::to_string(first_segment) + ", must be below " +
-                                std::to_string(std::max<size_t>(segments, 1)));
   }
   for (const Point& point : route)
   {
@@ -245,37 +248,27 @@ Residence routeResidence(const Point& vehicle, const std::vector<Point>& route, 
   {
     return never();
   }
-  const RoutePlace place = placeOnRoute(vehicle, route, first_segment);
-  Point at = place.point;
+  size_t segment = 0;
+  Point at = route.front();
+  double least = NEVER;
+  for (size_t i = 0; i + 1 < route.size(); ++i)
+  {
+    const Point point = nearestOf(route[i], route[i + 1], vehicle);
+    const double distance = std::hypot(vehicle.x - point.x, vehicle.y - point.y);
+    if (distance < least)
+    {
+      least = distance;
+      segment = i;
+      at = point;
+    }
+  }
   bool complete = search.addPiece(vehicle, at);
-  for (size_t i = place.segment + 1; i < route.size() && !complete; ++i)
+  for (size_t i = segment + 1; i < route.size() && !complete; ++i)
   {
     complete = search.addPiece(at, route[i]);
     at = route[i];
   }
   return search.result(at, speed);
-}
-
-RoutePlace placeOnRoute(const Point& vehicle, const std::vector<Point>& route, size_t first_segment)
-{
-  RoutePlace best{0, route.front()};
-  double least = NEVER;
-  for (size_t i = first_segment; i + 1 < route.size(); ++i)
-  {
-    const Point& a = route[i];
-    const Point along{route[i + 1].x - a.x, route[i + 1].y - a.y};
-    const double square = along.x * along.x + along.y * along.y;
-    const double dot = (vehicle.x - a.x) * along.x + (vehicle.y - a.y) * along.y;
-    const double share = square > 0.0 ? std::clamp(dot / square, 0.0, 1.0) : 0.0;
-    const Point point{a.x + share * along.x, a.y + share * along.y};
-    const double distance = std::hypot(vehicle.x - point.x, vehicle.y - point.y);
-    if (distance < least)
-    {
-      least = distance;
-      best = {i, point};
-    }
-  }
-  return best;
 }
 
 }  // namespace pi_offload

@@ -22,6 +22,9 @@ struct Residence
   double window_s() const { return leaves_s > enters_s ? leaves_s - enters_s : 0.0; }
 };
 
+/// The point of the line from `from` to `to` that is nearest to `p`.
+Point nearestOf(const Point& from, const Point& to, const Point& p);
+
 /// Solution of equation 8: straight on at constant speed.
 /// @param heading  from the +Y axis (north), clockwise [rad]: the direction is (sin, cos), as in the paper.
 /// @param speed    [m/s], at least 0.
@@ -36,22 +39,11 @@ double headingOfYaw(double yaw);
 /// negative or missing (a standing vehicle has none).
 double printedResidence(const Point& vehicle, double heading, double speed, const Point& node, double range);
 
-/// A place on a route.
-struct RoutePlace
-{
-  size_t segment = 0;  ///< between points segment and segment + 1
-  Point point;
-};
-/// The nearest place on the route from `first_segment` on; the first of equally near ones.
-/// @param route  at least one point.
-RoutePlace placeOnRoute(const Point& vehicle, const std::vector<Point>& route, size_t first_segment = 0);
-
 /// Residence along the planned route at constant speed: from the vehicle to the nearest point of the route, then along
 /// it; the vehicle stops at its end. The times are those of the first window.
-/// @param route          at least one point.
-/// @param first_segment  the vehicle is not before this segment; below the number of segments, or 0.
+/// @param route  at least one point.
 /// @throws std::invalid_argument for an empty route, or naming a value out of range.
 Residence routeResidence(const Point& vehicle, const std::vector<Point>& route, double speed, const Point& node,
-                         double range, size_t first_segment = 0);
+                         double range);
 
 }  // namespace pi_offload

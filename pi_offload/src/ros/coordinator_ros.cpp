@@ -5,8 +5,6 @@
 #include <unistd.h>
 #include <visualization_msgs/MarkerArray.h>
 
-#include "ros/conversions.h"
-
 namespace pi_offload
 {
 namespace
@@ -35,6 +33,8 @@ CoordinatorRos::CoordinatorRos(ros::NodeHandle node, ros::NodeHandle private_nod
   , service_private_node_(service_thread_.handle(private_node))
   , options_(pi_node::loadNodeOptions<CoordinatorRosOptions>(private_node, "coordinator"))
   , vehicle_name_(options_.vehicle.empty() ? defaultVehicle(private_node.getNamespace()) : options_.vehicle)
+  , policy_name_(options_.client.engine.policy_name)
+  , policy_(options_.client.engine.policy)
   , warnings_(options_.warning_period_s, pi_node::warningLog<CoordinatorRosOptions>("coordinator"))
   , diagnostics_(service_node_, private_node, &warnings_, options_.input_timeout_s)
   , map_(node, options_.map_frame)
@@ -45,7 +45,6 @@ CoordinatorRos::CoordinatorRos(ros::NodeHandle node, ros::NodeHandle private_nod
   , pictures_(input_thread_.handle(node), service_node_, &options_, &client_, &ledger_, &warnings_)
   , utterances_(service_node_, &options_, &client_, &ledger_, &warnings_)
   , vehicle_(service_node_, &options_, &client_, &map_, &warnings_)
-  , policy_(&options_.client.engine, &client_)
 {
   advertise();
   client_.start();
@@ -81,9 +80,9 @@ void CoordinatorRos::advertise()
 
   const auto serve = [this](const char* name, auto method, auto* object)
   { services_.push_back(service_private_node_.advertiseService(name, method, object)); };
-  serve("decide", &PolicyServices::decide, &policy_);
-  serve("set_policy", &PolicyServices::setPolicy, &policy_);
-  serve("enable", &PolicyServices::enable, &policy_);
+  serve("decide", &CoordinatorRos::decide, this);
+  serve("set_policy", &CoordinatorRos::setPolicy, this);
+  serve("enable", &CoordinatorRos::enable, this);
   serve("nodes", &NodeSources::nodes, &node_sources_);
   serve("register_node", &NodeSources::registerNode, &node_sources_);
   serve("set_eta", &VehicleInputs::setEta, &vehicle_);
@@ -127,20 +126,6 @@ CoordinatorFigures CoordinatorRos::figures(int64_t now_ns)
   return figures;
 }
 
-bool CoordinatorRos::statistics(Statistics::Request&, Statistics::Response& response)
-{
-  const CoordinatorFigures figures = client_.call([this](int64_t now_ns) { return this->figures(now_ns); });
-  response.enabled = static_cast<uint8_t>(figures.enabled);
-  response.policy = policy_.policy();
-  response.eta = figures.eta;
-  for (size_t kind = 0; kind < TASK_KINDS; ++kind)
-  {
-    response.kinds.push_back(
-        toMsg(static_cast<TaskKind>(kind), figures.statistics.of_kind[kind], figures.p50_s[kind], figures.p99_s[kind]));
-  }
-  return true;
-}
-
 void CoordinatorRos::publishMarkers()
 {
   if (markers_.getNumSubscribers() == 0)
@@ -162,7 +147,7 @@ void CoordinatorRos::publishDiagnostics()
   pictures_.fillInput(&figures);
   vehicle_.fill(&figures);
   figures.vehicle = vehicle_name_;
-  figures.policy = policy_.policy();
+  figures.policy = policy_name_;
   warnOfInput(figures);
   diagnostics_.update(figures);
 }

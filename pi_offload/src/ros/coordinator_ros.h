@@ -2,8 +2,11 @@
 
 #include <pi_node/ros/callback_thread.h>
 #include <pi_node/ros/warning_board.h>
+#include <pi_offload/Decide.h>
+#include <pi_offload/SetPolicy.h>
 #include <pi_offload/Statistics.h>
 #include <ros/ros.h>
+#include <std_srvs/SetBool.h>
 
 #include <cstdint>
 #include <string>
@@ -16,7 +19,6 @@
 #include "ros/node_markers.h"
 #include "ros/node_sources.h"
 #include "ros/picture_tasks.h"
-#include "ros/policy_services.h"
 #include "ros/task_ledger.h"
 #include "ros/utterance_tasks.h"
 #include "ros/vehicle_inputs.h"
@@ -52,10 +54,15 @@ private:
   OffloadClient::Callbacks clientCallbacks();
   void advertise();
 
-  CoordinatorFigures figures(int64_t now_ns);  ///< on the engine thread
+  // On the engine thread:
+  CoordinatorFigures figures(int64_t now_ns);
+  void decideNow(TaskKind kind, const Decide::Request& request, Decide::Response* response, int64_t now_ns);
 
   // On the service thread:
   bool statistics(Statistics::Request& request, Statistics::Response& response);
+  bool decide(Decide::Request& request, Decide::Response& response);
+  bool setPolicy(SetPolicy::Request& request, SetPolicy::Response& response);
+  bool enable(std_srvs::SetBool::Request& request, std_srvs::SetBool::Response& response);
   void watch();
   void publishMarkers();
   void publishDiagnostics();
@@ -67,6 +74,8 @@ private:
   ros::NodeHandle service_private_node_;
   const CoordinatorRosOptions options_;
   const std::string vehicle_name_;
+  std::string policy_name_;
+  PolicyOptions policy_;
   pi_node::WarningBoard warnings_;
   CoordinatorDiagnostics diagnostics_;
   MapFrame map_;
@@ -77,7 +86,6 @@ private:
   PictureTasks pictures_;
   UtteranceTasks utterances_;
   VehicleInputs vehicle_;
-  PolicyServices policy_;
   ros::Publisher markers_;
   std::vector<ros::ServiceServer> services_;
   std::vector<ros::WallTimer> timers_;

@@ -4,12 +4,11 @@
 #include <pi_node/ros/parameter_tree.h>
 
 #include <algorithm>
-#include <cmath>
-#include <limits>
 #include <stdexcept>
 #include <utility>
 
 #include "engine/node_file.h"
+#include "ros/range.h"
 
 namespace pi_offload
 {
@@ -23,30 +22,12 @@ namespace
 
 constexpr size_t DETECTION = static_cast<size_t>(TaskKind::DETECTION);
 constexpr size_t SPEECH = static_cast<size_t>(TaskKind::SPEECH);
-constexpr char EVERYWHERE[] = "inf";
-
-/// A number or "inf": the parameter server's protocol has no infinite numbers.
-void readRange(const XmlRpcValue& value, double* range_m)
-{
-  if (value.getType() == XmlRpcValue::TypeString)
-  {
-    std::string text;
-    parameters::read(value, &text);
-    if (text != EVERYWHERE)
-    {
-      throw std::invalid_argument("= \"" + text + "\", must be a number [m], or inf");
-    }
-    *range_m = std::numeric_limits<double>::infinity();
-    return;
-  }
-  parameters::read(value, range_m);
-}
 
 NodeDescription nodeOf(XmlRpcValue value)
 {
   parameters::requireType(value, XmlRpcValue::TypeStruct, "a map with id, address, x, y and range");
   NodeDescription node;
-  node.range_m = std::numeric_limits<double>::infinity();
+  Range range;
   for (auto& [name, member] : value)
   {
     try
@@ -61,7 +42,7 @@ NodeDescription nodeOf(XmlRpcValue value)
       }
       else if (name == "range")
       {
-        readRange(member, &node.range_m);
+        read(member, &range);
       }
       else if (name == "frequency_ghz")
       {
@@ -77,6 +58,7 @@ NodeDescription nodeOf(XmlRpcValue value)
       throw std::invalid_argument(name + " " + error.what());
     }
   }
+  node.range_m = range.metres;
   node.validate();
   return node;
 }
@@ -112,14 +94,7 @@ static XmlRpcValue write(const std::vector<NodeDescription>& field)
     entry["x"] = field[i].position.x;
     entry["y"] = field[i].position.y;
     entry["frequency_ghz"] = field[i].frequency_ghz;
-    if (std::isfinite(field[i].range_m))
-    {
-      entry["range"] = field[i].range_m;
-    }
-    else
-    {
-      entry["range"] = std::string(EVERYWHERE);
-    }
+    entry["range"] = write(Range{field[i].range_m});
   }
   return value;
 }

@@ -2,13 +2,14 @@
 
 #include <pi_node/option_check.h>
 #include <pi_node/ros/parameter_tree.h>
+#include <pi_node/ros/yaml_parameters.h>
+#include <ros/package.h>
 #include <unistd.h>
-#include <yaml-cpp/yaml.h>
 
 #include <cmath>
+#include <filesystem>
 #include <stdexcept>
-
-#include "ros/package_files.h"
+#include <system_error>
 
 namespace pi_offload
 {
@@ -22,9 +23,8 @@ namespace
 
 constexpr uint16_t PORT = 5680;
 constexpr uint16_t HEALTH_PORT = 5681;
-constexpr char EVERYWHERE[] = "inf";
-constexpr size_t DETECTION = static_cast<size_t>(TaskKind::DETECTION);
-constexpr size_t SPEECH = static_cast<size_t>(TaskKind::SPEECH);
+constexpr size_t SERVED_DETECTION = static_cast<size_t>(TaskKind::DETECTION);
+constexpr size_t SERVED_SPEECH = static_cast<size_t>(TaskKind::SPEECH);
 
 std::string hostName()
 {
@@ -37,6 +37,23 @@ void requirePath(const char* name, const std::string& path)
 {
   parameters::require(path.empty() || path.front() == '/', name, "\"" + path + "\"",
                       "an absolute path, or empty for the package's own");
+}
+
+/// A file or folder in a package's share folder: in the install space of the running program, else as ROS finds the
+/// package. Empty if it is in neither.
+std::string packageFile(const std::string& package, const std::string& name)
+{
+  namespace fs = std::filesystem;
+  std::error_code ignored;
+  // PREFIX/lib/pi_offload/PROGRAM and PREFIX/share/PACKAGE
+  const fs::path prefix = fs::read_symlink("/proc/self/exe", ignored).parent_path().parent_path().parent_path();
+  const fs::path installed = prefix / "share" / package / name;
+  if (fs::exists(installed, ignored))
+  {
+    return installed.string();
+  }
+  const std::string path = ros::package::getPath(package);
+  return !path.empty() && fs::exists(fs::path(path) / name, ignored) ? path + "/" + name : "";
 }
 
 /// @throws std::runtime_error naming the file and the parameter in its place.
@@ -57,73 +74,7 @@ std::string modelFile(const EdgeServerRosOptions& options)
   return path.empty() ? packaged("pi_detect", "config/models/ssd_street.yaml", "detection/model") : path;
 }
 
-/// As rosparam would put it on the parameter server.
-XmlRpcValue toTree(const YAML::Node& node)
-{
-  XmlRpcValue value;
-  if (node.IsMap())
-  {
-    value.begin();  // a struct, also without members
-    for (const auto& member : node)
-    {
-      value[member.first.as<std::string>()] = toTree(member.second);
-    }
-    return value;
-  }
-  if (node.IsSequence())
-  {
-    value.setSize(static_cast<int>(node.size()));
-    for (size_t i = 0; i < node.size(); ++i)
-    {
-      value[static_cast<int>(i)] = toTree(node[i]);
-    }
-    return value;
-  }
-  const bool quoted = node.Tag() == "!";
-  bool flag = false;
-  int number = 0;
-  double real = 0.0;
-  if (!quoted && YAML::convert<bool>::decode(node, flag))
-  {
-    value = flag;
-  }
-  else if (!quoted && YAML::convert<int>::decode(node, number))
-  {
-    value = number;
-  }
-  else if (!quoted && YAML::convert<double>::decode(node, real))
-  {
-    value = real;
-  }
-  else
-  {
-    value = node.IsNull() ? std::string() : node.as<std::string>();
-  }
-  return value;
-}
-
 }  // namespace
-
-static void read(const XmlRpcValue& value, Range* field)
-{
-  if (value.getType() == XmlRpcValue::TypeString)
-  {
-    std::string text;
-    parameters::read(value, &text);
-    if (text != EVERYWHERE)
-    {
-      throw std::invalid_argument("= \"" + text + "\", must be a number [m], or inf");
-    }
-    field->metres = std::numeric_limits<double>::infinity();
-    return;
-  }
-  parameters::read(value, &field->metres);
-}
-
-static XmlRpcValue write(const Range& field)
-{
-  return std::isfinite(field.metres) ? XmlRpcValue(field.metres) : XmlRpcValue(EVERYWHERE);
-}
 
 }  // namespace pi_offload
 
@@ -189,7 +140,7 @@ static void visitFields(EdgeServerRosOptions& options, Visitor&& visit)
   visit("detection/score_threshold", detector.detector.filter.score_threshold);
   visit("detection/max_detections", detector.detector.filter.max_detections);
   visit("detection/max_side", detector.max_side);
-  visit("detection/first_service_s", admission.first_service_s[DETECTION]);
+  visit("detection/first_service_s", admission.first_service_s[SERVED_DETECTION]);
   visit("speech/enabled", options.speech);
   visit("speech/commands", options.commands);
   visit("speech/mode", recognizer.recognizer.mode);
@@ -197,7 +148,7 @@ static void visitFields(EdgeServerRosOptions& options, Visitor&& visit)
   visit("speech/max_sound_s", recognizer.max_sound_s);
   visit("speech/max_commands", recognizer.max_commands);
   visit("speech/max_tables", recognizer.max_tables);
-  visit("speech/first_service_s", admission.first_service_s[SPEECH]);
+  visit("speech/first_service_s", admission.first_service_s[SERVED_SPEECH]);
   visit("health/enabled", options.health);
   visit("health/host", options.health_endpoint.host);
   visit("health/port", options.health_port);
@@ -221,8 +172,8 @@ void EdgeServerRosOptions::validate() const
   parameters::require(std::isfinite(server.position.x), "x", server.position.x, "finite");
   parameters::require(std::isfinite(server.position.y), "y", server.position.y, "finite");
   parameters::require(range.metres >= 0.0, "range", range.metres, "at least 0");
-  own.range("detection/first_service_s", server.admission.first_service_s[DETECTION], 1e-6, 3600.0);
-  own.range("speech/first_service_s", server.admission.first_service_s[SPEECH], 1e-6, 3600.0);
+  own.range("detection/first_service_s", server.admission.first_service_s[SERVED_DETECTION], 1e-6, 3600.0);
+  own.range("speech/first_service_s", server.admission.first_service_s[SERVED_SPEECH], 1e-6, 3600.0);
   parameters::require(!map_frame.empty(), "map_frame", "\"\"", "the name of a frame");
   own.range<size_t>("server/max_payload_mb", max_payload_mb, 1, 65536);
   parameters::require(detection || speech, "detection/enabled and speech/enabled", "false", "true for one at least");
@@ -271,7 +222,7 @@ std::array<ExecutorFactory, TASK_KINDS> EdgeServerRosOptions::executors() const
   {
     DetectionExecutorOptions complete = detector;
     complete.model = modelFile(*this);
-    factories[DETECTION] = detectionExecutor(complete);
+    factories[SERVED_DETECTION] = detectionExecutor(complete);
   }
   if (speech)
   {
@@ -283,7 +234,7 @@ std::array<ExecutorFactory, TASK_KINDS> EdgeServerRosOptions::executors() const
     models.sphinx.adaptation = packageFile("pi_speech", "config/adaptation");
     complete.commands = pi_speech::CommandTable::load(
         commands.empty() ? packaged("pi_speech", "config/commands.yaml", "speech/commands") : commands);
-    factories[SPEECH] = speechExecutor(complete);
+    factories[SERVED_SPEECH] = speechExecutor(complete);
   }
   return factories;
 }
@@ -319,7 +270,7 @@ EdgeServerRosOptions EdgeServerRosOptions::loadFile(const std::string& path, std
     {
       throw std::invalid_argument("is no map of parameters");
     }
-    return fromParameters(file.IsMap() ? toTree(file) : XmlRpcValue(), "", unknown);
+    return fromParameters(file.IsMap() ? pi_node::fromYaml(file) : XmlRpcValue(), "", unknown);
   }
   catch (const YAML::BadFile&)
   {

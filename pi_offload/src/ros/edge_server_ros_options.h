@@ -4,22 +4,16 @@
 #include <pi_offload/EdgeNode.h>
 
 #include <array>
-#include <limits>
 #include <string>
 #include <vector>
 
+#include "ros/range.h"
 #include "server/edge_server.h"
 #include "server/executors.h"
 #include "server/health_endpoint.h"
 
 namespace pi_offload
 {
-
-/// Range of a node's network: a number, or "inf" in files and parameters [m].
-struct Range
-{
-  double metres = std::numeric_limits<double>::infinity();
-};
 
 /// The parameters of the edge_server, from ROS or from a YAML file; config/edge_server.yaml shows each with its unit.
 struct EdgeServerRosOptions : pi_node::NodeParameters<EdgeServerRosOptions>

@@ -22,6 +22,7 @@ using pi_node::format;
 
 constexpr size_t MOST_POSTED = 16;      ///< pictures on their way to the engine thread
 constexpr double BEGINS_AGAIN_S = 1.0;  ///< a stamp that goes back further starts another drive
+constexpr double WORK_GAIN = 0.125;     ///< weight of the newest time of the vehicle's detector
 
 PictureData dataOf(const pi_detect::PictureView& view)
 {
@@ -58,25 +59,18 @@ PictureTasks::PictureTasks(ros::NodeHandle input_node, ros::NodeHandle service_n
   , ledger_(ledger)
   , warnings_(warnings)
   , rate_limit_(options->max_rate_hz)
-  , detector_(&input_node_, &service_node, options, client, detectorCallbacks())
+  , local_queue_(options->max_local_waiting, options->local_lost_s)
+  , local_work_s_(options->detection_local_s)
+  , local_model_(options->local_model)
 {
+  client_->setModel(local_model_);
   const auto look = [this](const ros::SingleSubscriberPublisher&) { updateSubscription(); };
   detections_ = service_node.advertise<pi_detect::Detection2DArray>("detections", 10, look, look);
-}
-
-LocalDetector::Callbacks PictureTasks::detectorCallbacks()
-{
-  LocalDetector::Callbacks callbacks;
-  callbacks.message = [this](uint64_t task) { return pictures_.at(task).message; };
-  callbacks.result = [this](uint64_t task, const LocalDetector::Result& result)
-  {
-    const auto picture = pictures_.find(task);
-    if (picture != pictures_.end())
-    {
-      picture->second.local = result;
-    }
-  };
-  return callbacks;
+  const auto look_local = [this](const ros::SingleSubscriberPublisher&)
+  { client_->post([this](int64_t now_ns) { giveNext(now_ns); }); };
+  local_image_ = service_node.advertise<sensor_msgs::Image>("local/image", 2, look_local, look_local);
+  local_labels_ =
+      input_node_.subscribe("local/labels", 1, &PictureTasks::onLocalLabels, this, ros::TransportHints().tcpNoDelay());
 }
 
 // ------------------------------------------------------------------------------------------------------ service thread
@@ -93,7 +87,14 @@ void PictureTasks::updateSubscription()
   {
     image_.shutdown();
     local_detections_.shutdown();
-    client_->post([this](int64_t now_ns) { detector_.clear(now_ns); });
+    client_->post(
+        [this](int64_t now_ns)
+        {
+          for (const LocalQueue::Entry& entry : local_queue_.clear())
+          {
+            client_->engine().onLocalFailed(entry.task, now_ns);
+          }
+        });
     return;
   }
   came_at_ns_ = pi_node::monotonicNs();
@@ -161,7 +162,22 @@ void PictureTasks::onImage(const zero_copy::ImageHandle& message)
 
 void PictureTasks::onLocalDetections(const pi_detect::Detection2DArrayConstPtr& message)
 {
-  client_->post([this, message](int64_t now_ns) { detector_.onResult(message, now_ns); });
+  client_->post([this, message](int64_t now_ns) { onLocalResult(message, now_ns); });
+}
+
+void PictureTasks::onLocalLabels(const pi_detect::LabelArrayConstPtr& message)
+{
+  if (!options_->local_model.empty())
+  {
+    return;
+  }
+  client_->post(
+      [this, message](int64_t now_ns)
+      {
+        local_model_ = message->model;
+        client_->setModel(local_model_);
+        giveNext(now_ns);
+      });
 }
 
 // ------------------------------------------------------------------------------------------------------- engine thread
@@ -204,7 +220,62 @@ void PictureTasks::runLocal(const Task& task)
     return;
   }
   const int64_t stamp_ns = pi_detect::fromMsg(picture->second.message->header.stamp);
-  detector_.add({task.id, stamp_ns, picture->second.deadline_ns}, now_ns);
+  if (const auto dropped = local_queue_.add({task.id, stamp_ns, picture->second.deadline_ns}))
+  {
+    client_->engine().onLocalFailed(dropped->task, now_ns);
+  }
+  giveNext(now_ns);
+}
+
+void PictureTasks::onLocalResult(const pi_detect::Detection2DArrayConstPtr& message, int64_t now_ns)
+{
+  const LocalQueue::Answer answer = local_queue_.answered(pi_detect::fromMsg(message->header.stamp), now_ns);
+  if (!answer.expected)
+  {
+    return;
+  }
+  if (answer.skipped)
+  {
+    client_->engine().onLocalFailed(answer.task, now_ns);
+  }
+  else
+  {
+    local_work_s_ += WORK_GAIN * (answer.work_s - local_work_s_);
+    const auto picture = pictures_.find(answer.task);
+    if (picture != pictures_.end())
+    {
+      picture->second.local = message;
+    }
+    client_->engine().onLocalDone(answer.task, answer.work_s, now_ns);
+  }
+  giveNext(pi_node::monotonicNs());
+}
+
+/// Gives the detector the next picture. Does nothing while it is not there; is called again when it comes.
+void PictureTasks::giveNext(int64_t now_ns)
+{
+  if (local_model_.empty() || local_image_.getNumSubscribers() == 0)
+  {
+    return;
+  }
+  std::vector<LocalQueue::Entry> dropped;
+  if (const auto next = local_queue_.next(now_ns, local_work_s_, &dropped))
+  {
+    // The message that came, not a copy.
+    const zero_copy::ImageHandle message = pictures_.at(next->task).message;
+    if (const sensor_msgs::ImageConstPtr standard = zero_copy::standardOf(message))
+    {
+      local_image_.publish(standard);
+    }
+    else
+    {
+      local_image_.publish(message);
+    }
+  }
+  for (const LocalQueue::Entry& entry : dropped)
+  {
+    client_->engine().onLocalFailed(entry.task, now_ns);
+  }
 }
 
 void PictureTasks::deliver(const Outcome& outcome, const OffloadReply* reply)
@@ -226,7 +297,15 @@ void PictureTasks::deliver(const Outcome& outcome, const OffloadReply* reply)
     publish(picture, picture.local);
   }
   ledger_->publish(outcome, header);
-  detector_.release(outcome);
+  const int64_t now_ns = pi_node::monotonicNs();
+  if (local_queue_.forget(outcome.task.id))
+  {
+    client_->engine().onLocalFailed(outcome.task.id, now_ns);
+  }
+  if (outcome.how == Outcome::How::ABANDONED && local_queue_.giveUp(outcome.task.id))
+  {
+    giveNext(now_ns);
+  }
 }
 
 void PictureTasks::publish(const Picture& picture, const pi_detect::Detection2DArrayConstPtr& result)
@@ -241,10 +320,20 @@ void PictureTasks::publish(const Picture& picture, const pi_detect::Detection2DA
   detections_.publish(result);
 }
 
+void PictureTasks::dropUnanswered(int64_t now_ns)
+{
+  if (local_queue_.busy() || local_queue_.waiting() > 0)
+  {
+    giveNext(now_ns);
+  }
+}
+
 void PictureTasks::fill(CoordinatorFigures* figures) const
 {
   figures->late = late_;
-  detector_.fill(figures);
+  figures->waiting = local_queue_.waiting();
+  figures->model = local_model_;
+  figures->detector_listens = local_image_.getNumSubscribers() > 0;
 }
 
 }  // namespace pi_offload

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <pi_detect/Detection2DArray.h>
+#include <pi_detect/LabelArray.h>
 #include <pi_detect/ros/message_picture.h>
 #include <pi_node/rate_limit.h>
 #include <pi_node/ros/warning_board.h>
@@ -14,19 +15,20 @@
 #include <string>
 
 #include "client/offload_client.h"
+#include "engine/local_queue.h"
 #include "ros/coordinator_diagnostics.h"
 #include "ros/coordinator_ros_options.h"
-#include "ros/local_detector.h"
 #include "ros/task_ledger.h"
 
 namespace pi_offload
 {
 
-/// Makes a task of each picture on `image` and publishes the task's result on `detections`.
+/// Makes a task of each picture on `image` and publishes the task's result on `detections`. Gives the vehicle's
+/// pictures to its own detector, one at a time, and tells the engine how each run ended.
 class PictureTasks
 {
 public:
-  /// Advertises `detections`.
+  /// Advertises `detections` and `local/image`, subscribes to `local/labels`.
   /// @param input_node    callbacks of pictures and of the detector's results.
   /// @param service_node  callbacks of subscribers that come and go.
   /// @param options, client, ledger, warnings  outlive this object.
@@ -43,7 +45,8 @@ public:
 
   void runLocal(const Task& task);
   void deliver(const Outcome& outcome, const OffloadReply* reply);
-  void dropUnanswered(int64_t now_ns) { detector_.dropUnanswered(now_ns); }
+  /// Gives up a picture that the detector did not answer for too long.
+  void dropUnanswered(int64_t now_ns);
   void fill(CoordinatorFigures* figures) const;
 
 private:
@@ -57,16 +60,17 @@ private:
     pi_detect::Detection2DArrayConstPtr local;  ///< result of the vehicle's detector
   };
 
-  LocalDetector::Callbacks detectorCallbacks();
-
   // Input thread:
   void onImage(const pi_os_transport::zero_copy::ImageHandle& message);
   void onLocalDetections(const pi_detect::Detection2DArrayConstPtr& message);
+  void onLocalLabels(const pi_detect::LabelArrayConstPtr& message);
 
   // Engine thread:
   void submit(const std::shared_ptr<const pi_detect::MessagePicture>& picture,
               const pi_os_transport::zero_copy::ImageHandle& message, int64_t created_ns, int64_t now_ns);
   void publish(const Picture& picture, const pi_detect::Detection2DArrayConstPtr& result);
+  void onLocalResult(const pi_detect::Detection2DArrayConstPtr& message, int64_t now_ns);
+  void giveNext(int64_t now_ns);
 
   ros::NodeHandle input_node_;
   const std::string topic_;
@@ -88,12 +92,16 @@ private:
   ros::Time submitted_stamp_;
   ros::Time published_stamp_;
   uint64_t late_ = 0;
+  LocalQueue local_queue_;
+  double local_work_s_;  ///< recent mean of the detector's time
+  std::string local_model_;
 
   bool subscribed_ = false;  ///< of the service thread
   ros::Publisher detections_;
   ros::Subscriber image_;
   ros::Subscriber local_detections_;
-  LocalDetector detector_;
+  ros::Publisher local_image_;
+  ros::Subscriber local_labels_;
 };
 
 }  // namespace pi_offload

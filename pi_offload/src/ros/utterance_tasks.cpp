@@ -13,7 +13,7 @@ namespace pi_offload
 namespace
 {
 
-constexpr double LONGEST_DEADLINE_S = 60.0;
+constexpr double LONGEST_CALL_S = 60.0;
 
 TaskData dataOf(const pi_speech::RecognizeUtterance::Request& request)
 {
@@ -69,7 +69,7 @@ bool UtteranceTasks::recognize(Service::Request& request, Service::Response& res
 {
   const int64_t began_ns = pi_node::monotonicNs();
   const double usual_s = options_->client.engine.needs[static_cast<size_t>(TaskKind::SPEECH)].deadline_s;
-  const bool own_deadline = request.deadline > 0.0 && request.deadline < LONGEST_DEADLINE_S;
+  const bool own_deadline = request.deadline > 0.0 && request.deadline < LONGEST_CALL_S;
   const double deadline_s = own_deadline ? request.deadline : usual_s;
   response.handled = 0;
   if (request.samples.empty() || 2 * request.samples.size() > MAX_PAYLOAD)

@@ -5,13 +5,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <set>
 #include <utility>
-
-#include "policies/estimates.h"
-#include "server/fair_queue.h"
-#include "server/lease_book.h"
 
 namespace pi_offload
 {
@@ -22,7 +17,7 @@ namespace
 constexpr double TRIAL_PAUSE_S = 1.0;
 /// A measurement of this age that is slower than the first guess counts half, and is replaced by the next measurement.
 /// Otherwise a node that says it is slow gets no tasks, and says so for ever.
-constexpr double SERVICE_MEMORY_S = 10.0;
+constexpr double MEASURED_MEMORY_S = 10.0;
 /// Longer times are cut to these [s].
 constexpr double LONGEST_REMAINING_S = 3600.0;
 constexpr double LONGEST_SERVICE_S = 3600.0;
@@ -74,102 +69,21 @@ const char* Admission::toString(Verdict verdict)
   return "unknown";
 }
 
-struct Admission::Impl
-{
-  struct Running
-  {
-    std::string vehicle;
-    TaskKind kind = TaskKind::DETECTION;
-    bool covered = false;
-    int64_t started_ns = 0;
-    double expected_s = 0.0;
-  };
-  struct OfKind
-  {
-    MeanDeviation service_s;
-    bool tried = false;
-    bool outdated = false;  ///< the next measurement is the first one
-    int64_t tried_ns = 0;   ///< when a task of the kind began or ended last
-  };
-
-  explicit Impl(const AdmissionOptions& options)
-    : options(options)
-    , leases({options.max_leased_load * options.workers, options.lease_s, options.lease_turn_s, options.max_vehicles})
-    , queue(options.fair_window_s, options.max_vehicles)
-  {
-  }
-
-  bool known(TaskKind kind) const { return of_kind[static_cast<size_t>(kind)].service_s.known(); }
-  double memory(size_t kind, int64_t now_ns) const;
-  double service(size_t kind, int64_t now_ns) const
-  {
-    return faded(of_kind[kind].service_s.mean(), options.first_service_s[kind], kind, now_ns);
-  }
-  double deviation(size_t kind, int64_t now_ns) const
-  {
-    return faded(of_kind[kind].service_s.deviation(), options.first_service_s[kind] / 2.0, kind, now_ns);
-  }
-  double faded(double measured_s, double first_s, size_t kind, int64_t now_ns) const
-  {
-    if (!of_kind[kind].service_s.known())
-    {
-      return first_s;
-    }
-    return measured_s <= first_s ? measured_s : first_s + memory(kind, now_ns) * (measured_s - first_s);
-  }
-  std::array<double, TASK_KINDS> services(int64_t now_ns) const
-  {
-    std::array<double, TASK_KINDS> all{};
-    for (size_t kind = 0; kind < TASK_KINDS; ++kind)
-    {
-      all[kind] = service(kind, now_ns);
-    }
-    return all;
-  }
-
-  std::vector<int64_t> workersFreeAt(int64_t now_ns) const;
-  bool certainlyLate(const QueuedTask& task, int64_t start_ns, int64_t now_ns) const;
-  template <typename Visit>
-  void schedule(int64_t now_ns, const QueuedTask* extra, const Visit& visit) const;
-  bool mayTry(TaskKind kind, int64_t now_ns) const;
-  bool hasRoom(size_t own, std::optional<uint64_t>* gives_way) const;
-  double longestWait(const ServerTask& task, bool covered, size_t own) const;
-  Verdict submit(const ServerTask& task);
-  void dropExpired(int64_t now_ns);
-  void drop(std::vector<QueuedTask> tasks);
-  void updateBusy(int64_t now_ns);
-  double busyAt(int64_t now_ns, bool covered_only) const;
-
-  AdmissionOptions options;
-  LeaseBook leases;
-  FairQueue queue;
-  std::map<uint64_t, Running> running;
-  std::array<OfKind, TASK_KINDS> of_kind;
-  std::vector<ServerTask> expired;
-  Totals totals;
-  bool draining = false;
-  int64_t latest_ns = INT64_MIN;  ///< latest time told
-  double busy = 0.0;              ///< mean part of the workers that had a task, at busy_ns
-  double busy_covered = 0.0;      ///< that had one covered by a lease
-  bool busy_begun = false;
-  int64_t busy_ns = 0;
-};
-
 /// Weight of what was measured of the kind: 1 while a task of it runs, then less and less.
-double Admission::Impl::memory(size_t kind, int64_t now_ns) const
+double Admission::memory(size_t kind, int64_t now_ns) const
 {
-  const bool runs = std::any_of(running.begin(), running.end(),
+  const bool runs = std::any_of(running_.begin(), running_.end(),
                                 [&](const auto& task) { return static_cast<size_t>(task.second.kind) == kind; });
   const double memories =
-      runs ? 0.0 : std::max(0.0, pi_node::secondsBetween(of_kind[kind].tried_ns, now_ns)) / SERVICE_MEMORY_S;
+      runs ? 0.0 : std::max(0.0, pi_node::secondsBetween(of_kind_[kind].tried_ns, now_ns)) / MEASURED_MEMORY_S;
   return 1.0 / (1.0 + memories * memories);
 }
 
 /// When each worker becomes free, the earliest first.
-std::vector<int64_t> Admission::Impl::workersFreeAt(int64_t now_ns) const
+std::vector<int64_t> Admission::workersFreeAt(int64_t now_ns) const
 {
   std::vector<int64_t> free_ns;
-  for (const auto& entry : running)
+  for (const auto& entry : running_)
   {
     const Running& task = entry.second;
     const double left_s = task.expected_s - pi_node::secondsBetween(task.started_ns, now_ns);
@@ -178,16 +92,16 @@ std::vector<int64_t> Admission::Impl::workersFreeAt(int64_t now_ns) const
                       pi_node::nanoseconds(left_s > 0.0 ? left_s : deviation(static_cast<size_t>(task.kind), now_ns)));
   }
   std::sort(free_ns.begin(), free_ns.end());
-  free_ns.resize(static_cast<size_t>(options.workers), now_ns);
+  free_ns.resize(static_cast<size_t>(options_.workers), now_ns);
   std::sort(free_ns.begin(), free_ns.end());
   return free_ns;
 }
 
 /// Whether the task would be late if it started then.
-bool Admission::Impl::certainlyLate(const QueuedTask& task, int64_t start_ns, int64_t now_ns) const
+bool Admission::certainlyLate(const QueuedTask& task, int64_t start_ns, int64_t now_ns) const
 {
   const auto kind = static_cast<size_t>(task.task.kind);
-  const bool by_clock_only = task.trial || !of_kind[kind].service_s.known();
+  const bool by_clock_only = task.trial || !of_kind_[kind].service_s.known();
   const double least_s = by_clock_only ? 0.0 : std::max(0.0, service(kind, now_ns) - deviation(kind, now_ns));
   return start_ns + pi_node::nanoseconds(least_s) >= task.deadline_ns;
 }
@@ -195,14 +109,14 @@ bool Admission::Impl::certainlyLate(const QueuedTask& task, int64_t start_ns, in
 /// Calls `visit(task, start_ns)` for all tasks in the expected order of service; tasks that would be dropped take no
 /// time.
 template <typename Visit>
-void Admission::Impl::schedule(int64_t now_ns, const QueuedTask* extra, const Visit& visit) const
+void Admission::schedule(int64_t now_ns, const QueuedTask* extra, const Visit& visit) const
 {
   std::vector<int64_t> free_ns = workersFreeAt(now_ns);
   // Tasks with leases will arrive and go first; they leave only a part of the workers' time.
   const double stretch = 1.0 / std::max(LEAST_LEFT, 1.0 - busyAt(now_ns, true));
   const auto later = [](int64_t a, int64_t b) { return a > b; };
   std::make_heap(free_ns.begin(), free_ns.end(), later);
-  queue.plan(
+  queue_.plan(
       services(now_ns), extra,
       [&](const QueuedTask& task)
       {
@@ -222,83 +136,71 @@ void Admission::Impl::schedule(int64_t now_ns, const QueuedTask* extra, const Vi
 }
 
 /// Whether a task that seems too slow is taken to measure its kind again.
-bool Admission::Impl::mayTry(TaskKind kind, int64_t now_ns) const
+bool Admission::mayTry(TaskKind kind, int64_t now_ns) const
 {
-  const OfKind& of = of_kind[static_cast<size_t>(kind)];
-  return queue.size() == 0 && running.size() < static_cast<size_t>(options.workers) &&
+  const OfKind& of = of_kind_[static_cast<size_t>(kind)];
+  return queue_.size() == 0 && running_.size() < static_cast<size_t>(options_.workers) &&
          (!of.tried || pi_node::secondsBetween(of.tried_ns, now_ns) >= TRIAL_PAUSE_S);
 }
 
-void Admission::Impl::drop(std::vector<QueuedTask> tasks)
+void Admission::drop(std::vector<QueuedTask> tasks)
 {
   for (QueuedTask& task : tasks)
   {
-    ++totals.expired;
-    expired.push_back(std::move(task.task));
+    ++totals_.expired;
+    expired_.push_back(std::move(task.task));
   }
 }
 
-void Admission::Impl::dropExpired(int64_t now_ns)
+void Admission::dropExpired(int64_t now_ns)
 {
-  drop(queue.removeIf([&](const QueuedTask& task) { return certainlyLate(task, now_ns, now_ns); }));
+  drop(queue_.removeIf([&](const QueuedTask& task) { return certainlyLate(task, now_ns, now_ns); }));
 }
 
-double Admission::Impl::busyAt(int64_t now_ns, bool covered_only) const
+double Admission::busyAt(int64_t now_ns, bool covered_only) const
 {
-  const double passed_s = busy_begun ? std::max(0.0, pi_node::secondsBetween(busy_ns, now_ns)) : 0.0;
-  const auto count = std::count_if(running.begin(), running.end(),
+  const double passed_s = busy_begun_ ? std::max(0.0, pi_node::secondsBetween(busy_ns_, now_ns)) : 0.0;
+  const auto count = std::count_if(running_.begin(), running_.end(),
                                    [&](const auto& task) { return !covered_only || task.second.covered; });
-  const double present = std::min(1.0, static_cast<double>(count) / static_cast<double>(options.workers));
-  const double mean = covered_only ? busy_covered : busy;
+  const double present = std::min(1.0, static_cast<double>(count) / static_cast<double>(options_.workers));
+  const double mean = covered_only ? busy_covered_ : busy_;
   return present + (mean - present) * std::exp(-passed_s / BUSY_TIME_CONSTANT_S);
 }
 
-/// Before `running` changes.
-void Admission::Impl::updateBusy(int64_t now_ns)
+/// Before `running_` changes.
+void Admission::updateBusy(int64_t now_ns)
 {
-  busy = busyAt(now_ns, false);
-  busy_covered = busyAt(now_ns, true);
-  busy_ns = busy_begun ? std::max(busy_ns, now_ns) : now_ns;
-  busy_begun = true;
+  busy_ = busyAt(now_ns, false);
+  busy_covered_ = busyAt(now_ns, true);
+  busy_ns_ = busy_begun_ ? std::max(busy_ns_, now_ns) : now_ns;
+  busy_begun_ = true;
 }
 
 Admission::Admission(const AdmissionOptions& options)
+  : options_((options.validate(), options))
+  , leases_({options.max_leased_load * options.workers, options.lease_s, options.lease_turn_s, options.max_vehicles})
+  , queue_(options.fair_window_s, options.max_vehicles)
 {
-  options.validate();
-  impl_ = std::make_unique<Impl>(options);
-}
-
-Admission::~Admission() = default;
-
-Admission::Admission(const Admission& other) : impl_(std::make_unique<Impl>(*other.impl_)) {}
-
-Admission& Admission::operator=(const Admission& other)
-{
-  if (this != &other)
-  {
-    impl_ = std::make_unique<Impl>(*other.impl_);
-  }
-  return *this;
 }
 
 Admission::Verdict Admission::submit(const ServerTask& task)
 {
-  const Verdict verdict = impl_->submit(task);
-  ++(verdict == Verdict::TAKEN ? impl_->totals.taken : impl_->totals.refused);
+  const Verdict verdict = decide(task);
+  ++(verdict == Verdict::TAKEN ? totals_.taken : totals_.refused);
   return verdict;
 }
 
 /// Whether the queue has room for one task more of a vehicle that has `own` in it.
 /// @param[out] gives_way  the task of the vehicle with most tasks that makes room in a full queue.
-bool Admission::Impl::hasRoom(size_t own, std::optional<uint64_t>* gives_way) const
+bool Admission::hasRoom(size_t own, std::optional<uint64_t>* gives_way) const
 {
-  if (own >= options.max_queued_per_vehicle)
+  if (own >= options_.max_queued_per_vehicle)
   {
     return false;
   }
-  if (queue.size() >= options.max_queued)
+  if (queue_.size() >= options_.max_queued)
   {
-    const QueuedTask* last = queue.lastOfLongest(own + 2);
+    const QueuedTask* last = queue_.lastOfLongest(own + 2);
     if (last == nullptr)
     {
       return false;
@@ -309,24 +211,24 @@ bool Admission::Impl::hasRoom(size_t own, std::optional<uint64_t>* gives_way) co
 }
 
 /// How long the task may wait in the queue [s]. @param own  tasks of its vehicle in the queue.
-double Admission::Impl::longestWait(const ServerTask& task, bool covered, size_t own) const
+double Admission::longestWait(const ServerTask& task, bool covered, size_t own) const
 {
   const auto kind = static_cast<size_t>(task.kind);
   const bool alone =
-      own == queue.size() && std::all_of(running.begin(), running.end(),
-                                         [&](const auto& other) { return other.second.vehicle == task.vehicle; });
-  const double share = alone ? 1.0 : WAITING_SHARE - WAITING_SHARE_RANGE * queue.ahead(task.vehicle, covered);
+      own == queue_.size() && std::all_of(running_.begin(), running_.end(),
+                                          [&](const auto& other) { return other.second.vehicle == task.vehicle; });
+  const double share = alone ? 1.0 : WAITING_SHARE - WAITING_SHARE_RANGE * queue_.ahead(task.vehicle, covered);
   return share * (task.remaining_s - service(kind, task.arrived_ns) - deviation(kind, task.arrived_ns));
 }
 
-Admission::Verdict Admission::Impl::submit(const ServerTask& task)
+Admission::Verdict Admission::decide(const ServerTask& task)
 {
   const auto kind = static_cast<size_t>(task.kind);
-  if (kind >= TASK_KINDS || !options.served[kind])
+  if (kind >= TASK_KINDS || !options_.served[kind])
   {
     return Verdict::NOT_SERVED;
   }
-  if (draining)
+  if (draining_)
   {
     return Verdict::DRAINING;
   }
@@ -335,10 +237,9 @@ Admission::Verdict Admission::Impl::submit(const ServerTask& task)
     return Verdict::TOO_LATE;
   }
   const int64_t now_ns = task.arrived_ns;
-  latest_ns = std::max(latest_ns, now_ns);
   dropExpired(now_ns);
-  leases.renew(task.vehicle, task.kind, services(now_ns), now_ns);
-  const size_t own = queue.count(task.vehicle);
+  leases_.renew(task.vehicle, task.kind, services(now_ns), now_ns);
+  const size_t own = queue_.count(task.vehicle);
   std::optional<uint64_t> gives_way;
   if (!hasRoom(own, &gives_way))
   {
@@ -347,7 +248,7 @@ Admission::Verdict Admission::Impl::submit(const ServerTask& task)
   QueuedTask queued;
   queued.task = task;
   queued.deadline_ns = now_ns + pi_node::nanoseconds(std::min(task.remaining_s, LONGEST_REMAINING_S));
-  queued.covered = leases.covers(task.vehicle, task.kind, now_ns);
+  queued.covered = leases_.covers(task.vehicle, task.kind, now_ns);
   if (known(task.kind) && service(kind, now_ns) + deviation(kind, now_ns) > task.remaining_s)
   {
     if (!mayTry(task.kind, now_ns))
@@ -359,7 +260,7 @@ Admission::Verdict Admission::Impl::submit(const ServerTask& task)
   const bool covered = queued.covered;
   const bool checked = !queued.trial && known(task.kind);
   const double longest_wait_s = checked ? longestWait(task, covered, own) : HUGE_VAL;
-  queue.add(std::move(queued));
+  queue_.add(std::move(queued));
 
   bool in_time = true;
   std::set<uint64_t> late;  // tasks of others that lose their turn to this one
@@ -377,132 +278,120 @@ Admission::Verdict Admission::Impl::submit(const ServerTask& task)
            });
   if (!in_time)
   {
-    queue.remove(task.ticket);
+    queue_.remove(task.ticket);
     return Verdict::TOO_LATE;
   }
   if (covered)
   {
-    leases.use(task.vehicle, task.kind, now_ns);
+    leases_.use(task.vehicle, task.kind, now_ns);
   }
   // Their vehicles are told now, not when the time of the tasks is over.
-  drop(
-      queue.removeIf([&](const QueuedTask& other)
-                     { return late.count(other.task.ticket) != 0 || (gives_way && other.task.ticket == *gives_way); }));
+  drop(queue_.removeIf(
+      [&](const QueuedTask& other)
+      { return late.count(other.task.ticket) != 0 || (gives_way && other.task.ticket == *gives_way); }));
   return Verdict::TAKEN;
 }
 
 std::optional<ServerTask> Admission::next(int64_t now_ns)
 {
-  Impl& impl = *impl_;
-  impl.latest_ns = std::max(impl.latest_ns, now_ns);
-  impl.dropExpired(now_ns);
-  std::optional<QueuedTask> queued = impl.queue.pop(impl.services(now_ns));
+  dropExpired(now_ns);
+  std::optional<QueuedTask> queued = queue_.pop(services(now_ns));
   if (!queued)
   {
     return std::nullopt;
   }
-  impl.updateBusy(now_ns);
+  updateBusy(now_ns);
   const auto kind = static_cast<size_t>(queued->task.kind);
-  Impl::OfKind& of = impl.of_kind[kind];
-  const double service_s = impl.service(kind, now_ns);
-  of.outdated = of.outdated || (of.tried && impl.memory(kind, now_ns) < 0.5);
+  OfKind& of = of_kind_[kind];
+  const double service_s = service(kind, now_ns);
+  of.outdated = of.outdated || (of.tried && memory(kind, now_ns) < 0.5);
   of.tried = true;
   of.tried_ns = now_ns;
-  impl.running[queued->task.ticket] =
-      Impl::Running{queued->task.vehicle, queued->task.kind, queued->covered, now_ns, service_s};
+  running_[queued->task.ticket] = Running{queued->task.vehicle, queued->task.kind, queued->covered, now_ns, service_s};
   return std::move(queued->task);
 }
 
 std::vector<ServerTask> Admission::takeExpired()
 {
-  return std::exchange(impl_->expired, {});
+  return std::exchange(expired_, {});
 }
 
 void Admission::finished(uint64_t ticket, double service_s, int64_t now_ns)
 {
-  Impl& impl = *impl_;
-  const auto found = impl.running.find(ticket);
-  if (found == impl.running.end())
+  const auto found = running_.find(ticket);
+  if (found == running_.end())
   {
     return;
   }
-  impl.latest_ns = std::max(impl.latest_ns, now_ns);
-  impl.updateBusy(now_ns);
-  const Impl::Running task = std::move(found->second);
-  impl.running.erase(found);
-  ++impl.totals.finished;
-  Impl::OfKind& of = impl.of_kind[static_cast<size_t>(task.kind)];
+  updateBusy(now_ns);
+  const Running task = std::move(found->second);
+  running_.erase(found);
+  ++totals_.finished;
+  OfKind& of = of_kind_[static_cast<size_t>(task.kind)];
   of.tried_ns = now_ns;
   if (std::isfinite(service_s) && service_s >= 0.0)
   {
     const double counted_s = std::min(service_s, LONGEST_SERVICE_S);
-    impl.totals.busy_s += counted_s;
+    totals_.busy_s += counted_s;
     if (std::exchange(of.outdated, false))
     {
       of.service_s.reset();
     }
     of.service_s.add(counted_s);
-    impl.queue.correct(task.vehicle, task.covered, counted_s - task.expected_s);
+    queue_.correct(task.vehicle, task.covered, counted_s - task.expected_s);
   }
 }
 
 bool Admission::cancel(uint64_t ticket)
 {
-  return impl_->queue.remove(ticket).has_value();
+  return queue_.remove(ticket).has_value();
 }
 
 std::vector<uint64_t> Admission::forgetVehicle(const std::string& vehicle)
 {
   std::vector<uint64_t> tickets;
-  for (const QueuedTask& task : impl_->queue.removeVehicle(vehicle))
+  for (const QueuedTask& task : queue_.removeVehicle(vehicle))
   {
     tickets.push_back(task.task.ticket);
   }
-  impl_->leases.forget(vehicle);
+  leases_.forget(vehicle);
   return tickets;
 }
 
 double Admission::lease(const std::string& vehicle, TaskKind kind, double rate_hz, int64_t now_ns)
 {
   const auto index = static_cast<size_t>(kind);
-  if (index >= TASK_KINDS || !impl_->options.served[index] || impl_->draining)
+  if (index >= TASK_KINDS || !options_.served[index] || draining_)
   {
     return 0.0;
   }
-  impl_->latest_ns = std::max(impl_->latest_ns, now_ns);
-  return impl_->leases.ask(vehicle, kind, rate_hz, impl_->services(now_ns), now_ns);
+  return leases_.ask(vehicle, kind, rate_hz, services(now_ns), now_ns);
 }
 
 void Admission::setDraining(bool draining)
 {
-  impl_->draining = draining;
-  if (draining)
+  draining_ = draining;
+  if (draining_)
   {
-    impl_->leases.clear();
+    leases_.clear();
   }
-}
-
-bool Admission::draining() const
-{
-  return impl_->draining;
 }
 
 NodeAdvertisement Admission::advertisement(const std::string& vehicle, int64_t now_ns) const
 {
-  const Impl& impl = *impl_;
   NodeAdvertisement advertisement;
   for (size_t kind = 0; kind < TASK_KINDS; ++kind)
   {
     NodeAdvertisement::OfKind& of = advertisement.of_kind[kind];
-    of.served = impl.options.served[kind];
+    of.served = options_.served[kind];
     if (!of.served)
     {
       continue;
     }
-    of.service_s = impl.service(kind, now_ns);
-    of.service_deviation_s = impl.deviation(kind, now_ns);
-    of.lease_rate_hz = impl.leases.rate(vehicle, static_cast<TaskKind>(kind), now_ns);
-    of.lease_until_s = impl.leases.holdsFor(vehicle, static_cast<TaskKind>(kind), now_ns);
+    of.service_s = service(kind, now_ns);
+    of.service_deviation_s = deviation(kind, now_ns);
+    of.lease_rate_hz = leases_.rate(vehicle, static_cast<TaskKind>(kind), now_ns);
+    of.lease_until_s = leases_.holdsFor(vehicle, static_cast<TaskKind>(kind), now_ns);
 
     QueuedTask asked;
     asked.task.vehicle = vehicle;
@@ -510,49 +399,20 @@ NodeAdvertisement Admission::advertisement(const std::string& vehicle, int64_t n
     asked.deadline_ns = INT64_MAX;
     asked.covered = of.lease_rate_hz > 0.0;
     asked.serial = UINT64_MAX;
-    impl.schedule(now_ns, &asked,
-                  [&](const QueuedTask& task, int64_t start_ns)
-                  {
-                    if (&task == &asked)
-                    {
-                      of.queue_s = pi_node::secondsBetween(now_ns, start_ns);
-                    }
-                  });
+    schedule(now_ns, &asked,
+             [&](const QueuedTask& task, int64_t start_ns)
+             {
+               if (&task == &asked)
+               {
+                 of.queue_s = pi_node::secondsBetween(now_ns, start_ns);
+               }
+             });
   }
-  const double used =
-      std::max(impl.busyAt(now_ns, false), impl.leases.load(impl.services(now_ns), now_ns) / impl.options.workers);
+  const double used = std::max(busyAt(now_ns, false), leases_.load(services(now_ns), now_ns) / options_.workers);
   advertisement.capacity_gcycles =
-      impl.draining ? 0.0 : std::max(0.0, 1.0 - used) * impl.options.workers * impl.options.frequency_ghz;
-  advertisement.draining = impl.draining;
+      draining_ ? 0.0 : std::max(0.0, 1.0 - used) * options_.workers * options_.frequency_ghz;
+  advertisement.draining = draining_;
   return advertisement;
-}
-
-const Admission::Totals& Admission::totals() const
-{
-  return impl_->totals;
-}
-
-size_t Admission::queued() const
-{
-  return impl_->queue.size();
-}
-
-size_t Admission::running() const
-{
-  return impl_->running.size();
-}
-
-size_t Admission::vehicles() const
-{
-  std::set<std::string> names;
-  const auto add = [&](const std::string& name) { names.insert(name); };
-  impl_->queue.forEachVehicle(add);
-  impl_->leases.forEachHolder(impl_->latest_ns, add);
-  for (const auto& task : impl_->running)
-  {
-    names.insert(task.second.vehicle);
-  }
-  return names.size();
 }
 
 }  // namespace pi_offload

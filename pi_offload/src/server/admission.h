@@ -2,12 +2,14 @@
 
 #include <array>
 #include <cstdint>
-#include <memory>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
 
-#include "engine/node.h"
+#include "policies/estimates.h"
+#include "server/fair_queue.h"
+#include "server/lease_book.h"
 
 namespace pi_offload
 {
@@ -30,16 +32,6 @@ struct AdmissionOptions
   void validate() const;
 };
 
-/// A task that a vehicle asks a node for.
-struct ServerTask
-{
-  uint64_t ticket = 0;  ///< unique, given by the caller
-  std::string vehicle;  ///< that asks
-  TaskKind kind = TaskKind::DETECTION;
-  int64_t arrived_ns = 0;
-  double remaining_s = 0.0;  ///< from arrived_ns until the answer is useless
-};
-
 /// Decides which tasks a node takes and in which order. Has no threads and no clock.
 ///
 /// - Vehicles hold leases for a rate of tasks. Tasks with a lease go first; others get the time that is left.
@@ -50,15 +42,12 @@ struct ServerTask
 ///   time. Tasks of one vehicle go by deadline.
 /// - If leases do not suffice for all, vehicles get them in turn (lease_turn_s).
 ///
-/// Time must not run backwards from call to call. Not thread safe.
+/// Time must not run backwards from call to call. Not thread safe. A copy is independent.
 class Admission
 {
 public:
+  /// @throws std::invalid_argument for options.
   explicit Admission(const AdmissionOptions& options);
-  ~Admission();
-  /// A copy is independent; the simulator uses it to look ahead.
-  Admission(const Admission& other);
-  Admission& operator=(const Admission& other);
 
   enum class Verdict
   {
@@ -89,7 +78,7 @@ public:
   double lease(const std::string& vehicle, TaskKind kind, double rate_hz, int64_t now_ns);
 
   void setDraining(bool draining);
-  bool draining() const;
+  bool draining() const { return draining_; }
   /// The node's state for this vehicle. The caller adds position and range.
   NodeAdvertisement advertisement(const std::string& vehicle, int64_t now_ns) const;
 
@@ -101,14 +90,80 @@ public:
     uint64_t finished = 0;
     double busy_s = 0.0;  ///< sum over the workers
   };
-  const Totals& totals() const;
-  size_t queued() const;
-  size_t running() const;
-  size_t vehicles() const;  ///< with a lease or a task
+  const Totals& totals() const { return totals_; }
+  size_t queued() const { return queue_.size(); }
+  size_t running() const { return running_.size(); }
 
 private:
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
+  struct Running
+  {
+    std::string vehicle;
+    TaskKind kind = TaskKind::DETECTION;
+    bool covered = false;
+    int64_t started_ns = 0;
+    double expected_s = 0.0;
+  };
+  struct OfKind
+  {
+    MeanDeviation service_s;
+    bool tried = false;
+    bool outdated = false;  ///< the next measurement is the first one
+    int64_t tried_ns = 0;   ///< when a task of the kind began or ended last
+  };
+
+  bool known(TaskKind kind) const { return of_kind_[static_cast<size_t>(kind)].service_s.known(); }
+  double memory(size_t kind, int64_t now_ns) const;
+  double service(size_t kind, int64_t now_ns) const
+  {
+    return faded(of_kind_[kind].service_s.mean(), options_.first_service_s[kind], kind, now_ns);
+  }
+  double deviation(size_t kind, int64_t now_ns) const
+  {
+    return faded(of_kind_[kind].service_s.deviation(), options_.first_service_s[kind] / 2.0, kind, now_ns);
+  }
+  double faded(double measured_s, double first_s, size_t kind, int64_t now_ns) const
+  {
+    if (!of_kind_[kind].service_s.known())
+    {
+      return first_s;
+    }
+    return measured_s <= first_s ? measured_s : first_s + memory(kind, now_ns) * (measured_s - first_s);
+  }
+  std::array<double, TASK_KINDS> services(int64_t now_ns) const
+  {
+    std::array<double, TASK_KINDS> all{};
+    for (size_t kind = 0; kind < TASK_KINDS; ++kind)
+    {
+      all[kind] = service(kind, now_ns);
+    }
+    return all;
+  }
+
+  std::vector<int64_t> workersFreeAt(int64_t now_ns) const;
+  bool certainlyLate(const QueuedTask& task, int64_t start_ns, int64_t now_ns) const;
+  template <typename Visit>
+  void schedule(int64_t now_ns, const QueuedTask* extra, const Visit& visit) const;
+  bool mayTry(TaskKind kind, int64_t now_ns) const;
+  bool hasRoom(size_t own, std::optional<uint64_t>* gives_way) const;
+  double longestWait(const ServerTask& task, bool covered, size_t own) const;
+  Verdict decide(const ServerTask& task);
+  void dropExpired(int64_t now_ns);
+  void drop(std::vector<QueuedTask> tasks);
+  void updateBusy(int64_t now_ns);
+  double busyAt(int64_t now_ns, bool covered_only) const;
+
+  AdmissionOptions options_;
+  LeaseBook leases_;
+  FairQueue queue_;
+  std::map<uint64_t, Running> running_;
+  std::array<OfKind, TASK_KINDS> of_kind_;
+  std::vector<ServerTask> expired_;
+  Totals totals_;
+  bool draining_ = false;
+  double busy_ = 0.0;          ///< mean part of the workers that had a task, at busy_ns_
+  double busy_covered_ = 0.0;  ///< that had one covered by a lease
+  bool busy_begun_ = false;
+  int64_t busy_ns_ = 0;
 };
 
 }  // namespace pi_offload

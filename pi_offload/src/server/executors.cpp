@@ -1,5 +1,6 @@
 #include "server/executors.h"
 
+#include <pi_node/durations.h>
 #include <pi_node/option_check.h>
 
 #include <algorithm>
@@ -16,11 +17,6 @@ namespace pi_offload
 {
 namespace
 {
-
-double secondsSince(std::chrono::steady_clock::time_point begin)
-{
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-}
 
 class DetectionExecutor
 {
@@ -41,7 +37,7 @@ public:
     {
       reply.objects.push_back({found.class_id, found.score, found.box.x1, found.box.y1, found.box.x2, found.box.y2});
     }
-    *service_s = secondsSince(begin);
+    *service_s = pi_node::secondsSince(begin);
     return reply;
   }
 
@@ -153,7 +149,7 @@ public:
     reply.accepted = recognition.accepted;
     reply.text = recognition.accepted ? recognition.text : "";
     reply.confidence = static_cast<float>(recognition.confidence);
-    *service_s = secondsSince(begin);
+    *service_s = pi_node::secondsSince(begin);
     return reply;
   }
 

@@ -6,10 +6,20 @@
 #include <string>
 #include <vector>
 
-#include "server/admission.h"
+#include "engine/node.h"
 
 namespace pi_offload
 {
+
+/// A task that a vehicle asks a node for.
+struct ServerTask
+{
+  uint64_t ticket = 0;  ///< unique, given by the caller
+  std::string vehicle;  ///< that asks
+  TaskKind kind = TaskKind::DETECTION;
+  int64_t arrived_ns = 0;
+  double remaining_s = 0.0;  ///< from arrived_ns until the answer is useless
+};
 
 /// A task that waits.
 struct QueuedTask
@@ -74,18 +84,6 @@ public:
   /// The last task of the vehicle with the most tasks, preferably one without a lease; null if all vehicles have fewer
   /// than `at_least`.
   const QueuedTask* lastOfLongest(size_t at_least) const;
-  /// Calls `visit(name)` for each vehicle with tasks.
-  template <typename Visit>
-  void forEachVehicle(const Visit& visit) const
-  {
-    for (const Vehicle& vehicle : vehicles_)
-    {
-      if (vehicle.count() != 0)
-      {
-        visit(vehicle.name);
-      }
-    }
-  }
 
   /// Visits the tasks in the order of pop() without changing the queue.
   /// @param extra  one more task, as the last of its vehicle; may be null.

@@ -24,7 +24,6 @@ namespace
 {
 
 constexpr size_t MAX_REQUEST_BYTES = 8192;
-constexpr double ACCEPT_PAUSE_S = 0.1;
 
 std::string answer(int status, const char* reason, const std::string& type, const std::string& body, bool head_only)
 {
@@ -203,8 +202,7 @@ void HealthEndpoint::Impl::run()
       watched.push_back({connection.fd.get(), static_cast<short>(POLLIN | (writes ? POLLOUT : 0)), 0});
       next_ns = std::min(next_ns, connection.until_ns);
     }
-    const int64_t left_ns = std::max<int64_t>(0, next_ns == INT64_MAX ? 0 : next_ns - pi_node::monotonicNs());
-    poll(watched.data(), watched.size(), next_ns == INT64_MAX ? -1 : static_cast<int>((left_ns + 999999) / 1000000));
+    poll(watched.data(), watched.size(), pollTimeout(next_ns));
     const int64_t now_ns = pi_node::monotonicNs();
     for (size_t index = connections.size(); index-- > 0;)
     {

@@ -14,7 +14,7 @@ namespace
 {
 
 /// A lease covers a burst of this part of a second's tasks, plus one.
-constexpr double BURST_S = 0.25;
+constexpr double LEASE_BURST_S = 0.25;
 /// For rounding of loads.
 constexpr double TOLERANCE = 1e-9;
 
@@ -34,7 +34,7 @@ const LeaseBook::Lease* LeaseBook::find(const std::string& vehicle, TaskKind kin
 double LeaseBook::tokensOf(const Lease& lease, int64_t now_ns) const
 {
   const double passed = std::max(0.0, pi_node::secondsBetween(lease.tokens_ns, now_ns));
-  return std::min(1.0 + lease.rate_hz * BURST_S, lease.tokens + lease.rate_hz * passed);
+  return std::min(1.0 + lease.rate_hz * LEASE_BURST_S, lease.tokens + lease.rate_hz * passed);
 }
 
 bool LeaseBook::covers(const std::string& vehicle, TaskKind kind, int64_t now_ns) const
@@ -64,18 +64,6 @@ double LeaseBook::holdsFor(const std::string& vehicle, TaskKind kind, int64_t no
 {
   const Lease* lease = find(vehicle, kind, now_ns);
   return lease != nullptr ? pi_node::secondsBetween(now_ns, lease->until_ns) : 0.0;
-}
-
-bool LeaseBook::holds(const std::string& vehicle, int64_t now_ns) const
-{
-  for (size_t kind = 0; kind < TASK_KINDS; ++kind)
-  {
-    if (find(vehicle, static_cast<TaskKind>(kind), now_ns) != nullptr)
-    {
-      return true;
-    }
-  }
-  return false;
 }
 
 double LeaseBook::load(const Services& services, int64_t now_ns) const
@@ -218,7 +206,7 @@ double LeaseBook::ask(const std::string& vehicle, TaskKind kind, double rate_hz,
   lease.rate_hz = rate_hz;
   lease.until_ns = now_ns + pi_node::nanoseconds(options_.lease_s);
   lease.held_since_ns = now_ns;
-  lease.tokens = 1.0 + rate_hz * BURST_S;
+  lease.tokens = 1.0 + rate_hz * LEASE_BURST_S;
   lease.tokens_ns = now_ns;
   return rate_hz;
 }

@@ -43,21 +43,8 @@ public:
 
   double rate(const std::string& vehicle, TaskKind kind, int64_t now_ns) const;      ///< 0: no lease
   double holdsFor(const std::string& vehicle, TaskKind kind, int64_t now_ns) const;  ///< [s]; 0: no lease
-  bool holds(const std::string& vehicle, int64_t now_ns) const;                      ///< of any kind
   /// Load of all leases, in workers.
   double load(const Services& services, int64_t now_ns) const;
-  /// Calls `visit(name)` for each vehicle with a lease.
-  template <typename Visit>
-  void forEachHolder(int64_t now_ns, const Visit& visit) const
-  {
-    for (const auto& vehicle : vehicles_)
-    {
-      if (holds(vehicle.first, now_ns))
-      {
-        visit(vehicle.first);
-      }
-    }
-  }
 
 private:
   struct Lease

@@ -2,6 +2,7 @@
 
 #include <netdb.h>
 #include <netinet/tcp.h>
+#include <pi_node/durations.h>
 #include <pi_node/unique_fd.h>
 #include <sys/eventfd.h>
 #include <unistd.h>
@@ -239,6 +240,16 @@ bool isTemporary(int error)
 bool isShortage(int error)
 {
   return error == EMFILE || error == ENFILE || error == ENOBUFS || error == ENOMEM;
+}
+
+int pollTimeout(int64_t until_ns)
+{
+  if (until_ns == INT64_MAX)
+  {
+    return -1;
+  }
+  const int64_t left_ns = std::max<int64_t>(0, until_ns - pi_node::monotonicNs());
+  return static_cast<int>(std::min<int64_t>((left_ns + 999999) / 1000000, 3600 * 1000));
 }
 
 std::string errorText(int error)

@@ -81,8 +81,11 @@ pi_node::UniqueFd listenOn(const std::string& host, uint16_t* port);
 
 /// Whether the call can be repeated on the same connection.
 bool isTemporary(int error);
-/// Whether descriptors or memory are used up; accept again later.
+/// Whether descriptors or memory are used up; accept again after this pause.
 bool isShortage(int error);
+constexpr double ACCEPT_PAUSE_S = 0.1;
+/// Timeout of poll and epoll_wait until an instant of the monotonic clock, an hour at most; INT64_MAX: never.
+int pollTimeout(int64_t until_ns);
 std::string errorText(int error);
 
 }  // namespace pi_offload

@@ -29,8 +29,6 @@ namespace
 constexpr size_t MAX_IDS = 9;
 constexpr int EVENTS_PER_ROUND = 64;
 constexpr int ACCEPTED_PER_ROUND = 64;
-/// Pause of accepting after descriptors or memory ran out.
-constexpr double ACCEPT_PAUSE_S = 0.1;
 /// epoll's data of the other descriptors; connections have their number.
 constexpr uint64_t WAKE = 0;
 constexpr uint64_t LISTENER = 1;
@@ -70,6 +68,13 @@ struct SpReplier::Impl
 
   Impl(const Options& options, Callbacks callbacks) : options(options), callbacks(std::move(callbacks)) {}
 
+  bool control(int operation, int fd, uint64_t id, uint32_t events) const
+  {
+    epoll_event event{};
+    event.events = events;
+    event.data.u64 = id;
+    return epoll_ctl(epoll.get(), operation, fd, &event) == 0;
+  }
   void watch(uint64_t id, Connection* connection);
   void run();
   void onEvent(uint64_t id, uint32_t events);
@@ -110,10 +115,7 @@ void SpReplier::Impl::watch(uint64_t id, Connection* connection)
   {
     return;
   }
-  epoll_event event{};
-  event.events = wanted;
-  event.data.u64 = id;
-  if (epoll_ctl(epoll.get(), connection->events == 0 ? EPOLL_CTL_ADD : EPOLL_CTL_MOD, connection->sp.fd(), &event) != 0)
+  if (!control(connection->events == 0 ? EPOLL_CTL_ADD : EPOLL_CTL_MOD, connection->sp.fd(), id, wanted))
   {
     breakOff(connection, "cannot be watched: " + errorText(errno));
     return;
@@ -205,9 +207,7 @@ void SpReplier::Impl::acceptAll()
       if (isShortage(errno))
       {
         // The caller stays in the kernel's queue; the listener is not watched for a while.
-        epoll_event event{};
-        event.data.u64 = LISTENER;
-        epoll_ctl(epoll.get(), EPOLL_CTL_MOD, listener.get(), &event);
+        control(EPOLL_CTL_MOD, listener.get(), LISTENER, 0);
         accept_again_ns = pi_node::monotonicNs() + pi_node::nanoseconds(ACCEPT_PAUSE_S);
       }
       return;  // the caller has left; further callers bring another event
@@ -314,12 +314,7 @@ int SpReplier::Impl::waitMilliseconds() const
   {
     next_ns = std::min(next_ns, entry.second->until_ns);
   }
-  if (next_ns == INT64_MAX)
-  {
-    return -1;
-  }
-  const int64_t left_ns = std::max<int64_t>(0, next_ns - pi_node::monotonicNs());
-  return static_cast<int>(std::min<int64_t>((left_ns + 999999) / 1000000, 3600 * 1000));
+  return pollTimeout(next_ns);
 }
 
 void SpReplier::Impl::run()
@@ -357,10 +352,7 @@ void SpReplier::Impl::run()
     if (accept_again_ns != 0 && now_ns >= accept_again_ns)
     {
       accept_again_ns = 0;
-      epoll_event event{};
-      event.events = EPOLLIN;
-      event.data.u64 = LISTENER;
-      epoll_ctl(epoll.get(), EPOLL_CTL_MOD, listener.get(), &event);
+      control(EPOLL_CTL_MOD, listener.get(), LISTENER, EPOLLIN);
     }
   }
 }
@@ -372,14 +364,8 @@ SpReplier::SpReplier(const Options& options, Callbacks callbacks)
   impl_->port = options.port;
   impl_->listener = listenOn(options.host, &impl_->port);
   impl_->epoll = pi_node::UniqueFd(epoll_create1(EPOLL_CLOEXEC));
-  const auto add = [&](int fd, uint64_t id)
-  {
-    epoll_event event{};
-    event.events = EPOLLIN;
-    event.data.u64 = id;
-    return epoll_ctl(impl_->epoll.get(), EPOLL_CTL_ADD, fd, &event) == 0;
-  };
-  if (!impl_->epoll || !add(impl_->wake.fd(), WAKE) || !add(impl_->listener.get(), LISTENER))
+  if (!impl_->epoll || !impl_->control(EPOLL_CTL_ADD, impl_->wake.fd(), WAKE, EPOLLIN) ||
+      !impl_->control(EPOLL_CTL_ADD, impl_->listener.get(), LISTENER, EPOLLIN))
   {
     throw std::runtime_error("cannot listen on " + options.host + ":" + std::to_string(impl_->port) + ": " +
                              errorText(errno));

@@ -19,13 +19,6 @@
 
 namespace pi_offload
 {
-namespace
-{
-
-constexpr size_t MAX_IDS = 1;
-
-}  // namespace
-
 void SpRequester::Options::validate() const
 {
   const pi_node::OptionCheck check("requester");
@@ -191,7 +184,7 @@ void SpRequester::Impl::onConnected(int64_t now_ns)
 bool SpRequester::Impl::onMessage(std::vector<uint8_t> message, std::string* reason)
 {
   std::vector<uint32_t> ids;
-  if (!takeIds(&message, MAX_IDS, &ids))
+  if (!takeIds(&message, 1, &ids))
   {
     *reason = "a reply without the number of a request";
     return false;
@@ -336,13 +329,7 @@ void SpRequester::Impl::run()
         watched[1] = {connection->fd(), static_cast<short>(POLLIN | (connection->wantsToWrite() ? POLLOUT : 0)), 0};
       }
     }
-    int wait_ms = -1;
-    if (state != State::OPEN)
-    {
-      const int64_t left_ns = std::max<int64_t>(0, until_ns - pi_node::monotonicNs());
-      wait_ms = static_cast<int>((left_ns + 999999) / 1000000);
-    }
-    const int count = poll(watched, 2, wait_ms);
+    const int count = poll(watched, 2, pollTimeout(state == State::OPEN ? INT64_MAX : until_ns));
     events = count > 0 ? watched[1].revents : static_cast<short>(0);
     if (count > 0 && watched[0].revents != 0)
     {

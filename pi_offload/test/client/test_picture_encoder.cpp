@@ -162,11 +162,6 @@ TEST(PictureEncoder, NamesWhatIsWrong)
   PictureEncoder::Options options;
   options.jpeg_quality = 0;
   EXPECT_EQ("jpeg_quality = 0, must be in [1, 100]", refusal([&] { const PictureEncoder wrong(options); }));
-  EXPECT_EQ("\"png\" is no way to send pictures, must be auto, jpeg or raw", refusal([] { parsePictureMode("png"); }));
-  for (const PictureMode mode : {PictureMode::AUTO, PictureMode::JPEG, PictureMode::RAW})
-  {
-    EXPECT_EQ(mode, parsePictureMode(toString(mode)));
-  }
 }
 
 }  // namespace

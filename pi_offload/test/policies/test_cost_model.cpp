@@ -96,34 +96,6 @@ TEST(CostModel, TailIsPaidOnce)
   EXPECT_NEAR(remote.time_s, 0.0434, TOLERANCE) << "the answer is there before the tail";
 }
 
-TEST(CostModel, BreakEvenRates)  // vector D
-{
-  const BreakEvenRates rates = breakEvenRates(detection(), LocalComputer(), Radio(), NODE_GHZ, ETA);
-  EXPECT_NEAR(rates.energy_mbps, 1.3886, TOLERANCE);
-  EXPECT_NEAR(rates.time_mbps, 6.0247, TOLERANCE);
-  EXPECT_NEAR(rates.printed_cost_mbps, 2.1381, TOLERANCE);
-}
-
-TEST(CostModel, NodeAndVehicleAreEqualAtTheBreakEvenRates)
-{
-  const Cost local = localCost(detection(), LocalComputer());
-  const BreakEvenRates rates = breakEvenRates(detection(), LocalComputer(), Radio(), NODE_GHZ, 0.3);
-  EXPECT_NEAR(remoteCost(detection(), Radio(), nodeAt(rates.energy_mbps)).energy_j, local.energy_j, 1e-12);
-  EXPECT_NEAR(remoteCost(detection(), Radio(), nodeAt(rates.time_mbps)).time_s, local.time_s, 1e-12);
-  EXPECT_NEAR(printedCost(remoteCost(detection(), Radio(), nodeAt(rates.printed_cost_mbps)), 0.3),
-              printedCost(local, 0.3), 1e-12);
-}
-
-TEST(CostModel, NoRateMakesASlowerNodeFaster)
-{
-  const BreakEvenRates rates = breakEvenRates(detection(), LocalComputer(), Radio(), 1.9, ETA);
-  EXPECT_TRUE(std::isinf(rates.time_mbps));
-  EXPECT_TRUE(std::isfinite(rates.energy_mbps));
-  const BreakEvenRates dead = breakEvenRates(detection(), LocalComputer(), Radio(), 0.0, ETA);
-  EXPECT_TRUE(std::isinf(dead.time_mbps));
-  EXPECT_TRUE(std::isinf(dead.printed_cost_mbps));
-}
-
 TEST(CostModel, PrintedCostChangesItsVerdictWithTheUnit)  // vector E
 {
   const Cost local{0.1, 0.42};

@@ -28,9 +28,9 @@ Residence straight(double x, double y, double degrees, double speed = SPEED)
   return straightResidence({x, y}, radians(degrees), speed, NODE, RANGE);
 }
 
-Residence along(const Point& vehicle, const std::vector<Point>& route, double speed = SPEED, size_t first_segment = 0)
+Residence along(const Point& vehicle, const std::vector<Point>& route, double speed = SPEED)
 {
-  return routeResidence(vehicle, route, speed, NODE, RANGE, first_segment);
+  return routeResidence(vehicle, route, speed, NODE, RANGE);
 }
 
 struct Inside
@@ -250,17 +250,6 @@ TEST(RouteResidence, LeavesAtOnceFromTheEdge)
   EXPECT_EQ(residence.leaves_s, 0.0);
 }
 
-TEST(RouteResidence, FirstSegmentTellsTheRoundsOfALoopApart)
-{
-  // Twice past the same place: the first time it turns back to the node, the second time it leaves for good.
-  const std::vector<Point> route{{0.0, 0.0}, {90.0, 0.0}, {0.0, 1.0}, {90.0, 0.0}, {900.0, 0.0}};
-  const Point vehicle{90.0, 0.0};
-  EXPECT_GT(along(vehicle, route).now_s, 60.0);
-  EXPECT_NEAR(along(vehicle, route, SPEED, 3).now_s, 10.0 / SPEED, TOLERANCE);
-  EXPECT_EQ(placeOnRoute(vehicle, route).segment, 0u);
-  EXPECT_EQ(placeOnRoute(vehicle, route, 3).segment, 3u);
-}
-
 TEST(RouteResidence, PointsThatRepeatDoNotMatter)
 {
   const std::vector<Point> route{{0.0, 0.0}, {0.0, 0.0}, {50.0, 0.0}, {50.0, 0.0}, {50.0, 300.0}};
@@ -330,9 +319,6 @@ TEST(RouteResidence, RefusesWhatItCannotFollow)
 {
   const std::vector<Point> route{{0.0, 0.0}, {1.0, 0.0}, {2.0, 0.0}};
   EXPECT_THROW(along({0.0, 0.0}, {}), std::invalid_argument);
-  EXPECT_THROW(along({0.0, 0.0}, route, SPEED, 2), std::invalid_argument);
-  EXPECT_NO_THROW(along({0.0, 0.0}, route, SPEED, 1));
-  EXPECT_THROW(along({0.0, 0.0}, {{0.0, 0.0}}, SPEED, 1), std::invalid_argument);
   EXPECT_THROW(along({0.0, 0.0}, {{0.0, 0.0}, {std::nan(""), 0.0}}), std::invalid_argument);
   EXPECT_THROW(along({0.0, 0.0}, route, -1.0), std::invalid_argument);
   EXPECT_THROW(routeResidence({0.0, 0.0}, route, SPEED, NODE, -1.0), std::invalid_argument);

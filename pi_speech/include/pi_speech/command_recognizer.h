@@ -23,8 +23,6 @@ enum class RecognitionMode
   CLOSED,  ///< every utterance is taken for the command that fits best
 };
 const char* toString(RecognitionMode mode);
-/// @throws std::invalid_argument naming the value and the choices.
-RecognitionMode parseRecognitionMode(const std::string& name);
 
 struct RecognizerOptions
 {

@@ -21,7 +21,6 @@ namespace pi_speech
 namespace
 {
 
-constexpr float FULL_SCALE = 32768.0F;
 constexpr size_t PIECE = SAMPLE_RATE_HZ / 100;
 constexpr double WITHIN_DB = 25.0;
 constexpr double ABOVE_NOISE_DB = 6.0;
@@ -166,93 +165,77 @@ bool operator==(const AudioFormat& a, const AudioFormat& b)
   return a.sample_rate_hz == b.sample_rate_hz && a.channels == b.channels;
 }
 
-struct Resampler::Impl
+std::string toString(const AudioFormat& format)
 {
-  explicit Impl(const AudioFormat& wanted) : format(wanted)
-  {
-    format.validate();
-    if (format.sample_rate_hz != SAMPLE_RATE_HZ)
-    {
-      int error = 0;
-      // The middle one keeps what is below 90 % of the band; the fast one ends at 6.4 kHz, where speech does not.
-      state = src_new(SRC_SINC_MEDIUM_QUALITY, 1, &error);
-      if (state == nullptr)
-      {
-        throw std::runtime_error(std::string("Resampler: ") + src_strerror(error));
-      }
-    }
-  }
-  ~Impl()
-  {
-    if (state != nullptr)
-    {
-      src_delete(state);
-    }
-  }
+  return std::to_string(format.sample_rate_hz) + " Hz, " + std::to_string(format.channels) +
+         (format.channels == 1 ? " channel" : " channels");
+}
 
-  /// @param last  the stream ends with these.
-  void resample(const float* values, size_t count, bool last, Samples* out)
-  {
-    const double ratio = static_cast<double>(SAMPLE_RATE_HZ) / format.sample_rate_hz;
-    while (true)
-    {
-      resampled.resize(static_cast<size_t>(std::ceil(static_cast<double>(count) * ratio)) + 256);
-      SRC_DATA data = {};
-      data.data_in = values;
-      data.input_frames = static_cast<long>(count);
-      data.data_out = resampled.data();
-      data.output_frames = static_cast<long>(resampled.size());
-      data.end_of_input = last ? 1 : 0;
-      data.src_ratio = ratio;
-      const int error = src_process(state, &data);
-      if (error != 0)
-      {
-        throw std::runtime_error(std::string("Resampler: ") + src_strerror(error));
-      }
-      std::transform(resampled.begin(), resampled.begin() + data.output_frames_gen, std::back_inserter(*out), toSample);
-      values += data.input_frames_used;
-      count -= static_cast<size_t>(data.input_frames_used);
-      if (count == 0 && data.output_frames_gen < data.output_frames)
-      {
-        return;
-      }
-    }
-  }
-
-  const AudioFormat format;
-  SRC_STATE* state = nullptr;  ///< null: the rate is right
-  std::vector<float> mixed;
-  std::vector<float> resampled;
-};
-
-Resampler::Resampler(const AudioFormat& format) : impl_(std::make_unique<Impl>(format)) {}
-Resampler::~Resampler() = default;
-Resampler::Resampler(Resampler&&) noexcept = default;
-Resampler& Resampler::operator=(Resampler&&) noexcept = default;
-
-const AudioFormat& Resampler::format() const
+void Resampler::Free::operator()(SRC_STATE_tag* state) const
 {
-  return impl_->format;
+  src_delete(state);
+}
+
+Resampler::Resampler(const AudioFormat& format) : format_(format)
+{
+  format_.validate();
+  if (format_.sample_rate_hz != SAMPLE_RATE_HZ)
+  {
+    int error = 0;
+    // The middle one keeps what is below 90 % of the band; the fast one ends at 6.4 kHz, where speech does not.
+    state_.reset(src_new(SRC_SINC_MEDIUM_QUALITY, 1, &error));
+    if (!state_)
+    {
+      throw std::runtime_error(std::string("Resampler: ") + src_strerror(error));
+    }
+  }
+}
+
+void Resampler::resample(const float* values, size_t count, bool last, Samples* out)
+{
+  const double ratio = static_cast<double>(SAMPLE_RATE_HZ) / format_.sample_rate_hz;
+  while (true)
+  {
+    resampled_.resize(static_cast<size_t>(std::ceil(static_cast<double>(count) * ratio)) + 256);
+    SRC_DATA data = {};
+    data.data_in = values;
+    data.input_frames = static_cast<long>(count);
+    data.data_out = resampled_.data();
+    data.output_frames = static_cast<long>(resampled_.size());
+    data.end_of_input = last ? 1 : 0;
+    data.src_ratio = ratio;
+    const int error = src_process(state_.get(), &data);
+    if (error != 0)
+    {
+      throw std::runtime_error(std::string("Resampler: ") + src_strerror(error));
+    }
+    std::transform(resampled_.begin(), resampled_.begin() + data.output_frames_gen, std::back_inserter(*out), toSample);
+    values += data.input_frames_used;
+    count -= static_cast<size_t>(data.input_frames_used);
+    if (count == 0 && data.output_frames_gen < data.output_frames)
+    {
+      return;
+    }
+  }
 }
 
 void Resampler::process(const int16_t* samples, size_t count, Samples* out)
 {
-  const auto channels = static_cast<size_t>(impl_->format.channels);
+  const auto channels = static_cast<size_t>(format_.channels);
   if (count % channels != 0)
   {
     throw std::invalid_argument("Resampler: " + std::to_string(count) + " samples, must be a multiple of " +
                                 std::to_string(channels) + " channels");
   }
-  if (channels == 1 && impl_->state == nullptr)
+  if (channels == 1 && !state_)
   {
     out->insert(out->end(), samples, samples + count);
     return;
   }
-  std::vector<float>& mixed = impl_->mixed;
   for (size_t begin = 0; begin < count;)
   {
     const size_t end = std::min(count, begin + BLOCK_FRAMES * channels);
-    mixed.clear();
+    mixed_.clear();
     for (; begin < end; begin += channels)
     {
       int sum = 0;
@@ -260,26 +243,26 @@ void Resampler::process(const int16_t* samples, size_t count, Samples* out)
       {
         sum += samples[begin + channel];
       }
-      mixed.push_back(static_cast<float>(sum) / (FULL_SCALE * static_cast<float>(channels)));
+      mixed_.push_back(static_cast<float>(sum) / (FULL_SCALE * static_cast<float>(channels)));
     }
-    if (impl_->state == nullptr)
+    if (!state_)
     {
-      std::transform(mixed.begin(), mixed.end(), std::back_inserter(*out), toSample);
+      std::transform(mixed_.begin(), mixed_.end(), std::back_inserter(*out), toSample);
     }
     else
     {
-      impl_->resample(mixed.data(), mixed.size(), false, out);
+      resample(mixed_.data(), mixed_.size(), false, out);
     }
   }
 }
 
 void Resampler::flush(Samples* out)
 {
-  if (impl_->state != nullptr)
+  if (state_)
   {
     const float none = 0.0F;
-    impl_->resample(&none, 0, true, out);
-    src_reset(impl_->state);
+    resample(&none, 0, true, out);
+    src_reset(state_.get());
   }
 }
 
@@ -308,7 +291,7 @@ size_t endOfSpeech(const Samples& samples)
   return last == energies.rend() ? samples.size() : static_cast<size_t>(energies.rend() - last) * PIECE;
 }
 
-Samples readAudioFile(const std::string& path, AudioFormat* format)
+Samples readAudioFile(const std::string& path)
 {
   SoundFile file(path);
   const AudioFormat found{file.info().samplerate, file.info().channels};
@@ -342,10 +325,6 @@ Samples readAudioFile(const std::string& path, AudioFormat* format)
   {
     fail(path, "is damaged: it ends after " + std::to_string(frames) + " of " + std::to_string(file.info().frames) +
                    " samples; record or copy it again");
-  }
-  if (format != nullptr)
-  {
-    *format = found;
   }
   return samples;
 }

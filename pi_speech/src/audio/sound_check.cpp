@@ -1,25 +1,19 @@
 #include "audio/sound_check.h"
+#include <pi_node/formatting.h>
 #include <pi_node/option_check.h>
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
 namespace pi_speech
 {
 namespace
 {
 
-constexpr int CLIPPED_FROM = 32700;  ///< some converters stop a little below full scale
-constexpr double FULL_SCALE = 32768.0;
-constexpr double LEAST_DBFS = -120.0;
+using pi_node::format;
 
-std::string format(const char* pattern, double a, double b)
-{
-  char text[160];
-  std::snprintf(text, sizeof text, pattern, a, b);
-  return text;
-}
+constexpr int CLIPPED_FROM = 32700;  ///< some converters stop a little below full scale
+constexpr double LEAST_DBFS = -120.0;
 
 }  // namespace
 
@@ -98,7 +92,7 @@ std::optional<SoundChange> SoundCheck::look(int64_t now_ns)
   }
   silent_for_s_ = 0.0;
   return change(SoundState::MISSING,
-                format("no sound for %.1f s; is the microphone plugged in and its node alive?", missing_s, 0.0));
+                format("no sound for %.1f s; is the microphone plugged in and its node alive?", missing_s));
 }
 
 std::optional<SoundChange> SoundCheck::endWindow()
@@ -128,7 +122,7 @@ std::optional<SoundChange> SoundCheck::endWindow()
   if (level_dbfs_ >= options_.silent_level_dbfs)
   {
     silent_for_s_ = 0.0;
-    return change(SoundState::GOOD, format("sound is good, level %.0f dB of full scale", level_dbfs_, 0.0));
+    return change(SoundState::GOOD, format("sound is good, level %.0f dB of full scale", level_dbfs_));
   }
   silent_for_s_ += options_.window_s;
   if (silent_for_s_ < options_.silent_s - 1e-9)
@@ -139,7 +133,7 @@ std::optional<SoundChange> SoundCheck::endWindow()
   return change(
       SoundState::SILENT,
       variance < 1e-9
-          ? format("all samples are the same for %.0f s; is the microphone muted or unplugged?", silent_for_s_, 0.0)
+          ? format("all samples are the same for %.0f s; is the microphone muted or unplugged?", silent_for_s_)
           : format("level %.0f dB of full scale for %.0f s; is the microphone muted or unplugged, or its gain "
                    "too low?",
                    level_dbfs_, silent_for_s_));

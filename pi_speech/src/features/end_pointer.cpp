@@ -16,7 +16,6 @@ constexpr float SPEECH_RATE = 0.002F;  ///< in speech: what lasts for seconds is
 constexpr float SINK_RATE = 0.1F;      ///< where the sound is quieter than the estimate
 constexpr float MOST_EXCESS = 3.0F;    ///< of one band that counts [ln]: no band decides alone
 constexpr int MOST_GAP_FRAMES = 6;     ///< between frames of speech before the beginning is certain
-constexpr double FULL_SCALE = 32768.0;
 
 int framesIn(double seconds)
 {

@@ -60,10 +60,10 @@ void putMixtures(std::string* bytes, const DiagonalMixtures& mixtures)
 }
 
 /// Takes fields from the front.
-class Reader
+class FieldReader
 {
 public:
-  explicit Reader(const std::string& bytes) : bytes_(bytes) {}
+  explicit FieldReader(const std::string& bytes) : bytes_(bytes) {}
 
   template <typename Number>
   Number number()
@@ -205,7 +205,7 @@ WordModels WordModels::load(const std::string& path)
   }
   try
   {
-    Reader reader(bytes);
+    FieldReader reader(bytes);
     WordModels models;
     const int words = reader.count(MOST_WORDS);
     for (int w = 0; w < words; ++w)

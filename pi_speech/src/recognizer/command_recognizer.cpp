@@ -5,13 +5,13 @@
 #include "features/speech_features.h"
 #include "hmm/word_models.h"
 #include "recognizer/grammar.h"
+#include "recognizer/words.h"
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <limits>
 #include <optional>
-#include <sstream>
 #include <stdexcept>
 
 namespace pi_speech
@@ -104,18 +104,6 @@ const char* toString(RecognitionMode mode)
   return mode == RecognitionMode::SAFE ? "safe" : "closed";
 }
 
-RecognitionMode parseRecognitionMode(const std::string& name)
-{
-  for (const RecognitionMode mode : {RecognitionMode::SAFE, RecognitionMode::CLOSED})
-  {
-    if (name == toString(mode))
-    {
-      return mode;
-    }
-  }
-  throw std::invalid_argument("mode = \"" + name + "\", must be safe or closed");
-}
-
 void RecognizerOptions::validate() const
 {
   const pi_node::OptionCheck check("");
@@ -192,8 +180,7 @@ struct CommandRecognizer::Impl
     for (const Command& command : table.commands)
     {
       WordSequence sequence;
-      std::istringstream stream(command.text);
-      for (std::string word; stream >> word;)
+      for (const std::string& word : splitWords(command.text))
       {
         const int found = word_scorer->find(word);
         if (found < 0)

@@ -85,10 +85,10 @@ std::optional<Problem> firstProblem(const std::vector<Command>& commands)
 }
 
 /// Reads a table and knows where in the text each part of it stands.
-class Reader
+class TableReader
 {
 public:
-  explicit Reader(const std::string& name) : name_(name) {}
+  explicit TableReader(const std::string& name) : name_(name) {}
 
   CommandTable read(const YAML::Node& root)
   {
@@ -230,7 +230,7 @@ CommandTable CommandTable::parse(const std::string& yaml, const std::string& nam
 {
   try
   {
-    return Reader(name).read(YAML::Load(yaml));
+    return TableReader(name).read(YAML::Load(yaml));
   }
   catch (const YAML::Exception& error)
   {

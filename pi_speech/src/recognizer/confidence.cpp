@@ -3,8 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <sstream>
 #include <stdexcept>
+
+#include "recognizer/words.h"
 
 namespace pi_speech
 {
@@ -119,9 +120,8 @@ double ConfidenceModel::confidence(const Evidence& evidence) const
   {
     logit += weights.features[i] * values[i];
   }
-  std::istringstream words(evidence.command);
   double word_bias = 0.0;
-  for (std::string word; words >> word;)
+  for (const std::string& word : splitWords(evidence.command))
   {
     const auto bias = weights.word_biases.find(word);
     word_bias += bias == weights.word_biases.end() ? 0.0 : bias->second / evidence.words;

@@ -16,7 +16,7 @@ namespace
 using diagnostic_msgs::DiagnosticStatus;
 using pi_node::format;
 
-constexpr uint32_t QUEUE = 100;  ///< messages that wait for a subscriber: 2 s of 20 ms
+constexpr uint32_t SOUND_QUEUE = 100;  ///< messages that wait for a subscriber: 2 s of 20 ms
 
 /// Converts a time of the system's clock to ROS time, which may be simulated.
 ros::Time rosTime(int64_t system_ns)
@@ -32,13 +32,6 @@ ros::Time rosTime(int64_t system_ns)
   const ros::Time now = ros::Time::now();
   return now.toSec() > age.toSec() ? now - age : now;
 }
-
-std::string describe(const AudioFormat& format)
-{
-  return std::to_string(format.sample_rate_hz) + " Hz, " + std::to_string(format.channels) +
-         (format.channels == 1 ? " channel" : " channels");
-}
-
 }  // namespace
 
 MicrophoneRos::MicrophoneRos(ros::NodeHandle node, ros::NodeHandle private_node)
@@ -49,7 +42,7 @@ MicrophoneRos::MicrophoneRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , watch_(options_.check, "", &warnings_)
   , updater_(service_node_, private_node, private_node.getNamespace())
 {
-  audio_ = service_node_.advertise<AudioDataStamped>("audio_stamped", QUEUE);
+  audio_ = service_node_.advertise<AudioDataStamped>("audio_stamped", SOUND_QUEUE);
   info_ = service_node_.advertise<AudioInfo>("audio_info", 1, true);
   updater_.setHardwareID(options_.microphone.device);
   updater_.add("microphone", [this](Status& status) { reportDevice(status); });
@@ -76,8 +69,8 @@ MicrophoneRos::~MicrophoneRos()
 void MicrophoneRos::onFound(const std::string& device, const AudioFormat& format)
 {
   const AudioFormat& wanted = options_.microphone.format;
-  ROS_INFO_STREAM_NAMED("microphone", "records from " << device << ": " << describe(format)
-                                                      << (format == wanted ? "" : ", wanted " + describe(wanted)));
+  ROS_INFO_STREAM_NAMED("microphone", "records from " << device << ": " << toString(format)
+                                                      << (format == wanted ? "" : ", wanted " + toString(wanted)));
   if (!format_published_ || !(published_format_ == format))
   {
     info_.publish(toMsg(format));
@@ -119,7 +112,7 @@ void MicrophoneRos::reportDevice(Status& status) const
 {
   if (status_.recording)
   {
-    status.summary(DiagnosticStatus::OK, status_.device + ", " + describe(status_.format));
+    status.summary(DiagnosticStatus::OK, status_.device + ", " + toString(status_.format));
   }
   else if (!status_.problem.empty())
   {

@@ -1,10 +1,10 @@
+#include "ros/player_ros.h"
 #include <pi_node/ros/node_options.h>
 #include <pi_speech/ros/audio_conversions.h>
-#include "ros/player_ros.h"
-#include "audio/sound_files.h"
 #include <pthread.h>
 #include <std_msgs/Empty.h>
 #include <std_msgs/String.h>
+#include "audio/sound_files.h"
 
 #include <algorithm>
 #include <boost/make_shared.hpp>
@@ -19,7 +19,7 @@ namespace pi_speech
 namespace
 {
 
-constexpr uint32_t QUEUE = 1000;  ///< messages that wait for a subscriber: fast playing comes in bursts
+constexpr uint32_t PLAYED_QUEUE = 1000;  ///< messages that wait for a subscriber: fast playing comes in bursts
 
 PlayerRosOptions loadOptions(const ros::NodeHandle& private_node)
 {
@@ -49,7 +49,7 @@ PlayerRos::PlayerRos(ros::NodeHandle node, ros::NodeHandle private_node)
   info_ = links_node_.advertise<AudioInfo>("audio_info", 1, true);
   playing_ = links_node_.advertise<std_msgs::String>("playing", 10, true);
   finished_ = links_node_.advertise<std_msgs::Empty>("finished", 1, true);
-  audio_ = links_node_.advertise<AudioDataStamped>("audio_stamped", QUEUE,
+  audio_ = links_node_.advertise<AudioDataStamped>("audio_stamped", PLAYED_QUEUE,
                                                    [this](const ros::SingleSubscriberPublisher&)
                                                    {
                                                      std::lock_guard<std::mutex> lock(mutex_);

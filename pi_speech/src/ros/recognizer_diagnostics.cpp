@@ -12,12 +12,6 @@ namespace
 using diagnostic_msgs::DiagnosticStatus;
 using pi_node::format;
 
-std::string describe(const AudioFormat& sound)
-{
-  return std::to_string(sound.sample_rate_hz) + " Hz, " + std::to_string(sound.channels) +
-         (sound.channels == 1 ? " channel" : " channels");
-}
-
 const char* stateOf(const RecognizerFigures& figures)
 {
   if (figures.stream.commands == 0)
@@ -175,7 +169,7 @@ void RecognizerDiagnostics::reportSound(Status& status) const
                    now_.topic + format(" comes, level %.0f dB of full scale", now_.sound.level_dbfs));
   }
   status.add("format",
-             describe(now_.queue.format) + (now_.queue.format_known ? "" : ", by parameters: no audio_info yet"));
+             toString(now_.queue.format) + (now_.queue.format_known ? "" : ", by parameters: no audio_info yet"));
   status.add("state of the sound", toString(now_.sound.last.state));
   status.add("level [dB of full scale]", format("%.1f", now_.sound.level_dbfs));
   status.add("noise [dB of full scale]", format("%.1f", now_.stream.noise_dbfs));

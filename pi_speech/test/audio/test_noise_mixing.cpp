@@ -1,6 +1,5 @@
 #include <gtest/gtest.h>
 #include <pi_node/test_support/temporary_folder.h>
-#include <pi_speech/noise_mixing.h>
 
 #include <algorithm>
 #include <cmath>
@@ -8,6 +7,8 @@
 #include <numeric>
 #include <set>
 #include <string>
+
+#include "clips/noisy_clips.h"
 
 namespace pi_speech
 {

@@ -1,7 +1,6 @@
 #pragma once
 
-#include <xmlrpcpp/XmlRpcValue.h>
-#include <yaml-cpp/yaml.h>
+#include <pi_node/ros/yaml_parameters.h>
 
 #include <set>
 #include <string>
@@ -9,44 +8,7 @@
 namespace pi_node::test_support
 {
 
-/// As rosparam puts a YAML file on the parameter server.
-inline XmlRpc::XmlRpcValue fromYaml(const YAML::Node& node)
-{
-  XmlRpc::XmlRpcValue value;
-  if (node.IsMap())
-  {
-    value.begin();  // a struct, also without members
-    for (const auto& member : node)
-    {
-      value[member.first.as<std::string>()] = fromYaml(member.second);
-    }
-  }
-  else if (node.IsSequence())
-  {
-    value.setSize(static_cast<int>(node.size()));
-    for (size_t i = 0; i < node.size(); ++i)
-    {
-      value[static_cast<int>(i)] = fromYaml(node[i]);
-    }
-  }
-  else if (bool flag; node.Tag() != "!" && YAML::convert<bool>::decode(node, flag))
-  {
-    value = flag;
-  }
-  else if (int number; node.Tag() != "!" && YAML::convert<int>::decode(node, number))
-  {
-    value = number;
-  }
-  else if (double real; node.Tag() != "!" && YAML::convert<double>::decode(node, real))
-  {
-    value = real;
-  }
-  else
-  {
-    value = node.as<std::string>();
-  }
-  return value;
-}
+using pi_node::fromYaml;
 
 inline void collectNames(XmlRpc::XmlRpcValue tree, const std::string& path, std::set<std::string>* names)
 {

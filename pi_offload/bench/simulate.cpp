@@ -18,7 +18,7 @@
 #include <thread>
 
 #include "simulation/simulation.h"
-#include "tools/simulation_report.h"
+#include "simulation/simulation_report.h"
 
 namespace
 {

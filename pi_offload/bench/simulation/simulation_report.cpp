@@ -1,4 +1,4 @@
-#include "tools/simulation_report.h"
+#include "simulation/simulation_report.h"
 
 #include <algorithm>
 #include <cmath>

@@ -4,7 +4,7 @@
 #include <pi_node/stop_signal.h>
 #include <pi_speech/audio.h>
 #include <pi_speech/end_pointer.h>
-#include <pi_speech/noise_mixing.h>
+#include "clips/noisy_clips.h"
 #include "features/speech_features.h"
 #include "hmm/word_models.h"
 

@@ -1,4 +1,4 @@
-#include "ros/policy_services.h"
+#include "ros/coordinator_ros.h"
 
 #include <pi_node/durations.h>
 #include <pi_node/formatting.h>
@@ -6,6 +6,8 @@
 
 #include <exception>
 #include <stdexcept>
+
+#include "ros/conversions.h"
 
 namespace pi_offload
 {
@@ -18,12 +20,21 @@ constexpr double LONGEST_DEADLINE_S = 3600.0;
 
 }  // namespace
 
-PolicyServices::PolicyServices(const EngineOptions* options, OffloadClient* client)
-  : options_(options), client_(client), policy_name_(options->policy_name), policy_(options->policy)
+bool CoordinatorRos::statistics(Statistics::Request&, Statistics::Response& response)
 {
+  const CoordinatorFigures figures = client_.call([this](int64_t now_ns) { return this->figures(now_ns); });
+  response.enabled = static_cast<uint8_t>(figures.enabled);
+  response.policy = policy_name_;
+  response.eta = figures.eta;
+  for (size_t kind = 0; kind < TASK_KINDS; ++kind)
+  {
+    response.kinds.push_back(
+        toMsg(static_cast<TaskKind>(kind), figures.statistics.of_kind[kind], figures.p50_s[kind], figures.p99_s[kind]));
+  }
+  return true;
 }
 
-bool PolicyServices::decide(Decide::Request& request, Decide::Response& response)
+bool CoordinatorRos::decide(Decide::Request& request, Decide::Response& response)
 {
   try
   {
@@ -37,7 +48,7 @@ bool PolicyServices::decide(Decide::Request& request, Decide::Response& response
       throw std::invalid_argument(format("input_bytes = %g", request.input_bytes) +
                                   format(", must be in [0, %.0f]", static_cast<double>(MAX_PAYLOAD)));
     }
-    client_->call([&](int64_t now_ns) { decideNow(kind, request, &response, now_ns); });
+    client_.call([&](int64_t now_ns) { decideNow(kind, request, &response, now_ns); });
     response.success = 1;
   }
   catch (const std::exception& error)
@@ -48,20 +59,20 @@ bool PolicyServices::decide(Decide::Request& request, Decide::Response& response
 }
 
 /// On the engine thread.
-void PolicyServices::decideNow(TaskKind kind, const Decide::Request& request, Decide::Response* response,
+void CoordinatorRos::decideNow(TaskKind kind, const Decide::Request& request, Decide::Response* response,
                                int64_t now_ns)
 {
-  const size_t last = client_->lastInputBytes(kind);
-  const double usual = 1e6 / 8.0 * options_->needs[static_cast<size_t>(kind)].input_mbit;
+  const size_t last = client_.lastInputBytes(kind);
+  const double usual = 1e6 / 8.0 * options_.client.engine.needs[static_cast<size_t>(kind)].input_mbit;
   const auto bytes = request.input_bytes > 0.0 ? static_cast<size_t>(request.input_bytes)
                      : last > 0                ? last
                                                : static_cast<size_t>(usual);
   const int64_t begin_ns = pi_node::monotonicNs();
-  const Decision decision = client_->engine().decide(kind, bytes, request.deadline, now_ns);
+  const Decision decision = client_.engine().decide(kind, bytes, request.deadline, now_ns);
   response->decision_time = pi_node::secondsBetween(begin_ns, pi_node::monotonicNs());
   if (decision.node >= 0)
   {
-    response->node = client_->engine().nodes(now_ns).at(static_cast<size_t>(decision.node)).description.id;
+    response->node = client_.engine().nodes(now_ns).at(static_cast<size_t>(decision.node)).description.id;
   }
   response->expected_time = decision.expected_s;
   response->expected_energy = decision.expected_j;
@@ -70,7 +81,7 @@ void PolicyServices::decideNow(TaskKind kind, const Decide::Request& request, De
   response->reason = decision.reason;
 }
 
-bool PolicyServices::setPolicy(SetPolicy::Request& request, SetPolicy::Response& response)
+bool CoordinatorRos::setPolicy(SetPolicy::Request& request, SetPolicy::Response& response)
 {
   try
   {
@@ -81,11 +92,11 @@ bool PolicyServices::setPolicy(SetPolicy::Request& request, SetPolicy::Response&
       policy.validate();
     }
     const std::string name = request.policy.empty() ? policy_name_ : request.policy;
-    client_->call(
+    client_.call(
         [&](int64_t)
         {
-          client_->engine().setPolicy(name);
-          client_->engine().setPolicyOptions(policy);
+          client_.engine().setPolicy(name);
+          client_.engine().setPolicyOptions(policy);
         });
     policy_ = policy;
     policy_name_ = name;
@@ -103,10 +114,10 @@ bool PolicyServices::setPolicy(SetPolicy::Request& request, SetPolicy::Response&
   return true;
 }
 
-bool PolicyServices::enable(std_srvs::SetBool::Request& request, std_srvs::SetBool::Response& response)
+bool CoordinatorRos::enable(std_srvs::SetBool::Request& request, std_srvs::SetBool::Response& response)
 {
   const bool enabled = request.data != 0;
-  client_->call([this, enabled](int64_t now_ns) { client_->setEnabled(enabled, now_ns); });
+  client_.call([this, enabled](int64_t now_ns) { client_.setEnabled(enabled, now_ns); });
   response.success = 1;
   response.message = enabled ? "tasks may go to nodes" : "the vehicle does everything";
   ROS_INFO_STREAM_NAMED("coordinator", response.message);

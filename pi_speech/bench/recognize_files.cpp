@@ -7,9 +7,9 @@
 #include <pi_node/progress.h>
 #include <pi_node/stop_signal.h>
 #include <pi_speech/command_recognizer.h>
-#include <pi_speech/noise_mixing.h>
 #include "audio/sound_files.h"
-#include "ros/default_models.h"
+#include "clips/noisy_clips.h"
+#include "default_models.h"
 
 #include <algorithm>
 #include <chrono>
@@ -503,7 +503,11 @@ bool parse(int argc, char** argv, Arguments* line)
   {
     sphinx.adaptation.clear();
   }
-  recognizer.mode = parseRecognitionMode(line->mode);
+  if (line->mode != toString(RecognitionMode::SAFE) && line->mode != toString(RecognitionMode::CLOSED))
+  {
+    throw std::invalid_argument("mode = \"" + line->mode + "\", must be safe or closed");
+  }
+  recognizer.mode = line->mode == toString(RecognitionMode::SAFE) ? RecognitionMode::SAFE : RecognitionMode::CLOSED;
   recognizer.validate();
   return true;
 }
