@@ -11,7 +11,7 @@ namespace pi_detect
 namespace
 {
 
-constexpr int DETECTION_COLUMNS = 7;
+constexpr int OUTPUT_COLUMNS = 7;
 
 /// The informative line of OpenCV's message.
 std::string reasonOf(const cv::Exception& error)
@@ -192,7 +192,7 @@ void Network::checkOutputs()
   if (model_.output_kind == OutputKind::DETECTIONS)
   {
     const bool is_rows =
-        outputs_.size() == 1 && outputs_[0].dims >= 2 && outputs_[0].size[outputs_[0].dims - 1] == DETECTION_COLUMNS;
+        outputs_.size() == 1 && outputs_[0].dims >= 2 && outputs_[0].size[outputs_[0].dims - 1] == OUTPUT_COLUMNS;
     if (!is_rows)
     {
       throw ModelError(

@@ -22,7 +22,7 @@ using pi_node::format;
 using pi_node::sizeText;
 using pi_os_transport::zero_copy::ImageHandle;
 
-constexpr uint32_t MAX_SIDE_PX = 16384;
+constexpr uint32_t MAX_PICTURE_SIDE_PX = 16384;
 constexpr double MIN_BASELINE_M = 0.01;
 constexpr double MAX_BASELINE_M = 3.0;
 /// Pictures of one camera that wait for a partner.
@@ -37,7 +37,7 @@ constexpr int POINTS_PER_SIDE = 5;  ///< of a box's outline, which a lens bends
 /// Of the pictures as they come [px].
 cv::Size sizeOf(const sensor_msgs::CameraInfo& info, const std::string& name)
 {
-  if (info.width == 0 || info.height == 0 || info.width > MAX_SIDE_PX || info.height > MAX_SIDE_PX)
+  if (info.width == 0 || info.height == 0 || info.width > MAX_PICTURE_SIDE_PX || info.height > MAX_PICTURE_SIDE_PX)
   {
     fail(name + ": size is " + sizeText(info.width, info.height) + ": the camera is not calibrated");
   }

@@ -19,7 +19,7 @@ namespace
 constexpr size_t GARBAGE_PER_STEP = 16;
 constexpr size_t MAX_GARBAGE = 100000;
 constexpr int READS_AT_ONCE = 16;
-const char* const COMMANDS =
+const char* const CHASSIS_COMMANDS =
     "unplug, plug, restart, silent on|off, garbage BYTES|on|off, stuck on|off, battery CHARGE, button on|off, "
     "pose X Y YAW";
 
@@ -193,7 +193,7 @@ std::string SimulatedChassis::command(const std::string& line, int64_t now_ns)
   const bool done =
       (on && setFault(name, *on)) ||
       setNumbers(name, std::istringstream(line.substr(std::min(line.size(), line.find(name) + name.size()))));
-  return done ? "" : "command \"" + line + "\" is not understood, must be one of: " + COMMANDS;
+  return done ? "" : "command \"" + line + "\" is not understood, must be one of: " + CHASSIS_COMMANDS;
 }
 
 std::string SimulatedChassis::truth() const

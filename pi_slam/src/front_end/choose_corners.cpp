@@ -16,12 +16,12 @@ using front_end::Track;
 
 constexpr int LEAST_FAST_THRESHOLD = 5;
 constexpr int CORNERS_PER_CELL = 2;
-constexpr float NEW_BORDER_PX = 8.0F;     ///< and corners nearer to it are not taken
-constexpr int MOST_MISSED = 8;            ///< stereo matches that may fail in a row
-constexpr double USUAL_STEREO = 0.5;      ///< part of the features; below it, failing says nothing about one of them
-constexpr size_t FEW_PART = 20;           ///< of the features; as many may be missing before corners are looked for
-constexpr size_t CANDIDATES = 2;          ///< corners that are tried for each new feature
-constexpr double MOST_NEW_SINGLES = 0.3;  ///< part of new features that only one camera sees, if both work
+constexpr float NEW_BORDER_PX = 8.0F;      ///< and corners nearer to it are not taken
+constexpr int MOST_MISSED = 8;             ///< stereo matches that may fail in a row
+constexpr double USUAL_STEREO = 0.5;       ///< part of the features; below it, failing says nothing about one of them
+constexpr size_t FEW_PART = 20;            ///< of the features; as many may be missing before corners are looked for
+constexpr size_t CORNERS_PER_FEATURE = 2;  ///< corners that are tried for each new feature
+constexpr double MOST_NEW_SINGLES = 0.3;   ///< part of new features that only one camera sees, if both work
 
 namespace kernels = pi_runtime::kernels;
 
@@ -34,7 +34,7 @@ void StereoTracker::Impl::addCorners(size_t max_features)
   {
     return;  // a few missing ones can wait
   }
-  const size_t wanted = CANDIDATES * (max_features - tracks.size());
+  const size_t wanted = CORNERS_PER_FEATURE * (max_features - tracks.size());
   int& threshold = fast_threshold[camera];
   pictures.findCorners(now[camera], threshold, &corners);
   // A few corners per feature are needed for a choice; the threshold follows the pictures, one step per pair.

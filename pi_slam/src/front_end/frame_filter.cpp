@@ -19,9 +19,9 @@ constexpr int MAX_ITERATIONS = 5;
 constexpr double HUBER = 2.0;  ///< [standard deviations]
 constexpr double GATE = 16.0;  ///< squared Mahalanobis distance, 2 degrees of freedom: one view in 3000 is beyond
 constexpr double SMALL_STEP = 1e-5;
-constexpr double STILL_POSITION_M = 5e-4;
-constexpr double STILL_ANGLE_RAD = 1e-4;
-constexpr double STILL_SPEED_MPS = 5e-3;
+constexpr double FRAME_STILL_M = 5e-4;
+constexpr double FRAME_STILL_RAD = 1e-4;
+constexpr double FRAME_STILL_MPS = 5e-3;
 
 struct Prepared
 {
@@ -130,8 +130,8 @@ void FrameFilter::holdStill(const NavState& anchor, const Matrix15d& anchor_cova
   using Vector9d = Eigen::Matrix<double, 9, 1>;
   using Matrix9d = Eigen::Matrix<double, 9, 9>;
   Vector9d noise;
-  noise << Eigen::Vector3d::Constant(STILL_POSITION_M), Eigen::Vector3d::Constant(STILL_ANGLE_RAD),
-      Eigen::Vector3d::Constant(STILL_SPEED_MPS);
+  noise << Eigen::Vector3d::Constant(FRAME_STILL_M), Eigen::Vector3d::Constant(FRAME_STILL_RAD),
+      Eigen::Vector3d::Constant(FRAME_STILL_MPS);
   NavState wanted = anchor;
   wanted.v.setZero();
   const Vector9d error = wanted.boxMinus(state_).head<9>();

@@ -23,10 +23,10 @@ constexpr float DISTANCE_PX[FeatureExtractor::LEVELS] = {9.0F, 7.0F, 6.0F};  ///
 constexpr int THRESHOLD = 14;
 constexpr int LOW_THRESHOLD = 6;             ///< in dark or blurred pictures
 constexpr double STEREO_DEVIATION_PX = 0.4;  ///< of a shift between both pictures
-constexpr double EPIPOLAR_PX = 1.2;
+constexpr double PAIR_EPIPOLAR_PX = 1.2;
 constexpr double BACK_PX = 1.0;        ///< farthest from where the search back began
 constexpr float MAX_RESIDUAL = 40.0F;  ///< mean difference of patches [grey levels]: cameras differ in brightness
-constexpr double MIN_DISTANCE_M = 0.15;
+constexpr double NEAREST_M = 0.15;
 constexpr double MIN_TILT_SINE = 0.15;  ///< rays closer to the vertical have no upright
 constexpr float PATTERN_RADIUS = kernels::ORB_TEST_RADIUS + 0.5F;
 
@@ -51,7 +51,7 @@ FeatureExtractor::FeatureExtractor(const StereoCalibration& calibration, int fea
   , most_(static_cast<size_t>(features))
   , kernels_(calibration.left.model.width, calibration.left.model.height, PYRAMID_LEVELS, front_end::FlowOptions(),
              std::move(runtime))
-  , search_(geometry_, MIN_DISTANCE_M, SEARCH_LEVEL)
+  , search_(geometry_, NEAREST_M, SEARCH_LEVEL)
   , pyramids_{kernels_.makePyramid(), kernels_.makePyramid()}
 {
 }
@@ -73,7 +73,7 @@ void FeatureExtractor::takeLandmarks(const MapFrame& frame, std::vector<Point>* 
     const double distance = p_camera.norm();
     Point point;
     point.pixel = landmark.pixel.cast<double>();
-    const bool good = p_camera.allFinite() && landmark.pixel.allFinite() && distance > MIN_DISTANCE_M &&
+    const bool good = p_camera.allFinite() && landmark.pixel.allFinite() && distance > NEAREST_M &&
                       std::isfinite(landmark.deviation_m) && calibration_.left.model.contains(point.pixel);
     const std::optional<Eigen::Vector3d> bearing = good ? calibration_.left.model.unproject(point.pixel) : std::nullopt;
     if (!bearing)
@@ -217,7 +217,7 @@ void FeatureExtractor::measureDistances(const MapFrame& frame, std::vector<Point
     const bool tracked = there_.status[k] != 0 && there_.residual[k] <= MAX_RESIDUAL && back_.status[k] != 0 &&
                          back <= BACK_PX && calibration_.right.model.contains(there);
     const auto bearing = tracked ? calibration_.right.model.unproject(there) : std::nullopt;
-    if (!bearing || geometry_.epipolarError(LEFT, point.bearing, *bearing) > EPIPOLAR_PX)
+    if (!bearing || geometry_.epipolarError(LEFT, point.bearing, *bearing) > PAIR_EPIPOLAR_PX)
     {
       continue;
     }
@@ -226,7 +226,7 @@ void FeatureExtractor::measureDistances(const MapFrame& frame, std::vector<Point
     const double sine = (calibration_.left.T_body_camera.linear() * point.bearing).cross(to_right).norm();
     const double deviation = STEREO_DEVIATION_PX / (geometry_.disparityScale() * std::max(sine, 0.1));
     const double inverse_distance = geometry_.inverseDistance(LEFT, point.bearing, *bearing);
-    if (inverse_distance > -2.0 * deviation && inverse_distance < 1.0 / MIN_DISTANCE_M)
+    if (inverse_distance > -2.0 * deviation && inverse_distance < 1.0 / NEAREST_M)
     {
       point.inverse_distance = std::max(inverse_distance, 0.0);
       point.inverse_deviation = deviation;

@@ -16,7 +16,7 @@ constexpr uint32_t INDEX_BITS = 12;
 constexpr uint32_t INDEX_MASK = (1U << INDEX_BITS) - 1;
 constexpr size_t MOST_IN_BUCKET = 200;  ///< longer lists tell nothing about the place
 constexpr int MAX_SIGNATURE_DISTANCE = 7;
-constexpr int MAX_DISTANCE = 56;
+constexpr int SAME_WORD_BITS = 56;
 
 /// Table t looks at bytes 2 t and 2 t + 1.
 uint32_t keyOf(const uint8_t* descriptor, size_t table)
@@ -136,8 +136,9 @@ std::vector<PlaceIndex::Vote> PlaceIndex::query(const FeatureSet& features) cons
           continue;
         }
         const uint32_t keyframe = entry.feature >> INDEX_BITS;
-        if (seen[keyframe] != i + 1 && descriptorDistance(descriptor, by_number_[keyframe]->descriptor(
-                                                                          entry.feature & INDEX_MASK)) <= MAX_DISTANCE)
+        if (seen[keyframe] != i + 1 &&
+            descriptorDistance(descriptor, by_number_[keyframe]->descriptor(entry.feature & INDEX_MASK)) <=
+                SAME_WORD_BITS)
         {
           seen[keyframe] = static_cast<uint32_t>(i) + 1;
           fits.push_back(keyframe);

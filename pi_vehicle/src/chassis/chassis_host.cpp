@@ -21,7 +21,7 @@ constexpr int64_t HELLO_PERIOD_NS = 200'000'000;
 constexpr int64_t RELEASE_NS = 1'000'000'000;  ///< so long the chassis is asked to release
 constexpr uint16_t MAX_GAP = 1000;             ///< of lost frames; a wider one is a chassis that counts anew
 constexpr double TRAVEL_STEP = 1e-4;           ///< [m]
-constexpr double STANDING = 0.02;              ///< [m/s]
+constexpr double WHEELS_STAND = 0.02;          ///< [m/s]
 
 }  // namespace
 
@@ -341,7 +341,7 @@ HostState ChassisHost::state(int64_t now_ns) const
 {
   HostState state;
   state.mode = mode(now_ns, &state.detail);
-  state.moving = std::abs(status_.speed) >= STANDING;
+  state.moving = std::abs(status_.speed) >= WHEELS_STAND;
   state.status = status_;
   state.odometry = odometry_;
   state.hello = hello_;

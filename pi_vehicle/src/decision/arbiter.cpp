@@ -15,9 +15,9 @@ using pi_node::seconds;
 namespace
 {
 
-constexpr double STANDING = 0.05;    // [m/s]
-constexpr double MAX_STEP_S = 0.1;   // of the shaping
-constexpr double MAX_PAUSE_S = 1.0;  // a longer one is a jump of the clock, or a stall
+constexpr double AT_REST = 0.05;        // [m/s]
+constexpr double SHAPING_STEP_S = 0.1;  // of the shaping
+constexpr double MAX_PAUSE_S = 1.0;     // a longer one is a jump of the clock, or a stall
 constexpr double FUTURE_S = 0.1;
 
 bool finite(const DriveCommand& command)
@@ -26,7 +26,7 @@ bool finite(const DriveCommand& command)
          command.max_deceleration >= 0.0;
 }
 
-ArbiterOptions read(pi_node::YamlSection top)
+ArbiterOptions readArbiter(pi_node::YamlSection top)
 {
   ArbiterOptions options;
   if (top.has("limits"))
@@ -52,12 +52,12 @@ ArbiterOptions read(pi_node::YamlSection top)
 
 ArbiterOptions ArbiterOptions::load(const std::string& path)
 {
-  return read(pi_node::YamlSection::load(path));
+  return readArbiter(pi_node::YamlSection::load(path));
 }
 
 ArbiterOptions ArbiterOptions::parse(const std::string& yaml, const std::string& name)
 {
-  return read(pi_node::YamlSection::parse(yaml, name));
+  return readArbiter(pi_node::YamlSection::parse(yaml, name));
 }
 
 void ArbiterOptions::validate() const
@@ -179,7 +179,7 @@ void Arbiter::emergencyStop(const std::string& reason)
 
 bool Arbiter::releaseEmergencyStop()
 {
-  if (std::abs(speed_) > STANDING || std::abs(measured_) > STANDING)
+  if (std::abs(speed_) > AT_REST || std::abs(measured_) > AT_REST)
   {
     return false;
   }
@@ -239,7 +239,7 @@ double Arbiter::advanceClock(int64_t now_ns)
   }
   have_now_ = true;
   last_ns_ = now_ns;
-  return std::clamp(dt, 0.0, MAX_STEP_S);
+  return std::clamp(dt, 0.0, SHAPING_STEP_S);
 }
 
 std::string Arbiter::expireSilentSources(int64_t now_ns)
@@ -283,7 +283,7 @@ void Arbiter::chooseDriver()
     dead_ = options_.sources[static_cast<size_t>(driver_)].name;
     driver_ = -1;
   }
-  const bool standing = std::abs(speed_) < 1e-3 && std::abs(measured_) < STANDING;
+  const bool standing = std::abs(speed_) < 1e-3 && std::abs(measured_) < AT_REST;
   const bool revived = best >= 0 && find(dead_) == best;
   if (standing || revived)
   {

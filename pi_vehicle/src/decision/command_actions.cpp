@@ -21,7 +21,7 @@ namespace
 constexpr const char* COMMAND_ACTIONS[] = {"stop", "go",    "confirm", "cancel", "slower", "faster",
                                            "left", "right", "go_to",   "say",    "horn"};
 
-CommandActionsOptions read(pi_node::YamlSection top)
+CommandActionsOptions readActions(pi_node::YamlSection top)
 {
   CommandActionsOptions options;
   if (top.has("options"))
@@ -68,12 +68,12 @@ CommandActionsOptions read(pi_node::YamlSection top)
 
 CommandActionsOptions CommandActionsOptions::load(const std::string& path)
 {
-  return read(pi_node::YamlSection::load(path));
+  return readActions(pi_node::YamlSection::load(path));
 }
 
 CommandActionsOptions CommandActionsOptions::parse(const std::string& yaml, const std::string& name)
 {
-  return read(pi_node::YamlSection::parse(yaml, name));
+  return readActions(pi_node::YamlSection::parse(yaml, name));
 }
 
 void CommandActionsOptions::validate() const

@@ -17,12 +17,12 @@ using pi_node::seconds;
 namespace
 {
 
-constexpr double STANDING = 0.05;        // [m/s]
+constexpr double STANDING_MPS = 0.05;    // [m/s]
 constexpr double LEAST_MAX_SPEED = 0.1;  // of a goal [m/s]
 constexpr double ARRIVAL_HEADING = 0.3;  // largest heading error of a vehicle that already stands at the goal [rad]
-constexpr double WAY_STEP = 0.15;        // between poses of the way ahead [m]
-constexpr double MAX_STEP_S = 1.0;       // longest time step that counts for the distance [s]
-constexpr double FUTURE_S = 0.1;         // tolerated stamp in the future [s]
+constexpr double AHEAD_STEP = 0.15;      // between poses of the way ahead [m]
+constexpr double LONGEST_STEP_S = 1.0;   // longest time step that counts for the distance [s]
+constexpr double STAMP_AHEAD_S = 0.1;    // tolerated stamp in the future [s]
 constexpr double DETOUR = 0.5;  // tolerated difference between a leg of the path and the straight leg, as a fraction
 constexpr double JOINED = 0.2;  // the vehicle is on the loop within this distance [m] and heading error [rad]
 constexpr double REJOIN_AHEAD = 15.0;  // farthest place of a loop to join, ahead of the nearest one [m]
@@ -93,7 +93,7 @@ Navigator::Plan Navigator::plan(const NavigationGoal& goal, const Pose2& pose, d
     request.start_heading = pose.heading;
     request.goal_heading = goal.waypoints.back().heading;
     const double turn = request.goal_heading ? wrapAngle(*request.goal_heading - pose.heading) : 0.0;
-    plan.arrived = std::abs(speed) <= STANDING && std::abs(turn) <= ARRIVAL_HEADING &&
+    plan.arrived = std::abs(speed) <= STANDING_MPS && std::abs(turn) <= ARRIVAL_HEADING &&
                    std::all_of(goal.waypoints.begin(), goal.waypoints.end(),
                                [&](const Waypoint& point) {
                                  return (point.position - pose.position()).norm() <= options_.follower.goal_tolerance;
@@ -211,7 +211,7 @@ void Navigator::cancel(const std::string& reason)
 
 std::string Navigator::setObstacles(int64_t stamp_ns, const std::vector<ObstacleBox>& obstacles, int64_t now_ns)
 {
-  if (seconds(stamp_ns - now_ns) > FUTURE_S)
+  if (seconds(stamp_ns - now_ns) > STAMP_AHEAD_S)
   {
     return format("obstacles are stamped %.2f s ahead of this computer's clock and left out: synchronise the clocks",
                   seconds(stamp_ns - now_ns));
@@ -281,13 +281,13 @@ void Navigator::keepBooks(const NavigatorInput& input)
     dt = 0.0;
   }
   const bool known = std::isfinite(input.speed);
-  if (phase_ == Phase::IDLE || (known && std::abs(input.speed) > STANDING))
+  if (phase_ == Phase::IDLE || (known && std::abs(input.speed) > STANDING_MPS))
   {
     moved_ns_ = input.now_ns;
   }
   if (phase_ != Phase::IDLE && known)
   {
-    distance_ += std::abs(input.speed) * std::min(dt, MAX_STEP_S);
+    distance_ += std::abs(input.speed) * std::min(dt, LONGEST_STEP_S);
   }
 }
 
@@ -453,7 +453,7 @@ void Navigator::brakeToStandstill(const NavigatorInput& input, const FollowerOut
   output->command.curvature = followed.state == FollowerState::IDLE ? curvature_ : followed.command.curvature;
   output->command.max_deceleration = governed.emergency ? governed.max_deceleration : 0.0;
   output->command.reason = end_reason_;
-  if (!(std::abs(input.speed) > STANDING) || !vehicleProblem(input).empty())
+  if (!(std::abs(input.speed) > STANDING_MPS) || !vehicleProblem(input).empty())
   {
     finish(DriveEnd::CANCELLED, end_reason_, output);
   }
@@ -467,7 +467,7 @@ NavigatorOutput Navigator::update(const NavigatorInput& input)
   const std::string plan_problem = planWaitingGoal(usablePose(input, &pose_problem), input.speed);
   const FollowerOutput followed = follow(input);
   way_ = follower_.wayAhead(
-      options_.governor.horizon * std::min(options_.governor.max_speed, options_.follower.max_speed), WAY_STEP);
+      options_.governor.horizon * std::min(options_.governor.max_speed, options_.follower.max_speed), AHEAD_STEP);
   const GovernorOutput governed = govern(input);
   findLookAhead(followed, input.speed);
 

@@ -81,7 +81,7 @@ ReactionRule readRule(pi_node::YamlSection& entry)
   return rule;
 }
 
-ReactionRulesOptions read(pi_node::YamlSection top)
+ReactionRulesOptions readRules(pi_node::YamlSection top)
 {
   ReactionRulesOptions options;
   for (pi_node::YamlSection& entry : top.list("rules"))
@@ -95,12 +95,12 @@ ReactionRulesOptions read(pi_node::YamlSection top)
 
 ReactionRulesOptions ReactionRulesOptions::load(const std::string& path)
 {
-  return read(pi_node::YamlSection::load(path));
+  return readRules(pi_node::YamlSection::load(path));
 }
 
 ReactionRulesOptions ReactionRulesOptions::parse(const std::string& yaml, const std::string& name)
 {
-  return read(pi_node::YamlSection::parse(yaml, name));
+  return readRules(pi_node::YamlSection::parse(yaml, name));
 }
 
 void ReactionRulesOptions::validate() const

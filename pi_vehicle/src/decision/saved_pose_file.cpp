@@ -16,7 +16,7 @@ namespace pi_vehicle
 namespace
 {
 
-constexpr double FUTURE_S = 5.0;  // of a clock that was set
+constexpr double MAX_CLOCK_SET_BACK_S = 5.0;  // of a clock that was set
 constexpr double FARTHEST_M = 1e6;
 constexpr double FASTEST = 100.0;
 
@@ -101,7 +101,7 @@ std::optional<SavedPose> readSavedPose(const std::string& file, const std::strin
                                 " min old, must be below max_file_age_s = " + std::to_string(std::lround(max_age_s)) +
                                 " s; give the pose on initialpose, or raise it");
   }
-  if (pose.age_s < -FUTURE_S)
+  if (pose.age_s < -MAX_CLOCK_SET_BACK_S)
   {
     throw std::invalid_argument(file + ": the pose is " + std::to_string(std::lround(-pose.age_s)) +
                                 " s in the future, must be of the past; is the clock of this computer set?");

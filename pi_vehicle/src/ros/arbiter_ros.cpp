@@ -16,9 +16,9 @@ namespace
 using diagnostic_msgs::DiagnosticStatus;
 using pi_node::format;
 
-constexpr uint32_t QUEUE = 50;
-constexpr char LATCHED[] = "latched";  // the parameter that outlives the node
-constexpr char REMOTE[] = "remote";    // the source that cmd_vel is
+constexpr uint32_t MOTION_QUEUE = 50;
+constexpr char KEPT_LATCH[] = "latched";  // the parameter that outlives the node
+constexpr char REMOTE[] = "remote";       // the source that cmd_vel is
 
 }  // namespace
 
@@ -26,7 +26,7 @@ ArbiterRos::ArbiterRos(ros::NodeHandle node, ros::NodeHandle private_node)
   : thread_("arbiter")
   , node_(thread_.handle(node))
   , private_node_(thread_.handle(private_node))
-  , options_(pi_node::loadNodeOptions<ArbiterRosOptions>(private_node, "arbiter", {LATCHED}, "arbiter_node"))
+  , options_(pi_node::loadNodeOptions<ArbiterRosOptions>(private_node, "arbiter", {KEPT_LATCH}, "arbiter_node"))
   , sources_path_(configPath("sources_file", options_.sources_file))
   , arbiter_(ArbiterOptions::load(sources_path_))
   , warnings_(options_.warning_period_s, pi_node::warningLog<ArbiterRosOptions>("arbiter"))
@@ -35,14 +35,14 @@ ArbiterRos::ArbiterRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , intakes_(arbiter_.sources().size())
 {
   std::string latched;
-  kept_.find(LATCHED, "a text", &latched);
+  kept_.find(KEPT_LATCH, "a text", &latched);
   if (!latched.empty())
   {
     arbiter_.emergencyStop(latched);
     ROS_WARN_STREAM_NAMED("arbiter", "the emergency stop of an earlier life holds: " << latched);
   }
-  motion_ = node_.advertise<MotionCommand>("motion", QUEUE);
-  state_publisher_ = node_.advertise<ArbiterState>("arbiter/state", QUEUE, true);
+  motion_ = node_.advertise<MotionCommand>("motion", MOTION_QUEUE);
+  state_publisher_ = node_.advertise<ArbiterState>("arbiter/state", MOTION_QUEUE, true);
   updater_.setHardwareID("none");
   updater_.add("arbiter", [this](Status& status) { reportArbiter(status); });
   updater_.add("sources", [this](Status& status) { reportSources(status); });
@@ -127,7 +127,7 @@ bool ArbiterRos::onEmergencyStop(std_srvs::Trigger::Request&, std_srvs::Trigger:
   const std::string reason = "asked by service emergency_stop";
   arbiter_.emergencyStop(reason);
   publish(ros::Time::now());
-  kept_.keep(LATCHED, reason);
+  kept_.keep(KEPT_LATCH, reason);
   ROS_WARN_STREAM_NAMED("arbiter", "emergency stop: " << reason);
   response.success = true;
   response.message = "stops; call release_emergency_stop to drive again";
@@ -142,7 +142,7 @@ bool ArbiterRos::onRelease(std_srvs::Trigger::Request&, std_srvs::Trigger::Respo
     response.message = "the vehicle still moves; the stop can be released once it stands";
     return true;
   }
-  kept_.keep(LATCHED, std::string());
+  kept_.keep(KEPT_LATCH, std::string());
   response.message = "released; drives when a source asks";
   ROS_INFO_STREAM_NAMED("arbiter", "emergency stop released");
   return true;

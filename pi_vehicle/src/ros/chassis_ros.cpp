@@ -20,7 +20,7 @@ using chassis::HostMode;
 using diagnostic_msgs::DiagnosticStatus;
 using pi_node::format;
 
-constexpr uint32_t QUEUE = 50;
+constexpr uint32_t CHASSIS_QUEUE = 50;
 constexpr int64_t BATTERY_PERIOD_NS = 1'000'000'000;
 
 /// A monotonic time by the clock of ROS.
@@ -47,8 +47,8 @@ ChassisRos::ChassisRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , warnings_(options_.warning_period_s, pi_node::warningLog<ChassisRosOptions>("chassis"))
   , updater_(service_node_, private_node, private_node.getNamespace())
 {
-  state_publisher_ = service_node_.advertise<VehicleState>("vehicle_state", QUEUE);
-  odometry_publisher_ = service_node_.advertise<nav_msgs::Odometry>("wheel_odometry", QUEUE);
+  state_publisher_ = service_node_.advertise<VehicleState>("vehicle_state", CHASSIS_QUEUE);
+  odometry_publisher_ = service_node_.advertise<nav_msgs::Odometry>("wheel_odometry", CHASSIS_QUEUE);
   battery_publisher_ = service_node_.advertise<sensor_msgs::BatteryState>("battery", 1, true);
   if (options_.publish_tf)
   {

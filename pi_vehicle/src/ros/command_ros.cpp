@@ -19,8 +19,8 @@ namespace
 using diagnostic_msgs::DiagnosticStatus;
 using pi_node::format;
 
-constexpr uint32_t QUEUE = 50;
-constexpr char SOURCE[] = "command";
+constexpr uint32_t COMMAND_QUEUE = 50;
+constexpr char COMMAND_SOURCE[] = "command";
 // The parameters that outlive the node.
 constexpr char LATCHED[] = "latched";
 constexpr char KEPT_SPEED_LIMIT[] = "kept_speed_limit";
@@ -46,17 +46,18 @@ CommandRos::CommandRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , kept_(private_node)
   , updater_(node_, private_node, private_node.getNamespace())
 {
-  motion_ = node_.advertise<MotionCommand>("motion/command", QUEUE);
-  state_publisher_ = node_.advertise<CommandState>("command/state", QUEUE, true);
-  goal_ = node_.advertise<geometry_msgs::PoseStamped>("goal", QUEUE);
-  turn_ = node_.advertise<std_msgs::String>("turn", QUEUE);
-  say_ = node_.advertise<std_msgs::String>("say", QUEUE);
-  horn_ = node_.advertise<std_msgs::Empty>("horn", QUEUE);
+  motion_ = node_.advertise<MotionCommand>("motion/command", COMMAND_QUEUE);
+  state_publisher_ = node_.advertise<CommandState>("command/state", COMMAND_QUEUE, true);
+  goal_ = node_.advertise<geometry_msgs::PoseStamped>("goal", COMMAND_QUEUE);
+  turn_ = node_.advertise<std_msgs::String>("turn", COMMAND_QUEUE);
+  say_ = node_.advertise<std_msgs::String>("say", COMMAND_QUEUE);
+  horn_ = node_.advertise<std_msgs::Empty>("horn", COMMAND_QUEUE);
   updater_.setHardwareID("none");
   updater_.add("command", [this](Status& status) { report(status); });
   restore();
 
-  command_ = node_.subscribe("command", QUEUE, &CommandRos::onCommand, this, ros::TransportHints().tcpNoDelay());
+  command_ =
+      node_.subscribe("command", COMMAND_QUEUE, &CommandRos::onCommand, this, ros::TransportHints().tcpNoDelay());
   stop_ = private_node_.advertiseService("stop", &CommandRos::onStop, this);
   release_ = private_node_.advertiseService("release", &CommandRos::onRelease, this);
   timer_ =
@@ -199,7 +200,7 @@ void CommandRos::tick()
 void CommandRos::publishMotion(const ros::Time& now)
 {
   DriveCommand command;
-  command.source = SOURCE;
+  command.source = COMMAND_SOURCE;
   command.speed = actions_.speedLimit();
   if (actions_.stopped())
   {

@@ -29,8 +29,8 @@ constexpr double SAVED_RAD = 0.003;
 constexpr double STANDS = 0.05;             // [m/s]
 constexpr int64_t MAP_PERIOD_NS = 5000000;  // between two looks at tf
 constexpr size_t CONNECTIONS = 4;
-constexpr double NO_TURN = 1e-9;  // quaternions that are shorter have none
-constexpr size_t ROW = 6;
+constexpr double MIN_NORM = 1e-9;  // quaternions that are shorter have none
+constexpr size_t COLUMNS = 6;
 
 geometry_msgs::PoseWithCovarianceStamped toMsg(const KeptPose& kept, const std::string& map_frame)
 {
@@ -46,10 +46,10 @@ geometry_msgs::PoseWithCovarianceStamped toMsg(const KeptPose& kept, const std::
   message.pose.pose.orientation.y = q.y();
   message.pose.pose.orientation.z = q.z();
   message.pose.pose.orientation.w = q.w();
-  for (size_t i = 0; i < ROW; ++i)
+  for (size_t i = 0; i < COLUMNS; ++i)
   {
     const double deviation = i < 3 ? kept.position_deviation : kept.heading_deviation;
-    message.pose.covariance[i * ROW + i] = deviation * deviation;
+    message.pose.covariance[i * COLUMNS + i] = deviation * deviation;
   }
   return message;
 }
@@ -142,7 +142,7 @@ void PoseKeeperRos::onOdometry(const ros::MessageEvent<nav_msgs::Odometry const>
                     " (base_link_frame); left out");
     return;
   }
-  if (!(std::hypot(std::hypot(q.x, q.y), std::hypot(q.z, q.w)) > NO_TURN))
+  if (!(std::hypot(std::hypot(q.x, q.y), std::hypot(q.z, q.w)) > MIN_NORM))
   {
     warnings_.error("odometry has no orientation: its quaternion is 0 or not finite; left out");
     return;

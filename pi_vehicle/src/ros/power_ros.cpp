@@ -23,7 +23,7 @@ using pi_node::format;
 using pi_node::monotonicNs;
 using sensor_msgs::BatteryState;
 
-constexpr double UNKNOWN = std::numeric_limits<double>::quiet_NaN();
+constexpr double NOT_MEASURED = std::numeric_limits<double>::quiet_NaN();
 
 /// Names of nodes become full ones.
 PowerRosOptions loadOptions(const ros::NodeHandle& node, const ros::NodeHandle& private_node)
@@ -210,7 +210,7 @@ void PowerRos::publishBattery(const ros::Time& stamp)
   message.charge = static_cast<float>(battery_.charge * options_.battery.capacity_ah);
   message.capacity = static_cast<float>(options_.battery.capacity_ah);
   message.design_capacity = message.capacity;
-  message.temperature = static_cast<float>(UNKNOWN);
+  message.temperature = static_cast<float>(NOT_MEASURED);
   message.location = battery_source_;
   message.power_supply_status = !message.present || !std::isfinite(battery_.current)
                                     ? BatteryState::POWER_SUPPLY_STATUS_UNKNOWN

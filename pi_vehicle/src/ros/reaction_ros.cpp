@@ -20,8 +20,8 @@ namespace
 using diagnostic_msgs::DiagnosticStatus;
 using pi_node::format;
 
-constexpr uint32_t QUEUE = 50;
-constexpr char SOURCE[] = "reaction";
+constexpr uint32_t REACTION_QUEUE = 50;
+constexpr char REACTION_SOURCE[] = "reaction";
 constexpr double FUTURE_S = 0.1;
 constexpr double CLOCK_JUMP_S = 1.0;
 
@@ -39,10 +39,10 @@ ReactionRos::ReactionRos(ros::NodeHandle node, ros::NodeHandle private_node)
 {
   loadRules();
   result_.speed_limit = std::numeric_limits<double>::infinity();
-  motion_ = node_.advertise<MotionCommand>("motion/reaction", QUEUE);
-  events_ = node_.advertise<ReactionEvent>("reaction/events", QUEUE);
-  say_ = node_.advertise<std_msgs::String>("say", QUEUE);
-  horn_ = node_.advertise<std_msgs::Empty>("horn", QUEUE);
+  motion_ = node_.advertise<MotionCommand>("motion/reaction", REACTION_QUEUE);
+  events_ = node_.advertise<ReactionEvent>("reaction/events", REACTION_QUEUE);
+  say_ = node_.advertise<std_msgs::String>("say", REACTION_QUEUE);
+  horn_ = node_.advertise<std_msgs::Empty>("horn", REACTION_QUEUE);
   updater_.setHardwareID("none");
   updater_.add("reaction", [this](Status& status) { report(status); });
 
@@ -196,7 +196,7 @@ void ReactionRos::decide(const ros::Time& now, bool at_tick)
   if (at_tick || limit < limit_)
   {
     DriveCommand command;
-    command.source = SOURCE;
+    command.source = REACTION_SOURCE;
     command.speed = std::min(limit, NO_SPEED_LIMIT);
     command.max_deceleration = result_.speed_limit <= 0.0 ? options_.stop_deceleration : options_.slow_deceleration;
     command.reason = reason;

@@ -18,7 +18,7 @@ using pi_node::format;
 namespace
 {
 
-constexpr double NO_TURN = 1e-9;  // a quaternion with a smaller norm is no orientation
+constexpr double NO_ORIENTATION = 1e-9;  // a quaternion with a smaller norm is no orientation
 
 }  // namespace
 
@@ -109,7 +109,7 @@ void NavigationInputs::addPose(NavigatorInput* input) const
     input->pose_problem = "odometry is of frame " + odometry.child_frame_id + ", must be of " +
                           options_.base_link_frame + " (base_link_frame)";
   }
-  else if (std::hypot(std::hypot(q.x, q.y), std::hypot(q.z, q.w)) < NO_TURN)
+  else if (std::hypot(std::hypot(q.x, q.y), std::hypot(q.z, q.w)) < NO_ORIENTATION)
   {
     input->pose_problem = "odometry has no orientation: its quaternion is 0";
   }
