@@ -10,6 +10,8 @@ ROOT = Path(__file__).resolve().parents[2]
 MOST_LINES_OF_A_FUNCTION = 100
 MOST_LINES_OF_AN_ADAPTER = 400
 MOST_FILES_OF_A_FOLDER = 40
+CONSTANT = re.compile(r"^(?:static |inline )?(?:constexpr|const) [^=({;]*?\b([A-Z][A-Z0-9_]+)(?:\[\w*\])? *[={]",
+                      re.MULTILINE)
 # Who may include whom: every package may include pi_node and itself.
 MAY_INCLUDE = {
     "pi_node": [],
@@ -63,6 +65,14 @@ def long_functions(file):
     return [(line, count) for line, count in found if count > MOST_LINES_OF_A_FUNCTION]
 
 
+def libraries(package):
+    """{library: sources} of a package; without those that share no translation unit with others."""
+    text = (ROOT / package / "CMakeLists.txt").read_text()
+    alone = " ".join(re.findall(r"set_source_files_properties\(([^)]*)\)", text)).split()
+    return {name: [source for source in sources.split() if source.endswith(".cpp") and source not in alone]
+            for name, sources in re.findall(r"add_library\((\w+)([^)]*)\)", text)}
+
+
 class House(unittest.TestCase):
     def assertNone(self, wrong, rule):
         self.assertFalse(wrong, rule + ":\n  " + "\n  ".join(str(one) for one in wrong))
@@ -111,6 +121,18 @@ class House(unittest.TestCase):
         wrong = ["%s:%d: %d lines" % (file, line, count) for file in tracked("pi_*")
                  if file.suffix in (".h", ".cpp") and is_product(file) for line, count in long_functions(file)]
         self.assertNone(wrong, "no function above %d lines" % MOST_LINES_OF_A_FUNCTION)
+
+    def test_constants_of_a_library_have_names_of_their_own(self):
+        wrong = []
+        for package in MAY_INCLUDE:
+            for library, sources in libraries(package).items():
+                owners = collections.defaultdict(list)
+                for source in sources:
+                    for name in CONSTANT.findall((ROOT / package / source).read_text()):
+                        owners[name].append(source)
+                wrong += ["%s: %s in %s" % (library, name, " and ".join(files))
+                          for name, files in owners.items() if len(files) > 1]
+        self.assertNone(wrong, "sources of a library share translation units, so a name is theirs together")
 
     def test_adapters_are_small(self):
         wrong = []
