@@ -2,9 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <tuple>
 #include <utility>
+
+#include "scheduler/inter_core_problem.h"
 
 namespace pi_runtime_bench
 {
@@ -12,8 +13,8 @@ namespace
 {
 
 using pi_runtime::EtcMatrix;
+using pi_runtime::INF;
 
-constexpr double INF = std::numeric_limits<double>::infinity();
 constexpr size_t TASKS = 30;
 constexpr size_t UNITS = 4;
 

@@ -3,15 +3,16 @@
 #include <algorithm>
 #include <cstdint>
 #include <deque>
-#include <limits>
 #include <vector>
+
+#include "scheduler/inter_core_problem.h"
 
 namespace pi_runtime_bench
 {
 namespace
 {
 
-constexpr double INF = std::numeric_limits<double>::infinity();
+using pi_runtime::INF;
 
 struct Unit
 {

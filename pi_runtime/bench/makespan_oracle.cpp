@@ -2,15 +2,17 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <utility>
+
+#include "scheduler/inter_core_problem.h"
 
 namespace pi_runtime_bench
 {
 namespace
 {
 
-constexpr double INF = std::numeric_limits<double>::infinity();
+using pi_runtime::INF;
+
 constexpr double TOLERANCE = 1e-9;
 
 /// Price updates per node; more of them cost more than the nodes they save.

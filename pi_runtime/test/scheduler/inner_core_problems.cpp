@@ -84,7 +84,7 @@ EtcMatrix randomTimes(std::size_t tasks, std::size_t units, double infinite_shar
     for (std::size_t unit = 0; unit < units; ++unit)
     {
       const bool infinite = unit != task % units && draw(*random) < infinite_share;
-      etc.at(task, unit) = infinite ? INFINITE : 1.0 + 29.0 * draw(*random);
+      etc.at(task, unit) = infinite ? INF : 1.0 + 29.0 * draw(*random);
     }
   }
   return etc;
@@ -109,7 +109,7 @@ std::vector<DagProblem> randomProblems(int per_setting, uint64_t seed)
           for (std::size_t node = 0; i % 3 == 2 && node < etc.tasks(); ++node)
           {
             const std::size_t unit = node % (units - 1) + 1;  // unit 0 can run everything
-            etc.at(node, unit) = draw(random) < 0.3 ? INFINITE : etc.at(node, unit);
+            etc.at(node, unit) = draw(random) < 0.3 ? INF : etc.at(node, unit);
           }
         }
       }

@@ -1,13 +1,13 @@
 #pragma once
 
 #include <cstdint>
-#include <limits>
 #include <random>
 #include <string>
 #include <vector>
 
 #include <pi_runtime/inner_core_scheduler.h>
 #include "dag_families.h"
+#include "scheduler/inter_core_problem.h"
 
 /// What the tests of the inner-core scheduler share: options, problems, and plans that have been checked.
 namespace pi_runtime
@@ -15,7 +15,6 @@ namespace pi_runtime
 
 using pi_runtime_bench::DagProblem;
 
-constexpr double INFINITE = std::numeric_limits<double>::infinity();
 constexpr double ROUNDING = 1e-9;  // relative; sums of a few dozen numbers taken in another order
 
 InnerCoreOptions with(InnerCorePolicy policy, bool insertion = true);

@@ -7,22 +7,19 @@
 #include <string>
 
 #include "plan_check.h"
+#include "scheduler/inter_core_problem.h"
 
 namespace pi_runtime
 {
 namespace
 {
 
-constexpr double INFINITE = std::numeric_limits<double>::infinity();
-
 /// Two units, a link of 1 s between them. Node 0 feeds 1 and 2, which feed 3; unit 1 cannot run node 3.
 class ValidatePlan : public testing::Test
 {
 protected:
   ValidatePlan()
-    : graph_(4, {{0, 1}, {0, 2}, {1, 3}, {2, 3}})
-    , etc_(4, 2, {2, 3, 4, 4, 3, 3, 1, INFINITE})
-    , transfers_(2, {1.0, INFINITE})
+    : graph_(4, {{0, 1}, {0, 2}, {1, 3}, {2, 3}}), etc_(4, 2, {2, 3, 4, 4, 3, 3, 1, INF}), transfers_(2, {1.0, INF})
   {
     // unit 0:  0 0 1 1 1 1 . 3
     // unit 1:  . . . 2 2 2
@@ -179,13 +176,13 @@ TEST_F(ValidatePlan, FindsABrokenBarrierOnlyWhenAsked)
 TEST_F(ValidatePlan, FindsAWrongListOfInfeasibleNodes)
 {
   expectFinding("infeasible", [](DagPlan* plan) { plan->infeasible = {1}; });
-  etc_.at(3, 0) = INFINITE;
+  etc_.at(3, 0) = INF;
   expectFinding("infeasible", [](DagPlan*) {});
 }
 
 TEST_F(ValidatePlan, FindsSomethingPlannedInAnInfeasiblePlan)
 {
-  etc_.at(3, 0) = INFINITE;
+  etc_.at(3, 0) = INF;
   expectFinding("must not plan", [](DagPlan* plan) { plan->infeasible = {3}; });
 }
 

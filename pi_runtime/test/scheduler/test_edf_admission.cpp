@@ -4,15 +4,14 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <random>
+
+#include "scheduler/inter_core_problem.h"
 
 namespace pi_runtime
 {
 namespace
 {
-
-constexpr double INF = std::numeric_limits<double>::infinity();
 
 PeriodicLoad load(double period, double wcet, double deadline = 0.0, double chunk = 0.0)
 {

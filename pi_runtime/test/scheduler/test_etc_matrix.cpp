@@ -5,18 +5,17 @@
 #include <cmath>
 #include <cstdio>
 #include <fstream>
-#include <limits>
 #include <sstream>
 #include <stdexcept>
 #include <string>
 #include <utility>
 
+#include "scheduler/inter_core_problem.h"
+
 namespace pi_runtime
 {
 namespace
 {
-
-constexpr double INF = std::numeric_limits<double>::infinity();
 
 EtcMatrix parse(const std::string& text)
 {

@@ -69,8 +69,8 @@ TEST(Heft, PlansAsTheTextbookWithManyTies)
 TEST(Heft, FillsAGapOnlyWithInsertion)
 {
   // Unit 0 waits for the data of the long node on unit 1; the short node, of lowest rank, fits in between.
-  const DagProblem problem{TaskGraph(4, {{0, 2}, {1, 2}}),
-                           EtcMatrix(4, 2, {2, INFINITE, INFINITE, 10, 5, INFINITE, 3, INFINITE}), TransferModel(2)};
+  const DagProblem problem{TaskGraph(4, {{0, 2}, {1, 2}}), EtcMatrix(4, 2, {2, INF, INF, 10, 5, INF, 3, INF}),
+                           TransferModel(2)};
   EXPECT_DOUBLE_EQ(2.0, planned(with(InnerCorePolicy::HEFT), problem).start[3]);
   EXPECT_DOUBLE_EQ(15.0, planned(with(InnerCorePolicy::HEFT, false), problem).start[3]);
 }
@@ -96,8 +96,7 @@ TEST(Lookahead, PlansAsTheTextbookWithManyTies)
 TEST(Lookahead, StaysWhereTheSuccessorHasToRun)
 {
   // Unit 0 is a little faster for the first node, but only unit 1 can run the second, a transfer away.
-  const DagProblem problem{TaskGraph(2, {{0, 1, 10}}), EtcMatrix(2, 2, {10, 11, INFINITE, 5}),
-                           TransferModel(2, {0.0, 1.0})};
+  const DagProblem problem{TaskGraph(2, {{0, 1, 10}}), EtcMatrix(2, 2, {10, 11, INF, 5}), TransferModel(2, {0.0, 1.0})};
   EXPECT_DOUBLE_EQ(25.0, planned(with(InnerCorePolicy::HEFT), problem).makespan);
   EXPECT_DOUBLE_EQ(16.0, planned(with(InnerCorePolicy::LOOKAHEAD), problem).makespan);
 }
@@ -155,7 +154,7 @@ double plainMinMin(const EtcMatrix& etc)
   std::vector<bool> mapped(etc.tasks(), false);
   for (std::size_t round = 0; round < etc.tasks(); ++round)
   {
-    double best = INFINITE;
+    double best = INF;
     std::size_t best_task = 0;
     std::size_t best_unit = 0;
     for (std::size_t task = 0; task < etc.tasks(); ++task)
@@ -226,8 +225,7 @@ TEST(Levels, MapIndependentTasksWithDiffMin)
 TEST(Levels, MapWithDiffMinFirstWhatFewerUnitsCanRun)
 {
   // Node 0 has the larger Div of the finite times, but node 1 has one unit to go to.
-  const DagPlan plan =
-      planned(levels(LevelMapping::DIFF_MIN, true), independentTasks(EtcMatrix(2, 2, {1, 9, 5, INFINITE})));
+  const DagPlan plan = planned(levels(LevelMapping::DIFF_MIN, true), independentTasks(EtcMatrix(2, 2, {1, 9, 5, INF})));
   EXPECT_DOUBLE_EQ(0.0, plan.start[1]);
 }
 

@@ -112,7 +112,7 @@ TEST(InnerCoreScheduler, PutsASingleNodeOnItsFastestUnit)
 {
   for (const InnerCoreOptions& options : allOptions())
   {
-    const DagPlan plan = planned(options, independentTasks(EtcMatrix(1, 3, {3.0, 2.0, INFINITE})));
+    const DagPlan plan = planned(options, independentTasks(EtcMatrix(1, 3, {3.0, 2.0, INF})));
     EXPECT_EQ(1U, plan.unit[0]);
     EXPECT_DOUBLE_EQ(2.0, plan.makespan);
   }
@@ -144,7 +144,7 @@ TEST(InnerCoreScheduler, KeepsAChainOnOneUnitWhereTransfersCost)
     edges.push_back({node, node + 1, 1.0});
   }
   const DagProblem problem{TaskGraph(20, edges), EtcMatrix(20, 3, std::vector<double>(60, 1.0)),
-                           TransferModel(3, {0.5, INFINITE})};
+                           TransferModel(3, {0.5, INF})};
   for (const InnerCoreOptions& options : allOptions())
   {
     EXPECT_DOUBLE_EQ(20.0, planned(options, problem).makespan) << name(options);
@@ -197,8 +197,8 @@ TEST(InnerCoreScheduler, ListsNodesThatNoUnitCanRunAndPlansNothing)
   DagProblem problem = paperExample();
   for (const std::size_t unit : {0, 1, 2})
   {
-    problem.etc.at(3, unit) = INFINITE;
-    problem.etc.at(8, unit) = INFINITE;
+    problem.etc.at(3, unit) = INF;
+    problem.etc.at(8, unit) = INF;
   }
   for (const InnerCoreOptions& options : allOptions())
   {
@@ -212,7 +212,7 @@ TEST(InnerCoreScheduler, ListsNodesThatNoUnitCanRunAndPlansNothing)
 TEST(InnerCoreScheduler, IsFeasibleAgainAfterAnInfeasiblePlan)
 {
   InnerCoreScheduler scheduler;
-  DagProblem problem = independentTasks(EtcMatrix(1, 1, {INFINITE}));
+  DagProblem problem = independentTasks(EtcMatrix(1, 1, {INF}));
   DagPlan plan;
   scheduler.schedule(problem.graph, problem.etc, problem.transfers, {}, &plan);
   EXPECT_FALSE(plan.feasible());
@@ -225,7 +225,7 @@ TEST(InnerCoreScheduler, IsFeasibleAgainAfterAnInfeasiblePlan)
 TEST(InnerCoreScheduler, AveragesRanksOverTheUnitsThatCanRunANode)
 {
   const DagPlan plan =
-      planned(with(InnerCorePolicy::HEFT), independentTasks(EtcMatrix(2, 3, {2, INFINITE, 4, INFINITE, INFINITE, 5})));
+      planned(with(InnerCorePolicy::HEFT), independentTasks(EtcMatrix(2, 3, {2, INF, 4, INF, INF, 5})));
   EXPECT_DOUBLE_EQ(3.0, plan.rank[0]);
   EXPECT_DOUBLE_EQ(5.0, plan.rank[1]);
 }
@@ -317,7 +317,7 @@ TEST(InnerCoreScheduler, RefusesImpossibleTimesAndLeavesThePlanUntouched)
   { return refusal([&] { scheduler.schedule(problem.graph, etc, problem.transfers, start_times, &plan); }); };
   EXPECT_NE(std::string::npos, refused(problem.etc, {{0.0, -1.0}, {}}).find("available time 1"));
   EXPECT_NE(std::string::npos, refused(problem.etc, {{}, {std::nan("")}}).find("release time 0"));
-  EXPECT_NE(std::string::npos, refused(problem.etc, {{INFINITE, 0.0}, {}}).find("available time 0"));
+  EXPECT_NE(std::string::npos, refused(problem.etc, {{INF, 0.0}, {}}).find("available time 0"));
   EXPECT_NE("", refused(EtcMatrix(1, 2, {1.0, 0.0}), {}));
   EXPECT_NE("", refused(EtcMatrix(1, 2, {std::nan(""), 1.0}), {}));
   EXPECT_EQ(42.0, plan.makespan);
@@ -365,7 +365,7 @@ TEST(RecommendedPolicy, IsHeftWithoutTransfers)
 TEST(RecommendedPolicy, LeavesOutNodesThatNoUnitCanRun)
 {
   // Node 0 takes 3 s on average, node 1 cannot run, the transfer takes 6 s.
-  const EtcMatrix etc(2, 2, {2.0, 4.0, INFINITE, INFINITE});
+  const EtcMatrix etc(2, 2, {2.0, 4.0, INF, INF});
   EXPECT_DOUBLE_EQ(2.0, communicationToComputation(TaskGraph(2, {{0, 1, 6.0}}), etc, TransferModel(2, {0.0, 1.0})));
 }
 

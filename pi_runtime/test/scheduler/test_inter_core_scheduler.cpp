@@ -14,6 +14,8 @@
 #include <utility>
 #include <vector>
 
+#include "scheduler/inter_core_problem.h"
+
 namespace
 {
 size_t allocations = 0;
@@ -44,8 +46,6 @@ namespace pi_runtime
 {
 namespace
 {
-
-constexpr double INF = std::numeric_limits<double>::infinity();
 
 /// Whole times from [1, largest], so that equal sums compare equal and small `largest` gives many ties.
 EtcMatrix randomEtc(size_t tasks, size_t units, int largest, double share_of_infinity, std::mt19937_64* random)

@@ -6,16 +6,15 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <limits>
 #include <random>
 #include <vector>
+
+#include "scheduler/inter_core_problem.h"
 
 namespace pi_runtime
 {
 namespace
 {
-
-constexpr double INF = std::numeric_limits<double>::infinity();
 
 EtcMatrix randomEtc(size_t tasks, size_t units, bool whole, std::mt19937_64* random)
 {

@@ -5,10 +5,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <random>
 #include <utility>
 #include <vector>
+
+#include "scheduler/inter_core_problem.h"
 
 namespace pi_runtime_bench
 {
@@ -16,8 +17,8 @@ namespace
 {
 
 using pi_runtime::EtcMatrix;
+using pi_runtime::INF;
 
-constexpr double INF = std::numeric_limits<double>::infinity();
 constexpr uint64_t MANY_NODES = 1000000;
 
 EtcMatrix randomEtc(size_t tasks, size_t units, bool whole, double share_of_infinity, std::mt19937_64* random)

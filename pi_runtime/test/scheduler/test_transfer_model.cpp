@@ -5,12 +5,12 @@
 #include <limits>
 #include <stdexcept>
 
+#include "scheduler/inter_core_problem.h"
+
 namespace pi_runtime
 {
 namespace
 {
-
-constexpr double INFINITE = std::numeric_limits<double>::infinity();
 
 TEST(TransferModel, TakesNoTimeInOneMemory)
 {
@@ -46,7 +46,7 @@ TEST(TransferModel, AveragesOverPairsOfDifferentUnits)
 {
   TransferModel transfers(3);  // six pairs
   transfers.setLink(0, 2, {1.0, 10.0});
-  transfers.setLink(2, 1, {0.2, INFINITE});
+  transfers.setLink(2, 1, {0.2, INF});
   EXPECT_DOUBLE_EQ((1.0 + 3.0 + 0.2) / 6.0, transfers.mean().time(30.0));
 }
 
@@ -59,7 +59,7 @@ TEST(TransferModel, HasNoMeanTransferWithOneUnit)
 TEST(TransferModel, RefusesImpossibleLinks)
 {
   const double nan = std::numeric_limits<double>::quiet_NaN();
-  for (const double latency : {-1e-9, INFINITE, nan})
+  for (const double latency : {-1e-9, INF, nan})
   {
     EXPECT_THROW(TransferModel(2, {latency, 1.0}), std::invalid_argument) << latency;
   }

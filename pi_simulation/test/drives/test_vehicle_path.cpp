@@ -16,8 +16,6 @@ class Shapes : public testing::TestWithParam<PathShape>
 {
 };
 
-}  // namespace
-
 TEST_P(Shapes, IsDrivenAsAVehicleWould)
 {
   VehiclePathOptions options;
@@ -110,3 +108,5 @@ TEST(VehiclePath, RefusesOptionsOutOfRangeByName)
   EXPECT_NE(messageOf<std::invalid_argument>([] { parsePathShape("moon"); }).find("known: campus_loop"),
             std::string::npos);
 }
+
+}  // namespace

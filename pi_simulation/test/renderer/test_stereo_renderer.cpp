@@ -83,8 +83,6 @@ class Renderings : public testing::TestWithParam<std::tuple<WorldKind, pi_slam::
 {
 };
 
-}  // namespace
-
 TEST_P(Renderings, AWorldPointIsEquallyBrightInBothPictures)
 {
   const Drive& d = drive(std::get<0>(GetParam()));
@@ -386,3 +384,5 @@ TEST(StereoRenderer, RefusesWhatItCannotRenderByName)
   const StereoFrame frame = renderer.render(d.trajectory, d.trajectory.startNs());
   EXPECT_THROW(visibleObstacles(*d.world, frame, Eigen::Isometry3d::Identity()), std::invalid_argument);
 }
+
+}  // namespace

@@ -58,8 +58,6 @@ class Worlds : public testing::TestWithParam<Setting>
 {
 };
 
-}  // namespace
-
 TEST_P(Worlds, NothingComesNearTheDrive)
 {
   const std::vector<pi_slam::StampedPose> drive = makeDrive(GetParam().shape);
@@ -192,3 +190,5 @@ TEST(SyntheticWorld, RefusesDrivesItCannotHold)
             std::string::npos);
   EXPECT_THROW(SyntheticWorld::build(options, {}), std::invalid_argument);
 }
+
+}  // namespace

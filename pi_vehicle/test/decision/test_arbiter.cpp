@@ -1,19 +1,19 @@
 #include "decision/arbiter.h"
 
 #include <gtest/gtest.h>
+#include <pi_node/test_support/message_of.h>
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <stdexcept>
 
+#include "test_values.h"
+
 namespace
 {
 
 using namespace pi_vehicle;
-
-constexpr int64_t MS = 1000000;
-constexpr double NaN = std::numeric_limits<double>::quiet_NaN();
 
 ArbiterOptions twoDrivers()
 {
@@ -344,33 +344,26 @@ TEST(ArbiterOptions, FileAndCodeAreEqual)
   EXPECT_TRUE(file.sources[3].required);
 }
 
-std::string errorOf(const std::string& yaml)
+std::string errorOfSources(const std::string& yaml)
 {
-  try
-  {
-    ArbiterOptions::parse(yaml, "arbiter.yaml");
-  }
-  catch (const std::invalid_argument& error)
-  {
-    return error.what();
-  }
-  return "";
+  return pi_node::test_support::messageOf<std::invalid_argument>([&] { ArbiterOptions::parse(yaml, "arbiter.yaml"); });
 }
 
 TEST(ArbiterOptions, ErrorsNameSourceFieldValueAndBound)
 {
-  EXPECT_EQ(errorOf("{sources: []}"), "arbiter.yaml: sources is empty, must name at least one");
-  EXPECT_EQ(errorOf("{sources: [{name: a, timeout: 0}]}"),
+  EXPECT_EQ(errorOfSources("{sources: []}"), "arbiter.yaml: sources is empty, must name at least one");
+  EXPECT_EQ(errorOfSources("{sources: [{name: a, timeout: 0}]}"),
             "arbiter.yaml: sources/a/timeout = 0, must be in [0.02, 60]");
-  EXPECT_EQ(errorOf("{sources: [{name: a}, {name: a}]}"), "arbiter.yaml: sources/a is there twice, must be once");
-  EXPECT_EQ(errorOf("{sources: [{name: a}, {name: b}]}"),
+  EXPECT_EQ(errorOfSources("{sources: [{name: a}, {name: a}]}"),
+            "arbiter.yaml: sources/a is there twice, must be once");
+  EXPECT_EQ(errorOfSources("{sources: [{name: a}, {name: b}]}"),
             "arbiter.yaml: sources/b/priority = 0, must differ from that of a");
-  EXPECT_EQ(errorOf("{limits: {jerk: fast}, sources: [{name: a}]}"),
+  EXPECT_EQ(errorOfSources("{limits: {jerk: fast}, sources: [{name: a}]}"),
             "arbiter.yaml: limits/jerk = \"fast\", must be of the right kind");
-  EXPECT_EQ(errorOf("{sources: [{name: a, prio: 1}]}")
+  EXPECT_EQ(errorOfSources("{sources: [{name: a, prio: 1}]}")
                 .find("arbiter.yaml: sources/0/prio means nothing here; known are drives"),
             0U);
-  EXPECT_EQ(errorOf("[").find("arbiter.yaml: no YAML: "), 0U);
+  EXPECT_EQ(errorOfSources("[").find("arbiter.yaml: no YAML: "), 0U);
 }
 
 }  // namespace

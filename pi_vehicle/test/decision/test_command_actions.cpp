@@ -1,6 +1,7 @@
 #include "decision/command_actions.h"
 
 #include <gtest/gtest.h>
+#include <pi_node/test_support/message_of.h>
 
 #include <cmath>
 #include <limits>
@@ -151,41 +152,35 @@ TEST(CommandActions, GoesToAPlace)
   EXPECT_EQ(result.place.heading, 1.57);
 }
 
-std::string errorOf(const std::string& yaml)
+std::string errorOfCommands(const std::string& yaml)
 {
-  try
-  {
-    CommandActionsOptions::parse(yaml, "c.yaml");
-  }
-  catch (const std::invalid_argument& error)
-  {
-    return error.what();
-  }
-  return "";
+  return pi_node::test_support::messageOf<std::invalid_argument>([&] { CommandActionsOptions::parse(yaml, "c.yaml"); });
 }
 
 TEST(CommandActionsOptions, ErrorsNameEntryFieldValueAndBound)
 {
   const std::string base = "{text: stop, action: stop}, {text: go, action: go}";
-  EXPECT_EQ(errorOf("commands: [{text: fly, action: fly}]"),
+  EXPECT_EQ(errorOfCommands("commands: [{text: fly, action: fly}]"),
             "c.yaml: commands/0/action = \"fly\", must be one of stop, go, confirm, cancel, slower, faster, left, "
             "right, go_to, say, horn");
-  EXPECT_EQ(errorOf("commands: [{text: go, action: go}]"), "c.yaml: commands has no action stop, must have one");
-  EXPECT_EQ(errorOf("commands: [{text: stop, action: stop}]"), "c.yaml: commands has no action go, must have one");
-  EXPECT_EQ(errorOf("{options: {confirm_release: true}, commands: [" + base + "]}"),
+  EXPECT_EQ(errorOfCommands("commands: [{text: go, action: go}]"),
+            "c.yaml: commands has no action stop, must have one");
+  EXPECT_EQ(errorOfCommands("commands: [{text: stop, action: stop}]"),
+            "c.yaml: commands has no action go, must have one");
+  EXPECT_EQ(errorOfCommands("{options: {confirm_release: true}, commands: [" + base + "]}"),
             "c.yaml: commands has no action confirm, must have one for confirm_release");
-  EXPECT_EQ(errorOf("commands: [" + base + ", {text: go, action: left}]"),
+  EXPECT_EQ(errorOfCommands("commands: [" + base + ", {text: go, action: left}]"),
             "c.yaml: commands/go is there twice, must be once");
-  EXPECT_EQ(errorOf("commands: [" + base + ", {text: home, action: go_to, argument: nowhere}]"),
+  EXPECT_EQ(errorOfCommands("commands: [" + base + ", {text: home, action: go_to, argument: nowhere}]"),
             "c.yaml: commands/home/argument = \"nowhere\", must be one of places");
-  EXPECT_EQ(errorOf("commands: [" + base + ", {text: home, action: go_to}]"),
+  EXPECT_EQ(errorOfCommands("commands: [" + base + ", {text: home, action: go_to}]"),
             "c.yaml: commands/home/argument = \"\", must be given for go_to");
-  EXPECT_EQ(errorOf("commands: [{text: stop, action: stop, min_confidence: 2}]"),
+  EXPECT_EQ(errorOfCommands("commands: [{text: stop, action: stop, min_confidence: 2}]"),
             "c.yaml: commands/0/min_confidence = 2, must be in [0, 1]");
-  EXPECT_EQ(errorOf("{places: {gate: [1, 2]}, commands: [" + base + "]}"),
+  EXPECT_EQ(errorOfCommands("{places: {gate: [1, 2]}, commands: [" + base + "]}"),
             "c.yaml: places/gate = 2 numbers, must be [x, y, heading]");
-  EXPECT_EQ(errorOf("commands: 3"), "c.yaml: commands must be a list");
-  EXPECT_EQ(errorOf("{}"), "c.yaml: commands is missing");
+  EXPECT_EQ(errorOfCommands("commands: 3"), "c.yaml: commands must be a list");
+  EXPECT_EQ(errorOfCommands("{}"), "c.yaml: commands is missing");
 }
 
 TEST(CommandActionsOptions, FileAndCodeAreEqual)

@@ -6,12 +6,12 @@
 #include <limits>
 #include <vector>
 
+#include "test_values.h"
+
 namespace
 {
 
 using namespace pi_vehicle;
-
-constexpr int64_t MS = 1000000;
 
 /// A parked car, 4.4 m x 1.8 m, at an angle to the vehicle, with the box around it.
 ObstacleBox makeParkedCar(const Eigen::Vector2d& middle, double heading)

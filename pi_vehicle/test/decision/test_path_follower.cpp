@@ -6,17 +6,15 @@
 #include <cmath>
 #include <deque>
 #include <functional>
-#include <limits>
 #include <stdexcept>
 #include <string>
+
+#include "test_values.h"
 
 namespace
 {
 
 using namespace pi_vehicle;
-
-constexpr double NaN = std::numeric_limits<double>::quiet_NaN();
-constexpr int64_t MS = 1000000;
 
 /// The example car: bicycle model (rear axle), dead time, first-order lag of steering and drive, limited rates.
 struct Car

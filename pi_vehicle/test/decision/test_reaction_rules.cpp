@@ -1,17 +1,18 @@
 #include "decision/reaction_rules.h"
 
 #include <gtest/gtest.h>
+#include <pi_node/test_support/message_of.h>
 
 #include <cmath>
 #include <limits>
 #include <stdexcept>
 
+#include "test_values.h"
+
 namespace
 {
 
 using namespace pi_vehicle;
-
-constexpr int64_t MS = 1000000;
 
 ReactionRules engine(const std::string& rule)
 {
@@ -147,48 +148,40 @@ TEST(ReactionRules, KnowsConcavePolygons)
   EXPECT_FALSE(ReactionRules::inZone(rule, {-1.0, 1.0}));
 }
 
-std::string errorOf(const std::string& rule)
+std::string errorOfRule(const std::string& rule)
 {
-  try
-  {
-    engine(rule);
-  }
-  catch (const std::invalid_argument& error)
-  {
-    return error.what();
-  }
-  return "";
+  return pi_node::test_support::messageOf<std::invalid_argument>([&] { engine(rule); });
 }
 
 TEST(ReactionRulesOptions, ErrorsNameRuleFieldValueAndBound)
 {
-  EXPECT_EQ(errorOf("{name: a, label: x, range: [0, 3], action: dance}"),
+  EXPECT_EQ(errorOfRule("{name: a, label: x, range: [0, 3], action: dance}"),
             "r.yaml: rules/0/action = \"dance\", must be one of greet, horn, say, slow, stop");
-  EXPECT_EQ(errorOf("{name: a, label: x, action: stop}"),
+  EXPECT_EQ(errorOfRule("{name: a, label: x, action: stop}"),
             "r.yaml: rules/0/polygon or range is missing, must be one of them");
-  EXPECT_EQ(errorOf("{name: a, label: x, polygon: [[0, 0], [1, 1]], action: stop}"),
+  EXPECT_EQ(errorOfRule("{name: a, label: x, polygon: [[0, 0], [1, 1]], action: stop}"),
             "r.yaml: rules/a/polygon has 2 corners, must have at least 3");
-  EXPECT_EQ(errorOf("{name: a, label: x, polygon: [[0, 0, 1]], action: stop}"),
+  EXPECT_EQ(errorOfRule("{name: a, label: x, polygon: [[0, 0, 1]], action: stop}"),
             "r.yaml: rules/0/polygon = a corner of 3 numbers, must be a list of [x, y]");
-  EXPECT_EQ(errorOf("{name: a, label: x, range: [4, 3], action: stop}"),
+  EXPECT_EQ(errorOfRule("{name: a, label: x, range: [4, 3], action: stop}"),
             "r.yaml: rules/a/min_range = 4, must be in [0, 3]");
-  EXPECT_EQ(errorOf("{name: a, label: x, range: [0, 3], action: slow}"),
+  EXPECT_EQ(errorOfRule("{name: a, label: x, range: [0, 3], action: slow}"),
             "r.yaml: rules/a/speed = 0, must be in [0.05, 10]");
-  EXPECT_EQ(errorOf("{name: a, label: x, range: [0, 3], action: say}"),
+  EXPECT_EQ(errorOfRule("{name: a, label: x, range: [0, 3], action: say}"),
             "r.yaml: rules/a/text = \"\", must be given for say");
-  EXPECT_EQ(errorOf("{name: a, label: x, range: [0, 3], action: stop, min_score: high}"),
+  EXPECT_EQ(errorOfRule("{name: a, label: x, range: [0, 3], action: stop, min_score: high}"),
             "r.yaml: rules/0/min_score = \"high\", must be a number");
-  EXPECT_EQ(errorOf("{name: a, label: x, range: [0, 3], action: stop, min_score: .nan}"),
+  EXPECT_EQ(errorOfRule("{name: a, label: x, range: [0, 3], action: stop, min_score: .nan}"),
             "r.yaml: rules/a/min_score = nan, must be in [0, 1]");
   EXPECT_EQ(
-      errorOf("{name: a, label: x, range: [0, 3], action: stop}, {name: a, label: x, range: [0, 3], action: stop}"),
+      errorOfRule("{name: a, label: x, range: [0, 3], action: stop}, {name: a, label: x, range: [0, 3], action: stop}"),
       "r.yaml: rules/a is there twice, must be once");
-  EXPECT_EQ(errorOf("{name: a, label: x, range: [0, 3], action: stop, zone: 3}")
+  EXPECT_EQ(errorOfRule("{name: a, label: x, range: [0, 3], action: stop, zone: 3}")
                 .find("r.yaml: rules/0/zone means nothing here; known are action, "),
             0U);
-  EXPECT_EQ(errorOf("{name: a, label: x, range: [0, 3], action: stop, text: halt}"),
+  EXPECT_EQ(errorOfRule("{name: a, label: x, range: [0, 3], action: stop, text: halt}"),
             "r.yaml: rules/a/text = \"halt\", must be left out for stop");
-  EXPECT_EQ(errorOf("{label: x}"), "r.yaml: rules/0/name is missing");
+  EXPECT_EQ(errorOfRule("{label: x}"), "r.yaml: rules/0/name is missing");
 }
 
 TEST(ReactionRulesOptions, TheFileIsValid)

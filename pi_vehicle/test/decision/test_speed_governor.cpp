@@ -10,12 +10,13 @@
 #include <random>
 #include <stdexcept>
 
+#include "test_values.h"
+
 namespace
 {
 
 using namespace pi_vehicle;
 
-constexpr int64_t MS = 1000000;
 constexpr double DT = 0.02;
 
 /// Something that moves in the world; its behaviour may change once.

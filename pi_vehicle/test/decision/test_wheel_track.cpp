@@ -3,14 +3,13 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <limits>
+
+#include "test_values.h"
 
 namespace pi_vehicle
 {
 namespace
 {
-
-constexpr int64_t MS = 1000000;
 
 TEST(WheelTrack, GivesPosesBetweenAndShortlyAfterItsPoints)
 {

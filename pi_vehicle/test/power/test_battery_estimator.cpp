@@ -8,13 +8,14 @@
 #include <limits>
 #include <stdexcept>
 
+#include "test_values.h"
+
 namespace pi_vehicle::power
 {
 namespace
 {
 
 constexpr double UNKNOWN = std::numeric_limits<double>::quiet_NaN();
-constexpr int64_t SECOND = 1'000'000'000;
 
 TEST(BatteryEstimator, ThePapersBatteryLastsThePapersFiveHours)
 {

@@ -12,14 +12,14 @@
 #include <string>
 #include <vector>
 
+#include "test_values.h"
+
 namespace pi_vehicle::power
 {
 namespace
 {
 
 using pi_node::test_support::TemporaryFolder;
-
-constexpr int64_t SECOND = 1'000'000'000;
 
 /// A computer of two cores whose clock has 100 ticks per second.
 class Services : public testing::Test

@@ -14,11 +14,11 @@ using namespace pi_node::test_support;
 namespace
 {
 
-const OptionsReader<ChassisRosOptions> reader("/chassis/");
+const OptionsReader<ChassisRosOptions> chassis_reader("/chassis/");
 
 TEST(ChassisRosOptions, DefaultsAreThoseOfTheYamlFile)
 {
-  reader.expectDefaultsOf(CHASSIS_YAML);
+  chassis_reader.expectDefaultsOf(CHASSIS_YAML);
 }
 
 TEST(ChassisRosOptions, ParametersComeBackAsTheyWere)
@@ -45,14 +45,16 @@ TEST(ChassisRosOptions, NamesUnknownParameters)
 TEST(ChassisRosOptions, NamesParameterValueAndBound)
 {
   EXPECT_EQ("parameter /chassis/command_period_s = 0.1, must be in [0.002, 0.05]",
-            reader.refusal("command_period_s: 0.1"));
-  EXPECT_EQ("parameter /chassis/limits/speed = 0, must be in [0.01, 30]", reader.refusal("limits: {speed: 0}"));
-  EXPECT_EQ("parameter /chassis/motion_timeout_s = soon, must be a number", reader.refusal("motion_timeout_s: soon"));
-  EXPECT_EQ(0u, reader.refusal("baud_rate: 1234").find("parameter /chassis/baud_rate = 1234, must be one of 9600"));
-  EXPECT_EQ(0u, reader.refusal("port: \"\"").find("parameter /chassis/port = \"\", must be a path"));
+            chassis_reader.refusal("command_period_s: 0.1"));
+  EXPECT_EQ("parameter /chassis/limits/speed = 0, must be in [0.01, 30]", chassis_reader.refusal("limits: {speed: 0}"));
+  EXPECT_EQ("parameter /chassis/motion_timeout_s = soon, must be a number",
+            chassis_reader.refusal("motion_timeout_s: soon"));
+  EXPECT_EQ(0u,
+            chassis_reader.refusal("baud_rate: 1234").find("parameter /chassis/baud_rate = 1234, must be one of 9600"));
+  EXPECT_EQ(0u, chassis_reader.refusal("port: \"\"").find("parameter /chassis/port = \"\", must be a path"));
   EXPECT_EQ("parameter /chassis/odometry/speed_error = -1, must be in [0, 10]",
-            reader.refusal("odometry: {speed_error: -1}"));
-  EXPECT_EQ("parameter /chassis/odom_frame = \"\", must be a name", reader.refusal("odom_frame: \"\""));
+            chassis_reader.refusal("odometry: {speed_error: -1}"));
+  EXPECT_EQ("parameter /chassis/odom_frame = \"\", must be a name", chassis_reader.refusal("odom_frame: \"\""));
 }
 
 }  // namespace

@@ -14,11 +14,11 @@ using namespace pi_node::test_support;
 namespace
 {
 
-const OptionsReader<PoseKeeperRosOptions> reader("/pose_keeper/");
+const OptionsReader<PoseKeeperRosOptions> pose_keeper_reader("/pose_keeper/");
 
 TEST(PoseKeeperRosOptions, DefaultsAreThoseOfTheYamlFile)
 {
-  reader.expectDefaultsOf(POSE_KEEPER_YAML);
+  pose_keeper_reader.expectDefaultsOf(POSE_KEEPER_YAML);
 }
 
 TEST(PoseKeeperRosOptions, ParametersComeBackAsTheyWere)
@@ -45,15 +45,16 @@ TEST(PoseKeeperRosOptions, NamesUnknownParameters)
 
 TEST(PoseKeeperRosOptions, NamesParameterValueAndBound)
 {
-  EXPECT_EQ("parameter /pose_keeper/silence_s = 0, must be in [0.05, 5]", reader.refusal("silence_s: 0"));
-  EXPECT_EQ("parameter /pose_keeper/silence_s = long, must be a number", reader.refusal("silence_s: long"));
+  EXPECT_EQ("parameter /pose_keeper/silence_s = 0, must be in [0.05, 5]", pose_keeper_reader.refusal("silence_s: 0"));
+  EXPECT_EQ("parameter /pose_keeper/silence_s = long, must be a number", pose_keeper_reader.refusal("silence_s: long"));
   EXPECT_EQ("parameter /pose_keeper/file = \"pose.yaml\", must be an absolute path, or empty",
-            reader.refusal("file: pose.yaml"));
-  EXPECT_EQ("parameter /pose_keeper/resume = true, must be false without a file", reader.refusal("resume: true"));
+            pose_keeper_reader.refusal("file: pose.yaml"));
+  EXPECT_EQ("parameter /pose_keeper/resume = true, must be false without a file",
+            pose_keeper_reader.refusal("resume: true"));
   EXPECT_EQ("parameter /pose_keeper/base_link_frame = \"map\", must be a name other than map_frame",
-            reader.refusal("base_link_frame: map"));
-  EXPECT_NE("", reader.refusal("max_file_age_s: .nan"));
-  EXPECT_NE("", reader.refusal("warning_period_s: -1"));
+            pose_keeper_reader.refusal("base_link_frame: map"));
+  EXPECT_NE("", pose_keeper_reader.refusal("max_file_age_s: .nan"));
+  EXPECT_NE("", pose_keeper_reader.refusal("warning_period_s: -1"));
 }
 
 }  // namespace

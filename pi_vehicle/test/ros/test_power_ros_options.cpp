@@ -14,11 +14,11 @@ using namespace pi_node::test_support;
 namespace
 {
 
-const OptionsReader<PowerRosOptions> reader("/power/");
+const OptionsReader<PowerRosOptions> power_reader("/power/");
 
 TEST(PowerRosOptions, DefaultsAreThoseOfTheYamlFile)
 {
-  reader.expectDefaultsOf(POWER_YAML);
+  power_reader.expectDefaultsOf(POWER_YAML);
 }
 
 TEST(PowerRosOptions, ParametersComeBackAsTheyWere)
@@ -36,18 +36,19 @@ TEST(PowerRosOptions, ParametersComeBackAsTheyWere)
 
 TEST(PowerRosOptions, WrongValuesAreNamedWithTheirBounds)
 {
-  EXPECT_EQ("parameter /power/period_s = 0, must be in [0.1, 60]", reader.refusal("period_s: 0.0"));
-  EXPECT_EQ("parameter /power/model/idle_w = -1, must be in [0, 1000]", reader.refusal("model: {idle_w: -1.0}"));
+  EXPECT_EQ("parameter /power/period_s = 0, must be in [0.1, 60]", power_reader.refusal("period_s: 0.0"));
+  EXPECT_EQ("parameter /power/model/idle_w = -1, must be in [0, 1000]", power_reader.refusal("model: {idle_w: -1.0}"));
   EXPECT_EQ("parameter /power/battery/capacity_ah = 0, must be in [0.01, 10000]",
-            reader.refusal("battery: {capacity_ah: 0}"));
-  EXPECT_NE(std::string::npos, reader.refusal("services: 5").find("services = 5, must be a list of maps"))
-      << reader.refusal("services: 5");
-  EXPECT_NE(std::string::npos, reader.refusal("services: [{name: slam}]").find("entry 1: service slam has no nodes"));
+            power_reader.refusal("battery: {capacity_ah: 0}"));
+  EXPECT_NE(std::string::npos, power_reader.refusal("services: 5").find("services = 5, must be a list of maps"))
+      << power_reader.refusal("services: 5");
   EXPECT_NE(std::string::npos,
-            reader.refusal("services: [{name: slam, nodes: [a], colour: red}]").find("colour means nothing"));
+            power_reader.refusal("services: [{name: slam}]").find("entry 1: service slam has no nodes"));
   EXPECT_NE(std::string::npos,
-            reader.refusal("services: [{name: a, nodes: [a]}, {name: a, nodes: [b]}]").find("two services"));
-  EXPECT_NE(std::string::npos, reader.refusal("sensors: VDD_IN").find("must be a list of texts"));
+            power_reader.refusal("services: [{name: slam, nodes: [a], colour: red}]").find("colour means nothing"));
+  EXPECT_NE(std::string::npos,
+            power_reader.refusal("services: [{name: a, nodes: [a]}, {name: a, nodes: [b]}]").find("two services"));
+  EXPECT_NE(std::string::npos, power_reader.refusal("sensors: VDD_IN").find("must be a list of texts"));
 }
 
 TEST(PowerRosOptions, UnknownNamesAreTold)

@@ -14,11 +14,11 @@ using namespace pi_node::test_support;
 namespace
 {
 
-const OptionsReader<NavigationRosOptions> reader("/navigation/");
+const OptionsReader<NavigationRosOptions> navigation_reader("/navigation/");
 
 TEST(NavigationRosOptions, DefaultsAreThoseOfTheYamlFile)
 {
-  reader.expectDefaultsOf(NAVIGATION_YAML);
+  navigation_reader.expectDefaultsOf(NAVIGATION_YAML);
 }
 
 TEST(NavigationRosOptions, ParametersComeBackAsTheyWere)
@@ -41,12 +41,12 @@ TEST(NavigationRosOptions, ParametersComeBackAsTheyWere)
 
 TEST(NavigationRosOptions, PlacesHaveAHeadingOrNone)
 {
-  const Places places = reader.load("places: {gate: [12, -3.5, 1.5], yard: [1.0, 2.0]}").places;
+  const Places places = navigation_reader.load("places: {gate: [12, -3.5, 1.5], yard: [1.0, 2.0]}").places;
   ASSERT_EQ(2u, places.size());
   EXPECT_EQ(Eigen::Vector2d(12.0, -3.5), places.at("gate").position);
   EXPECT_EQ(1.5, places.at("gate").heading.value());
   EXPECT_FALSE(places.at("yard").heading);
-  EXPECT_TRUE(reader.load("places: {}").places.empty());
+  EXPECT_TRUE(navigation_reader.load("places: {}").places.empty());
 }
 
 TEST(NavigationRosOptions, NamesUnknownParameters)
@@ -59,22 +59,25 @@ TEST(NavigationRosOptions, NamesUnknownParameters)
 
 TEST(NavigationRosOptions, NamesParameterValueAndBound)
 {
-  EXPECT_EQ("parameter /navigation/rate_hz = 1, must be in [10, 100]", reader.refusal("rate_hz: 1"));
+  EXPECT_EQ("parameter /navigation/rate_hz = 1, must be in [10, 100]", navigation_reader.refusal("rate_hz: 1"));
   EXPECT_EQ("parameter /navigation/follower/max_speed = 0, must be in [0.1, 10]",
-            reader.refusal("follower: {max_speed: 0}"));
-  EXPECT_EQ("parameter /navigation/governor/rise = fast, must be a number", reader.refusal("governor: {rise: fast}"));
+            navigation_reader.refusal("follower: {max_speed: 0}"));
+  EXPECT_EQ("parameter /navigation/governor/rise = fast, must be a number",
+            navigation_reader.refusal("governor: {rise: fast}"));
   EXPECT_EQ("parameter /navigation/max_position_deviation = 0, must be in [0.01, 100]",
-            reader.refusal("max_position_deviation: 0"));
+            navigation_reader.refusal("max_position_deviation: 0"));
   EXPECT_EQ("parameter /navigation/need_obstacles = perhaps, must be true or false",
-            reader.refusal("need_obstacles: perhaps"));
+            navigation_reader.refusal("need_obstacles: perhaps"));
   EXPECT_EQ("parameter /navigation/base_link_frame = \"map\", must be a name other than map_frame",
-            reader.refusal("base_link_frame: map"));
-  EXPECT_EQ(0u, reader.refusal("places: {gate: [1]}").find("parameter /navigation/places/gate = {1}, must be [x, y]"))
-      << reader.refusal("places: {gate: [1]}");
-  EXPECT_NE("", reader.refusal("places: {gate: [1, two]}"));
-  EXPECT_NE("", reader.refusal("places: {gate: [.nan, 1]}"));
+            navigation_reader.refusal("base_link_frame: map"));
+  EXPECT_EQ(
+      0u,
+      navigation_reader.refusal("places: {gate: [1]}").find("parameter /navigation/places/gate = {1}, must be [x, y]"))
+      << navigation_reader.refusal("places: {gate: [1]}");
+  EXPECT_NE("", navigation_reader.refusal("places: {gate: [1, two]}"));
+  EXPECT_NE("", navigation_reader.refusal("places: {gate: [.nan, 1]}"));
   EXPECT_EQ("parameter /navigation/places = 5, must be a map of names to [x, y] or [x, y, heading]",
-            reader.refusal("places: 5"));
+            navigation_reader.refusal("places: 5"));
 }
 
 }  // namespace
