@@ -19,10 +19,8 @@ namespace
 
 using Bytes = std::vector<uint8_t>;
 
-constexpr uint32_t MAX_MESSAGE = 4 << 20;
-
 /// One frame of a stream, with a payload in memory of exactly its size.
-struct Frame
+struct StreamFrame
 {
   FrameHeader header;
   Bytes payload;
@@ -38,9 +36,9 @@ Bytes entriesOf(const std::vector<LinkEntry>& entries)
   return out.take();
 }
 
-Frame messageOf(const std::vector<LinkEntry>& entries, const Bytes& bytes)
+StreamFrame messageOf(const std::vector<LinkEntry>& entries, const Bytes& bytes)
 {
-  Frame frame;
+  StreamFrame frame;
   frame.header.type = FrameType::MESSAGE;
   frame.header.count = static_cast<uint32_t>(entries.size());
   frame.header.offset = bytes.size();
@@ -49,9 +47,9 @@ Frame messageOf(const std::vector<LinkEntry>& entries, const Bytes& bytes)
   return frame;
 }
 
-Frame beginOf(const std::vector<LinkEntry>& entries, size_t bytes)
+StreamFrame beginOf(const std::vector<LinkEntry>& entries, size_t bytes)
 {
-  Frame frame;
+  StreamFrame frame;
   frame.header.type = FrameType::BEGIN;
   frame.header.count = static_cast<uint32_t>(entries.size());
   frame.header.offset = bytes;
@@ -59,27 +57,27 @@ Frame beginOf(const std::vector<LinkEntry>& entries, size_t bytes)
   return frame;
 }
 
-Frame fragmentOf(size_t offset, const Bytes& bytes)
+StreamFrame fragmentOf(size_t offset, const Bytes& bytes)
 {
-  Frame frame;
+  StreamFrame frame;
   frame.header.type = FrameType::FRAGMENT;
   frame.header.offset = offset;
   frame.payload = bytes;
   return frame;
 }
 
-Frame attachOf(const std::vector<LinkEntry>& entries)
+StreamFrame attachOf(const std::vector<LinkEntry>& entries)
 {
-  Frame frame;
+  StreamFrame frame;
   frame.header.type = FrameType::ATTACH;
   frame.header.count = static_cast<uint32_t>(entries.size());
   frame.payload = entriesOf(entries);
   return frame;
 }
 
-std::vector<Frame> fragmentsOf(const std::vector<LinkEntry>& entries, const Bytes& bytes, size_t step)
+std::vector<StreamFrame> fragmentsOf(const std::vector<LinkEntry>& entries, const Bytes& bytes, size_t step)
 {
-  std::vector<Frame> frames{beginOf(entries, bytes.size())};
+  std::vector<StreamFrame> frames{beginOf(entries, bytes.size())};
   for (size_t at = 0; at < bytes.size(); at += step)
   {
     const size_t end = std::min(bytes.size(), at + step);
@@ -92,6 +90,8 @@ std::vector<Frame> fragmentsOf(const std::vector<LinkEntry>& entries, const Byte
 class IncomingStreamTest : public ::testing::Test
 {
 protected:
+  static constexpr uint32_t MAX_MESSAGE = 4 << 20;
+
   struct Subscriber
   {
     std::shared_ptr<IncomingLink> link;
@@ -138,7 +138,7 @@ protected:
   IncomingLink& link(uint32_t id) { return *subscribers_.at(id)->link; }
   std::vector<Bytes> taken(uint32_t id) { return subscribers_.at(id)->pair.takeMessages(); }
 
-  bool feed(const Frame& frame)
+  bool feed(const StreamFrame& frame)
   {
     // A place of exactly this size: the address sanitizer sees what is read beyond it.
     const auto bytes = std::make_unique<uint8_t[]>(frame.payload.size());
@@ -165,9 +165,9 @@ protected:
       }
     }
   }
-  bool feedAll(const std::vector<Frame>& frames)
+  bool feedAll(const std::vector<StreamFrame>& frames)
   {
-    return std::all_of(frames.begin(), frames.end(), [this](const Frame& frame) { return feed(frame); });
+    return std::all_of(frames.begin(), frames.end(), [this](const StreamFrame& frame) { return feed(frame); });
   }
 
   SlotPool pool_{32 << 20};
@@ -210,8 +210,8 @@ TEST_F(IncomingStreamTest, PutsFragmentsTogether)
   for (const size_t step : {1000001U, 131072U, 33333U})
   {
     const uint32_t sequence = static_cast<uint32_t>(link(1).messages()) + 1;
-    const std::vector<Frame> frames = fragmentsOf({{1, sequence, 0}, {2, sequence, 0}}, bytes, step);
-    for (const Frame& frame : frames)
+    const std::vector<StreamFrame> frames = fragmentsOf({{1, sequence, 0}, {2, sequence, 0}}, bytes, step);
+    for (const StreamFrame& frame : frames)
     {
       EXPECT_EQ(0U, taken(1).size());
       ASSERT_TRUE(feed(frame));
@@ -225,7 +225,7 @@ TEST_F(IncomingStreamTest, PutsFragmentsTogether)
 TEST_F(IncomingStreamTest, AttachesFurtherLinksBeforeAndAfterTheMessageIsComplete)
 {
   const Bytes bytes = patternOf(3, 50000);
-  const std::vector<Frame> frames = fragmentsOf({{1, 1, 0}}, bytes, 30000);
+  const std::vector<StreamFrame> frames = fragmentsOf({{1, 1, 0}}, bytes, 30000);
   ASSERT_EQ(3U, frames.size());
   ASSERT_TRUE(feed(frames[0]));
   ASSERT_TRUE(feed(frames[1]));
@@ -295,7 +295,7 @@ TEST_F(IncomingStreamTest, SequenceNumbersMayWrapAround)
 TEST_F(IncomingStreamTest, AnInterruptedMessageComesAgainFromTheStart)
 {
   const Bytes bytes = patternOf(4, 100000);
-  const std::vector<Frame> frames = fragmentsOf({{1, 1, 0}}, bytes, 40000);
+  const std::vector<StreamFrame> frames = fragmentsOf({{1, 1, 0}}, bytes, 40000);
   ASSERT_TRUE(feed(frames[0]));
   ASSERT_TRUE(feed(frames[1]));
   const std::shared_ptr<uint8_t> place = stream_->fragmentMemory(frames[2].header, 40000);
@@ -312,45 +312,47 @@ TEST_F(IncomingStreamTest, AnInterruptedMessageComesAgainFromTheStart)
 
 TEST_F(IncomingStreamTest, RefusesWhatCannotBe)
 {
-  const auto refused = [this](Frame frame, const std::function<void(Frame*)>& change)
+  const auto refused = [this](StreamFrame frame, const std::function<void(StreamFrame*)>& change)
   {
     change(&frame);
     return !feed(frame);
   };
-  const Frame message = messageOf({{1, 1, 0}}, {1, 2, 3});
-  EXPECT_TRUE(refused(message, [](Frame* frame) { frame->header.count = 0; }));
-  EXPECT_TRUE(refused(message, [](Frame* frame) { frame->header.count = COMPRESSED; }));
-  EXPECT_TRUE(refused(message, [](Frame* frame) { frame->header.count = 2; })) << "more entries than there are bytes";
-  EXPECT_TRUE(refused(message, [](Frame* frame) { frame->header.count = 0x7fffffff; }));
-  EXPECT_TRUE(refused(message, [](Frame* frame) { frame->header.count = 0x15555556; })) << "12 times this overflows";
-  EXPECT_TRUE(refused(message, [](Frame* frame) { frame->header.offset = 2; }));
-  EXPECT_TRUE(refused(message, [](Frame* frame) { frame->header.offset = ~uint64_t{0}; }));
-  EXPECT_TRUE(refused(message, [](Frame* frame) { frame->payload.resize(11); }));
-  EXPECT_TRUE(refused(message, [](Frame* frame) { frame->payload.clear(); }));
+  const StreamFrame message = messageOf({{1, 1, 0}}, {1, 2, 3});
+  EXPECT_TRUE(refused(message, [](StreamFrame* frame) { frame->header.count = 0; }));
+  EXPECT_TRUE(refused(message, [](StreamFrame* frame) { frame->header.count = COMPRESSED; }));
+  EXPECT_TRUE(refused(message, [](StreamFrame* frame) { frame->header.count = 2; }))
+      << "more entries than there are bytes";
+  EXPECT_TRUE(refused(message, [](StreamFrame* frame) { frame->header.count = 0x7fffffff; }));
+  EXPECT_TRUE(refused(message, [](StreamFrame* frame) { frame->header.count = 0x15555556; }))
+      << "12 times this overflows";
+  EXPECT_TRUE(refused(message, [](StreamFrame* frame) { frame->header.offset = 2; }));
+  EXPECT_TRUE(refused(message, [](StreamFrame* frame) { frame->header.offset = ~uint64_t{0}; }));
+  EXPECT_TRUE(refused(message, [](StreamFrame* frame) { frame->payload.resize(11); }));
+  EXPECT_TRUE(refused(message, [](StreamFrame* frame) { frame->payload.clear(); }));
 
-  const Frame begin = beginOf({{1, 1, 0}}, 100);
-  EXPECT_TRUE(refused(begin, [](Frame* frame) { frame->header.offset = 0; }));
-  EXPECT_TRUE(refused(begin, [](Frame* frame) { frame->header.offset = MAX_MESSAGE + 1; }));
-  EXPECT_TRUE(refused(begin, [](Frame* frame) { frame->header.offset = (uint64_t{1} << 32) + 100; }));
-  EXPECT_TRUE(refused(begin, [](Frame* frame) { frame->header.count = 0; }));
-  EXPECT_TRUE(refused(begin, [](Frame* frame) { frame->payload.push_back(0); }));
-  EXPECT_TRUE(refused(begin, [](Frame* frame) { frame->payload.pop_back(); }));
+  const StreamFrame begin = beginOf({{1, 1, 0}}, 100);
+  EXPECT_TRUE(refused(begin, [](StreamFrame* frame) { frame->header.offset = 0; }));
+  EXPECT_TRUE(refused(begin, [](StreamFrame* frame) { frame->header.offset = MAX_MESSAGE + 1; }));
+  EXPECT_TRUE(refused(begin, [](StreamFrame* frame) { frame->header.offset = (uint64_t{1} << 32) + 100; }));
+  EXPECT_TRUE(refused(begin, [](StreamFrame* frame) { frame->header.count = 0; }));
+  EXPECT_TRUE(refused(begin, [](StreamFrame* frame) { frame->payload.push_back(0); }));
+  EXPECT_TRUE(refused(begin, [](StreamFrame* frame) { frame->payload.pop_back(); }));
 
-  EXPECT_TRUE(refused(attachOf({{1, 1, 0}}), [](Frame*) {})) << "to nothing";
-  EXPECT_TRUE(refused(fragmentOf(0, {1}), [](Frame*) {})) << "of nothing";
+  EXPECT_TRUE(refused(attachOf({{1, 1, 0}}), [](StreamFrame*) {})) << "to nothing";
+  EXPECT_TRUE(refused(fragmentOf(0, {1}), [](StreamFrame*) {})) << "of nothing";
 
   ASSERT_TRUE(feed(begin));
-  EXPECT_TRUE(refused(begin, [](Frame*) {})) << "another one is arriving";
-  EXPECT_TRUE(refused(message, [](Frame*) {}));
-  EXPECT_TRUE(refused(fragmentOf(0, {}), [](Frame*) {}));
-  EXPECT_TRUE(refused(fragmentOf(1, {1}), [](Frame*) {}));
-  EXPECT_TRUE(refused(fragmentOf(0, Bytes(101)), [](Frame*) {}));
-  EXPECT_TRUE(refused(fragmentOf(uint64_t{1} << 32, {1}), [](Frame*) {}));
+  EXPECT_TRUE(refused(begin, [](StreamFrame*) {})) << "another one is arriving";
+  EXPECT_TRUE(refused(message, [](StreamFrame*) {}));
+  EXPECT_TRUE(refused(fragmentOf(0, {}), [](StreamFrame*) {}));
+  EXPECT_TRUE(refused(fragmentOf(1, {1}), [](StreamFrame*) {}));
+  EXPECT_TRUE(refused(fragmentOf(0, Bytes(101)), [](StreamFrame*) {}));
+  EXPECT_TRUE(refused(fragmentOf(uint64_t{1} << 32, {1}), [](StreamFrame*) {}));
   ASSERT_TRUE(feed(fragmentOf(0, Bytes(60))));
-  EXPECT_TRUE(refused(fragmentOf(0, Bytes(60)), [](Frame*) {})) << "came already";
-  EXPECT_TRUE(refused(fragmentOf(60, Bytes(41)), [](Frame*) {}));
-  EXPECT_TRUE(refused(attachOf({{2, 1, 0}}), [](Frame* frame) { frame->payload.push_back(0); }));
-  EXPECT_TRUE(refused(attachOf({{2, 1, 0}}), [](Frame* frame) { frame->header.count = 0; }));
+  EXPECT_TRUE(refused(fragmentOf(0, Bytes(60)), [](StreamFrame*) {})) << "came already";
+  EXPECT_TRUE(refused(fragmentOf(60, Bytes(41)), [](StreamFrame*) {}));
+  EXPECT_TRUE(refused(attachOf({{2, 1, 0}}), [](StreamFrame* frame) { frame->payload.push_back(0); }));
+  EXPECT_TRUE(refused(attachOf({{2, 1, 0}}), [](StreamFrame* frame) { frame->header.count = 0; }));
   ASSERT_TRUE(feed(fragmentOf(60, Bytes(40)))) << "what was refused has changed nothing";
   EXPECT_EQ(std::vector<Bytes>{Bytes(100)}, taken(1));
 }
@@ -457,9 +459,9 @@ TEST_F(IncomingStreamTest, CompressedMessagesKeepTheirOrder)
         requests.emplace_back(Bytes(bytes, bytes + length), std::move(done));
         return true;
       });
-  Frame first = messageOf({{1, 1, 0}}, {1});
+  StreamFrame first = messageOf({{1, 1, 0}}, {1});
   first.header.count |= COMPRESSED;
-  std::vector<Frame> second = fragmentsOf({{1, 2, 0}}, {2, 3, 4}, 2);
+  std::vector<StreamFrame> second = fragmentsOf({{1, 2, 0}}, {2, 3, 4}, 2);
   second.front().header.count |= COMPRESSED;
   ASSERT_TRUE(feed(first));
   ASSERT_TRUE(feedAll(second));
@@ -493,7 +495,7 @@ TEST_F(IncomingStreamTest, CompressedMessagesThatCannotBeRestoredAreLost)
         }
         return !busy;
       });
-  Frame frame = messageOf({{1, 1, 0}}, {1});
+  StreamFrame frame = messageOf({{1, 1, 0}}, {1});
   frame.header.count |= COMPRESSED;
   ASSERT_TRUE(feed(frame));
   busy = true;
@@ -514,7 +516,7 @@ TEST_F(IncomingStreamTest, AnswersOfTheDecompressorMayComeAfterTheEnd)
         late = std::move(done);
         return true;
       });
-  Frame frame = messageOf({{1, 1, 0}}, {1});
+  StreamFrame frame = messageOf({{1, 1, 0}}, {1});
   frame.header.count |= COMPRESSED;
   ASSERT_TRUE(feed(frame));
   stream_.reset();
@@ -544,7 +546,7 @@ TEST_F(IncomingStreamTest, OutlivesMutatedFrames)
           decompressing.push_back(std::move(done));
           return true;
         });
-    std::vector<Frame> frames;
+    std::vector<StreamFrame> frames;
     for (uint32_t sequence = 1; sequence <= 8; ++sequence)
     {
       std::vector<LinkEntry> entries;
@@ -554,8 +556,8 @@ TEST_F(IncomingStreamTest, OutlivesMutatedFrames)
       }
       const Bytes bytes = patternOf(sequence, below(3000) + 1);
       const uint32_t compressed = below(4) == 0 ? COMPRESSED : 0;
-      std::vector<Frame> more =
-          below(2) == 0 ? std::vector<Frame>{messageOf(entries, bytes)} : fragmentsOf(entries, bytes, below(2000) + 1);
+      std::vector<StreamFrame> more = below(2) == 0 ? std::vector<StreamFrame>{messageOf(entries, bytes)}
+                                                    : fragmentsOf(entries, bytes, below(2000) + 1);
       more.front().header.count |= compressed;
       frames.insert(frames.end(), more.begin(), more.end());
       if (below(3) == 0)
@@ -565,7 +567,7 @@ TEST_F(IncomingStreamTest, OutlivesMutatedFrames)
     }
     for (size_t changes = below(6) + 1; changes > 0; --changes)
     {
-      Frame& frame = frames[below(frames.size())];
+      StreamFrame& frame = frames[below(frames.size())];
       const uint64_t odd[] = {
           0,       1, 0x7fffffff, 0x80000000, 0xffffffff, ~uint64_t{0}, uint64_t{1} << 32, MAX_MESSAGE, MAX_MESSAGE + 1,
           random()};
@@ -598,12 +600,12 @@ TEST_F(IncomingStreamTest, OutlivesMutatedFrames)
           break;
         default:
         {
-          const Frame again = frame;
+          const StreamFrame again = frame;
           frames.insert(frames.begin() + static_cast<std::ptrdiff_t>(below(frames.size())), again);
         }
       }
     }
-    for (const Frame& frame : frames)
+    for (const StreamFrame& frame : frames)
     {
       const bool fine = feed(frame);
       ++(fine ? accepted : refused);

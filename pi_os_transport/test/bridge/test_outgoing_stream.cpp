@@ -21,7 +21,6 @@ namespace
 using Frame = FakeFrameTransport::Frame;
 using std::chrono::milliseconds;
 
-constexpr uint32_t MAX_MESSAGE = 4 << 20;
 constexpr size_t SMALL = 16 << 10;
 
 std::vector<LinkEntry> entriesIn(const Frame& frame)
@@ -66,6 +65,8 @@ std::vector<FrameType> typesOf(const std::vector<Frame>& frames)
 class OutgoingStreamTest : public ::testing::Test
 {
 protected:
+  static constexpr uint32_t MAX_MESSAGE = 4 << 20;
+
   struct Publisher
   {
     explicit Publisher(SlotPool* pool) : pair(pool) {}
