@@ -75,7 +75,7 @@ bool Lane::send(const FrameHeader& header, const iovec* payload, size_t pieces, 
   sent_bytes_ += bytes;
   if (isCounted(header.type))
   {
-    unacked_.push_back(Unacked{SteadyClock::now(), bytes, std::move(keep), std::move(acknowledged)});
+    unacked_.push_back(Unacked{now_(), bytes, std::move(keep), std::move(acknowledged)});
     single_ = unacked_bytes_ == 0 || (single_ && more_);
     more_ = more;
     unacked_bytes_ += bytes;
@@ -99,7 +99,7 @@ bool Lane::onAck(uint64_t frames)
   {
     return true;
   }
-  const SteadyTime now = SteadyClock::now();
+  const SteadyTime now = now_();
   microseconds newest{0};
   while (acked_frames_ != frames)
   {

@@ -30,7 +30,12 @@ class Lane
 public:
   using Acknowledged = std::function<void()>;
 
-  Lane(Traffic traffic, FrameTransport* transport) : traffic_(traffic), transport_(transport) {}
+  using Clock = SteadyTime (*)();
+
+  Lane(Traffic traffic, FrameTransport* transport, Clock now = &SteadyClock::now)
+    : traffic_(traffic), transport_(transport), now_(now)
+  {
+  }
 
   void open(FrameTransport::ConnectionId connection) { connection_ = connection; }
   /// Forgets all frames under way.
@@ -79,6 +84,7 @@ private:
 
   const Traffic traffic_;
   FrameTransport* const transport_;
+  const Clock now_;
   FrameTransport::ConnectionId connection_ = 0;
   bool connected_ = false;
   std::deque<Unacked> unacked_;

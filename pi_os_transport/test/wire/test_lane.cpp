@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <memory>
-#include <thread>
 #include <vector>
 
 #include "wire/fake_frame_transport.h"
@@ -21,6 +20,13 @@ constexpr uint64_t MIN_WINDOW = 64 << 10;
 constexpr uint64_t MAX_WINDOW = 16 << 20;
 constexpr uint64_t EXPRESS_WINDOW = 1 << 20;
 constexpr size_t CHUNK = 32 << 10;
+
+/// The lanes' clock: an answer takes 100 us, and what else passes is said.
+SteadyTime lane_time{std::chrono::hours(1)};
+SteadyTime laneTime()
+{
+  return lane_time;
+}
 
 class LaneTest : public ::testing::Test
 {
@@ -56,7 +62,11 @@ protected:
     transport_.sent.clear();
     return frames;
   }
-  bool acknowledge() { return bulk_.onAck(bulk_sent_); }
+  bool acknowledge()
+  {
+    lane_time += std::chrono::microseconds(100);
+    return bulk_.onAck(bulk_sent_);
+  }
   /// The first acknowledgement starts the measurement of the idle link, the second one ends it.
   void measureIdleLink()
   {
@@ -68,8 +78,8 @@ protected:
 
   Bytes payload_ = Bytes(MAX_PAYLOAD);
   FakeFrameTransport transport_;
-  Lane express_{Traffic::EXPRESS, &transport_};
-  Lane bulk_{Traffic::BULK, &transport_};
+  Lane express_{Traffic::EXPRESS, &transport_, laneTime};
+  Lane bulk_{Traffic::BULK, &transport_, laneTime};
   uint64_t bulk_sent_ = 0;
   uint64_t express_sent_ = 0;
 };
@@ -158,7 +168,7 @@ TEST_F(LaneTest, WindowShrinksWhenFramesWait)
   {
     const uint64_t before = bulk_.window();
     fill(&bulk_);
-    std::this_thread::sleep_for(milliseconds(8));  // the queue on the way
+    lane_time += milliseconds(8);  // the queue on the way
     ASSERT_TRUE(acknowledge());
     EXPECT_LE(bulk_.window(), before);
     EXPECT_GE(bulk_.window(), std::max(MIN_WINDOW, before / 4)) << "a single late answer says little";
@@ -190,9 +200,8 @@ TEST_F(LaneTest, MeasuresTheIdleLinkAnewAfterAWhile)
   measureIdleLink();
   fill(&bulk_);
   ASSERT_TRUE(acknowledge());
-  const SteadyTime until = SteadyClock::now() + milliseconds(5050);
   EXPECT_LT(1U, fill(&bulk_));
-  std::this_thread::sleep_until(until);  // the age at which the last measurement counts no more
+  lane_time += milliseconds(5050);  // the age at which the last measurement counts no more
   ASSERT_TRUE(acknowledge());
   EXPECT_EQ(1U, fill(&bulk_));
   ASSERT_TRUE(acknowledge());
@@ -205,7 +214,7 @@ TEST_F(LaneTest, ExpressDependsOnNothingThatBulkDoes)
   for (int round = 0; round < 100 && bulk_.window() > MIN_WINDOW; ++round)
   {
     fill(&bulk_);
-    std::this_thread::sleep_for(milliseconds(8));
+    lane_time += milliseconds(8);
     ASSERT_TRUE(acknowledge());
   }
   fill(&bulk_);
@@ -213,7 +222,7 @@ TEST_F(LaneTest, ExpressDependsOnNothingThatBulkDoes)
   fill(&express_);
   EXPECT_GE(express_.unackedBytes(), EXPRESS_WINDOW);
   EXPECT_LT(express_.unackedBytes(), EXPRESS_WINDOW + CHUNK + FrameHeader::BYTES);
-  std::this_thread::sleep_for(milliseconds(8));
+  lane_time += milliseconds(8);
   ASSERT_TRUE(express_.onAck(1));
   EXPECT_TRUE(express_.ready()) << "late answers do not slow it down";
   fill(&express_);
