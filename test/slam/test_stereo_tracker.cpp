@@ -1,8 +1,9 @@
 #include <gtest/gtest.h>
+#include <pi_node/test_support/message_of.h>
 #include <pi_runtime/runtime.h>
-#include "renderer/stereo_renderer.h"
-#include "front_end/stereo_tracker.h"
 #include "drives/vehicle_path.h"
+#include "front_end/stereo_tracker.h"
+#include "renderer/stereo_renderer.h"
 
 #include <algorithm>
 #include <cstdlib>
@@ -12,9 +13,11 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <set>
+#include <stdexcept>
 
 using namespace pi_simulation;
 using namespace pi_slam;
+using pi_node::test_support::messageOf;
 
 namespace
 {
@@ -260,19 +263,7 @@ bool equal(const FrameFeatures& a, const FrameFeatures& b)
                     });
 }
 
-template <typename Function>
-std::string messageOf(const Function& function)
-{
-  try
-  {
-    function();
-  }
-  catch (const std::invalid_argument& error)
-  {
-    return error.what();
-  }
-  return "";
-}
+}  // namespace
 
 class Lenses : public testing::TestWithParam<Distortion>
 {
@@ -281,8 +272,6 @@ class Lenses : public testing::TestWithParam<Distortion>
 class Sizes : public testing::TestWithParam<cv::Size>
 {
 };
-
-}  // namespace
 
 TEST_P(Lenses, StereoFindsTheDepthOfTheWorld)
 {
@@ -665,10 +654,12 @@ TEST(StereoTracker, RefusesPicturesOfAnotherSizeOrType)
   StereoTracker tracker(calibration, smallOptions());
   const cv::Mat other(HEIGHT, WIDTH - 1, CV_8UC1, cv::Scalar(1));
   const cv::Mat colour(HEIGHT, WIDTH, CV_8UC3, cv::Scalar(1, 2, 3));
-  EXPECT_NE(messageOf([&] { tracker.process(1, black(), other, {}, 80, nullptr); }).find("right picture is 319 x 240"),
+  EXPECT_NE(messageOf<std::invalid_argument>([&] { tracker.process(1, black(), other, {}, 80, nullptr); })
+                .find("right picture is 319 x 240"),
             std::string::npos);
-  EXPECT_NE(messageOf([&] { tracker.process(1, colour, black(), {}, 80, nullptr); }).find("CV_8UC3"),
-            std::string::npos);
+  EXPECT_NE(
+      messageOf<std::invalid_argument>([&] { tracker.process(1, colour, black(), {}, 80, nullptr); }).find("CV_8UC3"),
+      std::string::npos);
 }
 
 TEST(StereoTracker, RefusesARotationThatIsNone)
@@ -687,7 +678,7 @@ TEST(StereoTracker, RefusesOptionsOutOfRange)
   {
     StereoTrackerOptions options;
     change(&options);
-    return messageOf([&options] { StereoTracker(makeCalibration(Distortion::NONE), options); });
+    return messageOf<std::invalid_argument>([&options] { StereoTracker(makeCalibration(Distortion::NONE), options); });
   };
   const auto names = [](const std::string& message, const std::string& field)
   { return message.find("tracker/" + field + " = ") != std::string::npos; };
@@ -710,10 +701,12 @@ TEST(StereoTracker, RefusesCamerasThatAreNoPair)
 {
   StereoCalibration sizes = makeCalibration(Distortion::NONE);
   sizes.right.model.width += 2;
-  EXPECT_NE(messageOf([&] { StereoTracker(sizes, smallOptions()); }).find("322 x 240"), std::string::npos);
+  EXPECT_NE(messageOf<std::invalid_argument>([&] { StereoTracker(sizes, smallOptions()); }).find("322 x 240"),
+            std::string::npos);
   StereoCalibration same_place = makeCalibration(Distortion::NONE);
   same_place.right.T_body_camera = same_place.left.T_body_camera;
-  EXPECT_NE(messageOf([&] { StereoTracker(same_place, smallOptions()); }).find("T_body_camera"), std::string::npos);
+  EXPECT_NE(messageOf<std::invalid_argument>([&] { StereoTracker(same_place, smallOptions()); }).find("T_body_camera"),
+            std::string::npos);
   StereoCalibration focal = makeCalibration(Distortion::NONE);
   focal.left.model.fx = 0.0;
   EXPECT_THROW(StereoTracker(focal, smallOptions()), std::invalid_argument);

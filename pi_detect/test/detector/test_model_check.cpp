@@ -9,6 +9,7 @@
 #include <random>
 #include <string>
 
+#include "contains.h"
 #include "detector/tiny_network.h"
 
 namespace pi_detect
@@ -58,11 +59,6 @@ protected:
 
   TemporaryFolder folder_;
 };
-
-bool contains(const std::string& text, const std::string& part)
-{
-  return text.find(part) != std::string::npos;
-}
 
 TEST_F(ModelCheck, AGoodModelPasses)
 {

@@ -6,6 +6,8 @@
 #include <fstream>
 #include <string>
 
+#include "contains.h"
+
 namespace pi_detect
 {
 
@@ -78,11 +80,6 @@ protected:
 
   TemporaryFolder folder_;
 };
-
-bool contains(const std::string& text, const std::string& part)
-{
-  return text.find(part) != std::string::npos;
-}
 
 TEST_F(ModelDescriptionFile, WhatIsNotWrittenHasDefaults)
 {

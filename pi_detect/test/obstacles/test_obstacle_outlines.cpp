@@ -16,7 +16,7 @@ namespace
 {
 
 /// A block on the ground, turned by `heading` about its middle; base_link.
-struct Block
+struct TurnedBlock
 {
   Eigen::Vector2d middle;
   double heading;
@@ -60,7 +60,7 @@ struct View
   cv::Mat disparity;
   std::vector<Eigen::Vector2d> seen;
 
-  View(const std::vector<Block>& blocks, double noise_px)
+  View(const std::vector<TurnedBlock>& blocks, double noise_px)
   {
     const StereoGeometry geometry = makeGeometry();
     disparity = cv::Mat(geometry.height, geometry.width, CV_32FC1, cv::Scalar(-1.0));
@@ -73,7 +73,7 @@ struct View
         const double side = -(u - geometry.cx) / geometry.fx;
         const double rise = -(v - geometry.cy) / geometry.fy;
         double depth = rise < 0.0 ? -CAMERA_HEIGHT_M / rise : std::numeric_limits<double>::infinity();
-        for (const Block& block : blocks)
+        for (const TurnedBlock& block : blocks)
         {
           const auto entry = block.entry(side, rise);
           if (entry && *entry < depth)
@@ -138,7 +138,7 @@ double reachesOut(const Outline& outline, const Outline& shape)
 
 TEST(ObstacleOutlines, AnObliqueCarHasTheOutlineOfACar)
 {
-  const Block car{{8.0, -2.6}, M_PI / 4.0, {4.4, 1.8}, 1.5};
+  const TurnedBlock car{{8.0, -2.6}, M_PI / 4.0, {4.4, 1.8}, 1.5};
   for (const double noise_px : {0.0, 0.25})
   {
     const View view({car}, noise_px);
@@ -153,7 +153,7 @@ TEST(ObstacleOutlines, AnObliqueCarHasTheOutlineOfACar)
 
 TEST(ObstacleOutlines, AWallSeenObliquelyIsAStrip)
 {
-  const Block wall{{9.0, 2.5}, 0.5, {7.0, 0.2}, 1.8};
+  const TurnedBlock wall{{9.0, 2.5}, 0.5, {7.0, 0.2}, 1.8};
   const View view({wall}, 0.0);
   const std::vector<Outline> outlines = outlinesOf(view);
   ASSERT_FALSE(outlines.empty());
@@ -170,8 +170,8 @@ TEST(ObstacleOutlines, AWallSeenObliquelyIsAStrip)
 TEST(ObstacleOutlines, AnEdgeTowardsTheCameraIsATriangle)
 {
   // Two walls that meet at (6, 0.3), the nearest point.
-  const Block left{{6.9, 1.2}, M_PI / 4.0, {2.6, 0.1}, 1.2};
-  const Block right{{6.9, -0.6}, -M_PI / 4.0, {2.6, 0.1}, 1.2};
+  const TurnedBlock left{{6.9, 1.2}, M_PI / 4.0, {2.6, 0.1}, 1.2};
+  const TurnedBlock right{{6.9, -0.6}, -M_PI / 4.0, {2.6, 0.1}, 1.2};
   const View view({left, right}, 0.0);
   const std::vector<Outline> outlines = outlinesOf(view);
   ASSERT_EQ(outlines.size(), 1U);

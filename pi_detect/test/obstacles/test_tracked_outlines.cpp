@@ -12,8 +12,8 @@ namespace pi_detect
 namespace
 {
 
-constexpr int64_t STEP_NS = 50000000;
-constexpr double STEP_S = 0.05;
+constexpr int64_t OUTLINE_STEP_NS = 50000000;
+constexpr double OUTLINE_STEP_S = 0.05;
 
 /// A thing 1.5 m high with that outline.
 ObstacleMeasurement makeMeasurement(const Outline& outline)
@@ -53,12 +53,12 @@ Outline makeBox(double x, double y, double size_x, double size_y)
   return {{x, y - 0.5 * size_y}, {x + size_x, y - 0.5 * size_y}, {x + size_x, y + 0.5 * size_y}, {x, y + 0.5 * size_y}};
 }
 
-class Drive
+class OutlineDrive
 {
 public:
   std::vector<Obstacle> step(const std::vector<ObstacleMeasurement>& measurements)
   {
-    stamp_ns_ += STEP_NS;
+    stamp_ns_ += OUTLINE_STEP_NS;
     return tracker_.update(stamp_ns_, vehicle, measurements, {}, makeGeometry(), makeMounting());
   }
 
@@ -110,7 +110,7 @@ void expectSame(const Outline& expected, const Outline& found, double tolerance)
 
 TEST(TrackedOutlines, AreThoseThatWereMeasured)
 {
-  Drive drive;
+  OutlineDrive drive;
   std::vector<Obstacle> obstacles = drive.look(5, makeMeasurement(OBLIQUE));
   ASSERT_EQ(obstacles.size(), 1U);
   expectSame(OBLIQUE, obstacles[0].outline, 0.02);
@@ -122,7 +122,7 @@ TEST(TrackedOutlines, AreThoseThatWereMeasured)
 
 TEST(TrackedOutlines, OfWhatIsRememberedDoNotTurnWithTheVehicle)
 {
-  Drive drive;
+  OutlineDrive drive;
   std::vector<Obstacle> obstacles = drive.look(10, makeMeasurement(OBLIQUE));
   ASSERT_EQ(obstacles.size(), 1U);
   // A sharp turn to the left: the car leaves the view on the right.
@@ -146,34 +146,34 @@ TEST(TrackedOutlines, OfWhatIsRememberedDoNotTurnWithTheVehicle)
 
 TEST(TrackedOutlines, GoOnWithWhatMoves)
 {
-  Drive drive;
+  OutlineDrive drive;
   const Outline person = makeBox(8.0, -2.0, 0.3, 0.5);
   std::vector<Obstacle> obstacles;
   for (int i = 0; i < 50; ++i)
   {
-    obstacles = drive.step({makeMeasurement(moved(person, {0.0, 1.4 * STEP_S * i}))});
+    obstacles = drive.step({makeMeasurement(moved(person, {0.0, 1.4 * OUTLINE_STEP_S * i}))});
   }
   ASSERT_EQ(obstacles.size(), 1U);
   ASSERT_TRUE(obstacles[0].moving);
-  EXPECT_TRUE(contains(obstacles[0].outline, {8.15, -2.0 + 1.4 * STEP_S * 49}));
+  EXPECT_TRUE(contains(obstacles[0].outline, {8.15, -2.0 + 1.4 * OUTLINE_STEP_S * 49}));
   EXPECT_LT(boundsOf(obstacles[0].outline).high.y() - boundsOf(obstacles[0].outline).low.y(), 0.8);
   for (int i = 50; i < 60; ++i)
   {
     obstacles = drive.step({});
     ASSERT_EQ(obstacles.size(), 1U);
-    EXPECT_TRUE(contains(obstacles[0].outline, {8.15, -2.0 + 1.4 * STEP_S * i}, 0.05)) << "picture " << i;
+    EXPECT_TRUE(contains(obstacles[0].outline, {8.15, -2.0 + 1.4 * OUTLINE_STEP_S * i}, 0.05)) << "picture " << i;
   }
 }
 
 TEST(TrackedOutlines, OfPiecesAreNotSaidToMove)
 {
   // What of a parked car is seen beside a post shifts as the vehicle passes.
-  Drive drive;
-  Drive whole;
+  OutlineDrive drive;
+  OutlineDrive whole;
   bool whole_moves = false;
   for (int i = 0; i < 20; ++i)
   {
-    ObstacleMeasurement piece = makeMeasurement(moved(makeBox(5.0, -3.0, 0.2, 0.3), {0.0, 2.0 * STEP_S * i}));
+    ObstacleMeasurement piece = makeMeasurement(moved(makeBox(5.0, -3.0, 0.2, 0.3), {0.0, 2.0 * OUTLINE_STEP_S * i}));
     for (const Obstacle& obstacle : whole.step({piece}))
     {
       whole_moves = whole_moves || obstacle.moving;
@@ -189,7 +189,7 @@ TEST(TrackedOutlines, OfPiecesAreNotSaidToMove)
 
 TEST(TrackedOutlines, DoNotGrowByWhatASinglePictureJoins)
 {
-  Drive drive;
+  OutlineDrive drive;
   const Outline piece = makeBox(6.0, -2.0, 0.6, 1.0);
   Outline joined = convexHull({{6.0, -2.5}, {6.6, -2.5}, {6.0, -1.5}, {6.6, 1.0}, {6.0, 1.0}});
   std::vector<Obstacle> obstacles;
@@ -210,7 +210,7 @@ TEST(TrackedOutlines, DoNotGrowByWhatASinglePictureJoins)
 
 TEST(TrackedOutlines, DoNotShrinkByWhatASinglePictureLeavesOut)
 {
-  Drive drive;
+  OutlineDrive drive;
   const Outline whole = makeBox(6.0, 0.0, 0.5, 2.0);
   drive.look(9, makeMeasurement(whole));
   const std::vector<Obstacle> obstacles = drive.step({makeMeasurement(makeBox(6.0, 0.5, 0.5, 1.0))});
@@ -220,7 +220,7 @@ TEST(TrackedOutlines, DoNotShrinkByWhatASinglePictureLeavesOut)
 
 TEST(TrackedOutlines, OfWhatIsRememberedEndWhereNothingIsSeen)
 {
-  Drive drive;
+  OutlineDrive drive;
   // Beyond what stands before its middle, a wall was seen that is gone.
   const Outline wall = makeBox(9.0, 0.0, 0.4, 8.0);
   const Outline before = makeBox(4.0, 0.0, 0.4, 1.6);

@@ -1,8 +1,8 @@
 // config/obstacles.yaml and the defaults in the code must be the same, and impossible values must be named.
 
 #include <gtest/gtest.h>
-#include "ros/obstacles_ros_options.h"
 #include <pi_node/test_support/options_reader.h>
+#include "ros/obstacles_ros_options.h"
 
 #include <string>
 
@@ -13,11 +13,11 @@ using namespace pi_node::test_support;
 namespace
 {
 
-const OptionsReader<ObstaclesRosOptions> reader("/obstacles/");
+const OptionsReader<ObstaclesRosOptions> obstacles_reader("/obstacles/");
 
 TEST(ObstaclesRosOptions, DefaultsAreThoseOfTheYamlFile)
 {
-  reader.expectDefaultsOf(OBSTACLES_YAML);
+  obstacles_reader.expectDefaultsOf(OBSTACLES_YAML);
 }
 
 TEST(ObstaclesRosOptions, ParametersComeBackAsTheyWere)
@@ -45,21 +45,24 @@ TEST(ObstaclesRosOptions, NamesUnknownParameters)
 TEST(ObstaclesRosOptions, NamesParameterValueAndBound)
 {
   EXPECT_EQ("parameter /obstacles/source = \"mono\", must be rectified, raw or disparity",
-            reader.refusal("source: mono"));
+            obstacles_reader.refusal("source: mono"));
   EXPECT_EQ("parameter /obstacles/pair_tolerance_s = 0.5, must be in [0, 0.1]",
-            reader.refusal("pair_tolerance_s: 0.5"));
+            obstacles_reader.refusal("pair_tolerance_s: 0.5"));
   EXPECT_EQ("parameter /obstacles/odom_frame = \"base_link\", must be another frame than base_link_frame",
-            reader.refusal("odom_frame: base_link"));
+            obstacles_reader.refusal("odom_frame: base_link"));
   EXPECT_EQ("parameter /obstacles/base_link_frame = \"/base\", must be a frame name without leading /",
-            reader.refusal("base_link_frame: /base"));
+            obstacles_reader.refusal("base_link_frame: /base"));
   EXPECT_EQ("parameter /obstacles/tracks_rectified = false, must be true with source = disparity",
-            reader.refusal("{source: disparity, tracks_rectified: false}"));
-  EXPECT_EQ("parameter /obstacles/min_coverage = nan, must be in [0, 1]", reader.refusal("min_coverage: .nan"));
+            obstacles_reader.refusal("{source: disparity, tracks_rectified: false}"));
+  EXPECT_EQ("parameter /obstacles/min_coverage = nan, must be in [0, 1]",
+            obstacles_reader.refusal("min_coverage: .nan"));
   // Bounds of the core come under their names as well.
-  EXPECT_EQ(0u, reader.refusal("stereo: {max_range_m: -1}").find("parameter /obstacles/stereo/max_range_m = -1"))
-      << reader.refusal("stereo: {max_range_m: -1}");
-  EXPECT_EQ(0u, reader.refusal("tracker: {confirm_hits: 0}").find("parameter /obstacles/tracker/confirm_hits = 0"))
-      << reader.refusal("tracker: {confirm_hits: 0}");
+  EXPECT_EQ(0u,
+            obstacles_reader.refusal("stereo: {max_range_m: -1}").find("parameter /obstacles/stereo/max_range_m = -1"))
+      << obstacles_reader.refusal("stereo: {max_range_m: -1}");
+  EXPECT_EQ(
+      0u, obstacles_reader.refusal("tracker: {confirm_hits: 0}").find("parameter /obstacles/tracker/confirm_hits = 0"))
+      << obstacles_reader.refusal("tracker: {confirm_hits: 0}");
 }
 
 }  // namespace

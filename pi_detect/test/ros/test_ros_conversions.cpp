@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 #include <pi_detect/ros/conversions.h>
 #include <pi_detect/ros/message_picture.h>
+#include <pi_node/test_support/message_of.h>
 #include <sensor_msgs/point_cloud2_iterator.h>
 #include "ros/obstacle_markers.h"
 
@@ -10,31 +11,15 @@
 #include <limits>
 #include <stdexcept>
 
+#include "contains.h"
+
 namespace pi_detect
 {
 namespace
 {
 
+using pi_node::test_support::messageOf;
 using visualization_msgs::Marker;
-
-template <typename Function>
-std::string refusal(const Function& function)
-{
-  try
-  {
-    function();
-  }
-  catch (const std::invalid_argument& error)
-  {
-    return error.what();
-  }
-  return "";
-}
-
-bool contains(const std::string& text, const std::string& part)
-{
-  return text.find(part) != std::string::npos;
-}
 
 boost::shared_ptr<sensor_msgs::Image> makeImage(const std::string& encoding, uint32_t width, uint32_t height,
                                                 uint32_t step)
@@ -254,13 +239,13 @@ TEST(RosConversions, DisparityThatCannotBeIsNamed)
   const auto message = toDisparityImage(cv::Mat::ones(2, 3, CV_32FC1), geometry, 96, makeHeader());
   stereo_msgs::DisparityImage wrong = *message;
   wrong.image.encoding = "16SC1";
-  EXPECT_TRUE(contains(refusal([&] { fromMsg(wrong); }), "encoding \"16SC1\""));
+  EXPECT_TRUE(contains(messageOf<std::invalid_argument>([&] { fromMsg(wrong); }), "encoding \"16SC1\""));
   wrong = *message;
   wrong.image.data.resize(20);
-  EXPECT_TRUE(contains(refusal([&] { fromMsg(wrong); }), "20 bytes"));
+  EXPECT_TRUE(contains(messageOf<std::invalid_argument>([&] { fromMsg(wrong); }), "20 bytes"));
   wrong = *message;
   wrong.T = 0.0F;
-  EXPECT_TRUE(contains(refusal([&] { fromMsg(wrong); }), "T = 0"));
+  EXPECT_TRUE(contains(messageOf<std::invalid_argument>([&] { fromMsg(wrong); }), "T = 0"));
 }
 
 TEST(MessagePicture, LiesInTheMessageAndKeepsIt)
@@ -335,7 +320,7 @@ TEST(MessagePicture, ConvertsWhatTheDetectorDoesNotKnow)
 TEST(MessagePicture, PicturesThatCannotBeAreNamed)
 {
   const auto text = [](const boost::shared_ptr<sensor_msgs::Image>& image)
-  { return refusal([&] { MessagePicture picture(image); }); };
+  { return messageOf<std::invalid_argument>([&] { MessagePicture picture(image); }); };
   EXPECT_TRUE(contains(text(makeImage("jpeg", 4, 4, 4)), "encoding \"jpeg\""));
   EXPECT_TRUE(contains(text(makeImage("", 4, 4, 4)), "encoding \"\""));
   EXPECT_TRUE(contains(text(makeImage("32FC1", 4, 4, 16)), "encoding \"32FC1\""));
@@ -362,7 +347,8 @@ TEST(MessagePicture, GreyLevelsShareGreyMessagesAndAreMadeFromColour)
     ASSERT_EQ(CV_8UC1, converted.type());
     EXPECT_NEAR(0.114 * 10 + 0.587 * 20 + 0.299 * 200, converted.at<uint8_t>(0, 0), 1.0) << encoding;
   }
-  EXPECT_TRUE(contains(refusal([&] { toGrey(*makeImage("32FC1", 4, 4, 16)); }), "encoding \"32FC1\""));
+  EXPECT_TRUE(
+      contains(messageOf<std::invalid_argument>([&] { toGrey(*makeImage("32FC1", 4, 4, 16)); }), "encoding \"32FC1\""));
 }
 
 TEST(ObstacleMarkers, ShowBoxTextAndArrow)

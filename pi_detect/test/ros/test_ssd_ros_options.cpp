@@ -1,8 +1,8 @@
 // config/ssd.yaml and the defaults in the code must be the same, and impossible values must be named.
 
 #include <gtest/gtest.h>
-#include "ros/ssd_ros_options.h"
 #include <pi_node/test_support/options_reader.h>
+#include "ros/ssd_ros_options.h"
 
 #include <algorithm>
 #include <string>
@@ -23,11 +23,11 @@ ModelDescription makeModel()
   return model;
 }
 
-const OptionsReader<SsdRosOptions> reader("/ssd/");
+const OptionsReader<SsdRosOptions> ssd_reader("/ssd/");
 
 TEST(SsdRosOptions, DefaultsAreThoseOfTheYamlFile)
 {
-  reader.expectDefaultsOf(SSD_YAML);
+  ssd_reader.expectDefaultsOf(SSD_YAML);
 }
 
 TEST(SsdRosOptions, ParametersComeBackAsTheyWere)
@@ -51,34 +51,35 @@ TEST(SsdRosOptions, ParametersComeBackAsTheyWere)
 TEST(SsdRosOptions, NamesUnknownParameters)
 {
   Names unknown;
-  reader.load("{tracker: {high: 0.5}, treshold: 0.3, class_thresholds: {person: 0.4}}", &unknown);
+  ssd_reader.load("{tracker: {high: 0.5}, treshold: 0.3, class_thresholds: {person: 0.4}}", &unknown);
   EXPECT_EQ((Names{"/ssd/tracker/high", "/ssd/treshold"}), unknown);
 }
 
 TEST(SsdRosOptions, NamesParameterValueAndBound)
 {
   EXPECT_EQ(
-      0u, reader.refusal("model: models/a.yaml").find("parameter /ssd/model = \"models/a.yaml\", must be an absolute"));
-  EXPECT_EQ("parameter /ssd/target = \"cuda\", must be cpu, opencl or opencl_fp16", reader.refusal("target: cuda"));
-  EXPECT_EQ("parameter /ssd/max_rate_hz = -1, must be in [0, 1000]", reader.refusal("max_rate_hz: -1"));
-  EXPECT_EQ("parameter /ssd/always_on = 1, must be true or false", reader.refusal("always_on: 1"));
-  EXPECT_EQ("parameter /ssd/input_timeout_s = 0, must be in (0, 3600]", reader.refusal("input_timeout_s: 0"));
-  EXPECT_EQ(0u, reader.refusal("class_thresholds: [0.5]").find("parameter /ssd/class_thresholds = "));
+      0u,
+      ssd_reader.refusal("model: models/a.yaml").find("parameter /ssd/model = \"models/a.yaml\", must be an absolute"));
+  EXPECT_EQ("parameter /ssd/target = \"cuda\", must be cpu, opencl or opencl_fp16", ssd_reader.refusal("target: cuda"));
+  EXPECT_EQ("parameter /ssd/max_rate_hz = -1, must be in [0, 1000]", ssd_reader.refusal("max_rate_hz: -1"));
+  EXPECT_EQ("parameter /ssd/always_on = 1, must be true or false", ssd_reader.refusal("always_on: 1"));
+  EXPECT_EQ("parameter /ssd/input_timeout_s = 0, must be in (0, 3600]", ssd_reader.refusal("input_timeout_s: 0"));
+  EXPECT_EQ(0u, ssd_reader.refusal("class_thresholds: [0.5]").find("parameter /ssd/class_thresholds = "));
   EXPECT_EQ("parameter /ssd/class_thresholds/person = high, must be a number",
-            reader.refusal("class_thresholds: {person: high}"));
-  EXPECT_EQ("parameter /ssd/classes = person, must be a list of texts", reader.refusal("classes: person"));
+            ssd_reader.refusal("class_thresholds: {person: high}"));
+  EXPECT_EQ("parameter /ssd/classes = person, must be a list of texts", ssd_reader.refusal("classes: person"));
   // Bounds of the core come under their names as well.
-  EXPECT_EQ(0u, reader.refusal("score_threshold: 1.5").find("parameter /ssd/score_threshold = 1.5"))
-      << reader.refusal("score_threshold: 1.5");
-  EXPECT_EQ(0u, reader.refusal("tracker: {low_score: -1}").find("parameter /ssd/tracker/low_score = -1"))
-      << reader.refusal("tracker: {low_score: -1}");
+  EXPECT_EQ(0u, ssd_reader.refusal("score_threshold: 1.5").find("parameter /ssd/score_threshold = 1.5"))
+      << ssd_reader.refusal("score_threshold: 1.5");
+  EXPECT_EQ(0u, ssd_reader.refusal("tracker: {low_score: -1}").find("parameter /ssd/tracker/low_score = -1"))
+      << ssd_reader.refusal("tracker: {low_score: -1}");
 }
 
 TEST(SsdRosOptions, ThresholdsAreTheUsersThenTheModels)
 {
   const ModelDescription model = makeModel();
-  EXPECT_FLOAT_EQ(0.45F, reader.load("{}").detector.filter.thresholds(model).at(1));
-  const SsdRosOptions options = reader.load("{score_threshold: 0.6, class_thresholds: {traffic light: 0.7}}");
+  EXPECT_FLOAT_EQ(0.45F, ssd_reader.load("{}").detector.filter.thresholds(model).at(1));
+  const SsdRosOptions options = ssd_reader.load("{score_threshold: 0.6, class_thresholds: {traffic light: 0.7}}");
   const std::map<int, float> thresholds = options.detector.filter.thresholds(model);
   EXPECT_FLOAT_EQ(0.6F, thresholds.at(1));
   EXPECT_FLOAT_EQ(0.7F, thresholds.at(3));
@@ -87,14 +88,14 @@ TEST(SsdRosOptions, ThresholdsAreTheUsersThenTheModels)
 
 TEST(SsdRosOptions, DetectorRunsWithTheTrackersThresholdIfThatIsLower)
 {
-  const SsdRosOptions options = reader.load(
+  const SsdRosOptions options = ssd_reader.load(
       "{score_threshold: 0.6, class_thresholds: {person: 0.1, traffic light: 0.7}, tracker: {low_score: 0.2}}");
   const DetectionFilter filter = options.detectorOptions(makeModel()).filter;
   EXPECT_FLOAT_EQ(0.2F, filter.score_threshold);
   EXPECT_FLOAT_EQ(0.1F, filter.class_thresholds.at("person"));
   EXPECT_FLOAT_EQ(0.2F, filter.class_thresholds.at("traffic light"));
   // 0 would be the model's own threshold.
-  EXPECT_GT(reader.load("tracker: {low_score: 0}").detectorOptions(makeModel()).filter.score_threshold, 0.0F);
+  EXPECT_GT(ssd_reader.load("tracker: {low_score: 0}").detectorOptions(makeModel()).filter.score_threshold, 0.0F);
 }
 
 }  // namespace

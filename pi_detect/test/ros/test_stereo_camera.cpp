@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <pi_node/test_support/message_of.h>
 #include "ros/stereo_camera.h"
 
 #include <boost/make_shared.hpp>
@@ -13,22 +14,10 @@ namespace pi_detect
 namespace
 {
 
+using pi_node::test_support::messageOf;
+
 constexpr char LEFT[] = "/left/camera_info";
 constexpr char RIGHT[] = "/right/camera_info";
-
-template <typename Function>
-std::string refusal(const Function& function)
-{
-  try
-  {
-    function();
-  }
-  catch (const std::invalid_argument& error)
-  {
-    return error.what();
-  }
-  return "";
-}
 
 sensor_msgs::CameraInfo makeInfo(bool right)
 {
@@ -90,7 +79,7 @@ TEST(StereoCamera, OfAPartOfThePicturesIsThatOfThePart)
 TEST(StereoCamera, ThatIsNoPairIsNamed)
 {
   const auto text = [](const sensor_msgs::CameraInfo& left, const sensor_msgs::CameraInfo& right)
-  { return refusal([&] { StereoCamera::fromMsg(left, right, LEFT, RIGHT); }); };
+  { return messageOf<std::invalid_argument>([&] { StereoCamera::fromMsg(left, right, LEFT, RIGHT); }); };
   EXPECT_EQ("/left/camera_info: size is 0x0: the camera is not calibrated",
             text(sensor_msgs::CameraInfo(), makeInfo(true)).substr(0, 60));
   EXPECT_NE(std::string::npos, text(makeInfo(true), makeInfo(false)).find("the cameras are swapped"));
@@ -118,8 +107,9 @@ TEST(StereoCamera, OfADisparityImageHasItsBaseline)
   EXPECT_EQ(0.25, camera.geometry.baseline_m);
   EXPECT_EQ(0.0, camera.geometry.cx_difference);
   disparity.f = 700.0F;
-  EXPECT_NE(std::string::npos, refusal([&] { StereoCamera::fromMsg(makeInfo(false), disparity, LEFT); })
-                                   .find("they must be of the same camera"));
+  EXPECT_NE(std::string::npos,
+            messageOf<std::invalid_argument>([&] { StereoCamera::fromMsg(makeInfo(false), disparity, LEFT); })
+                .find("they must be of the same camera"));
 }
 
 /// A dark picture with a bright spot where the lens puts a point of the rectified picture.
@@ -179,13 +169,14 @@ TEST(Rectifier, NamesALensThatItDoesNotKnow)
 {
   sensor_msgs::CameraInfo info = makeInfo(false);
   info.distortion_model = "barrel";
-  EXPECT_NE(std::string::npos, refusal([&] { Rectifier(info, LEFT); }).find("distortion_model = \"barrel\""));
+  EXPECT_NE(std::string::npos,
+            messageOf<std::invalid_argument>([&] { Rectifier(info, LEFT); }).find("distortion_model = \"barrel\""));
   info.distortion_model = "plumb_bob";
   info.D.resize(3);
-  EXPECT_NE(std::string::npos, refusal([&] { Rectifier(info, LEFT); }).find("D has 3 values"));
+  EXPECT_NE(std::string::npos, messageOf<std::invalid_argument>([&] { Rectifier(info, LEFT); }).find("D has 3 values"));
   info = makeInfo(false);
   info.K[0] = 0.0;
-  EXPECT_NE(std::string::npos, refusal([&] { Rectifier(info, LEFT); }).find("K[0] = 0"));
+  EXPECT_NE(std::string::npos, messageOf<std::invalid_argument>([&] { Rectifier(info, LEFT); }).find("K[0] = 0"));
 }
 
 TEST(StereoPairing, PairsAtOnceWhateverComesFirst)

@@ -1,8 +1,8 @@
 // config/tracker.yaml and the defaults in the code must be the same, and impossible values must be named.
 
 #include <gtest/gtest.h>
-#include "ros/tracker_ros_options.h"
 #include <pi_node/test_support/options_reader.h>
+#include "ros/tracker_ros_options.h"
 
 namespace pi_detect
 {
@@ -11,21 +11,23 @@ using namespace pi_node::test_support;
 namespace
 {
 
-const OptionsReader<TrackerRosOptions> reader("/tracker/");
+const OptionsReader<TrackerRosOptions> tracker_reader("/tracker/");
 
 TEST(TrackerRosOptions, DefaultsAreThoseOfTheYamlFile)
 {
-  reader.expectDefaultsOf(TRACKER_YAML);
+  tracker_reader.expectDefaultsOf(TRACKER_YAML);
 }
 
 TEST(TrackerRosOptions, NamesWhatIsWrong)
 {
   Names unknown;
-  reader.load("{tracker: {high: 0.5}, always: true}", &unknown);
+  tracker_reader.load("{tracker: {high: 0.5}, always: true}", &unknown);
   EXPECT_EQ((Names{"/tracker/always", "/tracker/tracker/high"}), unknown);
-  EXPECT_EQ("parameter /tracker/warning_period_s = 0, must be in (0, 3600]", reader.refusal("warning_period_s: 0"));
-  EXPECT_TRUE(begins(reader.refusal("tracker: {confirm_hits: 0}"), "parameter /tracker/tracker/confirm_hits = 0"))
-      << reader.refusal("tracker: {confirm_hits: 0}");
+  EXPECT_EQ("parameter /tracker/warning_period_s = 0, must be in (0, 3600]",
+            tracker_reader.refusal("warning_period_s: 0"));
+  EXPECT_TRUE(
+      begins(tracker_reader.refusal("tracker: {confirm_hits: 0}"), "parameter /tracker/tracker/confirm_hits = 0"))
+      << tracker_reader.refusal("tracker: {confirm_hits: 0}");
 }
 
 }  // namespace

@@ -30,11 +30,11 @@ const CameraModel PINHOLE = makeCamera(Distortion::NONE, {});
 const CameraModel RADTAN = makeCamera(Distortion::RADTAN, {-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05});
 const CameraModel FISHEYE = makeCamera(Distortion::EQUIDISTANT, {0.0034, 0.00076, -0.0033, 0.0011});
 
+}  // namespace
+
 class Models : public testing::TestWithParam<CameraModel>
 {
 };
-
-}  // namespace
 
 TEST_P(Models, ProjectUndoesUnprojectAtEveryPixel)
 {

@@ -10,6 +10,11 @@
 namespace pi_slam
 {
 
+// Of the recordings that tests make: their first pair, and from one pair or sample to the next.
+constexpr int64_t START_NS = 1400000000000000000;
+constexpr int64_t FRAME_NS = 50000000;
+constexpr int64_t IMU_NS = 5000000;
+
 /// What a source hands out until its end.
 struct Content
 {

@@ -23,10 +23,6 @@ using namespace pi_slam;
 using pi_node::test_support::messageOf;
 using pi_node::test_support::TemporaryFolder;
 
-constexpr int64_t START_NS = 1400000000000000000;
-constexpr int64_t FRAME_NS = 50000000;
-constexpr int64_t IMU_NS = 5000000;
-
 ros::Time timeOf(int64_t stamp_ns)
 {
   ros::Time time;

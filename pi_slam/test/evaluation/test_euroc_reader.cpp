@@ -18,9 +18,6 @@ using pi_node::test_support::messageOf;
 using pi_node::test_support::TemporaryFolder;
 namespace fs = std::filesystem;
 
-constexpr int64_t START_NS = 1400000000000000000;
-constexpr int64_t FRAME_NS = 50000000;
-constexpr int64_t IMU_NS = 5000000;
 constexpr int PAIRS = 6;
 
 int64_t frameStamp(int frame)

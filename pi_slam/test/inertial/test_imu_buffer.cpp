@@ -6,13 +6,14 @@
 #include <cmath>
 #include <limits>
 
+#include "inertial/start_ns.h"
+
 using namespace pi_slam;
 using pi_node::test_support::messageOf;
 
 namespace
 {
 
-constexpr int64_t START_NS = 1700000000000000000LL;
 constexpr int64_t PERIOD_NS = 5000000LL;
 
 /// Rate and force grow linearly with time, so that interpolation is exact.

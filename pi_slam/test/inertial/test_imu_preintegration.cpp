@@ -9,13 +9,14 @@
 #include <limits>
 #include <random>
 
+#include "inertial/start_ns.h"
+
 using namespace pi_slam;
 using pi_node::test_support::messageOf;
 
 namespace
 {
 
-constexpr int64_t START_NS = 1700000000000000000LL;
 constexpr double GRAVITY = 9.81;
 
 /// A lively motion: up to 3 rad/s and 5 m/s^2.

@@ -9,12 +9,12 @@
 #include <limits>
 #include <thread>
 
+#include "inertial/start_ns.h"
+
 using namespace pi_slam;
 
 namespace
 {
-
-constexpr int64_t START_NS = 1700000000000000000LL;
 
 /// A body that turns and is pushed about, never still; sample `i` of a stream.
 ImuSample sampleAt(int i, double rate_hz)

@@ -8,7 +8,7 @@ using namespace pi_slam;
 namespace
 {
 
-constexpr int64_t START_NS = 1700000000123456789LL;
+constexpr int64_t SPLINE_START_NS = 1700000000123456789LL;
 
 /// A tumbling flight, all axes in motion.
 Eigen::Isometry3d poseAt(double t)
@@ -27,7 +27,7 @@ std::vector<StampedPose> sample(double duration_s, double interval_s)
   std::vector<StampedPose> poses;
   for (int i = 0; i * interval_s <= duration_s; ++i)
   {
-    poses.push_back({START_NS + std::llround(i * interval_s * 1e9), poseAt(i * interval_s)});
+    poses.push_back({SPLINE_START_NS + std::llround(i * interval_s * 1e9), poseAt(i * interval_s)});
   }
   return poses;
 }
@@ -91,7 +91,7 @@ TEST(SplineTrajectory, StandsStillWhereThePosesDo)
   std::vector<StampedPose> poses;
   for (int i = 0; i < 100; ++i)
   {
-    poses.push_back({START_NS + i * 20000000LL, poseAt(1.0)});
+    poses.push_back({SPLINE_START_NS + i * 20000000LL, poseAt(1.0)});
   }
   const auto state = SplineTrajectory::fit(poses).atSeconds(1.0);
   EXPECT_LT(state.v_world.norm(), 1e-9);
@@ -106,7 +106,7 @@ TEST(SplineTrajectory, TakesIrregularSamplesAndQuaternionsOfEitherSign)
   {
     const int64_t jitter_ns = static_cast<int64_t>(i * 7919 % 11) * 1000000LL - 5000000LL;
     poses[i].stamp_ns += jitter_ns;
-    poses[i].T_world_body = poseAt(1e-9 * static_cast<double>(poses[i].stamp_ns - START_NS));
+    poses[i].T_world_body = poseAt(1e-9 * static_cast<double>(poses[i].stamp_ns - SPLINE_START_NS));
   }
   const SplineTrajectory spline = SplineTrajectory::fit(poses);
   for (double t = 0.5; t < 5.5; t += 0.031)

@@ -4,6 +4,8 @@
 
 #include <stdexcept>
 
+#include "ros/contains.h"
+
 namespace pi_slam
 {
 namespace
@@ -40,11 +42,6 @@ std::string refusal(const sensor_msgs::CameraInfo& left, const sensor_msgs::Came
     return error.what();
   }
   return "";
-}
-
-bool contains(const std::string& text, const std::string& part)
-{
-  return text.find(part) != std::string::npos;
 }
 
 TEST(CalibrationLoader, TakesTheBaselineFromP)

@@ -10,6 +10,8 @@
 #include <random>
 #include <stdexcept>
 
+#include "ros/contains.h"
+
 namespace pi_slam
 {
 namespace
@@ -27,11 +29,6 @@ std::string refusal(const Function& function)
     return error.what();
   }
   return "";
-}
-
-bool contains(const std::string& text, const std::string& part)
-{
-  return text.find(part) != std::string::npos;
 }
 
 boost::shared_ptr<sensor_msgs::Image> makeImage(const std::string& encoding, uint32_t width, uint32_t height,

@@ -1,0 +1,13 @@
+#pragma once
+
+#include <string>
+
+namespace pi_slam
+{
+
+inline bool contains(const std::string& text, const std::string& part)
+{
+  return text.find(part) != std::string::npos;
+}
+
+}  // namespace pi_slam
