@@ -23,7 +23,7 @@ NodeDescription goodNode()
 }
 
 /// What the error says; empty if there is none.
-std::string errorOf(const NodeDescription& node)
+std::string nodeError(const NodeDescription& node)
 {
   try
   {
@@ -64,15 +64,15 @@ TEST(TaskKind, AnUnknownNameIsNamedWithWhatIsAllowed)
 TEST(NodeDescription, GoodOnesAreTaken)
 {
   NodeDescription node = goodNode();
-  EXPECT_EQ(errorOf(node), "");
+  EXPECT_EQ(nodeError(node), "");
   node.address = "";
-  EXPECT_EQ(errorOf(node), "") << "simulated nodes have none";
+  EXPECT_EQ(nodeError(node), "") << "simulated nodes have none";
   node.range_m = std::numeric_limits<double>::infinity();
-  EXPECT_EQ(errorOf(node), "") << "everywhere";
+  EXPECT_EQ(nodeError(node), "") << "everywhere";
   for (const char* address : {"edge.example.org:1", "localhost:65535", "[::1]:5560"})
   {
     node.address = address;
-    EXPECT_EQ(errorOf(node), "") << address;
+    EXPECT_EQ(nodeError(node), "") << address;
   }
 }
 
@@ -83,10 +83,10 @@ TEST(NodeDescription, IdsAreShortAndPlain)
                                 std::string("\xc3\xa4"), std::string(65, 'a')})
   {
     node.id = id;
-    EXPECT_NE(errorOf(node).find("node id \"" + id + "\" must be"), std::string::npos) << id;
+    EXPECT_NE(nodeError(node).find("node id \"" + id + "\" must be"), std::string::npos) << id;
   }
   node.id = std::string(64, 'a');
-  EXPECT_EQ(errorOf(node), "");
+  EXPECT_EQ(nodeError(node), "");
 }
 
 TEST(NodeDescription, AddressesHaveHostAndPort)
@@ -96,7 +96,7 @@ TEST(NodeDescription, AddressesHaveHostAndPort)
                               "a b:5560", "::1:5560", "tcp://host:5560", "[]:5560"})
   {
     node.address = address;
-    EXPECT_EQ(errorOf(node),
+    EXPECT_EQ(nodeError(node),
               "node gate-3.north_a/address = \"" + std::string(address) + "\", must be host:port, port in [1, 65535]");
   }
 }
@@ -105,18 +105,18 @@ TEST(NodeDescription, NumbersNameNodeFieldAndBound)
 {
   NodeDescription node = goodNode();
   node.range_m = -1.0;
-  EXPECT_EQ(errorOf(node), "node gate-3.north_a/range_m = -1, must be in [0, inf]");
+  EXPECT_EQ(nodeError(node), "node gate-3.north_a/range_m = -1, must be in [0, inf]");
   node.range_m = std::nan("");
-  EXPECT_NE(errorOf(node).find("range_m = nan"), std::string::npos);
+  EXPECT_NE(nodeError(node).find("range_m = nan"), std::string::npos);
   node = goodNode();
   node.frequency_ghz = 0.0;
-  EXPECT_EQ(errorOf(node), "node gate-3.north_a/frequency_ghz = 0, must be positive");
+  EXPECT_EQ(nodeError(node), "node gate-3.north_a/frequency_ghz = 0, must be positive");
   node = goodNode();
   node.capacity_gcycles = -2.0;
-  EXPECT_NE(errorOf(node).find("capacity_gcycles = -2"), std::string::npos);
+  EXPECT_NE(nodeError(node).find("capacity_gcycles = -2"), std::string::npos);
   node = goodNode();
   node.position.y = std::numeric_limits<double>::infinity();
-  EXPECT_NE(errorOf(node).find("position = (12.000000, inf), must be finite"), std::string::npos);
+  EXPECT_NE(nodeError(node).find("position = (12.000000, inf), must be finite"), std::string::npos);
 }
 
 }  // namespace

@@ -12,7 +12,7 @@ namespace
 
 using namespace pi_offload;
 
-constexpr double TOLERANCE = 1e-4;
+constexpr double TOLERANCE_S = 1e-4;
 constexpr double NEVER = std::numeric_limits<double>::infinity();
 constexpr double SPEED = 3.0;
 constexpr double RANGE = 100.0;
@@ -45,20 +45,20 @@ TEST(StraightResidence, InsideItLastsUntilTheVehicleLeaves)  // vectors 1 to 4, 
         Inside{30.0, 40.0, 30.0, 16.7267}, Inside{100.0, 0.0, 90.0, 0.0}, Inside{100.0, 0.0, -90.0, 66.6667}})
   {
     const Residence residence = straight(example.x, example.y, example.degrees);
-    EXPECT_NEAR(residence.now_s, example.seconds, TOLERANCE) << example.x << ", " << example.y;
+    EXPECT_NEAR(residence.now_s, example.seconds, TOLERANCE_S) << example.x << ", " << example.y;
     EXPECT_EQ(residence.enters_s, 0.0);
     EXPECT_EQ(residence.leaves_s, residence.now_s);
-    EXPECT_NEAR(residence.window_s(), example.seconds, TOLERANCE);
+    EXPECT_NEAR(residence.window_s(), example.seconds, TOLERANCE_S);
     EXPECT_NEAR(printedResidence({example.x, example.y}, radians(example.degrees), SPEED, NODE, RANGE), example.seconds,
-                TOLERANCE);
+                TOLERANCE_S);
   }
 }
 
 TEST(StraightResidence, HeadingIsFromTheYAxisClockwise)  // vector 4, with the axes mixed up
 {
-  EXPECT_NEAR(straight(30.0, 40.0, 90.0 - 30.0).now_s, 17.3571, TOLERANCE);
+  EXPECT_NEAR(straight(30.0, 40.0, 90.0 - 30.0).now_s, 17.3571, TOLERANCE_S);
   EXPECT_NEAR(straightResidence({30.0, 40.0}, headingOfYaw(radians(60.0)), SPEED, NODE, RANGE).now_s, 16.7267,
-              TOLERANCE);
+              TOLERANCE_S);
   EXPECT_NEAR(headingOfYaw(0.0), radians(90.0), 1e-12) << "+X is east";
   EXPECT_NEAR(headingOfYaw(radians(90.0)), 0.0, 1e-12) << "+Y is north";
 }
@@ -67,10 +67,10 @@ TEST(StraightResidence, ANodeAheadIsUsableLater)  // vector 5
 {
   const Residence residence = straight(-150.0, 60.0, 90.0);
   EXPECT_EQ(residence.now_s, 0.0);
-  EXPECT_NEAR(residence.enters_s, 23.3333, TOLERANCE);
-  EXPECT_NEAR(residence.leaves_s, 76.6667, TOLERANCE);
-  EXPECT_NEAR(residence.window_s(), 53.3333, TOLERANCE);
-  EXPECT_NEAR(printedResidence({-150.0, 60.0}, radians(90.0), SPEED, NODE, RANGE), 76.6667, TOLERANCE)
+  EXPECT_NEAR(residence.enters_s, 23.3333, TOLERANCE_S);
+  EXPECT_NEAR(residence.leaves_s, 76.6667, TOLERANCE_S);
+  EXPECT_NEAR(residence.window_s(), 53.3333, TOLERANCE_S);
+  EXPECT_NEAR(printedResidence({-150.0, 60.0}, radians(90.0), SPEED, NODE, RANGE), 76.6667, TOLERANCE_S)
       << "equation 8 as printed takes it for the best node of all";
 }
 
@@ -163,8 +163,8 @@ TEST(RouteResidence, FollowsACorner)
 {
   // 50 m east, then north: leaves at (50, 86.6025).
   const Residence residence = along({0.0, 0.0}, {{0.0, 0.0}, {50.0, 0.0}, {50.0, 300.0}});
-  EXPECT_NEAR(residence.now_s, (50.0 + 86.6025) / SPEED, TOLERANCE);
-  EXPECT_NEAR(straight(0.0, 0.0, 90.0).now_s, 33.3333, TOLERANCE) << "the straight line leaves earlier";
+  EXPECT_NEAR(residence.now_s, (50.0 + 86.6025) / SPEED, TOLERANCE_S);
+  EXPECT_NEAR(straight(0.0, 0.0, 90.0).now_s, 33.3333, TOLERANCE_S) << "the straight line leaves earlier";
 }
 
 TEST(RouteResidence, TurnsIntoARangeThatTheStraightLineMisses)
@@ -173,8 +173,8 @@ TEST(RouteResidence, TurnsIntoARangeThatTheStraightLineMisses)
   EXPECT_EQ(straight(-150.0, 120.0, 90.0).window_s(), 0.0);
   const Residence residence = along(route.front(), route);
   EXPECT_EQ(residence.now_s, 0.0);
-  EXPECT_NEAR(residence.enters_s, 170.0 / SPEED, TOLERANCE);
-  EXPECT_NEAR(residence.leaves_s, 370.0 / SPEED, TOLERANCE);
+  EXPECT_NEAR(residence.enters_s, 170.0 / SPEED, TOLERANCE_S);
+  EXPECT_NEAR(residence.leaves_s, 370.0 / SPEED, TOLERANCE_S);
 }
 
 TEST(RouteResidence, FirstOfSeveralWindowsIsGiven)
@@ -182,20 +182,20 @@ TEST(RouteResidence, FirstOfSeveralWindowsIsGiven)
   // Through the range at y = 60, away, and back at y = 0.
   const std::vector<Point> route{{-200.0, 60.0}, {200.0, 60.0}, {200.0, 0.0}, {-200.0, 0.0}};
   const Residence first = along(route.front(), route);
-  EXPECT_NEAR(first.enters_s, 120.0 / SPEED, TOLERANCE);
-  EXPECT_NEAR(first.leaves_s, 280.0 / SPEED, TOLERANCE);
+  EXPECT_NEAR(first.enters_s, 120.0 / SPEED, TOLERANCE_S);
+  EXPECT_NEAR(first.leaves_s, 280.0 / SPEED, TOLERANCE_S);
   const Residence second = along({150.0, 60.0}, route);
-  EXPECT_NEAR(second.enters_s, (50.0 + 60.0 + 100.0) / SPEED, TOLERANCE);
-  EXPECT_NEAR(second.window_s(), 200.0 / SPEED, TOLERANCE);
+  EXPECT_NEAR(second.enters_s, (50.0 + 60.0 + 100.0) / SPEED, TOLERANCE_S);
+  EXPECT_NEAR(second.window_s(), 200.0 / SPEED, TOLERANCE_S);
   const Residence leaving = along({0.0, 60.0}, route);
-  EXPECT_NEAR(leaving.now_s, 80.0 / SPEED, TOLERANCE) << "what it has now, not the window after it";
+  EXPECT_NEAR(leaving.now_s, 80.0 / SPEED, TOLERANCE_S) << "what it has now, not the window after it";
 }
 
 TEST(RouteResidence, ATouchIsNoWindow)
 {
   const std::vector<Point> route{{-200.0, 100.0}, {200.0, 100.0}, {200.0, 0.0}, {0.0, 0.0}};
   const Residence residence = along(route.front(), route);
-  EXPECT_NEAR(residence.enters_s, (400.0 + 100.0 + 100.0) / SPEED, TOLERANCE);
+  EXPECT_NEAR(residence.enters_s, (400.0 + 100.0 + 100.0) / SPEED, TOLERANCE_S);
   // A corner that touches the edge from outside.
   const std::vector<Point> corner{{-100.0, 100.0}, {-100.0, 0.0}, {-200.0, 0.0}};
   EXPECT_EQ(along({-100.0, 100.0}, corner).window_s(), 0.0);
@@ -206,15 +206,15 @@ TEST(RouteResidence, ACornerOnTheEdgeDoesNotSplitAWindow)
   // Goes in, turns exactly on the edge, comes back in.
   const std::vector<Point> route{{0.0, 0.0}, {60.0, 80.0}, {0.0, 0.0}, {-300.0, 0.0}};
   const Residence residence = along(route.front(), route);
-  EXPECT_NEAR(residence.now_s, 300.0 / SPEED, TOLERANCE);
+  EXPECT_NEAR(residence.now_s, 300.0 / SPEED, TOLERANCE_S);
 }
 
 TEST(RouteResidence, AVehicleBesideTheRouteGoesThereFirst)
 {
   const Residence residence = along({0.0, 30.0}, {{-100.0, 0.0}, {300.0, 0.0}});
-  EXPECT_NEAR(residence.now_s, 130.0 / SPEED, TOLERANCE);
+  EXPECT_NEAR(residence.now_s, 130.0 / SPEED, TOLERANCE_S);
   const Residence before = along({-150.0, 0.0}, {{-120.0, 0.0}, {300.0, 0.0}});
-  EXPECT_NEAR(before.enters_s, 50.0 / SPEED, TOLERANCE);
+  EXPECT_NEAR(before.enters_s, 50.0 / SPEED, TOLERANCE_S);
 }
 
 TEST(RouteResidence, TheVehicleStandsAtTheEnd)
@@ -224,10 +224,10 @@ TEST(RouteResidence, TheVehicleStandsAtTheEnd)
   EXPECT_EQ(stays.leaves_s, NEVER);
   const Residence arrives = along({-160.0, 0.0}, {{-160.0, 0.0}, {0.0, 0.0}});
   EXPECT_EQ(arrives.now_s, 0.0);
-  EXPECT_NEAR(arrives.enters_s, 60.0 / SPEED, TOLERANCE);
+  EXPECT_NEAR(arrives.enters_s, 60.0 / SPEED, TOLERANCE_S);
   EXPECT_EQ(arrives.leaves_s, NEVER);
   const Residence edge = along({-160.0, 0.0}, {{-160.0, 0.0}, {-100.0, 0.0}});
-  EXPECT_NEAR(edge.enters_s, 60.0 / SPEED, TOLERANCE) << "stands on the edge, which is inside";
+  EXPECT_NEAR(edge.enters_s, 60.0 / SPEED, TOLERANCE_S) << "stands on the edge, which is inside";
   EXPECT_EQ(edge.leaves_s, NEVER);
   const Residence falls_short = along({-160.0, 0.0}, {{-160.0, 0.0}, {-110.0, 0.0}});
   EXPECT_EQ(falls_short.enters_s, NEVER);
@@ -253,7 +253,7 @@ TEST(RouteResidence, LeavesAtOnceFromTheEdge)
 TEST(RouteResidence, PointsThatRepeatDoNotMatter)
 {
   const std::vector<Point> route{{0.0, 0.0}, {0.0, 0.0}, {50.0, 0.0}, {50.0, 0.0}, {50.0, 300.0}};
-  EXPECT_NEAR(along({0.0, 0.0}, route).now_s, (50.0 + 86.6025) / SPEED, TOLERANCE);
+  EXPECT_NEAR(along({0.0, 0.0}, route).now_s, (50.0 + 86.6025) / SPEED, TOLERANCE_S);
 }
 
 TEST(RouteResidence, AgreesWithDrivingTheRouteInSmallSteps)

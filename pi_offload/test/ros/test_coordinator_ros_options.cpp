@@ -15,11 +15,11 @@ using namespace pi_node::test_support;
 namespace
 {
 
-const OptionsReader<CoordinatorRosOptions> reader("/coordinator/");
+const OptionsReader<CoordinatorRosOptions> coordinator_reader("/coordinator/");
 
 TEST(CoordinatorRosOptions, DefaultsAreThoseOfTheYamlFile)
 {
-  reader.expectDefaultsOf(COORDINATOR_YAML);
+  coordinator_reader.expectDefaultsOf(COORDINATOR_YAML);
 }
 
 TEST(CoordinatorRosOptions, ParametersComeBackAsTheyWere)
@@ -51,7 +51,7 @@ TEST(CoordinatorRosOptions, ParametersComeBackAsTheyWere)
 TEST(CoordinatorRosOptions, ReadsNodes)
 {
   const CoordinatorRosOptions options =
-      reader.load("nodes: [{id: a, address: 'h:1', x: 3, y: 4.5, range: 60}, {id: b, address: 'h:2'}]");
+      coordinator_reader.load("nodes: [{id: a, address: 'h:1', x: 3, y: 4.5, range: 60}, {id: b, address: 'h:2'}]");
   ASSERT_EQ(2u, options.nodes.size());
   EXPECT_EQ(3.0, options.nodes[0].position.x);
   EXPECT_EQ(60.0, options.nodes[0].range_m);
@@ -62,50 +62,56 @@ TEST(CoordinatorRosOptions, ReadsNodes)
 TEST(CoordinatorRosOptions, NamesUnknownParameters)
 {
   Names unknown;
-  reader.load("{policy: {nam: local}, deadline: 0.3}", &unknown);
+  coordinator_reader.load("{policy: {nam: local}, deadline: 0.3}", &unknown);
   EXPECT_EQ((Names{"/coordinator/deadline", "/coordinator/policy/nam"}), unknown);
 }
 
 TEST(CoordinatorRosOptions, NamesParameterValueAndBound)
 {
   EXPECT_EQ("parameter /coordinator/picture/encoding = \"png\", must be auto, jpeg or raw",
-            reader.refusal("picture: {encoding: png}"));
+            coordinator_reader.refusal("picture: {encoding: png}"));
   EXPECT_EQ(
       "parameter /coordinator/policy/name = \"best\", must be one of local, nearest, nearest_anywhere, "
       "paper_literal, paper, deadline, expected_cost",
-      reader.refusal("policy: {name: best}"));
-  EXPECT_EQ("parameter /coordinator/eta = 1.5, must be in [0, 1]", reader.refusal("eta: 1.5"));
+      coordinator_reader.refusal("policy: {name: best}"));
+  EXPECT_EQ("parameter /coordinator/eta = 1.5, must be in [0, 1]", coordinator_reader.refusal("eta: 1.5"));
   EXPECT_EQ("parameter /coordinator/detection/deadline_s = 0, must be in [0.001, 60]",
-            reader.refusal("detection: {deadline_s: 0}"));
+            coordinator_reader.refusal("detection: {deadline_s: 0}"));
   EXPECT_EQ("parameter /coordinator/detection/local_s = -1, must be in [0.0001, 60]",
-            reader.refusal("detection: {local_s: -1}"));
+            coordinator_reader.refusal("detection: {local_s: -1}"));
   EXPECT_EQ("parameter /coordinator/battery/charge_full = 0.1, must be above charge_empty",
-            reader.refusal("battery: {charge_full: 0.1}"));
+            coordinator_reader.refusal("battery: {charge_full: 0.1}"));
   EXPECT_EQ(
       "parameter /coordinator/nodes_file = \"map.yaml\", must be an absolute path, or empty for none: a node's "
       "working folder is not its user's",
-      reader.refusal("nodes_file: map.yaml"));
+      coordinator_reader.refusal("nodes_file: map.yaml"));
   EXPECT_EQ("parameter /coordinator/nodes node 1: range = \"far\", must be a number [m], or inf",
-            reader.refusal("nodes: [{id: a, address: 'h:1', range: far}]"));
+            coordinator_reader.refusal("nodes: [{id: a, address: 'h:1', range: far}]"));
   EXPECT_EQ(
       "parameter /coordinator/nodes node 1: port means nothing here; there are id, address, x, y, range and "
       "frequency_ghz",
-      reader.refusal("nodes: [{id: a, port: 5}]"));
+      coordinator_reader.refusal("nodes: [{id: a, port: 5}]"));
   EXPECT_EQ("parameter /coordinator/nodes = 5, must be a list of maps with id, address, x, y and range",
-            reader.refusal("nodes: 5"));
-  EXPECT_EQ("parameter /coordinator/nodes: address = \"\" of a, must be host:port", reader.refusal("nodes: [{id: a}]"));
+            coordinator_reader.refusal("nodes: 5"));
+  EXPECT_EQ("parameter /coordinator/nodes: address = \"\" of a, must be host:port",
+            coordinator_reader.refusal("nodes: [{id: a}]"));
   EXPECT_EQ("parameter /coordinator/nodes: id a comes twice, must be unique",
-            reader.refusal("nodes: [{id: a, address: 'h:1'}, {id: a, address: 'h:2'}]"));
-  EXPECT_PRED2(begins, reader.refusal("policy: {hysteresis: -1}"),
+            coordinator_reader.refusal("nodes: [{id: a, address: 'h:1'}, {id: a, address: 'h:2'}]"));
+  EXPECT_PRED2(begins, coordinator_reader.refusal("policy: {hysteresis: -1}"),
                "parameter /coordinator/policy/hysteresis = -1, must be ");
-  EXPECT_PRED2(begins, reader.refusal("computer: {frequency_ghz: 0}"),
+  EXPECT_PRED2(begins, coordinator_reader.refusal("computer: {frequency_ghz: 0}"),
                "parameter /coordinator/computer/frequency_ghz = 0");
-  EXPECT_PRED2(begins, reader.refusal("radio: {tail_s: -2}"), "parameter /coordinator/radio/tail_s = -2");
-  EXPECT_PRED2(begins, reader.refusal("estimates: {memory_s: 0}"), "parameter /coordinator/estimates/memory_s = 0");
-  EXPECT_PRED2(begins, reader.refusal("probes: {period_s: 0}"), "parameter /coordinator/probes/period_s = 0");
-  EXPECT_PRED2(begins, reader.refusal("local: {max_waiting: 0}"), "parameter /coordinator/local/max_waiting = 0");
-  EXPECT_PRED2(begins, reader.refusal("keep_order: 1"), "parameter /coordinator/keep_order = 1, must be true or false");
-  EXPECT_PRED2(begins, reader.refusal("map_frame: ''"), "parameter /coordinator/map_frame = \"\", must be the name");
+  EXPECT_PRED2(begins, coordinator_reader.refusal("radio: {tail_s: -2}"), "parameter /coordinator/radio/tail_s = -2");
+  EXPECT_PRED2(begins, coordinator_reader.refusal("estimates: {memory_s: 0}"),
+               "parameter /coordinator/estimates/memory_s = 0");
+  EXPECT_PRED2(begins, coordinator_reader.refusal("probes: {period_s: 0}"),
+               "parameter /coordinator/probes/period_s = 0");
+  EXPECT_PRED2(begins, coordinator_reader.refusal("local: {max_waiting: 0}"),
+               "parameter /coordinator/local/max_waiting = 0");
+  EXPECT_PRED2(begins, coordinator_reader.refusal("keep_order: 1"),
+               "parameter /coordinator/keep_order = 1, must be true or false");
+  EXPECT_PRED2(begins, coordinator_reader.refusal("map_frame: ''"),
+               "parameter /coordinator/map_frame = \"\", must be the name");
 }
 
 TEST(CoordinatorRosOptions, EtaFollowsTheBattery)

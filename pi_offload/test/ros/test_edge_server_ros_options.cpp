@@ -17,11 +17,11 @@ using namespace pi_node::test_support;
 namespace
 {
 
-const OptionsReader<EdgeServerRosOptions> reader("/edge_server/");
+const OptionsReader<EdgeServerRosOptions> edge_server_reader("/edge_server/");
 
 TEST(EdgeServerRosOptions, DefaultsAreThoseOfTheYamlFile)
 {
-  reader.expectDefaultsOf(EDGE_SERVER_YAML);
+  edge_server_reader.expectDefaultsOf(EDGE_SERVER_YAML);
 }
 
 TEST(EdgeServerRosOptions, TheFileIsReadAsTheParametersAre)
@@ -79,29 +79,32 @@ TEST(EdgeServerRosOptions, NamesFileKeyAndValue)
 
 TEST(EdgeServerRosOptions, NamesParameterValueAndBound)
 {
-  EXPECT_PRED2(begins, reader.refusal("admission: {workers: 0}"),
+  EXPECT_PRED2(begins, edge_server_reader.refusal("admission: {workers: 0}"),
                "parameter /edge_server/admission/workers = 0, must be in ");
-  EXPECT_EQ("parameter /edge_server/range = \"far\", must be a number [m], or inf", reader.refusal("range: far"));
-  EXPECT_EQ("parameter /edge_server/range = -1, must be at least 0", reader.refusal("range: -1"));
-  EXPECT_PRED2(begins, reader.refusal("id: a b"), "parameter /edge_server/");
-  EXPECT_PRED2(begins, reader.refusal("address: somewhere"), "parameter /edge_server/");
-  EXPECT_PRED2(begins, reader.refusal("detection: {model: m.yaml}"),
+  EXPECT_EQ("parameter /edge_server/range = \"far\", must be a number [m], or inf",
+            edge_server_reader.refusal("range: far"));
+  EXPECT_EQ("parameter /edge_server/range = -1, must be at least 0", edge_server_reader.refusal("range: -1"));
+  EXPECT_PRED2(begins, edge_server_reader.refusal("id: a b"), "parameter /edge_server/");
+  EXPECT_PRED2(begins, edge_server_reader.refusal("address: somewhere"), "parameter /edge_server/");
+  EXPECT_PRED2(begins, edge_server_reader.refusal("detection: {model: m.yaml}"),
                "parameter /edge_server/detection/model = \"m.yaml\", must be an absolute path");
   EXPECT_EQ("parameter /edge_server/detection/target = \"gpu\", must be cpu, opencl or opencl_fp16",
-            reader.refusal("detection: {target: gpu}"));
+            edge_server_reader.refusal("detection: {target: gpu}"));
   EXPECT_EQ("parameter /edge_server/speech/mode = \"open\", must be safe or closed",
-            reader.refusal("speech: {mode: open}"));
+            edge_server_reader.refusal("speech: {mode: open}"));
   EXPECT_EQ("parameter /edge_server/detection/enabled and speech/enabled = false, must be true for one at least",
-            reader.refusal("{detection: {enabled: false}, speech: {enabled: false}}"));
-  EXPECT_PRED2(begins, reader.refusal("drain_s: -1"), "parameter /edge_server/drain_s = -1, must be in ");
-  EXPECT_PRED2(begins, reader.refusal("server: {max_payload_mb: 0}"),
+            edge_server_reader.refusal("{detection: {enabled: false}, speech: {enabled: false}}"));
+  EXPECT_PRED2(begins, edge_server_reader.refusal("drain_s: -1"), "parameter /edge_server/drain_s = -1, must be in ");
+  EXPECT_PRED2(begins, edge_server_reader.refusal("server: {max_payload_mb: 0}"),
                "parameter /edge_server/server/max_payload_mb = 0");
-  EXPECT_PRED2(begins, reader.refusal("health: {port: 99999}"), "parameter /edge_server/health/port = 99999");
+  EXPECT_PRED2(begins, edge_server_reader.refusal("health: {port: 99999}"),
+               "parameter /edge_server/health/port = 99999");
 }
 
 TEST(EdgeServerRosOptions, TheAnnouncementSaysWhereVehiclesConnect)
 {
-  EdgeServerRosOptions options = reader.load("{id: lamp, host: 10.0.0.7, x: 3, y: 4, range: 80, map_frame: town}");
+  EdgeServerRosOptions options =
+      edge_server_reader.load("{id: lamp, host: 10.0.0.7, x: 3, y: 4, range: 80, map_frame: town}");
   EdgeNode node = options.announcement(1234);
   EXPECT_EQ("lamp", node.id);
   EXPECT_EQ("10.0.0.7:1234", node.address);
@@ -118,20 +121,20 @@ TEST(EdgeServerRosOptions, TheAnnouncementSaysWhereVehiclesConnect)
   options.id = "";
   node = options.announcement(1234);
   EXPECT_EQ(node.id + ":1234", node.address);  // the host's name
-  EXPECT_TRUE(std::isinf(reader.load("range: inf").announcement(1).range));
+  EXPECT_TRUE(std::isinf(edge_server_reader.load("range: inf").announcement(1).range));
 }
 
 TEST(EdgeServerRosOptions, TheModelsNameIsKnownBeforehand)
 {
-  EXPECT_EQ("ssd_street", reader.load("{}").detectionModel());
-  EXPECT_EQ("", reader.load("{detection: {enabled: false}}").detectionModel());
-  EXPECT_THROW(reader.load("{detection: {model: /no/model.yaml}}").detectionModel(), std::runtime_error);
+  EXPECT_EQ("ssd_street", edge_server_reader.load("{}").detectionModel());
+  EXPECT_EQ("", edge_server_reader.load("{detection: {enabled: false}}").detectionModel());
+  EXPECT_THROW(edge_server_reader.load("{detection: {model: /no/model.yaml}}").detectionModel(), std::runtime_error);
 }
 
 TEST(EdgeServerRosOptions, AFileOfCommandsThatIsNotThereIsNamed)
 {
   const EdgeServerRosOptions options =
-      reader.load("{detection: {enabled: false}, speech: {commands: /no/commands.yaml}}");
+      edge_server_reader.load("{detection: {enabled: false}, speech: {commands: /no/commands.yaml}}");
   try
   {
     options.executors();

@@ -119,8 +119,6 @@ OffloadRequest soundRequest(const pi_speech::Samples& samples, const std::string
   return request;
 }
 
-}  // namespace
-
 TEST_F(Detection, FindsTheSameInEveryEncoding)
 {
   Executor run = detectionExecutor(options_)();
@@ -431,3 +429,5 @@ TEST(Speech, AnUtteranceIsTheSameHereAndThere)
   EXPECT_GE(accepted, utterances.size() / 2);
   EXPECT_GT(length_counts, 0) << "the length of the speech makes no difference";
 }
+
+}  // namespace

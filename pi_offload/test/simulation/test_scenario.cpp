@@ -50,8 +50,6 @@ protected:
   pi_node::test_support::TemporaryFolder folder_;
 };
 
-}  // namespace
-
 TEST_F(ScenarioFile, ReadsWhatItSaysAndKeepsTheRest)
 {
   const Scenario scenario = Scenario::load_file(write(USUAL));
@@ -169,3 +167,5 @@ TEST(Scenarios, ThoseOfThePackageAreValid)
   }
   EXPECT_GE(count, 7U);
 }
+
+}  // namespace

@@ -2,11 +2,11 @@
 #include <nanomsg/nn.h>
 #include <nanomsg/reqrep.h>
 #include <nanomsg/tcp.h>
+#include <pi_node/test_support/message_of.h>
 
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <functional>
 #include <memory>
 #include <random>
 #include <thread>
@@ -15,6 +15,7 @@
 #include "wire/sp_socket.h"
 
 using namespace pi_offload;
+using pi_node::test_support::messageOf;
 
 namespace
 {
@@ -99,19 +100,6 @@ struct Vehicle
   std::unique_ptr<SpRequester> requester;
 };
 
-std::string errorOf(const std::function<void()>& action)
-{
-  try
-  {
-    action();
-  }
-  catch (const std::exception& error)
-  {
-    return error.what();
-  }
-  return "";
-}
-
 }  // namespace
 
 TEST(SpSocket, NamesTheOptionThatIsWrong)
@@ -120,7 +108,7 @@ TEST(SpSocket, NamesTheOptionThatIsWrong)
   const auto addressError = [&](const std::string& address)
   {
     requester.address = address;
-    return errorOf([&] { requester.validate(); });
+    return messageOf<std::exception>([&] { requester.validate(); });
   };
   EXPECT_EQ(addressError("node:7000"), "");
   EXPECT_EQ(addressError("[::1]:7000"), "");
@@ -132,11 +120,12 @@ TEST(SpSocket, NamesTheOptionThatIsWrong)
   EXPECT_NE(addressError("::1:7000").find("brackets"), std::string::npos);
   requester.address = "node:7000";
   requester.max_reconnect_s = 0.1;
-  EXPECT_EQ(errorOf([&] { requester.validate(); }), "requester/max_reconnect_s = 0.1, must be in [0.2, 3600]");
+  EXPECT_EQ(messageOf<std::exception>([&] { requester.validate(); }),
+            "requester/max_reconnect_s = 0.1, must be in [0.2, 3600]");
   SpReplier::Options replier;
-  EXPECT_EQ(errorOf([&] { replier.validate(); }), "");
+  EXPECT_EQ(messageOf<std::exception>([&] { replier.validate(); }), "");
   replier.idle_timeout_s = NAN;
-  EXPECT_NE(errorOf([&] { replier.validate(); }).find("replier/idle_timeout_s"), std::string::npos);
+  EXPECT_NE(messageOf<std::exception>([&] { replier.validate(); }).find("replier/idle_timeout_s"), std::string::npos);
 }
 
 TEST(SpSocket, SaysWhyItCannotListen)
@@ -144,10 +133,11 @@ TEST(SpSocket, SaysWhyItCannotListen)
   Node node;
   SpReplier::Options options = loopbackReplier();
   options.port = node.replier->port();
-  EXPECT_EQ(errorOf([&] { Node other(options); }),
+  EXPECT_EQ(messageOf<std::exception>([&] { Node other(options); }),
             "cannot listen on 127.0.0.1:" + std::to_string(options.port) + ": Address already in use");
   options.host = "no such name";
-  EXPECT_NE(errorOf([&] { Node other(options); }).find("cannot resolve 'no such name'"), std::string::npos);
+  EXPECT_NE(messageOf<std::exception>([&] { Node other(options); }).find("cannot resolve 'no such name'"),
+            std::string::npos);
 }
 
 TEST(SpSocket, RequestsAreAnsweredInAnyOrder)

@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <pi_node/test_support/message_of.h>
 
 #include <algorithm>
 #include <cmath>
@@ -9,6 +10,7 @@
 #include "wire/wire_message.h"
 
 using namespace pi_offload;
+using pi_node::test_support::messageOf;
 
 namespace
 {
@@ -55,21 +57,6 @@ OffloadReply someReply()
   reply.confidence = 0.875F;
   reply.accepted = true;
   return reply;
-}
-
-/// The text of the error, empty if there is none.
-template <typename Error>
-std::string errorOf(const std::function<void()>& action)
-{
-  try
-  {
-    action();
-  }
-  catch (const Error& error)
-  {
-    return error.what();
-  }
-  return "";
 }
 
 }  // namespace
@@ -164,7 +151,7 @@ TEST(WireMessage, NamesWhatIsWrong)
   {
     auto bytes = good;
     std::copy(values.begin(), values.end(), bytes.begin() + static_cast<std::ptrdiff_t>(at));
-    return errorOf<WireError>([&] { decodeRequest(bytes.data(), bytes.size()); });
+    return messageOf<WireError>([&] { decodeRequest(bytes.data(), bytes.size()); });
   };
   EXPECT_EQ(decodeChanged(0, {'X'}), "request: no message of this kind (90 bytes)");
   EXPECT_EQ(decodeChanged(4, {9}), "request: version 9, this is version 1");
@@ -179,11 +166,11 @@ TEST(WireMessage, NamesWhatIsWrong)
   EXPECT_NE(decodeChanged(30, {0xf8, 0x7f}).find("'remaining_s' = nan"), std::string::npos);
   EXPECT_NE(decodeChanged(38, {0xf0, 0xbf}).find("'lease_rate_hz'"), std::string::npos);
   EXPECT_NE(decodeChanged(54, {0xe8, 0xbf}).find("'speech_s' = -0.75"), std::string::npos);
-  EXPECT_EQ(errorOf<WireError>([&] { decodeRequest(nullptr, 0); }), "request: no message of this kind (0 bytes)");
+  EXPECT_EQ(messageOf<WireError>([&] { decodeRequest(nullptr, 0); }), "request: no message of this kind (0 bytes)");
   const auto reply = encode(someReply());
-  EXPECT_EQ(errorOf<WireError>([&] { decodeRequest(reply.data(), reply.size()); }),
+  EXPECT_EQ(messageOf<WireError>([&] { decodeRequest(reply.data(), reply.size()); }),
             "request: no message of this kind (" + std::to_string(reply.size()) + " bytes)");
-  EXPECT_NE(errorOf<WireError>([&] { decodeReply(good.data(), good.size()); }), "");
+  EXPECT_NE(messageOf<WireError>([&] { decodeReply(good.data(), good.size()); }), "");
 }
 
 TEST(WireMessage, RefusesToSendWhatCannotBeReceived)
@@ -192,7 +179,7 @@ TEST(WireMessage, RefusesToSendWhatCannotBeReceived)
   {
     OffloadRequest request = someRequest();
     change(request);
-    return errorOf<std::invalid_argument>([&] { encode(request); });
+    return messageOf<std::invalid_argument>([&] { encode(request); });
   };
   EXPECT_EQ(encodeChanged([](OffloadRequest&) {}), "");
   EXPECT_NE(encodeChanged([](OffloadRequest& r) { r.vehicle = ""; }).find("request/vehicle"), std::string::npos);
@@ -207,7 +194,7 @@ TEST(WireMessage, RefusesToSendWhatCannotBeReceived)
   EXPECT_NE(encodeChanged([](OffloadRequest& r) { r.options.resize(100000); }).find("options"), std::string::npos);
   OffloadReply reply = someReply();
   reply.queue_s = NAN;
-  EXPECT_NE(errorOf<std::invalid_argument>([&] { encode(reply); }).find("queue_s"), std::string::npos);
+  EXPECT_NE(messageOf<std::invalid_argument>([&] { encode(reply); }).find("queue_s"), std::string::npos);
   reply = someReply();
   reply.text.assign(10000, 'x');  // the text of an error is cut, never a reason to fail
   const auto bytes = encode(reply);

@@ -3,6 +3,7 @@
 #include "audio/sound_bytes.h"
 
 #include <gtest/gtest.h>
+#include <pi_node/test_support/message_of.h>
 #include <pi_node/test_support/temporary_folder.h>
 #include <pi_speech/audio.h>
 #include <sndfile.h>
@@ -55,7 +56,7 @@ double rms(const Samples& samples)
 }
 
 /// One second of the tone at this rate, the same in all channels.
-std::vector<int16_t> tone(int rate_hz, int channels)
+std::vector<int16_t> interleavedTone(int rate_hz, int channels)
 {
   std::vector<int16_t> interleaved;
   for (const int16_t sample : sine(TONE_HZ, AMPLITUDE, 1.0, rate_hz))
@@ -96,22 +97,9 @@ void writeFlac(const std::string& path, int rate_hz, int channels, const std::ve
   sf_close(file);
 }
 
-std::string refusal(const std::string& path)
-{
-  try
-  {
-    readAudioFile(path);
-  }
-  catch (const std::runtime_error& error)
-  {
-    return error.what();
-  }
-  return "";
-}
-
 void expectRefusal(const std::string& path, const std::string& reason)
 {
-  const std::string text = refusal(path);
+  const std::string text = messageOf<std::runtime_error>([&] { readAudioFile(path); });
   EXPECT_NE(std::string::npos, text.find(path)) << text;
   EXPECT_NE(std::string::npos, text.find(reason)) << text;
 }
@@ -132,7 +120,8 @@ TEST(AudioFile, WavOfEveryRateAndChannelsBecomesOneStreamOfSpeech)
     for (const int channels : {1, 2})
     {
       SCOPED_TRACE(std::to_string(rate_hz) + " Hz, " + std::to_string(channels) + " channels");
-      expectTone(readAudioFile(folder.file("tone.wav", wavBytes(rate_hz, channels, tone(rate_hz, channels)))));
+      expectTone(
+          readAudioFile(folder.file("tone.wav", wavBytes(rate_hz, channels, interleavedTone(rate_hz, channels)))));
     }
   }
 }
@@ -151,7 +140,7 @@ TEST(AudioFile, ReadsFlac)
   const Samples samples = sine(TONE_HZ, AMPLITUDE, 1.0, SAMPLE_RATE_HZ);
   writeFlac(path, SAMPLE_RATE_HZ, 1, samples);
   EXPECT_EQ(samples, readAudioFile(path));
-  writeFlac(path, 44100, 2, tone(44100, 2));
+  writeFlac(path, 44100, 2, interleavedTone(44100, 2));
   expectTone(readAudioFile(path));
 }
 
@@ -288,7 +277,7 @@ TEST(Resampler, OddPiecesGiveTheSameAsTheWhole)
 {
   for (const AudioFormat& format : {AudioFormat{44100, 2}, AudioFormat{48000, 1}, AudioFormat{8000, 3}})
   {
-    const std::vector<int16_t> input = tone(format.sample_rate_hz, format.channels);
+    const std::vector<int16_t> input = interleavedTone(format.sample_rate_hz, format.channels);
     const Samples whole = resampleInChunks(format, input, {input.size()});
     const Samples pieces = resampleInChunks(format, input, {1, 7, 441, 2, 1023, 0, 63});
     EXPECT_EQ(whole, pieces) << format.sample_rate_hz;
@@ -319,7 +308,7 @@ TEST(Resampler, ChannelsBecomeTheirMean)
 TEST(Resampler, FlushGivesTheRestAndBeginsAnew)
 {
   Resampler resampler(AudioFormat{48000, 1});
-  const std::vector<int16_t> input = tone(48000, 1);
+  const std::vector<int16_t> input = interleavedTone(48000, 1);
   Samples first;
   resampler.process(input.data(), input.size(), &first);
   EXPECT_LT(first.size(), static_cast<size_t>(SAMPLE_RATE_HZ));  // the filter looks ahead

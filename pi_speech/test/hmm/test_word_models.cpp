@@ -26,7 +26,7 @@ namespace fs = std::filesystem;
 
 constexpr int STATES = 3;
 
-DiagonalMixtures randomMixtures(int states, int components, uint32_t seed)
+DiagonalMixtures mixturesOfModels(int states, int components, uint32_t seed)
 {
   std::mt19937 random(seed);
   std::normal_distribution<float> normal;
@@ -41,9 +41,9 @@ WordModels randomModels()
   WordModels models;
   models.words = {"go", "left", "x-ray"};
   models.states_per_word = STATES;
-  models.word_mixtures = randomMixtures(3 * STATES, 2, 1);
-  models.filler = randomMixtures(4, 2, 2);
-  models.background = randomMixtures(1, 2, 3);
+  models.word_mixtures = mixturesOfModels(3 * STATES, 2, 1);
+  models.filler = mixturesOfModels(4, 2, 2);
+  models.background = mixturesOfModels(1, 2, 3);
   models.scale = 0.25F;
   models.word_biases = {0.5F, -1.0F, 2.0F};
   models.filler_bias = 0.125F;
@@ -106,7 +106,7 @@ std::string loadErrorOf(const std::string& path)
   }
 }
 
-std::string errorOf(const std::function<void(WordModels*)>& change)
+std::string modelsError(const std::function<void(WordModels*)>& change)
 {
   WordModels models = randomModels();
   change(&models);
@@ -156,17 +156,17 @@ TEST(WordModels, FindsItsWords)
 
 TEST(WordModels, WhatDoesNotFitIsAnError)
 {
-  EXPECT_EQ("", errorOf([](WordModels*) {}));
-  EXPECT_NE("", errorOf([](auto* m) { m->words.clear(); }));
-  EXPECT_NE("", errorOf([](auto* m) { m->words.push_back("on"); }));
-  EXPECT_NE("", errorOf([](auto* m) { m->states_per_word = 2; }));
-  EXPECT_NE("", errorOf([](auto* m) { m->states_per_word = 0; }));
-  EXPECT_NE("", errorOf([](auto* m) { m->word_biases.pop_back(); }));
-  EXPECT_NE("", errorOf([](auto* m) { m->background = randomMixtures(2, 2, 3); }));
-  EXPECT_NE("", errorOf([](auto* m) { m->filler = DiagonalMixtures(); }));
-  EXPECT_NE("", errorOf([](auto* m) { m->word_mixtures.means(0, 0) = std::nanf(""); }));
-  EXPECT_NE("", errorOf([](auto* m) { m->scale = std::nanf(""); }));
-  EXPECT_NE("", errorOf([](auto* m) { m->word_biases[1] = std::numeric_limits<float>::infinity(); }));
+  EXPECT_EQ("", modelsError([](WordModels*) {}));
+  EXPECT_NE("", modelsError([](auto* m) { m->words.clear(); }));
+  EXPECT_NE("", modelsError([](auto* m) { m->words.push_back("on"); }));
+  EXPECT_NE("", modelsError([](auto* m) { m->states_per_word = 2; }));
+  EXPECT_NE("", modelsError([](auto* m) { m->states_per_word = 0; }));
+  EXPECT_NE("", modelsError([](auto* m) { m->word_biases.pop_back(); }));
+  EXPECT_NE("", modelsError([](auto* m) { m->background = mixturesOfModels(2, 2, 3); }));
+  EXPECT_NE("", modelsError([](auto* m) { m->filler = DiagonalMixtures(); }));
+  EXPECT_NE("", modelsError([](auto* m) { m->word_mixtures.means(0, 0) = std::nanf(""); }));
+  EXPECT_NE("", modelsError([](auto* m) { m->scale = std::nanf(""); }));
+  EXPECT_NE("", modelsError([](auto* m) { m->word_biases[1] = std::numeric_limits<float>::infinity(); }));
 }
 
 TEST_F(WordModelsFile, IsReadAsItWasWritten)

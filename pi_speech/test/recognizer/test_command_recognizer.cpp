@@ -21,6 +21,8 @@
 #include "audio/synthetic_sounds.h"
 #include "clips/noisy_clips.h"
 
+#include "recognizer/test_support.h"
+
 namespace pi_speech
 {
 
@@ -51,11 +53,6 @@ RecognizerOptions optionsOf(RecognitionMode mode)
   options.end_pointer.early_silence_s = 0.10;
   options.sure_confidence = 1.0;  // only fast commands are told early
   return options;
-}
-
-CommandTable table(const std::string& list)
-{
-  return CommandTable::parse("commands: [" + list + "]", "table");
 }
 
 struct Clip
@@ -157,11 +154,6 @@ std::string errorOf(const RecognizerOptions& options)
   {
     return error.what();
   }
-}
-
-bool contains(const std::string& text, const std::string& part)
-{
-  return text.find(part) != std::string::npos;
 }
 
 /// The ten words of the package, loaded once per mode.

@@ -6,6 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "recognizer/test_support.h"
+
 namespace pi_speech
 {
 namespace
@@ -35,11 +37,6 @@ std::string errorOf(const CommandTable& table)
   {
     return error.what();
   }
-}
-
-bool contains(const std::string& text, const std::string& part)
-{
-  return text.find(part) != std::string::npos;
 }
 
 TEST(CommandTable, ReadsTextsAndMapsInTheirOrder)

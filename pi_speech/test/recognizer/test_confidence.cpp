@@ -9,6 +9,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "recognizer/test_support.h"
+
 namespace pi_speech
 {
 
@@ -46,7 +48,7 @@ ConfidenceModel model(const Weights& with_word_models, const Weights& without_wo
 }
 
 /// The message without the path that it has to begin with.
-std::string errorOf(const std::string& content)
+std::string confidenceError(const std::string& content)
 {
   const TemporaryFolder folder;
   const std::string path = folder.file("confidence.yaml", content);
@@ -61,11 +63,6 @@ std::string errorOf(const std::string& content)
     EXPECT_EQ(0U, text.find(path + ": ")) << text;
     return text.substr(std::min(text.size(), path.size() + 2));
   }
-}
-
-bool contains(const std::string& text, const std::string& part)
-{
-  return text.find(part) != std::string::npos;
 }
 
 Evidence evidence(const std::string& command = "stop")
@@ -206,42 +203,46 @@ TEST(Confidence, AWeightThatIsMissingIsNamed)
 {
   for (const std::string& name : ConfidenceModel::featureNames())
   {
-    EXPECT_TRUE(contains(errorOf(section("with_word_models", {{name, ""}}) + section("without_word_models", {})),
-                         "with_word_models/" + name + " is missing"));
+    EXPECT_TRUE(
+        contains(confidenceError(section("with_word_models", {{name, ""}}) + section("without_word_models", {})),
+                 "with_word_models/" + name + " is missing"));
   }
-  EXPECT_TRUE(contains(errorOf(section("with_word_models", {}) + section("without_word_models", {{"bias", ""}})),
-                       "without_word_models/bias is missing"));
-  EXPECT_TRUE(contains(errorOf(section("with_word_models", {})), "without_word_models is missing"));
+  EXPECT_TRUE(
+      contains(confidenceError(section("with_word_models", {}) + section("without_word_models", {{"bias", ""}})),
+               "without_word_models/bias is missing"));
+  EXPECT_TRUE(contains(confidenceError(section("with_word_models", {})), "without_word_models is missing"));
 }
 
 TEST(Confidence, AWeightThatIsUnknownIsNamed)
 {
-  EXPECT_TRUE(contains(errorOf(section("with_word_models", {{"loudness", "1"}}) + section("without_word_models", {})),
-                       "with_word_models/loudness"));
+  EXPECT_TRUE(
+      contains(confidenceError(section("with_word_models", {{"loudness", "1"}}) + section("without_word_models", {})),
+               "with_word_models/loudness"));
 }
 
 TEST(Confidence, WhatIsNoNumberIsAnError)
 {
   for (const char* value : {"much", ".nan", ".inf", "[1, 2]"})
   {
-    EXPECT_NE("", errorOf(section("with_word_models", {{"bias", value}}) + section("without_word_models", {})))
+    EXPECT_NE("", confidenceError(section("with_word_models", {{"bias", value}}) + section("without_word_models", {})))
         << value;
   }
   for (const char* value : {"3", "{stop: loud}", "[1, 2]", "{stop: .nan}"})
   {
-    EXPECT_NE("", errorOf(section("with_word_models", {{"word_biases", value}}) + section("without_word_models", {})))
+    EXPECT_NE(
+        "", confidenceError(section("with_word_models", {{"word_biases", value}}) + section("without_word_models", {})))
         << value;
   }
 }
 
 TEST(Confidence, WhatIsNoSuchFileIsAnError)
 {
-  EXPECT_NE("", errorOf(""));
-  EXPECT_NE("", errorOf("bias: [1"));
-  EXPECT_NE("", errorOf("just a text"));
-  EXPECT_NE("", errorOf("- a\n- list\n"));
-  EXPECT_NE("", errorOf("with_word_models: 3\nwithout_word_models: 4\n"));
-  EXPECT_NE("", errorOf(std::string("\0\1\2\3", 4)));
+  EXPECT_NE("", confidenceError(""));
+  EXPECT_NE("", confidenceError("bias: [1"));
+  EXPECT_NE("", confidenceError("just a text"));
+  EXPECT_NE("", confidenceError("- a\n- list\n"));
+  EXPECT_NE("", confidenceError("with_word_models: 3\nwithout_word_models: 4\n"));
+  EXPECT_NE("", confidenceError(std::string("\0\1\2\3", 4)));
   const TemporaryFolder folder;
   for (const std::string& path : {folder.path() + "/missing.yaml", folder.path()})
   {

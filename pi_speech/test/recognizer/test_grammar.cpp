@@ -10,6 +10,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "recognizer/test_support.h"
+
 namespace pi_speech
 {
 
@@ -17,19 +19,7 @@ using namespace pi_node::test_support;
 namespace
 {
 
-constexpr char DICTIONARY[] = "/usr/share/pocketsphinx/model/en-us/cmudict-en-us.dict";
-
-CommandTable table(const std::string& list)
-{
-  return CommandTable::parse("commands: [" + list + "]", "table");
-}
-
-bool contains(const std::string& text, const std::string& part)
-{
-  return text.find(part) != std::string::npos;
-}
-
-std::string errorOf(const std::string& content)
+std::string garbageWordsError(const std::string& content)
 {
   const TemporaryFolder folder;
   const std::string path = folder.path() + "/words.txt";
@@ -77,10 +67,10 @@ TEST(Grammar, GarbageWordsAreReadWithComments)
 
 TEST(Grammar, BadGarbageWordsAreNamedWithTheirLine)
 {
-  EXPECT_TRUE(contains(errorOf("water\ntwo words\n"), "words.txt:2: \"two words\" is more than one word"));
-  EXPECT_TRUE(contains(errorOf("water\n<sil>\n"), "words.txt:2: \"<sil>\" has the character '<'"));
-  EXPECT_TRUE(contains(errorOf("water\n\nWater\n"), "words.txt:3: \"water\" is there twice"));
-  EXPECT_TRUE(contains(errorOf("# nothing\n"), "there are no garbage words"));
+  EXPECT_TRUE(contains(garbageWordsError("water\ntwo words\n"), "words.txt:2: \"two words\" is more than one word"));
+  EXPECT_TRUE(contains(garbageWordsError("water\n<sil>\n"), "words.txt:2: \"<sil>\" has the character '<'"));
+  EXPECT_TRUE(contains(garbageWordsError("water\n\nWater\n"), "words.txt:3: \"water\" is there twice"));
+  EXPECT_TRUE(contains(garbageWordsError("# nothing\n"), "there are no garbage words"));
   EXPECT_THROW(readGarbageWords("/nowhere/words.txt"), std::runtime_error);
 }
 

@@ -13,14 +13,14 @@
 #include <string>
 #include <thread>
 
+#include "recognizer/test_support.h"
+
 namespace pi_speech
 {
 
 using namespace pi_node::test_support;
 namespace
 {
-
-constexpr char DICTIONARY[] = "/usr/share/pocketsphinx/model/en-us/cmudict-en-us.dict";
 
 class PronunciationTest : public testing::Test
 {
@@ -51,11 +51,6 @@ protected:
 
   TemporaryFolder folder_;
 };
-
-bool contains(const std::string& text, const std::string& part)
-{
-  return text.find(part) != std::string::npos;
-}
 
 /// Least number of phones to insert, remove and replace.
 size_t distance(const Phones& a, const Phones& b)

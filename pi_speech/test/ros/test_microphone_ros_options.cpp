@@ -13,11 +13,11 @@ using namespace pi_node::test_support;
 namespace
 {
 
-const OptionsReader<MicrophoneRosOptions> reader("/microphone/");
+const OptionsReader<MicrophoneRosOptions> microphone_reader("/microphone/");
 
 TEST(MicrophoneRosOptions, DefaultsAreThoseOfTheYamlFile)
 {
-  reader.expectDefaultsOf(MICROPHONE_YAML);
+  microphone_reader.expectDefaultsOf(MICROPHONE_YAML);
 }
 
 TEST(MicrophoneRosOptions, ParametersComeBackAsTheyWere)
@@ -38,19 +38,24 @@ TEST(MicrophoneRosOptions, ParametersComeBackAsTheyWere)
 TEST(MicrophoneRosOptions, NamesUnknownParameters)
 {
   Names unknown;
-  reader.load("{device: hw, rate: 16000, check: {missing_s: 2}}", &unknown);
+  microphone_reader.load("{device: hw, rate: 16000, check: {missing_s: 2}}", &unknown);
   EXPECT_EQ((Names{"/microphone/check/missing_s", "/microphone/rate"}), unknown);
 }
 
 TEST(MicrophoneRosOptions, NamesParameterValueAndBound)
 {
-  EXPECT_EQ("parameter /microphone/sample_rate = 100, must be in [4000, 192000]", reader.refusal("sample_rate: 100"));
-  EXPECT_EQ("parameter /microphone/sample_rate = 16k, must be a whole number", reader.refusal("sample_rate: 16k"));
-  EXPECT_EQ("parameter /microphone/period_s = 0, must be in [0.002, 1]", reader.refusal("period_s: 0"));
-  EXPECT_EQ(0u, reader.refusal("device: \"\"").find("parameter /microphone/device = \"\", must be a name of ALSA"));
-  EXPECT_EQ("parameter /microphone/check/silent_s = 0, must be in [1, 3600]", reader.refusal("check: {silent_s: 0}"));
+  EXPECT_EQ("parameter /microphone/sample_rate = 100, must be in [4000, 192000]",
+            microphone_reader.refusal("sample_rate: 100"));
+  EXPECT_EQ("parameter /microphone/sample_rate = 16k, must be a whole number",
+            microphone_reader.refusal("sample_rate: 16k"));
+  EXPECT_EQ("parameter /microphone/period_s = 0, must be in [0.002, 1]", microphone_reader.refusal("period_s: 0"));
+  EXPECT_EQ(
+      0u,
+      microphone_reader.refusal("device: \"\"").find("parameter /microphone/device = \"\", must be a name of ALSA"));
+  EXPECT_EQ("parameter /microphone/check/silent_s = 0, must be in [1, 3600]",
+            microphone_reader.refusal("check: {silent_s: 0}"));
   EXPECT_EQ("parameter /microphone/diagnostic_period = 0, must be in (0, 3600]",
-            reader.refusal("diagnostic_period: 0"));
+            microphone_reader.refusal("diagnostic_period: 0"));
 }
 
 }  // namespace

@@ -13,21 +13,21 @@ using namespace pi_node::test_support;
 namespace
 {
 
-const OptionsReader<PlayerRosOptions> reader("/player/");
+const OptionsReader<PlayerRosOptions> player_reader("/player/");
 
 TEST(PlayerRosOptions, DefaultsAreThoseOfTheYamlFile)
 {
-  reader.expectDefaultsOf(PLAYER_YAML);
+  player_reader.expectDefaultsOf(PLAYER_YAML);
 }
 
 TEST(PlayerRosOptions, FilesAreATextOrAList)
 {
-  EXPECT_EQ(Names({"/a.wav"}), reader.load("files: /a.wav").files.entries);
-  EXPECT_EQ(Names({"/a.wav", "/folder"}), reader.load("files: [/a.wav, /folder]").files.entries);
-  EXPECT_EQ(Names(), reader.load("files: \"\"").files.entries);
-  EXPECT_EQ("parameter /player/files = 5, must be a text or a list of texts", reader.refusal("files: 5"));
-  EXPECT_EQ(
-      0u, reader.refusal("files: [/a.wav, b.wav]").find("parameter /player/files = \"b.wav\", must be absolute paths"));
+  EXPECT_EQ(Names({"/a.wav"}), player_reader.load("files: /a.wav").files.entries);
+  EXPECT_EQ(Names({"/a.wav", "/folder"}), player_reader.load("files: [/a.wav, /folder]").files.entries);
+  EXPECT_EQ(Names(), player_reader.load("files: \"\"").files.entries);
+  EXPECT_EQ("parameter /player/files = 5, must be a text or a list of texts", player_reader.refusal("files: 5"));
+  EXPECT_EQ(0u, player_reader.refusal("files: [/a.wav, b.wav]")
+                    .find("parameter /player/files = \"b.wav\", must be absolute paths"));
 }
 
 TEST(PlayerRosOptions, ParametersComeBackAsTheyWere)
@@ -46,12 +46,12 @@ TEST(PlayerRosOptions, ParametersComeBackAsTheyWere)
 TEST(PlayerRosOptions, NamesParameterValueAndBound)
 {
   Names unknown;
-  reader.load("{file: /a.wav}", &unknown);
+  player_reader.load("{file: /a.wav}", &unknown);
   EXPECT_EQ(Names({"/player/file"}), unknown);
-  EXPECT_EQ("parameter /player/rate = 0, must be in [0.01, 1000]", reader.refusal("rate: 0"));
-  EXPECT_EQ("parameter /player/gap_s = -1, must be in [0, 60]", reader.refusal("gap_s: -1"));
-  EXPECT_EQ("parameter /player/period_s = 2, must be in [0.002, 1]", reader.refusal("period_s: 2"));
-  EXPECT_EQ("parameter /player/loop = 1, must be true or false", reader.refusal("loop: 1"));
+  EXPECT_EQ("parameter /player/rate = 0, must be in [0.01, 1000]", player_reader.refusal("rate: 0"));
+  EXPECT_EQ("parameter /player/gap_s = -1, must be in [0, 60]", player_reader.refusal("gap_s: -1"));
+  EXPECT_EQ("parameter /player/period_s = 2, must be in [0.002, 1]", player_reader.refusal("period_s: 2"));
+  EXPECT_EQ("parameter /player/loop = 1, must be true or false", player_reader.refusal("loop: 1"));
 }
 
 }  // namespace

@@ -15,11 +15,11 @@ using namespace pi_node::test_support;
 namespace
 {
 
-const OptionsReader<RecognizerRosOptions> reader("/recognizer/");
+const OptionsReader<RecognizerRosOptions> recognizer_reader("/recognizer/");
 
 TEST(RecognizerRosOptions, DefaultsAreThoseOfTheYamlFile)
 {
-  reader.expectDefaultsOf(RECOGNIZER_YAML);
+  recognizer_reader.expectDefaultsOf(RECOGNIZER_YAML);
 }
 
 TEST(RecognizerRosOptions, ParametersComeBackAsTheyWere)
@@ -50,33 +50,35 @@ TEST(RecognizerRosOptions, ParametersComeBackAsTheyWere)
 TEST(RecognizerRosOptions, NamesUnknownParameters)
 {
   Names unknown;
-  reader.load("{treshold: 0.3, end_pointer: {end_silence: 0.3}}", &unknown);
+  recognizer_reader.load("{treshold: 0.3, end_pointer: {end_silence: 0.3}}", &unknown);
   EXPECT_EQ((Names{"/recognizer/end_pointer/end_silence", "/recognizer/treshold"}), unknown);
 }
 
 TEST(RecognizerRosOptions, NamesParameterValueAndBound)
 {
-  EXPECT_EQ("parameter /recognizer/mode = \"open\", must be safe or closed", reader.refusal("mode: open"));
-  EXPECT_PRED2(begins, reader.refusal("threshold: 1.5"), "parameter /recognizer/threshold = 1.5");
-  EXPECT_PRED2(begins, reader.refusal("max_command_s: -1"), "parameter /recognizer/max_command_s = -1, must be ");
-  EXPECT_PRED2(begins, reader.refusal("end_pointer: {end_silence_s: 9}"),
+  EXPECT_EQ("parameter /recognizer/mode = \"open\", must be safe or closed", recognizer_reader.refusal("mode: open"));
+  EXPECT_PRED2(begins, recognizer_reader.refusal("threshold: 1.5"), "parameter /recognizer/threshold = 1.5");
+  EXPECT_PRED2(begins, recognizer_reader.refusal("max_command_s: -1"),
+               "parameter /recognizer/max_command_s = -1, must be ");
+  EXPECT_PRED2(begins, recognizer_reader.refusal("end_pointer: {end_silence_s: 9}"),
                "parameter /recognizer/end_pointer/end_silence_s = 9, must be in ");
-  EXPECT_PRED2(begins, reader.refusal("check: {silent_s: 0}"), "parameter /recognizer/check/silent_s = 0, must be in ");
-  EXPECT_PRED2(begins, reader.refusal("commands: commands.yaml"),
+  EXPECT_PRED2(begins, recognizer_reader.refusal("check: {silent_s: 0}"),
+               "parameter /recognizer/check/silent_s = 0, must be in ");
+  EXPECT_PRED2(begins, recognizer_reader.refusal("commands: commands.yaml"),
                "parameter /recognizer/commands = \"commands.yaml\", must be an absolute path");
-  EXPECT_PRED2(begins, reader.refusal("word_models: words.bin"),
+  EXPECT_PRED2(begins, recognizer_reader.refusal("word_models: words.bin"),
                "parameter /recognizer/word_models = \"words.bin\", must be");
-  EXPECT_PRED2(begins, reader.refusal("sphinx: {adaptation: adapted}"),
+  EXPECT_PRED2(begins, recognizer_reader.refusal("sphinx: {adaptation: adapted}"),
                "parameter /recognizer/sphinx/adaptation = \"adapted\", must be an absolute path, or none, or empty");
-  EXPECT_PRED2(begins, reader.refusal("sphinx: {acoustic_model: \"\"}"),
+  EXPECT_PRED2(begins, recognizer_reader.refusal("sphinx: {acoustic_model: \"\"}"),
                "parameter /recognizer/sphinx/acoustic_model = \"\", must be an absolute path");
-  EXPECT_EQ("parameter /recognizer/max_gap_s = 0, must be in [0.005, 10]", reader.refusal("max_gap_s: 0"));
-  EXPECT_EQ("parameter /recognizer/queue_s = 100, must be in [0.1, 60]", reader.refusal("queue_s: 100"));
+  EXPECT_EQ("parameter /recognizer/max_gap_s = 0, must be in [0.005, 10]", recognizer_reader.refusal("max_gap_s: 0"));
+  EXPECT_EQ("parameter /recognizer/queue_s = 100, must be in [0.1, 60]", recognizer_reader.refusal("queue_s: 100"));
   EXPECT_EQ("parameter /recognizer/utterance_deadline_s = 9, must be in [0.05, 5]",
-            reader.refusal("utterance_deadline_s: 9"));
-  EXPECT_EQ("parameter /recognizer/always_on = 1, must be true or false", reader.refusal("always_on: 1"));
-  EXPECT_PRED2(begins, reader.refusal("channels: 0"), "parameter /recognizer/channels = 0, must be ");
-  EXPECT_PRED2(begins, reader.refusal("sample_rate: 1000"), "parameter /recognizer/sample_rate");
+            recognizer_reader.refusal("utterance_deadline_s: 9"));
+  EXPECT_EQ("parameter /recognizer/always_on = 1, must be true or false", recognizer_reader.refusal("always_on: 1"));
+  EXPECT_PRED2(begins, recognizer_reader.refusal("channels: 0"), "parameter /recognizer/channels = 0, must be ");
+  EXPECT_PRED2(begins, recognizer_reader.refusal("sample_rate: 1000"), "parameter /recognizer/sample_rate");
 }
 
 TEST(RecognizerRosOptions, FilesThatAreNotGivenAreThePackages)
