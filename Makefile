@@ -34,7 +34,7 @@ help:
 	@echo 'make demo         the vehicle drives from A to B in a rendered campus, over π-OS and over TCPROS; a report'
 	@echo 'make demo-recording  a recording or a video through π-OS and through TCPROS, with a report'
 	@echo 'make check        all tests; the last line counts them. PACKAGE=pi_slam: those of one package'
-	@echo 'make test         tests whose name matches a regular expression: PATTERN=vio'
+	@echo 'make test         tests whose name matches a regular expression: PATTERN=slam'
 	@echo 'make soak         all tests, the statistical and soak tests in their long form'
 	@echo 'make bench        π-OS beside stock TCPROS: latency, throughput, CPU, memory'
 	@echo 'make bench-devices  the same between devices, which are network namespaces: needs root'
