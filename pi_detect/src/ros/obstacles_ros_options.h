@@ -49,3 +49,5 @@ struct ObstaclesRosOptions : pi_node::NodeParameters<ObstaclesRosOptions>
 };
 
 }  // namespace pi_detect
+
+extern template struct pi_node::NodeParameters<pi_detect::ObstaclesRosOptions>;

@@ -36,3 +36,5 @@ struct SsdRosOptions : pi_node::NodeParameters<SsdRosOptions>
 };
 
 }  // namespace pi_detect
+
+extern template struct pi_node::NodeParameters<pi_detect::SsdRosOptions>;

@@ -21,3 +21,5 @@ struct TrackerRosOptions : pi_node::NodeParameters<TrackerRosOptions>
 };
 
 }  // namespace pi_detect
+
+extern template struct pi_node::NodeParameters<pi_detect::TrackerRosOptions>;

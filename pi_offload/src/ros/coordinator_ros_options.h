@@ -64,3 +64,5 @@ struct CoordinatorRosOptions : pi_node::NodeParameters<CoordinatorRosOptions>
 };
 
 }  // namespace pi_offload
+
+extern template struct pi_node::NodeParameters<pi_offload::CoordinatorRosOptions>;

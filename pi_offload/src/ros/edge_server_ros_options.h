@@ -59,3 +59,5 @@ struct EdgeServerRosOptions : pi_node::NodeParameters<EdgeServerRosOptions>
 };
 
 }  // namespace pi_offload
+
+extern template struct pi_node::NodeParameters<pi_offload::EdgeServerRosOptions>;

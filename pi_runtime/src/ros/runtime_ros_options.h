@@ -33,3 +33,5 @@ struct RuntimeRosOptions : pi_node::NodeParameters<RuntimeRosOptions>
 };
 
 }  // namespace pi_runtime
+
+extern template struct pi_node::NodeParameters<pi_runtime::RuntimeRosOptions>;

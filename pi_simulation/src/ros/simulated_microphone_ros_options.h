@@ -20,3 +20,5 @@ struct SimulatedMicrophoneRosOptions : pi_node::NodeParameters<SimulatedMicropho
 };
 
 }  // namespace pi_simulation
+
+extern template struct pi_node::NodeParameters<pi_simulation::SimulatedMicrophoneRosOptions>;

@@ -73,3 +73,5 @@ struct VehicleSimulatorRosOptions : pi_node::NodeParameters<VehicleSimulatorRosO
 };
 
 }  // namespace pi_simulation
+
+extern template struct pi_node::NodeParameters<pi_simulation::VehicleSimulatorRosOptions>;

@@ -50,3 +50,5 @@ struct VioRosOptions : pi_node::NodeParameters<VioRosOptions>
 };
 
 }  // namespace pi_slam
+
+extern template struct pi_node::NodeParameters<pi_slam::VioRosOptions>;

@@ -25,3 +25,5 @@ struct MicrophoneRosOptions : pi_node::NodeParameters<MicrophoneRosOptions>
 };
 
 }  // namespace pi_speech
+
+extern template struct pi_node::NodeParameters<pi_speech::MicrophoneRosOptions>;

@@ -31,3 +31,5 @@ struct PlayerRosOptions : pi_node::NodeParameters<PlayerRosOptions>
 };
 
 }  // namespace pi_speech
+
+extern template struct pi_node::NodeParameters<pi_speech::PlayerRosOptions>;

@@ -47,3 +47,5 @@ struct RecognizerRosOptions : pi_node::NodeParameters<RecognizerRosOptions>
 };
 
 }  // namespace pi_speech
+
+extern template struct pi_node::NodeParameters<pi_speech::RecognizerRosOptions>;

@@ -86,3 +86,5 @@ private:
 };
 
 }  // namespace pi_vehicle
+
+extern template struct pi_node::NodeParameters<pi_vehicle::AnnouncerRosOptions>;

@@ -33,3 +33,5 @@ struct ChassisRosOptions : pi_node::NodeParameters<ChassisRosOptions>
 };
 
 }  // namespace pi_vehicle
+
+extern template struct pi_node::NodeParameters<pi_vehicle::ChassisRosOptions>;

@@ -60,3 +60,7 @@ struct ReactionRosOptions : pi_node::NodeParameters<ReactionRosOptions>
 std::string configPath(const std::string& parameter, const std::string& file);
 
 }  // namespace pi_vehicle
+
+extern template struct pi_node::NodeParameters<pi_vehicle::ArbiterRosOptions>;
+extern template struct pi_node::NodeParameters<pi_vehicle::CommandRosOptions>;
+extern template struct pi_node::NodeParameters<pi_vehicle::ReactionRosOptions>;

@@ -26,3 +26,5 @@ struct PoseKeeperRosOptions : pi_node::NodeParameters<PoseKeeperRosOptions>
 };
 
 }  // namespace pi_vehicle
+
+extern template struct pi_node::NodeParameters<pi_vehicle::PoseKeeperRosOptions>;

@@ -33,3 +33,5 @@ struct PowerRosOptions : pi_node::NodeParameters<PowerRosOptions>
 };
 
 }  // namespace pi_vehicle
+
+extern template struct pi_node::NodeParameters<pi_vehicle::PowerRosOptions>;

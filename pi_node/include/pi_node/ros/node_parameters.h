@@ -12,7 +12,8 @@ namespace pi_node
 /// Base of the options of a node: reads them from the parameter server and writes them back.
 ///
 /// The .cpp of the options includes parameter_tree.h, defines visitFields(options, visit) in the namespace of the
-/// options, and instantiates this base: `template struct pi_node::NodeParameters<pi_slam::VioRosOptions>;`.
+/// options, and instantiates this base: `template struct pi_node::NodeParameters<pi_slam::VioRosOptions>;`. The header
+/// of the options declares that with `extern`.
 template <typename Options>
 struct NodeParameters
 {

@@ -31,3 +31,5 @@ struct NavigationRosOptions : pi_node::NodeParameters<NavigationRosOptions>
 };
 
 }  // namespace pi_vehicle
+
+extern template struct pi_node::NodeParameters<pi_vehicle::NavigationRosOptions>;
