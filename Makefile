@@ -70,8 +70,8 @@ compile: $(BUILD)/.configured
 build: compile
 	@scripts/install_if_changed $(CURDIR) $(BUILD) $(INSTALL)
 
-# Tests wait more than they compute, so twice as many run at once as there are cores.
-TEST_JOBS ?= $(shell expr 2 \* $$(nproc))
+# More tests at once end no sooner, and some wait in vain.
+TEST_JOBS ?= $(shell nproc)
 .PHONY: check
 check: $(BUILD)/.configured
 	@scripts/run_tests --build $(BUILD) --install $(INSTALL) --jobs $(JOBS) --test-jobs $(TEST_JOBS) \
