@@ -70,8 +70,8 @@ compile: $(BUILD)/.configured
 build: compile
 	@scripts/install_if_changed $(CURDIR) $(BUILD) $(INSTALL)
 
-# More tests at once end no sooner, and some wait in vain.
-TEST_JOBS ?= $(shell nproc)
+# Tests also wait, so one more runs at once than there are cores. With twice as many, some wait in vain.
+TEST_JOBS ?= $(shell expr 1 + $$(nproc))
 .PHONY: check
 check: $(BUILD)/.configured
 	@scripts/run_tests --build $(BUILD) --install $(INSTALL) --jobs $(JOBS) --test-jobs $(TEST_JOBS) \
