@@ -24,7 +24,9 @@ HELLO = 1
 MAX_PAYLOAD = 256 * 1024
 HEADER = struct.Struct('<HBBIQIIQ')  # magic, version, type, id, session, count, reserved, offset
 FIELD_BITS = (16, 8, 8, 32, 64, 32, 32, 64)
+HELLO_FIXED = HEADER_BYTES + 26  # byte of a hello: 1 if the address that it says counts, not the one that it comes from
 KINDS = ('bits', 'field', 'truncated', 'length', 'oversized', 'version', 'session', 'handshake', 'garbage')
+STRANGER = 'stranger'  # a kind of its own: a hello in the name of another device
 
 
 class Recorder:
@@ -157,12 +159,17 @@ class Attacker:
             return pick.randbytes(GREETING_BYTES) + _framed(self._valid())
         if kind == 'garbage':
             return GREETING * pick.randrange(2) + pick.randbytes(pick.randint(2 * LENGTH_BYTES, 4 * SEGMENT_BYTES))
+        if kind == STRANGER:
+            return GREETING + _framed(self._hello_of_a_stranger())
         greeting = GREETING + _framed(pick.choice(self._frames[HELLO])) * (kind == 'session' or pick.random() < 0.3)
         frame = bytearray(self._valid())
         length = None
         if kind == 'bits':
+            fixed = frame[HELLO_FIXED] if frame[3] == HELLO else None  # stays: else the hello may be a stranger's
             for _ in range(pick.randint(1, 8)):
                 frame[pick.randrange(len(frame))] ^= 1 << pick.randrange(8)
+            if fixed is not None:
+                frame[HELLO_FIXED] = fixed
         elif kind == 'field':
             values = list(HEADER.unpack_from(frame))
             index = pick.randrange(2, len(values))
@@ -184,3 +191,11 @@ class Attacker:
 
     def _valid_but_hello(self):
         return self._random.choice(self._frames[self._random.choice([t for t in self.types if t != HELLO])])
+
+    def _hello_of_a_stranger(self):
+        frame = bytearray(self._random.choice(self._frames[HELLO]))
+        address = frame.index(b'.', HELLO_FIXED + 6) - 1  # the last digit of the address's first number
+        frame[HELLO_FIXED] = 1
+        frame[address] = ord('9') if frame[address] != ord('9') else ord('8')
+        frame[HEADER_BYTES + 16:HEADER_BYTES + 24] = bytes(8)  # echo: of a bridge that is not known yet
+        return frame

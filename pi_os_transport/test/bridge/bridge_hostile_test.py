@@ -71,13 +71,12 @@ class BridgeHostile(device_testbed.DeviceTest):
         print('refused:', refused)
         for reason in ('wrong_version', 'oversized', 'malformed', 'bad_session'):
             self.assertGreater(refused[reason], FRAMES / len(hostile.KINDS) / 10, refused)
-        # Next to none: flipped bits of a hello may be those of the address that it says.
-        self.assertLess(refused['unknown_peer'], FRAMES / len(hostile.KINDS) / 10, refused)
+        self.assertEqual(refused['unknown_peer'], 0, refused)
         self.assert_unharmed(resident_kb)
 
     def test_each_kind_is_refused_for_what_it_is(self):
         for kind, reason in (('version', 'wrong_version'), ('oversized', 'oversized'), ('session', 'bad_session'),
-                             ('handshake', 'malformed'), ('garbage', 'malformed')):
+                             ('handshake', 'malformed'), ('garbage', 'malformed'), (hostile.STRANGER, 'unknown_peer')):
             with self.subTest(kind=kind):
                 refused = self.attack(self.edge_a, (kind,), 50)
                 self.assertGreaterEqual(refused[reason], 20, refused)
