@@ -96,6 +96,39 @@ TEST(CostModel, TailIsPaidOnce)
   EXPECT_NEAR(remote.time_s, 0.0434, TOLERANCE) << "the answer is there before the tail";
 }
 
+TEST(CostModel, NodeAndVehicleAreEqualAtTheBreakEvenRates)  // vector D
+{
+  const TaskNeeds needs = detection();
+  const Radio radio;
+  const Cost local = localCost(needs, LocalComputer());
+  const double node_s = needs.work_gcycles / NODE_GHZ;
+  const double data_mbit = needs.input_mbit + needs.output_mbit;
+  const double watt_mbit = radio.transmit_w * needs.input_mbit + radio.receive_w * needs.output_mbit;
+  const double energy_mbps = watt_mbit / local.energy_j;
+  const double time_mbps = data_mbit / (local.time_s - node_s);
+  const auto printed_mbps = [&](double eta)
+  { return (eta * data_mbit + (1.0 - eta) * watt_mbit) / (printedCost(local, eta) - eta * node_s); };
+  EXPECT_NEAR(energy_mbps, 1.3886, TOLERANCE);
+  EXPECT_NEAR(time_mbps, 6.0247, TOLERANCE);
+  EXPECT_NEAR(printed_mbps(ETA), 2.1381, TOLERANCE);
+  EXPECT_NEAR(remoteCost(needs, radio, nodeAt(energy_mbps)).energy_j, local.energy_j, 1e-12);
+  EXPECT_NEAR(remoteCost(needs, radio, nodeAt(time_mbps)).time_s, local.time_s, 1e-12);
+  EXPECT_NEAR(printedCost(remoteCost(needs, radio, nodeAt(printed_mbps(0.3))), 0.3), printedCost(local, 0.3), 1e-12);
+}
+
+TEST(CostModel, NoRateMakesASlowerNodeFaster)
+{
+  const Cost local = localCost(detection(), LocalComputer());
+  RemoteService slower = nodeAt(1e12);
+  slower.frequency_ghz = 1.9;
+  EXPECT_GE(remoteCost(detection(), Radio(), slower).time_s, local.time_s);
+  EXPECT_LT(remoteCost(detection(), Radio(), slower).energy_j, local.energy_j);
+  RemoteService dead = nodeAt(1e12);
+  dead.frequency_ghz = 0.0;
+  EXPECT_TRUE(std::isinf(remoteCost(detection(), Radio(), dead).time_s));
+  EXPECT_TRUE(std::isinf(printedCost(remoteCost(detection(), Radio(), dead), ETA)));
+}
+
 TEST(CostModel, PrintedCostChangesItsVerdictWithTheUnit)  // vector E
 {
   const Cost local{0.1, 0.42};
