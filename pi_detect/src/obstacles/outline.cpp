@@ -19,6 +19,7 @@ double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b)
 
 }  // namespace
 
+// Own code: OpenCV's takes float or whole numbers, and keeps corners that hardly turn.
 Outline convexHull(std::vector<Eigen::Vector2d> points)
 {
   std::sort(points.begin(), points.end(),

@@ -1,4 +1,7 @@
-"""Gets files from servers, folders and archives: resumed, checked, and never half under their final name."""
+"""Gets files from servers, folders and archives: resumed, checked, and never half under their final name.
+
+Own code: python3-pooch checks sums, but begins a download that broke off anew.
+"""
 
 import hashlib
 import http.client

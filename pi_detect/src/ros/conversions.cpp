@@ -60,11 +60,6 @@ using RowMajor3d = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 
 }  // namespace
 
-int64_t fromMsg(const ros::Time& stamp)
-{
-  return static_cast<int64_t>(stamp.toNSec());
-}
-
 Eigen::Isometry3d fromMsg(const geometry_msgs::Transform& message)
 {
   Eigen::Isometry3d transform = Eigen::Isometry3d::Identity();

@@ -141,10 +141,7 @@ void ObstaclesDiagnostics::reportInput(Status& status) const
   status.add("pairs dropped for newer ones", now_.dropped);
   status.add("pairs left out for max_rate_hz", now_.left_out);
   status.add("pictures without partner", now_.single);
-  for (size_t i = 0; i < warnings.size(); ++i)
-  {
-    status.add("warning " + std::to_string(i + 1), warnings[i].text);
-  }
+  pi_node::addWarnings(warnings, &status);
 }
 
 void ObstaclesDiagnostics::reportMotion(Status& status) const

@@ -163,10 +163,7 @@ void SsdDiagnostics::reportInput(Status& status) const
   status.add("pictures that came", now_.pictures);
   status.add("pictures dropped for newer ones", now_.dropped);
   status.add("pictures left out for max_rate_hz", now_.left_out);
-  for (size_t i = 0; i < warnings.size(); ++i)
-  {
-    status.add("warning " + std::to_string(i + 1), warnings[i].text);
-  }
+  pi_node::addWarnings(warnings, &status);
 }
 
 }  // namespace pi_detect

@@ -168,10 +168,7 @@ void CoordinatorDiagnostics::reportInput(Status& status) const
   status.add("results dropped as a later one was out", now_.late);
   status.add("pictures that wait for the vehicle's detector", now_.waiting);
   status.add("network of the vehicle's detector", now_.model.empty() ? "not known" : now_.model);
-  for (size_t i = 0; i < warnings.size(); ++i)
-  {
-    status.add("warning " + std::to_string(i + 1), warnings[i].text);
-  }
+  pi_node::addWarnings(warnings, &status);
 }
 
 }  // namespace pi_offload

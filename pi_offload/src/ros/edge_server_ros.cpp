@@ -92,10 +92,7 @@ void EdgeServerRos::report(Status& status)
   }
   status.add("probes", now.probes);
   status.add("messages that were no request", now.malformed);
-  for (size_t i = 0; i < warnings.size(); ++i)
-  {
-    status.add("warning " + std::to_string(i + 1), warnings[i].text);
-  }
+  pi_node::addWarnings(warnings, &status);
 }
 
 }  // namespace pi_offload

@@ -3,6 +3,7 @@
 #include "ros/simulation_conversions.h"
 
 #include <pi_node/formatting.h>
+#include <pi_node/ros/time.h>
 #include <pi_os_transport/zero_copy/image_subscriber.h>
 #include <pthread.h>
 #include <sensor_msgs/CameraInfo.h>
@@ -114,7 +115,7 @@ void SimulatedCameras::renderLoop(const std::shared_ptr<const SyntheticWorld>& w
 void SimulatedCameras::render(const Exposure& exposure, StereoRenderer* renderer)
 {
   const double before_s = threadSeconds();
-  const ros::Time stamp = ros::Time().fromNSec(static_cast<uint64_t>(exposure.stamp_ns));
+  const ros::Time stamp = pi_node::toTime(exposure.stamp_ns);
   StereoFrame frame;
   if (exposure.left == CameraState::ON || exposure.right == CameraState::ON)
   {

@@ -1,5 +1,6 @@
 #include "ros/simulation_conversions.h"
 
+#include <pi_node/ros/time.h>
 #include <pi_os_transport/zero_copy/shared_image.h>
 #include <pi_vehicle/decision/ground_polygon.h>
 #include <sensor_msgs/image_encodings.h>
@@ -12,11 +13,6 @@ namespace pi_simulation
 {
 namespace
 {
-
-ros::Time toTime(int64_t stamp_ns)
-{
-  return ros::Time().fromNSec(static_cast<uint64_t>(stamp_ns));
-}
 
 template <typename Message>
 void set(Message* message, const Eigen::Vector3d& value)
@@ -62,7 +58,7 @@ double timeToCollision(const Eigen::Vector2d& way, const Eigen::Vector2d& reach,
 nav_msgs::Odometry toOdometry(const TruePose& pose, const std::string& map_frame, const std::string& base_link_frame)
 {
   nav_msgs::Odometry message;
-  message.header.stamp = toTime(pose.stamp_ns);
+  message.header.stamp = pi_node::toTime(pose.stamp_ns);
   message.header.frame_id = map_frame;
   message.child_frame_id = base_link_frame;
   const Eigen::Quaterniond q(pose.T_map_base.linear());
@@ -119,7 +115,7 @@ sensor_msgs::Imu toImu(const pi_slam::ImuSample& sample, const pi_slam::ImuSimul
                        const std::string& frame)
 {
   sensor_msgs::Imu message;
-  message.header.stamp = toTime(sample.stamp_ns);
+  message.header.stamp = pi_node::toTime(sample.stamp_ns);
   message.header.frame_id = frame;
   message.orientation_covariance[0] = -1.0;
   set(&message.angular_velocity, sample.w);

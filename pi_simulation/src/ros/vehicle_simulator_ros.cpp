@@ -7,6 +7,7 @@
 #include <pi_node/durations.h>
 #include <pi_node/formatting.h>
 #include <pi_node/ros/node_options.h>
+#include <pi_node/ros/time.h>
 #include <pthread.h>
 #include <sensor_msgs/Imu.h>
 
@@ -61,7 +62,7 @@ VehicleSimulatorRos::VehicleSimulatorRos(ros::NodeHandle node, ros::NodeHandle p
   openLog();
   advertise();
   // A clock that does not jump, which showed ROS time at the start.
-  clock_offset_ns_ = static_cast<int64_t>(ros::Time::now().toNSec()) - pi_node::monotonicNs();
+  clock_offset_ns_ = pi_node::fromMsg(ros::Time::now()) - pi_node::monotonicNs();
   simulation_ = std::make_unique<VehicleSimulation>(scenario_, options_.simulationOptions(), outputs(),
                                                     [this] { return pi_node::monotonicNs() + clock_offset_ns_; });
   publishStatic();
@@ -172,7 +173,7 @@ void VehicleSimulatorRos::publishObstacles(int64_t stamp_ns, const std::vector<T
   }
   const VehicleSimulatorRosOptions::Outline& o = options_.outline;
   const OrientedBox outline{{0.5 * (o.front - o.rear), 0.0}, 0.0, {0.5 * (o.front + o.rear), o.half_width}};
-  obstacles_.publish(toObstacles(obstacles, outline, velocity_, ros::Time().fromNSec(static_cast<uint64_t>(stamp_ns)),
+  obstacles_.publish(toObstacles(obstacles, outline, velocity_, pi_node::toTime(stamp_ns),
                                  options_.base_link_frame));
 }
 

@@ -1,6 +1,7 @@
 #include "evaluation/bag_reader.h"
 
 #include <cv_bridge/cv_bridge.h>
+#include <pi_node/ros/time.h>
 #include <rosbag/bag.h>
 #include <rosbag/view.h>
 #include <sensor_msgs/CompressedImage.h>
@@ -42,15 +43,10 @@ enum Stream
   STREAMS,
 };
 
-int64_t toNs(const ros::Time& time)
+/// A view begins after 0.
+ros::Time viewTime(int64_t stamp_ns)
 {
-  return static_cast<int64_t>(time.toNSec());
-}
-
-ros::Time toTime(int64_t stamp_ns)
-{
-  ros::Time time;
-  return time.fromNSec(static_cast<uint64_t>(std::max<int64_t>(stamp_ns, 1)));
+  return pi_node::toTime(std::max<int64_t>(stamp_ns, 1));
 }
 
 bool isPicture(const std::string& type)
@@ -176,14 +172,14 @@ private:
       fail("has no pictures on " + topics_[left.size() == 0 ? LEFT_PICTURES : RIGHT_PICTURES]);
     }
     const rosbag::MessageInstance first = *left.begin();
-    const int64_t received_later_ns = toNs(first.getTime()) - pictureStamp(first);
+    const int64_t received_later_ns = pi_node::fromMsg(first.getTime()) - pictureStamp(first);
     from_ns_ = pictureStamp(first) + static_cast<int64_t>(1e9 * options.start_s);
     to_ns_ = options.duration_s > 0.0 ? from_ns_ + static_cast<int64_t>(1e9 * options.duration_s)
                                       : std::numeric_limits<int64_t>::max() / 2;
     const auto margin_ns = static_cast<int64_t>(1e9 * IMU_MARGIN_S) + VIEW_MARGIN_NS;
     const std::vector<std::string> topics(topics_, topics_ + STREAMS);
-    const ros::Time begin = toTime(from_ns_ + received_later_ns - margin_ns);
-    const ros::Time end = options.duration_s > 0.0 ? toTime(to_ns_ + received_later_ns + margin_ns) : ros::TIME_MAX;
+    const ros::Time begin = viewTime(from_ns_ + received_later_ns - margin_ns);
+    const ros::Time end = options.duration_s > 0.0 ? viewTime(to_ns_ + received_later_ns + margin_ns) : ros::TIME_MAX;
     view_ = std::make_unique<rosbag::View>(bag_, rosbag::TopicQuery(topics), begin, end);
     message_ = view_->begin();
     description_.name = std::filesystem::path(file_).filename().string();
@@ -204,9 +200,9 @@ private:
   {
     if (message.getDataType() == COMPRESSED_TYPE)
     {
-      return toNs(message.instantiate<sensor_msgs::CompressedImage>()->header.stamp);
+      return pi_node::fromMsg(message.instantiate<sensor_msgs::CompressedImage>()->header.stamp);
     }
-    return toNs(message.instantiate<sensor_msgs::Image>()->header.stamp);
+    return pi_node::fromMsg(message.instantiate<sensor_msgs::Image>()->header.stamp);
   }
 
   void read(const rosbag::MessageInstance& message)
@@ -242,7 +238,7 @@ private:
 
   void readSample(const sensor_msgs::Imu& message)
   {
-    const int64_t stamp_ns = toNs(message.header.stamp);
+    const int64_t stamp_ns = pi_node::fromMsg(message.header.stamp);
     if (!inTime(IMU_SAMPLES, stamp_ns))
     {
       return;

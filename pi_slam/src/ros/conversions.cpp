@@ -22,7 +22,6 @@ using pi_node::sizeText;
 namespace encodings = sensor_msgs::image_encodings;
 namespace zero_copy = pi_os_transport::zero_copy;
 
-constexpr int64_t SECOND_NS = 1000000000;
 constexpr uint32_t MAX_SIDE_PX = 16384;
 
 /// @return the coefficient of the vector, 0 if it is shorter.
@@ -110,20 +109,6 @@ cv::Mat greyLevels(const ImagePtr& image)
 }
 
 }  // namespace
-
-int64_t fromMsg(const ros::Time& stamp)
-{
-  return static_cast<int64_t>(stamp.sec) * SECOND_NS + stamp.nsec;
-}
-
-ros::Time toTime(int64_t stamp_ns)
-{
-  if (stamp_ns < 0 || stamp_ns / SECOND_NS > UINT32_MAX)
-  {
-    throw std::invalid_argument("stamp " + std::to_string(stamp_ns) + " ns does not fit into ros::Time");
-  }
-  return ros::Time(static_cast<uint32_t>(stamp_ns / SECOND_NS), static_cast<uint32_t>(stamp_ns % SECOND_NS));
-}
 
 ImuSample fromMsg(const sensor_msgs::Imu& imu)
 {

@@ -4,10 +4,10 @@
 #include <geometry_msgs/PoseWithCovarianceStamped.h>
 #include <geometry_msgs/TransformStamped.h>
 #include <nav_msgs/Odometry.h>
+#include <pi_node/ros/time.h>
 #include <pi_os_transport/zero_copy/image_subscriber.h>
 #include <pi_slam/camera_model.h>
 #include <pi_slam/imu_sample.h>
-#include <ros/time.h>
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/Image.h>
 #include <sensor_msgs/Imu.h>
@@ -24,9 +24,8 @@
 namespace pi_slam
 {
 
-int64_t fromMsg(const ros::Time& stamp);  ///< [ns]
-/// @throws std::invalid_argument unless 0 <= stamp_ns < 2^32 s.
-ros::Time toTime(int64_t stamp_ns);
+using pi_node::fromMsg;  // of stamps
+using pi_node::toTime;
 
 /// @throws std::invalid_argument for a message without angular velocity or acceleration (first element
 ///         of the covariance is -1).

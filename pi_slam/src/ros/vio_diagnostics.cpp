@@ -148,10 +148,7 @@ void VioDiagnostics::reportInputs(Status& status) const
   status.add("pictures too late", now_.late_pictures);
   status.add("pictures without partner", now_.single_pictures);
   status.add("pictures behind the IMU [s]", format("%.4f", now_.delay_s));
-  for (size_t i = 0; i < warnings.size(); ++i)
-  {
-    status.add("warning " + std::to_string(i + 1), warnings[i].text);
-  }
+  pi_node::addWarnings(warnings, &status);
 }
 
 void VioDiagnostics::reportMap(Status& status) const

@@ -154,10 +154,7 @@ void MicrophoneRos::reportSound(Status& status) const
   }
   status.add("level [dB of full scale]", format("%.1f", sound.level_dbfs));
   status.add("clipped [%]", format("%.2f", 100.0 * sound.clipped_share));
-  for (size_t i = 0; i < warnings.size(); ++i)
-  {
-    status.add("warning " + std::to_string(i + 1), warnings[i].text);
-  }
+  pi_node::addWarnings(warnings, &status);
 }
 
 }  // namespace pi_speech

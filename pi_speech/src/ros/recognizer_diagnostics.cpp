@@ -182,10 +182,7 @@ void RecognizerDiagnostics::reportSound(Status& status) const
   status.add("times that stamps went back", now_.stream.backs);
   status.add("changes of format", now_.stream.formats);
   status.add("sound that waits [s]", format("%.2f", now_.queue.waiting_s));
-  for (size_t i = 0; i < warnings.size(); ++i)
-  {
-    status.add("warning " + std::to_string(i + 1), warnings[i].text);
-  }
+  pi_node::addWarnings(warnings, &status);
 }
 
 }  // namespace pi_speech

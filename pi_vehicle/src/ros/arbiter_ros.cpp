@@ -200,10 +200,7 @@ void ArbiterRos::reportArbiter(Status& status) const
   status.add("curvature [1/m]", format("%.3f", command.curvature));
   status.add("measured speed [m/s]", measured_at_.isZero() ? "unknown" : format("%.2f", measured_speed_));
   status.add("sources_file", sources_path_);
-  for (size_t i = 0; i < warnings.size(); ++i)
-  {
-    status.add("warning " + std::to_string(i + 1), warnings[i].text);
-  }
+  pi_node::addWarnings(warnings, &status);
 }
 
 void ArbiterRos::reportSources(Status& status) const

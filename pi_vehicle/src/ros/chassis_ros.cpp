@@ -203,10 +203,7 @@ void ChassisRos::reportChassis(Status& status) const
   status.add("motions cut to the limits", host.counters.limited_motions);
   status.add("motions refused", host.counters.refused_motions);
   status.add("restarts of the chassis", host.counters.restarts);
-  for (size_t i = 0; i < warnings.size(); ++i)
-  {
-    status.add("warning " + std::to_string(i + 1), warnings[i].text);
-  }
+  pi_node::addWarnings(warnings, &status);
 }
 
 void ChassisRos::reportLine(Status& status) const

@@ -253,10 +253,7 @@ void CommandRos::report(Status& status) const
   status.add("commands done", done_);
   status.add("commands ignored", ignored_);
   status.add("actions_file", actions_path_);
-  for (size_t i = 0; i < warnings.size(); ++i)
-  {
-    status.add("warning " + std::to_string(i + 1), warnings[i].text);
-  }
+  pi_node::addWarnings(warnings, &status);
 }
 
 }  // namespace pi_vehicle

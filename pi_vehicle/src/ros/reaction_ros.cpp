@@ -232,10 +232,7 @@ void ReactionRos::report(Status& status) const
   status.add("obstacle arrays refused", refused_);
   status.add("events", event_count_);
   status.add("last event", last_event_);
-  for (size_t i = 0; i < warnings.size(); ++i)
-  {
-    status.add("warning " + std::to_string(i + 1), warnings[i].text);
-  }
+  pi_node::addWarnings(warnings, &status);
 }
 
 }  // namespace pi_vehicle

@@ -10,7 +10,7 @@
 #include <pi_detect/object_tracker.h>
 #include <pi_detect/obstacle_tracker.h>
 #include <pi_detect/stereo_obstacles.h>
-#include <ros/time.h>
+#include <pi_node/ros/time.h>
 #include <sensor_msgs/Image.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <std_msgs/Header.h>
@@ -29,7 +29,7 @@ namespace pi_detect
 /// Class id to name.
 using Labels = std::map<int, std::string>;
 
-int64_t fromMsg(const ros::Time& stamp);  ///< [ns]
+using pi_node::fromMsg;  // of stamps
 
 Eigen::Isometry3d fromMsg(const geometry_msgs::Transform& transform);
 

@@ -47,4 +47,14 @@ private:
   std::map<std::string, Note> notes_;  ///< by their text without numbers
 };
 
+/// Adds "warning 1" and so on to a diagnostic_updater::DiagnosticStatusWrapper.
+template <typename Status>
+void addWarnings(const std::vector<WarningBoard::Entry>& warnings, Status* status)
+{
+  for (size_t i = 0; i < warnings.size(); ++i)
+  {
+    status->add("warning " + std::to_string(i + 1), warnings[i].text);
+  }
+}
+
 }  // namespace pi_node
