@@ -149,9 +149,9 @@ void serve(const EdgeServerRosOptions& options, const ros::NodeHandle* node, Log
   }
 }
 
-void run(const Arguments& arguments, Log* log)
+/// @param node  set if this is a node of ROS. It outlives this call: the log of ROS ends with it.
+void run(const Arguments& arguments, std::unique_ptr<ros::NodeHandle>* node, Log* log)
 {
-  std::unique_ptr<ros::NodeHandle> node;
   if (arguments.config.empty() || arguments.announce)
   {
     if (!ros::master::check())
@@ -159,7 +159,7 @@ void run(const Arguments& arguments, Log* log)
       throw std::runtime_error("no ROS master at " + ros::master::getURI() +
                                "; start one, or give --config FILE to work without");
     }
-    node = std::make_unique<ros::NodeHandle>();
+    *node = std::make_unique<ros::NodeHandle>();
     log->useRos();
   }
   const EdgeServerRosOptions options = loadOptions(arguments, *log);
@@ -169,7 +169,7 @@ void run(const Arguments& arguments, Log* log)
     log->info(arguments.config + " is right");
     return;
   }
-  serve(options, node.get(), log);
+  serve(options, node->get(), log);
 }
 
 }  // namespace
@@ -177,6 +177,7 @@ void run(const Arguments& arguments, Log* log)
 int main(int argc, char** argv)
 {
   Log log;
+  std::unique_ptr<ros::NodeHandle> node;
   try
   {
     std::vector<std::string> words;
@@ -189,7 +190,7 @@ int main(int argc, char** argv)
     }
     ros::init(argc, argv, "edge_server", ros::init_options::NoSigintHandler);
     pi_node::StopSignal::install();
-    run(arguments, &log);
+    run(arguments, &node, &log);
     return 0;
   }
   catch (const boost::program_options::error& error)

@@ -21,11 +21,12 @@ namespace pi_offload
 namespace
 {
 
-/// A program of this package, in a process of its own, without a ROS master.
+/// A program of this package, in a process of its own.
 class Program
 {
 public:
-  explicit Program(const std::vector<std::string>& arguments) : log_(folder_.path() + "/log")
+  explicit Program(const std::vector<std::string>& arguments, const std::string& master = "http://localhost:1")
+    : log_(folder_.path() + "/log")
   {
     std::vector<char*> words;
     std::string program = EDGE_SERVER;
@@ -42,7 +43,7 @@ public:
       const int file = open(log_.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
       dup2(file, STDOUT_FILENO);
       dup2(file, STDERR_FILENO);
-      setenv("ROS_MASTER_URI", "http://localhost:1", 1);
+      setenv("ROS_MASTER_URI", master.c_str(), 1);
       execv(EDGE_SERVER, words.data());
       _exit(127);
     }
@@ -142,6 +143,14 @@ TEST(EdgeServer, WorksWithoutAMasterAndEndsInOrder)
   server.signal(SIGTERM);
   EXPECT_EQ(0, server.end()) << server.log();
   EXPECT_NE(std::string::npos, server.log().find("edge_server: drains")) << server.log();
+}
+
+TEST(EdgeServer, SaysInTheLogOfRosWhatIsWrong)
+{
+  Program server({"__name:=wrong", "_range:=far"}, ros::master::getURI());
+  EXPECT_EQ(1, server.end());
+  EXPECT_NE(std::string::npos, server.log().find("parameter /wrong/range = \"far\", must be a number [m], or inf"))
+      << server.log();
 }
 
 TEST(EdgeServer, SaysWhatIsWrongOnce)
