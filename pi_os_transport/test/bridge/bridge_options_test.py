@@ -82,11 +82,11 @@ class BridgeOptions(device_testbed.DeviceTest):
         talker.call('await_subscribers', n=len(listeners))
         return talker
 
-    def start_image_peers(self, topic):
+    def start_image_peers(self, topic, queue=100):
         talker = self.node(self.vehicle, 'camera_of_' + topic[1:], kind='image_peer')
         listener = self.node(self.edge_a, 'viewer_of_' + topic[1:], kind='image_peer')
-        talker.call('advertise', topic=topic, queue=100)
-        listener.call('subscribe', topic=topic, queue=100)
+        talker.call('advertise', topic=topic, queue=queue)
+        listener.call('subscribe', topic=topic, queue=queue)
         self.await_links(talker, [listener], topic)
         talker.call('await_subscribers', n=1)
         return talker, listener
@@ -293,8 +293,9 @@ class BridgeOptions(device_testbed.DeviceTest):
     def kill_codec(self, device, most_lost):
         self.start_with_compression('jpeg')
         topic = self.topic('image')
-        talker, listener = self.start_image_peers(topic)
-        talker.call('publish', encoding='rgb8', width=640, height=480, count=0, rate=30)
+        # A queue for all of them: the codec of a busy computer may be slower than the publisher.
+        talker, listener = self.start_image_peers(topic, QUEUE)
+        talker.call('publish', encoding='rgb8', width=320, height=240, count=0, rate=30)
         listener.call('await_received', seq=10)
         kills = 4
         for _ in range(kills):
