@@ -34,7 +34,7 @@ struct StereoCamera
 };
 
 /// Compares all that the geometry depends on; stamps may differ.
-bool sameCamera(const sensor_msgs::CameraInfo& a, const sensor_msgs::CameraInfo& b);
+bool sameCamera(sensor_msgs::CameraInfo a, const sensor_msgs::CameraInfo& b);
 
 /// Rectifies the raw pictures of one camera: plumb_bob, rational_polynomial and equidistant lenses.
 class Rectifier

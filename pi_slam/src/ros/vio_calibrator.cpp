@@ -17,12 +17,11 @@ namespace
 using pi_node::sizeText;
 
 /// Compares all that the calibration depends on.
-bool sameCamera(const sensor_msgs::CameraInfo& a, const sensor_msgs::CameraInfo& b)
+bool sameCamera(sensor_msgs::CameraInfo a, const sensor_msgs::CameraInfo& b)
 {
-  return a.width == b.width && a.height == b.height && a.distortion_model == b.distortion_model && a.D == b.D &&
-         a.K == b.K && a.R == b.R && a.P == b.P && a.binning_x == b.binning_x && a.binning_y == b.binning_y &&
-         a.roi.x_offset == b.roi.x_offset && a.roi.y_offset == b.roi.y_offset && a.roi.width == b.roi.width &&
-         a.roi.height == b.roi.height && a.header.frame_id == b.header.frame_id;
+  a.header.seq = b.header.seq;
+  a.header.stamp = b.header.stamp;
+  return a == b;
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 #include "ros/chassis_conversions.h"
 
-#include <cmath>
+#include "ros/pose_conversions.h"
+
 #include <limits>
 
 namespace pi_vehicle
@@ -66,10 +67,7 @@ nav_msgs::Odometry toOdometry(const chassis::WheelOdometry& odometry, const ros:
   message.header.stamp = stamp;
   message.header.frame_id = options.odom_frame;
   message.child_frame_id = options.base_link_frame;
-  message.pose.pose.position.x = odometry.pose.x;
-  message.pose.pose.position.y = odometry.pose.y;
-  message.pose.pose.orientation.z = std::sin(0.5 * odometry.pose.heading);
-  message.pose.pose.orientation.w = std::cos(0.5 * odometry.pose.heading);
+  message.pose.pose = toPose(odometry.pose);
   message.twist.twist.linear.x = odometry.speed;
   message.twist.twist.angular.z = odometry.yaw_rate;
   const OdometryErrors& errors = options.odometry;

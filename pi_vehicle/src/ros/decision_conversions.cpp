@@ -1,5 +1,7 @@
 #include "ros/decision_conversions.h"
 
+#include "ros/pose_conversions.h"
+
 #include <algorithm>
 #include <cctype>
 #include <cmath>
@@ -114,10 +116,7 @@ geometry_msgs::PoseStamped toGoal(const Pose2& place, const ros::Time& stamp, co
   geometry_msgs::PoseStamped goal;
   goal.header.stamp = stamp;
   goal.header.frame_id = map_frame;
-  goal.pose.position.x = place.x;
-  goal.pose.position.y = place.y;
-  goal.pose.orientation.z = std::sin(0.5 * place.heading);
-  goal.pose.orientation.w = std::cos(0.5 * place.heading);
+  goal.pose = toPose(place);
   return goal;
 }
 

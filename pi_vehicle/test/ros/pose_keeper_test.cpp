@@ -1,6 +1,7 @@
 // Judge of pose_keeper.test.
 
 #include "ros/child_node.h"
+#include "ros/pose_conversions.h"
 
 #include <geometry_msgs/PoseWithCovarianceStamped.h>
 #include <gtest/gtest.h>
@@ -32,16 +33,6 @@ namespace
 
 constexpr double MAX_ERROR_M = 0.1;
 constexpr double MAX_ERROR_RAD = 2.0 * M_PI / 180.0;
-
-geometry_msgs::Pose toPose(const Pose2& pose)
-{
-  geometry_msgs::Pose message;
-  message.position.x = pose.x;
-  message.position.y = pose.y;
-  message.orientation.z = std::sin(0.5 * pose.heading);
-  message.orientation.w = std::cos(0.5 * pose.heading);
-  return message;
-}
 
 Pose2 fromPose(const geometry_msgs::Pose& pose)
 {

@@ -1,5 +1,7 @@
 #include "ros/navigation/navigation_conversions.h"
 
+#include "ros/pose_conversions.h"
+
 #include <algorithm>
 #include <cmath>
 
@@ -32,15 +34,6 @@ geometry_msgs::Point toPoint(double x, double y, double z)
   point.y = y;
   point.z = z;
   return point;
-}
-
-geometry_msgs::Pose toPose(const Pose2& pose)
-{
-  geometry_msgs::Pose message;
-  message.position = toPoint(pose.x, pose.y, 0.0);
-  message.orientation.z = std::sin(0.5 * pose.heading);
-  message.orientation.w = std::cos(0.5 * pose.heading);
-  return message;
 }
 
 Marker makeMarker(const std::string& frame, const char* group, int32_t type, double scale,
@@ -131,8 +124,7 @@ geometry_msgs::PoseStamped toMsg(const Waypoint& waypoint, const std::string& ma
   message.pose.position.y = waypoint.position.y();
   if (waypoint.heading)
   {
-    message.pose.orientation.z = std::sin(0.5 * *waypoint.heading);
-    message.pose.orientation.w = std::cos(0.5 * *waypoint.heading);
+    message.pose = toPose(Pose2{waypoint.position.x(), waypoint.position.y(), *waypoint.heading});
   }
   return message;
 }
