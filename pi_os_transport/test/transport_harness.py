@@ -367,15 +367,23 @@ def variants(case, plain=True):
     return classes
 
 
-def mark_skipped(result_file, skipped):
-    """rosunit's result file shows skipped tests as passed: says so there and in the log."""
+def complete_results(result_file, result):
+    """rosunit's result file shows skipped tests and those with a failed subtest as passed: says so there and in the
+    log."""
     results = ElementTree.parse(result_file)
-    for test, reason in skipped:
-        print('SKIPPED %s: %s' % (test.id(), reason), file=sys.__stderr__)
-        name = test.id().rsplit('.', 1)[1]
-        unmarked = [case for case in results.iter('testcase') if case.get('name') == name and not list(case)]
-        if unmarked:
-            ElementTree.SubElement(unmarked[0], 'skipped', message=reason)
+
+    def mark(test, tag, text):
+        print('%s %s: %s' % (tag.upper(), test.id(), text), file=sys.__stderr__)
+        name = getattr(test, 'test_case', test).id()
+        case = next(case for case in results.iter('testcase')
+                    if '%s.%s' % (case.get('classname'), case.get('name')) == name)
+        ElementTree.SubElement(case, tag, message='%s: %s' % (test.id(), text.strip().splitlines()[-1])).text = text
+
+    for test, reason in result.skipped:
+        mark(test, 'skipped', reason)
+    for test, trace in result.failures + result.errors:
+        if hasattr(test, 'test_case'):  # a subtest
+            mark(test, 'failure', trace)
     results.write(result_file, encoding='utf-8', xml_declaration=True)
 
 
@@ -404,5 +412,5 @@ def main(case, plain=True, needs_library=False):
         result = unittest.TextTestRunner(verbosity=2).run(suite)
     else:
         result = rosunit.create_xml_runner(PACKAGE, case.__name__, result_file).run(suite)
-        mark_skipped(result_file, result.skipped)
+        complete_results(result_file, result)
     sys.exit(0 if result.wasSuccessful() else 1)
