@@ -12,6 +12,7 @@ import fcntl
 import mmap
 import os
 import random
+import secrets
 import socket
 import struct
 import threading
@@ -316,7 +317,7 @@ class HostilePublisher:
     def __init__(self, topic, seed):
         self.random = random.Random(seed)
         self.topic = topic
-        self.tokens = ['%032x' % self.random.getrandbits(128) for _ in range(2)]
+        self.tokens = [secrets.token_hex(16) for _ in range(2)]  # not by the seed: other tests may run at the same time
         self.name = '/hostile_publisher_%d' % os.getpid()
         self.stack = contextlib.ExitStack()
         self.met = []      # names of the subscribers that were told of the local socket
