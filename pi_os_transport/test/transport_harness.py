@@ -368,21 +368,23 @@ def variants(case, plain=True):
 
 
 def complete_results(result_file, result):
-    """rosunit's result file shows skipped tests and those with a failed subtest as passed: says so there and in the
-    log."""
+    """Writes into rosunit's result file, and into the log, what it leaves out: skipped tests and those with a failed
+    subtest, which it shows as passed, and what happened outside a test, such as in setUpClass."""
     results = ElementTree.parse(result_file)
 
     def mark(test, tag, text):
         print('%s %s: %s' % (tag.upper(), test.id(), text), file=sys.__stderr__)
         name = getattr(test, 'test_case', test).id()
-        case = next(case for case in results.iter('testcase')
-                    if '%s.%s' % (case.get('classname'), case.get('name')) == name)
+        case = next((case for case in results.iter('testcase')
+                     if '%s.%s' % (case.get('classname'), case.get('name')) == name), None)
+        if case is None:
+            case = ElementTree.SubElement(results.getroot(), 'testcase', classname=__name__, name=name)
         ElementTree.SubElement(case, tag, message='%s: %s' % (test.id(), text.strip().splitlines()[-1])).text = text
 
     for test, reason in result.skipped:
         mark(test, 'skipped', reason)
     for test, trace in result.failures + result.errors:
-        if hasattr(test, 'test_case'):  # a subtest
+        if hasattr(test, 'test_case') or not isinstance(test, unittest.TestCase):
             mark(test, 'failure', trace)
     results.write(result_file, encoding='utf-8', xml_declaration=True)
 

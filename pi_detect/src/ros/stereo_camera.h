@@ -33,7 +33,7 @@ struct StereoCamera
                               const std::string& left_name);
 };
 
-/// Compares all that the geometry depends on; stamps may differ.
+/// Compares all but number and stamp.
 bool sameCamera(sensor_msgs::CameraInfo a, const sensor_msgs::CameraInfo& b);
 
 /// Rectifies the raw pictures of one camera: plumb_bob, rational_polynomial and equidistant lenses.

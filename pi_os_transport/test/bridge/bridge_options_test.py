@@ -295,7 +295,7 @@ class BridgeOptions(device_testbed.DeviceTest):
         topic = self.topic('image')
         # A queue for all of them: the codec of a busy computer may be slower than the publisher.
         talker, listener = self.start_image_peers(topic, QUEUE)
-        talker.call('publish', encoding='rgb8', width=320, height=240, count=0, rate=30)
+        talker.call('publish', encoding='rgb8', width=640, height=480, count=0, rate=30)
         listener.call('await_received', seq=10)
         kills = 4
         for _ in range(kills):

@@ -16,7 +16,7 @@ namespace
 
 using pi_node::sizeText;
 
-/// Compares all that the calibration depends on.
+/// Compares all but number and stamp.
 bool sameCamera(sensor_msgs::CameraInfo a, const sensor_msgs::CameraInfo& b)
 {
   a.header.seq = b.header.seq;

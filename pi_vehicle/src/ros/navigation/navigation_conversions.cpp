@@ -120,11 +120,10 @@ geometry_msgs::PoseStamped toMsg(const Waypoint& waypoint, const std::string& ma
 {
   geometry_msgs::PoseStamped message;
   message.header.frame_id = map_frame;
-  message.pose.position.x = waypoint.position.x();
-  message.pose.position.y = waypoint.position.y();
-  if (waypoint.heading)
+  message.pose = toPose(Pose2{waypoint.position.x(), waypoint.position.y(), waypoint.heading.value_or(0.0)});
+  if (!waypoint.heading)
   {
-    message.pose = toPose(Pose2{waypoint.position.x(), waypoint.position.y(), *waypoint.heading});
+    message.pose.orientation = geometry_msgs::Quaternion();  // of length 0: any heading will do
   }
   return message;
 }
