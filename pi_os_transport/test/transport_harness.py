@@ -379,7 +379,9 @@ def complete_results(result_file, result):
                      if '%s.%s' % (case.get('classname'), case.get('name')) == name), None)
         if case is None:
             case = ElementTree.SubElement(results.getroot(), 'testcase', classname=__name__, name=name)
-        ElementTree.SubElement(case, tag, message='%s: %s' % (test.id(), text.strip().splitlines()[-1])).text = text
+        which = test.id()[len(name):].strip()  # of the subtests
+        message = text.strip().splitlines()[-1]
+        ElementTree.SubElement(case, tag, message='%s: %s' % (which, message) if which else message).text = text
 
     for test, reason in result.skipped:
         mark(test, 'skipped', reason)
