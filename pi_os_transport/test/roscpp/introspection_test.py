@@ -1,5 +1,6 @@
 #!/usr/bin/python3 -B
 """Judge of introspection.test. It is a ROS node to read /diagnostics."""
+import contextlib
 import copy
 import json
 import os
@@ -341,16 +342,19 @@ class Introspection(services_judge.ServiceTest):
     def test_a_library_of_another_version(self):
         with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
             listener.settimeout(None)  # rospy sets one for all
-            listener.bind('\0pi_os/' + 32 * '0')
-            listener.listen(1)
+            listener.bind('\0pi_os/' + os.urandom(16).hex())
+            listener.listen()
 
-            def close_at_once():
-                channel, _ = listener.accept()
-                channel.recv(100)
-                channel.close()
-            closer = threading.Thread(target=close_at_once, daemon=True)
+            def close_each_at_once():  # other tests may ask too
+                with contextlib.suppress(OSError):  # the listener's end
+                    while True:
+                        channel, _ = listener.accept()
+                        channel.recv(100)
+                        channel.close()
+            closer = threading.Thread(target=close_each_at_once, daemon=True)
             closer.start()
             self.pi_os('nodes')
+            listener.shutdown(socket.SHUT_RDWR)
             closer.join(harness.DEADLINE_S)
         self.assertIn('process %d closed the connection' % os.getpid(), self.complaints)
         self.assertNotIn('Traceback', self.complaints)
