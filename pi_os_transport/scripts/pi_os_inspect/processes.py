@@ -29,8 +29,9 @@ OF_SERVICE = {'service': str, 'memory': int, 'tcp': int, 'failed': int, 'pool_fu
               'peers': [str], 'reason': str, 'durations': HISTOGRAM}
 SHAPE = {'version': int, 'protocol': int, 'node': str, 'roscpp': str,
          'options': {'enable': bool, 'include': [str], 'exclude': [str], 'pool_limit_mb': int, 'min_bytes': int,
-                     'bridge': str},
+                     'skip_zero_fill': bool, 'bridge': str},
          'pool': {'committed': int, 'limit': int, 'segments': int, 'live_slots': int, 'last_error': str},
+         'skipped_zero_fills': int,
          'publications': [dict(OF_LINK, **{'subscriber': str, 'dropped?': int, 'queue_size?': int, 'pool_full?': int})],
          'subscriptions': [dict(OF_LINK, **{'publisher': str, 'uri': str, 'copied?': int, 'late?': int,
                                             'leased_bytes?': int, 'latencies?': HISTOGRAM})],

@@ -37,7 +37,8 @@ Json describeOptions(const Options& options)
 {
   return {{"enable", options.enable},       {"include", options.include},
           {"exclude", options.exclude},     {"pool_limit_mb", options.pool_limit_mb},
-          {"min_bytes", options.min_bytes}, {"bridge", options.bridge}};
+          {"min_bytes", options.min_bytes}, {"skip_zero_fill", options.skip_zero_fill},
+          {"bridge", options.bridge}};
 }
 
 Json describePool(SlotPool& pool)
@@ -235,6 +236,7 @@ std::string describeProcess()
                    {"roscpp", ROSCPP_FILE_NAME},
                    {"options", describeOptions(runtime.options)},
                    {"pool", describePool(runtime.pool())},
+                   {"skipped_zero_fills", runtime.skipped_zero_fills.load()},
                    {"publications", describePublications()},
                    {"subscriptions", describeSubscriptions()},
                    {"service_clients", describeClients()},

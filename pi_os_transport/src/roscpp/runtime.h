@@ -2,6 +2,7 @@
 
 #include <ros/callback_queue.h>
 #include <ros/connection.h>
+#include <ros/message_deserializer.h>
 #include <ros/poll_set.h>
 #include <ros/service_client_link.h>
 #include <ros/service_manager.h>
@@ -58,6 +59,7 @@ struct Originals
   std::string (*subscriber_transport_info)(ros::TransportSubscriberLink*);
   bool (*initialize)(ros::TransportPublisherLink*, const ros::ConnectionPtr&);
   bool (*header_received)(ros::TransportPublisherLink*, const ros::ConnectionPtr&, const ros::Header&);
+  boost::shared_ptr<void const> (*deserialize)(ros::MessageDeserializer*);
   void (*handle_message)(ros::TransportPublisherLink*, const ros::SerializedMessage&, bool, bool);
   std::string (*publisher_transport_type)(ros::TransportPublisherLink*);
   std::string (*publisher_transport_info)(ros::TransportPublisherLink*);
@@ -196,6 +198,9 @@ public:
 
   /// The number of links that publish through shared memory now.
   std::atomic<int> active_transmit_links{0};
+
+  /// Arrays of received messages that were not filled with zeros before they were overwritten.
+  std::atomic<uint64_t> skipped_zero_fills{0};
 
   /// Opens the socket for QUERY and HELLO packets. @return false on failure.
   bool listen();

@@ -85,6 +85,32 @@ class Introspection(services_judge.ServiceTest):
         self.assertTrue(0 < pool['committed'] <= pool['limit'], pool)
         self.assertEqual([entry for entry in self.pi_os('doctor') if topic in entry['what']], [])
 
+    def assert_skipped(self, expected, size, talker=None, listener=None):
+        """Of 20 arrays of the size, the listener did not fill so many with zeros before it overwrote them."""
+        topic = self.topic('array')
+        talker = talker or self.peer('talker')
+        listener = listener or self.peer('listener')
+        talker.call('advertise', topic=topic, queue=100)
+        listener.call('subscribe', topic=topic, queue=100)
+        talker.call('await_subscribers', n=1)
+        talker.call('publish', count=20, sizes=size)
+        self.assert_complete(listener.call('await_received', seq=20), 20)
+        self.assertEqual(self.state(listener)['skipped_zero_fills'], expected)
+
+    def test_arrays_that_are_overwritten(self):
+        self.assert_skipped(20, 6220800)
+
+    def test_arrays_that_are_overwritten_from_tcpros(self):
+        self.assert_skipped(20, 1000000, talker=self.peer('talker', preload=''))
+
+    def test_short_arrays_are_filled(self):
+        self.assert_skipped(0, 65535)
+
+    def test_arrays_are_filled_with_the_switch_off(self):
+        self.assert_skipped(0, 6220800, listener=self.peer('listener', env={'PI_OS_SKIP_ZERO_FILL': '0'}))
+        listener = self.peer('listener_of_parameter', args=['_pi_os/skip_zero_fill:=false'])
+        self.assert_skipped(0, 6220800, talker=self.peer('another_talker'), listener=listener)
+
     def test_drops_and_queue_of_a_slow_subscriber(self):
         talker, = self.peers('talker')
         listener = self.peer('listener', threads=2)

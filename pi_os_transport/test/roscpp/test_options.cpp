@@ -51,6 +51,17 @@ TEST(Options, DisabledCarriesNothing)
   EXPECT_TRUE(load({{"enable", "true"}}).options.carries("/any"));
 }
 
+TEST(Options, ReadsSwitches)
+{
+  EXPECT_TRUE(Options().skip_zero_fill);
+  EXPECT_FALSE(load({{"skip_zero_fill", "0"}}).options.skip_zero_fill);
+  const Loaded bad = load({{"skip_zero_fill", "2"}});
+  EXPECT_TRUE(bad.options.skip_zero_fill);
+  ASSERT_EQ(1U, bad.errors.size());
+  EXPECT_EQ("/pi_os/skip_zero_fill = \"2\" is ignored: it must be 1, 0, true or false; 1 stays in force",
+            bad.errors[0]);
+}
+
 TEST(Options, ReadsNumbers)
 {
   const Loaded loaded = load({{"pool_limit_mb", "64"}, {"min_bytes", "1024"}});
