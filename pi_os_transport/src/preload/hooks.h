@@ -19,6 +19,12 @@
   HOOK(TOPIC_MANAGER_PUBLISH, void, \
       _ZN3ros12TopicManager7publishERKNSt7__cxx1112basic_stringIcSt11char_traitsIcESaIcEEERKN5boost8functionIFNS_17SerializedMessageEvEEERSB_, \
       (void* self, const void* topic, const void* serialize, void* message), (self, topic, serialize, message)) \
+  HOOK(PUBLISHER_PUBLISH, void, \
+      _ZNK3ros9Publisher7publishERKN5boost8functionIFNS_17SerializedMessageEvEEERS3_, \
+      (const void* self, const void* serialize, void* message), (self, serialize, message)) \
+  HOOK(PUBLICATION_ADD_LINK, void, \
+      _ZN3ros11Publication17addSubscriberLinkERKN5boost10shared_ptrINS_14SubscriberLinkEEE, \
+      (void* self, const void* link), (self, link)) \
   HOOK(CONNECTION_WRITE_HEADER, void, \
       _ZN3ros10Connection11writeHeaderERKSt3mapINSt7__cxx1112basic_stringIcSt11char_traitsIcESaIcEEES7_St4lessIS7_ESaISt4pairIKS7_S7_EEERKN5boost8functionIFvRKNSH_10shared_ptrIS0_EEEEE, \
       (void* self, const void* fields, const void* written), (self, fields, written)) \

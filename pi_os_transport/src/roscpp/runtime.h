@@ -4,6 +4,7 @@
 #include <ros/connection.h>
 #include <ros/message_deserializer.h>
 #include <ros/poll_set.h>
+#include <ros/publisher.h>
 #include <ros/service_client_link.h>
 #include <ros/service_manager.h>
 #include <ros/service_server_link.h>
@@ -52,6 +53,9 @@ struct Originals
   void (*start)(ros::TopicManager*);
   void (*publish)(ros::TopicManager*, const std::string&, const boost::function<ros::SerializedMessage()>&,
                   ros::SerializedMessage&);
+  void (*publisher_publish)(const ros::Publisher*, const boost::function<ros::SerializedMessage()>&,
+                            ros::SerializedMessage&);
+  void (*add_subscriber_link)(ros::Publication*, const ros::SubscriberLinkPtr&);
   void (*write_header)(ros::Connection*, const ros::M_string&, const ros::WriteFinishedFunc&);
   bool (*handle_header)(ros::TransportSubscriberLink*, const ros::Header&);
   void (*enqueue_message)(ros::TransportSubscriberLink*, const ros::SerializedMessage&, bool, bool);
