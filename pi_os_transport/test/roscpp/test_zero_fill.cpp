@@ -113,7 +113,8 @@ struct ProbeSerializer
 namespace ros::serialization
 {
 template <class Allocator>
-struct Serializer<zero_fill_test::Probe_<Allocator>> : zero_fill_test::ProbeSerializer<zero_fill_test::Probe_<Allocator>>
+struct Serializer<zero_fill_test::Probe_<Allocator>>
+  : zero_fill_test::ProbeSerializer<zero_fill_test::Probe_<Allocator>>
 {
 };
 template <>
@@ -317,7 +318,7 @@ TEST_F(ZeroFill, OnlyTheFillOfTheWholeNewArrayIsSkipped)
   {
     const std::unique_ptr<uint8_t, void (*)(void*)> array(static_cast<uint8_t*>(operator new(LARGE)),
                                                           [](void* memory) { operator delete(memory); });
-    const auto clear = [&array](size_t from, size_t bytes) { std::fill_n(array.get() + from, bytes, 0); };
+    const auto clear = [&array](size_t from, size_t bytes) { std::memset(array.get() + from, 0, bytes); };
     const auto is_zero = [&array](size_t from, size_t bytes)
     {
       return std::all_of(array.get() + from, array.get() + from + bytes, [](uint8_t byte) { return byte == 0; });
