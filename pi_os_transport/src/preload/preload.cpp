@@ -1,9 +1,9 @@
 // libpi_os_transport.so: the library that users preload or link.
 //
-// It replaces some functions of libroscpp (hooks.h), operator new, new[] and delete[], and memset(). In a process without
-// roscpp it only adds one or two branches to each of the latter. The first call of a roscpp function loads the companion
-// libpi_os_transport_roscpp.so from the same folder. If the companion declines or cannot be loaded, all calls go to
-// libroscpp. This library needs no C++ runtime, because it must not bring one into processes that have none.
+// It replaces some functions of libroscpp (hooks.h), operator new, new[] and delete[], and memset(). In a process
+// without roscpp it only adds one or two branches to each of the latter. The first call of a roscpp function loads the
+// companion libpi_os_transport_roscpp.so from the same folder. If the companion declines or cannot be loaded, all calls
+// go to libroscpp. This library needs no C++ runtime, because it must not bring one into processes that have none.
 
 #include "preload/hooks.h"
 

@@ -26,8 +26,8 @@ bool endsWith(std::string_view text, std::string_view end)
 }
 
 /// True if `helper` makes messages by roscpp's own factory, of a class that genmsg generated, with the standard
-/// allocator. Then each byte of an array is overwritten before anybody reads it, or deserialisation throws and drops the
-/// message. A type, a factory or an allocator of the user's own may rely on the zeros.
+/// allocator. Then each byte of an array is overwritten before anybody reads it, or deserialisation throws and drops
+/// the message. A type, a factory or an allocator of the user's own may rely on the zeros.
 bool overwritesArrays(ros::SubscriptionCallbackHelper* helper)
 {
   if (!startsWith(typeid(*helper).name(), "N3ros27SubscriptionCallbackHelperTI"))

@@ -18,8 +18,8 @@ namespace
 /// remembered one. So a subscriber is there before the message is sent, or after it is remembered: it gets the message
 /// once. roscpp remembers it after sending, and a subscriber that comes in between gets nothing.
 ///
-/// One for all topics, and recursive, like roscpp's advertised_topics_mutex_: then a serialiser or callback queue of the
-/// user's own that publishes again cannot lock two of them in two orders.
+/// One for all topics, and recursive, like roscpp's advertised_topics_mutex_: then a serialiser or callback queue of
+/// the user's own that publishes again cannot lock two of them in two orders.
 class LatchLock
 {
 public:

@@ -320,9 +320,7 @@ TEST_F(ZeroFill, OnlyTheFillOfTheWholeNewArrayIsSkipped)
                                                           [](void* memory) { operator delete(memory); });
     const auto clear = [&array](size_t from, size_t bytes) { std::memset(array.get() + from, 0, bytes); };
     const auto is_zero = [&array](size_t from, size_t bytes)
-    {
-      return std::all_of(array.get() + from, array.get() + from + bytes, [](uint8_t byte) { return byte == 0; });
-    };
+    { return std::all_of(array.get() + from, array.get() + from + bytes, [](uint8_t byte) { return byte == 0; }); };
     std::memset(array.get(), 1, LARGE);
     EXPECT_EQ(array.get()[LARGE - 1], 1);
     clear(0, LARGE - 1);
