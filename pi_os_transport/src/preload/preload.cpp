@@ -67,12 +67,8 @@ PiOsZeroFill* zeroFill()
 /// True if memset(memory, value, bytes) clears the newest array, which is overwritten afterwards. True once per array.
 bool skipsFill(const void* memory, int value, size_t bytes)
 {
-  if (zero_fill.array == nullptr || value != 0)
-  {
-    return false;
-  }
   const auto before = static_cast<size_t>(static_cast<const char*>(memory) - zero_fill.array);
-  if (before > LARGEST_ELEMENT || before + bytes != zero_fill.bytes)
+  if (zero_fill.array == nullptr || value != 0 || before > LARGEST_ELEMENT || before + bytes != zero_fill.bytes)
   {
     return false;
   }
