@@ -18,6 +18,7 @@
 #include <thread>
 #include <utility>
 
+#include "wire/socket_tools.h"
 #include "wire/sp_connection.h"
 
 namespace pi_offload
@@ -52,7 +53,12 @@ struct SpReplier::Impl
 {
   struct Connection
   {
-    Connection(SpConnection sp, std::string address) : sp(std::move(sp)), address(std::move(address)) {}
+    Connection(pi_node::UniqueFd fd, const Options& options, std::string address)
+      : sp(std::move(fd), SpConnection::Type::REP, SpConnection::Type::REQ, options.max_message_bytes,
+           options.max_queued_bytes)
+      , address(std::move(address))
+    {
+    }
 
     SpConnection sp;
     const std::string address;
@@ -216,15 +222,13 @@ void SpReplier::Impl::acceptAll()
     {
       continue;
     }
-    setConnectionOptions(fd.get(), options.acknowledge_timeout_s);
+    pi_os_transport::setSpOptions(fd.get(), std::chrono::duration<double>(options.acknowledge_timeout_s));
     const uint64_t id = next_id++;
-    auto connection = std::make_unique<Connection>(SpConnection(std::move(fd), SpConnection::REP, SpConnection::REQ,
-                                                                options.max_message_bytes, options.max_queued_bytes),
-                                                   toText(address));
+    auto connection = std::make_unique<Connection>(std::move(fd), options, toText(address));
     connection->until_ns = pi_node::monotonicNs() + pi_node::nanoseconds(options.handshake_timeout_s);
     const std::lock_guard<std::mutex> lock(mutex);
     std::string reason;
-    if (!connection->sp.flush(&reason))
+    if (!connection->sp.greet(&reason))
     {
       breakOff(connection.get(), reason);
     }

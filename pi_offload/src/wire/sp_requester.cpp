@@ -9,12 +9,14 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <chrono>
 #include <exception>
 #include <mutex>
 #include <stdexcept>
 #include <thread>
 #include <utility>
 
+#include "wire/socket_tools.h"
 #include "wire/sp_connection.h"
 
 namespace pi_offload
@@ -142,7 +144,7 @@ void SpRequester::Impl::connectToNext(int64_t now_ns)
     lose("no socket: " + errorText(errno), false);
     return;
   }
-  setConnectionOptions(fd.get(), options.acknowledge_timeout_s);
+  pi_os_transport::setSpOptions(fd.get(), std::chrono::duration<double>(options.acknowledge_timeout_s));
   if (::connect(fd.get(), reinterpret_cast<const sockaddr*>(&address.storage), address.length) != 0 &&
       errno != EINPROGRESS)
   {
@@ -168,9 +170,9 @@ void SpRequester::Impl::onConnected(int64_t now_ns)
   bool fine = false;
   {
     const std::lock_guard<std::mutex> lock(mutex);
-    connection = std::make_unique<SpConnection>(std::move(connecting), SpConnection::REQ, SpConnection::REP,
+    connection = std::make_unique<SpConnection>(std::move(connecting), SpConnection::Type::REQ, SpConnection::Type::REP,
                                                 options.max_message_bytes, options.max_queued_bytes);
-    fine = connection->flush(&reason);
+    fine = connection->greet(&reason);
   }
   if (!fine)
   {

@@ -126,7 +126,7 @@ private:
   void shut(Channel* channel);
 
   // Connections to other bridges, and the frames sent on them: sp_sender.cpp.
-  struct Connection : Channel
+  struct Connection : Channel, SpReader::Sink
   {
     enum class State
     {
@@ -136,15 +136,16 @@ private:
       BROKEN,  ///< send() failed; onClosed() follows
     };
 
+    // A PULL socket sends no messages.
+    bool onLength(uint64_t) override { return false; }
+    iovec place(size_t) override { return {}; }
+    bool onMessage() override { return false; }
+
     ConnectionId id = 0;
     State state = State::CONNECTING;
-    std::array<uint8_t, GREETING_BYTES> greeting;
-    size_t greeting_bytes = 0;
+    SpReader reader{SpType::PULL, 0};
+    SpWriter writer;
     std::array<uint8_t, HEAD_BYTES> head;  ///< length and header of the frame being sent
-    std::array<iovec, 3> pieces;           ///< what is left to send: pieces [next_piece, pieces_end)
-    size_t next_piece = 0;
-    size_t pieces_end = 0;
-    bool more = false;  ///< another frame follows the one that is being sent
   };
 
   // Handlers hold their own pointer: callbacks may close the connection.
@@ -153,8 +154,6 @@ private:
   void onConnectionEvent(const ConnectionPointer& connection, uint32_t events);
   void onTcpConnected(const ConnectionPointer& connection);
   void readGreeting(const ConnectionPointer& connection);
-  void readEnd(const ConnectionPointer& connection);
-  static int sendPieces(Connection* connection);
   void setTimer(const ConnectionPointer& connection, std::chrono::milliseconds time);
   void failLater(const ConnectionPointer& connection, CloseReason reason);
   void fail(const ConnectionPointer& connection, CloseReason reason);
@@ -167,25 +166,23 @@ private:
     Timer pause;
   };
 
-  struct Source : Channel
+  struct Source : Channel, SpReader::Sink
   {
-    enum class Stage
-    {
-      GREETING,
-      LENGTH,
-      HEADER,
-      PAYLOAD,
-    };
+    explicit Source(Listener* listener) : listener(listener) {}
+    bool onLength(uint64_t length) override;
+    iovec place(size_t missing) override;
+    bool onMessage() override;
+    bool beginPayload();
 
+    Listener* const listener;
     SourceId id = 0;
     std::string address;
-    Stage stage = Stage::GREETING;
-    std::array<uint8_t, FrameHeader::BYTES> head;  ///< of the stage before the payload
-    size_t head_bytes = 0;
+    SpReader reader{SpType::PUSH, HEAD_BYTES};
+    std::array<uint8_t, FrameHeader::BYTES> head;
     FrameHeader header;
     uint32_t length = 0;  ///< of the payload
-    uint32_t received = 0;
     uint8_t* payload = nullptr;
+    std::string fault;  ///< why a frame is refused
   };
 
   using SourcePointer = std::shared_ptr<Source>;
@@ -193,10 +190,6 @@ private:
   void onAcceptorEvent(Acceptor* acceptor);
   void addSource(FileDescriptor socket, const sockaddr_in& address);
   void onSourceEvent(const SourcePointer& source);
-  void takeBytes(const SourcePointer& source, const uint8_t* bytes, size_t count);
-  void onHeadBytes(const SourcePointer& source, size_t count);
-  void onHeader(const SourcePointer& source);
-  void onPayloadBytes(const SourcePointer& source, size_t count);
   void fail(const SourcePointer& source, CloseReason reason, const std::string& detail);
 
   EventLoop* const loop_;
