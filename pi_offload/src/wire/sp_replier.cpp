@@ -85,8 +85,7 @@ struct SpReplier::Impl
   void run();
   void onEvent(uint64_t id, uint32_t events);
   void acceptAll();
-  void closeBroken();
-  void closeLate(int64_t now_ns);
+  void closeDue();
   void closeNow(uint64_t id, const std::string& reason);
   void breakOff(Connection* connection, const std::string& reason);
   bool onMessage(uint64_t id, Connection* connection, std::vector<uint8_t> message, std::string* reason);
@@ -103,7 +102,6 @@ struct SpReplier::Impl
   std::condition_variable sent;
   std::map<uint64_t, std::unique_ptr<Connection>> connections;  ///< changed by the thread only, under the mutex
   bool stop = false;
-  bool any_broken = false;
 
   // Of the thread only:
   uint64_t next_id = FIRST_CONNECTION;
@@ -137,7 +135,6 @@ void SpReplier::Impl::breakOff(Connection* connection, const std::string& reason
     connection->broken = true;
     connection->reason = reason;
   }
-  any_broken = true;
 }
 
 void SpReplier::Impl::closeNow(uint64_t id, const std::string& reason)
@@ -160,43 +157,28 @@ void SpReplier::Impl::closeNow(uint64_t id, const std::string& reason)
   }
 }
 
-void SpReplier::Impl::closeBroken()
+/// Closes what is broken or late.
+void SpReplier::Impl::closeDue()
 {
-  std::vector<std::pair<uint64_t, std::string>> broken;
+  const int64_t now_ns = pi_node::monotonicNs();
+  std::vector<std::pair<uint64_t, std::string>> due;
   {
     const std::lock_guard<std::mutex> lock(mutex);
-    if (!any_broken)
+    for (const auto& [id, connection] : connections)
     {
-      return;
-    }
-    any_broken = false;
-    for (const auto& entry : connections)
-    {
-      if (entry.second->broken)
+      if (connection->broken)
       {
-        broken.emplace_back(entry.first, entry.second->reason);
+        due.emplace_back(id, connection->reason);
+      }
+      else if (now_ns >= connection->until_ns)
+      {
+        due.emplace_back(id, connection->greeted ? "no request for too long" : "no SP header in time");
       }
     }
   }
-  for (const auto& entry : broken)
+  for (const auto& [id, reason] : due)
   {
-    closeNow(entry.first, entry.second);
-  }
-}
-
-void SpReplier::Impl::closeLate(int64_t now_ns)
-{
-  std::vector<std::pair<uint64_t, std::string>> late;
-  for (const auto& entry : connections)
-  {
-    if (now_ns >= entry.second->until_ns)
-    {
-      late.emplace_back(entry.first, entry.second->greeted ? "no request for too long" : "no SP header in time");
-    }
-  }
-  for (const auto& entry : late)
-  {
-    closeNow(entry.first, entry.second);
+    closeNow(id, reason);
   }
 }
 
@@ -326,7 +308,7 @@ void SpReplier::Impl::run()
   std::array<epoll_event, EVENTS_PER_ROUND> events;
   for (;;)
   {
-    closeBroken();
+    closeDue();
     const int count = epoll_wait(epoll.get(), events.data(), EVENTS_PER_ROUND, waitMilliseconds());
     for (int index = 0; index < count; ++index)
     {
@@ -351,9 +333,7 @@ void SpReplier::Impl::run()
         return;
       }
     }
-    const int64_t now_ns = pi_node::monotonicNs();
-    closeLate(now_ns);
-    if (accept_again_ns != 0 && now_ns >= accept_again_ns)
+    if (accept_again_ns != 0 && pi_node::monotonicNs() >= accept_again_ns)
     {
       accept_again_ns = 0;
       control(EPOLL_CTL_MOD, listener.get(), LISTENER, EPOLLIN);

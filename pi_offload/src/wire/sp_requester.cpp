@@ -167,17 +167,17 @@ void SpRequester::Impl::onConnected(int64_t now_ns)
     return;
   }
   std::string reason;
-  bool fine = false;
-  {
-    const std::lock_guard<std::mutex> lock(mutex);
-    connection = std::make_unique<SpConnection>(std::move(connecting), SpConnection::Type::REQ, SpConnection::Type::REP,
-                                                options.max_message_bytes, options.max_queued_bytes);
-    fine = connection->greet(&reason);
-  }
-  if (!fine)
+  auto connected =
+      std::make_unique<SpConnection>(std::move(connecting), SpConnection::Type::REQ, SpConnection::Type::REP,
+                                     options.max_message_bytes, options.max_queued_bytes);
+  if (!connected->greet(&reason))
   {
     lose(options.address + ": " + reason, false);
     return;
+  }
+  {
+    const std::lock_guard<std::mutex> lock(mutex);
+    connection = std::move(connected);
   }
   state = State::GREETING;
   until_ns = now_ns + pi_node::nanoseconds(options.connect_timeout_s);
@@ -286,11 +286,9 @@ void SpRequester::Impl::step(int64_t now_ns, short events)
       if ((events & POLLOUT) != 0)
       {
         std::string reason;
-        bool fine = false;
-        {
-          const std::lock_guard<std::mutex> lock(mutex);
-          fine = connection->flush(&reason);
-        }
+        std::unique_lock<std::mutex> lock(mutex);
+        const bool fine = connection->flush(&reason);
+        lock.unlock();
         if (!fine)
         {
           lose(options.address + ": " + reason, false);

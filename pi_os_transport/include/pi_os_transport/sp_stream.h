@@ -125,7 +125,8 @@ public:
   };
 
   /// @param peer  the socket type that the other end must have.
-  /// @param ahead_bytes  read beyond the end of a large message: as much as begins each message.
+  /// @param ahead_bytes  read beyond the end of a large message: as much as begins each message, so at least
+  ///                     SP_LENGTH_BYTES.
   SpReader(SpType peer, size_t ahead_bytes) : peer_header_(spHeader(peer)), ahead_bytes_(ahead_bytes) {}
 
   /// Reads what is there, up to a budget, so that other connections have their turn.
@@ -161,11 +162,19 @@ inline SpReader::Result SpReader::receive(int socket, uint8_t* scratch, size_t s
   for (size_t turn_bytes = 0; turn_bytes < budget;)
   {
     const size_t ahead = length_ >= LARGE_MESSAGE ? std::min(ahead_bytes_, scratch_bytes) : scratch_bytes;
-    std::array<iovec, 2> places{{room_, {scratch, ahead}}};
-    msghdr message{};
-    message.msg_iov = room_.iov_len != 0 ? places.data() : &places[1];
-    message.msg_iovlen = room_.iov_len != 0 ? 2 : 1;
-    const ssize_t result = recvmsg(socket, &message, MSG_DONTWAIT);
+    ssize_t result;
+    if (room_.iov_len == 0)
+    {
+      result = recv(socket, scratch, ahead, MSG_DONTWAIT);
+    }
+    else
+    {
+      std::array<iovec, 2> places{{room_, {scratch, ahead}}};
+      msghdr message{};
+      message.msg_iov = places.data();
+      message.msg_iovlen = places.size();
+      result = recvmsg(socket, &message, MSG_DONTWAIT);
+    }
     if (result == 0)
     {
       return {End::CLOSED, 0};
@@ -301,7 +310,10 @@ public:
     msghdr message{};
     message.msg_iov = &pieces_[next_];
     message.msg_iovlen = end_ - next_;
-    const ssize_t result = sendmsg(socket, &message, MSG_NOSIGNAL | MSG_DONTWAIT | (more_ ? MSG_MORE : 0));
+    const int flags = MSG_NOSIGNAL | MSG_DONTWAIT | (more_ ? MSG_MORE : 0);
+    const ssize_t result = message.msg_iovlen == 1
+                               ? send(socket, pieces_[next_].iov_base, pieces_[next_].iov_len, flags)
+                               : sendmsg(socket, &message, flags);
     if (result < 0)
     {
       return isTemporary(errno) ? 0 : errno;

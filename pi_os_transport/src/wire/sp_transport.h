@@ -143,7 +143,7 @@ private:
 
     ConnectionId id = 0;
     State state = State::CONNECTING;
-    SpReader reader{SpType::PULL, 0};
+    SpReader reader{SpType::PULL, SP_LENGTH_BYTES};
     SpWriter writer;
     std::array<uint8_t, HEAD_BYTES> head;  ///< length and header of the frame being sent
   };
