@@ -36,6 +36,7 @@ BridgeContext makeContext(EventLoop* loop, BridgeConfig config, std::function<vo
   codec.max_bytes = uint64_t{context.config.max_message_mb} << 20;
   codec.queue_limit = MAX_CODEC_QUEUE;
   context.codec = std::make_unique<ImageCodec>(loop, codec);
+  context.graph = std::make_unique<RosGraph>(loop, context.config.master);
   return context;
 }
 
@@ -55,7 +56,8 @@ Bridge::Bridge(EventLoop* loop, BridgeConfig config, std::function<void(const st
   , dispatcher_(&context_, &sessions_, &incoming_, &outgoing_, &tunnels_)
   , requests_(loop, {[this](SideChannel channel, const BridgeRequest& request)
                      { incoming_.open(std::move(channel), request); },
-                     [this](SideChannel* channel, const BridgeRequest& request) { tunnels_.open(channel, request); },
+                     [this](SideChannel channel, const BridgeRequest& request)
+                     { tunnels_.open(std::move(channel), request); },
                      [this]() { return status(); }, context_.log})
 {
   context_.transport = context_.config.wire == "nanomsg" ? makeNanomsgTransport(loop, &dispatcher_)

@@ -128,6 +128,7 @@ const std::vector<Option>& options()
       list("peers", "--peer", &BridgeConfig::peers,
            [](const Setting& setting) { return parseReachable(setting, BRIDGE_PORT); }),
       list("allow", "--allow", &BridgeConfig::allow, parseCIDR),
+      single("master", "--master", &BridgeConfig::master, parseMasterUri),
       single("wire", "--wire", &BridgeConfig::wire,
              [](const Setting& setting) {
                return parseChoice(setting, {"sp", "nanomsg"}, "sp or nanomsg");
@@ -216,7 +217,10 @@ std::string bridgeUsage()
          "  --advertise ADDRESS[:PORT]  where others reach this bridge, if that is not where it listens (tunnels)\n"
          "  --peer ADDRESS[:PORT]       bridge to connect to from the start; repeatable (others: when a node needs "
          "one)\n"
-         "  --allow CIDR                who may connect, like 192.168.1.0/24; repeatable (default: everyone)\n"
+         "  --allow CIDR                who may connect, like 192.168.1.0/24; repeatable (default: peers, and devices "
+         "whose\n"
+         "                              nodes the ROS master knows)\n"
+         "  --master URI                of the ROS master (default: ROS_MASTER_URI, else http://localhost:11311)\n"
          "  --wire sp|nanomsg           sockets of its own or libnanomsg; both understand each other (default: sp)\n"
          "  --socket NAME               nodes with PI_OS_BRIDGE=NAME use this bridge (default: default)\n"
          "  --help                      this text\n"

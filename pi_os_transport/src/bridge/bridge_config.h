@@ -49,7 +49,8 @@ struct BridgeConfig
   Endpoint advertise;              ///< where peers reach this bridge; empty address: found from the route to each peer;
                                    ///< port 0: that of `listen`
   std::vector<Endpoint> peers;     ///< connected to from the start, numeric
-  std::vector<CIDR> allow;         ///< who may connect; empty: everyone
+  std::vector<CIDR> allow;         ///< who may connect; empty: peers, and devices with nodes in the ROS graph
+  std::string master;              ///< URI of the ROS master; empty: ROS_MASTER_URI, else roscore on this device
   std::string wire = "sp";         ///< "sp": own sockets; "nanomsg": libnanomsg
   std::string socket = "default";  ///< nodes find the bridge by this name, see PI_OS_BRIDGE
   uint64_t pool_limit_mb = 512;    ///< most shared memory for incoming messages [MiB], 1 .. 65536
@@ -58,7 +59,7 @@ struct BridgeConfig
 
   /// Options of a topic, by its full name; the defaults if no pattern matches.
   const TopicOptions& topic(const std::string& full_name) const;
-  /// True if a machine may connect. Only numeric IPv4 addresses are compared; without `allow` every machine may.
+  /// False if `allow` keeps a machine out. Only numeric IPv4 addresses are compared. Without `allow`, RosGraph decides.
   bool allows(const std::string& address) const;
 };
 

@@ -7,6 +7,7 @@
 
 #include "bridge/bridge_config.h"
 #include "bridge/refusals.h"
+#include "bridge/ros_graph.h"
 #include "event_loop/event_loop.h"
 #include "image_codec/image_codec.h"
 #include "shm/slot_pool.h"
@@ -26,6 +27,7 @@ struct BridgeContext
   std::unique_ptr<SlotPool> pool{};  ///< memory for incoming messages
   std::unique_ptr<FrameTransport> transport{};
   std::unique_ptr<ImageCodec> codec{};
+  std::unique_ptr<RosGraph> graph{};  ///< what is registered with the ROS master
   uint32_t next_id = 1;   ///< of links, streams and tunnels
   bool draining = false;  ///< the bridge ends: nothing new is opened
 };

@@ -90,7 +90,7 @@ void LocalRequests::handle(SideChannel channel, const std::vector<uint8_t>& pack
       handlers_.open_link(std::move(channel), request);
       break;
     case BridgeRequest::TUNNEL:
-      handlers_.open_tunnel(&channel, request);
+      handlers_.open_tunnel(std::move(channel), request);
       break;
     case BridgeRequest::STATUS:
       answerStatus(&channel);

@@ -21,7 +21,7 @@ public:
   struct Handlers
   {
     std::function<void(SideChannel channel, const BridgeRequest& request)> open_link;
-    std::function<void(SideChannel* channel, const BridgeRequest& request)> open_tunnel;
+    std::function<void(SideChannel channel, const BridgeRequest& request)> open_tunnel;
     std::function<std::string()> status;  ///< as JSON
     std::function<void(const std::string&)> log;
   };

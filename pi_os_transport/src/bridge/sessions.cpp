@@ -69,6 +69,13 @@ Session* Sessions::withConnection(FrameTransport::ConnectionId connection) const
   return found != table_.end() ? found->second.get() : nullptr;
 }
 
+bool Sessions::knows(const std::string& address) const
+{
+  const auto is_there = [&address](const Endpoint& endpoint) { return endpoint.address == address; };
+  return std::any_of(context_->config.peers.begin(), context_->config.peers.end(), is_there) ||
+         std::any_of(table_.begin(), table_.end(), [&](const auto& entry) { return is_there(entry.first); });
+}
+
 void Sessions::removeStale()
 {
   stale_timer_.start(context_->loop, STALE_AFTER, [this]() { removeStale(); });

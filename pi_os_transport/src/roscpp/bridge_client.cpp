@@ -20,7 +20,7 @@ namespace
 {
 
 constexpr std::chrono::milliseconds RETRY{300};
-constexpr int TUNNEL_TIMEOUT_MS = 100;
+constexpr int TUNNEL_TIMEOUT_MS = 600;  // the bridge itself waits 500 ms for the other one
 constexpr std::chrono::milliseconds PROBE_TIME{500};
 constexpr std::chrono::milliseconds PING_INTERVAL{500};
 constexpr std::chrono::milliseconds PING_TIMEOUT{1000};

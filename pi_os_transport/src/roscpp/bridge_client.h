@@ -30,7 +30,7 @@ public:
   /// Connects to the bridge and sends `request`. Empty if no bridge runs, or none is wanted.
   SideChannel connect(const BridgeRequest& request) const;
 
-  /// Asks the bridge for a TCP connection to `host` (name or number) and `port` on another device. Waits at most 100
+  /// Asks the bridge for a TCP connection to `host` (name or number) and `port` on another device. Waits at most 600
   /// ms.
   /// @return a connected TCP socket; empty if the bridge refuses or does not answer
   FileDescriptor openTunnel(const std::string& host, uint16_t port, const std::string& service) const;

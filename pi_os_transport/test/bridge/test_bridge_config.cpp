@@ -80,7 +80,7 @@ protected:
   std::string path_;
 };
 
-TEST(BridgeConfig, DefaultsListenEverywhereAndAllowEveryone)
+TEST(BridgeConfig, DefaultsListenEverywhereAndLeaveTheGraphToDecide)
 {
   const BridgeConfig config = *parse({});
   char host[256] = {};
@@ -89,7 +89,9 @@ TEST(BridgeConfig, DefaultsListenEverywhereAndAllowEveryone)
   EXPECT_EQ((std::vector<Endpoint>{{"0.0.0.0", 8814}}), config.listen);
   EXPECT_EQ("", config.advertise.address);
   EXPECT_TRUE(config.peers.empty());
+  EXPECT_TRUE(config.allow.empty());
   EXPECT_TRUE(config.allows("203.0.113.9"));
+  EXPECT_EQ("", config.master);
   EXPECT_EQ("sp", config.wire);
   EXPECT_EQ("default", config.socket);
   EXPECT_EQ(512U, config.pool_limit_mb);
@@ -112,6 +114,7 @@ TEST(BridgeConfig, ShippedFileHoldsTheDefaults)
   EXPECT_EQ(defaults.advertise, file.advertise);
   EXPECT_EQ(defaults.peers, file.peers);
   EXPECT_EQ(defaults.allow.size(), file.allow.size());
+  EXPECT_EQ(defaults.master, file.master);
   EXPECT_EQ(defaults.wire, file.wire);
   EXPECT_EQ(defaults.socket, file.socket);
   EXPECT_EQ(defaults.pool_limit_mb, file.pool_limit_mb);
@@ -165,7 +168,7 @@ TEST(BridgeConfig, HelpWinsOverEverythingAfterIt)
 {
   EXPECT_FALSE(parse({"--name", "x", "--help", "--nonsense"}).has_value());
   for (const char* option :
-       {"--config", "--name", "--listen", "--advertise", "--peer", "--allow", "--wire", "--socket"})
+       {"--config", "--name", "--listen", "--advertise", "--peer", "--allow", "--master", "--wire", "--socket"})
   {
     EXPECT_NE(std::string::npos, bridgeUsage().find(option)) << option;
   }
@@ -202,6 +205,10 @@ TEST(BridgeConfig, BadArgumentsAreNamedWithValueAndWhatIsAllowed)
   EXPECT_EQ("--wire = \"tls\", must be sp or nanomsg", errorOf({"--wire", "tls"}));
   EXPECT_EQ("--allow = \"10.0.0.0/33\", must be an IPv4 address, or a range like 192.168.1.0/24",
             errorOf({"--allow", "10.0.0.0/33"}));
+  EXPECT_EQ("--master = \"vehicle\", must be the URI of a ROS master like http://192.168.1.10:11311, or \"\" for "
+            "ROS_MASTER_URI",
+            errorOf({"--master", "vehicle"}));
+  EXPECT_EQ("http://vehicle:11311/", parse({"--master", "http://vehicle:11311/"})->master);
   EXPECT_EQ("--peer = \"1.2.3.4:0\", must be ADDRESS[:PORT] with a port from 1 to 65535",
             errorOf({"--peer", "1.2.3.4:0"}));
   EXPECT_EQ("--peer = \"0.0.0.0\", must be the address of one device", errorOf({"--peer", "0.0.0.0"}));
@@ -274,8 +281,8 @@ TEST_F(BridgeConfigFile, ErrorsNameFileLineKeyValueAndWhatIsAllowed)
   expect("allow:\n  - 10.0.0.1\n  - nobody\n",
          "3: allow[1] = \"nobody\", must be an IPv4 address, or a range like 192.168.1.0/24");
   expect("\n\npeer: []\n",
-         "3: peer is no option, must be one of advertise, allow, listen, max_message_mb, name, peers, pool_limit_mb, "
-         "socket, topics, wire");
+         "3: peer is no option, must be one of advertise, allow, listen, master, max_message_mb, name, peers, "
+         "pool_limit_mb, socket, topics, wire");
   expect("name: a\nname: b\n", "2: name is given twice, must be given once");
   expect("- a\n", "1: the file = a list, must be a map of keys and values");
   expect("topics: [a]", "1: topics[0] = \"a\", must be a map of keys and values");

@@ -112,6 +112,7 @@ private:
     config.peers = {{PEER_ADDRESS, BRIDGE_PORT}};
     config.pool_limit_mb = 8;
     config.max_message_mb = 1;
+    config.master = "http://127.0.0.1:1";  // nobody answers
     return config;
   }
 
