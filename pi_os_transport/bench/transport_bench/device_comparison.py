@@ -4,7 +4,8 @@ import contextlib
 import dataclasses
 import time
 
-from .device_nodes import DeviceGroup, FlowNode, check_order, longest_gap_ms
+from .device_keys import make_keys
+from .device_nodes import PROTECTED, DeviceGroup, FlowNode, check_order, longest_gap_ms
 from .devices import Testbed, await_state
 from .hostile import Attacker, Recorder
 from .measurements import measure_latency, percentile
@@ -129,7 +130,7 @@ class DeviceComparison:
             for measure in self.plan.measures:
                 if measure in ('kill', 'hostile'):
                     # Each is one long campaign of what only bridges have; it is not repeated per round.
-                    modes_here = [mode for mode in modes if mode.preload] if round_number == 0 else []
+                    modes_here = [mode for mode in modes if mode.key == 'pi_os'] if round_number == 0 else []
                 else:
                     modes_here = modes
                 for mode in modes_here:
@@ -144,7 +145,9 @@ class DeviceComparison:
                 self.congestion_control = testbed.vehicle.congestion_control
                 bridges = {}
                 if mode.preload:
-                    bridges = {name: device.start_bridge() for name, device in testbed.devices.items()}
+                    keys = make_keys(testbed) if mode.key == PROTECTED else {}
+                    bridges = {name: device.start_bridge(*keys.get(name, ()))
+                               for name, device in testbed.devices.items()}
                 for row in getattr(self, '_' + measure)(testbed, mode, bridges):
                     self.rows.append({'round': round_number, 'measure': measure, 'mode': mode.key, **row})
                 for bridge in bridges.values():

@@ -9,11 +9,13 @@ from .group import Group
 from .modes import BenchError, Mode, program_folder
 from .nodes import CONNECT_DEADLINE_S, Node
 
+PROTECTED = 'pi_os_tls'  # the mode in which the bridges use TLS
 # What links between devices have to show; π-OS is the mode in which bridges run.
 DEVICE_MODES = {mode.key: mode for mode in (
     Mode('tcpros', 'TCPROS', 'TCPROS', False),
     Mode('nodelay', 'tcpNoDelay', 'TCPROS', False, ('--tcp-no-delay',)),
     Mode('pi_os', 'π-OS', 'NNROS', True),
+    Mode(PROTECTED, 'π-OS, TLS', 'NNROS', True),
 )}
 
 

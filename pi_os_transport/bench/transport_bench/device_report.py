@@ -112,7 +112,8 @@ def plot(results, modes, path, subtitle):
     require_matplotlib().use('Agg')
     from matplotlib import pyplot
 
-    styles = {'tcpros': ('tab:red', 'o'), 'nodelay': ('tab:orange', 's'), 'pi_os': ('tab:blue', '^')}
+    styles = {'tcpros': ('tab:red', 'o'), 'nodelay': ('tab:orange', 's'), 'pi_os': ('tab:blue', '^'),
+              'pi_os_tls': ('tab:green', 'v')}
     figure, (wire, latency) = pyplot.subplots(1, 2, figsize=(13, 5.2))
     numbers = results.fan_outs('wire') if _rows(results, 'wire') else []
     for mode in modes:

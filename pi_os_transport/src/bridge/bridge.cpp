@@ -4,11 +4,13 @@
 
 #include <algorithm>
 #include <climits>
+#include <cstdlib>
 #include <stdexcept>
 #include <utility>
 
 #include "bridge/bridge_status.h"
 #include "wire/ipv4.h"
+#include "wire/tls_keys.h"
 
 namespace pi_os_transport
 {
@@ -25,6 +27,12 @@ std::string codecProgram()
   const ssize_t length = readlink("/proc/self/exe", path, sizeof(path) - 1);
   const std::string self(path, length > 0 ? static_cast<size_t>(length) : 0);
   return self.substr(0, self.rfind('/') + 1) + "pi_os_image_codec";
+}
+
+std::string keysFolder(const BridgeConfig& config)
+{
+  const char* const home = std::getenv("HOME");
+  return !config.keys.empty() ? config.keys : std::string(home != nullptr ? home : "") + "/.config/pi_os/keys";
 }
 
 BridgeContext makeContext(EventLoop* loop, BridgeConfig config, std::function<void(const std::string&)> log)
@@ -60,8 +68,17 @@ Bridge::Bridge(EventLoop* loop, BridgeConfig config, std::function<void(const st
                      { tunnels_.open(std::move(channel), request); },
                      [this]() { return status(); }, context_.log})
 {
-  context_.transport = context_.config.wire == "nanomsg" ? makeNanomsgTransport(loop, &dispatcher_)
-                                                         : makeSpTransport(loop, &dispatcher_);
+  if (context_.config.isSecure())
+  {
+    const auto keys = std::make_shared<const TlsKeys>(keysFolder(context_.config));
+    context_.log("protected by TLS as \"" + keys->identity() + (keys->areShared() ? "\", a shared key" : "\""));
+    context_.transport = makeProtectedTransport(loop, &dispatcher_, keys);
+  }
+  else
+  {
+    context_.transport = context_.config.wire == "nanomsg" ? makeNanomsgTransport(loop, &dispatcher_)
+                                                           : makeSpTransport(loop, &dispatcher_);
+  }
 }
 
 Bridge::~Bridge()

@@ -48,6 +48,36 @@ bool FrameDispatcher::onAccept(const std::string& address)
   return false;
 }
 
+Verdict FrameDispatcher::onIdentity(const Endpoint& at, const std::string& identity)
+{
+  const BridgeConfig& config = context_->config;
+  const TrustOptions* const trust = config.trustOf(identity);
+  if (trust != nullptr && !trust->allow)
+  {
+    return {"\"" + identity + "\" is revoked by trust", true};
+  }
+  if (trust == nullptr && !config.trust.empty())
+  {
+    return {"\"" + identity + "\" is not in trust", false};
+  }
+  const auto expected = config.peer_names.find(at);
+  if (expected != config.peer_names.end() && expected->second != identity)
+  {
+    return {"its name is \"" + identity + "\", not \"" + expected->second + "\" as in peers", false};
+  }
+  if (Session* const session = at.port != 0 ? sessions_->find(at) : nullptr)
+  {
+    session->identity = identity;
+  }
+  return {};
+}
+
+void FrameDispatcher::onUntrusted(const Endpoint& at, const std::string& reason)
+{
+  const std::string subject = (at.port != 0 ? "the bridge at " : "a connection from ") + at.address;
+  context_->refusals.count(Refusals::UNTRUSTED, subject, subject + " is not trusted: " + reason);
+}
+
 uint8_t* FrameDispatcher::onHeader(FrameTransport::SourceId source, const FrameHeader& header, uint32_t length)
 {
   if (header.type == FrameType::HELLO)
@@ -146,7 +176,7 @@ void FrameDispatcher::onHello(FrameTransport::SourceId source, const uint8_t* pa
   {
     context_->transport->closeSource(source);
   }
-  else if (context_->config.allow.empty() && !sessions_->knows(endpoint->address))
+  else if (context_->config.allow.empty() && !context_->config.isSecure() && !sessions_->knows(endpoint->address))
   {
     awaitGraph(source, *endpoint, hello);
   }
@@ -203,7 +233,10 @@ void FrameDispatcher::awaitGraph(FrameTransport::SourceId source, const Endpoint
 /// @param session  null if there are too many
 void FrameDispatcher::greet(FrameTransport::SourceId source, Session* session, const Hello& hello)
 {
-  if (session != nullptr && session->peer->onHello(hello))
+  // Of two devices with keys, none speaks for the other.
+  const bool is_same = session != nullptr && (session->identity.empty() ||
+                                              session->identity == context_->transport->identityOf(source));
+  if (is_same && session->peer->onHello(hello))
   {
     return;
   }

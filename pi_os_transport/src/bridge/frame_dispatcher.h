@@ -32,6 +32,8 @@ public:
   void onWritable(FrameTransport::ConnectionId connection) override;
   void onClosed(FrameTransport::ConnectionId connection, CloseReason reason) override;
   bool onAccept(const std::string& address) override;
+  Verdict onIdentity(const Endpoint& at, const std::string& identity) override;
+  void onUntrusted(const Endpoint& at, const std::string& reason) override;
   uint8_t* onHeader(FrameTransport::SourceId source, const FrameHeader& header, uint32_t length) override;
   void onFrame(FrameTransport::SourceId source, const FrameHeader& header, uint8_t* payload, uint32_t length) override;
   void onSourceClosed(FrameTransport::SourceId source, CloseReason reason, const std::string& detail) override;

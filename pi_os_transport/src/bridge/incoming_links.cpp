@@ -57,7 +57,8 @@ void IncomingLinks::open(SideChannel channel, const BridgeRequest& request)
 
 void IncomingLinks::openWaiting(Session* session)
 {
-  for (const auto& link : session->incoming)
+  const auto links = session->incoming;  // one that is not trusted ends
+  for (const auto& link : links)
   {
     if (link.second->state == IncomingLink::State::WANTED)
     {
@@ -68,8 +69,14 @@ void IncomingLinks::openWaiting(Session* session)
 
 void IncomingLinks::request(Session* session, const LinkPtr& link)
 {
-  link->state = IncomingLink::State::OPENING;
   const BridgeRequest& request = link->request;
+  if (!context_->config.trusts(session->identity, request.topic))
+  {
+    context_->refusals.warn("\"" + session->identity + "\" may not send " + request.topic + ", see trust");
+    end(session, link, LinkEnd::REFUSED, false);
+    return;
+  }
+  link->state = IncomingLink::State::OPENING;
   const LinkOpen open{request.socket_token, request.link_token, request.topic,
                       request.type,         request.publisher,  request.subscriber};
   session->peer->control(FrameHeader::of(FrameType::LINK_OPEN, link->id), open.encode());

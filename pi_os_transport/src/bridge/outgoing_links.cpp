@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "shm/event.h"
+#include "shm/topic_mark.h"
 
 namespace pi_os_transport
 {
@@ -82,8 +83,15 @@ std::string OutgoingLinks::fetch(Session* session, uint32_t id, const LinkOpen& 
   {
     return "its publisher's bridge does not forward this topic";
   }
+  if (!context_->config.trusts(session->identity, open.topic))
+  {
+    context_->refusals.warn("\"" + session->identity + "\" may not receive " + open.topic + ", see trust");
+    return "its publisher's bridge does not trust this device with the topic";
+  }
   SideChannel channel = SideChannel::connect("pi_os/" + open.socket_token);
-  if (!channel || !channel.send(Packet::of(Packet::HELLO, link_token->high, link_token->low, 1)))
+  // The publisher compares the mark: the peer may name a topic that is not the link's.
+  const uint64_t mark = topicMark(*link_token, open.topic);
+  if (!channel || !channel.send(Packet::of(Packet::HELLO, link_token->high, link_token->low, mark)))
   {
     return "the publisher cannot be reached by its bridge: it runs as another user, or in another container";
   }

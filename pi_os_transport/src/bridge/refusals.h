@@ -24,10 +24,11 @@ public:
     OVERSIZED,
     MALFORMED,
     BAD_SESSION,
+    UNTRUSTED,   ///< a connection whose ends have not proved who they are
     NO_SERVICE,  ///< a tunnel to a port that is no service
   };
-  static constexpr std::array<const char*, 6> NAMES{"unknown_peer", "wrong_version", "oversized", "malformed",
-                                                    "bad_session",  "no_service"};
+  static constexpr std::array<const char*, 7> NAMES{"unknown_peer", "wrong_version", "oversized", "malformed",
+                                                    "bad_session",  "untrusted",     "no_service"};
 
   explicit Refusals(std::function<void(const std::string&)> log) : log_(std::move(log)) {}
 

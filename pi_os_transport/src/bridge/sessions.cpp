@@ -50,7 +50,12 @@ Session* Sessions::ofDevice(const std::string& address)
 
 Session* Sessions::of(const Peer* peer) const
 {
-  const auto found = table_.find(peer->endpoint());
+  return find(peer->endpoint());
+}
+
+Session* Sessions::find(const Endpoint& endpoint) const
+{
+  const auto found = table_.find(endpoint);
   return found != table_.end() ? found->second.get() : nullptr;
 }
 

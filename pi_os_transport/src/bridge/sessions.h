@@ -32,6 +32,7 @@ struct Session
   static constexpr size_t MAX_STREAMS = 4096;  ///< likewise
 
   std::shared_ptr<Peer> peer;
+  std::string identity;  ///< name or key id that the other bridge has proved to have; empty without protection
   std::map<uint32_t, std::shared_ptr<OutgoingLink>> outgoing;
   std::map<std::string, std::shared_ptr<OutgoingStream>> outgoing_streams;  ///< by publisher's process and topic
   std::map<uint32_t, std::shared_ptr<IncomingLink>> incoming;
@@ -58,6 +59,7 @@ public:
   /// Null if there is none.
   Session* of(const Peer* peer) const;
   Session* withSecret(uint64_t secret) const;
+  Session* find(const Endpoint& endpoint) const;
   Session* withConnection(FrameTransport::ConnectionId connection) const;
   /// True if the device was configured, or was found before.
   bool knows(const std::string& address) const;

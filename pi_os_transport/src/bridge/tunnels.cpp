@@ -21,7 +21,7 @@ void Tunnels::open(SideChannel channel, const BridgeRequest& request)
 {
   Session* const session =
       isLocalAddress(request.address) || context_->draining ? nullptr : sessions_->ofDevice(request.address);
-  if (session == nullptr || !session->peer->up() ||
+  if (session == nullptr || !session->peer->up() || !context_->config.trusts(session->identity, request.service) ||
       session->tunnels.size() + session->tunnel_requests.size() >= MAX_TUNNELS)
   {
     channel.send(Packet::ended(LinkEnd::REFUSED));
@@ -180,6 +180,11 @@ bool Tunnels::accept(Session* session, const FrameHeader& header, const uint8_t*
   if (!isLocalAddress(server.address) || isLoopbackAddress(server.address))
   {
     decide("that is not an address of this device in the network");
+    return true;
+  }
+  if (!context_->config.trusts(session->identity, service))
+  {
+    decide("\"" + session->identity + "\" may not call " + service + ", see trust");
     return true;
   }
   context_->graph->findService(service, server, decide);

@@ -7,6 +7,7 @@
 #include <chrono>
 #include <memory>
 #include <mutex>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -43,6 +44,14 @@ public:
   /// then died.
   void guard(const boost::shared_ptr<ros::TransportTCP>& transport);
 
+  /// True if the bridge is required for this connection: it leads to another device, and PI_OS_REQUIRE_BRIDGE is set.
+  static bool isRequiredFor(const ros::ConnectionPtr& connection);
+  /// The same for a host.
+  static bool isRequiredFor(const std::string& host);
+
+  /// Says once per subject what PI_OS_REQUIRE_BRIDGE prevents, and the way out.
+  void warnOfRequired(const std::string& subject, const std::string& text);
+
   /// Numeric address of the peer of a TCP socket; empty for a loopback address, which cannot be another device.
   static std::string peerAddress(int socket);
 
@@ -73,6 +82,7 @@ private:
     std::chrono::steady_clock::time_point until;
   };
   std::vector<Reconnect> reconnects_;
+  std::set<std::string> warned_;
 
   std::vector<boost::weak_ptr<ros::TransportTCP>> tunnels_;
   SideChannel ping_;  ///< while waiting for an answer; network thread

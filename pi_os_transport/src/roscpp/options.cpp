@@ -112,6 +112,15 @@ void Options::load(const Source& source, const std::function<std::string(const s
       bridge = *text == "0" ? "" : *text;
     }
   }
+  if (const std::optional<std::string> text = source("require_bridge"))
+  {
+    const std::optional<bool> value = parseSwitch(*text);
+    if (!value)
+    {
+      refuse("require_bridge", *text, "1, 0, true or false", "1");  // a slip must not send anything unprotected
+    }
+    require_bridge = value.value_or(true);
+  }
 }
 
 void Options::loadEnvironment(std::vector<std::string>* errors)

@@ -43,7 +43,7 @@ struct Packet
 {
   enum Type : uint32_t
   {
-    HELLO = 1,    ///< subscriber: values = link token, 1 for a bridge
+    HELLO = 1,    ///< subscriber: values = link token, topicMark() from a bridge and else 0
     OFFER = 2,    ///< publisher: values = pool token, lease budget [B]; descriptors = ring memory, both doorbells
     PROOF = 3,    ///< subscriber: values = nonce read from the mapped ring
     SEGMENT = 4,  ///< publisher: values = segment id, length [B]; descriptors = segment memory

@@ -13,6 +13,7 @@ namespace pi_os_transport
 {
 
 class EventLoop;
+class TlsKeys;
 
 /// Where a bridge listens, or another one does.
 struct Endpoint
@@ -28,6 +29,13 @@ struct Endpoint
   }
 };
 
+/// Whether a device may connect.
+struct Verdict
+{
+  std::string refusal;      ///< why not; empty if it may
+  bool is_revoked = false;  ///< the device is told so
+};
+
 /// Why a connection ended.
 enum class CloseReason
 {
@@ -36,6 +44,7 @@ enum class CloseReason
   UNREACHABLE,  ///< no answer, or no route
   SILENT,       ///< the machine accepts the connection, but the process does not speak
   MALFORMED,    ///< received data are not a frame of this protocol
+  UNTRUSTED,    ///< the ends have not proved to each other who they are; onUntrusted() came before
 };
 
 /// Carries frames between bridges in nanomsg's pipeline pattern (SP protocol over TCP, PUSH to PULL). Each connection
@@ -68,6 +77,13 @@ public:
     virtual uint8_t* onHeader(SourceId source, const FrameHeader& header, uint32_t length) = 0;
     /// The frame is complete. Its payload is where onHeader() asked for it.
     virtual void onFrame(SourceId source, const FrameHeader& header, uint8_t* payload, uint32_t length) = 0;
+    /// A protected connection: the other end has proved who it is.
+    /// Called inside send() and connect() too: must call nothing of the transport. The first argument is where this
+    /// bridge connected to; for an incoming connection its port is 0.
+    virtual Verdict onIdentity(const Endpoint&, const std::string&) { return {}; }
+    /// The ends have not proved to each other who they are, or only one of them protects its connections.
+    /// The first argument is that of onIdentity(), the second is the reason.
+    virtual void onUntrusted(const Endpoint&, const std::string&) {}
     /// An incoming connection has ended; an incomplete frame is lost. For MALFORMED, `detail` tells why.
     virtual void onSourceClosed(SourceId source, CloseReason reason, const std::string& detail) = 0;
   };
@@ -89,6 +105,9 @@ public:
   /// Numeric address of the machine that sends; empty if unknown.
   virtual std::string addressOf(SourceId source) const = 0;
 
+  /// The name or key id that this source has proved to have; empty without protection.
+  virtual std::string identityOf(SourceId) const { return {}; }
+
   /// True if send() accepts a frame now.
   virtual bool writable(ConnectionId connection) const = 0;
   /// Sends one frame. The header is copied. The pieces of payload (at most 2, together at most MAX_PAYLOAD) must stay
@@ -103,6 +122,9 @@ public:
 /// SP over TCP with own sockets: TCP_NODELAY, payloads without copies, known source addresses, and connections that can
 /// be ended one by one.
 std::unique_ptr<FrameTransport> makeSpTransport(EventLoop* loop, FrameTransport::Listener* listener);
+/// The same inside TLS: both ends prove who they are.
+std::unique_ptr<FrameTransport> makeProtectedTransport(EventLoop* loop, FrameTransport::Listener* listener,
+                                                       std::shared_ptr<const TlsKeys> keys);
 /// The same through libnanomsg.
 std::unique_ptr<FrameTransport> makeNanomsgTransport(EventLoop* loop, FrameTransport::Listener* listener);
 

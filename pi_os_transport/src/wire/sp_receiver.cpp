@@ -92,16 +92,33 @@ void SpTransport::addSource(FileDescriptor socket, const sockaddr_in& address)
     listener_->onSourceClosed(next_source_++, CloseReason::REFUSED, TOO_MANY_DETAIL);
     return;
   }
-  if (!listener_->onAccept(addressText(address)) || !sendGreeting(socket.get(), PULL_GREETING))
+  if (!listener_->onAccept(addressText(address)))
   {
     return;
   }
-  setCommonOptions(socket.get());
   const auto source = std::make_shared<Source>();
   source->id = next_source_++;
   source->address = addressText(address);
   source->socket = std::move(socket);
-  source->timer.start(loop_, SP_GREETING_TIME,
+  if (keys_ && knocksTooOften(source->address))
+  {
+    source->socket.reset();
+    listener_->onUntrusted({source->address, 0}, TOO_MANY_DETAIL + std::string(" without a proof"));
+    return;
+  }
+  setCommonOptions(source->socket.get());
+  if (keys_)
+  {
+    source->stage = Source::Stage::PROVING;
+    source->tls = std::make_unique<TlsSession>(keys_.get(), source->socket.get(), TlsSession::Role::SERVER,
+                                               [this, address = source->address](const std::string& identity)
+                                               { return listener_->onIdentity({address, 0}, identity); });
+  }
+  else if (!sendGreeting(source.get(), PULL_GREETING))
+  {
+    return;
+  }
+  source->timer.start(loop_, keys_ ? SP_PROOF_TIME : SP_GREETING_TIME,
                       [this, source]
                       { fail(source, CloseReason::MALFORMED, std::string(NO_GREETING_DETAIL) + " in time"); });
   sources_[source->id] = source;
@@ -110,6 +127,10 @@ void SpTransport::addSource(FileDescriptor socket, const sockaddr_in& address)
 
 void SpTransport::onSourceEvent(const SourcePointer& source)
 {
+  if (source->closed || (source->stage == Source::Stage::PROVING && !prove(source)))
+  {
+    return;
+  }
   for (size_t turn_bytes = 0; !source->closed && turn_bytes < SP_BYTES_PER_TURN;)
   {
     // The rest of a payload is read to its final place, bytes after it into the buffer.
@@ -121,15 +142,13 @@ void SpTransport::onSourceEvent(const SourcePointer& source)
     {
       places[0] = {source->payload + source->received, missing};
     }
-    msghdr message{};
-    message.msg_iov = in_payload ? places.data() : &places[1];
-    message.msg_iovlen = in_payload ? 2 : 1;
-    const ssize_t result = recvmsg(source->socket.get(), &message, MSG_DONTWAIT);
+    const ssize_t result =
+        in_payload ? receiveBytes(source.get(), places.data(), 2) : receiveBytes(source.get(), &places[1], 1);
     if (result <= 0)
     {
       if (result == 0 || !isTemporary(errno))
       {
-        fail(source, result == 0 ? CloseReason::PEER_CLOSED : reasonOf(errno), "");
+        fail(source, result == 0 ? CloseReason::PEER_CLOSED : reasonOfChannel(*source, errno), "");
       }
       return;
     }
@@ -147,6 +166,10 @@ void SpTransport::onSourceEvent(const SourcePointer& source)
     {
       return;  // everything was read
     }
+  }
+  if (!source->closed && source->tls && source->tls->hasPending())
+  {
+    loop_->defer([this, source] { onSourceEvent(source); });  // of these bytes no event tells
   }
 }
 
@@ -183,7 +206,8 @@ void SpTransport::onHeadBytes(const SourcePointer& source, size_t stage_bytes)
   if (source->stage == Stage::GREETING &&
       std::memcmp(source->head.data(), PUSH_GREETING.data(), source->head_bytes) != 0)
   {
-    fail(source, CloseReason::MALFORMED, NO_GREETING_DETAIL);
+    const bool protects = !source->tls && source->head[0] == TLS_HANDSHAKE;
+    fail(source, protects ? CloseReason::UNTRUSTED : CloseReason::MALFORMED, NO_GREETING_DETAIL);
     return;
   }
   if (source->head_bytes < stage_bytes)
@@ -257,6 +281,10 @@ void SpTransport::onPayloadBytes(const SourcePointer& source, size_t count)
 void SpTransport::fail(const SourcePointer& source, CloseReason reason, const std::string& detail)
 {
   shut(source.get());
+  if (reason == CloseReason::UNTRUSTED)
+  {
+    listener_->onUntrusted({source->address, 0}, source->tls ? source->tls->problem() : ONLY_OTHER_PROTECTS);
+  }
   listener_->onSourceClosed(source->id, reason, detail);
   sources_.erase(source->id);  // only now: the listener may ask for the address
 }

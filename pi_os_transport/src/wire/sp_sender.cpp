@@ -38,6 +38,7 @@ FrameTransport::ConnectionId SpTransport::connect(const Endpoint& endpoint)
 {
   const auto connection = std::make_shared<Connection>();
   connection->id = next_connection_++;
+  connection->at = endpoint;
   connections_[connection->id] = connection;
   if (!parseIpv4(endpoint.address))
   {
@@ -118,7 +119,7 @@ bool SpTransport::send(ConnectionId id, const FrameHeader& header, const iovec* 
   const int error = sendPieces(connection.get());
   if (error != 0)
   {
-    failLater(connection, reasonOf(error));
+    failLater(connection, reasonOfChannel(*connection, error));
     return false;
   }
   if (connection->next_piece != connection->pieces_end)
@@ -131,11 +132,8 @@ bool SpTransport::send(ConnectionId id, const FrameHeader& header, const iovec* 
 /// Sends as much as the socket takes. @return error number, 0 for none.
 int SpTransport::sendPieces(Connection* connection)
 {
-  msghdr message{};
-  message.msg_iov = &connection->pieces[connection->next_piece];
-  message.msg_iovlen = connection->pieces_end - connection->next_piece;
-  const ssize_t result =
-      sendmsg(connection->socket.get(), &message, MSG_NOSIGNAL | MSG_DONTWAIT | (connection->more ? MSG_MORE : 0));
+  const ssize_t result = sendBytes(connection, &connection->pieces[connection->next_piece],
+                                   connection->pieces_end - connection->next_piece, connection->more);
   if (result < 0)
   {
     return isTemporary(errno) ? 0 : errno;
@@ -165,6 +163,11 @@ void SpTransport::onConnectionEvent(const ConnectionPointer& connection, uint32_
     onTcpConnected(connection);
     return;
   }
+  if (connection->state == State::PROVING)
+  {
+    prove(connection);
+    return;
+  }
   if (connection->state == State::GREETING)
   {
     readGreeting(connection);
@@ -181,7 +184,7 @@ void SpTransport::onConnectionEvent(const ConnectionPointer& connection, uint32_
   const int error = sendPieces(connection.get());
   if (error != 0)
   {
-    fail(connection, reasonOf(error));
+    fail(connection, reasonOfChannel(*connection, error));
   }
   else if (connection->next_piece == connection->pieces_end)
   {
@@ -199,32 +202,49 @@ void SpTransport::onTcpConnected(const ConnectionPointer& connection)
     fail(connection, reasonOf(error));
     return;
   }
-  if (!sendGreeting(fd, PUSH_GREETING))
+  if (!keys_)
+  {
+    setTimer(connection, SP_ANSWER_TIME);
+    greet(connection);
+    return;
+  }
+  connection->state = Connection::State::PROVING;
+  setTimer(connection, SP_PROOF_TIME);
+  connection->tls = std::make_unique<TlsSession>(
+      keys_.get(), fd, TlsSession::Role::CLIENT,
+      [this, at = connection->at](const std::string& identity) { return listener_->onIdentity(at, identity); });
+  prove(connection);
+}
+
+void SpTransport::greet(const ConnectionPointer& connection)
+{
+  if (!sendGreeting(connection.get(), PUSH_GREETING))
   {
     fail(connection, CloseReason::PEER_CLOSED);
     return;
   }
   connection->state = Connection::State::GREETING;
-  setTimer(connection, SP_ANSWER_TIME);
-  loop_->change(fd, EPOLLIN);
+  loop_->change(connection->socket.get(), EPOLLIN);
+  readGreeting(connection);  // a protected answer may have come together with the proof
 }
 
 void SpTransport::readGreeting(const ConnectionPointer& connection)
 {
-  const ssize_t count = recv(connection->socket.get(), &connection->greeting[connection->greeting_bytes],
-                             GREETING_BYTES - connection->greeting_bytes, MSG_DONTWAIT);
+  const iovec rest{&connection->greeting[connection->greeting_bytes], GREETING_BYTES - connection->greeting_bytes};
+  const ssize_t count = receiveBytes(connection.get(), &rest, 1);
   if (count <= 0)
   {
     if (count == 0 || !isTemporary(errno))
     {
-      fail(connection, count == 0 ? CloseReason::PEER_CLOSED : reasonOf(errno));
+      fail(connection, count == 0 ? CloseReason::PEER_CLOSED : reasonOfChannel(*connection, errno));
     }
     return;
   }
   connection->greeting_bytes += static_cast<size_t>(count);
   if (std::memcmp(connection->greeting.data(), PULL_GREETING.data(), connection->greeting_bytes) != 0)
   {
-    fail(connection, CloseReason::MALFORMED);
+    const bool protects = !connection->tls && connection->greeting[0] == TLS_ALERT;
+    fail(connection, protects ? CloseReason::UNTRUSTED : CloseReason::MALFORMED);
     return;
   }
   if (connection->greeting_bytes == GREETING_BYTES)
@@ -239,14 +259,15 @@ void SpTransport::readGreeting(const ConnectionPointer& connection)
 void SpTransport::readEnd(const ConnectionPointer& connection)
 {
   uint8_t byte;
-  const ssize_t count = recv(connection->socket.get(), &byte, 1, MSG_DONTWAIT);
+  const iovec place{&byte, 1};
+  const ssize_t count = receiveBytes(connection.get(), &place, 1);
   if (count >= 0)
   {
     fail(connection, count == 0 ? CloseReason::PEER_CLOSED : CloseReason::MALFORMED);
   }
   else if (!isTemporary(errno))
   {
-    fail(connection, reasonOf(errno));
+    fail(connection, reasonOfChannel(*connection, errno));
   }
 }
 
@@ -255,9 +276,9 @@ void SpTransport::setTimer(const ConnectionPointer& connection, std::chrono::mil
   connection->timer.start(loop_, time,
                           [this, connection]
                           {
-                            fail(connection, connection->state == Connection::State::GREETING
-                                                 ? CloseReason::SILENT
-                                                 : CloseReason::UNREACHABLE);
+                            fail(connection, connection->state == Connection::State::CONNECTING
+                                                 ? CloseReason::UNREACHABLE
+                                                 : CloseReason::SILENT);
                           });
 }
 
@@ -278,20 +299,22 @@ void SpTransport::fail(const ConnectionPointer& connection, CloseReason reason)
 {
   shut(connection.get());
   connections_.erase(connection->id);
+  if (reason == CloseReason::UNTRUSTED)
+  {
+    listener_->onUntrusted(connection->at, connection->tls ? connection->tls->problem() : ONLY_OTHER_PROTECTS);
+  }
   listener_->onClosed(connection->id, reason);
-}
-
-void SpTransport::shut(Channel* channel)
-{
-  channel->closed = true;
-  channel->timer.stop();
-  loop_->remove(channel->socket.get());
-  channel->socket.reset();
 }
 
 std::unique_ptr<FrameTransport> makeSpTransport(EventLoop* loop, FrameTransport::Listener* listener)
 {
-  return std::make_unique<SpTransport>(loop, listener);
+  return makeProtectedTransport(loop, listener, nullptr);
+}
+
+std::unique_ptr<FrameTransport> makeProtectedTransport(EventLoop* loop, FrameTransport::Listener* listener,
+                                                       std::shared_ptr<const TlsKeys> keys)
+{
+  return std::make_unique<SpTransport>(loop, listener, std::move(keys));
 }
 
 }  // namespace pi_os_transport

@@ -40,11 +40,4 @@ bool isTemporary(int error)
   return error == EAGAIN || error == EWOULDBLOCK || error == EINTR;
 }
 
-bool sendGreeting(int fd, const std::array<uint8_t, GREETING_BYTES>& greeting)
-{
-  // A new connection always has room for the greeting.
-  return send(fd, greeting.data(), greeting.size(), MSG_NOSIGNAL | MSG_DONTWAIT) ==
-         static_cast<ssize_t>(greeting.size());
-}
-
 }  // namespace pi_os_transport

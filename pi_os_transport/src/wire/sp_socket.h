@@ -23,6 +23,5 @@ constexpr size_t HEAD_BYTES = LENGTH_BYTES + FrameHeader::BYTES;
 void setCommonOptions(int fd);
 CloseReason reasonOf(int error);
 bool isTemporary(int error);
-bool sendGreeting(int fd, const std::array<uint8_t, GREETING_BYTES>& greeting);
 
 }  // namespace pi_os_transport

@@ -19,11 +19,11 @@ import transport_harness as harness  # noqa: E402  (found through the line above
 
 REQUEST = struct.pack('<IHH', 0x514f6970, 1, 3)
 STATUS = {
-    'version': 1, 'name': 'robot', 'instance': '17', 'listen': ['0.0.0.0:8814'], 'wire': 'sp',
+    'version': 1, 'name': 'robot', 'instance': '17', 'listen': ['0.0.0.0:8814'], 'wire': 'sp', 'secure': 'off',
     'pool': {'committed': 3 << 20, 'limit': 512 << 20},
     'refused': {'unknown_peer': 0, 'wrong_version': 0, 'oversized': 0, 'malformed': 0, 'bad_session': 0,
-                'no_service': 0},
-    'peers': [{'address': '10.0.0.2:8814', 'name': 'base', 'state': 'up', 'rtt_us': 230, 'window': 65536,
+                'untrusted': 0, 'no_service': 0},
+    'peers': [{'address': '10.0.0.2:8814', 'name': 'base', 'identity': '', 'state': 'up', 'rtt_us': 230, 'window': 65536,
                'sent_bytes': 5000, 'received_bytes': 70}],
     'outgoing': [{'topic': '/image', 'publisher': '/camera', 'peer': '10.0.0.2:8814', 'subscribers': 2, 'messages': 10,
                   'bytes': 62200000, 'superseded': 1, 'rate_limited': 2, 'uncompressed': 0, 'lost': 0}],

@@ -73,6 +73,17 @@ TEST(Options, BadValueKeepsTheFieldAndNamesItValueAndRange)
   EXPECT_EQ(1U, load({{"enable", "maybe"}}).errors.size());
 }
 
+TEST(Options, ABridgeIsRequiredAlsoIfTheValueIsBad)
+{
+  EXPECT_FALSE(load({}).options.require_bridge);
+  EXPECT_FALSE(load({{"require_bridge", "0"}}).options.require_bridge);
+  EXPECT_TRUE(load({{"require_bridge", "true"}}).options.require_bridge);
+  const Loaded loaded = load({{"require_bridge", "yes"}});
+  EXPECT_TRUE(loaded.options.require_bridge);
+  ASSERT_EQ(1U, loaded.errors.size());
+  EXPECT_NE(std::string::npos, loaded.errors[0].find("1, 0, true or false; 1 stays in force"));
+}
+
 TEST(Options, EnvironmentUsesUpperCaseNames)
 {
   setenv("PI_OS_POOL_LIMIT_MB", "7", 1);

@@ -75,6 +75,13 @@ bool connectTcp(ros::TransportTCP* self, const std::string& host, int port)
       BridgeClient::instance().guard(boost::static_pointer_cast<ros::TransportTCP>(self->shared_from_this()));
       return self->setSocket(socket.release());
     }
+    if (BridgeClient::isRequiredFor(host))
+    {
+      BridgeClient::instance().warnOfRequired(
+          service.name, "calls of " + service.name + " on another device fail, because no bridge carries them: start "
+                        "pi_os_bridge on both devices and look at its messages");
+      return false;
+    }
   }
   return runtime.original.tcp_connect(self, host, port);
 }
@@ -273,6 +280,15 @@ bool handleHeader(ros::ServiceClientLink* self, const ros::Header& header)
   ros::Header& fields = const_cast<ros::Header&>(header);
   std::string service;
   std::string version;
+  std::string probe;
+  if (BridgeClient::isRequiredFor(self->getConnection()) && !(fields.getValue("probe", probe) && probe == "1"))
+  {
+    fields.getValue("service", service);
+    BridgeClient::instance().warnOfRequired(
+        service, "a client of " + service + " on another device is refused, because it comes without a bridge");
+    self->getConnection()->sendHeaderError("this service is called from other devices through bridges only");
+    return false;
+  }
   const bool asked = fields.getValue(HEADER_FIELD, version) && fields.getValue("service", service);
   fields.getValues()->erase(HEADER_FIELD);  // callbacks see the same header as with TCPROS
   if (!asked || !runtime.active() || version != std::to_string(PROTOCOL_VERSION) || !runtime.options.carries(service) ||

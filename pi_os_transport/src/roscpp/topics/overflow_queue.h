@@ -26,6 +26,8 @@ public:
   /// The bridge reported space, or was replaced: the next flush() may tell again that messages wait.
   void forgetAnnouncement() { waiting_announced_ = false; }
 
+  /// Takes all messages of another queue, before this one has any.
+  void takeOver(OverflowQueue* other) { messages_.swap(other->messages_); }
   void clear() { messages_.clear(); }
   size_t size() const { return messages_.size(); }
   /// Removes all messages, oldest first.

@@ -15,6 +15,9 @@ namespace pi_os_transport
 namespace
 {
 
+/// A bridge carries a new link within this time; then a link that must not use TCPROS says why it waits.
+constexpr std::chrono::seconds BRIDGE_TIME{3};
+
 size_t maxQueue(const ros::TransportSubscriberLink* link)
 {
   const ros::PublicationPtr parent = link->parent_.lock();
@@ -247,6 +250,22 @@ void TransmitLink::returnToTcp()
     return;
   }
   const size_t max_queue = maxQueue(link.get());
+  if (requires_bridge_)
+  {
+    OverflowQueue later;
+    later.takeOver(&overflow_);
+    const RingSender::Message latched = isLatching(link.get()) ? ring_->takeBackNewest() : RingSender::Message{};
+    if (latched.buffer != nullptr)
+    {
+      overflow_.push(pooledMessage(latched), 0, max_queue);
+    }
+    for (const RingSender::Message& message : ring_->takeBack())
+    {
+      overflow_.push(pooledMessage(message), 0, max_queue);
+    }
+    later.takeAll([&](const ros::SerializedMessage& message) { overflow_.push(message, 0, max_queue); });
+    return;
+  }
   boost::mutex::scoped_lock outbox_lock(link->outbox_mutex_);
   // The newest message of a latched topic must arrive, even if it arrives twice.
   const RingSender::Message newest = isLatching(link.get()) ? ring_->takeBackNewest() : RingSender::Message{};
@@ -259,6 +278,19 @@ void TransmitLink::returnToTcp()
     pushToTcp(link.get(), pooledMessage(message), max_queue);
   }
   overflow_.takeAll([&](const ros::SerializedMessage& message) { pushToTcp(link.get(), message, max_queue); });
+}
+
+/// Keeps a message for the bridge that is required. With mutex_ held.
+void TransmitLink::hold(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message, uint64_t serial,
+                        size_t max_queue)
+{
+  dropped_before_ += overflow_.push(message, serial, max_queue) ? 1 : 0;
+  if (std::chrono::steady_clock::now() - born_ > BRIDGE_TIME && !std::exchange(hold_warned_, true))
+  {
+    ROS_WARN("pi_os_transport: %s waits for a bridge to %s, because PI_OS_REQUIRE_BRIDGE is set: start pi_os_bridge on "
+             "both devices and look at its messages, or unset the variable here to send over TCPROS, unprotected",
+             topic_.c_str(), link->getDestinationCallerID().c_str());
+  }
 }
 
 void TransmitLink::warnOfPool(ros::TransportSubscriberLink* link, size_t bytes)
@@ -324,6 +356,11 @@ void TransmitLink::enqueue(ros::TransportSubscriberLink* link, const ros::Serial
         warnOfPool(link, message.num_bytes);
         closeChannel();
       }
+    }
+    else if (requires_bridge_)
+    {
+      by_ring = true;
+      hold(link, message, serial, max_queue);
     }
     else
     {

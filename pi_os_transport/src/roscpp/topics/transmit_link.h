@@ -1,6 +1,7 @@
 #pragma once
 
 #include <atomic>
+#include <chrono>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -36,6 +37,8 @@ public:
   ~TransmitLink() override;
 
   const Token& token() const { return token_; }
+  /// Call before the first message: nothing goes over TCPROS, messages wait for a bridge.
+  void requireBridge() { requires_bridge_ = true; }
 
   /// Replaces TransportSubscriberLink::enqueueMessage for serialised messages. Any thread.
   /// @param serial  as in Descriptor; not 0 inside publish(), which flushes the OutboxWriter.
@@ -74,6 +77,8 @@ private:
   void startBridged();
   bool flushOverflow(size_t max_queue);  ///< like OverflowQueue::flush
   void returnToTcp();
+  void hold(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message, uint64_t serial,
+            size_t max_queue);
 
   const std::string topic_;
   const boost::weak_ptr<ros::TransportSubscriberLink> link_;
@@ -90,6 +95,9 @@ private:
   uint32_t tcp_dropped_ = 0;     ///< of those, dropped there
   uint64_t sent_before_ = 0;     ///< messages through earlier rings of this link
   uint64_t dropped_before_ = 0;  ///< of those, dropped before the subscriber took them
+  bool requires_bridge_ = false;
+  bool hold_warned_ = false;
+  std::chrono::steady_clock::time_point born_ = std::chrono::steady_clock::now();
   bool pool_warned_ = false;
   uint64_t pool_full_ = 0;  ///< messages that found the pool full
   Fallback fallback_ = Fallback::NEGOTIATING;
