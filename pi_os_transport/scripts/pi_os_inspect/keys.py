@@ -66,7 +66,7 @@ def init(options):
         print('shared key "%s" in %s' % (key_id, options.folder))
         return
     authority, authority_key = (os.path.join(options.folder, name) for name in (AUTHORITY, AUTHORITY_KEY))
-    _openssl('req', '-x509', *NEW_KEY, '-days', AUTHORITY_DAYS, '-subj', '/CN=pi_os fleet', '-addext',
+    _openssl('req', '-x509', *NEW_KEY, '-days', AUTHORITY_DAYS, '-subj', '/CN=pi_os fleet ' + secrets.token_hex(4), '-addext',
              'basicConstraints=critical,CA:TRUE', '-keyout', authority_key, '-out', authority)
     _certify(options.folder, options.name, options.folder)
     print('authority of the fleet, and certificate of "%s", in %s' % (options.name, options.folder))

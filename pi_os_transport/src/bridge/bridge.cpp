@@ -72,6 +72,7 @@ Bridge::Bridge(EventLoop* loop, BridgeConfig config, std::function<void(const st
   {
     const auto keys = std::make_shared<const TlsKeys>(keysFolder(context_.config));
     context_.log("protected by TLS as \"" + keys->identity() + (keys->areShared() ? "\", a shared key" : "\""));
+    context_.shares_keys = keys->areShared();
     context_.transport = makeProtectedTransport(loop, &dispatcher_, keys);
   }
   else

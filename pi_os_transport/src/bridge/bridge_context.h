@@ -29,6 +29,7 @@ struct BridgeContext
   std::unique_ptr<ImageCodec> codec{};
   std::unique_ptr<RosGraph> graph{};  ///< what is registered with the ROS master
   uint32_t next_id = 1;   ///< of links, streams and tunnels
+  bool shares_keys = false;  ///< an identity is that of a key, which several devices have
   bool draining = false;  ///< the bridge ends: nothing new is opened
 };
 

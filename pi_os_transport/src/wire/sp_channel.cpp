@@ -5,10 +5,18 @@
 #include <sys/socket.h>
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
 
 namespace pi_os_transport
 {
+namespace
+{
+
+/// A fatal alert "protocol_version" of TLS (RFC 8446, section 6).
+constexpr std::array<uint8_t, 7> PROTOCOL_ALERT{TLS_ALERT, 3, 3, 0, 2, 2, 70};
+
+}  // namespace
 
 void SpTransport::shut(Channel* channel)
 {
@@ -70,7 +78,7 @@ void SpTransport::prove(const ConnectionPointer& connection)
       greet(connection);
       break;
     case TlsSession::Step::FAILED:
-      fail(connection, CloseReason::UNTRUSTED);
+      fail(connection, connection->tls->problem().empty() ? CloseReason::PEER_CLOSED : CloseReason::UNTRUSTED);
       break;
   }
 }
@@ -87,7 +95,13 @@ bool SpTransport::prove(const SourcePointer& source)
       loop_->change(source->socket.get(), EPOLLIN | EPOLLOUT);
       return false;
     case TlsSession::Step::FAILED:
-      fail(source, CloseReason::UNTRUSTED, "");
+      if (source->tls->isForeign())
+      {
+        // OpenSSL tells only those who speak TLS.
+        ::send(source->socket.get(), PROTOCOL_ALERT.data(), PROTOCOL_ALERT.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
+      }
+      fail(source, source->tls->problem().empty() ? CloseReason::MALFORMED : CloseReason::UNTRUSTED,
+           std::string(NO_GREETING_DETAIL) + ", but the end of a TLS handshake");
       return false;
     case TlsSession::Step::DONE:
       break;

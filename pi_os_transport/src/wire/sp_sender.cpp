@@ -209,7 +209,7 @@ void SpTransport::onTcpConnected(const ConnectionPointer& connection)
     return;
   }
   connection->state = Connection::State::PROVING;
-  setTimer(connection, SP_PROOF_TIME);
+  setTimer(connection, 2 * SP_ANSWER_TIME);  // it takes two round trips more
   connection->tls = std::make_unique<TlsSession>(
       keys_.get(), fd, TlsSession::Role::CLIENT,
       [this, at = connection->at](const std::string& identity) { return listener_->onIdentity(at, identity); });
@@ -218,14 +218,14 @@ void SpTransport::onTcpConnected(const ConnectionPointer& connection)
 
 void SpTransport::greet(const ConnectionPointer& connection)
 {
-  if (!sendGreeting(connection.get(), PUSH_GREETING))
-  {
-    fail(connection, CloseReason::PEER_CLOSED);
-    return;
-  }
+  const bool greeted = sendGreeting(connection.get(), PUSH_GREETING);
   connection->state = Connection::State::GREETING;
   loop_->change(connection->socket.get(), EPOLLIN);
-  readGreeting(connection);  // a protected answer may have come together with the proof
+  readGreeting(connection);  // a protected answer, or the reason of a refusal, may have come already
+  if (!greeted && !connection->closed)
+  {
+    fail(connection, CloseReason::PEER_CLOSED);
+  }
 }
 
 void SpTransport::readGreeting(const ConnectionPointer& connection)

@@ -30,7 +30,7 @@ constexpr std::chrono::milliseconds SP_CONNECT_TIME_FAR{700};
 constexpr std::chrono::milliseconds SP_ANSWER_TIME{500};
 /// Timeout for the SP header of a peer that connected to this bridge.
 constexpr std::chrono::milliseconds SP_GREETING_TIME{2000};
-/// Either of them, when the ends also prove to each other who they are.
+/// The same when the ends also prove to each other who they are.
 constexpr std::chrono::milliseconds SP_PROOF_TIME{2000};
 /// Most incoming connections of one machine that have not proved who they are; more are closed at once.
 constexpr size_t SP_MAX_UNPROVED = 16;

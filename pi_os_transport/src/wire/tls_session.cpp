@@ -16,9 +16,9 @@ namespace
 
 constexpr int FIRST_ALERT = SSL_AD_REASON_OFFSET;  ///< reason codes from here on are alerts of the other end
 
-long controlSocket(BIO*, int command, long, void*)
+long controlSocket(BIO* bio, int command, long, void*)
 {
-  return command == BIO_CTRL_FLUSH ? 1 : 0;
+  return command == BIO_CTRL_FLUSH ? 1 : command == BIO_CTRL_EOF ? BIO_test_flags(bio, BIO_FLAGS_IN_EOF) != 0 : 0;
 }
 
 /// A socket that raises no SIGPIPE.
@@ -60,7 +60,7 @@ std::string meaningOf(int alert)
       return "no common version of TLS";
     case SSL_AD_ILLEGAL_PARAMETER:
     case SSL_AD_DECRYPT_ERROR:
-      return "the shared keys differ";
+      return "its keys are of another fleet, or its shared key is another one";
     case SSL_AD_HANDSHAKE_FAILURE:
       return "it does not know the kind of key, or the key id, of this device";
     default:
@@ -144,7 +144,6 @@ TlsSession::Step TlsSession::handshake()
       return Step::AWAITS_SPACE;
     default:
       failed(result);
-      problem_ = problem_.empty() ? "it ended the connection during the handshake" : problem_;
       return Step::FAILED;
   }
 }
@@ -189,14 +188,13 @@ std::string TlsSession::describe()
       return "it shows no certificate";
     case SSL_R_WRONG_VERSION_NUMBER:
     case SSL_R_HTTP_REQUEST:
+      is_foreign_ = true;
       return "it does not speak TLS: set secure: tls on both devices";
     case SSL_R_UNSUPPORTED_PROTOCOL:
     case SSL_R_NO_PROTOCOLS_AVAILABLE:
       return "it does not speak TLS 1.3";
     case SSL_R_BINDER_DOES_NOT_VERIFY:
       return "its shared key differs from that of the same id here";
-    case SSL_R_UNEXPECTED_EOF_WHILE_READING:
-      return "";
     default:
     {
       const char* const text = ERR_reason_error_string(error);

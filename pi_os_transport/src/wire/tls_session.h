@@ -31,7 +31,7 @@ public:
     DONE,
     AWAITS_DATA,   ///< call again when the socket is readable
     AWAITS_SPACE,  ///< call again when the socket is writable
-    FAILED,        ///< see problem()
+    FAILED,        ///< see problem(); empty if the connection has ended
   };
   using Judge = std::function<Verdict(const std::string& identity)>;
 
@@ -48,6 +48,9 @@ public:
   ssize_t send(const iovec* pieces, size_t count, bool more);
   /// Received data wait in the session, which no readable socket tells.
   bool hasPending() const { return SSL_has_pending(ssl_.get()) == 1; }
+
+  /// True if the handshake failed because the other end does not speak TLS.
+  bool isForeign() const { return is_foreign_; }
 
   /// Name or key id of the other device; known after the handshake.
   const std::string& identity() const { return identity_; }
@@ -80,6 +83,7 @@ private:
   std::string identity_;
   std::string problem_;
   bool is_open_ = false;
+  bool is_foreign_ = false;
   bool more_ = false;                            ///< more follows the record that is being written
   std::array<uint8_t, RECORD_BYTES> record_{};  ///< of several pieces
 };

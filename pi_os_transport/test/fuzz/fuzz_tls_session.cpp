@@ -51,7 +51,6 @@ void fuzz(FuzzInput input)
     send(theirs.get(), bytes.data(), bytes.size(), MSG_NOSIGNAL);
     step = session.handshake();
     require(step != TlsSession::Step::DONE, "nobody is met who knows no key");
-    require(step != TlsSession::Step::FAILED || !session.problem().empty(), "a failure has a reason");
   }
   theirs.reset();
   if (step != TlsSession::Step::FAILED)
