@@ -63,8 +63,12 @@ bool connectTcp(ros::TransportTCP* self, const std::string& host, int port)
 {
   Runtime& runtime = Runtime::instance();
   const ServiceAddress service = std::exchange(looked_up, ServiceAddress{});
-  if (runtime.active() && service.port != 0 && service.host == host && static_cast<int>(service.port) == port &&
-      (self->flags_ & ros::TransportTCP::SYNCHRONOUS) == 0 && runtime.options.carries(service.name))
+  if (!runtime.active() || service.port == 0 || service.host != host || static_cast<int>(service.port) != port ||
+      (self->flags_ & ros::TransportTCP::SYNCHRONOUS) != 0)
+  {
+    return runtime.original.tcp_connect(self, host, port);
+  }
+  if (runtime.options.carries(service.name))
   {
     FileDescriptor socket = BridgeClient::instance().openTunnel(host, static_cast<uint16_t>(port), service.name);
     if (socket)
@@ -75,13 +79,13 @@ bool connectTcp(ros::TransportTCP* self, const std::string& host, int port)
       BridgeClient::instance().guard(boost::static_pointer_cast<ros::TransportTCP>(self->shared_from_this()));
       return self->setSocket(socket.release());
     }
-    if (BridgeClient::isRequiredFor(host))
-    {
-      BridgeClient::instance().warnOfRequired(
-          service.name, "calls of " + service.name + " on another device fail, because no bridge carries them: start "
-                        "pi_os_bridge on both devices and look at its messages");
-      return false;
-    }
+  }
+  if (BridgeClient::isRequiredFor(host))
+  {
+    BridgeClient::instance().warnOfRequired(
+        service.name, "calls of " + service.name + " on another device fail, because no bridge carries them: start "
+                      "pi_os_bridge on both devices and look at its messages");
+    return false;
   }
   return runtime.original.tcp_connect(self, host, port);
 }
