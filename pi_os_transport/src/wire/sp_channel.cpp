@@ -100,8 +100,7 @@ bool SpTransport::prove(const SourcePointer& source)
         // OpenSSL tells only those who speak TLS.
         ::send(source->socket.get(), PROTOCOL_ALERT.data(), PROTOCOL_ALERT.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
       }
-      fail(source, source->tls->problem().empty() ? CloseReason::MALFORMED : CloseReason::UNTRUSTED,
-           std::string(NO_GREETING_DETAIL) + ", but the end of a TLS handshake");
+      fail(source, source->tls->problem().empty() ? CloseReason::PEER_CLOSED : CloseReason::UNTRUSTED, "");
       return false;
     case TlsSession::Step::DONE:
       break;

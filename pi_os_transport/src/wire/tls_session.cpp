@@ -173,7 +173,11 @@ ssize_t TlsSession::failed(int result)
 /// The error of OpenSSL in words; empty for the end of the connection.
 std::string TlsSession::describe()
 {
-  const unsigned long error = ERR_peek_error();
+  unsigned long error = ERR_get_error();
+  for (unsigned long next = error; next != 0 && ERR_GET_LIB(error) != ERR_LIB_SSL; next = ERR_get_error())
+  {
+    error = next;  // before it, the reasons that other parts of OpenSSL gave
+  }
   const int reason = ERR_GET_REASON(error);
   if (reason >= FIRST_ALERT)
   {

@@ -3,8 +3,10 @@
 import os
 import pathlib
 import random
+import shutil
 import socket
 import sys
+import tempfile
 import xmlrpc.client
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
@@ -21,9 +23,28 @@ REQUIRED = {'PI_OS_REQUIRE_BRIDGE': '1'}
 
 class BridgeTls(device_testbed.DeviceTest):
 
+    made = {}  # folders of keys, by fleet and device: each fleet is made once
+
+    @classmethod
+    def tearDownClass(cls):
+        for folders in cls.made.values():
+            for folder in folders.values():
+                shutil.rmtree(folder)
+        cls.made.clear()
+        super().tearDownClass()
+
+    def keys_of(self, fleet, shared=False):
+        """Arguments of the bridges, by device."""
+        if fleet not in self.made:
+            made = device_keys.make_keys(self.testbed, fleet, shared)
+            self.made[fleet] = {name: tempfile.mkdtemp(prefix='pi_os_test_') for name in made}
+            for name, args in made.items():
+                shutil.copytree(args[-1], self.made[fleet][name], dirs_exist_ok=True)
+        return {name: ('--secure', 'tls', '--keys', folder) for name, folder in self.made[fleet].items()}
+
     def protect(self, *where, config=None, shared=False):
         """Starts bridges with keys of one fleet on the devices, or on those given. `config`: YAML by device."""
-        self.keys = device_keys.make_keys(self.testbed, shared=shared)
+        self.keys = self.keys_of('sharing' if shared else 'fleet', shared)
         for device in where or self.testbed.devices.values():
             self.start_protected(device, (config or {}).get(device.name))
 
@@ -146,7 +167,7 @@ class BridgeTls(device_testbed.DeviceTest):
 
     def test_keys_of_another_fleet(self):
         self.protect(self.vehicle, self.edge_a)
-        other = device_keys.make_keys(self.testbed, 'other')
+        other = self.keys_of('other')
         self.start_bridge(self.edge_b, *other['edge_b'])
         topic, talker, listener = self.flow()
         self.assert_stays_outside(self.edge_b, topic, talker)
@@ -177,7 +198,7 @@ class BridgeTls(device_testbed.DeviceTest):
         self.await_links(talker, [listener], topic, 'NNROS', PROMPT_S)
 
     def test_libnanomsg_cannot_protect(self):
-        keys = device_keys.make_keys(self.testbed)
+        keys = self.keys_of('fleet')
         with self.assertRaises(bench.BenchError) as refused:
             self.vehicle.start_bridge(*keys['vehicle'], '--wire', 'nanomsg')
         self.assertIn('libnanomsg cannot encrypt, wire must be sp', str(refused.exception))
