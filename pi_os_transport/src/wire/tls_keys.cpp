@@ -23,8 +23,6 @@ namespace
 constexpr size_t MOST_IDENTITY_BYTES = 64;
 constexpr size_t SHARED_KEY_BYTES = 32;
 constexpr int MOST_CERTIFICATES = 2;  ///< between a device and its authority
-/// OpenSSL takes a shared key for a session, and wants to know of whom.
-constexpr unsigned char SESSION_CONTEXT[] = {'p', 'i', '_', 'o', 's'};
 /// Both have SHA-256, which shared keys need.
 constexpr char WITH_AES[] = "TLS_AES_128_GCM_SHA256:TLS_CHACHA20_POLY1305_SHA256";
 constexpr char WITHOUT_AES[] = "TLS_CHACHA20_POLY1305_SHA256:TLS_AES_128_GCM_SHA256";
@@ -164,7 +162,6 @@ void TlsKeys::loadShared(const std::string& path)
   {
     refuse(path, "holds no key");
   }
-  SSL_CTX_set_session_id_context(context(), SESSION_CONTEXT, sizeof(SESSION_CONTEXT));
   SSL_CTX_set_psk_client_callback(context(), TlsSession::onShowKey);
   SSL_CTX_set_psk_server_callback(context(), TlsSession::onKeyShown);
 }

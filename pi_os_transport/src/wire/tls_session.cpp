@@ -14,6 +14,7 @@ namespace pi_os_transport
 namespace
 {
 
+constexpr std::array<unsigned char, 5> ORIGIN{'p', 'i', '_', 'o', 's'};
 constexpr int FIRST_ALERT = SSL_AD_REASON_OFFSET;  ///< reason codes from here on are alerts of the other end
 
 long controlSocket(BIO* bio, int command, long, void*)
@@ -88,6 +89,8 @@ TlsSession::TlsSession(const TlsKeys* keys, int socket, Role role, Judge judge)
   else
   {
     SSL_set_accept_state(ssl_.get());
+    // To OpenSSL a shared key is a session, of which a server wants to know the origin.
+    SSL_set_session_id_context(ssl_.get(), ORIGIN.data(), ORIGIN.size());
   }
 }
 
