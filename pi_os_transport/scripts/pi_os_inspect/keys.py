@@ -66,8 +66,8 @@ def init(options):
         print('shared key "%s" in %s' % (key_id, options.folder))
         return
     authority, authority_key = (os.path.join(options.folder, name) for name in (AUTHORITY, AUTHORITY_KEY))
-    _openssl('req', '-x509', *NEW_KEY, '-days', AUTHORITY_DAYS, '-subj', '/CN=pi_os fleet ' + secrets.token_hex(4), '-addext',
-             'basicConstraints=critical,CA:TRUE', '-keyout', authority_key, '-out', authority)
+    _openssl('req', '-x509', *NEW_KEY, '-days', AUTHORITY_DAYS, '-subj', '/CN=pi_os fleet ' + secrets.token_hex(4),
+             '-addext', 'basicConstraints=critical,CA:TRUE', '-keyout', authority_key, '-out', authority)
     _certify(options.folder, options.name, options.folder)
     print('authority of the fleet, and certificate of "%s", in %s' % (options.name, options.folder))
 
@@ -91,7 +91,7 @@ def add(options):
             for name in sorted(os.listdir(made)):
                 archive.add(os.path.join(made, name), name)
         _write(bundle, packed.getvalue())
-    print('%s: copy it to "%s", run there `rosrun pi_os_transport pi_os keys install %s`, and delete it'
+    print('%s: copy it to "%s", run there `rosrun pi_os_transport pi_os keys install %s`, delete it'
           % (bundle, options.name, bundle))
 
 
@@ -102,7 +102,8 @@ def install(options):
     except (OSError, tarfile.TarError) as error:
         raise KeysError('%s is no bundle of keys: %s' % (options.bundle, error)) from None
     if set(files) not in ({AUTHORITY, DEVICE, DEVICE_KEY}, {SHARED}):
-        raise KeysError('%s holds %s, which is no bundle of keys' % (options.bundle, ', '.join(sorted(files)) or 'nothing'))
+        raise KeysError('%s holds %s, which is no bundle of keys'
+                        % (options.bundle, ', '.join(sorted(files)) or 'nothing'))
     os.makedirs(options.folder, mode=0o700, exist_ok=True)
     if os.path.exists(os.path.join(options.folder, AUTHORITY_KEY)):
         raise KeysError('%s holds the authority of a fleet: move the folder away to join another' % options.folder)

@@ -62,11 +62,11 @@ Bridge::Bridge(EventLoop* loop, BridgeConfig config, std::function<void(const st
   , outgoing_(&context_, [this]() { finishDraining(); })
   , tunnels_(&context_, &sessions_)
   , dispatcher_(&context_, &sessions_, &incoming_, &outgoing_, &tunnels_)
-  , requests_(loop, {[this](SideChannel channel, const BridgeRequest& request)
-                     { incoming_.open(std::move(channel), request); },
-                     [this](SideChannel channel, const BridgeRequest& request)
-                     { tunnels_.open(std::move(channel), request); },
-                     [this]() { return status(); }, context_.log})
+  , requests_(
+        loop,
+        {[this](SideChannel channel, const BridgeRequest& request) { incoming_.open(std::move(channel), request); },
+         [this](SideChannel channel, const BridgeRequest& request) { tunnels_.open(std::move(channel), request); },
+         [this]() { return status(); }, context_.log})
 {
   if (context_.config.isSecure())
   {

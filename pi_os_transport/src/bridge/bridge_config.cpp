@@ -87,17 +87,18 @@ TopicOptions readTopic(const ConfigFile& file, const YAML::Node& node, const std
 TrustOptions readTrust(const ConfigFile& file, const YAML::Node& node, const std::string& prefix)
 {
   TrustOptions trust;
-  file.readMap(node, prefix,
-               {{"name", [&](const YAML::Node& value, const std::string& key) { trust.name = file.scalar(value, key).value; }},
-                {"allow", [&](const YAML::Node& value, const std::string& key)
-                 { trust.allow = parseSwitch(file.scalar(value, key)); }},
-                {"topics", [&](const YAML::Node& value, const std::string& key)
-                 {
-                   for (const Setting& pattern : file.list(value, key))
-                   {
-                     trust.topics.push_back(pattern.value);
-                   }
-                 }}});
+  file.readMap(
+      node, prefix,
+      {{"name", [&](const YAML::Node& value, const std::string& key) { trust.name = file.scalar(value, key).value; }},
+       {"allow",
+        [&](const YAML::Node& value, const std::string& key) { trust.allow = parseSwitch(file.scalar(value, key)); }},
+       {"topics", [&](const YAML::Node& value, const std::string& key)
+        {
+          for (const Setting& pattern : file.list(value, key))
+          {
+            trust.topics.push_back(pattern.value);
+          }
+        }}});
   if (trust.name.empty())
   {
     throw std::runtime_error(file.place(node, prefix) +
@@ -174,7 +175,9 @@ const std::vector<Option>& options()
       list("allow", "--allow", &BridgeConfig::allow, parseCIDR),
       single("master", "--master", &BridgeConfig::master, parseMasterUri),
       single("secure", "--secure", &BridgeConfig::secure,
-             [](const Setting& setting) { return parseChoice(setting, {"off", "tls"}, "off or tls"); }),
+             [](const Setting& setting) {
+               return parseChoice(setting, {"off", "tls"}, "off or tls");
+             }),
       single("keys", "--keys", &BridgeConfig::keys, [](const Setting& setting) { return setting.value; }),
       single("wire", "--wire", &BridgeConfig::wire,
              [](const Setting& setting) {
@@ -238,8 +241,9 @@ void requireAgreement(const BridgeConfig& config)
   }
   if (!config.isSecure() && !(config.trust.empty() && config.peer_names.empty()))
   {
-    throw std::runtime_error("trust, and a NAME@ in peers, with secure = \"off\": names are proved by keys, secure must "
-                             "be tls");
+    throw std::runtime_error(
+        "trust, and a NAME@ in peers, with secure = \"off\": names are proved by keys, secure must "
+        "be tls");
   }
 }
 
@@ -266,9 +270,9 @@ const TopicOptions& BridgeConfig::topic(const std::string& full_name) const
 
 const TrustOptions* BridgeConfig::trustOf(const std::string& identity) const
 {
-  const auto found =
-      std::find_if(trust.begin(), trust.end(), [&identity](const TrustOptions& options)
-                   { return fnmatch(options.name.c_str(), identity.c_str(), 0) == 0; });
+  const auto found = std::find_if(trust.begin(), trust.end(),
+                                  [&identity](const TrustOptions& options)
+                                  { return fnmatch(options.name.c_str(), identity.c_str(), 0) == 0; });
   return found != trust.end() ? &*found : nullptr;
 }
 
@@ -277,9 +281,9 @@ bool BridgeConfig::trusts(const std::string& identity, const std::string& full_n
   const TrustOptions* const options = trustOf(identity);
   return !isSecure() || trust.empty() ||
          (options != nullptr && options->allow &&
-          (options->topics.empty() ||
-           std::any_of(options->topics.begin(), options->topics.end(), [&full_name](const std::string& pattern)
-                       { return fnmatch(pattern.c_str(), full_name.c_str(), 0) == 0; })));
+          (options->topics.empty() || std::any_of(options->topics.begin(), options->topics.end(),
+                                                  [&full_name](const std::string& pattern)
+                                                  { return fnmatch(pattern.c_str(), full_name.c_str(), 0) == 0; })));
 }
 
 bool BridgeConfig::allows(const std::string& address) const

@@ -28,9 +28,9 @@ struct BridgeContext
   std::unique_ptr<FrameTransport> transport{};
   std::unique_ptr<ImageCodec> codec{};
   std::unique_ptr<RosGraph> graph{};  ///< what is registered with the ROS master
-  uint32_t next_id = 1;   ///< of links, streams and tunnels
-  bool shares_keys = false;  ///< an identity is that of a key, which several devices have
-  bool draining = false;  ///< the bridge ends: nothing new is opened
+  uint32_t next_id = 1;               ///< of links, streams and tunnels
+  bool shares_keys = false;           ///< an identity is that of a key, which several devices have
+  bool draining = false;              ///< the bridge ends: nothing new is opened
 };
 
 }  // namespace pi_os_transport

@@ -234,9 +234,8 @@ void FrameDispatcher::awaitGraph(FrameTransport::SourceId source, const Endpoint
 void FrameDispatcher::greet(FrameTransport::SourceId source, Session* session, const Hello& hello)
 {
   // Of two devices with keys, none speaks for the other.
-  const bool is_same =
-      session != nullptr && (context_->shares_keys || session->identity.empty() ||
-                             session->identity == context_->transport->identityOf(source));
+  const bool is_same = session != nullptr && (context_->shares_keys || session->identity.empty() ||
+                                              session->identity == context_->transport->identityOf(source));
   if (is_same && session->peer->onHello(hello))
   {
     return;

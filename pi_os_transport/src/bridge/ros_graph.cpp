@@ -49,8 +49,7 @@ std::optional<HostAndPort> placeOf(const RpcValue* uri)
   const size_t scheme = text.find("://");
   try
   {
-    return scheme == std::string::npos ? std::nullopt
-                                       : std::make_optional(parseHttpUri("http" + text.substr(scheme)));
+    return scheme == std::string::npos ? std::nullopt : std::make_optional(parseHttpUri("http" + text.substr(scheme)));
   }
   catch (const std::invalid_argument&)
   {
@@ -69,7 +68,8 @@ std::string addressOf(const SocketAddress& address)
 std::set<std::string> nodesOf(const RpcValue& state)
 {
   std::set<std::string> nodes;
-  const auto itemsOf = [](const RpcValue& value) { return value.array() != nullptr ? *value.array() : RpcValue::Array(); };
+  const auto itemsOf = [](const RpcValue& value)
+  { return value.array() != nullptr ? *value.array() : RpcValue::Array(); };
   for (const RpcValue& kind : itemsOf(state))
   {
     for (const RpcValue& subject : itemsOf(kind))
@@ -135,12 +135,12 @@ void RosGraph::findService(const std::string& service, const Endpoint& at, Answe
     answer("");
     return;
   }
-  ask("lookupService", service, [this, service, at, answer = std::move(answer)](const RpcValue* uri)
+  ask("lookupService", service,
+      [this, service, at, answer = std::move(answer)](const RpcValue* uri)
       { onRegistration(service, at, uri, answer); });
 }
 
-void RosGraph::onRegistration(const std::string& service, const Endpoint& at, const RpcValue* uri,
-                              const Answer& answer)
+void RosGraph::onRegistration(const std::string& service, const Endpoint& at, const RpcValue* uri, const Answer& answer)
 {
   const std::optional<HostAndPort> place = placeOf(uri);
   if (!place || place->port != at.port)

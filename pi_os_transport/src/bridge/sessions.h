@@ -37,7 +37,7 @@ struct Session
   std::map<std::string, std::shared_ptr<OutgoingStream>> outgoing_streams;  ///< by publisher's process and topic
   std::map<uint32_t, std::shared_ptr<IncomingLink>> incoming;
   std::map<uint32_t, std::shared_ptr<IncomingStream>> incoming_streams;
-  std::map<uint32_t, std::shared_ptr<Tunnel>> tunnels;  ///< by the id in frames that come from the peer
+  std::map<uint32_t, std::shared_ptr<Tunnel>> tunnels;                 ///< by the id in frames that come from the peer
   std::map<uint32_t, std::shared_ptr<TunnelRequest>> tunnel_requests;  ///< likewise, until the peer has connected
   std::set<uint32_t> tunnel_checks;  ///< likewise; the peer asked for them, and the ROS master is being asked
 };

@@ -159,7 +159,8 @@ bool Tunnels::accept(Session* session, const FrameHeader& header, const uint8_t*
     if (!refusal.empty())
     {
       const std::string from = "a tunnel from " + peer->endpoint().address;
-      context_->refusals.count(Refusals::NO_SERVICE, from, from + " to " + server.toString() + " was refused: " + refusal);
+      context_->refusals.count(Refusals::NO_SERVICE, from,
+                               from + " to " + server.toString() + " was refused: " + refusal);
     }
     else
     {

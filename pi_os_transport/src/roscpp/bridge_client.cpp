@@ -275,9 +275,9 @@ bool BridgeClient::isRequiredFor(const ros::ConnectionPtr& connection)
     return !isLocalAddress(address);
   }
   // A loopback address, or one of IPv6: on one device both ends have the same.
-  return own.ss_family == AF_INET6 && std::memcmp(&reinterpret_cast<const sockaddr_in6&>(own).sin6_addr,
-                                                  &reinterpret_cast<const sockaddr_in6&>(other).sin6_addr,
-                                                  sizeof(in6_addr)) != 0;
+  return own.ss_family == AF_INET6 &&
+         std::memcmp(&reinterpret_cast<const sockaddr_in6&>(own).sin6_addr,
+                     &reinterpret_cast<const sockaddr_in6&>(other).sin6_addr, sizeof(in6_addr)) != 0;
 }
 
 bool BridgeClient::isRequiredFor(const std::string& host)

@@ -78,8 +78,8 @@ public:
     /// The frame is complete. Its payload is where onHeader() asked for it.
     virtual void onFrame(SourceId source, const FrameHeader& header, uint8_t* payload, uint32_t length) = 0;
     /// A protected connection: the other end has proved who it is.
-    /// The first argument is where this bridge connected to; for an incoming connection its port is 0. Must call nothing
-    /// of the transport.
+    /// The first argument is where this bridge connected to; for an incoming connection its port is 0. Must call
+    /// nothing of the transport.
     virtual Verdict onIdentity(const Endpoint&, const std::string&) { return {}; }
     /// The ends have not proved to each other who they are, or only one of them protects its connections.
     /// The first argument is that of onIdentity(), the second is the reason.

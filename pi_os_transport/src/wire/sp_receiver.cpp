@@ -111,8 +111,9 @@ void SpTransport::addSource(FileDescriptor socket, const sockaddr_in& address)
   {
     source->stage = Source::Stage::PROVING;
     source->tls = std::make_unique<TlsSession>(keys_.get(), source->socket.get(), TlsSession::Role::SERVER,
-                                               [this, address = source->address](const std::string& identity)
-                                               { return listener_->onIdentity({address, 0}, identity); });
+                                               [this, address = source->address](const std::string& identity) {
+                                                 return listener_->onIdentity({address, 0}, identity);
+                                               });
   }
   else if (!sendGreeting(source.get(), PULL_GREETING))
   {

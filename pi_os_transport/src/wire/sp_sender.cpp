@@ -210,9 +210,9 @@ void SpTransport::onTcpConnected(const ConnectionPointer& connection)
   }
   connection->state = Connection::State::PROVING;
   setTimer(connection, 2 * SP_ANSWER_TIME);  // it takes two round trips more
-  connection->tls = std::make_unique<TlsSession>(
-      keys_.get(), fd, TlsSession::Role::CLIENT,
-      [this, at = connection->at](const std::string& identity) { return listener_->onIdentity(at, identity); });
+  connection->tls = std::make_unique<TlsSession>(keys_.get(), fd, TlsSession::Role::CLIENT,
+                                                 [this, at = connection->at](const std::string& identity)
+                                                 { return listener_->onIdentity(at, identity); });
   prove(connection);
 }
 

@@ -153,7 +153,7 @@ private:
     enum class State
     {
       CONNECTING,
-      PROVING,   ///< TCP has connected; the ends prove who they are
+      PROVING,  ///< TCP has connected; the ends prove who they are
       GREETING,
       OPEN,
       BROKEN,  ///< send() failed; onClosed() follows

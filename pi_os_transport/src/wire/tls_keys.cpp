@@ -42,14 +42,18 @@ std::string opensslError()
 
 bool exists(const std::string& path)
 {
-  struct stat state{};
+  struct stat state
+  {
+  };
   return stat(path.c_str(), &state) == 0;
 }
 
 /// A private key that others can read protects nothing.
 void requirePrivate(const std::string& path)
 {
-  struct stat state{};
+  struct stat state
+  {
+  };
   if (stat(path.c_str(), &state) != 0)
   {
     refuse(path, "cannot be read: " + std::generic_category().message(errno));
@@ -153,8 +157,8 @@ void TlsKeys::loadShared(const std::string& path)
     ERR_clear_error();
     if (!isIdentity(id) || key.size() != SHARED_KEY_BYTES || !shared_.emplace(id, key).second)
     {
-      refuse(path + ":" + std::to_string(number),
-             "is no shared key: it must be a new id and " + std::to_string(2 * SHARED_KEY_BYTES) + " hexadecimal digits");
+      refuse(path + ":" + std::to_string(number), "is no shared key: it must be a new id and " +
+                                                      std::to_string(2 * SHARED_KEY_BYTES) + " hexadecimal digits");
     }
     identity_ = identity_.empty() ? id : identity_;
   }

@@ -10,8 +10,8 @@
 namespace pi_os_transport
 {
 
-/// What a device shows to others and accepts from them: its certificate and the fleet's authority, or keys that the fleet
-/// shares. `pi_os keys` writes these files:
+/// What a device shows to others and accepts from them: its certificate and the fleet's authority, or keys that the
+/// fleet shares. `pi_os keys` writes these files:
 ///
 ///   authority.pem             certificates of the authorities whose devices are accepted
 ///   device.pem, device.key    certificate and private key of this device

@@ -84,7 +84,7 @@ private:
   std::string problem_;
   bool is_open_ = false;
   bool is_foreign_ = false;
-  bool more_ = false;                            ///< more follows the record that is being written
+  bool more_ = false;                           ///< more follows the record that is being written
   std::array<uint8_t, RECORD_BYTES> record_{};  ///< of several pieces
 };
 

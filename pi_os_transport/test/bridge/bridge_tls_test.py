@@ -121,7 +121,7 @@ class BridgeTls(device_testbed.DeviceTest):
             for word in (b'test_nothing', b'\0SP\0', b'10.88.'):
                 self.assertNotIn(word, stream)
 
-    # ------------------------------------------------------------------------------------------------- who stays outside
+    # ------------------------------------------------------------------------------------------------ who stays outside
 
     def flow(self):
         """Traffic from the vehicle to edge_a that goes on."""
@@ -203,7 +203,7 @@ class BridgeTls(device_testbed.DeviceTest):
             self.vehicle.start_bridge(*keys['vehicle'], '--wire', 'nanomsg')
         self.assertIn('libnanomsg cannot encrypt, wire must be sp', str(refused.exception))
 
-    # --------------------------------------------------------------------------------------------------- nothing unprotected
+    # ---------------------------------------------------------------------------------------------- nothing unprotected
 
     def test_a_required_bridge_carries_from_the_first_message_on(self):
         self.protect(self.vehicle, self.edge_a)

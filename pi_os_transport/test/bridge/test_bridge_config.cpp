@@ -127,9 +127,10 @@ TEST(BridgeConfig, ShippedFileHoldsTheDefaults)
 
 TEST_F(BridgeConfigFile, TrustSaysWhoMayExchangeWhat)
 {
-  const BridgeConfig config = load("secure: tls\npeers: [\"edge_a@10.0.0.7\", \"10.0.0.8:77\"]\n"
-                                   "trust:\n  - name: lost\n    allow: false\n"
-                                   "  - name: \"edge*\"\n    topics: [\"/camera/*\", \"/cmd_vel\"]\n  - name: base\n");
+  const BridgeConfig config = load(
+      "secure: tls\npeers: [\"edge_a@10.0.0.7\", \"10.0.0.8:77\"]\n"
+      "trust:\n  - name: lost\n    allow: false\n"
+      "  - name: \"edge*\"\n    topics: [\"/camera/*\", \"/cmd_vel\"]\n  - name: base\n");
   EXPECT_TRUE(config.isSecure());
   ASSERT_EQ(2U, config.peers.size());
   EXPECT_EQ("10.0.0.7:8814", config.peers[0].toString());
@@ -151,11 +152,13 @@ TEST_F(BridgeConfigFile, WhatNeedsTlsIsRefusedWithoutIt)
 {
   EXPECT_EQ("secure = \"tls\" with wire = \"nanomsg\": libnanomsg cannot encrypt, wire must be sp",
             error("secure: tls\nwire: nanomsg\n"));
-  const std::string names = "trust, and a NAME@ in peers, with secure = \"off\": names are proved by keys, secure must be tls";
+  const std::string names =
+      "trust, and a NAME@ in peers, with secure = \"off\": names are proved by keys, secure must be tls";
   EXPECT_EQ(names, error("trust: [{name: edge}]\n"));
   EXPECT_EQ(names, errorOf({"--peer", "edge@10.0.0.7"}));
   EXPECT_EQ("--secure = \"on\", must be off or tls", errorOf({"--secure", "on"}));
-  EXPECT_EQ(0U, errorOf({"--secure", "tls", "--peer", "a b@10.0.0.7"}).find("--peer = \"a b@10.0.0.7\", must be [NAME@]"));
+  EXPECT_EQ(0U,
+            errorOf({"--secure", "tls", "--peer", "a b@10.0.0.7"}).find("--peer = \"a b@10.0.0.7\", must be [NAME@]"));
   EXPECT_NE(std::string::npos, error("secure: tls\ntrust: [{allow: false}]\n").find("trust[0].name is missing"));
 }
 
@@ -211,8 +214,8 @@ TEST(BridgeConfig, CommandLineSetsEverythingItKnows)
 TEST(BridgeConfig, HelpWinsOverEverythingAfterIt)
 {
   EXPECT_FALSE(parse({"--name", "x", "--help", "--nonsense"}).has_value());
-  for (const char* option :
-       {"--config", "--name", "--listen", "--advertise", "--peer", "--allow", "--master", "--secure", "--keys", "--wire", "--socket"})
+  for (const char* option : {"--config", "--name", "--listen", "--advertise", "--peer", "--allow", "--master",
+                             "--secure", "--keys", "--wire", "--socket"})
   {
     EXPECT_NE(std::string::npos, bridgeUsage().find(option)) << option;
   }
@@ -249,9 +252,10 @@ TEST(BridgeConfig, BadArgumentsAreNamedWithValueAndWhatIsAllowed)
   EXPECT_EQ("--wire = \"tls\", must be sp or nanomsg", errorOf({"--wire", "tls"}));
   EXPECT_EQ("--allow = \"10.0.0.0/33\", must be an IPv4 address, or a range like 192.168.1.0/24",
             errorOf({"--allow", "10.0.0.0/33"}));
-  EXPECT_EQ("--master = \"vehicle\", must be the URI of a ROS master like http://192.168.1.10:11311, or \"\" for "
-            "ROS_MASTER_URI",
-            errorOf({"--master", "vehicle"}));
+  EXPECT_EQ(
+      "--master = \"vehicle\", must be the URI of a ROS master like http://192.168.1.10:11311, or \"\" for "
+      "ROS_MASTER_URI",
+      errorOf({"--master", "vehicle"}));
   EXPECT_EQ("http://vehicle:11311/", parse({"--master", "http://vehicle:11311/"})->master);
   EXPECT_EQ("--peer = \"1.2.3.4:0\", must be ADDRESS[:PORT] with a port from 1 to 65535",
             errorOf({"--peer", "1.2.3.4:0"}));

@@ -23,13 +23,15 @@ namespace
 class FakeServer
 {
 public:
-  FakeServer(EventLoop* loop, TcprosHeader answer) : loop_(loop), answer_(std::move(answer)), listener_(loop, "0.0.0.0", 0)
+  FakeServer(EventLoop* loop, TcprosHeader answer)
+    : loop_(loop), answer_(std::move(answer)), listener_(loop, "0.0.0.0", 0)
   {
     listener_.start(
         [this](FileDescriptor connection)
         {
           connections_.push_back(std::move(connection));
-          loop_->add(connections_.back().get(), EPOLLIN, [this, fd = connections_.back().get()](uint32_t) { read(fd); });
+          loop_->add(connections_.back().get(), EPOLLIN,
+                     [this, fd = connections_.back().get()](uint32_t) { read(fd); });
         },
         [] { return false; });
   }
@@ -87,8 +89,8 @@ protected:
 
   void registerService(const std::string& name, const std::string& host, uint16_t port)
   {
-    api_->answer(encodeRpcCall("registerService", {"/server", name, "rosrpc://" + host + ":" + std::to_string(port),
-                                                   "http://127.0.0.1:1/"}));
+    api_->answer(encodeRpcCall(
+        "registerService", {"/server", name, "rosrpc://" + host + ":" + std::to_string(port), "http://127.0.0.1:1/"}));
   }
   /// @return the refusal, "" for none
   std::string service(const std::string& name, uint16_t port, const std::string& address = "127.0.0.1")

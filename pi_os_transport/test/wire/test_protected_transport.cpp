@@ -1,4 +1,5 @@
-// SpTransport inside TLS: frames arrive as without it, and whoever cannot prove an identity gets nothing but the reason.
+// SpTransport inside TLS: frames arrive as without it, and whoever cannot prove an identity gets nothing but the
+// reason.
 
 #include <gtest/gtest.h>
 #include <openssl/err.h>
@@ -38,9 +39,8 @@ class End : public FrameTransport::Listener
 public:
   /// @param keys  null: not protected
   End(EventLoop* loop, const TestKeysFolder* keys)
-    : transport(keys != nullptr
-                    ? makeProtectedTransport(loop, this, std::make_shared<const TlsKeys>(keys->path()))
-                    : makeSpTransport(loop, this))
+    : transport(keys != nullptr ? makeProtectedTransport(loop, this, std::make_shared<const TlsKeys>(keys->path()))
+                                : makeSpTransport(loop, this))
   {
     std::string error;
     EXPECT_TRUE(transport->listen({"0.0.0.0", 0}, &error)) << error;
@@ -372,9 +372,10 @@ TEST(TlsKeys, NamesTheFileThatIsWrong)
     return "";
   };
   const TestAuthority fleet = makeTestAuthority();
-  EXPECT_EQ("/nowhere/device.key cannot be read: No such file or directory. Make keys with: rosrun pi_os_transport pi_os "
-            "keys init",
-            problemOf("/nowhere"));
+  EXPECT_EQ(
+      "/nowhere/device.key cannot be read: No such file or directory. Make keys with: rosrun pi_os_transport pi_os "
+      "keys init",
+      problemOf("/nowhere"));
   TestKeysFolder keys;
   keys.device("good", &fleet, fleet);
   EXPECT_EQ("", problemOf(keys.path()));

@@ -95,8 +95,8 @@ public:
     const std::shared_ptr<X509> certificate = makeTestCertificate(name, key.get(), issuer, false, validity);
     store("device.pem", [&](FILE* file) { PEM_write_X509(file, certificate.get()); });
     store("authority.pem", [&](FILE* file) { PEM_write_X509(file, accepted.certificate.get()); });
-    store("device.key", [&](FILE* file)
-          { PEM_write_PrivateKey(file, key.get(), nullptr, nullptr, 0, nullptr, nullptr); });
+    store("device.key",
+          [&](FILE* file) { PEM_write_PrivateKey(file, key.get(), nullptr, nullptr, 0, nullptr, nullptr); });
     return *this;
   }
   TestKeysFolder& shared(const std::string& text)

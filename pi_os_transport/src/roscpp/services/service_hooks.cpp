@@ -82,9 +82,10 @@ bool connectTcp(ros::TransportTCP* self, const std::string& host, int port)
   }
   if (BridgeClient::isRequiredFor(host))
   {
-    BridgeClient::instance().warnOfRequired(
-        service.name, "calls of " + service.name + " on another device fail, because no bridge carries them: start "
-                      "pi_os_bridge on both devices and look at its messages");
+    BridgeClient::instance().warnOfRequired(service.name,
+                                            "calls of " + service.name +
+                                                " on another device fail, because no bridge carries them: start "
+                                                "pi_os_bridge on both devices and look at its messages");
     return false;
   }
   return runtime.original.tcp_connect(self, host, port);

@@ -53,8 +53,9 @@ bool headerReceived(ros::TransportPublisherLink* self, const ros::ConnectionPtr&
     const ros::SubscriptionPtr subscription = self->parent_.lock();
     const std::string topic = subscription ? subscription->getName() : "";
     BridgeClient::instance().warnOfRequired(
-        topic, "a publisher of " + topic + " on another device is refused, because no bridge can carry it: its node needs "
-               "the library, and PI_OS_INCLUDE and PI_OS_EXCLUDE must not except the topic");
+        topic, "a publisher of " + topic +
+                   " on another device is refused, because no bridge can carry it: its node needs "
+                   "the library, and PI_OS_INCLUDE and PI_OS_EXCLUDE must not except the topic");
     self->drop();
     return false;
   }

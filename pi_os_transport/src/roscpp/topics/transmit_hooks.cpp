@@ -174,8 +174,9 @@ bool handleHeader(ros::TransportSubscriberLink* self, const ros::Header& header)
   {
     fields.getValue("topic", topic);
     BridgeClient::instance().warnOfRequired(
-        topic, "a subscriber of " + topic + " on another device is refused, because no bridge can carry it: its node "
-               "needs the library, and PI_OS_INCLUDE and PI_OS_EXCLUDE must not except the topic");
+        topic, "a subscriber of " + topic +
+                   " on another device is refused, because no bridge can carry it: its node "
+                   "needs the library, and PI_OS_INCLUDE and PI_OS_EXCLUDE must not except the topic");
     self->connection_->sendHeaderError("the publisher sends to other devices through bridges only");
     return false;
   };

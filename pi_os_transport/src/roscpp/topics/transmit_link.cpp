@@ -287,9 +287,10 @@ void TransmitLink::hold(ros::TransportSubscriberLink* link, const ros::Serialize
   dropped_before_ += overflow_.push(message, serial, max_queue) ? 1 : 0;
   if (std::chrono::steady_clock::now() - born_ > BRIDGE_TIME && !std::exchange(hold_warned_, true))
   {
-    ROS_WARN("pi_os_transport: %s waits for a bridge to %s, because PI_OS_REQUIRE_BRIDGE is set: start pi_os_bridge on "
-             "both devices and look at its messages, or unset the variable here to send over TCPROS, unprotected",
-             topic_.c_str(), link->getDestinationCallerID().c_str());
+    ROS_WARN(
+        "pi_os_transport: %s waits for a bridge to %s, because PI_OS_REQUIRE_BRIDGE is set: start pi_os_bridge on "
+        "both devices and look at its messages, or unset the variable here to send over TCPROS, unprotected",
+        topic_.c_str(), link->getDestinationCallerID().c_str());
   }
 }
 
