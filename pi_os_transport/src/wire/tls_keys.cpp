@@ -94,7 +94,7 @@ TlsKeys::TlsKeys(const std::string& folder) : context_(SSL_CTX_new(TLS_method())
   SSL_CTX_set_num_tickets(context, 0);
   SSL_CTX_set_session_cache_mode(context, SSL_SESS_CACHE_OFF);
   SSL_CTX_set_read_ahead(context, 1);
-  SSL_CTX_set_default_read_buffer_len(context, TlsSession::READ_BYTES);
+  SSL_CTX_set_default_read_buffer_len(context, TlsSession::BATCH_BYTES);
   // Also for shared keys: then no certificate is accepted, as there is no authority.
   SSL_CTX_set_verify(context, SSL_VERIFY_PEER | SSL_VERIFY_FAIL_IF_NO_PEER_CERT, TlsSession::onCertificate);
   SSL_CTX_set_verify_depth(context, MOST_CERTIFICATES);

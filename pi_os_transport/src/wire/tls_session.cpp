@@ -6,8 +6,10 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
-#include <stdexcept>
+#include <new>
 #include <utility>
+
+#include "wire/sp_socket.h"
 
 namespace pi_os_transport
 {
@@ -17,20 +19,15 @@ namespace
 constexpr std::array<unsigned char, 5> ORIGIN{'p', 'i', '_', 'o', 's'};
 constexpr int FIRST_ALERT = SSL_AD_REASON_OFFSET;  ///< reason codes from here on are alerts of the other end
 
-long controlSocket(BIO* bio, int command, long, void*)
-{
-  return command == BIO_CTRL_FLUSH ? 1 : command == BIO_CTRL_EOF ? BIO_test_flags(bio, BIO_FLAGS_IN_EOF) != 0 : 0;
-}
-
-/// A socket that raises no SIGPIPE.
+/// A socket that raises no SIGPIPE, behind a buffer for records.
 const BIO_METHOD* socketMethod()
 {
   static BIO_METHOD* const method = []
   {
     BIO_METHOD* const made = BIO_meth_new(BIO_get_new_index() | BIO_TYPE_SOURCE_SINK, "pi_os socket");
-    BIO_meth_set_write(made, TlsSession::writeSocket);
+    BIO_meth_set_write(made, TlsSession::bufferRecord);
     BIO_meth_set_read(made, TlsSession::readSocket);
-    BIO_meth_set_ctrl(made, controlSocket);
+    BIO_meth_set_ctrl(made, TlsSession::control);
     BIO_meth_set_create(made,
                         [](BIO* bio)
                         {
@@ -57,8 +54,6 @@ std::string meaningOf(int alert)
       return "the certificate of this device is not of its fleet's authority";
     case SSL_AD_CERTIFICATE_REQUIRED:
       return "this device shows no certificate";
-    case SSL_AD_PROTOCOL_VERSION:
-      return "no common version of TLS";
     case SSL_AD_ILLEGAL_PARAMETER:
     case SSL_AD_DECRYPT_ERROR:
       return "its keys are of another fleet, or its shared key is another one";
@@ -85,13 +80,11 @@ TlsSession::TlsSession(const TlsKeys* keys, int socket, Role role, Judge judge)
   if (role == Role::CLIENT)
   {
     SSL_set_connect_state(ssl_.get());
+    return;
   }
-  else
-  {
-    SSL_set_accept_state(ssl_.get());
-    // To OpenSSL a shared key is a session, of which a server wants to know the origin.
-    SSL_set_session_id_context(ssl_.get(), ORIGIN.data(), ORIGIN.size());
-  }
+  SSL_set_accept_state(ssl_.get());
+  // To OpenSSL a shared key is a session, of which a server wants to know the origin.
+  SSL_set_session_id_context(ssl_.get(), ORIGIN.data(), ORIGIN.size());
 }
 
 TlsSession* TlsSession::of(const SSL* ssl)
@@ -99,17 +92,54 @@ TlsSession* TlsSession::of(const SSL* ssl)
   return static_cast<TlsSession*>(SSL_get_app_data(ssl));
 }
 
-int TlsSession::writeSocket(BIO* bio, const char* bytes, int count)
+int TlsSession::bufferRecord(BIO* bio, const char* bytes, int count)
 {
-  const auto* const self = static_cast<TlsSession*>(BIO_get_data(bio));
+  auto* const self = static_cast<TlsSession*>(BIO_get_data(bio));
   BIO_clear_retry_flags(bio);
-  const ssize_t sent = ::send(self->socket_, bytes, static_cast<size_t>(count),
-                              MSG_NOSIGNAL | MSG_DONTWAIT | (self->more_ ? MSG_MORE : 0));
-  if (sent < 0 && (errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR))
+  self->out_.insert(self->out_.end(), bytes, bytes + count);
+  return count;
+}
+
+long TlsSession::control(BIO* bio, int command, long, void*)
+{
+  auto* const self = static_cast<TlsSession*>(BIO_get_data(bio));
+  switch (command)
   {
-    BIO_set_retry_write(bio);
+    case BIO_CTRL_FLUSH:
+      BIO_clear_retry_flags(bio);
+      if (self->flush())
+      {
+        return 1;
+      }
+      if (errno == EAGAIN)
+      {
+        BIO_set_retry_write(bio);
+      }
+      return -1;
+    case BIO_CTRL_EOF:
+      return BIO_test_flags(bio, BIO_FLAGS_IN_EOF) != 0 ? 1 : 0;
+    default:
+      return 0;
   }
-  return static_cast<int>(sent);
+}
+
+/// @return false if not all records could leave, with errno set; EAGAIN: try again when the socket is writable
+bool TlsSession::flush()
+{
+  while (out_sent_ != out_.size())
+  {
+    const ssize_t sent = ::send(socket_, out_.data() + out_sent_, out_.size() - out_sent_,
+                                MSG_NOSIGNAL | MSG_DONTWAIT | (more_ ? MSG_MORE : 0));
+    if (sent < 0)
+    {
+      errno = isTemporary(errno) ? EAGAIN : errno;
+      return false;
+    }
+    out_sent_ += static_cast<size_t>(sent);
+  }
+  out_.clear();
+  out_sent_ = 0;
+  return true;
 }
 
 int TlsSession::readSocket(BIO* bio, char* bytes, int count)
@@ -117,7 +147,7 @@ int TlsSession::readSocket(BIO* bio, char* bytes, int count)
   const auto* const self = static_cast<TlsSession*>(BIO_get_data(bio));
   BIO_clear_retry_flags(bio);
   const ssize_t received = recv(self->socket_, bytes, static_cast<size_t>(count), MSG_DONTWAIT);
-  if (received < 0 && (errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR))
+  if (received < 0 && isTemporary(errno))
   {
     BIO_set_retry_read(bio);
   }
@@ -135,20 +165,17 @@ TlsSession::Step TlsSession::handshake()
   const int result = SSL_do_handshake(ssl_.get());
   if (result == 1)
   {
-    is_open_ = !identity_.empty() && (!keys_->areShared() || SSL_session_reused(ssl_.get()) == 1);
-    problem_ = is_open_ ? "" : "it has not proved who it is";
-    return is_open_ ? Step::DONE : Step::FAILED;
+    const bool is_proved = !identity_.empty() && (!keys_->areShared() || SSL_session_reused(ssl_.get()) == 1);
+    problem_ = is_proved ? "" : "it has not proved who it is";
+    return is_proved ? Step::DONE : Step::FAILED;
   }
-  switch (SSL_get_error(ssl_.get(), result))
+  const int reason = SSL_get_error(ssl_.get(), result);
+  if (reason == SSL_ERROR_WANT_READ || reason == SSL_ERROR_WANT_WRITE)
   {
-    case SSL_ERROR_WANT_READ:
-      return Step::AWAITS_DATA;
-    case SSL_ERROR_WANT_WRITE:
-      return Step::AWAITS_SPACE;
-    default:
-      failed(result);
-      return Step::FAILED;
+    return reason == SSL_ERROR_WANT_READ ? Step::AWAITS_DATA : Step::AWAITS_SPACE;
   }
+  failed(result);
+  return Step::FAILED;
 }
 
 /// Sets errno and problem() from a failed call. @return what receive() and send() return
@@ -194,20 +221,17 @@ std::string TlsSession::describe()
     case SSL_R_PEER_DID_NOT_RETURN_A_CERTIFICATE:
       return "it shows no certificate";
     case SSL_R_WRONG_VERSION_NUMBER:
-    case SSL_R_HTTP_REQUEST:
       is_foreign_ = true;
       return "it does not speak TLS: set secure: tls on both devices";
     case SSL_R_UNSUPPORTED_PROTOCOL:
-    case SSL_R_NO_PROTOCOLS_AVAILABLE:
       return "it does not speak TLS 1.3";
     case SSL_R_BINDER_DOES_NOT_VERIFY:
       return "its shared key differs from that of the same id here";
     default:
-    {
-      const char* const text = ERR_reason_error_string(error);
-      return text != nullptr ? text : "error " + std::to_string(error);
-    }
+      break;
   }
+  const char* const text = ERR_reason_error_string(error);
+  return text != nullptr ? text : "error " + std::to_string(error);
 }
 
 ssize_t TlsSession::receivePiece(const iovec& place)
@@ -272,40 +296,48 @@ int TlsSession::writeRecord(const iovec* pieces, size_t count, size_t skipped, b
 
 ssize_t TlsSession::send(const iovec* pieces, size_t count, bool more)
 {
-  ssize_t total = 0;
+  if (!flush())
+  {
+    return -1;
+  }
   size_t piece = 0;
   size_t skipped = 0;
-  while (piece < count)
+  const auto skip = [&](size_t bytes)
   {
-    if (skipped == pieces[piece].iov_len)
+    for (; piece < count && bytes >= pieces[piece].iov_len - skipped; skipped = 0)
     {
-      ++piece;
-      skipped = 0;
-      continue;
+      bytes -= pieces[piece++].iov_len - skipped;
     }
-    size_t written = 0;
+    skipped += bytes;
+  };
+  size_t total = std::exchange(last_record_, 0);
+  // If records wait for the socket, the last one counts as not sent: its data come again and ask for the rest.
+  const auto wait = [&]
+  { return errno == EAGAIN && total > last_record_ ? static_cast<ssize_t>(total - last_record_) : ssize_t{-1}; };
+  for (skip(total); piece < count; skip(last_record_))
+  {
     ERR_clear_error();
     errno = 0;
-    const int result = writeRecord(pieces + piece, count - piece, skipped, more, &written);
+    const int result = writeRecord(pieces + piece, count - piece, skipped, more, &last_record_);
     if (result != 1)
     {
-      const ssize_t reason = failed(result);
-      return total != 0 && errno == EAGAIN ? total : (reason == 0 ? -1 : reason);
+      last_record_ = 0;
+      failed(result);
+      errno = errno == EAGAIN ? EPROTO : errno;  // never: records always find room
+      return -1;
     }
-    total += static_cast<ssize_t>(written);
-    while (written != 0)
+    total += last_record_;
+    if (out_.size() >= BATCH_BYTES && !flush())
     {
-      const size_t part = std::min(written, pieces[piece].iov_len - skipped);
-      written -= part;
-      skipped += part;
-      if (skipped == pieces[piece].iov_len)
-      {
-        ++piece;
-        skipped = 0;
-      }
+      return wait();
     }
   }
-  return total;
+  if (!flush())
+  {
+    return wait();
+  }
+  last_record_ = 0;
+  return static_cast<ssize_t>(total);
 }
 
 /// For each certificate of the chain, the device's own last.

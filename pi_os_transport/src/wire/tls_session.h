@@ -10,6 +10,7 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "wire/frame_transport.h"
 #include "wire/tls_keys.h"
@@ -17,7 +18,8 @@
 namespace pi_os_transport
 {
 
-/// TLS 1.3 on one connected socket that does not block. Data are encrypted in records, each of which leaves at once.
+/// TLS 1.3 on one connected socket that does not block. Data are encrypted in records of 16 KiB, of which four leave
+/// together: each departure may wake the receiver.
 class TlsSession
 {
 public:
@@ -36,7 +38,7 @@ public:
   using Judge = std::function<Verdict(const std::string& identity)>;
 
   static constexpr size_t RECORD_BYTES = 16 * 1024;
-  static constexpr size_t READ_BYTES = 4 * RECORD_BYTES;  ///< read ahead at most
+  static constexpr size_t BATCH_BYTES = 4 * RECORD_BYTES;  ///< sent together at least, and read ahead at most
 
   /// @param keys  must outlive the session. @param socket  likewise; stays the caller's
   TlsSession(const TlsKeys* keys, int socket, Role role, Judge judge);
@@ -62,12 +64,14 @@ public:
   static unsigned int onShowKey(SSL* ssl, const char* hint, char* id, unsigned int id_bytes, unsigned char* key,
                                 unsigned int key_bytes);
   static unsigned int onKeyShown(SSL* ssl, const char* id, unsigned char* key, unsigned int key_bytes);
-  static int writeSocket(BIO* bio, const char* bytes, int count);
+  static int bufferRecord(BIO* bio, const char* bytes, int count);
+  static long control(BIO* bio, int command, long number, void* pointer);
   static int readSocket(BIO* bio, char* bytes, int count);
 
 private:
   ssize_t receivePiece(const iovec& place);
   int writeRecord(const iovec* pieces, size_t count, size_t skipped, bool more, size_t* written);
+  bool flush();
   ssize_t failed(int result);
   std::string describe();
   static TlsSession* of(const SSL* ssl);
@@ -82,9 +86,11 @@ private:
   std::unique_ptr<SSL, Free> ssl_;
   std::string identity_;
   std::string problem_;
-  bool is_open_ = false;
   bool is_foreign_ = false;
-  bool more_ = false;                           ///< more follows the record that is being written
+  bool more_ = false;                           ///< more follows the record that was written last
+  std::vector<uint8_t> out_;                    ///< records that have not left yet
+  size_t out_sent_ = 0;                         ///< of those, bytes that have
+  size_t last_record_ = 0;                      ///< bytes of data in the last of those records
   std::array<uint8_t, RECORD_BYTES> record_{};  ///< of several pieces
 };
 
