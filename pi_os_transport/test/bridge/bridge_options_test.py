@@ -658,7 +658,7 @@ class BridgeOptions(device_testbed.DeviceTest):
 
     def test_a_wrong_file_is_refused(self):
         for text, parts in (
-                ('wires: sp\n', (':1:', 'wires is no option', 'socket, topics, wire')),
+                ('wires: sp\n', (':1:', 'wires is no option', 'socket, topics, trust, wire')),
                 ('name: a\ntopics:\n  - match: "/a"\n    rate: 3\n', (':4:', 'topics[0].rate', 'rate_limit_hz')),
                 ('wire: udp\n', (':1:', 'wire = "udp"', 'sp or nanomsg')),
                 ('\nmax_message_mb: 0\n', (':2:', 'max_message_mb = "0"', '1 to 1024')),
