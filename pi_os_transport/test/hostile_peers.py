@@ -22,7 +22,7 @@ import xmlrpc.server
 
 import rosgraph
 
-PROTOCOL_VERSION = 3
+PROTOCOL_VERSION = 4
 PACKET = struct.Struct('<IIQQQ')
 HELLO, OFFER, PROOF, SEGMENT, RETIRED, ENDED, WAITING, SPACE, QUERY = range(1, 10)
 MAX_UINT64 = (1 << 64) - 1

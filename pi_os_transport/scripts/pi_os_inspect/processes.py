@@ -14,7 +14,7 @@ import struct
 
 from . import shapes
 
-PROTOCOL = 3                          # PROTOCOL_VERSION of the library
+PROTOCOL = 4                          # PROTOCOL_VERSION of the library
 STATE_VERSION = 1
 QUERY, STATE = 9, 10                  # types of packets
 PACKET = struct.Struct('<IIQQQ')      # version, type, values
@@ -32,7 +32,7 @@ SHAPE = {'version': int, 'protocol': int, 'node': str, 'roscpp': str,
                      'bridge': str},
          'pool': {'committed': int, 'limit': int, 'segments': int, 'live_slots': int, 'last_error': str},
          'publications': [dict(OF_LINK, **{'subscriber': str, 'dropped?': int, 'queue_size?': int, 'pool_full?': int})],
-         'subscriptions': [dict(OF_LINK, **{'publisher': str, 'uri': str, 'copied?': int, 'late?': int,
+         'subscriptions': [dict(OF_LINK, **{'publisher': str, 'uri': str, 'copied?': int, 'late?': int, 'missing?': int,
                                             'leased_bytes?': int, 'latencies?': HISTOGRAM})],
          'service_clients': [OF_SERVICE], 'service_servers': [OF_SERVICE]}
 

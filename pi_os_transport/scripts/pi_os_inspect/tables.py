@@ -48,7 +48,7 @@ def joined_links(states):
                       'memory': max(out.get('memory', 0), into.get('memory', 0)),
                       'tcp': max(out.get('tcp', 0), into.get('tcp', 0)),
                       'waiting': out.get('waiting', into.get('waiting', 0)), 'queue_size': out.get('queue_size', 0),
-                      'dropped': out.get('dropped', 0), 'pool_full': out.get('pool_full', 0),
+                      'dropped': out.get('dropped', into.get('missing', 0)), 'pool_full': out.get('pool_full', 0),
                       'copied': into.get('copied', 0),
                       'latencies': into.get('latencies', []),
                       'reason': into.get('reason') or out.get('reason') or '',

@@ -95,11 +95,13 @@ private:
   };
   bool isNew(const LinkEntry& entry);
   bool push(const LinkEntry& entry, const PooledMessage& message);
+  void popKept();
 
   bool started_ = false;
   size_t max_queue_ = 0;
   uint32_t last_sequence_ = 0;
   std::deque<Kept> backlog_;
+  uint64_t backlog_bytes_ = 0;
   uint64_t messages_ = 0;
   uint64_t bytes_ = 0;
   uint64_t dropped_ = 0;

@@ -157,8 +157,7 @@ bool MessageSelector::takeFrom(const Head& head, OutgoingMessage* message, bool*
     message->segment = segment;
     message->length = head.descriptor.length;
     message->data = segment->data() != nullptr ? segment->data() + head.descriptor.offset : nullptr;
-    const bool small = message->length <= SMALL_MESSAGE && !link.latched;
-    if (small || message->data == nullptr)
+    if (message->data == nullptr && message->length > 0)
     {
       message->copy.resize(message->length);
       *unreadable = !segment->copy(head.descriptor.offset, message->copy.data(), message->length) || *unreadable;
@@ -166,15 +165,10 @@ bool MessageSelector::takeFrom(const Head& head, OutgoingMessage* message, bool*
       message->segment.reset();
     }
   }
-  const bool keep = !message->copy.empty() || message->length == 0 ? link.latched : true;
-  if (!keep)
-  {
-    link.ring->release(place);
-  }
   link.onProgress();
   ++link.unacked;
   const LinkEntry entry{link.id, link.next_sequence++, head.descriptor.after_tcp};
-  message->targets.push_back(OutgoingMessage::Target{head.link, entry, keep ? taken : -1});
+  message->targets.push_back(OutgoingMessage::Target{head.link, entry, taken});
   return true;
 }
 

@@ -41,7 +41,11 @@ bool OutgoingLinks::onLinkFrame(Session* session, const FrameHeader& header, con
     case FrameType::LINK_PAUSE:
     case FrameType::LINK_RESUME:
       link->paused = header.type == FrameType::LINK_PAUSE;
-      onDoorbell(link);
+      if (!link->paused && link->ring->hasRing())
+      {
+        link->onResumed();
+        onDoorbell(link);
+      }
       break;
     default:
       end(session, link, LinkEnd::BACK_TO_TCP, "the subscriber left");

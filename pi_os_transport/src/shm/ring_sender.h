@@ -26,6 +26,9 @@ constexpr size_t DOORBELLS = 2;
 /// Size of the length at the start of a message's buffer, as in TCPROS [B].
 constexpr uint32_t LENGTH_PREFIX = 4;
 
+/// What TCPROS holds in its socket buffers beside its queue [B]. Nodes that publish with a queue of one rely on this.
+constexpr uint64_t SOCKET_BYTES = 1 << 20;
+
 /// The sending end of one link in shared memory: ring, doorbells, side channel, and the subscriber's references in the
 /// pool. The caller serialises all calls.
 class RingSender
@@ -73,14 +76,17 @@ public:
   {
     const uint8_t* buffer;  ///< with one reference, owned by the caller
     uint32_t length;        ///< [B], without the prefix
+    uint32_t after_tcp;     ///< as in Descriptor
   };
   /// Takes back all messages that the subscriber has not taken, oldest first.
   std::vector<Message> takeBack();
-  /// Takes back the newest message if the subscriber has taken but not released it; else the buffer is null.
-  Message takeBackNewest();
+  /// After takeBack(): takes back all messages that the subscriber has taken but not released, oldest first.
+  std::vector<Message> takeBackTaken();
 
   /// Messages written that the subscriber has not taken.
   uint32_t untaken() const { return ring_ ? ring_->inFlight() : 0; }
+  /// Bytes of these messages.
+  uint64_t untakenBytes() const;
   /// True if the subscriber holds nothing: waiting frees no place.
   bool idle() const { return !ring_ || ring_->idle(); }
   uint64_t sent() const { return sent_; }
@@ -88,7 +94,7 @@ public:
 
 private:
   bool announce(uint32_t segment);
-  bool write(const Descriptor& descriptor, const uint8_t* buffer, uint32_t length);
+  bool write(const Descriptor& descriptor, const uint8_t* buffer);
   void give(uint32_t ticket);
 
   SlotPool* const pool_;
@@ -99,8 +105,7 @@ private:
   SharedMapping memory_;  ///< of the ring
   std::unique_ptr<RingProducer> ring_;
   uint64_t nonce_ = 0;
-  std::vector<const uint8_t*> buffers_;  ///< by ticket
-  std::vector<uint32_t> lengths_;        ///< by ticket [B]
+  std::vector<Message> messages_;        ///< by ticket; the buffer is null if there is none
   std::vector<uint32_t> announced_;      ///< segments that the subscriber knows
   uint32_t tail_ = 0;                    ///< index of the next message in the ring
   uint64_t sent_ = 0;

@@ -13,7 +13,7 @@ namespace pi_os_transport
 {
 
 /// Version of the packets, the ring and the descriptor layout. Peers with another version use TCPROS.
-constexpr uint32_t PROTOCOL_VERSION = 3;
+constexpr uint32_t PROTOCOL_VERSION = 4;
 
 /// 128 random bits. Names sockets, links and pools: unique, and impossible to guess.
 struct Token

@@ -20,6 +20,8 @@ constexpr uint32_t MAX_FRAGMENT = 128 << 10;
 constexpr uint64_t FRAGMENTS_PER_WINDOW = 3;
 /// Acknowledgements requested per window: enough that the sender never waits for one.
 constexpr uint64_t REQUESTS_PER_WINDOW = 3;
+/// Frames of EXPRESS after which an acknowledgement is requested: a publisher keeps at most 256 messages until then.
+constexpr uint64_t FRAMES_PER_REQUEST = 64;
 
 }  // namespace
 
@@ -31,6 +33,7 @@ void Lane::reset()
   unacked_bytes_ = 0;
   acked_frames_ = 0;
   since_request_ = 0;
+  frames_since_request_ = 0;
   uncounted_payload_.reset();
   window_ = INITIAL_WINDOW;
   limited_ = false;
@@ -65,8 +68,9 @@ bool Lane::send(const FrameHeader& header, const iovec* payload, size_t pieces, 
   }
   FrameHeader labelled = header;
   labelled.lane = static_cast<uint32_t>(traffic_);
-  const bool request =
-      traffic_ == Traffic::BULK && (probing_ || since_request_ + bytes >= window_ / REQUESTS_PER_WINDOW);
+  const bool request = traffic_ == Traffic::BULK
+                           ? probing_ || since_request_ + bytes >= window_ / REQUESTS_PER_WINDOW
+                           : isCounted(header.type) && ++frames_since_request_ >= FRAMES_PER_REQUEST;
   labelled.lane |= request ? ACK_NOW : 0;
   if (!connected_ || !transport_->send(connection_, labelled, payload, pieces, more))
   {
@@ -80,6 +84,7 @@ bool Lane::send(const FrameHeader& header, const iovec* payload, size_t pieces, 
     more_ = more;
     unacked_bytes_ += bytes;
     since_request_ = request ? 0 : since_request_ + bytes;
+    frames_since_request_ = request ? 0 : frames_since_request_;
     limited_ = limited_ || unacked_bytes_ >= window_;
   }
   else

@@ -91,6 +91,7 @@ private:
   uint64_t unacked_bytes_ = 0;
   uint64_t acked_frames_ = 0;
   uint64_t since_request_ = 0;  ///< bytes sent since an acknowledgement was last requested
+  uint64_t frames_since_request_ = 0;
   uint64_t sent_bytes_ = 0;
   std::shared_ptr<const void> uncounted_payload_;  ///< of the last frame that is not counted
 

@@ -417,37 +417,47 @@ TEST_F(IncomingStreamTest, KeepsWhatABlockedSubscriberDoesNotTakeInOrder)
   EXPECT_EQ(0U, link(1).dropped());
 }
 
-TEST_F(IncomingStreamTest, DropsTheOldestForABlockedSubscriberWithAQueue)
+TEST_F(IncomingStreamTest, DropsTheOldestForABlockedSubscriberBeyondItsQueueAndASocket)
 {
   constexpr uint32_t QUEUE = 5;
   constexpr uint32_t IN_RING = RingLayout::CAPACITY - 1;  // the start has a place as well
-  constexpr uint32_t MESSAGES = IN_RING + 20;
+  constexpr size_t BYTES = 2000;
+  constexpr uint32_t KEPT = static_cast<uint32_t>(SOCKET_BYTES / BYTES) - IN_RING;
+  constexpr uint32_t MESSAGES = IN_RING + KEPT + 20;
   subscribers_.erase(1);
   add(1, QUEUE);
   for (uint32_t sequence = 1; sequence <= MESSAGES; ++sequence)
   {
-    ASSERT_TRUE(feed(messageOf({{1, sequence, 0}}, patternOf(sequence, 10))));
+    ASSERT_TRUE(feed(messageOf({{1, sequence, 0}}, patternOf(sequence, BYTES))));
   }
-  EXPECT_EQ(15U, link(1).dropped());
+  EXPECT_EQ(20U, link(1).dropped());
   EXPECT_EQ(IN_RING, taken(1).size());
-  EXPECT_TRUE(link(1).flush());
-  const std::vector<Bytes> last = taken(1);
-  ASSERT_EQ(QUEUE, last.size());
-  for (uint32_t index = 0; index < QUEUE; ++index)
+  std::vector<Bytes> last;
+  while (last.size() < KEPT)
   {
-    EXPECT_EQ(patternOf(MESSAGES - QUEUE + 1 + index, 10), last[index]);
+    link(1).flush();
+    for (Bytes& bytes : taken(1))
+    {
+      last.push_back(std::move(bytes));
+    }
+  }
+  ASSERT_EQ(KEPT, last.size());
+  for (uint32_t index = 0; index < KEPT; ++index)
+  {
+    EXPECT_EQ(patternOf(MESSAGES - KEPT + 1 + index, BYTES), last[index]);
   }
   EXPECT_EQ(0U, link(1).lost());
 }
 
 TEST_F(IncomingStreamTest, BacklogIsBoundedWithoutAQueueToo)
 {
-  constexpr uint32_t MESSAGES = 3000;
+  constexpr uint64_t BOUND = 32 << 20;
+  constexpr uint32_t MESSAGES = BOUND / 256 + 3000;
   for (uint32_t sequence = 1; sequence <= MESSAGES; ++sequence)
   {
     ASSERT_TRUE(feed(messageOf({{1, sequence, 0}}, {1})));
   }
-  EXPECT_EQ(MESSAGES - (RingLayout::CAPACITY - 1) - 1024, link(1).dropped());
+  EXPECT_EQ(MESSAGES - (RingLayout::CAPACITY - 1) - BOUND / 257, link(1).dropped());
 }
 
 TEST_F(IncomingStreamTest, CompressedMessagesKeepTheirOrder)

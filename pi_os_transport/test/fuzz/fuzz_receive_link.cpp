@@ -5,6 +5,7 @@
 #include <ros/subscription.h>
 #include <ros/transport_publisher_link.h>
 
+#include <algorithm>
 #include <deque>
 
 #include <nlohmann/json.hpp>
@@ -13,6 +14,7 @@
 #include "fuzz_peers.h"
 #include "roscpp/held_leases.h"
 #include "roscpp/services/links_without_network.h"
+#include "roscpp/topics/numbered_message.h"
 #include "roscpp/topics/receive_link.h"
 
 namespace pi_os_transport
@@ -49,7 +51,9 @@ void fuzz(FuzzInput input)
   SideChannel listener = SideChannel::listen(HeaderOffer::socketName(socket));
   SideChannel channel;
   HostileSender sender;
-  std::string offer = HeaderOffer{socket, Token::random()}.toString();
+  const Token token = Token::random();
+  std::string offer = HeaderOffer{socket, token}.toString();
+  const uint8_t content[8] = {};
   if (input.below(8) == 0)
   {
     const std::vector<uint8_t> bytes = input.bytes(input.below(100));
@@ -76,7 +80,12 @@ void fuzz(FuzzInput input)
       case 5:
         if (!ended)
         {
-          receiving->deliverTcp([] {});
+          const ros::SerializedMessage message = numberedMessage(token, input.below(5), content, input.below(8));
+          const size_t skipped = input.below(2) == 0 ? LENGTH_PREFIX : message.num_bytes - 1;
+          const size_t length = message.num_bytes - skipped;
+          const boost::shared_array<uint8_t> bytes(new uint8_t[length]);
+          std::copy_n(message.buf.get() + skipped, length, bytes.get());
+          receiving->deliverTcp(link.get(), ros::SerializedMessage(bytes, length));
         }
         break;
       case 6:

@@ -84,7 +84,10 @@ void fuzz(FuzzInput input)
         }
         break;
       case 9:
-        keep(sender.takeBackNewest());
+        for (const RingSender::Message& message : sender.takeBackTaken())
+        {
+          keep(message);
+        }
         break;
       case 10:
         sender.pushStart(input.below(4), input.below(2) == 1, 0);

@@ -96,7 +96,7 @@ TEST_F(RingSenderTest, DoesNotOpenTowardsASubscriberThatLeft)
   EXPECT_FALSE(sender.isOpen());
   EXPECT_TRUE(sender.idle());
   EXPECT_TRUE(sender.takeBack().empty());
-  EXPECT_EQ(nullptr, sender.takeBackNewest().buffer);
+  EXPECT_TRUE(sender.takeBackTaken().empty());
 }
 
 TEST_F(RingSenderTest, StartCarriesQueueSizeLatchingAndCount)
@@ -157,32 +157,45 @@ TEST_F(RingSenderTest, TakingBackLeavesOutAStartThatNobodyTook)
   EXPECT_EQ((Bytes{1, 2, 3}), bytesOf(back[0]));
 }
 
-TEST_F(RingSenderTest, TakesBackTheNewestThatIsBeingRead)
+TEST_F(RingSenderTest, TakesBackWhatIsTakenAndNotReleasedInOrder)
 {
-  EXPECT_EQ(nullptr, sender().takeBackNewest().buffer) << "nothing was sent";
-  ASSERT_EQ(Push::WRITTEN, push({1}));
-  ASSERT_EQ(Push::WRITTEN, push({2}));
-  const std::optional<RingPair::Taken> first = pair_.take();
-  EXPECT_EQ(nullptr, sender().takeBackNewest().buffer) << "the newest is not taken";
-  const std::optional<RingPair::Taken> second = pair_.take();
-  const RingSender::Message newest = sender().takeBackNewest();
-  ASSERT_NE(nullptr, newest.buffer);
-  EXPECT_EQ(1U, newest.length);
-  EXPECT_EQ(2U, liveSlots());
-  EXPECT_EQ((Bytes{2}), bytesOf(newest));
-  pair_.receiver->release(second->place);
-  pair_.receiver->release(first->place);
+  EXPECT_TRUE(sender().takeBackTaken().empty()) << "nothing was sent";
+  std::vector<RingPair::Taken> taken;
+  for (uint32_t number = 1; number <= 300; ++number)  // tickets are used again, in another order
+  {
+    ASSERT_EQ(Push::WRITTEN, push(patternOf(number, 100 + number), 0, 0, number));
+    taken.push_back(*pair_.take());
+    if (number % 100 != 0)
+    {
+      pair_.receiver->release(taken.back().place);
+    }
+  }
+  EXPECT_EQ(0U, sender().untaken());
+  ASSERT_EQ(Push::WRITTEN, push({1}, 0, 0, 301));
+  EXPECT_EQ(1U, sender().takeBack().size());
+  const std::vector<RingSender::Message> back = sender().takeBackTaken();
+  ASSERT_EQ(3U, back.size());
+  for (uint32_t index = 0; index < 3; ++index)
+  {
+    const uint32_t number = 100 * (index + 1);
+    EXPECT_EQ(number, back[index].after_tcp);
+    EXPECT_EQ(patternOf(number, 100 + number), bytesOf(back[index]));
+    pair_.receiver->release(taken[number - 1].place);
+  }
   sender().collect();
-  EXPECT_EQ(0U, liveSlots()) << "each reference is given back once";
+  EXPECT_TRUE(sender().takeBackTaken().empty());
 }
 
-TEST_F(RingSenderTest, DoesNotTakeBackWhatWasReleased)
+TEST_F(RingSenderTest, CountsTheBytesThatAreNotTaken)
 {
-  ASSERT_EQ(Push::WRITTEN, push({1}));
-  const std::optional<RingPair::Taken> taken = pair_.take();
-  pair_.receiver->release(taken->place);
-  EXPECT_EQ(nullptr, sender().takeBackNewest().buffer);
-  EXPECT_EQ(0U, liveSlots());
+  ASSERT_TRUE(sender().pushStart(0, false, 0));
+  EXPECT_EQ(0U, sender().untakenBytes());
+  ASSERT_EQ(Push::WRITTEN, push(patternOf(1, 100)));
+  ASSERT_EQ(Push::WRITTEN, push(patternOf(2, 30)));
+  EXPECT_EQ(130U, sender().untakenBytes());
+  ASSERT_TRUE(pair_.take());
+  ASSERT_TRUE(pair_.take());
+  EXPECT_EQ(30U, sender().untakenBytes());
 }
 
 TEST_F(RingSenderTest, IsIdleWhenTheSubscriberHoldsNothing)

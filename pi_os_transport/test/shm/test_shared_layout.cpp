@@ -19,7 +19,7 @@ namespace pi_os_transport
 namespace
 {
 
-constexpr uint32_t PINNED_VERSION = 3;
+constexpr uint32_t PINNED_VERSION = 4;
 
 template <typename Object>
 std::vector<uint8_t> bytesOf(const Object& object, size_t offset, size_t count)

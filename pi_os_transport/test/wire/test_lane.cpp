@@ -128,6 +128,19 @@ TEST_F(LaneTest, LabelsFramesAndAsksForAcknowledgementsInTime)
   EXPECT_LT(since_request, INITIAL_WINDOW);
 }
 
+TEST_F(LaneTest, AsksForAcknowledgementsBeforeAPublisherRunsOutOfPlaces)
+{
+  constexpr uint32_t MOST = 64;  // of the 256 places in a ring
+  uint32_t since_request = 0;
+  for (uint32_t frame = 0; frame < 10 * MOST; ++frame)
+  {
+    const iovec piece{payload_.data(), 1};
+    ASSERT_TRUE(express_.send(FrameHeader::of(FrameType::MESSAGE), &piece, 1, nullptr, nullptr));
+    since_request = (transport_.sent.back().header.lane & ACK_NOW) != 0 ? 0 : since_request + 1;
+    ASSERT_LT(since_request, MOST);
+  }
+}
+
 TEST_F(LaneTest, DoesNotCountSignsOfLife)
 {
   send(&express_, 8, FrameType::PING);

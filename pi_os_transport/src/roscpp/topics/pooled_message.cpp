@@ -28,15 +28,6 @@ const uint8_t* poolBuffer(const ros::SerializedMessage& message)
   return copy;
 }
 
-ros::SerializedMessage pooledMessage(const RingSender::Message& message)
-{
-  const boost::shared_array<uint8_t> buffer(const_cast<uint8_t*>(message.buffer),
-                                            [](uint8_t* memory) { Runtime::instance().pool().release(memory); });
-  ros::SerializedMessage pooled(buffer, message.length + LENGTH_PREFIX);
-  pooled.message_start = buffer.get() + LENGTH_PREFIX;
-  return pooled;
-}
-
 ros::SerializedMessage messageToQueue(const ros::SerializedMessage& message, size_t waiting)
 {
   if (waiting < MAX_POOLED_WAITING || !Runtime::instance().pool().contains(message.buf.get()))

@@ -18,9 +18,6 @@ constexpr size_t MAX_POOLED_WAITING = 2;
 /// @return null if the pool is full, or `message` has no length prefix.
 const uint8_t* poolBuffer(const ros::SerializedMessage& message);
 
-/// A message taken back from a ring. The last user returns its buffer to the pool.
-ros::SerializedMessage pooledMessage(const RingSender::Message& message);
-
 /// `message` for a queue with `waiting` others; copied to the heap beyond MAX_POOLED_WAITING.
 ros::SerializedMessage messageToQueue(const ros::SerializedMessage& message, size_t waiting);
 

@@ -61,15 +61,14 @@ void handleMessage(ros::TransportPublisherLink* self, const ros::SerializedMessa
                    bool no_copy)
 {
   Runtime& runtime = Runtime::instance();
-  const auto deliver = [&]() { runtime.original.handle_message(self, message, serialized, no_copy); };
   const std::shared_ptr<ReceiveLink> link = runtime.receive_links.find(self->getConnection().get());
   if (link)
   {
-    link->deliverTcp(deliver);
+    link->deliverTcp(self, message);
   }
   else
   {
-    deliver();
+    runtime.original.handle_message(self, message, serialized, no_copy);
   }
 }
 

@@ -14,6 +14,7 @@
 #include "roscpp/bridge_client.h"
 #include "roscpp/held_leases.h"
 #include "roscpp/topics/header_offer.h"
+#include "roscpp/topics/numbered_message.h"
 #include "shm/event.h"
 
 namespace pi_os_transport
@@ -267,6 +268,10 @@ void ReceiveLink::leaveBridge()
     return;
   }
   drain(ended_ ? Drain::REST : Drain::ALL_DUE);
+  if (!ended_ && in_use_ && !started_ && ring_->ring().available() > 0)
+  {
+    return;  // its start waits for a message over TCPROS; this is called again after that
+  }
   const bool refused = ring_->ended() == LinkEnd::REFUSED;
   closeRing();
   ring_.reset();
@@ -286,13 +291,44 @@ void ReceiveLink::disconnect(bool deliver_rest)
   if (deliver_rest)
   {
     drain(Drain::REST);
-    if (bridged_ && in_use_)
+    if (bridged_ && in_use_ && socket_watched_)
     {
       active_.store(false, std::memory_order_release);
       return;  // messages under way between the devices follow; the bridge reports the end
     }
   }
   closeRing();
+}
+
+void ReceiveLink::deliverTcp(ros::TransportPublisherLink* link, const ros::SerializedMessage& message)
+{
+  std::lock_guard<std::recursive_mutex> lock(mutex_);
+  if (started_ && static_cast<int32_t>(tcp_delivered_ - tcp_before_start_) >= 0)
+  {
+    leaveBridge();  // the publisher has gone back to TCPROS
+  }
+  drain(Drain::ALL_DUE);  // what the publisher wrote before this message
+  ros::SerializedMessage plain = message;
+  const std::optional<uint32_t> number = takeNumber(link_token_, 0, &plain);
+  if (!number || isNew(*number))
+  {
+    Runtime::instance().original.handle_message(link, plain, true, false);
+  }
+  ++tcp_delivered_;
+  drain(Drain::BATCH);
+}
+
+/// False for a message of a bridge that was delivered before; counts those that are missing before a new one.
+bool ReceiveLink::isNew(uint32_t number)
+{
+  const auto ahead = static_cast<int32_t>(number - last_number_);
+  if (ahead <= 0)
+  {
+    return false;
+  }
+  missing_ += static_cast<uint64_t>(ahead - 1);
+  last_number_ = number;
+  return true;
 }
 
 void ReceiveLink::drain(Drain extent)
@@ -316,7 +352,7 @@ void ReceiveLink::drain(Drain extent)
     }
     Descriptor descriptor;
     uint32_t ticket = 0;
-    const bool in_any_order = extent == Drain::REST || ended_;
+    const bool in_any_order = extent == Drain::REST || ended_ || started_;
     if (ring->ring().take(tcp_delivered_, in_any_order, &descriptor, &ticket) != RingConsumer::Take::TAKEN)
     {
       if (ring->ring().broken())
@@ -333,9 +369,10 @@ void ReceiveLink::drain(Drain extent)
       ring->release(ticket);
       continue;
     }
-    if (bridged_ && static_cast<int32_t>(tcp_delivered_ - descriptor.after_tcp) > 0)
+    const bool late = bridged_ && static_cast<int32_t>(tcp_delivered_ - tcp_before_start_) > 0;
+    if (late || (bridged_ && !isNew(descriptor.after_tcp)))
     {
-      ++late_;
+      late_ += late ? 1 : 0;
       ring->release(ticket);
       continue;
     }
@@ -398,6 +435,7 @@ Fallback ReceiveLink::describe(nlohmann::ordered_json* object)
                   {"tcp", tcp_delivered_},
                   {"copied", copied_},
                   {"late", late_},
+                  {"missing", missing_},
                   {"waiting", in_use_ ? ring_->ring().available() : 0},
                   {"leased_bytes", ring_ ? ring_->leasedBytes() : 0},
                   {"latencies", latencies_.counts()}});

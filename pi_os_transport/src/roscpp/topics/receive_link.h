@@ -38,20 +38,8 @@ public:
   /// Asks this device's bridge for the link. Network thread.
   /// @return false if no bridge answers: try again later.
   bool askBridge();
-  /// A message came over TCPROS; `deliver` passes it to roscpp. Network thread.
-  template <typename Deliver>
-  void deliverTcp(Deliver deliver)
-  {
-    std::lock_guard<std::recursive_mutex> lock(mutex_);
-    if (started_ && static_cast<int32_t>(tcp_delivered_ - tcp_before_start_) >= 0)
-    {
-      leaveBridge();  // the publisher has gone back to TCPROS
-    }
-    drain(Drain::ALL_DUE);  // what the publisher wrote before this message
-    deliver();
-    ++tcp_delivered_;
-    drain(Drain::BATCH);
-  }
+  /// A message came over TCPROS: passes it to roscpp, unless a bridge has delivered it. Network thread.
+  void deliverTcp(ros::TransportPublisherLink* link, const ros::SerializedMessage& message);
   /// The TCPROS connection has ended. @param deliver_rest  deliver the rest of the ring.
   void disconnect(bool deliver_rest);
 
@@ -91,6 +79,7 @@ private:
     REST,     ///< everything: no more messages come over TCPROS
   };
   void drain(Drain extent);
+  bool isNew(uint32_t number);
   void deliver(const ros::TransportPublisherLinkPtr& link, const Descriptor& descriptor, uint32_t ticket);
 
   const boost::weak_ptr<ros::TransportPublisherLink> link_;
@@ -115,7 +104,9 @@ private:
   uint64_t copied_ = 0;         ///< of those, copied because too many were leased
   LatencyHistogram latencies_;  ///< from writing into the ring to taking
   Fallback fallback_ = Fallback::PEER_SILENT;
-  uint64_t late_ = 0;  ///< messages from a bridge, not delivered because newer ones came over TCPROS
+  uint64_t late_ = 0;         ///< messages from a bridge, not delivered because newer ones came over TCPROS
+  uint32_t last_number_ = 0;  ///< of the messages from bridges, modulo 2^32
+  uint64_t missing_ = 0;      ///< messages for bridges that were dropped on the way
 };
 
 }  // namespace pi_os_transport

@@ -3,10 +3,13 @@
 #include <ros/console.h>
 #include <ros/publication.h>
 
+#include <algorithm>
+#include <optional>
 #include <utility>
 
 #include <nlohmann/json.hpp>
 
+#include "roscpp/topics/numbered_message.h"
 #include "roscpp/topics/outbox_writer.h"
 #include "roscpp/topics/pooled_message.h"
 
@@ -86,7 +89,7 @@ void TransmitLink::onSocket()
       overflow_.forgetAnnouncement();
       if (const ros::TransportSubscriberLinkPtr link = link_.lock())
       {
-        flushOverflow(maxQueue(link.get()));
+        overflow_.flush(ring_.get(), maxQueue(link.get()));
       }
       continue;
     }
@@ -195,8 +198,9 @@ void TransmitLink::setActive(bool active)
 void TransmitLink::pushToTcp(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message,
                              size_t max_queue)
 {
-  // Like TransportSubscriberLink::enqueueMessage, with outbox_mutex_ held.
-  if (max_queue > 0 && link->outbox_.size() >= max_queue)
+  // Like TransportSubscriberLink::enqueueMessage, with outbox_mutex_ held. The queue is not what a bridge has left.
+  returned_ = std::min(returned_, link->outbox_.size());
+  if (max_queue > 0 && link->outbox_.size() - returned_ >= max_queue)
   {
     link->outbox_.pop();
     link->queue_full_ = true;
@@ -223,20 +227,17 @@ void TransmitLink::startBridged()
     boost::mutex::scoped_lock outbox_lock(link->outbox_mutex_);
     for (; !link->outbox_.empty(); link->outbox_.pop())
     {
-      overflow_.push(link->outbox_.front(), 0, 0);
+      ros::SerializedMessage message = link->outbox_.front();
+      const std::optional<uint32_t> number = takeNumber(token_, LENGTH_PREFIX, &message);
+      overflow_.push(message, 0, number ? *number : ++last_number_, 0, *ring_);
       --tcp_pushed_;
     }
   }
   if (ring_->pushStart(max_queue, isLatching(link.get()), tcp_pushed_ - tcp_dropped_))
   {
     setActive(true);
-    flushOverflow(max_queue);
+    overflow_.flush(ring_.get(), max_queue);
   }
-}
-
-bool TransmitLink::flushOverflow(size_t max_queue)
-{
-  return overflow_.flush(ring_.get(), max_queue, tcp_pushed_ - tcp_dropped_);
 }
 
 void TransmitLink::returnToTcp()
@@ -246,19 +247,22 @@ void TransmitLink::returnToTcp()
   {
     return;
   }
-  const size_t max_queue = maxQueue(link.get());
+  const auto push = [&](uint32_t number, const uint8_t* bytes, size_t length)
+  { pushToTcp(link.get(), numberedMessage(token_, number, bytes, length), 0); };
+  const std::vector<RingSender::Message> untaken = ring_->takeBack();
+  const std::vector<RingSender::Message> taken = ring_->takeBackTaken();
   boost::mutex::scoped_lock outbox_lock(link->outbox_mutex_);
-  // The newest message of a latched topic must arrive, even if it arrives twice.
-  const RingSender::Message newest = isLatching(link.get()) ? ring_->takeBackNewest() : RingSender::Message{};
-  if (newest.buffer != nullptr)
+  for (const std::vector<RingSender::Message>* messages : {&taken, &untaken})
   {
-    pushToTcp(link.get(), pooledMessage(newest), max_queue);
+    for (const RingSender::Message& message : *messages)
+    {
+      push(message.after_tcp, message.buffer + LENGTH_PREFIX, message.length);
+      Runtime::instance().pool().release(message.buffer);
+    }
   }
-  for (const RingSender::Message& message : ring_->takeBack())
-  {
-    pushToTcp(link.get(), pooledMessage(message), max_queue);
-  }
-  overflow_.takeAll([&](const ros::SerializedMessage& message) { pushToTcp(link.get(), message, max_queue); });
+  overflow_.takeAll([&](const ros::SerializedMessage& message, uint32_t number)
+                    { push(number, message.buf.get() + LENGTH_PREFIX, message.num_bytes - LENGTH_PREFIX); });
+  returned_ = link->outbox_.size();
 }
 
 void TransmitLink::warnOfPool(ros::TransportSubscriberLink* link, size_t bytes)
@@ -317,8 +321,8 @@ void TransmitLink::enqueue(ros::TransportSubscriberLink* link, const ros::Serial
     if (active() && bridged_)
     {
       by_ring = true;
-      dropped_before_ += overflow_.push(message, serial, max_queue) ? 1 : 0;
-      if (!flushOverflow(max_queue))
+      dropped_before_ += overflow_.push(message, serial, ++last_number_, max_queue, *ring_) ? 1 : 0;
+      if (!overflow_.flush(ring_.get(), max_queue))
       {
         lock.unlock();
         warnOfPool(link, message.num_bytes);

@@ -22,7 +22,8 @@ namespace pi_os_transport
 ///
 /// The other end of the ring is the subscriber, or the bridge of this device for a subscriber on another device. While
 /// a bridge uses the ring, nothing is sent over TCPROS, because messages could overtake each other. Messages without a
-/// place wait here. When the bridge ends, these and the messages that the bridge has not taken use TCPROS, in order.
+/// place wait here. When the bridge ends, these and the messages that the bridge has not released use TCPROS, in order
+/// and with their numbers: the subscriber may have some of them.
 ///
 /// Lifetime: owned by the connection's drop listener, the side channel's watcher and the tables. Messages that the
 /// subscriber still reads when the connection ends stay allocated until it closes the side channel or dies.
@@ -72,7 +73,6 @@ private:
 
   // On a link through a bridge, with mutex_ held.
   void startBridged();
-  bool flushOverflow(size_t max_queue);  ///< like OverflowQueue::flush
   void returnToTcp();
 
   const std::string topic_;
@@ -86,6 +86,8 @@ private:
   bool ended_ = false;  ///< the TCPROS connection has ended
   std::unique_ptr<RingSender> ring_;
   OverflowQueue overflow_;       ///< of a bridged link
+  uint32_t last_number_ = 0;     ///< of the messages for bridges, modulo 2^32
+  size_t returned_ = 0;          ///< at most so many messages in roscpp's outbox came back from a bridge
   uint32_t tcp_pushed_ = 0;      ///< messages put into roscpp's outbox, modulo 2^32
   uint32_t tcp_dropped_ = 0;     ///< of those, dropped there
   uint64_t sent_before_ = 0;     ///< messages through earlier rings of this link

@@ -1,0 +1,78 @@
+#!/usr/bin/python3 -B
+"""Judge of bridge_loss.test."""
+import os
+import pathlib
+import sys
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
+import device_testbed  # noqa: E402  (found through the line above)
+import transport_harness as harness  # noqa: E402
+
+RATE_HZ = 500
+BYTES = 1000
+COUNT = 100000 if os.environ.get('PI_EDGE_SOAK') else 4000
+BUSY_LOOPS = 8
+SIZES = '1000,0,20000,100,150000'  # in one frame and in several
+ROUNDS = 50 if os.environ.get('PI_EDGE_SOAK') else 3
+QUEUE = 10              # of the publisher: what is under way beyond it is in the sockets of TCPROS, and in the bridges
+ALL = 100000            # queue of a subscriber that loses nothing itself
+
+
+class BridgeLoss(device_testbed.DeviceTest):
+
+    def load(self):
+        """Busy loops at the priority of the nodes and bridges."""
+        for _ in range(BUSY_LOOPS):
+            self.process(['setpriv', '--pdeathsig', 'KILL', 'sh', '-c', 'while :; do :; done'], preload='')
+
+    def pair(self, transport=None):
+        self.subject = self.topic()
+        talker = self.node(self.vehicle, 'talker')
+        listener = self.node(self.edge_a, 'listener')
+        talker.call('advertise', topic=self.subject, queue=QUEUE)
+        listener.call('subscribe', topic=self.subject, queue=ALL)
+        self.await_links(talker, [listener], self.subject, transport)
+        return talker, listener
+
+    def test_busy_cores_lose_nothing(self):
+        self.start_bridges()
+        talker, listener = self.pair()
+        self.load()
+        talker.call('publish', count=COUNT, rate=RATE_HZ, sizes=BYTES, background=True)
+        talker.send('join')
+        talker.result(2 * COUNT / RATE_HZ + harness.DEADLINE_S)
+        self.assert_complete(listener.call('await_received', seq=COUNT), COUNT)
+
+    def hand_over(self, end, busy=False):
+        """Links are taken over by bridges and handed back, again and again, while messages flow."""
+        talker, listener = self.pair('TCPROS')
+        if busy:
+            self.load()
+        talker.call('publish', count=0, rate=RATE_HZ, sizes=SIZES, background=True)
+        for _ in range(ROUNDS):
+            for device in (self.vehicle, self.edge_a):
+                self.start_bridges(*[one for one in (self.vehicle, self.edge_a)
+                                     if one.name not in self.bridges or not self.bridges[one.name].alive()])
+                self.await_links(talker, [listener], self.subject)
+                self.assert_flows(talker, listener)
+                end(self.bridges[device.name])
+                self.await_links(talker, [listener], self.subject, 'TCPROS')
+                self.assert_flows(talker, listener)
+        last = talker.call('stop')['published']
+        self.assert_complete(listener.call('await_received', seq=last), last)
+
+    @device_testbed.with_bridges
+    def test_bridges_that_start_and_end_lose_nothing(self):
+        self.hand_over(lambda bridge: bridge.terminate())
+
+    @device_testbed.with_bridges
+    def test_bridges_that_start_and_are_killed_lose_nothing(self):
+        self.hand_over(lambda bridge: bridge.kill())
+
+    @device_testbed.with_bridges
+    def test_bridges_that_are_killed_on_busy_cores_lose_nothing(self):
+        self.hand_over(lambda bridge: bridge.kill(), busy=True)
+
+
+if __name__ == '__main__':
+    harness.main(BridgeLoss, plain=True, needs_library=True)
