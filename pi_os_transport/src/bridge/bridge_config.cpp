@@ -22,6 +22,8 @@ namespace
 
 constexpr uint64_t MAX_POOL_MB = 65536;
 constexpr uint32_t MAX_MESSAGE_MB = 1024;
+constexpr int MOST_NICE = -20;  ///< in the words of nice(1): the most favourable
+constexpr int LEAST_NICE = 19;
 constexpr int JPEG_QUALITY = 80;
 constexpr int PNG_LEVEL = 3;
 
@@ -133,6 +135,8 @@ const std::vector<Option>& options()
                return parseChoice(setting, {"sp", "nanomsg"}, "sp or nanomsg");
              }),
       single("socket", "--socket", &BridgeConfig::socket, parseSocketName),
+      single("nice", "--nice", &BridgeConfig::nice,
+             [](const Setting& setting) { return parseWhole(setting, MOST_NICE, LEAST_NICE); }),
       single("pool_limit_mb", "", &BridgeConfig::pool_limit_mb,
              [](const Setting& setting) { return parseWhole<uint64_t>(setting, 1, MAX_POOL_MB); }),
       single("max_message_mb", "", &BridgeConfig::max_message_mb,
@@ -219,6 +223,8 @@ std::string bridgeUsage()
          "  --allow CIDR                who may connect, like 192.168.1.0/24; repeatable (default: everyone)\n"
          "  --wire sp|nanomsg           sockets of its own or libnanomsg; both understand each other (default: sp)\n"
          "  --socket NAME               nodes with PI_OS_BRIDGE=NAME use this bridge (default: default)\n"
+         "  --nice NUMBER               -20 to 19: below 0, it runs before programs that use the same cores (default: "
+         "0)\n"
          "  --help                      this text\n"
          "\n"
          "Arguments like __name:=x are roslaunch's and ignored. SIGTERM and SIGINT end it.\n"

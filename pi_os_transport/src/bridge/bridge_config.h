@@ -52,6 +52,7 @@ struct BridgeConfig
   std::vector<CIDR> allow;         ///< who may connect; empty: everyone
   std::string wire = "sp";         ///< "sp": own sockets; "nanomsg": libnanomsg
   std::string socket = "default";  ///< nodes find the bridge by this name, see PI_OS_BRIDGE
+  int nice = 0;                    ///< scheduling weight of the bridge, -20 (most) .. 19
   uint64_t pool_limit_mb = 512;    ///< most shared memory for incoming messages [MiB], 1 .. 65536
   uint32_t max_message_mb = 256;   ///< larger messages stay on TCPROS and are refused from peers [MiB], 1 .. 1024
   std::vector<TopicOptions> topics;  ///< the first one that matches applies

@@ -92,6 +92,7 @@ TEST(BridgeConfig, DefaultsListenEverywhereAndAllowEveryone)
   EXPECT_TRUE(config.allows("203.0.113.9"));
   EXPECT_EQ("sp", config.wire);
   EXPECT_EQ("default", config.socket);
+  EXPECT_EQ(0, config.nice);
   EXPECT_EQ(512U, config.pool_limit_mb);
   EXPECT_EQ(256U, config.max_message_mb);
   const TopicOptions& topic = config.topic("/any");
@@ -114,6 +115,7 @@ TEST(BridgeConfig, ShippedFileHoldsTheDefaults)
   EXPECT_EQ(defaults.allow.size(), file.allow.size());
   EXPECT_EQ(defaults.wire, file.wire);
   EXPECT_EQ(defaults.socket, file.socket);
+  EXPECT_EQ(defaults.nice, file.nice);
   EXPECT_EQ(defaults.pool_limit_mb, file.pool_limit_mb);
   EXPECT_EQ(defaults.max_message_mb, file.max_message_mb);
   EXPECT_EQ(defaults.topics.size(), file.topics.size());
@@ -265,6 +267,7 @@ TEST_F(BridgeConfigFile, ErrorsNameFileLineKeyValueAndWhatIsAllowed)
   expect("max_message_mb: 1025", "1: max_message_mb = \"1025\", must be a whole number from 1 to 1024");
   expect("max_message_mb: -1", "1: max_message_mb = \"-1\", must be a whole number from 1 to 1024");
   expect("max_message_mb: 1.5", "1: max_message_mb = \"1.5\", must be a whole number from 1 to 1024");
+  expect("nice: -21", "1: nice = \"-21\", must be a whole number from -20 to 19");
   expect("wire: tls", "1: wire = \"tls\", must be sp or nanomsg");
   expect("peers: 10.0.0.1", "1: peers = \"10.0.0.1\", must be a list like [a, b]");
   expect("name: [a]", "1: name = a list, must be a single value");
@@ -274,8 +277,8 @@ TEST_F(BridgeConfigFile, ErrorsNameFileLineKeyValueAndWhatIsAllowed)
   expect("allow:\n  - 10.0.0.1\n  - nobody\n",
          "3: allow[1] = \"nobody\", must be an IPv4 address, or a range like 192.168.1.0/24");
   expect("\n\npeer: []\n",
-         "3: peer is no option, must be one of advertise, allow, listen, max_message_mb, name, peers, pool_limit_mb, "
-         "socket, topics, wire");
+         "3: peer is no option, must be one of advertise, allow, listen, max_message_mb, name, nice, peers, "
+         "pool_limit_mb, socket, topics, wire");
   expect("name: a\nname: b\n", "2: name is given twice, must be given once");
   expect("- a\n", "1: the file = a list, must be a map of keys and values");
   expect("topics: [a]", "1: topics[0] = \"a\", must be a map of keys and values");
