@@ -2,9 +2,11 @@
 
 #include <sys/uio.h>
 
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "wire/wire_frame.h"
@@ -88,6 +90,10 @@ public:
   virtual void closeSource(SourceId source) = 0;
   /// Numeric address of the machine that sends; empty if unknown.
   virtual std::string addressOf(SourceId source) const = 0;
+
+  /// The time of a round trip between the two machines at present, without what the processes add. Empty if this
+  /// transport cannot tell.
+  virtual std::optional<std::chrono::microseconds> roundTrip(ConnectionId connection) const = 0;
 
   /// True if send() accepts a frame now.
   virtual bool writable(ConnectionId connection) const = 0;

@@ -1,6 +1,7 @@
 #include "wire/lane.h"
 
 #include <algorithm>
+#include <optional>
 #include <utility>
 
 namespace pi_os_transport
@@ -15,8 +16,9 @@ constexpr microseconds TARGET_DELAY{1500};
 /// The shortest round trip is measured again after this time: the route may have changed.
 constexpr std::chrono::seconds BASE_AGE{5};
 
-constexpr uint32_t MIN_FRAGMENT = 16 << 10;
+constexpr uint32_t MIN_FRAGMENT = 8 << 10;
 constexpr uint32_t MAX_FRAGMENT = 128 << 10;
+constexpr uint32_t EXPRESS_FRAGMENT = 16 << 10;
 constexpr uint64_t FRAGMENTS_PER_WINDOW = 3;
 /// Acknowledgements requested per window: enough that the sender never waits for one.
 constexpr uint64_t REQUESTS_PER_WINDOW = 3;
@@ -41,6 +43,7 @@ void Lane::reset()
   single_ = false;
   more_ = false;
   round_min_ = microseconds::max();
+  network_base_ = microseconds::max();
 }
 
 bool Lane::ready() const
@@ -53,7 +56,7 @@ uint32_t Lane::fragmentBytes() const
 {
   if (traffic_ == Traffic::EXPRESS)
   {
-    return MIN_FRAGMENT;
+    return EXPRESS_FRAGMENT;
   }
   return static_cast<uint32_t>(std::clamp<uint64_t>(window_ / FRAGMENTS_PER_WINDOW, MIN_FRAGMENT, MAX_FRAGMENT));
 }
@@ -149,10 +152,14 @@ void Lane::adapt(SteadyTime now, microseconds sample)
   }
   // Once per round trip, by its shortest sample: longer ones may include the time that a process waited for a core.
   const microseconds delay = round_min_ - base_rtt_;
+  const std::optional<microseconds> network = transport_->roundTrip(connection_);
+  network_base_ = std::min(network_base_, network.value_or(microseconds::max()));
   if (delay > TARGET_DELAY)
   {
+    // A smaller window does not help against bridges that wait for a core.
+    const microseconds queues = network ? std::min(delay, *network - network_base_) : delay;
     const double factor =
-        std::max(0.25, static_cast<double>(TARGET_DELAY.count()) / static_cast<double>(delay.count()));
+        std::clamp(static_cast<double>(TARGET_DELAY.count()) / static_cast<double>(queues.count() + 1), 0.25, 1.0);
     window_ = std::max(MIN_WINDOW, static_cast<uint64_t>(static_cast<double>(window_) * factor));
   }
   else if (limited_ && delay < TARGET_DELAY / 2)

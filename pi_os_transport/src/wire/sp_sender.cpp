@@ -75,6 +75,19 @@ void SpTransport::close(ConnectionId connection)
   }
 }
 
+std::optional<std::chrono::microseconds> SpTransport::roundTrip(ConnectionId connection) const
+{
+  const auto found = connections_.find(connection);
+  tcp_info info{};
+  socklen_t length = sizeof(info);
+  if (found == connections_.end() ||
+      getsockopt(found->second->socket.get(), IPPROTO_TCP, TCP_INFO, &info, &length) != 0 || info.tcpi_rtt == 0)
+  {
+    return std::nullopt;
+  }
+  return std::chrono::microseconds(info.tcpi_rtt);
+}
+
 bool SpTransport::writable(ConnectionId connection) const
 {
   const auto found = connections_.find(connection);

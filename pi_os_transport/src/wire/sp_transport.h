@@ -109,6 +109,7 @@ public:
   ConnectionId connect(const Endpoint& endpoint) override;
   void close(ConnectionId connection) override;
   bool tellsConnected() const override { return true; }
+  std::optional<std::chrono::microseconds> roundTrip(ConnectionId connection) const override;
   void closeSource(SourceId source) override;
   std::string addressOf(SourceId source) const override;
   bool writable(ConnectionId connection) const override;

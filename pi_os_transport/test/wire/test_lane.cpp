@@ -16,7 +16,7 @@ namespace
 using std::chrono::milliseconds;
 
 constexpr uint64_t INITIAL_WINDOW = 512 << 10;
-constexpr uint64_t MIN_WINDOW = 64 << 10;
+constexpr uint64_t MIN_WINDOW = 16 << 10;
 constexpr uint64_t MAX_WINDOW = 16 << 20;
 constexpr uint64_t EXPRESS_WINDOW = 1 << 20;
 constexpr size_t CHUNK = 32 << 10;
@@ -187,8 +187,25 @@ TEST_F(LaneTest, WindowShrinksWhenFramesWait)
     EXPECT_GE(bulk_.window(), std::max(MIN_WINDOW, before / 4)) << "a single late answer says little";
   }
   EXPECT_EQ(MIN_WINDOW, bulk_.window());
-  EXPECT_EQ(MIN_WINDOW / 3, bulk_.fragmentBytes());
+  EXPECT_EQ(8U << 10, bulk_.fragmentBytes());
   EXPECT_GE(bulk_.rtt(), milliseconds(1));
+}
+
+TEST_F(LaneTest, WindowStaysWhenProcessesWaitAndTheNetworkDoesNot)
+{
+  constexpr milliseconds IDLE(20);
+  transport_.round_trip = IDLE;
+  measureIdleLink();
+  for (const auto& [queues, window] : {std::make_pair(milliseconds(0), INITIAL_WINDOW),
+                                       std::make_pair(milliseconds(1), INITIAL_WINDOW),
+                                       std::make_pair(milliseconds(3), INITIAL_WINDOW / 2)})
+  {
+    transport_.round_trip = IDLE + queues;
+    fill(&bulk_);
+    lane_time += milliseconds(20);  // the other bridge waits for a core
+    ASSERT_TRUE(acknowledge());
+    EXPECT_NEAR(static_cast<double>(window), static_cast<double>(bulk_.window()), 100.0);
+  }
 }
 
 TEST_F(LaneTest, MeasuresTheIdleLinkWithASingleFrame)
