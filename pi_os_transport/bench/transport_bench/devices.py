@@ -221,7 +221,7 @@ class Bridge(DeviceProcess):
 
     def status(self):
         """What `pi_os status --json` says."""
-        return json.loads(self.device.run(_status_program(), 'status', '--json'))
+        return self.device.pi_os('status')
 
     def refused(self):
         return self.status()['refused']
@@ -281,6 +281,10 @@ class Device(Namespace):
 
     def start_bridge(self, *args, env=None):
         return Bridge(self, *args, env=env)
+
+    def pi_os(self, *words):
+        """What `pi_os WORDS --json` says on this device."""
+        return json.loads(self.run(_status_program(), *words, '--json'))
 
     def kill_all(self):
         """Every process at once, as when the device's container is killed: the kernel still closes their sockets."""

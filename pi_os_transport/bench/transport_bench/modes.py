@@ -19,6 +19,7 @@ class Mode:
     transport: str        # what getBusInfo must say of every link
     preload: bool
     subscriber_args: tuple = ()
+    bridge_args: tuple = ()
 
 
 MODES = {mode.key: mode for mode in (
