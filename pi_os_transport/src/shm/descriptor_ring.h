@@ -14,8 +14,8 @@ struct Descriptor
   uint32_t segment = 0;    ///< id of the pool segment, unique in the publishing process; LINK_START: no message
   uint32_t length = 0;     ///< payload bytes [B], below 1 GiB
   uint64_t offset = 0;     ///< of the payload from the start of the segment [B], below 16 GiB
-  uint32_t after_tcp = 0;  ///< number of messages (modulo 2^32) that the link carried over TCPROS before this one; behind
-                           ///< a LINK_START instead the number of this message on the link, from 1
+  uint32_t after_tcp = 0;  ///< number of messages (modulo 2^32) that the link carried over TCPROS before this one;
+                           ///< behind a LINK_START instead the number of this message on the link, from 1
   uint64_t serial = 0;     ///< equal on all links for one publish(), else different; 0: unknown; below 2^56
   uint64_t stamp_ns = 0;   ///< when it was written into the ring, monotonic clock [ns]
 

@@ -2,6 +2,7 @@
 """Judge of bridge_loss.test."""
 import os
 import pathlib
+import signal
 import sys
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
@@ -15,7 +16,10 @@ BUSY_LOOPS = 8
 SIZES = '1000,0,20000,100,150000'  # in one frame and in several
 ROUNDS = 50 if os.environ.get('PI_EDGE_SOAK') else 3
 QUEUE = 10              # of the publisher: what is under way beyond it is in the sockets of TCPROS, and in the bridges
-ALL = 100000            # queue of a subscriber that loses nothing itself
+SOCKET_BYTES = 1 << 20  # so much
+DROPPING = 6000         # messages that neither fits
+WAITING = 900           # messages that the ring of a subscriber cannot hold
+ALL = 100000            # a queue that loses nothing
 
 
 class BridgeLoss(device_testbed.DeviceTest):
@@ -25,27 +29,65 @@ class BridgeLoss(device_testbed.DeviceTest):
         for _ in range(BUSY_LOOPS):
             self.process(['setpriv', '--pdeathsig', 'KILL', 'sh', '-c', 'while :; do :; done'], preload='')
 
-    def pair(self, transport=None):
+    def pair(self, queue, transport=None):
         self.subject = self.topic()
         talker = self.node(self.vehicle, 'talker')
         listener = self.node(self.edge_a, 'listener')
-        talker.call('advertise', topic=self.subject, queue=QUEUE)
+        talker.call('advertise', topic=self.subject, queue=queue)
         listener.call('subscribe', topic=self.subject, queue=ALL)
         self.await_links(talker, [listener], self.subject, transport)
         return talker, listener
 
     def test_busy_cores_lose_nothing(self):
         self.start_bridges()
-        talker, listener = self.pair()
+        talker, listener = self.pair(QUEUE)
         self.load()
         talker.call('publish', count=COUNT, rate=RATE_HZ, sizes=BYTES, background=True)
         talker.send('join')
         talker.result(2 * COUNT / RATE_HZ + harness.DEADLINE_S)
         self.assert_complete(listener.call('await_received', seq=COUNT), COUNT)
 
+    @device_testbed.with_bridges
+    def test_drops_are_counted_at_both_ends(self):
+        self.start_bridges()
+        talker, listener = self.pair(QUEUE)
+        listener.signal(signal.SIGSTOP)
+        talker.call('publish', count=DROPPING, sizes=BYTES)
+        listener.signal(signal.SIGCONT)
+        report = listener.call('await_received', seq=DROPPING)
+        lost = self.assert_order(report, most_lost=DROPPING)
+        self.assertLess(lost, DROPPING - SOCKET_BYTES / BYTES, report)
+        self.assertGreater(lost, 0, report)
+        at_publisher, at_subscriber = [
+            sum(link[counter] for state in device.pi_os('links') for link in state[side]
+                if link['topic'] == self.subject)
+            for device, side, counter in ((self.vehicle, 'publications', 'dropped'),
+                                          (self.edge_a, 'subscriptions', 'missing'))]
+        at_bridge = sum(link['dropped'] for link in self.status(self.edge_a)['incoming'])
+        self.assertEqual((at_publisher + at_bridge, at_subscriber), (lost, lost))
+
+    def killed_beside_a_slow_subscriber(self, device):
+        self.start_bridges()
+        talker, listener = self.pair(ALL)
+        listener.signal(signal.SIGSTOP)
+        talker.call('publish', count=WAITING, sizes=BYTES)
+        harness.await_state(lambda: [link['paused'] for link in self.status(self.edge_a)['incoming']] == [1],
+                            'messages that wait in the bridge of the subscriber')
+        self.bridges[device.name].kill()
+        listener.signal(signal.SIGCONT)
+        self.assert_complete(listener.call('await_received', seq=WAITING), WAITING)
+
+    @device_testbed.with_bridges
+    def test_the_publishers_bridge_is_killed_beside_a_slow_subscriber(self):
+        self.killed_beside_a_slow_subscriber(self.vehicle)
+
+    @device_testbed.with_bridges
+    def test_the_subscribers_bridge_is_killed_beside_a_slow_subscriber(self):
+        self.killed_beside_a_slow_subscriber(self.edge_a)
+
     def hand_over(self, end, busy=False):
         """Links are taken over by bridges and handed back, again and again, while messages flow."""
-        talker, listener = self.pair('TCPROS')
+        talker, listener = self.pair(ALL, 'TCPROS')  # the socket of a new connection holds little
         if busy:
             self.load()
         talker.call('publish', count=0, rate=RATE_HZ, sizes=SIZES, background=True)

@@ -14,15 +14,16 @@ namespace pi_os_transport
 class OverflowQueue
 {
 public:
-  /// Adds the newest message. Above `max_queue` (0: no limit) the oldest is dropped, as soon as these messages and those
-  /// in the ring exceed what the socket of TCPROS would hold. @return true if one was dropped.
+  /// Adds the newest message. Above `max_queue` (0: no limit) the oldest is dropped, as soon as these messages and
+  /// those in the ring exceed what the socket of TCPROS would hold.
   /// @param number  of the message on the link.
+  /// @return true if one was dropped.
   bool push(const ros::SerializedMessage& message, uint64_t serial, uint32_t number, size_t max_queue,
             const RingSender& ring);
 
   /// Moves messages into the ring while it has places, and tells the bridge once that more wait.
-  /// @return false if waiting is useless: the ring is broken, or the pool is full and this link holds nothing that could
-  ///         be freed.
+  /// @return false if waiting is useless: the ring is broken, or the pool is full and this link holds nothing that
+  ///         could be freed.
   bool flush(RingSender* ring, size_t max_queue);
   /// The bridge reported space, or was replaced: the next flush() may tell again that messages wait.
   void forgetAnnouncement() { waiting_announced_ = false; }
