@@ -12,7 +12,9 @@ namespace
 using std::chrono::microseconds;
 
 /// The window of BULK shrinks if it adds more delay than this to the round trip.
-constexpr microseconds TARGET_DELAY{1500};
+constexpr microseconds TARGET_DELAY{1000};
+/// It grows if it adds less.
+constexpr microseconds SHORT_DELAY{750};
 /// The shortest round trip is measured again after this time: the route may have changed.
 constexpr std::chrono::seconds BASE_AGE{5};
 
@@ -162,7 +164,7 @@ void Lane::adapt(SteadyTime now, microseconds sample)
         std::clamp(static_cast<double>(TARGET_DELAY.count()) / static_cast<double>(queues.count() + 1), 0.25, 1.0);
     window_ = std::max(MIN_WINDOW, static_cast<uint64_t>(static_cast<double>(window_) * factor));
   }
-  else if (limited_ && delay < TARGET_DELAY / 2)
+  else if (limited_ && delay < SHORT_DELAY)
   {
     window_ = std::min(MAX_WINDOW, window_ + window_ / 2);
   }

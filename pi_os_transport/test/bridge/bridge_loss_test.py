@@ -15,9 +15,9 @@ COUNT = 100000 if os.environ.get('PI_EDGE_SOAK') else 4000
 BUSY_LOOPS = 8
 SIZES = '1000,0,20000,100,150000'  # in one frame and in several
 ROUNDS = 50 if os.environ.get('PI_EDGE_SOAK') else 3
-QUEUE = 10              # of the publisher: what is under way beyond it is in the sockets of TCPROS, and in the bridges
-SOCKET_BYTES = 1 << 20  # so much
-DROPPING = 6000         # messages that neither fits
+QUEUE = 10              # of the publisher; the bridges hold beyond it what the sockets of TCPROS hold:
+SOCKET_BYTES = 1 << 20
+DROPPING = 6000         # more messages than all queues on the way hold
 WAITING = 900           # messages that the ring of a subscriber cannot hold
 ALL = 100000            # a queue that loses nothing
 
@@ -47,7 +47,6 @@ class BridgeLoss(device_testbed.DeviceTest):
         talker.result(2 * COUNT / RATE_HZ + harness.DEADLINE_S)
         self.assert_complete(listener.call('await_received', seq=COUNT), COUNT)
 
-    @device_testbed.with_bridges
     def test_drops_are_counted_at_both_ends(self):
         self.start_bridges()
         talker, listener = self.pair(QUEUE)
@@ -77,11 +76,9 @@ class BridgeLoss(device_testbed.DeviceTest):
         listener.signal(signal.SIGCONT)
         self.assert_complete(listener.call('await_received', seq=WAITING), WAITING)
 
-    @device_testbed.with_bridges
     def test_the_publishers_bridge_is_killed_beside_a_slow_subscriber(self):
         self.killed_beside_a_slow_subscriber(self.vehicle)
 
-    @device_testbed.with_bridges
     def test_the_subscribers_bridge_is_killed_beside_a_slow_subscriber(self):
         self.killed_beside_a_slow_subscriber(self.edge_a)
 
@@ -103,18 +100,15 @@ class BridgeLoss(device_testbed.DeviceTest):
         last = talker.call('stop')['published']
         self.assert_complete(listener.call('await_received', seq=last), last)
 
-    @device_testbed.with_bridges
     def test_bridges_that_start_and_end_lose_nothing(self):
         self.hand_over(lambda bridge: bridge.terminate())
 
-    @device_testbed.with_bridges
     def test_bridges_that_start_and_are_killed_lose_nothing(self):
         self.hand_over(lambda bridge: bridge.kill())
 
-    @device_testbed.with_bridges
     def test_bridges_that_are_killed_on_busy_cores_lose_nothing(self):
         self.hand_over(lambda bridge: bridge.kill(), busy=True)
 
 
 if __name__ == '__main__':
-    harness.main(BridgeLoss, plain=True, needs_library=True)
+    harness.main(BridgeLoss, plain=False, needs_library=True)
