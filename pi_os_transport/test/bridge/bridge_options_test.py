@@ -327,13 +327,13 @@ class BridgeOptions(device_testbed.DeviceTest):
 
     @device_testbed.with_bridges
     def test_a_bridge_that_leads_a_session_is_favoured_among_sessions(self):
-        weight = '/proc/self/autogroup'
-        if not os.path.exists(weight):
+        bridge = self.start_bridge(self.vehicle, '--nice', '-7')
+        self.assertEqual(os.getsid(bridge.pid), bridge.pid)
+        group = '/proc/%d/autogroup' % bridge.pid
+        if not os.path.exists(group):
             self.skipTest('this kernel has no autogroups')
-        bridge = self.vehicle.start('setsid', harness.program('pi_os_bridge'), '--nice', '-7')
-        bridge.await_line('^pi_os_bridge: serving')
-        with open('/proc/%d/autogroup' % bridge.pid) as group:
-            self.assertRegex(group.read(), 'nice -7$')
+        with open(group) as file:
+            self.assertRegex(file.read(), 'nice -7$')
 
     def test_the_encoder_is_killed_and_nothing_is_lost(self):
         self.kill_codec(self.vehicle, most_lost=0)
