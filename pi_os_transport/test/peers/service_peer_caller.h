@@ -75,7 +75,7 @@ public:
     std::lock_guard<std::mutex> lock(mutex_);
     out->number("calls", succeeded_ + failed_).number("failed", failed_).number("wrong", wrong_);
     out->number("slowest_us", slowest_us_).number("reconnected", reconnected_).boolean("valid", valid_);
-    out->boolean("single_shot", !persistent_);
+    out->number("still_valid", still_valid_).boolean("single_shot", !persistent_);
   }
 
 private:
@@ -122,6 +122,7 @@ private:
     slowest_us_ = std::max(slowest_us_, took);
     valid_ = valid;
     failed_ += ok ? 0 : 1;
+    still_valid_ += !ok && persistent_ && valid ? 1 : 0;
     wrong_ += ok && !right ? 1 : 0;
     succeeded_ += ok ? 1 : 0;
     changed_.notify_all();
@@ -142,6 +143,7 @@ private:
   uint64_t wrong_ = 0;
   uint64_t reconnected_ = 0;
   bool valid_ = false;         ///< the client after the last call
+  uint64_t still_valid_ = 0;   ///< failed persistent calls after which the client said that it was valid
   ros::ServiceClient client_;  ///< the one in use
   int64_t slowest_us_ = 0;
   std::atomic<bool> stopped_{false};

@@ -9,7 +9,8 @@
 //   unserve service=/x
 //   await_service service=/x timeout=
 //   call service=/x count= size= answer= persistent=0|1 rate=    calls one after another; count=0: until stop_calls
-//        background=0|1 renew=0|1          -> calls, failed, wrong, slowest_us (of one call), reconnected, valid
+//        background=0|1 renew=0|1          -> calls, failed, wrong, slowest_us (of one call), reconnected, valid,
+//                                             still_valid (after failed calls)
 //        renew: a persistent client is made anew after each failure, since roscpp calls one valid for ever whose
 //        connection was refused at once
 //   await_calls n= timeout=                n further successful calls of the background caller

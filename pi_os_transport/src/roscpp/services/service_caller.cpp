@@ -338,7 +338,7 @@ ServiceCaller::Outcome ServiceCaller::awaitAnswer(ros::ServiceServerLink* link,
     {
       if (last_look)
       {
-        return giveUp();
+        return giveUp(link);
       }
       awaitWake(answers->doorbell(NETWORK_THREAD));
       continue;
@@ -372,7 +372,7 @@ ServiceCaller::Outcome ServiceCaller::awaitAnswer(ros::ServiceServerLink* link,
   }
 }
 
-ServiceCaller::Outcome ServiceCaller::giveUp()
+ServiceCaller::Outcome ServiceCaller::giveUp(ros::ServiceServerLink* link)
 {
   bool taken_back = false;
   {
@@ -385,8 +385,9 @@ ServiceCaller::Outcome ServiceCaller::giveUp()
   }
   if (const ros::ConnectionPtr connection = connection_.lock())
   {
-    connection->drop(ros::Connection::TransportDisconnect);  // makes the client's handle invalid
+    connection->drop(ros::Connection::TransportDisconnect);
   }
+  endCalls(link);  // makes the client's handle invalid
   return taken_back ? Outcome::NOT_TAKEN : Outcome::FAILURE;
 }
 

@@ -86,7 +86,7 @@ private:
                       ros::SerializedMessage& response);
   Outcome fallBackToTcp(ros::ServiceServerLink* link, const ros::SerializedMessage& request,
                         ros::SerializedMessage& response);
-  Outcome giveUp();
+  Outcome giveUp(ros::ServiceServerLink* link);
 
   const boost::weak_ptr<ros::Connection> connection_;
   const Use use_;

@@ -99,6 +99,7 @@ bool awaitTcpAnswer(ros::ServiceServerLink* link, ros::SerializedMessage& respon
 void endCalls(ros::ServiceServerLink* link)
 {
   boost::mutex::scoped_lock lock(link->call_queue_mutex_);
+  link->dropped_ = true;
   if (link->current_call_)
   {
     finish(link->current_call_);

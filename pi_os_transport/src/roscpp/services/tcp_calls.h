@@ -17,7 +17,8 @@ bool awaitTcpAnswer(ros::ServiceServerLink* link, ros::SerializedMessage& respon
 
 /// Replaces ServiceServerLink::clearCalls(): the connection has ended, so every waiting call fails. roscpp's function
 /// misses a call that becomes current while it runs. It also waits for the calls to return while it locks the
-/// transport, which a call may need.
+/// transport, which a call may need. The link is invalid before a call fails: the thread that ends the connection says
+/// so to roscpp at any time later.
 void endCalls(ros::ServiceServerLink* link);
 
 }  // namespace pi_os_transport

@@ -98,6 +98,7 @@ class ServicesKilled(services_judge.ServiceTest):
                 client.call('await_failed', n=failed)
             report = client.call('stop_calls')
             self.assertGreater(report['calls'], report['failed'], report)
+            self.assertEqual(report['still_valid'], 0, report)
             client.close()
 
     def test_servers_killed_at_any_moment(self):
@@ -122,7 +123,7 @@ class ServicesKilled(services_judge.ServiceTest):
         for client in (persistent, single):
             client.call('await_calls', n=20)
             report = client.call('stop_calls')
-            self.assertEqual(report['wrong'], 0, report)
+            self.assertEqual((report['wrong'], report['still_valid']), (0, 0), report)
         self.assertEqual(server.call('served', service=self.service)['wrong'], 0)
         self.await_rings(persistent, single, server, of=0)
 
