@@ -6,11 +6,13 @@
 ///   start TOPIC RATE_HZ         publishes in a thread of its own until told to stop; answers "started"
 ///   published TOPIC             answers "published" with the number of messages so far
 ///   stop TOPIC                  answers "stopped" with the number of messages in all
-///   subscribe TOPIC SIZE QUEUE  answers "subscribed"
+///   subscribe TOPIC SIZE QUEUE  answers "subscribed"; "take" and "tally" tell of its messages
+///   count TOPIC SIZE QUEUE      the same, but keeps nothing of single messages: only "tally" tells of them
 ///   links TOPIC                 answers "links" with the number of subscribers, or publishers, of the topic
 ///   take TOPIC                  answers "taken" with [sequence, publish_ns, arrival_ns] of every message since the
-///   last
-///                               "take", in order of arrival, and the number of damaged ones
+///                               last "take", in order of arrival, and the number of damaged ones
+///   tally TOPIC                 answers "tallied" with the messages received so far: how many, the next sequence
+///                               number, how many were missing, repeated or damaged, and their latency
 ///   quit                        (or end of input)
 /// Option --tcp-no-delay: ask for tcpNoDelay in the TransportHints.
 
@@ -105,9 +107,10 @@ private:
 class Inflow
 {
 public:
+  /// @param rows  keep one for take() of every message
   Inflow(ros::NodeHandle* node, const std::string& topic, std::size_t size, std::uint32_t queue,
-         const ros::TransportHints& hints)
-    : size_(size)
+         const ros::TransportHints& hints, bool rows)
+    : size_(size), keep_rows_(rows)
   {
     subscriber_ = node->subscribe(topic, queue, &Inflow::receive, this, hints);
   }
@@ -135,7 +138,28 @@ public:
     return json.str();
   }
 
+  /// JSON fields of all that has come. A message is missing if a later one has come before it.
+  std::string tally()
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    std::ostringstream json;
+    json << "\"received\": " << tally_.received << ", \"next\": " << tally_.next << ", \"missing\": " << tally_.missing
+         << ", \"repeated\": " << tally_.repeated << ", \"damaged\": " << damaged_
+         << ", \"latency_ns\": " << tally_.latency_ns << ", \"slowest_ns\": " << tally_.slowest_ns;
+    return json.str();
+  }
+
 private:
+  struct Tally
+  {
+    std::uint64_t received = 0;
+    std::uint64_t next = 0;
+    std::uint64_t missing = 0;
+    std::uint64_t repeated = 0;   ///< or out of order
+    std::int64_t latency_ns = 0;  ///< of all together
+    std::int64_t slowest_ns = 0;
+  };
+
   struct Row
   {
     std::uint64_t sequence;
@@ -155,20 +179,35 @@ private:
                !pattern_.findWrongSample(image->data.data(), size_, header.key, header.sequence);
     }
     std::lock_guard<std::mutex> lock(mutex_);
-    if (intact)
+    if (!intact)
     {
-      rows_.push_back({header.sequence, header.publish_ns, arrival_ns});
+      ++damaged_;
+      return;
+    }
+    ++tally_.received;
+    tally_.latency_ns += arrival_ns - header.publish_ns;
+    tally_.slowest_ns = std::max(tally_.slowest_ns, arrival_ns - header.publish_ns);
+    if (header.sequence < tally_.next)
+    {
+      ++tally_.repeated;
     }
     else
     {
-      ++damaged_;
+      tally_.missing += header.sequence - tally_.next;
+      tally_.next = header.sequence + 1;
+    }
+    if (keep_rows_)
+    {
+      rows_.push_back({header.sequence, header.publish_ns, arrival_ns});
     }
   }
 
   const std::size_t size_;
+  const bool keep_rows_;
   const PayloadPattern pattern_;
-  std::mutex mutex_;  ///< guards rows_ and damaged_
+  std::mutex mutex_;  ///< guards rows_, tally_ and damaged_
   std::vector<Row> rows_;
+  Tally tally_;
   std::uint64_t damaged_ = 0;
   ros::Subscriber subscriber_;  // last: its callback uses the members above
 };
@@ -183,7 +222,7 @@ public:
   {
     std::string topic;
     words >> topic;
-    if (command == "advertise" || command == "subscribe")
+    if (command == "advertise" || command == "subscribe" || command == "count")
     {
       std::size_t size = 0;
       std::uint32_t queue = 0;
@@ -198,7 +237,7 @@ public:
         outflows_[topic] = std::make_unique<Outflow>(&node_, topic, size, queue);
         return answer("advertised");
       }
-      inflows_[topic] = std::make_unique<Inflow>(&node_, topic, size, queue, hints_);
+      inflows_[topic] = std::make_unique<Inflow>(&node_, topic, size, queue, hints_, command == "subscribe");
       return answer("subscribed");
     }
     const auto outflow = outflows_.find(topic);
@@ -206,6 +245,7 @@ public:
     if (inflow != inflows_.end())
     {
       return command == "take"    ? answer("taken", ", " + inflow->second->take())
+             : command == "tally" ? answer("tallied", ", " + inflow->second->tally())
              : command == "links" ? answer("links", ", \"links\": " + std::to_string(inflow->second->links()))
                                   : false;
     }
