@@ -79,8 +79,8 @@ def service_rows(states):
 def node_rows(states):
     rows = []
     for state in states:
-        pool = state['pool']
-        rows.append([state['node'], state['pid'], '%.1f of %.0f' % (pool['committed'] / 2.0 ** 20,
-                                                                     pool['limit'] / 2.0 ** 20),
+        pool, descriptors = state['pool'], state['descriptors']
+        rows.append([state['node'], state['pid'], '%d of %d' % (descriptors['open'], descriptors['limit']),
+                     '%.1f of %.0f' % (pool['committed'] / 2.0 ** 20, pool['limit'] / 2.0 ** 20),
                      pool['segments'], pool['live_slots'], len(state['publications']), len(state['subscriptions'])])
-    return (['node', 'pid', 'pool [MiB]', 'segments', 'messages held', 'links out', 'links in'], rows)
+    return (['node', 'pid', 'descriptors', 'pool [MiB]', 'segments', 'messages held', 'links out', 'links in'], rows)

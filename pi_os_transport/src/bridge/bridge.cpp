@@ -49,12 +49,16 @@ std::string nameOf(const Peer& peer)
 Bridge::Bridge(EventLoop* loop, BridgeConfig config, std::function<void(const std::string&)> log)
   : context_(makeContext(loop, std::move(config), std::move(log)))
   , sessions_(&context_, static_cast<Peer::Listener*>(this))
-  , incoming_(&context_, &sessions_, [this]() { finishDraining(); })
-  , outgoing_(&context_, [this]() { finishDraining(); })
+  , pairs_(
+        loop,
+        [this](const std::shared_ptr<ProcessPair>& pair, const BridgeRequest& request)
+        { incoming_.open(pair, request); },
+        context_.log)
+  , incoming_(&context_, &sessions_, &pairs_, [this]() { finishDraining(); })
+  , outgoing_(&context_, &pairs_, [this]() { finishDraining(); })
   , tunnels_(&context_, &sessions_)
   , dispatcher_(&context_, &sessions_, &incoming_, &outgoing_, &tunnels_)
-  , requests_(loop, {[this](SideChannel channel, const BridgeRequest& request)
-                     { incoming_.open(std::move(channel), request); },
+  , requests_(loop, {[this](SideChannel channel) { pairs_.accept(std::move(channel)); },
                      [this](SideChannel* channel, const BridgeRequest& request) { tunnels_.open(channel, request); },
                      [this]() { return status(); }, context_.log})
 {

@@ -27,9 +27,11 @@ std::vector<MessageSelector::Head> MessageSelector::heads()
   std::vector<Head> heads;
   for (const std::shared_ptr<OutgoingLink>& link : links_)
   {
-    Head head{link, {}, 0};
+    Head head{link, {}, 0, nullptr};
     if (link->state == OutgoingLink::State::CARRYING && !link->paused &&
-        link->ring->ring().peek(&head.descriptor, &head.index))
+        link->ring->ring().peek(&head.descriptor, &head.index) &&
+        (head.descriptor.segment == Descriptor::LINK_START ||
+         link->ring->find(head.descriptor, &head.segment) != RingReceiver::Take::WAITING))
     {
       heads.push_back(std::move(head));
     }
@@ -145,7 +147,7 @@ bool MessageSelector::takeFrom(const Head& head, OutgoingMessage* message, bool*
     return false;  // the publisher dropped the message meanwhile
   }
   const uint32_t place = static_cast<uint32_t>(taken);
-  const std::shared_ptr<MappedSegment> segment = link.ring->find(head.descriptor);
+  const std::shared_ptr<MappedSegment>& segment = head.segment;
   if (!segment)
   {
     link.ring->release(place);

@@ -53,6 +53,7 @@ private:
     std::shared_ptr<OutgoingLink> link;
     Descriptor descriptor;
     uint32_t index;
+    std::shared_ptr<MappedSegment> segment;  ///< null: cannot be read
   };
   std::vector<Head> heads();
   OutgoingMessagePtr takeStart(const Head& head);

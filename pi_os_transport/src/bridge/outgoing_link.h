@@ -69,7 +69,7 @@ private:
     {
       publisher_waits_ = false;
       progressed_ = false;
-      ring->channel().send(Packet::of(Packet::SPACE));
+      ring->tell(Packet::SPACE);
     }
   }
 

@@ -24,11 +24,11 @@ void Tunnels::open(SideChannel* channel, const BridgeRequest& request)
   if (session == nullptr || !session->peer->up() || session->tunnels.size() >= MAX_TUNNELS ||
       !makeTcpPair(&theirs, &ours))
   {
-    channel->send(Packet::ended(LinkEnd::REFUSED));
+    channel->send(Packet::ended(0, LinkEnd::REFUSED));
     return;
   }
   const uint32_t id = context_->next_id++ & ~Tunnel::SERVER_BIT;
-  if (channel->send(Packet::of(Packet::OFFER), {theirs.get()}))
+  if (channel->send(Packet::of(Packet::OFFER, 0), {theirs.get()}))
   {
     session->peer->control(FrameHeader::of(FrameType::TUNNEL_OPEN, id, request.port), encodeText(request.address));
     add(session, Tunnel::Side::CLIENT, id, std::move(ours),

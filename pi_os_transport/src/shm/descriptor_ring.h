@@ -31,13 +31,13 @@ struct Descriptor
 struct RingLayout
 {
   static constexpr uint32_t CAPACITY = 256;
-  static constexpr uint64_t MAGIC = 0x33676e69724f5350;  // "PSOring3"
+  static constexpr uint64_t MAGIC = 0x34676e69724f5350;  // "PSOring4"
 
   uint64_t magic;                          ///< MAGIC, written by the publisher before the memory is handed over
   uint64_t nonce;                          ///< random; the subscriber sends it back to prove that it mapped this memory
   alignas(64) std::atomic<uint32_t> tail;  ///< next index to be written; publisher
   alignas(64) std::atomic<uint32_t> head;  ///< oldest index not taken; taken or dropped by compare-exchange
-  std::atomic<uint32_t> armed;             ///< doorbell of the sleeping subscriber; 0: it is awake
+  std::atomic<uint32_t> armed;             ///< Doorbell of the sleeping subscriber; 0: it is awake
   alignas(64) std::atomic<uint32_t> release_count;      ///< releases so far; subscriber
   alignas(64) std::atomic<uint8_t> released[CAPACITY];  ///< 1: the message of this ticket is no longer read; subscriber
   struct Entry
@@ -157,7 +157,7 @@ public:
     WAITING,  ///< the oldest message must wait for one over TCPROS; the doorbell is not armed
     EMPTY,    ///< no message; the doorbell is armed, unless broken()
   };
-  /// Selects the doorbell, 1 or 2. Takes effect with the next take().
+  /// Selects the Doorbell; NETWORK_THREAD at first. Takes effect with the next take().
   void useDoorbell(uint32_t doorbell) { doorbell_ = doorbell; }
 
   /// @param tcp_delivered messages (modulo 2^32) that this link has delivered from TCPROS.

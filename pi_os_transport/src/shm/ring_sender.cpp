@@ -2,10 +2,9 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <cstring>
 #include <utility>
 
-#include "shm/event.h"
+#include "shm/futex.h"
 #include "shm/latency_histogram.h"
 
 namespace pi_os_transport
@@ -20,28 +19,23 @@ constexpr uint64_t SOCKET_BYTES = 1 << 20;
 
 }  // namespace
 
-bool RingSender::open(SideChannel channel, std::string* error)
+bool RingSender::open(std::shared_ptr<ProcessPair> pair, uint32_t link, std::string* error)
 {
   error->clear();
   FileDescriptor memory = makeSharedMemory("pi_os_ring", sizeof(RingLayout), error);
-  std::array<FileDescriptor, DOORBELLS> doorbells;
-  for (FileDescriptor& doorbell : doorbells)
-  {
-    doorbell = makeEvent();
-  }
   SharedMapping mapping = memory ? SharedMapping(memory.get(), sizeof(RingLayout), true) : SharedMapping();
-  if (!mapping || !doorbells.front() || !doorbells.back())
+  if (!mapping)
   {
-    *error = error->empty() ? std::strerror(errno) : *error;
+    *error = error->empty() ? describeFailure("mapping of shared memory", sizeof(RingLayout)) : *error;
     return false;
   }
   sealSharedMemory(memory.get(), false);
 
   const uint64_t nonce = Token::random().high;
   auto ring = std::make_unique<RingProducer>(reinterpret_cast<RingLayout*>(mapping.data()), nonce);
-  const Packet offer = Packet::of(Packet::OFFER, pool_token_.high, pool_token_.low, lease_budget_);
-  if (!channel.send(offer, {memory.get(), doorbells[0].get(), doorbells[1].get()}))
+  if (!pair->send(Packet::of(Packet::OFFER, link, lease_budget_), std::move(memory)))
   {
+    *error = errno == ETOOMANYREFS ? describeFailure("sending shared memory", sizeof(RingLayout)) : "";
     return false;
   }
   nonce_ = nonce;
@@ -49,26 +43,24 @@ bool RingSender::open(SideChannel channel, std::string* error)
   ring_ = std::move(ring);
   buffers_.assign(RingLayout::CAPACITY, nullptr);
   lengths_.assign(RingLayout::CAPACITY, 0);
-  doorbells_ = std::move(doorbells);
-  channel_ = std::move(channel);
+  pair_ = std::move(pair);
+  link_ = link;
   tail_ = 0;
   return true;
 }
 
 void RingSender::close()
 {
-  if (!channel_)
+  if (!pair_)
   {
     return;
   }
-  channel_.close();
-  doorbells_ = {};
   ring_->abandon([this](uint32_t ticket) { give(ticket); });
   ring_.reset();
   memory_.reset();
   buffers_ = {};
   lengths_ = {};
-  announced_ = {};
+  pair_.reset();
 }
 
 void RingSender::give(uint32_t ticket)
@@ -87,34 +79,6 @@ void RingSender::collect()
   }
 }
 
-void RingSender::retire(const std::vector<uint32_t>& segments)
-{
-  for (uint32_t segment : segments)
-  {
-    const auto found = std::find(announced_.begin(), announced_.end(), segment);
-    if (found != announced_.end())
-    {
-      announced_.erase(found);
-      channel_.send(Packet::of(Packet::RETIRED, segment));  // if it is lost, the subscriber only wastes address space
-    }
-  }
-}
-
-bool RingSender::announce(uint32_t segment)
-{
-  if (std::find(announced_.begin(), announced_.end(), segment) != announced_.end())
-  {
-    return true;
-  }
-  const SlotPool::Segment memory = pool_->segment(segment);
-  if (!channel_.send(Packet::of(Packet::SEGMENT, segment, memory.length), {memory.fd}))
-  {
-    return false;
-  }
-  announced_.push_back(segment);
-  return true;
-}
-
 bool RingSender::write(const Descriptor& descriptor, const uint8_t* buffer, uint32_t length)
 {
   uint32_t doorbell = 0;
@@ -126,9 +90,13 @@ bool RingSender::write(const Descriptor& descriptor, const uint8_t* buffer, uint
   buffers_[ticket] = buffer;
   lengths_[ticket] = length;
   ++tail_;
-  if (doorbell > 0 && doorbell <= DOORBELLS)
+  if (doorbell == WAITING_THREAD)
   {
-    signalEvent(doorbells_[doorbell - 1].get());
+    futexWake(&reinterpret_cast<RingLayout*>(memory_.data())->armed);
+  }
+  else if (doorbell != 0)
+  {
+    pair_->wake(link_, doorbell);
   }
   return true;
 }
@@ -174,7 +142,7 @@ RingSender::Push RingSender::push(const uint8_t* buffer, uint32_t length, size_t
     return Push::FULL;  // a stopped subscriber must not pin the pool
   }
   const SlotPool::Location location = pool_->locate(buffer);
-  if (!announce(location.segment) ||
+  if (!pair_->announce(*pool_, location.segment) ||
       !write(Descriptor{location.segment, length, location.offset + LENGTH_PREFIX, after_tcp, serial, monotonicNs()},
              buffer, length))
   {

@@ -17,7 +17,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
 import transport_harness as harness  # noqa: E402  (found through the line above)
 
-REQUEST = struct.pack('<IHH', 0x514f6970, 1, 3)
+REQUEST = struct.pack('<IHH', 0x514f6970, 2, 3)
 STATUS = {
     'version': 1, 'name': 'robot', 'instance': '17', 'listen': ['0.0.0.0:8814'], 'wire': 'sp',
     'pool': {'committed': 3 << 20, 'limit': 512 << 20},
@@ -193,9 +193,9 @@ class BridgeStatus(harness.TransportTest):
 
     def test_answers_that_are_no_status(self):
         good = json.dumps(STATUS).encode()
-        for packet, content, expected in ((REQUEST[:7], good, 'must be a status of version 1'),
-                                          (b'\0' + REQUEST[1:], good, 'must be a status of version 1'),
-                                          (REQUEST + b'\0', good, 'must be a status of version 1'),
+        for packet, content, expected in ((REQUEST[:7], good, 'must be a status of version 2'),
+                                          (b'\0' + REQUEST[1:], good, 'must be a status of version 2'),
+                                          (REQUEST + b'\0', good, 'must be a status of version 2'),
                                           (REQUEST, None, 'with 0 files'),
                                           (REQUEST, b'', 'no JSON object'),
                                           (REQUEST, b'[1]', 'no JSON object'),

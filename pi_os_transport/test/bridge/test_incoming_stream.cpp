@@ -94,6 +94,10 @@ protected:
 
   struct Subscriber
   {
+    Subscriber(uint32_t id, SlotPool* pool)
+      : link(std::make_shared<IncomingLink>(id, BridgeRequest(), nullptr)), pair(pool)
+    {
+    }
     std::shared_ptr<IncomingLink> link;
     RingPair pair;
     size_t blocked = 0;
@@ -126,8 +130,7 @@ protected:
   }
   void add(uint32_t id, size_t max_queue = 0)
   {
-    auto subscriber = std::make_unique<Subscriber>(
-        Subscriber{std::make_shared<IncomingLink>(id, BridgeRequest(), SideChannel()), RingPair(&pool_)});
+    auto subscriber = std::make_unique<Subscriber>(id, &pool_);
     Subscriber* const raw = subscriber.get();
     raw->link->ring = std::move(raw->pair.sender);
     raw->link->state = IncomingLink::State::CARRYING;
@@ -252,7 +255,7 @@ TEST_F(IncomingStreamTest, PassesOverLinksThatHaveEnded)
 
 TEST_F(IncomingStreamTest, NothingComesBeforeTheStart)
 {
-  auto fresh = std::make_shared<IncomingLink>(1, BridgeRequest(), SideChannel());
+  auto fresh = std::make_shared<IncomingLink>(1, BridgeRequest(), nullptr);
   RingPair pair(&pool_);
   fresh->ring = std::move(pair.sender);
   fresh->state = IncomingLink::State::CARRYING;

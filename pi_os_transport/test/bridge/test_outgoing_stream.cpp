@@ -673,17 +673,13 @@ TEST_F(OutgoingStreamTest, TellsThePublisherOnceThatThereIsPlace)
 {
   makeStream();
   start({1});
-  RingSender& sender = *publishers_.at(1)->pair.sender;
-  const auto spaces = [&sender]()
+  RingPair& pair = publishers_.at(1)->pair;
+  const auto spaces = [&pair]()
   {
-    Packet packet;
-    std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors;
-    size_t count = 0;
-    while (sender.channel().receive(&packet, &descriptors) == SideChannel::Receive::PACKET)
-    {
-      count += packet.type == Packet::SPACE ? 1 : 0;
-    }
-    return count;
+    EXPECT_TRUE(pair.ends.sending->receive());
+    const std::vector<Packet> packets = std::exchange(pair.sending_link->packets, {});
+    return static_cast<size_t>(std::count_if(packets.begin(), packets.end(),
+                                             [](const Packet& packet) { return packet.type == Packet::SPACE; }));
   };
   session_.transport.capacity = 1;
   for (int number = 0; number < 200; ++number)
@@ -887,7 +883,7 @@ TEST_F(OutgoingStreamTest, ArrivesOnceAndInOrderWhateverIsInterrupted)
     links.push_back(std::make_shared<OutgoingLink>(id, publishers[id]->receiver));
     links[id]->state = OutgoingLink::State::CARRYING;
     outgoing->add(links[id]);
-    incoming[id] = std::make_shared<IncomingLink>(id, BridgeRequest(), SideChannel());
+    incoming[id] = std::make_shared<IncomingLink>(id, BridgeRequest(), nullptr);
     incoming[id]->ring = std::move(subscribers[id]->sender);
     incoming[id]->state = IncomingLink::State::CARRYING;
     incoming[id]->on_blocked = []() { ADD_FAILURE(); };

@@ -47,7 +47,6 @@ void fuzz(FuzzInput input)
 
   const Token socket = Token::random();
   SideChannel listener = SideChannel::listen(HeaderOffer::socketName(socket));
-  SideChannel channel;
   HostileSender sender;
   std::string offer = HeaderOffer{socket, Token::random()}.toString();
   if (input.below(8) == 0)
@@ -57,7 +56,11 @@ void fuzz(FuzzInput input)
   }
   receiving->bridged_ = input.below(4) == 0;
   receiving->meet(offer);
-  channel = listener.accept();
+  HostilePair pair(listener.accept());
+  if (pair.channel)
+  {
+    pair.meet(&input);
+  }
   bool ended = false;
   for (uint32_t step = 0; step < 200 && !input.empty(); ++step)
   {
@@ -65,13 +68,13 @@ void fuzz(FuzzInput input)
     {
       case 0:
       case 1:
-        sender.send(&input, &channel);
+        sender.send(&input, &pair);
         break;
       case 2:
       case 3:
       case 4:
         sender.write(&input, input.below(3));
-        sender.ring();
+        pair.ring(&input);
         break;
       case 5:
         if (!ended)
@@ -80,7 +83,7 @@ void fuzz(FuzzInput input)
         }
         break;
       case 6:
-        receiving->serve(input.below(2) == 0 ? SPINNER : NETWORK_THREAD);
+        receiving->serve();
         break;
       case 7:
         for (uint32_t count = input.below(200); count > 0 && !delivered.empty(); --count)
@@ -92,7 +95,7 @@ void fuzz(FuzzInput input)
         switch (input.below(8))
         {
           case 0:
-            channel.close();
+            pair.channel.close();
             break;
           case 1:
             ended = true;
@@ -121,7 +124,7 @@ void fuzz(FuzzInput input)
     }
   }
   receiving->disconnect(input.below(2) == 0);
-  channel.close();
+  pair.channel.close();
   runNetworkThread();
   delivered.clear();
   connection->drop(ros::Connection::Destructing);

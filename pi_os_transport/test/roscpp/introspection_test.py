@@ -8,6 +8,7 @@ import pathlib
 import pwd
 import queue
 import re
+import resource
 import shutil
 import signal
 import socket
@@ -83,6 +84,9 @@ class Introspection(services_judge.ServiceTest):
         self.assertEqual((out['dropped'], out['waiting'], out['queue_size'], out['pool_full']), (0, 0, 100, 0))
         pool = self.state(talker)['pool']
         self.assertTrue(0 < pool['committed'] <= pool['limit'], pool)
+        descriptors = self.state(talker)['descriptors']
+        self.assertEqual(descriptors['limit'], resource.prlimit(talker.pid, resource.RLIMIT_NOFILE)[0])
+        self.assertEqual(descriptors['open'], len(harness.open_files(talker.pid)) + 1)  # the connection of who asks
         self.assertEqual([entry for entry in self.pi_os('doctor') if topic in entry['what']], [])
 
     def test_drops_and_queue_of_a_slow_subscriber(self):
@@ -298,7 +302,8 @@ class Introspection(services_judge.ServiceTest):
     def synthetic(self, talker=None, listener=None, out=None, into=None):
         """Findings about a link over TCPROS between two processes with these states."""
         def state(name, changes, publications=(), subscriptions=()):
-            entry = {'node': name, 'pid': os.getpid(), 'protocol': 3, 'pool': {'limit': 1 << 20, 'last_error': ''},
+            entry = {'node': name, 'pid': os.getpid(), 'protocol': processes.PROTOCOL,
+                     'pool': {'limit': 1 << 20, 'last_error': ''},
                      'options': {'enable': True, 'include': ['*'], 'exclude': [], 'min_bytes': 0},
                      'publications': list(publications), 'subscriptions': list(subscriptions), 'service_clients': [],
                      'service_servers': []}
@@ -322,7 +327,8 @@ class Introspection(services_judge.ServiceTest):
             self.assertEqual(found.reason, reason)
         found, = self.synthetic(talker={'protocol': 2})
         self.assertEqual((found.reason, found.text),
-                         ('peer_version', '/talker has version 2 of the protocol, /listener has 3'))
+                         ('peer_version', '/talker has version 2 of the protocol, /listener has %d' %
+                          processes.PROTOCOL))
 
     def test_the_node_of_pi_core_is_what_it_is(self):
         nodes = {'/rosout': graph.Node('/rosout', 'http://localhost:1/', 1, [])}
@@ -366,7 +372,7 @@ class Introspection(services_judge.ServiceTest):
         memory = os.memfd_create('answer')
         try:
             os.write(memory, answer)
-            packet = processes.PACKET.pack(processes.PROTOCOL, processes.STATE, len(answer), 0, 0)
+            packet = processes.PACKET.pack(processes.PROTOCOL, processes.STATE, 0, 0, len(answer), 0, 0)
             return processes.parse(1, packet, [memory])
         except processes.Unanswered as error:
             self.assertTrue(str(error).isprintable(), error)

@@ -25,9 +25,6 @@ namespace pi_os_transport
 namespace
 {
 
-/// Further clients use TCPROS: each takes some of the 1024 descriptors of a process.
-constexpr size_t MAX_RESPONDERS = 64;
-
 /// Address of a service.
 struct ServiceAddress
 {
@@ -275,17 +272,15 @@ bool handleHeader(ros::ServiceClientLink* self, const ros::Header& header)
   std::string version;
   const bool asked = fields.getValue(HEADER_FIELD, version) && fields.getValue("service", service);
   fields.getValues()->erase(HEADER_FIELD);  // callbacks see the same header as with TCPROS
-  if (!asked || !runtime.active() || version != std::to_string(PROTOCOL_VERSION) || !runtime.options.carries(service) ||
-      runtime.service_responders.size() >= MAX_RESPONDERS)
+  if (!asked || !runtime.active() || version != std::to_string(PROTOCOL_VERSION) || !runtime.options.carries(service))
   {
     return runtime.original.service_handle_header(self, header);
   }
   const ros::ConnectionPtr connection = self->getConnection();
   const auto responder = std::make_shared<ServiceResponder>(service, self->shared_from_this(), connection);
-  const std::string offer =
-      runtime.expect(responder->token(),
-                     ifAlive(responder, [](const auto& expected, SideChannel channel, const Packet&, auto* descriptors)
-                             { expected->meet(std::move(channel), SideChannel(std::move(descriptors->front()))); }));
+  const std::string offer = runtime.expect(
+      responder->token(), ifAlive(responder, [](const auto& expected, const std::shared_ptr<ProcessPair>& pair,
+                                                const Packet& hello) { expected->meet(pair, hello); }));
   if (offer.empty())
   {
     return runtime.original.service_handle_header(self, header);

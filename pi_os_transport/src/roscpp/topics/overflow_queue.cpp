@@ -37,7 +37,7 @@ bool OverflowQueue::flush(RingSender* ring, size_t max_queue, uint32_t after_tcp
       }
       if (!std::exchange(waiting_announced_, true))
       {
-        ring->channel().send(Packet::of(Packet::WAITING));
+        ring->tell(Packet::WAITING);
       }
       return pushed == RingSender::Push::FULL && !(buffer == nullptr && ring->idle());
     }

@@ -174,9 +174,9 @@ bool handleHeader(ros::TransportSubscriberLink* self, const ros::Header& header)
   }
   const auto link = std::make_shared<TransmitLink>(
       topic, boost::static_pointer_cast<ros::TransportSubscriberLink>(self->shared_from_this()), self->connection_);
-  const std::string offer = runtime.expect(
-      link->token(), ifAlive(link, [](const auto& expected, SideChannel channel, const Packet& hello, auto*)
-                             { expected->meet(std::move(channel), hello.values[2] != 0); }));
+  const std::string offer =
+      runtime.expect(link->token(), ifAlive(link, [](const auto& expected, const std::shared_ptr<ProcessPair>& pair,
+                                                     const Packet& hello) { expected->meet(pair, hello); }));
   if (offer.empty())
   {
     return runtime.original.handle_header(self, header);

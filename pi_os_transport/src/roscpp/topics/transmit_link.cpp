@@ -3,6 +3,7 @@
 #include <ros/console.h>
 #include <ros/publication.h>
 
+#include <queue>
 #include <utility>
 
 #include <nlohmann/json.hpp>
@@ -31,30 +32,35 @@ bool isLatching(const ros::TransportSubscriberLink* link)
 
 TransmitLink::~TransmitLink()
 {
-  closeChannel();
+  closeRing();
 }
 
-void TransmitLink::meet(SideChannel channel, bool bridge)
+void TransmitLink::meet(const std::shared_ptr<ProcessPair>& pair, const Packet& hello)
 {
+  const bool bridge = hello.values[2] != 0;
+  bool has_subscriber = false;
   {
     std::lock_guard<std::recursive_mutex> lock(mutex_);
-    if (ring_ && !(bridge && bridged_))
-    {
-      return;  // the link has its subscriber already
-    }
+    has_subscriber = ring_ && !(bridge && bridged_);
   }
-  closeChannel();  // the channel of a replaced bridge
+  if (has_subscriber || !pair->addSender(hello.link, shared_from_this()))
+  {
+    pair->send(Packet::ended(hello.link, LinkEnd::REFUSED));
+    return;
+  }
+  closeRing();  // that of a replaced bridge
   Runtime& runtime = Runtime::instance();
-  auto ring = std::make_unique<RingSender>(&runtime.pool(), runtime.poolToken(), runtime.leaseBudget());
+  auto ring = std::make_unique<RingSender>(&runtime.pool(), runtime.leaseBudget());
   std::string error;
-  if (!ring->open(std::move(channel), &error))
+  if (!ring->open(pair, hello.link, &error))
   {
     if (!error.empty())
     {
       fallback_ = Fallback::NO_MEMORY;
-      ROS_WARN("pi_os_transport: no shared memory for a subscriber of %s (%s); this link stays on TCPROS",
-               topic_.c_str(), error.c_str());
+      runtime.warnOfShortage("no shared memory for a subscriber of " + topic_ + ": " + error);
     }
+    pair->removeSender(hello.link, this);
+    pair->send(Packet::ended(hello.link, LinkEnd::REFUSED));
     return;
   }
   std::lock_guard<std::recursive_mutex> lock(mutex_);
@@ -62,63 +68,62 @@ void TransmitLink::meet(SideChannel channel, bool bridge)
   bridged_ = bridge;
   overflow_.forgetAnnouncement();
   runtime.addChannel(shared_from_this());
-  runtime.watch(ring_->channel().fd(), [self = shared_from_this()](int) { self->onSocket(); });
 }
 
-void TransmitLink::onSocket()
+void TransmitLink::onPacket(const Packet& packet, SideChannel::Descriptors*)
 {
-  for (;;)
   {
-    Packet packet;
-    SideChannel::Descriptors descriptors;
-    std::unique_lock<std::recursive_mutex> lock(mutex_);
-    if (!ring_)
+    std::lock_guard<std::recursive_mutex> lock(mutex_);
+    if (!ring_ || packet.link != (ring_->link() | Packet::TO_SENDER))
     {
-      return;
+      return;  // about an earlier ring of this link
     }
-    const SideChannel::Receive received = ring_->channel().receive(&packet, &descriptors);
-    if (received == SideChannel::Receive::NOTHING)
-    {
-      return;
-    }
-    if (received == SideChannel::Receive::PACKET && packet.type == Packet::SPACE && active())
+    if (packet.type == Packet::SPACE && active())
     {
       overflow_.forgetAnnouncement();
       if (const ros::TransportSubscriberLinkPtr link = link_.lock())
       {
         flushOverflow(maxQueue(link.get()));
       }
-      continue;
+      return;
     }
-    if (received == SideChannel::Receive::PACKET && ring_->isProof(packet))
+    if (ring_->isProof(packet))
     {
-      if (bridged_)
-      {
-        startBridged();
-      }
-      else
-      {
-        setActive(!ended_);
-      }
-      continue;
+      bridged_ ? startBridged() : setActive(!ended_);
+      return;
     }
-    lock.unlock();
-    if (received == SideChannel::Receive::CLOSED)
-    {
-      onPeerGone();
-    }
-    else
-    {
-      closeChannel();
-    }
+  }
+  if (packet.type == Packet::DECLINED)
+  {
+    onDeclined();
     return;
+  }
+  closeRing();
+}
+
+void TransmitLink::onDeclined()
+{
+  ros::TransportSubscriberLinkPtr to_write;
+  {
+    std::lock_guard<std::recursive_mutex> lock(mutex_);
+    fallback_ = Fallback::NO_MEMORY;
+    if (active())
+    {
+      to_write = link_.lock();
+      returnToTcp();
+      setActive(false);
+    }
+  }
+  if (to_write)
+  {
+    to_write->startMessageWrite(false);
   }
 }
 
-void TransmitLink::onPeerGone()
+void TransmitLink::onPairEnded()
 {
   const bool bridged = bridged_;
-  closeChannel();
+  closeRing();
   if (!bridged)
   {
     dropIfSilent(connection_.lock());
@@ -134,18 +139,18 @@ void TransmitLink::disconnect()
   overflow_.clear();
   if (bridged_ && ring_)
   {
-    ring_->channel().send(Packet::ended(LinkEnd::CLOSED));
+    ring_->tell(Packet::ENDED, static_cast<uint64_t>(LinkEnd::CLOSED));
   }
 }
 
-void TransmitLink::closeChannel()
+void TransmitLink::closeRing()
 {
   Runtime& runtime = Runtime::instance();
   if (!runtime.active())
   {
     return;
   }
-  // Keeps this object alive: the watcher and the set of channels may hold the last references. Null if called by the
+  // Keeps this object alive: the pair and the set of channels may hold the last references. Null if called by the
   // destructor, when nothing is left to do.
   const std::shared_ptr<TransmitLink> self = weak_from_this().lock();
   ros::TransportSubscriberLinkPtr to_write;
@@ -156,15 +161,12 @@ void TransmitLink::closeChannel()
       setActive(false);
       return;
     }
-    runtime.unwatch(ring_->channel().fd());
-    if (bridged_ && !ended_)
+    ring_->pair().removeSender(ring_->link(), this);
+    ring_->tell(Packet::ENDED, static_cast<uint64_t>(ended_ ? LinkEnd::CLOSED : LinkEnd::BACK_TO_TCP));
+    if (bridged_ && !ended_ && active())
     {
-      ring_->channel().send(Packet::ended(LinkEnd::BACK_TO_TCP));
-      if (active())
-      {
-        to_write = link_.lock();
-        returnToTcp();
-      }
+      to_write = link_.lock();
+      returnToTcp();
     }
     setActive(false);
     ring_->collect();
@@ -248,8 +250,11 @@ void TransmitLink::returnToTcp()
   }
   const size_t max_queue = maxQueue(link.get());
   boost::mutex::scoped_lock outbox_lock(link->outbox_mutex_);
+  std::queue<ros::SerializedMessage> newer;  // found the ring full
+  newer.swap(link->outbox_);
   // The newest message of a latched topic must arrive, even if it arrives twice.
-  const RingSender::Message newest = isLatching(link.get()) ? ring_->takeBackNewest() : RingSender::Message{};
+  const RingSender::Message newest =
+      bridged_ && isLatching(link.get()) ? ring_->takeBackNewest() : RingSender::Message{};
   if (newest.buffer != nullptr)
   {
     pushToTcp(link.get(), pooledMessage(newest), max_queue);
@@ -259,20 +264,27 @@ void TransmitLink::returnToTcp()
     pushToTcp(link.get(), pooledMessage(message), max_queue);
   }
   overflow_.takeAll([&](const ros::SerializedMessage& message) { pushToTcp(link.get(), message, max_queue); });
+  for (; !newer.empty(); newer.pop())
+  {
+    pushToTcp(link.get(), newer.front(), max_queue);
+    --tcp_pushed_;  // has been counted
+  }
 }
 
 void TransmitLink::warnOfPool(ros::TransportSubscriberLink* link, size_t bytes)
 {
   Runtime& runtime = Runtime::instance();
-  ROS_WARN(
-      "pi_os_transport: no shared memory for a message of %zu bytes on %s: %s. Such messages to %s go over TCPROS; "
-      "raise PI_OS_POOL_LIMIT_MB (now %llu) or the limits of this process",
-      bytes, topic_.c_str(), runtime.pool().lastError().c_str(), link->getDestinationCallerID().c_str(),
-      static_cast<unsigned long long>(runtime.options.pool_limit_mb));
+  if (runtime.warnedOfShortage())
+  {
+    return;
+  }
+  runtime.warnOfShortage("no shared memory for a message of " + std::to_string(bytes) + " bytes on " + topic_ + " to " +
+                         link->getDestinationCallerID() + ": " + runtime.pool().lastError() +
+                         "; PI_OS_POOL_LIMIT_MB is " + std::to_string(runtime.options.pool_limit_mb));
 }
 
 /// Writes a message to the ring, or else puts it into the outbox for TCPROS. With mutex_ held.
-/// @param pool_full  set at the first message that finds the pool full. @return true if it is in the ring
+/// @param pool_full  set if the message finds the pool full. @return true if it is in the ring
 bool TransmitLink::pushOrQueue(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message,
                                uint64_t serial, size_t max_queue, bool* pool_full)
 {
@@ -301,7 +313,7 @@ bool TransmitLink::pushOrQueue(ros::TransportSubscriberLink* link, const ros::Se
   else if (wanted)
   {
     ++pool_full_;
-    *pool_full = !std::exchange(pool_warned_, true);
+    *pool_full = true;
   }
   pushToTcp(link, messageToQueue(message, link->outbox_.size()), max_queue);
   return false;
@@ -322,7 +334,7 @@ void TransmitLink::enqueue(ros::TransportSubscriberLink* link, const ros::Serial
       {
         lock.unlock();
         warnOfPool(link, message.num_bytes);
-        closeChannel();
+        closeRing();
       }
     }
     else
