@@ -5,6 +5,8 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "shm/step_mark.h"
+
 namespace pi_os_transport
 {
 
@@ -92,7 +94,9 @@ public:
           if (layout_->released[ticket].load(std::memory_order_acquire) != 0 &&
               static_cast<int32_t>(head - owners_[ticket]) > 0)
           {
+            PI_OS_STEP("collect.seen");
             layout_->released[ticket].store(0, std::memory_order_relaxed);
+            PI_OS_STEP("collect.mark");
             vacate(ticket);
             done(ticket);
           }

@@ -9,6 +9,8 @@
 #include <mutex>
 #include <utility>
 
+#include "shm/step_mark.h"
+
 namespace pi_os_transport
 {
 namespace
@@ -140,11 +142,14 @@ void RingReceiver::onOffer(const Packet& packet, SideChannel::Descriptors descri
   nonce_ = layout->nonce;
   lease_budget_ = packet.values[2];
   doorbells_ = {std::move(descriptors[1]), std::move(descriptors[2])};
+  PI_OS_STEP("accept.mapped");
 }
 
 bool RingReceiver::sendProof()
 {
-  return channel_.send(Packet::of(Packet::PROOF, nonce_));
+  const bool sent = channel_.send(Packet::of(Packet::PROOF, nonce_));
+  PI_OS_STEP("accept.proved");
+  return sent;
 }
 
 std::shared_ptr<MappedSegment> RingReceiver::find(const Descriptor& descriptor)

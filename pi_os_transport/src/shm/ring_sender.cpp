@@ -7,6 +7,7 @@
 
 #include "shm/event.h"
 #include "shm/latency_histogram.h"
+#include "shm/step_mark.h"
 
 namespace pi_os_transport
 {
@@ -44,6 +45,7 @@ bool RingSender::open(SideChannel channel, std::string* error)
   {
     return false;
   }
+  PI_OS_STEP("offer.sent");
   nonce_ = nonce;
   memory_ = std::move(mapping);
   ring_ = std::move(ring);
@@ -126,9 +128,11 @@ bool RingSender::write(const Descriptor& descriptor, const uint8_t* buffer, uint
   buffers_[ticket] = buffer;
   lengths_[ticket] = length;
   ++tail_;
+  PI_OS_STEP("send.buffer");
   if (doorbell > 0 && doorbell <= DOORBELLS)
   {
     signalEvent(doorbells_[doorbell - 1].get());
+    PI_OS_STEP("send.bell");
   }
   return true;
 }
