@@ -296,9 +296,9 @@ def main():
         options.preload = harness.built_library()
     if options.preload and not os.path.isfile(options.preload):
         parser.error('--preload=%s does not exist: build the target pi_os_transport' % options.preload)
+    with_own_dev_shm()
     if options.sweep:
         return chaos_sweep.main(options.preload, sys.argv[1:])
-    with_own_dev_shm()
     master = kill_campaign.ensure_master()
     try:
         Chaos(options.preload, options, lambda line: print(line, flush=True)).run()

@@ -7,7 +7,7 @@
 A stop is a system call, or a marked step of the link in shared memory (src/shm/step_mark.h). A point is victim, thread
 and number of the stop in that thread: each victim runs to its end first, which tells how many there are. Victims and
 scenarios: sweep_worlds.py. Behind every CONTROL_EVERY points a victim runs to its end undisturbed. Each violation is
-printed with the command that repeats its point. Exit status 0: all held.
+printed with the command that repeats its point; at point 0:0 nobody was killed. Exit status 0: all held.
 """
 import argparse
 import collections
@@ -22,8 +22,11 @@ import time
 import sweep_worlds
 from sweep_victim import Stop, Violation, marked_steps
 
+BATCH = 100          # points with the same survivors
 CONTROL_EVERY = 25   # points between two victims that live to their end
 MOST_VIOLATIONS = 20
+NOBODY = Stop(0, 0)     # a stop that no victim reaches
+ERRORS = (Violation, AssertionError, OSError)
 CALLS = '/usr/include/%s/asm/unistd_64.h' % getattr(sys.implementation, '_multiarch', '')
 
 Point = collections.namedtuple('Point', 'kind stop')
@@ -96,40 +99,41 @@ class Sweep:
                      % (kind, stop, ' '.join(str(what).split())))
 
     def points(self, kind, stops):
-        """Runs points of one victim in a world of their own. @return those that a later control may blame."""
-        suspects = []
+        """Runs points of one victim in a world of their own. @return what does not hold, and the points that may be to
+        blame: one, all since the last victim that lived, or none"""
         world = None
+        suspects = []
         try:
             world = self.world(kind)
             world.warm_up()
             for number, stop in enumerate(stops, 1):
                 suspects.append(stop)
-                self.note(kind, world.run(stop))
+                try:
+                    self.note(kind, world.run(stop))
+                except ERRORS as error:
+                    return error, [stop]
                 if number % CONTROL_EVERY == 0 or number == len(stops):
                     world.control()
                     self.controls += 1
                     suspects = []
-        except (Violation, AssertionError, OSError) as error:
-            return suspects, error
+        except ERRORS as error:
+            return error, suspects
         finally:
             if world:
                 self.close(world)
-        return [], None
+        return None, []
 
     def batch(self, batch):
         """Runs a batch; where something does not hold, finds its point and goes on behind it."""
         stops = list(batch.stops)
         while stops and len(self.violations) < MOST_VIOLATIONS:
-            suspects, error = self.points(batch.kind, stops)
+            error, suspects = self.points(batch.kind, stops)
             if error is None:
                 return
-            blamed = suspects[-1] if suspects else stops[0]
-            for suspect in reversed(suspects[:-1] if len(suspects) > 1 else []):
-                if self.points(batch.kind, [suspect])[1]:
-                    blamed = suspect
-                    break
+            blamed = NOBODY if not suspects else suspects[0] if len(suspects) == 1 else next(
+                (stop for stop in reversed(suspects) if self.points(batch.kind, [stop])[0]), suspects[-1])
             self.violation(batch.kind, blamed, error)
-            stops = stops[stops.index(suspects[-1]) + 1:] if suspects else []
+            stops = stops[stops.index(suspects[-1]) + 1:] if suspects else stops
 
     # ----------------------------------------------------------------------------------------------------------- points
 
@@ -137,16 +141,12 @@ class Sweep:
         """The points of this run, as batches."""
         points = [Point(kind, Stop(thread, number)) for kind in self.options.victims
                   for thread, count in enumerate(self.stops[kind]) for number in range(1, count + 1)]
-        part, parts = self.options.part
-        points = points[len(points) * (part - 1) // parts:len(points) * part // parts]
         if self.options.points:
-            chosen = random.Random(self.options.seed).sample(points, min(self.options.points, len(points)))
-            points = sorted(chosen)
+            points = sorted(random.Random(self.options.seed).sample(points, min(self.options.points, len(points))))
         for kind in self.options.victims:
             own = [point.stop for point in points if point.kind == kind]
-            size = max(-(-len(own) // self.options.jobs), 1) if self.options.points else self.options.batch
-            for begin in range(0, len(own), size):
-                yield Batch(kind, own[begin:begin + size])
+            for begin in range(0, len(own), BATCH):
+                yield Batch(kind, own[begin:begin + BATCH])
 
     def run(self):
         begun = time.monotonic()
@@ -167,7 +167,7 @@ class Sweep:
         kind, thread, number = re.fullmatch(r'(.+):(\d+):(\d+)', point).groups()
         stop = Stop(int(thread), int(number))
         for _ in range(self.options.repeat):
-            _, error = self.points(kind, [stop])
+            error, _ = self.points(kind, [stop])
             if error:
                 self.violation(kind, stop, error)
         self.say('%s:%s: killed %d times at %s' % (kind, stop, self.done[kind], ', '.join(self.places(10)) or 'no stop'))
@@ -196,13 +196,6 @@ class Sweep:
                  ': 0 hangs, 0 lost, damaged or out of order between survivors, 0 leftovers'))
 
 
-def part(text):
-    number, _, parts = text.partition('/')
-    if not (number.isdigit() and parts.isdigit() and 1 <= int(number) <= int(parts)):
-        raise argparse.ArgumentTypeError('%s: must be K/N with 1 <= K <= N' % text)
-    return int(number), int(parts)
-
-
 def victims(text):
     chosen = [kind for kind in sweep_worlds.VICTIMS if re.search(text, kind)]
     if not chosen:
@@ -217,12 +210,10 @@ def main(preload, arguments):
     parser.add_argument('--sweep', action='store_true')
     parser.add_argument('--points', type=int, default=0, help='a random choice of so many points; 0: all')
     parser.add_argument('--seed', type=int, default=1, help='of that choice')
-    parser.add_argument('--part', type=part, default=(1, 1), help='K/N: the K-th of N parts of the points')
     parser.add_argument('--victims', type=victims, default=sweep_worlds.VICTIMS, help='those that match an expression')
     parser.add_argument('--only', help='VICTIM:THREAD:N: one point')
     parser.add_argument('--repeat', type=int, default=1, help='of --only')
     parser.add_argument('--jobs', type=int, default=3 * os.cpu_count(), help='victims at a time')
-    parser.add_argument('--batch', type=int, default=200, help='points in one set of survivors')
     options, _ = parser.parse_known_args(arguments)
     sweep = Sweep(preload, options, lambda line: print(line, flush=True))
     return 0 if (sweep.only(options.only) if options.only else sweep.run()) else 1
