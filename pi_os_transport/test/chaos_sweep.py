@@ -55,6 +55,7 @@ class Sweep:
         self.checked = 0
         self.violations = []
         self.worlds = 0
+        self.deadline = time.monotonic() + 60 * options.minutes
 
     # ---------------------------------------------------------------------------------------------------------- running
 
@@ -107,6 +108,8 @@ class Sweep:
             world = self.world(kind)
             world.warm_up()
             for number, stop in enumerate(stops, 1):
+                if time.monotonic() > self.deadline:
+                    break
                 suspects.append(stop)
                 try:
                     self.note(kind, world.run(stop))
@@ -126,7 +129,7 @@ class Sweep:
     def batch(self, batch):
         """Runs a batch; where something does not hold, finds its point and goes on behind it."""
         stops = list(batch.stops)
-        while stops and len(self.violations) < MOST_VIOLATIONS:
+        while stops and len(self.violations) < MOST_VIOLATIONS and time.monotonic() < self.deadline:
             error, suspects = self.points(batch.kind, stops)
             if error is None:
                 return
@@ -187,6 +190,9 @@ class Sweep:
         for kind in self.options.victims:
             self.say('  %6d  %s%s' % (self.done[kind], kind, ', %d that this run did not reach' % self.unreached[kind]
                                       if self.unreached[kind] else ''))
+        missed = sum(map(sum, self.stops.values())) - total - sum(self.unreached.values())
+        if missed and not self.options.points:
+            self.say('  %6d  not run: the time was over, or there were too many violations' % missed)
         calls = sum(times for at, times in self.at.items() if at.startswith('call'))
         self.say('  %6d  system calls, most often %s' % (calls, ', '.join(self.places(12))))
         self.say('  %6d  marked steps' % (total - calls))
@@ -213,6 +219,7 @@ def main(preload, arguments):
     parser.add_argument('--victims', type=victims, default=sweep_worlds.VICTIMS, help='those that match an expression')
     parser.add_argument('--only', help='VICTIM:THREAD:N: one point')
     parser.add_argument('--repeat', type=int, default=1, help='of --only')
+    parser.add_argument('--minutes', type=float, default=600, help='ends after that')
     parser.add_argument('--jobs', type=int, default=3 * os.cpu_count(), help='victims at a time')
     options, _ = parser.parse_known_args(arguments)
     sweep = Sweep(preload, options, lambda line: print(line, flush=True))

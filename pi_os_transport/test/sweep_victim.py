@@ -11,7 +11,7 @@ import time
 
 import transport_harness as harness
 
-DEADLINE_S = 30.0   # of a victim and of each wait for a survivor; reached only when something is broken
+DEADLINE_S = 60.0   # of a victim and of each wait for a survivor; reached only when something is broken
 MORE_FILES = 6      # TCP connections that roscpp keeps for a while
 MORE_MAPPINGS = 64  # stacks of threads and arenas of the allocator
 MADE_LATE = collections.Counter(['[eventfd]'])  # that of the thread for full sockets, made when one is first needed

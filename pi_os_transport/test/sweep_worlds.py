@@ -19,17 +19,19 @@ from sweep_victim import DEADLINE_S, Holdings, Stop, Victim, Violation, pools
 BRIDGE_LOSS_S = 2  # of traffic that a killed bridge may lose, as in bridge_failures_test.py
 FRESH = 3    # messages that a survivor must get after the end of a victim
 VICTIM = 2   # publisher id of the victim; the survivor has 1
+QUEUE = 20000  # far above what a stall of the machine lets pile up: no loss is roscpp's own drop-oldest
 STEADY = 60  # messages of the steady state
 SETTLED_S = 0.4  # longer than the period in which a subscriber asks its bridge
 PATIENCE_S = 0.05  # between two looks whether pi_core lives
 
 Traffic = collections.namedtuple('Traffic', 'sizes rate queue complete')
 TRAFFIC = {
-    'small': Traffic('64', 500, 1000, True),
-    'mixed': Traffic('64,3000,100000', 300, 1000, True),
-    'large': Traffic('300000', 60, 1000, True),
-    'flood': Traffic('2000000', 0, 1, False),  # drops its oldest
+    'small': Traffic('64', 300, QUEUE, True),
+    'mixed': Traffic('64,3000,100000', 200, QUEUE, True),
+    'large': Traffic('300000', 60, QUEUE, True),
+    'flood': Traffic('700000', 0, 1, False),  # drops its oldest
 }
+CALM = Traffic('64,3000,100000', 50, QUEUE, True)  # of survivors where the victim makes the traffic
 
 
 class World:
@@ -163,9 +165,9 @@ class NodesWorld(World):
         self.subscribers = [subscriber]
         self.watched = {'the publisher': self.publisher.pid, 'the subscriber': subscriber.pid,
                         'the master': self.master.pid}
-        own = self.traffic if self.role == 'subscriber' else TRAFFIC['mixed']
+        own = self.traffic if self.role == 'subscriber' else CALM
         self.publisher.call('advertise', topic=self.topic, queue=own.queue)
-        subscriber.call('subscribe', topic=self.topic, queue=10000)
+        subscriber.call('subscribe', topic=self.topic, queue=QUEUE)
         self.publisher.await_transports(self.topic, 'o', ['SHMROS'])
         self.publisher.call('publish', count=0, rate=own.rate, sizes=own.sizes, background=True)
 
@@ -176,7 +178,7 @@ class NodesWorld(World):
                      'publish count=%d rate=%d sizes=%s' % (STEADY, self.traffic.rate, self.traffic.sizes),
                      'unadvertise']
         else:
-            lines = ['subscribe topic=%s queue=10000' % self.topic, 'await_received n=1',
+            lines = ['subscribe topic=%s queue=%d' % (self.topic, QUEUE), 'await_received n=1',
                      'await_received n=%d' % STEADY, 'unsubscribe']
         return Victim([harness.program(harness.PACKAGE + '_test_peer'), '1', '__name:=%s_victim' % self.name], stop,
                       self.preload, '\n'.join(lines + ['exit', '']), self.master.environment)
@@ -218,7 +220,7 @@ class CoreWorld(World):
         self.subscribers = [subscriber]
         self.watched = {peer.name: peer.pid for peer in peers}
         self.publisher.call('advertise', topic=self.topic, queue=self.traffic.queue)
-        subscriber.call('subscribe', topic=self.topic, queue=10000)
+        subscriber.call('subscribe', topic=self.topic, queue=QUEUE)
         self.publisher.await_transports(self.topic, 'o', ['SHMROS'])
         self.publisher.call('publish', count=0, rate=self.traffic.rate, sizes=self.traffic.sizes, background=True)
         master.close()
@@ -297,7 +299,7 @@ class BridgeWorld(World):
                         'the subscriber on the other device': self.far.pid, 'the other bridge': self.other.pid}
         self.publisher.call('advertise', topic=self.topic, queue=self.traffic.queue)
         for peer in self.subscribers:
-            peer.call('subscribe', topic=self.topic, queue=10000)
+            peer.call('subscribe', topic=self.topic, queue=QUEUE)
         self.near.await_transports(self.topic, 'i', ['SHMROS'])
         self.far.await_transports(self.topic, 'i', ['TCPROS'])
         self.publisher.call('publish', count=0, rate=self.traffic.rate, sizes=self.traffic.sizes, background=True)
