@@ -20,7 +20,7 @@ BRIDGE_LOSS_S = 2  # of traffic that a killed bridge may lose, as in bridge_fail
 FRESH = 3    # messages that a survivor must get after the end of a victim
 VICTIM = 2   # publisher id of the victim; the survivor has 1
 QUEUE = 20000  # far above what a stall of the machine lets pile up: no loss is roscpp's own drop-oldest
-STEADY = 60  # messages of the steady state
+STEADY = 80  # messages of the steady state
 SETTLED_S = 0.4  # longer than the period in which a subscriber asks its bridge
 PATIENCE_S = 0.05  # between two looks whether pi_core lives
 
