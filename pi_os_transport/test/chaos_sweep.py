@@ -173,7 +173,8 @@ class Sweep:
             error, _ = self.points(kind, [stop])
             if error:
                 self.violation(kind, stop, error)
-        self.say('%s:%s: killed %d times at %s' % (kind, stop, self.done[kind], ', '.join(self.places(10)) or 'no stop'))
+        self.say('%s:%s: killed %d times at %s'
+                 % (kind, stop, self.done[kind], ', '.join(self.places(10)) or 'no stop'))
         return not self.violations
 
     def places(self, most):
@@ -186,7 +187,8 @@ class Sweep:
 
     def report(self, took):
         total = sum(self.done.values())
-        self.say('\n%d points in %.0f s (%.0f per minute), %d controls' % (total, took, 60 * total / took, self.controls))
+        self.say('\n%d points in %.0f s (%.0f per minute), %d controls'
+                 % (total, took, 60 * total / took, self.controls))
         for kind in self.options.victims:
             self.say('  %6d  %s%s' % (self.done[kind], kind, ', %d that this run did not reach' % self.unreached[kind]
                                       if self.unreached[kind] else ''))
@@ -198,8 +200,9 @@ class Sweep:
         self.say('  %6d  marked steps' % (total - calls))
         never = marked_steps(self.preload) - set(self.steps)
         self.say('marked steps that no victim came across: %s' % (', '.join(sorted(never)) or 'none'))
-        self.say('%d messages checked; %d violations%s' % (self.checked, len(self.violations), '' if self.violations else
-                 ': 0 hangs, 0 lost, damaged or out of order between survivors, 0 leftovers'))
+        self.say('%d messages checked; %d violations%s'
+                 % (self.checked, len(self.violations), '' if self.violations else
+                    ': 0 hangs, 0 lost, damaged or out of order between survivors, 0 leftovers'))
 
 
 def victims(text):

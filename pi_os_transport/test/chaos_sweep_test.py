@@ -18,8 +18,8 @@ LEAST = 150  # points that are reached; the last stops of a thread are not there
 class ChaosSweep(harness.TransportTest):
 
     def sweep(self, *arguments):
-        result = subprocess.run([sys.executable, '-B', chaos.__file__, '--preload=' + self.preload, '--sweep', *arguments],
-                                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        command = [sys.executable, '-B', chaos.__file__, '--preload=' + self.preload, '--sweep', *arguments]
+        result = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         print(result.stdout)
         return result
 

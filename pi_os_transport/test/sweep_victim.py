@@ -32,7 +32,8 @@ class Stop(collections.namedtuple('Stop', 'thread number')):
 def marked_steps(preload):
     """Names of the steps that are marked in the library."""
     arguments = [word for file in files_with_steps(preload) for word in ('--steps', file)]
-    reported = subprocess.run([harness.program(STOP_AT), '--report', '1'] + arguments, stdout=subprocess.PIPE, check=True)
+    reported = subprocess.run([harness.program(STOP_AT), '--report', '1'] + arguments,
+                              stdout=subprocess.PIPE, check=True)
     return set(json.loads(reported.stdout)['marked'])
 
 

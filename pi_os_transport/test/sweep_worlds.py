@@ -195,8 +195,8 @@ class NodesWorld(World):
             self.checked += flow['received']
             if flow['corrupt'] or flow['reordered'] or (self.traffic.complete and flow['lost']):
                 raise Violation('messages of the victim: %s' % flow)
-            # Messages before the link in shared memory went over TCPROS. Behind the second "publish" the victim leaves in
-            # order, and its master may make the subscriber drop the link before it reads the rest, as over TCPROS.
+            # Messages before the link in shared memory went over TCPROS. Behind the second "publish" the victim leaves
+            # in order, and the master may make the subscriber drop the link before it reads the rest, as over TCPROS.
             written = report['steps'].get('push.tail', 0) if self.last_output.count('"reply":"publish"') < 2 else 0
             if self.traffic.complete and flow['received'] < written:
                 raise Violation('of %d messages that a dead publisher had written came: %s' % (written, flow))

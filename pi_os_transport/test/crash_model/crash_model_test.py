@@ -34,7 +34,7 @@ def steps(text):
 def model(**sizes):
     """The model with these sizes, as spin would see it, but with the names of its steps."""
     text = MODEL.read_text().replace('#define STEP(name)', '#define CRASH')
-    command = ['cpp', '-P', '-undef'] + ['-D%s=%d' % size for size in sizes.items()]
+    command = ['cpp', '-P', '-undef', '-I', str(FOLDER)] + ['-D%s=%d' % size for size in sizes.items()]
     return subprocess.run(command, input=text, stdout=subprocess.PIPE, check=True, text=True).stdout
 
 
@@ -44,6 +44,7 @@ class CrashModel(harness.TransportTest):
     def search(self, text, flags=('-DNOREDUCE',), optimise='-O2'):
         """What spin's search says: the number of errors, and the whole text."""
         folder = self.scratch()
+        shutil.copytree(FOLDER, folder, dirs_exist_ok=True)
         pathlib.Path(folder, 'link.pml').write_text(text)
         for command in (['spin', '-a', 'link.pml'],
                         ['gcc', optimise, '-DSAFETY', '-DCOLLAPSE', *flags, '-o', 'search', 'pan.c'],
