@@ -12,6 +12,7 @@ from sweep_victim import Stop, Violation
 
 VICTIMS = 'mixed|flood|core'  # one kind of traffic each, and the one that drops its oldest
 POINTS = 250
+PERIOD = 18   # stops of a thread in which each of its steps comes
 LEAST = 150  # points that are reached; the last stops of a thread are not there in every run
 
 
@@ -36,7 +37,7 @@ class ChaosSweep(harness.TransportTest):
                 self.addCleanup(world.close)
                 last = world.warm_up()[1]['stops']
                 victim = max(range(len(last)), key=lambda thread: last[thread] if thread else 0)
-                stops = [Stop(victim, number) for number in range(last[victim] // 2, last[victim] // 2 + 30)]
+                stops = [Stop(victim, number) for number in range(last[victim] // 2, last[victim] // 2 + PERIOD)]
                 self.assertIn(at, [world.run(stop)['at'] for stop in stops])
 
     def test_the_sweep_sees_what_is_lost_and_what_is_left(self):
@@ -55,7 +56,7 @@ class ChaosSweep(harness.TransportTest):
         held.exact['pi_os_ring'] += 1
         self.assertTrue(held.exceeds(before))
         with self.assertRaisesRegex(Violation, 'hangs'):
-            hanging = sweep_victim.Victim(['sleep', '1000'], None)
+            hanging = sweep_victim.Victim(['/bin/sleep', '1000'], None)
             self.addCleanup(hanging.close)
             hanging.turns = 1
             hanging.finish()
