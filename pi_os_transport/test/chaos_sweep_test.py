@@ -12,7 +12,7 @@ from sweep_victim import Stop, Violation
 
 VICTIMS = 'mixed|flood|core'  # one kind of traffic each, and the one that drops its oldest
 POINTS = 250
-PERIOD = 18   # stops of a thread in which each of its steps comes
+PERIOD = 18  # stops of a thread in which each of its steps comes
 LEAST = 150  # points that are reached; the last stops of a thread are not there in every run
 
 
