@@ -41,6 +41,7 @@ help:
 	@echo 'make bench-runtime  the runtime beside StarPU, plain OpenCL and a static map: latency, idle cost, deadlines'
 	@echo "make conformance  ros_comm's own tests of roscpp and rosmaster, with π-OS preloaded, with pi_master in its place"
 	@echo 'make chaos        kills nodes by the thousand and does worse to them; ARGS="--kills 10000 --seed 1 --minutes 60"'
+	@echo '                  ARGS=--sweep: at every system call and every step of a link'
 	@echo 'make sanitize     tests of π-OS with SANITIZER=thread or address (with undefined behaviour); ARGS="<pattern>"'
 	@echo 'make fuzz         fuzzes every decoder of what peers supply, ARGS="10" minutes each; needs clang'
 	@echo 'make build        missing Debian packages, Release build in build/, install space in install/'
@@ -115,7 +116,9 @@ conformance: build
 .PHONY: chaos
 chaos: compile
 	@cmake --build $(BUILD) --parallel $(JOBS) \
-	  --target pi_os_transport pi_os_transport_test_peer pi_os_transport_test_clock
+	  --target pi_os_transport pi_os_transport_bench_publisher pi_os_transport_bench_transport pi_os_transport_bridge \
+	  pi_os_transport_pi_core pi_os_transport_pi_master pi_os_transport_test_clock pi_os_transport_test_peer \
+	  pi_os_transport_test_stop_at
 	@. $(BUILD)/devel/setup.sh && exec pi_os_transport/test/chaos.py $(ARGS)
 
 SANITIZER ?= thread

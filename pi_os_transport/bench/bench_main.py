@@ -40,8 +40,10 @@ def parse_arguments():
                                      'message arrived intact, in order and over the transport of its mode, whatever '
                                      'the bars say; 1 otherwise.')
     program.add_library(parser)
-    parser.add_argument('--modes', type=program.parse_list(parse_mode), default=list(bench.MODES.values()),
-                        help='comma-separated, of ' + ', '.join(bench.MODES))
+    parser.add_argument('--modes', type=program.parse_list(parse_mode),
+                        default=[mode for mode in bench.MODES.values() if mode.usual],
+                        help='comma-separated, of ' + ', '.join(bench.MODES) +
+                             ' (PI_OS_SKIP_ZERO_FILL=0; only if named here)')
     parser.add_argument('--rounds', type=program.parse_positive, help='alternating rounds (default 3; 1 with --quick)')
     parser.add_argument('--sizes', type=program.parse_list(parse_size),
                         help='payloads, comma-separated, like 64,16kB,1MB,6.2MB (default 64 B to 16 MB)')

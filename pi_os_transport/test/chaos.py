@@ -13,6 +13,8 @@ processes must hold the descriptors and memory that they held after the warm-up;
 
 The seed fixes what is done to whom and how long the pauses are, not how the processes are scheduled meanwhile.
 Exit status 0: all held; 1: the first violation is printed, with the seed.
+
+With --sweep: every kill, not some, see chaos_sweep.py; -h beside it shows its options.
 """
 import argparse
 import os
@@ -23,6 +25,7 @@ import tempfile
 import time
 
 import chaos_disturbances
+import chaos_sweep
 import hostile_peers
 import kill_campaign
 import transport_harness as harness
@@ -287,12 +290,15 @@ def main():
     parser.add_argument('--nodes', type=int, default=200, help='of the largest graph')
     parser.add_argument('--largest-mb', type=int, default=256, help='of a message')
     parser.add_argument('--verbose', action='store_true', help='says what it does next')
-    options, _ = parser.parse_known_args()
+    parser.add_argument('--sweep', action='store_true', help='kills at every stop instead: see chaos_sweep.py')
+    options, _ = parser.parse_known_args([word for word in sys.argv[1:] if '--sweep' not in sys.argv or word != '-h'])
     if options.preload == harness.BUILT:
         options.preload = harness.built_library()
     if options.preload and not os.path.isfile(options.preload):
         parser.error('--preload=%s does not exist: build the target pi_os_transport' % options.preload)
     with_own_dev_shm()
+    if options.sweep:
+        return chaos_sweep.main(options.preload, sys.argv[1:])
     master = kill_campaign.ensure_master()
     try:
         Chaos(options.preload, options, lambda line: print(line, flush=True)).run()

@@ -15,9 +15,9 @@ import transport_harness as harness
 sys.path[:0] = [os.path.join(prefix, 'lib', harness.PACKAGE)
                 for prefix in os.environ.get('CMAKE_PREFIX_PATH', '').split(':') if prefix]
 import transport_bench as bench  # noqa: E402  (from the devel or install space, where its programs are)
-from transport_bench import device_nodes, devices, hostile  # noqa: E402
+from transport_bench import device_keys, device_nodes, devices, hostile  # noqa: E402
 
-__all__ = ['DevicePeer', 'DeviceTest', 'bench', 'device_nodes', 'devices', 'hostile', 'with_bridges']
+__all__ = ['DevicePeer', 'DeviceTest', 'bench', 'device_keys', 'device_nodes', 'devices', 'hostile', 'with_bridges']
 
 LOAD_FACTOR = 2.0  # what is promised within 1 s must hold within 2 s here: the test machine does other things as well
 FRESH = 3          # messages sent after an event that show that traffic goes on

@@ -1,7 +1,7 @@
 """Peers that meet the library's local socket and shared memory and do there what they must not.
 
 HostileSubscriber asks a living publisher for a topic over TCPROS, as any subscriber, takes the tokens that it is given
-for the side channel, and misbehaves there. HostilePublisher registers a topic and misbehaves towards every subscriber
+for the local socket, and misbehaves there. HostilePublisher registers a topic and misbehaves towards every subscriber
 that comes. Both know the layout of packets and ring (docs/design/shared_memory_link.md) and nothing else; neither uses
 the library. KINDS of each lists what they can do; a kind is a method with an underscore in front.
 """
@@ -13,6 +13,7 @@ import mmap
 import os
 import random
 import secrets
+import select
 import socket
 import struct
 import threading
@@ -22,14 +23,20 @@ import xmlrpc.server
 
 import rosgraph
 
-PROTOCOL_VERSION = 3
-PACKET = struct.Struct('<IIQQQ')
-HELLO, OFFER, PROOF, SEGMENT, RETIRED, ENDED, WAITING, SPACE, QUERY = range(1, 10)
+PROTOCOL_VERSION = 4
+PACKET = struct.Struct('<IIIIQQQ')  # version, type, link, unused, values
+HELLO, OFFER, PROOF, SEGMENT, RETIRED, ENDED, WAITING, SPACE, QUERY, STATE, MEET, BELL, DECLINED = range(1, 14)
+TO_SENDER = 1 << 31
 MAX_UINT64 = (1 << 64) - 1
 
 RING_BYTES = 512 + 32 * 256
 CAPACITY = 256
-RING_MAGIC = 0x33676e69724f5350
+RING_MAGIC = 0x34676e69724f5350
+NEWS_BYTES = 640
+NEWS_MAGIC = 0x347377656e4f5350
+NEWS_SUMMARY, NEWS_LINKS = 64, 128
+LINKS = 4096
+OUR_LINK = LINKS + 7  # the number that a hostile subscriber gives its link
 TAIL, HEAD, ARMED, RELEASE_COUNT, RELEASED, ENTRIES = 64, 128, 132, 192, 256, 512
 
 F_ADD_SEALS = 1033
@@ -40,8 +47,8 @@ IMAGE_MD5 = '060021388200f6f0f447d0fcd9c64743'
 NOBODY = 65534
 
 
-def packet(kind, *values, version=PROTOCOL_VERSION):
-    return PACKET.pack(version, kind, *(list(values) + [0, 0, 0])[:3])
+def packet(kind, *values, link=0, version=PROTOCOL_VERSION):
+    return PACKET.pack(version, kind, link, 0, *(list(values) + [0, 0, 0])[:3])
 
 
 def read_exactly(connection, count):
@@ -101,6 +108,36 @@ def is_query(data):
     return len(data) == PACKET.size and PACKET.unpack(data)[1] == QUERY
 
 
+def await_packet(channel, kind, descriptors):
+    """The next packet of a kind, as the fields of PACKET."""
+    while True:
+        data = receive(channel, descriptors)
+        if len(data) != PACKET.size:
+            raise RuntimeError('no packet %d but %r' % (kind, data))
+        fields = PACKET.unpack(data)
+        if fields[1] == kind:
+            return fields
+
+
+def news_memory(magic=NEWS_MAGIC, length=NEWS_BYTES, **options):
+    descriptor = shared_memory(length, **options)
+    os.pwrite(descriptor, struct.pack('<Q', magic), 0)
+    return descriptor
+
+
+def meet(channel, memory=None):
+    """Introduces this process, and returns the other one's NewsLayout as a mapping."""
+    memory = news_memory() if memory is None else memory
+    send(channel, packet(MEET, 1, 2), [memory])
+    os.close(memory)
+    descriptors = []
+    await_packet(channel, MEET, descriptors)
+    news = mmap.mmap(descriptors[0], NEWS_BYTES)
+    for descriptor in descriptors:
+        os.close(descriptor)
+    return news
+
+
 def local_socket(name):
     channel = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     channel.settimeout(TIMEOUT_S)
@@ -119,8 +156,9 @@ def await_close(channel):
 
 class HostileSubscriber:
     KINDS = ['wrong_version', 'truncated', 'oversized', 'empty_with_descriptors', 'many_descriptors', 'unknown_token',
-             'no_word', 'leaves_early', 'wrong_nonce', 'junk_packets', 'head_ahead', 'head_back',
-             'releases_what_it_never_took', 'random_ring', 'never_reads', 'two_greetings', 'foreign_user']
+             'no_word', 'no_news_memory', 'leaves_early', 'greets_by_the_thousand', 'wrong_nonce', 'junk_packets',
+             'head_ahead', 'head_back', 'releases_what_it_never_took', 'random_ring', 'never_reads', 'two_greetings',
+             'foreign_user']
 
     def __init__(self, publisher_name, topic, seed):
         self.random = random.Random(seed)
@@ -142,23 +180,38 @@ class HostileSubscriber:
     def connect(self):
         return self.stack.enter_context(local_socket(self.socket_token))
 
+    def connect_and_meet(self):
+        channel = self.connect()
+        self.stack.enter_context(contextlib.closing(meet(channel)))
+        return channel
+
+    def hello(self, link=OUR_LINK):
+        return packet(HELLO, *self.token, link=link)
+
     def greet(self):
         """Through the whole hand-shake but the proof. @return channel, ring as a mapping, nonce."""
-        channel = self.connect()
-        send(channel, packet(HELLO, *self.token))
+        channel = self.connect_and_meet()
+        send(channel, self.hello())
         descriptors = []
-        answer = receive(channel, descriptors)
-        if len(answer) != PACKET.size or PACKET.unpack(answer)[1] != OFFER or len(descriptors) != 3:
-            raise RuntimeError('no OFFER but %r with %d descriptors' % (answer, len(descriptors)))
+        offer = await_packet(channel, OFFER, descriptors)
+        if len(descriptors) != 1 or offer[2] != OUR_LINK:
+            raise RuntimeError('no OFFER but %r with %d descriptors' % (offer, len(descriptors)))
         ring = self.stack.enter_context(mmap.mmap(descriptors[0], RING_BYTES))
         for descriptor in descriptors:
             os.close(descriptor)
         return channel, ring, struct.unpack_from('<Q', ring, 8)[0]
 
+    def prove(self, channel, nonce):
+        send(channel, packet(PROOF, nonce, link=OUR_LINK | TO_SENDER))
+
+    def await_refusal(self, channel):
+        if await_packet(channel, ENDED, [])[2] != OUR_LINK:
+            raise RuntimeError('another link was ended')
+
     def linked(self, messages):
         """As an honest subscriber until that many messages wait in the ring."""
         channel, ring, nonce = self.greet()
-        send(channel, packet(PROOF, nonce))
+        self.prove(channel, nonce)
         ignored = []
         while struct.unpack_from('<I', ring, TAIL)[0] < messages:
             data = receive(channel, ignored)  # a SEGMENT comes before the first message in it
@@ -182,19 +235,23 @@ class HostileSubscriber:
             self.tcp.settimeout(TIMEOUT_S)
 
     def _wrong_version(self):
+        version = PROTOCOL_VERSION + self.random.choice([1, 77, 1 << 31])
         channel = self.connect()
-        send(channel, packet(HELLO, *self.token, version=PROTOCOL_VERSION + self.random.choice([1, 77, 1 << 31])))
+        send(channel, packet(MEET, 1, 2, version=version), [self.tcp.fileno()])
+        await_close(channel)
+        channel = self.connect_and_meet()
+        send(channel, packet(HELLO, *self.token, version=version))
         await_close(channel)
 
     def _truncated(self):
-        channel = self.connect()
-        send(channel, packet(HELLO, *self.token)[:self.random.randrange(1, PACKET.size)])
-        await_close(channel)
+        for channel in (self.connect(), self.connect_and_meet()):
+            send(channel, self.hello()[:self.random.randrange(1, PACKET.size)])
+            await_close(channel)
 
     def _oversized(self):
-        channel = self.connect()
-        send(channel, packet(HELLO, *self.token) + bytes(self.random.randrange(1, 60000)))
-        await_close(channel)
+        for channel in (self.connect(), self.connect_and_meet()):
+            send(channel, self.hello() + bytes(self.random.randrange(1, 60000)))
+            await_close(channel)
 
     def _empty_with_descriptors(self):
         for _ in range(20):
@@ -204,34 +261,58 @@ class HostileSubscriber:
 
     def _many_descriptors(self):
         for _ in range(20):
-            channel = self.connect()
-            send(channel, packet(HELLO, *self.token), [self.tcp.fileno()] * 200)
-            await_close(channel)
+            for channel in (self.connect(), self.connect_and_meet()):
+                send(channel, self.hello(), [self.tcp.fileno()] * 200)
+                await_close(channel)
 
     def _unknown_token(self):
-        channel = self.connect()
-        send(channel, packet(HELLO, self.random.getrandbits(64), self.random.getrandbits(64)))
-        await_close(channel)
+        channel = self.connect_and_meet()
+        send(channel, packet(HELLO, self.random.getrandbits(64), self.random.getrandbits(64), link=OUR_LINK))
+        self.await_refusal(channel)
 
     def _no_word(self):
         for _ in range(30):
             self.connect()
 
+    def _no_news_memory(self):
+        for memory in (news_memory(seals=0), news_memory(length=NEWS_BYTES - 1), news_memory(magic=0),
+                       os.open('/dev/null', os.O_RDONLY)):
+            channel = self.connect()
+            send(channel, packet(MEET, 1, 2), [memory])
+            os.close(memory)
+            await_close(channel)
+
+    def _greets_by_the_thousand(self):
+        """Reads no answer to questions without end: the process must not keep all of them."""
+        channel = self.connect_and_meet()
+        channel.setblocking(False)
+        sent = 0
+        while sent < 100000:
+            try:
+                channel.send(packet(HELLO, 1, 2, link=OUR_LINK), socket.MSG_NOSIGNAL)
+                sent += 1
+            except BlockingIOError:
+                select.select([], [channel], [], TIMEOUT_S)
+            except (BrokenPipeError, ConnectionResetError):
+                return
+        raise RuntimeError('%d answers are kept for a peer that reads none' % sent)
+
     def _leaves_early(self):
-        channel = self.connect()
-        send(channel, packet(HELLO, *self.token))
+        channel = self.connect_and_meet()
+        send(channel, self.hello())
 
     def _wrong_nonce(self):
         channel, _, nonce = self.greet()
-        send(channel, packet(PROOF, nonce ^ 1))
-        await_close(channel)
+        self.prove(channel, nonce ^ 1)
+        self.await_refusal(channel)
 
     def _junk_packets(self):
         channel, _, nonce = self.greet()
-        send(channel, packet(PROOF, nonce))
+        self.prove(channel, nonce)
         for _ in range(200):
-            send(channel, packet(self.random.randrange(0, 12), *[self.random.getrandbits(64) for _ in range(3)]),
-                 [self.tcp.fileno()] * self.random.randrange(0, 4))
+            link = self.random.choice([0, OUR_LINK, OUR_LINK | TO_SENDER, self.random.getrandbits(32)])
+            send(channel, packet(self.random.randrange(0, 16), *[self.random.getrandbits(64) for _ in range(3)],
+                                 link=link), [self.tcp.fileno()] * self.random.randrange(0, 4))
 
     def _head_ahead(self):
         _, ring = self.linked(1)
@@ -273,14 +354,14 @@ class HostileSubscriber:
 
     def _never_reads(self):
         channel, _, nonce = self.greet()
-        send(channel, packet(PROOF, nonce))
+        self.prove(channel, nonce)
         threading.Event().wait(1.0)  # the publisher must not wait for us meanwhile
 
     def _two_greetings(self):
         self.greet()
-        channel = self.connect()
-        send(channel, packet(HELLO, *self.token))
-        await_close(channel)
+        channel = self.connect_and_meet()
+        send(channel, self.hello())
+        self.await_refusal(channel)
 
     def _foreign_user(self):
         """Another user learns the tokens, as it could from the network: the socket must not answer it."""
@@ -293,7 +374,7 @@ class HostileSubscriber:
                 os.setgid(NOBODY)
                 os.setuid(NOBODY)
                 channel = local_socket(self.socket_token)
-                send(channel, packet(HELLO, *self.token))
+                send(channel, packet(MEET, 1, 2), [news_memory()])
                 status = 0 if receive(channel, []) == b'' else 2
             except (ConnectionRefusedError, ConnectionResetError, BrokenPipeError):
                 status = 0
@@ -316,7 +397,7 @@ class HostilePublisher:
     KINDS = ['wrong_version', 'truncated', 'oversized', 'no_descriptors', 'unsealed_ring', 'short_ring', 'no_magic',
              'tail_ahead', 'tail_runs', 'unknown_segment', 'offset_beyond', 'length_beyond', 'segment_too_long',
              'unsealed_segment', 'no_segment_memory', 'never_due', 'many_segments', 'foreign_descriptors',
-             'leaves_after_offer', 'garbage_in_header', 'random_ring']
+             'leaves_after_offer', 'garbage_in_header', 'random_ring', 'random_news', 'no_introduction']
 
     def __init__(self, topic, seed):
         self.random = random.Random(seed)
@@ -370,11 +451,16 @@ class HostilePublisher:
                                   latching=0, message_definition='', pi_os=offer))
         if self.kind == 'garbage_in_header':
             return
-        channel, hello = self.accept()
-        while is_query(hello):  # pi_os nodes of another test asks every socket of this user
-            channel, hello = self.accept()
-        if len(hello) != PACKET.size or PACKET.unpack(hello)[1] != HELLO:
-            raise RuntimeError('no HELLO but %r' % hello)
+        channel, first = self.accept()
+        while is_query(first):  # pi_os nodes of another test asks every socket of this user
+            channel, first = self.accept()
+        if len(first) != PACKET.size or PACKET.unpack(first)[1] != MEET:
+            raise RuntimeError('no MEET but %r' % first)
+        if self.kind != 'no_introduction':
+            memory = news_memory()
+            send(channel, packet(MEET), [memory])
+            os.close(memory)
+        self.link = await_packet(channel, HELLO, [])[2]
         getattr(self, '_' + self.kind)(channel)
 
     # ------------------------------------------------------------------------------------------------------------ tools
@@ -383,22 +469,18 @@ class HostilePublisher:
         """@return the next channel and the first packet on it"""
         channel = self.stack.enter_context(self.local.accept()[0])
         channel.settimeout(TIMEOUT_S)
-        return channel, receive(channel, [])
+        descriptors = []
+        first = receive(channel, descriptors)
+        if len(descriptors) == 2:
+            self.news = self.stack.enter_context(mmap.mmap(descriptors[0], NEWS_BYTES))
+        for descriptor in descriptors:
+            os.close(descriptor)
+        return channel, first
 
     def memory(self, length, **options):
         descriptor = shared_memory(length, **options)
         self.stack.callback(os.close, descriptor)
         return descriptor
-
-    def doorbells(self):
-        pair = []
-        for _ in range(2):
-            read_end, write_end = os.pipe()  # anything that can be waited for
-            os.set_blocking(read_end, False)
-            self.stack.callback(os.close, read_end)
-            self.stack.callback(os.close, write_end)
-            pair.append(read_end)
-        return pair
 
     def ring(self, magic=RING_MAGIC, length=RING_BYTES, **options):
         descriptor = self.memory(length, **options)
@@ -407,15 +489,15 @@ class HostilePublisher:
         return descriptor, ring
 
     def offer(self, channel, ring_memory):
-        send(channel, packet(OFFER, 1, 2, 1 << 20), [ring_memory] + self.doorbells())
+        send(channel, packet(OFFER, 1 << 20, link=self.link), [ring_memory])
 
     def offered(self, channel):
         """Through the whole hand-shake. @return the ring as a mapping."""
         descriptor, ring = self.ring()
         self.offer(channel, descriptor)
-        proof = receive(channel, [])
-        if not proof or PACKET.unpack(proof)[1:3] != (PROOF, 42):
-            raise RuntimeError('no PROOF but %r' % proof)
+        proof = await_packet(channel, PROOF, [])
+        if (proof[2], proof[4]) != (self.link | TO_SENDER, 42):
+            raise RuntimeError('no PROOF but %r' % (proof,))
         return ring
 
     def segment(self, channel, length=4096, says=None, number=1, **options):
@@ -433,16 +515,16 @@ class HostilePublisher:
     # ------------------------------------------------------------------------------------------------------------ kinds
 
     def _wrong_version(self, channel):
-        send(channel, packet(OFFER, 1, 2, 3, version=PROTOCOL_VERSION + 1), [self.ring()[0]] + self.doorbells())
+        send(channel, packet(OFFER, 1, link=self.link, version=PROTOCOL_VERSION + 1), [self.ring()[0]])
 
     def _truncated(self, channel):
-        send(channel, packet(OFFER, 1, 2, 3)[:self.random.randrange(1, PACKET.size)])
+        send(channel, packet(OFFER, 1, link=self.link)[:self.random.randrange(1, PACKET.size)])
 
     def _oversized(self, channel):
-        send(channel, packet(OFFER, 1, 2, 3) + bytes(1000))
+        send(channel, packet(OFFER, 1, link=self.link) + bytes(1000))
 
     def _no_descriptors(self, channel):
-        send(channel, packet(OFFER, 1, 2, 3))
+        send(channel, packet(OFFER, 1, link=self.link))
 
     def _unsealed_ring(self, channel):
         self.offer(channel, self.ring(seals=0)[0])
@@ -516,7 +598,7 @@ class HostilePublisher:
         self.stack.callback(os.close, read_end)
         self.stack.callback(os.close, write_end)
         for descriptors in ([read_end] * 3, [channel.fileno()] * 3, [os.open('/dev/null', os.O_RDONLY)] * 3):
-            send(channel, packet(OFFER, 1, 2, 3), descriptors)
+            send(channel, packet(OFFER, 1, link=self.link), descriptors)
         os.close(descriptors[0])
 
     def _leaves_after_offer(self, channel):
@@ -534,3 +616,17 @@ class HostilePublisher:
             self.write(ring, index, self.random.randrange(0, 3), self.random.randrange(0, 1 << 34) & ~3,
                        self.random.choice([0, 1, 36, 0xffffffff]), self.random.getrandbits(2))
         self.publish(channel, ring, self.random.getrandbits(32))
+
+    def _random_news(self, channel):
+        """Says that there is news where there is none, in links that do not exist."""
+        ring = self.offered(channel)
+        for _ in range(200):
+            struct.pack_into('<Q', self.news, NEWS_LINKS + 8 * self.random.randrange(0, LINKS // 64),
+                             self.random.getrandbits(64))
+            struct.pack_into('<Q', self.news, NEWS_SUMMARY, self.random.getrandbits(64))
+            send(channel, packet(BELL))
+        self.write(ring, 0, 77, 0, 100)
+        self.publish(channel, ring, 1)
+
+    def _no_introduction(self, channel):
+        send(channel, packet(OFFER, 1, link=self.link), [self.ring()[0]])

@@ -54,7 +54,7 @@ def built_library():
 
 
 def test_library(name):
-    """Path of a library that tests preload to nodes beside the one under test: clock or jitter."""
+    """Path of a library that tests preload to nodes beside the one under test: clock, jitter or latch_race."""
     return os.path.join(os.path.dirname(built_library()), 'lib%s_test_%s.so' % (PACKAGE, name))
 
 

@@ -3,6 +3,7 @@
 #include <pi_node/durations.h>
 #include <pi_node/option_check.h>
 #include <pi_node/unique_fd.h>
+#include <pi_os_transport/sp_stream.h>
 
 #include <poll.h>
 #include <sys/socket.h>
@@ -123,7 +124,7 @@ bool HealthEndpoint::Impl::readRequest(Connection* connection)
   }
   if (count < 0)
   {
-    return isTemporary(errno);
+    return pi_os_transport::isTemporary(errno);
   }
   if (connection->answered)
   {
@@ -154,7 +155,7 @@ bool HealthEndpoint::Impl::serve(Connection* connection)
                                connection->response.size() - connection->sent, MSG_NOSIGNAL | MSG_DONTWAIT);
     if (count < 0)
     {
-      return isTemporary(errno);
+      return pi_os_transport::isTemporary(errno);
     }
     connection->sent += static_cast<size_t>(count);
   }

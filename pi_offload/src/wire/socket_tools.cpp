@@ -1,7 +1,6 @@
 #include "wire/socket_tools.h"
 
 #include <netdb.h>
-#include <netinet/tcp.h>
 #include <pi_node/durations.h>
 #include <pi_node/unique_fd.h>
 #include <sys/eventfd.h>
@@ -24,11 +23,6 @@ namespace
 constexpr int BACKLOG = 128;
 /// Longest look-up of the name to listen on.
 constexpr double RESOLVE_S = 5.0;
-
-void setOption(int fd, int level, int name, int value)
-{
-  setsockopt(fd, level, name, &value, sizeof(value));  // an improvement; the connection works without it
-}
 
 Resolver::Answer lookUp(const HostPort& name, int flags)
 {
@@ -183,16 +177,6 @@ Resolver::Answer Resolver::waitFor(double seconds)
   return std::exchange(state_->answer, Answer());
 }
 
-void setConnectionOptions(int fd, double acknowledge_s)
-{
-  setOption(fd, IPPROTO_TCP, TCP_NODELAY, 1);
-  setOption(fd, SOL_SOCKET, SO_KEEPALIVE, 1);
-  setOption(fd, IPPROTO_TCP, TCP_KEEPIDLE, 2);
-  setOption(fd, IPPROTO_TCP, TCP_KEEPINTVL, 1);
-  setOption(fd, IPPROTO_TCP, TCP_KEEPCNT, 3);
-  setOption(fd, IPPROTO_TCP, TCP_USER_TIMEOUT, static_cast<int>(acknowledge_s * 1e3));
-}
-
 pi_node::UniqueFd listenOn(const std::string& host, uint16_t* port)
 {
   const auto fail = [&](const std::string& what) -> std::runtime_error
@@ -218,7 +202,8 @@ pi_node::UniqueFd listenOn(const std::string& host, uint16_t* port)
   {
     throw fail(errorText(errno));
   }
-  setOption(fd.get(), SOL_SOCKET, SO_REUSEADDR, 1);
+  const int again = 1;
+  setsockopt(fd.get(), SOL_SOCKET, SO_REUSEADDR, &again, sizeof(again));
   SocketAddress bound;
   bound.length = sizeof(bound.storage);
   if (bind(fd.get(), reinterpret_cast<const sockaddr*>(&address.storage), address.length) != 0 ||
@@ -230,11 +215,6 @@ pi_node::UniqueFd listenOn(const std::string& host, uint16_t* port)
   *port = ntohs(bound.family() == AF_INET6 ? reinterpret_cast<const sockaddr_in6*>(&bound.storage)->sin6_port
                                            : reinterpret_cast<const sockaddr_in*>(&bound.storage)->sin_port);
   return fd;
-}
-
-bool isTemporary(int error)
-{
-  return error == EAGAIN || error == EWOULDBLOCK || error == EINTR;
 }
 
 bool isShortage(int error)

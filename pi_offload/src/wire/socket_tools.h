@@ -71,16 +71,11 @@ private:
   std::shared_ptr<WakeEvent> wake_;
 };
 
-/// No Nagle, keepalive after 2 s; data without an acknowledgement ends the connection after `acknowledge_s`.
-void setConnectionOptions(int fd, double acknowledge_s);
-
 /// @param host  name or numeric address; empty: all addresses. @param[in,out] port  0 becomes the chosen port.
 /// @return a listening socket that does not block.
 /// @throws std::runtime_error naming host, port and reason.
 pi_node::UniqueFd listenOn(const std::string& host, uint16_t* port);
 
-/// Whether the call can be repeated on the same connection.
-bool isTemporary(int error);
 /// Whether descriptors or memory are used up; accept again after this pause.
 bool isShortage(int error);
 constexpr double ACCEPT_PAUSE_S = 0.1;

@@ -1,45 +1,25 @@
 #include "wire/sp_connection.h"
 
-#include <pi_node/unique_fd.h>
-
 #include <algorithm>
-#include <cerrno>
-#include <cstring>
+#include <array>
 #include <utility>
+
+#include "wire/socket_tools.h"
 
 namespace pi_offload
 {
 namespace
 {
 
+using pi_os_transport::SP_LENGTH_BYTES;
+using pi_os_transport::SpReader;
+using pi_os_transport::SpSocket;
+
 constexpr size_t BUFFER_BYTES = 64U << 10U;
 /// Budget of one connection before the others have their turn.
 constexpr size_t BYTES_PER_TURN = 1U << 20U;
 /// Memory for a message grows with the received bytes, not with the announced length.
 constexpr size_t FIRST_ROOM = 64U << 10U;
-
-std::array<uint8_t, 8> greetingOf(uint16_t type)
-{
-  return {0, 'S', 'P', 0, static_cast<uint8_t>(type >> 8U), static_cast<uint8_t>(type & 0xffU), 0, 0};
-}
-
-void putBigEndian(uint8_t* out, uint64_t value, size_t bytes)
-{
-  for (size_t byte = 0; byte < bytes; ++byte)
-  {
-    out[byte] = static_cast<uint8_t>(value >> (8 * (bytes - 1 - byte)));
-  }
-}
-
-uint64_t getBigEndian(const uint8_t* in, size_t bytes)
-{
-  uint64_t value = 0;
-  for (size_t byte = 0; byte < bytes; ++byte)
-  {
-    value = value << 8U | in[byte];
-  }
-  return value;
-}
 
 std::string reasonOf(int error)
 {
@@ -48,160 +28,91 @@ std::string reasonOf(int error)
 
 }  // namespace
 
-SpConnection::SpConnection(pi_node::UniqueFd fd, uint16_t own_type, uint16_t peer_type, size_t max_message_bytes,
+SpConnection::SpConnection(pi_node::UniqueFd fd, Type own_type, Type peer_type, size_t max_message_bytes,
                            size_t max_queued_bytes)
   : fd_(std::move(fd))
+  , own_type_(own_type)
   , peer_type_(peer_type)
   , max_message_bytes_(max_message_bytes)
   , max_queued_bytes_(max_queued_bytes)
+  , reader_(peer_type, SP_LENGTH_BYTES)
 {
-  const auto greeting = greetingOf(own_type);
-  outgoing_.emplace_back(greeting.begin(), greeting.end());
-  queued_bytes_ = greeting.size();
 }
 
-bool SpConnection::receive(const Sink& sink, std::string* reason)
+bool SpConnection::receive(const Taker& taker, std::string* reason)
 {
+  taker_ = &taker;
+  reason_ = reason;
   std::array<uint8_t, BUFFER_BYTES> buffer;
-  for (size_t turn_bytes = 0; turn_bytes < BYTES_PER_TURN;)
+  const SpReader::Result result = reader_.receive(SpSocket{fd_.get()}, buffer.data(), buffer.size(), BYTES_PER_TURN, this);
+  switch (result.end)
   {
-    // The rest of a large message is received in its place.
-    const bool straight = stage_ == Stage::MESSAGE && length_ - received_ >= BUFFER_BYTES / 4;
-    uint8_t* place = buffer.data();
-    size_t room = buffer.size();
-    if (straight)
-    {
-      makeRoom();
-      place = message_.data() + received_;
-      room = message_.size() - received_;
-    }
-    const ssize_t count = recv(fd_.get(), place, room, MSG_DONTWAIT);
-    if (count < 0 && isTemporary(errno))
-    {
-      return true;
-    }
-    if (count <= 0)
-    {
-      *reason = count == 0 ? "closed by the other end" : reasonOf(errno);
-      return false;
-    }
-    const auto taken = static_cast<size_t>(count);
-    turn_bytes += taken;
-    if (!(straight ? onMessageBytes(taken, sink, reason) : takeBytes(buffer.data(), taken, sink, reason)))
-    {
-      return false;
-    }
-    if (taken < room)
-    {
-      return true;  // no more bytes are there
-    }
+    case SpReader::End::CLOSED:
+      *reason = "closed by the other end";
+      break;
+    case SpReader::End::FAILED:
+      *reason = reasonOf(result.error);
+      break;
+    case SpReader::End::NO_PEER:
+      *reason = std::string("the other end is not an SP ") + (peer_type_ == Type::REQ ? "REQ" : "REP") + " socket";
+      break;
+    case SpReader::End::REFUSED:  // the reason is set
+    case SpReader::End::NONE:
+      break;
   }
-  return true;
+  return result.end == SpReader::End::NONE;
 }
 
-void SpConnection::makeRoom()
+bool SpConnection::onLength(uint64_t length)
 {
-  if (message_.size() == received_)
-  {
-    message_.resize(std::min(length_, received_ + std::max(received_, FIRST_ROOM)));
-  }
-}
-
-bool SpConnection::takeBytes(const uint8_t* bytes, size_t count, const Sink& sink, std::string* reason)
-{
-  while (count > 0)
-  {
-    size_t taken = 0;
-    if (stage_ == Stage::MESSAGE)
-    {
-      makeRoom();
-      taken = std::min(count, message_.size() - received_);
-      std::memcpy(message_.data() + received_, bytes, taken);
-      if (!onMessageBytes(taken, sink, reason))
-      {
-        return false;
-      }
-    }
-    else
-    {
-      taken = std::min(count, head_.size() - head_bytes_);
-      std::memcpy(head_.data() + head_bytes_, bytes, taken);
-      head_bytes_ += taken;
-      if (!onHead(sink, reason))
-      {
-        return false;
-      }
-    }
-    bytes += taken;
-    count -= taken;
-  }
-  return true;
-}
-
-/// Handles new bytes of the SP header or of a length.
-bool SpConnection::onHead(const Sink& sink, std::string* reason)
-{
-  if (stage_ == Stage::GREETING)
-  {
-    const auto expected = greetingOf(peer_type_);
-    if (std::memcmp(head_.data(), expected.data(), head_bytes_) != 0)
-    {
-      *reason = std::string("the other end is not an SP ") + (peer_type_ == REQ ? "REQ" : "REP") + " socket";
-      return false;
-    }
-    if (head_bytes_ == GREETING_BYTES)
-    {
-      head_bytes_ = 0;
-      stage_ = Stage::LENGTH;
-    }
-    return true;
-  }
-  if (head_bytes_ < LENGTH_BYTES)
-  {
-    return true;
-  }
-  const uint64_t length = getBigEndian(head_.data(), LENGTH_BYTES);
+  message_ = {};
   if (length > max_message_bytes_)
   {
-    *reason = "a message of " + std::to_string(length) + " bytes, at most " + std::to_string(max_message_bytes_) +
-              " are taken";
+    *reason_ = "a message of " + std::to_string(length) + " bytes, at most " + std::to_string(max_message_bytes_) +
+               " are taken";
     return false;
   }
-  head_bytes_ = 0;
-  length_ = length;
-  received_ = 0;
-  message_ = {};
-  stage_ = Stage::MESSAGE;
-  return length_ != 0 || onMessageBytes(0, sink, reason);
+  return true;
 }
 
-bool SpConnection::onMessageBytes(size_t count, const Sink& sink, std::string* reason)
+iovec SpConnection::place(size_t missing)
 {
-  received_ += count;
-  if (received_ < length_)
+  const size_t received = message_.size();
+  message_.resize(received + std::min(missing, std::max(received, FIRST_ROOM)));
+  return {message_.data() + received, message_.size() - received};
+}
+
+bool SpConnection::onMessage()
+{
+  return (*taker_)(std::exchange(message_, {}), reason_);
+}
+
+bool SpConnection::greet(std::string* reason)
+{
+  const int error = pi_os_transport::sendSpHeader(SpSocket{fd_.get()}, own_type_);
+  if (error != 0)
   {
-    return true;
+    *reason = reasonOf(error);
   }
-  stage_ = Stage::LENGTH;
-  return sink(std::exchange(message_, {}), reason);
+  return error == 0;
 }
 
 bool SpConnection::enqueue(const std::vector<uint32_t>& ids, const std::vector<uint8_t>& body)
 {
   const size_t length = 4 * ids.size() + body.size();
-  if (LENGTH_BYTES + length + queued_bytes_ > max_queued_bytes_)
+  if (SP_LENGTH_BYTES + length + waiting_bytes_ + writer_.unsentBytes() > max_queued_bytes_)
   {
     return false;
   }
-  std::vector<uint8_t> message(LENGTH_BYTES + 4 * ids.size());
-  message.reserve(LENGTH_BYTES + length);
-  putBigEndian(message.data(), length, LENGTH_BYTES);
+  std::vector<uint8_t> message(SP_LENGTH_BYTES + 4 * ids.size());
+  message.reserve(SP_LENGTH_BYTES + length);
+  pi_os_transport::storeBigEndian<uint64_t>(message.data(), length);
   for (size_t id = 0; id < ids.size(); ++id)
   {
-    putBigEndian(message.data() + LENGTH_BYTES + 4 * id, ids[id], 4);
+    pi_os_transport::storeBigEndian(message.data() + SP_LENGTH_BYTES + 4 * id, ids[id]);
   }
   message.insert(message.end(), body.begin(), body.end());
-  queued_bytes_ += message.size();
+  waiting_bytes_ += message.size();
   outgoing_.push_back(std::move(message));
   return true;
 }
@@ -210,28 +121,28 @@ bool SpConnection::flush(std::string* reason)
 {
   while (!outgoing_.empty())
   {
-    const std::vector<uint8_t>& first = outgoing_.front();
-    const ssize_t count = send(fd_.get(), first.data() + sent_, first.size() - sent_, MSG_NOSIGNAL | MSG_DONTWAIT);
-    if (count < 0)
+    int error = 0;
+    if (writer_.idle())
     {
-      if (errno == EINTR)
-      {
-        continue;
-      }
-      if (isTemporary(errno))
-      {
-        return true;
-      }
-      *reason = reasonOf(errno);
+      std::vector<uint8_t>& first = outgoing_.front();
+      waiting_bytes_ -= first.size();
+      const iovec piece{first.data(), first.size()};
+      error = writer_.begin(SpSocket{fd_.get()}, &piece, 1);
+    }
+    else
+    {
+      error = writer_.resume(SpSocket{fd_.get()});
+    }
+    if (error != 0)
+    {
+      *reason = reasonOf(error);
       return false;
     }
-    sent_ += static_cast<size_t>(count);
-    queued_bytes_ -= static_cast<size_t>(count);
-    if (sent_ == first.size())
+    if (!writer_.idle())
     {
-      outgoing_.pop_front();
-      sent_ = 0;
+      return true;
     }
+    outgoing_.pop_front();
   }
   return true;
 }
@@ -241,7 +152,7 @@ bool takeIds(std::vector<uint8_t>* message, size_t most, std::vector<uint32_t>* 
   ids->clear();
   for (size_t at = 0; at + 4 <= message->size() && ids->size() < most; at += 4)
   {
-    ids->push_back(static_cast<uint32_t>(getBigEndian(message->data() + at, 4)));
+    ids->push_back(pi_os_transport::loadBigEndian<uint32_t>(message->data() + at));
     if ((ids->back() & SpConnection::LAST_ID) != 0)
     {
       message->erase(message->begin(), message->begin() + static_cast<std::ptrdiff_t>(at + 4));

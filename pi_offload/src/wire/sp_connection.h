@@ -1,44 +1,44 @@
 #pragma once
 
 #include <pi_node/unique_fd.h>
+#include <pi_os_transport/sp_stream.h>
 
-#include <array>
 #include <cstdint>
 #include <deque>
 #include <functional>
 #include <string>
 #include <vector>
 
-#include "wire/socket_tools.h"
-
 namespace pi_offload
 {
 
-/// One connection of SP over TCP (nanomsg, rfc/sp-tcp-mapping-01.txt). Each end sends its SP header with the number of
-/// its socket type, then messages: the length in 64 bits in network byte order, then the bytes.
+/// One connection of nanomsg's request-reply protocol: messages begin with a stack of request numbers (32 bits, network
+/// byte order). The wire below is pi_os_transport's.
 ///
-/// receive() belongs to one thread. enqueue() and flush() need the owner's lock and may run beside receive().
-class SpConnection
+/// receive() belongs to one thread. greet(), enqueue() and flush() need the owner's lock and may run beside receive().
+class SpConnection : private pi_os_transport::SpReader::Sink
 {
 public:
-  static constexpr uint16_t REQ = 48;
-  static constexpr uint16_t REP = 49;
+  using Type = pi_os_transport::SpType;
   static constexpr uint32_t LAST_ID = 0x80000000U;  ///< marks the end of the stack of ids before a body
 
   /// @param fd  of a connected socket that does not block.
-  SpConnection(pi_node::UniqueFd fd, uint16_t own_type, uint16_t peer_type, size_t max_message_bytes,
-               size_t max_queued_bytes);
+  SpConnection(pi_node::UniqueFd fd, Type own_type, Type peer_type, size_t max_message_bytes, size_t max_queued_bytes);
+  SpConnection(const SpConnection&) = delete;
+  SpConnection& operator=(const SpConnection&) = delete;
 
   int fd() const { return fd_.get(); }
 
   /// Takes a whole message. Returns false if the peer must be disconnected; `reason` tells why.
-  using Sink = std::function<bool(std::vector<uint8_t> message, std::string* reason)>;
+  using Taker = std::function<bool(std::vector<uint8_t> message, std::string* reason)>;
   /// Reads available bytes, up to a budget. @return false if the connection has ended; `reason` tells why.
-  bool receive(const Sink& sink, std::string* reason);
-  bool greeted() const { return stage_ != Stage::GREETING; }  ///< the peer's header was received
+  bool receive(const Taker& taker, std::string* reason);
+  bool greeted() const { return reader_.greeted(); }  ///< the peer's header was received
   /// Memory of the message that is being received.
   size_t incomingBytes() const { return message_.capacity(); }
 
+  /// Sends the own header; the first thing to do. @return false if the connection has ended; `reason` tells why.
+  bool greet(std::string* reason);
   /// Queues a message: ids in network byte order, then the body. @return false if too much is queued.
   bool enqueue(const std::vector<uint32_t>& ids, const std::vector<uint8_t>& body);
   /// Hands queued bytes to the kernel. @return false if the connection has ended; `reason` tells why.
@@ -46,34 +46,25 @@ public:
   bool wantsToWrite() const { return !outgoing_.empty(); }
 
 private:
-  static constexpr size_t GREETING_BYTES = 8;
-  static constexpr size_t LENGTH_BYTES = 8;
-  enum class Stage
-  {
-    GREETING,
-    LENGTH,
-    MESSAGE,
-  };
-  bool takeBytes(const uint8_t* bytes, size_t count, const Sink& sink, std::string* reason);
-  bool onHead(const Sink& sink, std::string* reason);
-  bool onMessageBytes(size_t count, const Sink& sink, std::string* reason);
-  void makeRoom();
+  bool onLength(uint64_t length) override;
+  iovec place(size_t missing) override;
+  bool onMessage() override;
 
-  pi_node::UniqueFd fd_;
-  const uint16_t peer_type_;
+  const pi_node::UniqueFd fd_;
+  const Type own_type_;
+  const Type peer_type_;
   const size_t max_message_bytes_;
   const size_t max_queued_bytes_;
 
-  Stage stage_ = Stage::GREETING;
-  std::array<uint8_t, 8> head_{};
-  size_t head_bytes_ = 0;
-  size_t length_ = 0;    ///< of the message
-  size_t received_ = 0;  ///< of the message
+  pi_os_transport::SpReader reader_;
   std::vector<uint8_t> message_;
+  // While it receives:
+  const Taker* taker_ = nullptr;
+  std::string* reason_ = nullptr;
 
-  std::deque<std::vector<uint8_t>> outgoing_;
-  size_t sent_ = 0;          ///< of the first one
-  size_t queued_bytes_ = 0;  ///< of all, not sent yet
+  pi_os_transport::SpWriter writer_;
+  std::deque<std::vector<uint8_t>> outgoing_;  ///< the writer has the first one
+  size_t waiting_bytes_ = 0;                   ///< of those behind it
 };
 
 /// Splits a message into the stack of ids before it and the body.

@@ -18,6 +18,7 @@
 #include <thread>
 #include <utility>
 
+#include "wire/socket_tools.h"
 #include "wire/sp_connection.h"
 
 namespace pi_offload
@@ -52,7 +53,12 @@ struct SpReplier::Impl
 {
   struct Connection
   {
-    Connection(SpConnection sp, std::string address) : sp(std::move(sp)), address(std::move(address)) {}
+    Connection(pi_node::UniqueFd fd, const Options& options, std::string address)
+      : sp(std::move(fd), SpConnection::Type::REP, SpConnection::Type::REQ, options.max_message_bytes,
+           options.max_queued_bytes)
+      , address(std::move(address))
+    {
+    }
 
     SpConnection sp;
     const std::string address;
@@ -79,8 +85,7 @@ struct SpReplier::Impl
   void run();
   void onEvent(uint64_t id, uint32_t events);
   void acceptAll();
-  void closeBroken();
-  void closeLate(int64_t now_ns);
+  void closeDue();
   void closeNow(uint64_t id, const std::string& reason);
   void breakOff(Connection* connection, const std::string& reason);
   bool onMessage(uint64_t id, Connection* connection, std::vector<uint8_t> message, std::string* reason);
@@ -97,7 +102,6 @@ struct SpReplier::Impl
   std::condition_variable sent;
   std::map<uint64_t, std::unique_ptr<Connection>> connections;  ///< changed by the thread only, under the mutex
   bool stop = false;
-  bool any_broken = false;
 
   // Of the thread only:
   uint64_t next_id = FIRST_CONNECTION;
@@ -131,7 +135,6 @@ void SpReplier::Impl::breakOff(Connection* connection, const std::string& reason
     connection->broken = true;
     connection->reason = reason;
   }
-  any_broken = true;
 }
 
 void SpReplier::Impl::closeNow(uint64_t id, const std::string& reason)
@@ -154,43 +157,28 @@ void SpReplier::Impl::closeNow(uint64_t id, const std::string& reason)
   }
 }
 
-void SpReplier::Impl::closeBroken()
+/// Closes what is broken or late.
+void SpReplier::Impl::closeDue()
 {
-  std::vector<std::pair<uint64_t, std::string>> broken;
+  const int64_t now_ns = pi_node::monotonicNs();
+  std::vector<std::pair<uint64_t, std::string>> due;
   {
     const std::lock_guard<std::mutex> lock(mutex);
-    if (!any_broken)
+    for (const auto& [id, connection] : connections)
     {
-      return;
-    }
-    any_broken = false;
-    for (const auto& entry : connections)
-    {
-      if (entry.second->broken)
+      if (connection->broken)
       {
-        broken.emplace_back(entry.first, entry.second->reason);
+        due.emplace_back(id, connection->reason);
+      }
+      else if (now_ns >= connection->until_ns)
+      {
+        due.emplace_back(id, connection->greeted ? "no request for too long" : "no SP header in time");
       }
     }
   }
-  for (const auto& entry : broken)
+  for (const auto& [id, reason] : due)
   {
-    closeNow(entry.first, entry.second);
-  }
-}
-
-void SpReplier::Impl::closeLate(int64_t now_ns)
-{
-  std::vector<std::pair<uint64_t, std::string>> late;
-  for (const auto& entry : connections)
-  {
-    if (now_ns >= entry.second->until_ns)
-    {
-      late.emplace_back(entry.first, entry.second->greeted ? "no request for too long" : "no SP header in time");
-    }
-  }
-  for (const auto& entry : late)
-  {
-    closeNow(entry.first, entry.second);
+    closeNow(id, reason);
   }
 }
 
@@ -216,15 +204,13 @@ void SpReplier::Impl::acceptAll()
     {
       continue;
     }
-    setConnectionOptions(fd.get(), options.acknowledge_timeout_s);
+    pi_os_transport::setSpOptions(fd.get(), std::chrono::duration<double>(options.acknowledge_timeout_s));
     const uint64_t id = next_id++;
-    auto connection = std::make_unique<Connection>(SpConnection(std::move(fd), SpConnection::REP, SpConnection::REQ,
-                                                                options.max_message_bytes, options.max_queued_bytes),
-                                                   toText(address));
+    auto connection = std::make_unique<Connection>(std::move(fd), options, toText(address));
     connection->until_ns = pi_node::monotonicNs() + pi_node::nanoseconds(options.handshake_timeout_s);
     const std::lock_guard<std::mutex> lock(mutex);
     std::string reason;
-    if (!connection->sp.flush(&reason))
+    if (!connection->sp.greet(&reason))
     {
       breakOff(connection.get(), reason);
     }
@@ -322,7 +308,7 @@ void SpReplier::Impl::run()
   std::array<epoll_event, EVENTS_PER_ROUND> events;
   for (;;)
   {
-    closeBroken();
+    closeDue();
     const int count = epoll_wait(epoll.get(), events.data(), EVENTS_PER_ROUND, waitMilliseconds());
     for (int index = 0; index < count; ++index)
     {
@@ -347,9 +333,7 @@ void SpReplier::Impl::run()
         return;
       }
     }
-    const int64_t now_ns = pi_node::monotonicNs();
-    closeLate(now_ns);
-    if (accept_again_ns != 0 && now_ns >= accept_again_ns)
+    if (accept_again_ns != 0 && pi_node::monotonicNs() >= accept_again_ns)
     {
       accept_again_ns = 0;
       control(EPOLL_CTL_MOD, listener.get(), LISTENER, EPOLLIN);

@@ -9,12 +9,14 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <chrono>
 #include <exception>
 #include <mutex>
 #include <stdexcept>
 #include <thread>
 #include <utility>
 
+#include "wire/socket_tools.h"
 #include "wire/sp_connection.h"
 
 namespace pi_offload
@@ -142,7 +144,7 @@ void SpRequester::Impl::connectToNext(int64_t now_ns)
     lose("no socket: " + errorText(errno), false);
     return;
   }
-  setConnectionOptions(fd.get(), options.acknowledge_timeout_s);
+  pi_os_transport::setSpOptions(fd.get(), std::chrono::duration<double>(options.acknowledge_timeout_s));
   if (::connect(fd.get(), reinterpret_cast<const sockaddr*>(&address.storage), address.length) != 0 &&
       errno != EINPROGRESS)
   {
@@ -165,17 +167,17 @@ void SpRequester::Impl::onConnected(int64_t now_ns)
     return;
   }
   std::string reason;
-  bool fine = false;
-  {
-    const std::lock_guard<std::mutex> lock(mutex);
-    connection = std::make_unique<SpConnection>(std::move(connecting), SpConnection::REQ, SpConnection::REP,
-                                                options.max_message_bytes, options.max_queued_bytes);
-    fine = connection->flush(&reason);
-  }
-  if (!fine)
+  auto connected =
+      std::make_unique<SpConnection>(std::move(connecting), SpConnection::Type::REQ, SpConnection::Type::REP,
+                                     options.max_message_bytes, options.max_queued_bytes);
+  if (!connected->greet(&reason))
   {
     lose(options.address + ": " + reason, false);
     return;
+  }
+  {
+    const std::lock_guard<std::mutex> lock(mutex);
+    connection = std::move(connected);
   }
   state = State::GREETING;
   until_ns = now_ns + pi_node::nanoseconds(options.connect_timeout_s);
@@ -284,11 +286,9 @@ void SpRequester::Impl::step(int64_t now_ns, short events)
       if ((events & POLLOUT) != 0)
       {
         std::string reason;
-        bool fine = false;
-        {
-          const std::lock_guard<std::mutex> lock(mutex);
-          fine = connection->flush(&reason);
-        }
+        std::unique_lock<std::mutex> lock(mutex);
+        const bool fine = connection->flush(&reason);
+        lock.unlock();
         if (!fine)
         {
           lose(options.address + ": " + reason, false);

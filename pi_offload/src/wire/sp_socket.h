@@ -10,9 +10,8 @@ namespace pi_offload
 {
 
 // nanomsg's request-reply protocol over TCP (SP, protocol numbers 48 REQ and 49 REP), compatible with NN_REQ and NN_REP
-// of libnanomsg. docs/design/device_bridge.md gives the reasons for own sockets: hostile bytes must not end the
-// process, and data queued for a dead link must be dropped. Link and close callbacks must not throw. If a reply or
-// request callback throws, the connection is closed with that text as the reason.
+// of libnanomsg; docs/design/offload.md tells why libnanomsg does not stand behind them. Link and close callbacks must
+// not throw. If a reply or request callback throws, the connection is closed with that text as the reason.
 
 /// The vehicle's end: one connection to one node, which is renewed when it breaks. Callbacks come from a thread of this
 /// class. Methods are thread safe.

@@ -4,7 +4,8 @@ import contextlib
 import dataclasses
 import time
 
-from .device_nodes import DeviceGroup, FlowNode, check_order, longest_gap_ms
+from .device_keys import make_keys
+from .device_nodes import PROTECTED, DeviceGroup, FlowNode, check_order, longest_gap_ms
 from .devices import Testbed, await_state
 from .hostile import Attacker, Recorder
 from .measurements import measure_latency, percentile
@@ -20,7 +21,7 @@ THROUGHPUT_WINDOW = 8       # messages ahead of the slowest acknowledgement
 
 IMU_BYTES, IMU_HZ, IMU_QUEUE = 320, 200.0, 1000
 IMAGE_HZ, IMAGE_QUEUE = 10.0, 2
-PRIORITY_MBIT = 300
+PRIORITY_MBIT = (100, 300)
 
 CUT_BYTES, CUT_HZ, CUT_QUEUE = 100000, 50.0, 10
 CUT_RESUME_DEADLINE_S = 60.0
@@ -48,6 +49,7 @@ class DevicePlan:
     latency_subscribers: tuple = (1, FIVE)
     latency_s: float = 2.0
     priority_s: float = 10.0
+    priority_mbit: tuple = PRIORITY_MBIT
     cut_s: float = 10.0
     kills: int = 100
     frames: int = 10000
@@ -55,7 +57,7 @@ class DevicePlan:
     @classmethod
     def quick(cls, modes):
         return cls(modes=modes, rounds=1, wire_subscribers=(1, 4), wire_messages=20, throughput_bytes=50 * MB,
-                   latency_s=0.5, priority_s=3.0, cut_s=4.0, kills=4, frames=500)
+                   latency_s=0.5, priority_s=3.0, priority_mbit=PRIORITY_MBIT[-1:], cut_s=4.0, kills=4, frames=500)
 
 
 class Flow:
@@ -129,7 +131,7 @@ class DeviceComparison:
             for measure in self.plan.measures:
                 if measure in ('kill', 'hostile'):
                     # Each is one long campaign of what only bridges have; it is not repeated per round.
-                    modes_here = [mode for mode in modes if mode.preload] if round_number == 0 else []
+                    modes_here = [mode for mode in modes if mode.key == 'pi_os'] if round_number == 0 else []
                 else:
                     modes_here = modes
                 for mode in modes_here:
@@ -144,7 +146,9 @@ class DeviceComparison:
                 self.congestion_control = testbed.vehicle.congestion_control
                 bridges = {}
                 if mode.preload:
-                    bridges = {name: device.start_bridge() for name, device in testbed.devices.items()}
+                    keys = make_keys(testbed) if mode.key == PROTECTED else {}
+                    bridges = {name: device.start_bridge(*mode.bridge_args, *keys.get(name, ()))
+                               for name, device in testbed.devices.items()}
                 for row in getattr(self, '_' + measure)(testbed, mode, bridges):
                     self.rows.append({'round': round_number, 'measure': measure, 'mode': mode.key, **row})
                 for bridge in bridges.values():
@@ -191,10 +195,14 @@ class DeviceComparison:
                 group.verify_links()
 
     def _priority(self, testbed, mode, _):
-        testbed.edge_a.shape(rate_mbit=PRIORITY_MBIT)
+        for mbit in self.plan.priority_mbit:
+            testbed.edge_a.shape(rate_mbit=mbit)
+            yield {'mbit': mbit, **self._measure_priority(testbed, mode, mbit)}
+
+    def _measure_priority(self, testbed, mode, mbit):
         ends = (testbed.vehicle, testbed.edge_a)
-        with Flow(self, mode, 'imu', IMU_BYTES, IMU_QUEUE, *ends) as imu, \
-                Flow(self, mode, 'image', FULL_HD, IMAGE_QUEUE, *ends) as image:
+        with Flow(self, mode, f'imu{mbit}', IMU_BYTES, IMU_QUEUE, *ends) as imu, \
+                Flow(self, mode, f'image{mbit}', FULL_HD, IMAGE_QUEUE, *ends) as image:
             image.out.start(image.topic, IMAGE_HZ)
             await_state(image.take, 'first image', ARRIVAL_DEADLINE_S)
             begin_ns = time.monotonic_ns()
@@ -208,9 +216,8 @@ class DeviceComparison:
         if lost or len(imu.arrivals) != published:
             raise BenchError(f'{published - len(imu.arrivals)} of {published} small messages were lost')
         latencies = [arrival.latency_ms() for arrival in imu.arrivals]
-        yield {'mbit': PRIORITY_MBIT, 'messages': published, 'p50_ms': percentile(latencies, 50),
-               'p99_ms': percentile(latencies, 99), 'max_ms': max(latencies),
-               'image_mbit': images * FULL_HD * 8 / 1e6 / seconds}
+        return {'messages': published, 'p50_ms': percentile(latencies, 50), 'p99_ms': percentile(latencies, 99),
+                'max_ms': max(latencies), 'image_mbit': images * FULL_HD * 8 / 1e6 / seconds}
 
     def _cut(self, testbed, mode, _):
         with Flow(self, mode, 'cut', CUT_BYTES, CUT_QUEUE, testbed.vehicle, testbed.edge_a) as flow:

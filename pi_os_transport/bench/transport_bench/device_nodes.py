@@ -9,11 +9,16 @@ from .group import Group
 from .modes import BenchError, Mode, program_folder
 from .nodes import CONNECT_DEADLINE_S, Node
 
-# What links between devices have to show; π-OS is the mode in which bridges run.
+PROTECTED = 'pi_os_tls'  # the mode in which the bridges use TLS
+SHIPPED = ('--nice', '-10')  # as bridge.launch starts bridges
+
+# What links between devices have to show; bridges run where the library is preloaded.
 DEVICE_MODES = {mode.key: mode for mode in (
     Mode('tcpros', 'TCPROS', 'TCPROS', False),
     Mode('nodelay', 'tcpNoDelay', 'TCPROS', False, ('--tcp-no-delay',)),
-    Mode('pi_os', 'π-OS', 'NNROS', True),
+    Mode('pi_os', 'π-OS', 'NNROS', True, bridge_args=SHIPPED),
+    Mode(PROTECTED, 'π-OS, TLS', 'NNROS', True, bridge_args=SHIPPED),
+    Mode('nanomsg', 'libnanomsg', 'NNROS', True, bridge_args=(*SHIPPED, '--wire', 'nanomsg')),
 )}
 
 

@@ -70,14 +70,16 @@ def _latency(results, modes):
 
 
 def _priority(results, modes):
-    if not _rows(results, 'priority'):
-        return ''
-    rows = [[mode.label] + [_spread(results, 'priority', field, mode=mode.key)
-                            for field in ('p50_ms', 'p99_ms', 'max_ms', 'image_mbit')] for mode in modes]
-    return 'Small messages (320 B, 200 Hz) beside images (6.2 MB) that fill a network of 300 Mbit/s; none lost\n' + \
-        format_table(['', 'p50 [ms]', 'p99 [ms]', 'max [ms]', 'images [Mbit/s]'], rows) + \
-        '\nTCPROS/π-OS, tcpNoDelay/π-OS: p50 ' + ', '.join(_ratios(results, 'priority', 'p50_ms')) + \
-        '; p99 ' + ', '.join(_ratios(results, 'priority', 'p99_ms'))
+    tables = []
+    for mbit in sorted({row['mbit'] for row in _rows(results, 'priority')}):
+        rows = [[mode.label] + [_spread(results, 'priority', field, mode=mode.key, mbit=mbit)
+                                for field in ('p50_ms', 'p99_ms', 'max_ms', 'image_mbit')] for mode in modes]
+        tables.append(
+            f'Small messages (320 B, 200 Hz) beside images (6.2 MB) that fill a network of {mbit} Mbit/s; none lost\n' +
+            format_table(['', 'p50 [ms]', 'p99 [ms]', 'max [ms]', 'images [Mbit/s]'], rows) +
+            '\nTCPROS/π-OS, tcpNoDelay/π-OS: p50 ' + ', '.join(_ratios(results, 'priority', 'p50_ms', mbit=mbit)) +
+            '; p99 ' + ', '.join(_ratios(results, 'priority', 'p99_ms', mbit=mbit)))
+    return '\n\n'.join(tables)
 
 
 def _cut(results, modes):
@@ -112,7 +114,8 @@ def plot(results, modes, path, subtitle):
     require_matplotlib().use('Agg')
     from matplotlib import pyplot
 
-    styles = {'tcpros': ('tab:red', 'o'), 'nodelay': ('tab:orange', 's'), 'pi_os': ('tab:blue', '^')}
+    styles = {'tcpros': ('tab:red', 'o'), 'nodelay': ('tab:orange', 's'), 'pi_os': ('tab:blue', '^'),
+              'pi_os_tls': ('tab:green', 'v'), 'nanomsg': ('tab:purple', 'D')}
     figure, (wire, latency) = pyplot.subplots(1, 2, figsize=(13, 5.2))
     numbers = results.fan_outs('wire') if _rows(results, 'wire') else []
     for mode in modes:

@@ -201,7 +201,7 @@ class DeviceProcess:
             return int(re.search(r'^VmRSS:\s*(\d+)', status.read(), re.M).group(1))
 
 
-def _status_program():
+def pi_os_program():
     """Path of `pi_os`: a script, in the devel space where the sources are."""
     beside = os.path.join(program_folder(), 'pi_os')
     return beside if os.path.exists(beside) else roslib.packages.find_node('pi_os_transport', 'pi_os')[0]
@@ -221,7 +221,7 @@ class Bridge(DeviceProcess):
 
     def status(self):
         """What `pi_os status --json` says."""
-        return json.loads(self.device.run(_status_program(), 'status', '--json'))
+        return self.device.pi_os('status')
 
     def refused(self):
         return self.status()['refused']
@@ -281,6 +281,10 @@ class Device(Namespace):
 
     def start_bridge(self, *args, env=None):
         return Bridge(self, *args, env=env)
+
+    def pi_os(self, *words):
+        """What `pi_os WORDS --json` says on this device."""
+        return json.loads(self.run(pi_os_program(), *words, '--json'))
 
     def kill_all(self):
         """Every process at once, as when the device's container is killed: the kernel still closes their sockets."""

@@ -31,7 +31,7 @@ class Group:
         self.outsiders = []
         self.doing = 'starting'
         plain_env = environment(master.env)
-        env = dict(plain_env)
+        env = dict(plain_env, **dict(mode.variables))
         if mode.preload:
             env['LD_PRELOAD'] = ':'.join([library] + ([env['LD_PRELOAD']] if 'LD_PRELOAD' in env else []))
         try:

@@ -19,12 +19,16 @@ class Mode:
     transport: str        # what getBusInfo must say of every link
     preload: bool
     subscriber_args: tuple = ()
+    variables: tuple = ()  # environment of its nodes: (name, value)
+    usual: bool = True     # compared unless the caller chooses
+    bridge_args: tuple = ()
 
 
 MODES = {mode.key: mode for mode in (
     Mode('tcpros', 'TCPROS', 'TCPROS', False),
     Mode('nodelay', 'tcpNoDelay', 'TCPROS', False, ('--tcp-no-delay',)),
     Mode('pi_os', 'π-OS', 'SHMROS', True),
+    Mode('pi_os_filled', 'π-OS zero fill', 'SHMROS', True, variables=(('PI_OS_SKIP_ZERO_FILL', '0'),), usual=False),
 )}
 
 

@@ -14,10 +14,10 @@ import struct
 
 from . import shapes
 
-PROTOCOL = 3                          # PROTOCOL_VERSION of the library
-STATE_VERSION = 1
+PROTOCOL = 4                          # PROTOCOL_VERSION of the library
+STATE_VERSION = 2
 QUERY, STATE = 9, 10                  # types of packets
-PACKET = struct.Struct('<IIQQQ')      # version, type, values
+PACKET = struct.Struct('<IIIIQQQ')    # version, type, link, unused, values
 SOCKET = re.compile(r'@(pi_os/[0-9a-f]{32})$')
 LIBRARY = 'libpi_os_transport.so'
 ANSWER_S = 2.0                        # roscpp's network thread answers within some milliseconds
@@ -29,10 +29,12 @@ OF_SERVICE = {'service': str, 'memory': int, 'tcp': int, 'failed': int, 'pool_fu
               'peers': [str], 'reason': str, 'durations': HISTOGRAM}
 SHAPE = {'version': int, 'protocol': int, 'node': str, 'roscpp': str,
          'options': {'enable': bool, 'include': [str], 'exclude': [str], 'pool_limit_mb': int, 'min_bytes': int,
-                     'bridge': str},
+                     'skip_zero_fill': bool, 'bridge': str},
+         'descriptors': {'open': int, 'limit': int},
          'pool': {'committed': int, 'limit': int, 'segments': int, 'live_slots': int, 'last_error': str},
+         'skipped_zero_fills': int,
          'publications': [dict(OF_LINK, **{'subscriber': str, 'dropped?': int, 'queue_size?': int, 'pool_full?': int})],
-         'subscriptions': [dict(OF_LINK, **{'publisher': str, 'uri': str, 'copied?': int, 'late?': int,
+         'subscriptions': [dict(OF_LINK, **{'publisher': str, 'uri': str, 'copied?': int, 'late?': int, 'missing?': int,
                                             'leased_bytes?': int, 'latencies?': HISTOGRAM})],
          'service_clients': [OF_SERVICE], 'service_servers': [OF_SERVICE]}
 
@@ -59,7 +61,7 @@ def ask(name):
             pid, user, _ = struct.unpack('iII', channel.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
             if user != os.geteuid():
                 raise Unanswered('process %d of user %s answers its own user only' % (pid, user_name(user)))
-            channel.send(PACKET.pack(PROTOCOL, QUERY, 0, 0, 0))
+            channel.send(PACKET.pack(PROTOCOL, QUERY, 0, 0, 0, 0, 0))
             answer, files, _, _ = socket.recv_fds(channel, PACKET.size + 1, 1)
             return parse(pid, answer, files)
         except socket.timeout:
@@ -75,7 +77,7 @@ def parse(pid, answer, files):
     if len(answer) != PACKET.size or len(files) != 1:
         raise Unanswered('process %d closed the connection in place of an answer: its library speaks another version '
                          'than %d of this tool; use those of one installation' % (pid, PROTOCOL))
-    version, kind, size, _, _ = PACKET.unpack(answer)
+    version, kind, _, _, size, _, _ = PACKET.unpack(answer)
     if (version, kind) != (PROTOCOL, STATE) or size > MAX_STATE_BYTES:
         raise Unanswered('process %d answered packet %d of version %d with %d bytes, must be a state of version %d'
                          % (pid, kind, version, size, PROTOCOL))

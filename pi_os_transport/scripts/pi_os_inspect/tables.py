@@ -48,7 +48,7 @@ def joined_links(states):
                       'memory': max(out.get('memory', 0), into.get('memory', 0)),
                       'tcp': max(out.get('tcp', 0), into.get('tcp', 0)),
                       'waiting': out.get('waiting', into.get('waiting', 0)), 'queue_size': out.get('queue_size', 0),
-                      'dropped': out.get('dropped', 0), 'pool_full': out.get('pool_full', 0),
+                      'dropped': out.get('dropped', into.get('missing', 0)), 'pool_full': out.get('pool_full', 0),
                       'copied': into.get('copied', 0),
                       'latencies': into.get('latencies', []),
                       'reason': into.get('reason') or out.get('reason') or '',
@@ -79,8 +79,8 @@ def service_rows(states):
 def node_rows(states):
     rows = []
     for state in states:
-        pool = state['pool']
-        rows.append([state['node'], state['pid'], '%.1f of %.0f' % (pool['committed'] / 2.0 ** 20,
-                                                                     pool['limit'] / 2.0 ** 20),
+        pool, descriptors = state['pool'], state['descriptors']
+        rows.append([state['node'], state['pid'], '%d of %d' % (descriptors['open'], descriptors['limit']),
+                     '%.1f of %.0f' % (pool['committed'] / 2.0 ** 20, pool['limit'] / 2.0 ** 20),
                      pool['segments'], pool['live_slots'], len(state['publications']), len(state['subscriptions'])])
-    return (['node', 'pid', 'pool [MiB]', 'segments', 'messages held', 'links out', 'links in'], rows)
+    return (['node', 'pid', 'descriptors', 'pool [MiB]', 'segments', 'messages held', 'links out', 'links in'], rows)

@@ -4,11 +4,13 @@
 
 #include <algorithm>
 #include <climits>
+#include <cstdlib>
 #include <stdexcept>
 #include <utility>
 
 #include "bridge/bridge_status.h"
 #include "wire/ipv4.h"
+#include "wire/tls_keys.h"
 
 namespace pi_os_transport
 {
@@ -27,6 +29,12 @@ std::string codecProgram()
   return self.substr(0, self.rfind('/') + 1) + "pi_os_image_codec";
 }
 
+std::string keysFolder(const BridgeConfig& config)
+{
+  const char* const home = std::getenv("HOME");
+  return !config.keys.empty() ? config.keys : std::string(home != nullptr ? home : "") + "/.config/pi_os/keys";
+}
+
 BridgeContext makeContext(EventLoop* loop, BridgeConfig config, std::function<void(const std::string&)> log)
 {
   BridgeContext context{loop, std::move(config), std::move(log), Token::random().high | 1};
@@ -36,6 +44,7 @@ BridgeContext makeContext(EventLoop* loop, BridgeConfig config, std::function<vo
   codec.max_bytes = uint64_t{context.config.max_message_mb} << 20;
   codec.queue_limit = MAX_CODEC_QUEUE;
   context.codec = std::make_unique<ImageCodec>(loop, codec);
+  context.graph = std::make_unique<RosGraph>(loop, context.config.master);
   return context;
 }
 
@@ -49,17 +58,32 @@ std::string nameOf(const Peer& peer)
 Bridge::Bridge(EventLoop* loop, BridgeConfig config, std::function<void(const std::string&)> log)
   : context_(makeContext(loop, std::move(config), std::move(log)))
   , sessions_(&context_, static_cast<Peer::Listener*>(this))
-  , incoming_(&context_, &sessions_, [this]() { finishDraining(); })
-  , outgoing_(&context_, [this]() { finishDraining(); })
+  , pairs_(
+        loop,
+        [this](const std::shared_ptr<ProcessPair>& pair, const BridgeRequest& request)
+        { incoming_.open(pair, request); },
+        context_.log)
+  , incoming_(&context_, &sessions_, &pairs_, [this]() { finishDraining(); })
+  , outgoing_(&context_, &pairs_, [this]() { finishDraining(); })
   , tunnels_(&context_, &sessions_)
   , dispatcher_(&context_, &sessions_, &incoming_, &outgoing_, &tunnels_)
-  , requests_(loop, {[this](SideChannel channel, const BridgeRequest& request)
-                     { incoming_.open(std::move(channel), request); },
-                     [this](SideChannel* channel, const BridgeRequest& request) { tunnels_.open(channel, request); },
+  , requests_(loop, {[this](SideChannel channel) { pairs_.accept(std::move(channel)); },
+                     [this](SideChannel channel, const BridgeRequest& request)
+                     { tunnels_.open(std::move(channel), request); },
                      [this]() { return status(); }, context_.log})
 {
-  context_.transport = context_.config.wire == "nanomsg" ? makeNanomsgTransport(loop, &dispatcher_)
-                                                         : makeSpTransport(loop, &dispatcher_);
+  if (context_.config.isSecure())
+  {
+    const auto keys = std::make_shared<const TlsKeys>(keysFolder(context_.config));
+    context_.log("protected by TLS as \"" + keys->identity() + (keys->areShared() ? "\", a shared key" : "\""));
+    context_.shares_keys = keys->areShared();
+    context_.transport = makeProtectedTransport(loop, &dispatcher_, keys);
+  }
+  else
+  {
+    context_.transport = context_.config.wire == "nanomsg" ? makeNanomsgTransport(loop, &dispatcher_)
+                                                           : makeSpTransport(loop, &dispatcher_);
+  }
 }
 
 Bridge::~Bridge()

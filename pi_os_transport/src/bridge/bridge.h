@@ -7,6 +7,7 @@
 #include "bridge/bridge_context.h"
 #include "bridge/frame_dispatcher.h"
 #include "bridge/incoming_links.h"
+#include "bridge/local_pairs.h"
 #include "bridge/local_requests.h"
 #include "bridge/outgoing_links.h"
 #include "bridge/sessions.h"
@@ -47,6 +48,7 @@ private:
 
   BridgeContext context_;
   Sessions sessions_;
+  LocalPairs pairs_;
   IncomingLinks incoming_;
   OutgoingLinks outgoing_;
   Tunnels tunnels_;

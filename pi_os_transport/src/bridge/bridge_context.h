@@ -5,8 +5,9 @@
 #include <memory>
 #include <string>
 
-#include "bridge/bridge_config.h"
+#include "bridge/config/bridge_config.h"
 #include "bridge/refusals.h"
+#include "bridge/ros_graph.h"
 #include "event_loop/event_loop.h"
 #include "image_codec/image_codec.h"
 #include "shm/slot_pool.h"
@@ -26,8 +27,10 @@ struct BridgeContext
   std::unique_ptr<SlotPool> pool{};  ///< memory for incoming messages
   std::unique_ptr<FrameTransport> transport{};
   std::unique_ptr<ImageCodec> codec{};
-  uint32_t next_id = 1;   ///< of links, streams and tunnels
-  bool draining = false;  ///< the bridge ends: nothing new is opened
+  std::unique_ptr<RosGraph> graph{};  ///< what is registered with the ROS master
+  uint32_t next_id = 1;               ///< of links, streams and tunnels
+  bool shares_keys = false;           ///< an identity is that of a key, which several devices have
+  bool draining = false;              ///< the bridge ends: nothing new is opened
 };
 
 }  // namespace pi_os_transport

@@ -20,6 +20,7 @@ std::vector<uint8_t> BridgeRequest::encode() const
       {
         out.putString(*text);
       }
+      out.putU32(link);
       break;
     case TUNNEL:
       out.putString(address);
@@ -53,6 +54,7 @@ bool BridgeRequest::decode(const std::vector<uint8_t>& packet, BridgeRequest* re
       {
         *text = in.getString();
       }
+      request->link = in.getU32();
       break;
     case TUNNEL:
       request->address = in.getString();

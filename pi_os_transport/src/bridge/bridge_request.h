@@ -7,18 +7,19 @@
 namespace pi_os_transport
 {
 
-/// A request to the bridge of this device: the first packet on a local socket.
+/// A request to the bridge of this device, a packet on its local socket. Those other than LINK are the first and only
+/// one there.
 struct BridgeRequest
 {
   enum Kind : uint16_t
   {
-    LINK = 1,    ///< carry a topic from another device; the socket becomes the publisher's side channel
+    LINK = 1,    ///< on a ProcessPair: carry a topic from another device
     TUNNEL = 2,  ///< carry a TCP connection; answered by a Packet of type OFFER with a connected socket, or ENDED
     STATUS = 3,  ///< answered by this header and a descriptor of memory with the state as JSON
     PING = 4,    ///< answered by this header
   };
   static constexpr uint32_t MAGIC = 0x514f6970;
-  static constexpr uint16_t VERSION = 1;
+  static constexpr uint16_t VERSION = 2;
   static constexpr size_t LONGEST = 4096;  ///< [B]
 
   Kind kind = STATUS;
@@ -30,6 +31,7 @@ struct BridgeRequest
   std::string type;        ///< message type
   std::string publisher;   ///< node name
   std::string subscriber;  ///< node name
+  uint32_t link = 0;       ///< its number in the pair of processes
   // TUNNEL
   uint16_t port = 0;  ///< TCP port on the other device
   std::string service;

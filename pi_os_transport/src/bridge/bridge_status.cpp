@@ -11,13 +11,14 @@ using Json = nlohmann::ordered_json;
 
 constexpr int STATUS_VERSION = 1;
 
-Json statusOf(const Peer& peer)
+Json statusOf(const Peer& peer, const std::string& identity)
 {
   static const char* const STATES[] = {"connecting", "up", "silent", "hung", "down"};
   const Lane& express = peer.lane(Traffic::EXPRESS);
   const Lane& bulk = peer.lane(Traffic::BULK);
   return {{"address", peer.endpoint().toString()},
           {"name", peer.name()},
+          {"identity", identity},
           {"state", STATES[static_cast<size_t>(peer.state())]},
           {"rtt_us", bulk.rtt().count()},
           {"window", bulk.window()},
@@ -70,7 +71,8 @@ std::string bridgeStatus(const BridgeContext& context, const Sessions& sessions)
   Json status{{"version", STATUS_VERSION},
               {"name", context.config.name},
               {"instance", std::to_string(context.instance)},
-              {"wire", context.config.wire}};
+              {"wire", context.config.wire},
+              {"secure", context.config.secure}};
   Json& listen = status["listen"] = Json::array();
   for (const Endpoint& endpoint : context.config.listen)
   {
@@ -91,7 +93,7 @@ std::string bridgeStatus(const BridgeContext& context, const Sessions& sessions)
   {
     const Session& session = *entry.second;
     const std::string address = session.peer->endpoint().toString();
-    status["peers"].push_back(statusOf(*session.peer));
+    status["peers"].push_back(statusOf(*session.peer, session.identity));
     const auto append = [&](const char* list, const auto& carried)
     {
       for (const auto& one : carried)

@@ -48,6 +48,36 @@ bool FrameDispatcher::onAccept(const std::string& address)
   return false;
 }
 
+Verdict FrameDispatcher::onIdentity(const Endpoint& at, const std::string& identity)
+{
+  const BridgeConfig& config = context_->config;
+  const TrustOptions* const trust = config.trustOf(identity);
+  if (trust != nullptr && !trust->allow)
+  {
+    return {"\"" + identity + "\" is revoked by trust", true};
+  }
+  if (trust == nullptr && !config.trust.empty())
+  {
+    return {"\"" + identity + "\" is not in trust", false};
+  }
+  const auto expected = config.peer_names.find(at);
+  if (expected != config.peer_names.end() && expected->second != identity)
+  {
+    return {"its name is \"" + identity + "\", not \"" + expected->second + "\" as in peers", false};
+  }
+  if (Session* const session = at.port != 0 ? sessions_->find(at) : nullptr)
+  {
+    session->identity = identity;
+  }
+  return {};
+}
+
+void FrameDispatcher::onUntrusted(const Endpoint& at, const std::string& reason)
+{
+  const std::string subject = (at.port != 0 ? "the bridge at " : "a connection from ") + at.address;
+  context_->refusals.count(Refusals::UNTRUSTED, subject, subject + " is not trusted: " + reason);
+}
+
 uint8_t* FrameDispatcher::onHeader(FrameTransport::SourceId source, const FrameHeader& header, uint32_t length)
 {
   if (header.type == FrameType::HELLO)
@@ -131,8 +161,82 @@ void FrameDispatcher::onHello(FrameTransport::SourceId source, const uint8_t* pa
     context_->transport->closeSource(source);
     return;
   }
-  Session* const session = introduce(source, hello);
-  if (session != nullptr && session->peer->onHello(hello))
+  if (hello.instance == context_->instance)
+  {
+    context_->transport->closeSource(source);  // this bridge itself, through another of its addresses
+    return;
+  }
+  if (Session* const known = sessions_->withSecret(hello.echo))
+  {
+    greet(source, known, hello);
+    return;
+  }
+  const std::optional<Endpoint> endpoint = endpointOf(source, hello);
+  if (!endpoint)
+  {
+    context_->transport->closeSource(source);
+  }
+  else if (context_->config.allow.empty() && !context_->config.isSecure() && !sessions_->knows(endpoint->address))
+  {
+    awaitGraph(source, *endpoint, hello);
+  }
+  else
+  {
+    greet(source, sessions_->at(*endpoint), hello);
+  }
+}
+
+/// Where the bridge that sent a greeting can be reached. Nothing if the greeting is refused.
+std::optional<Endpoint> FrameDispatcher::endpointOf(FrameTransport::SourceId source, const Hello& hello)
+{
+  // A bridge behind a tunnel says where it can be reached. Any other is where it sends from.
+  const std::string seen = context_->transport->addressOf(source);
+  const std::string address = hello.fixed || seen.empty() ? hello.address : seen;
+  if (hello.port == 0 || !parseIpv4(address))
+  {
+    context_->refusals.count(Refusals::MALFORMED, "a bridge that says no address: give it one with advertise");
+    return std::nullopt;
+  }
+  if (!context_->config.allows(address))
+  {
+    context_->refusals.count(Refusals::UNKNOWN_PEER, "a bridge at " + address + " is not allowed here");
+    return std::nullopt;
+  }
+  return Endpoint{address, hello.port};
+}
+
+void FrameDispatcher::awaitGraph(FrameTransport::SourceId source, const Endpoint& endpoint, const Hello& hello)
+{
+  if (!unknown_.insert_or_assign(std::make_pair(source, endpoint), hello).second)
+  {
+    return;  // asked already
+  }
+  const auto decide = [this, source, endpoint](const std::string& refusal)
+  {
+    const auto waiting = unknown_.extract(std::make_pair(source, endpoint));
+    if (waiting.empty())
+    {
+      return;  // its connection has ended
+    }
+    if (refusal.empty())
+    {
+      greet(source, sessions_->at(endpoint), waiting.mapped());
+      return;
+    }
+    context_->refusals.count(Refusals::UNKNOWN_PEER, "the bridge at " + endpoint.address + " is not allowed here: " +
+                                                         refusal + ". Name its address in allow or peers");
+    context_->transport->closeSource(source);
+  };
+  context_->graph->findDevice(endpoint.address, decide);
+}
+
+/// @param session  null if there are too many
+void FrameDispatcher::greet(FrameTransport::SourceId source, Session* session, const Hello& hello)
+{
+  // Of two devices with keys, none speaks for the other.
+  const bool is_same = session != nullptr && (context_->shares_keys || session->identity.empty() ||
+                                              session->identity == context_->transport->identityOf(source));
+  if (is_same && session->peer->onHello(hello))
   {
     return;
   }
@@ -141,33 +245,6 @@ void FrameDispatcher::onHello(FrameTransport::SourceId source, const uint8_t* pa
     context_->refusals.count(Refusals::BAD_SESSION);
   }
   context_->transport->closeSource(source);
-}
-
-/// Finds the session of a greeting, or makes one. @return null if the greeting is refused
-Session* FrameDispatcher::introduce(FrameTransport::SourceId source, const Hello& hello)
-{
-  if (hello.instance == context_->instance)
-  {
-    return nullptr;  // this bridge itself, through another of its addresses
-  }
-  if (Session* const known = sessions_->withSecret(hello.echo))
-  {
-    return known;
-  }
-  // A bridge behind a tunnel says where it can be reached. Any other is where it sends from.
-  const std::string seen = context_->transport->addressOf(source);
-  const std::string address = hello.fixed || seen.empty() ? hello.address : seen;
-  if (hello.port == 0 || !parseIpv4(address))
-  {
-    context_->refusals.count(Refusals::MALFORMED, "a bridge that says no address: give it one with advertise");
-    return nullptr;
-  }
-  if (!context_->config.allows(address))
-  {
-    context_->refusals.count(Refusals::UNKNOWN_PEER, "a bridge at " + address + " is not allowed here");
-    return nullptr;
-  }
-  return sessions_->at(Endpoint{address, hello.port});
 }
 
 bool FrameDispatcher::dispatch(Session* session, const FrameHeader& header, const uint8_t* payload, uint32_t length)
@@ -223,6 +300,7 @@ void FrameDispatcher::onSourceClosed(FrameTransport::SourceId source, CloseReaso
   {
     payloads_.erase(source);
     fragments_.erase(source);
+    unknown_.erase(unknown_.lower_bound({source, Endpoint{}}), unknown_.lower_bound({source + 1, Endpoint{}}));
   }
   if (reason != CloseReason::MALFORMED)
   {

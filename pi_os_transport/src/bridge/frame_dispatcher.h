@@ -3,7 +3,9 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "bridge/incoming_links.h"
@@ -30,6 +32,8 @@ public:
   void onWritable(FrameTransport::ConnectionId connection) override;
   void onClosed(FrameTransport::ConnectionId connection, CloseReason reason) override;
   bool onAccept(const std::string& address) override;
+  Verdict onIdentity(const Endpoint& at, const std::string& identity) override;
+  void onUntrusted(const Endpoint& at, const std::string& reason) override;
   uint8_t* onHeader(FrameTransport::SourceId source, const FrameHeader& header, uint32_t length) override;
   void onFrame(FrameTransport::SourceId source, const FrameHeader& header, uint8_t* payload, uint32_t length) override;
   void onSourceClosed(FrameTransport::SourceId source, CloseReason reason, const std::string& detail) override;
@@ -37,7 +41,9 @@ public:
 private:
   uint8_t* fragmentPlace(FrameTransport::SourceId source, const FrameHeader& header, uint32_t length);
   void onHello(FrameTransport::SourceId source, const uint8_t* payload, uint32_t length);
-  Session* introduce(FrameTransport::SourceId source, const Hello& hello);
+  std::optional<Endpoint> endpointOf(FrameTransport::SourceId source, const Hello& hello);
+  void awaitGraph(FrameTransport::SourceId source, const Endpoint& endpoint, const Hello& hello);
+  void greet(FrameTransport::SourceId source, Session* session, const Hello& hello);
   bool dispatch(Session* session, const FrameHeader& header, const uint8_t* payload, uint32_t length);
 
   BridgeContext* const context_;
@@ -48,6 +54,8 @@ private:
   std::map<FrameTransport::SourceId, std::vector<uint8_t>> payloads_;  ///< of frames that are not fragments
   /// Memory of the fragments that are being received. Outlives a stream that ends meanwhile.
   std::map<FrameTransport::SourceId, std::shared_ptr<uint8_t>> fragments_;
+  /// Greetings of bridges on unknown devices, until the ROS master has told whether these belong to the graph.
+  std::map<std::pair<FrameTransport::SourceId, Endpoint>, Hello> unknown_;
 };
 
 }  // namespace pi_os_transport

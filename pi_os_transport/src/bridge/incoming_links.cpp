@@ -2,6 +2,7 @@
 
 #include <utility>
 
+#include "event_loop/if_alive.h"
 #include "wire/ipv4.h"
 
 namespace pi_os_transport
@@ -16,8 +17,9 @@ constexpr char SUBSCRIBER_LEFT[] = "the subscriber left";
 
 }  // namespace
 
-IncomingLinks::IncomingLinks(BridgeContext* context, Sessions* sessions, std::function<void()> on_ended)
-  : context_(context), sessions_(sessions), on_ended_(std::move(on_ended))
+IncomingLinks::IncomingLinks(BridgeContext* context, Sessions* sessions, LocalPairs* pairs,
+                             std::function<void()> on_ended)
+  : context_(context), sessions_(sessions), pairs_(pairs), on_ended_(std::move(on_ended))
 {
   context_->pool->setReclaim([this]() { collect(); });
 }
@@ -34,21 +36,27 @@ void IncomingLinks::collect()
       });
 }
 
-void IncomingLinks::open(SideChannel channel, const BridgeRequest& request)
+void IncomingLinks::open(const std::shared_ptr<ProcessPair>& pair, const BridgeRequest& request)
 {
   const bool possible =
       !isLocalAddress(request.address) && !context_->draining && context_->config.topic(request.topic).forward;
   Session* const session = possible ? sessions_->ofDevice(request.address) : nullptr;
-  if (session == nullptr || session->incoming.size() >= Session::MAX_LINKS)
+  const uint32_t id = context_->next_id++;
+  const auto link = std::make_shared<IncomingLink>(id, request, pair);
+  const auto local = std::make_shared<LocalLink>();
+  if (session == nullptr || session->incoming.size() >= Session::MAX_LINKS || !pair->addSender(request.link, local))
   {
-    channel.send(Packet::ended(LinkEnd::REFUSED));
+    pair->send(Packet::ended(request.link, LinkEnd::REFUSED));
     return;
   }
-  const uint32_t id = context_->next_id++;
-  const auto link = std::make_shared<IncomingLink>(id, request, std::move(channel));
+  local->on_packet = ifAlive(link, [this, session](const LinkPtr& alive, const Packet& packet, auto*)
+                             { onSubscriber(session, alive, packet); });
+  local->on_pair_ended =
+      ifAlive(link, [this, session](const LinkPtr& alive)
+              { end(session, alive, LinkEnd::CLOSED, alive->state != IncomingLink::State::WANTED); });
+  link->end = local;
   link->on_blocked = [this]() { pauseBlocked(); };
   session->incoming[id] = link;
-  context_->loop->add(link->fd(), EPOLLIN, [this, session, link](uint32_t) { onSubscriber(session, link); });
   if (session->peer->up())
   {
     this->request(session, link);
@@ -57,7 +65,8 @@ void IncomingLinks::open(SideChannel channel, const BridgeRequest& request)
 
 void IncomingLinks::openWaiting(Session* session)
 {
-  for (const auto& link : session->incoming)
+  const auto links = session->incoming;  // one that is not trusted ends
+  for (const auto& link : links)
   {
     if (link.second->state == IncomingLink::State::WANTED)
     {
@@ -68,35 +77,30 @@ void IncomingLinks::openWaiting(Session* session)
 
 void IncomingLinks::request(Session* session, const LinkPtr& link)
 {
-  link->state = IncomingLink::State::OPENING;
   const BridgeRequest& request = link->request;
+  if (!context_->config.trusts(session->identity, request.topic))
+  {
+    context_->refusals.warn("\"" + session->identity + "\" may not send " + request.topic + ", see trust");
+    end(session, link, LinkEnd::REFUSED, false);
+    return;
+  }
+  link->state = IncomingLink::State::OPENING;
   const LinkOpen open{request.socket_token, request.link_token, request.topic,
                       request.type,         request.publisher,  request.subscriber};
   session->peer->control(FrameHeader::of(FrameType::LINK_OPEN, link->id), open.encode());
 }
 
-void IncomingLinks::onSubscriber(Session* session, const LinkPtr& link)
+void IncomingLinks::onSubscriber(Session* session, const LinkPtr& link, const Packet& packet)
 {
-  for (;;)
+  if (!link->ring || !link->ring->isProof(packet))
   {
-    Packet packet;
-    SideChannel::Descriptors descriptors;
-    const SideChannel::Receive received = link->channel().receive(&packet, &descriptors);
-    if (received == SideChannel::Receive::NOTHING)
-    {
-      return;
-    }
-    if (received == SideChannel::Receive::PACKET && link->ring && link->ring->isProof(packet))
-    {
-      if (link->state == IncomingLink::State::OFFERED)
-      {
-        link->state = IncomingLink::State::CARRYING;
-        session->peer->control(FrameHeader::of(FrameType::LINK_PROVED, link->id));
-      }
-      continue;
-    }
     end(session, link, LinkEnd::CLOSED, link->state != IncomingLink::State::WANTED);
     return;
+  }
+  if (link->state == IncomingLink::State::OFFERED)
+  {
+    link->state = IncomingLink::State::CARRYING;
+    session->peer->control(FrameHeader::of(FrameType::LINK_PROVED, link->id));
   }
 }
 
@@ -132,10 +136,10 @@ void IncomingLinks::offer(Session* session, const LinkPtr& link)
   {
     return;  // the frame came again after an interruption
   }
-  auto ring = std::make_unique<RingSender>(context_->pool.get(), pool_token_,
-                                           (context_->config.pool_limit_mb << 20) / SUBSCRIBER_SHARE);
+  auto ring =
+      std::make_unique<RingSender>(context_->pool.get(), (context_->config.pool_limit_mb << 20) / SUBSCRIBER_SHARE);
   std::string error;
-  if (!ring->open(std::move(link->client), &error))
+  if (!ring->open(link->pair, link->request.link, &error))
   {
     if (!error.empty())
     {
@@ -161,9 +165,8 @@ void IncomingLinks::end(Session* session, const LinkPtr& ended, LinkEnd reason, 
                            encodeText(SUBSCRIBER_LEFT));
   }
   link->flush();
-  link->channel().send(Packet::ended(reason));
-  context_->loop->remove(link->fd());
-  link->client.close();
+  link->pair->removeSender(link->request.link, link->end.get());
+  link->pair->send(Packet::ended(link->request.link, reason));
   link->ring.reset();
   link->state = IncomingLink::State::WANTED;
   bool any = false;
@@ -287,14 +290,7 @@ void IncomingLinks::retireSegments()
   {
     return;
   }
-  sessions_->forEachIncoming(
-      [&retired](Session*, const LinkPtr& link)
-      {
-        if (link->ring)
-        {
-          link->ring->retire(retired);
-        }
-      });
+  pairs_->retire(retired);
 }
 
 }  // namespace pi_os_transport

@@ -4,6 +4,7 @@
 #include <memory>
 
 #include "bridge/bridge_request.h"
+#include "bridge/local_pairs.h"
 #include "bridge/sessions.h"
 
 namespace pi_os_transport
@@ -15,10 +16,10 @@ class IncomingLinks
 {
 public:
   /// @param on_ended  called after a link has ended
-  IncomingLinks(BridgeContext* context, Sessions* sessions, std::function<void()> on_ended);
+  IncomingLinks(BridgeContext* context, Sessions* sessions, LocalPairs* pairs, std::function<void()> on_ended);
 
-  /// A node of this device wants a link; `channel` is its side channel.
-  void open(SideChannel channel, const BridgeRequest& request);
+  /// A node of this device wants a link.
+  void open(const std::shared_ptr<ProcessPair>& pair, const BridgeRequest& request);
   /// The session is up: asks for the links that wait for it.
   void openWaiting(Session* session);
   /// LINK_READY, LINK_START, or LINK_CLOSE from the publisher's side.
@@ -34,7 +35,7 @@ private:
   using LinkPtr = std::shared_ptr<IncomingLink>;
 
   void request(Session* session, const LinkPtr& link);
-  void onSubscriber(Session* session, const LinkPtr& link);
+  void onSubscriber(Session* session, const LinkPtr& link, const Packet& packet);
   void offer(Session* session, const LinkPtr& link);
   void end(Session* session, const LinkPtr& ended, LinkEnd reason, bool tell_peer);
   void pauseBlocked();
@@ -45,8 +46,8 @@ private:
 
   BridgeContext* const context_;
   Sessions* const sessions_;
+  LocalPairs* const pairs_;
   const std::function<void()> on_ended_;
-  const Token pool_token_ = Token::random();
   Timer blocked_timer_;
 };
 

@@ -11,8 +11,10 @@ namespace pi_os_transport
 namespace
 {
 
-/// Most messages kept for a subscriber that takes none: as many may be under way when the peer is told to pause.
-constexpr size_t MAX_BACKLOG = 1024;
+/// Most that is kept for a subscriber that takes nothing [B]: more than is under way when the peer is told to pause.
+/// Small messages count as more, for the memory around them.
+constexpr uint64_t MAX_BACKLOG = 32 << 20;
+constexpr uint64_t KEPT_OVERHEAD = 256;
 /// Most compressed images of one stream that wait before the peer is told to pause.
 constexpr size_t MAX_UNDECODED = 4;
 
@@ -72,9 +74,12 @@ void IncomingLink::deliver(const LinkEntry& entry, const std::shared_ptr<PooledM
   if (!backlog_.empty() || !push(entry, *message))
   {
     backlog_.push_back(Kept{entry, message});
-    if (backlog_.size() > MAX_BACKLOG || (max_queue_ > 0 && backlog_.size() > max_queue_))
+    backlog_bytes_ += message->length();
+    const bool beyond_queue =
+        max_queue_ > 0 && backlog_.size() > max_queue_ && ring->untakenBytes() + backlog_bytes_ > SOCKET_BYTES;
+    if (beyond_queue || (backlog_.size() > 1 && backlog_bytes_ + backlog_.size() * KEPT_OVERHEAD > MAX_BACKLOG))
     {
-      backlog_.pop_front();
+      popKept();
       ++dropped_;
     }
     on_blocked();
@@ -93,9 +98,15 @@ bool IncomingLink::flush()
 {
   while (!backlog_.empty() && push(backlog_.front().entry, *backlog_.front().message))
   {
-    backlog_.pop_front();
+    popKept();
   }
   return backlog_.empty();
+}
+
+void IncomingLink::popKept()
+{
+  backlog_bytes_ -= backlog_.front().message->length();
+  backlog_.pop_front();
 }
 
 bool IncomingStream::readEntries(const FrameHeader& header, PayloadReader* in, std::vector<LinkEntry>* entries) const

@@ -53,19 +53,17 @@ public:
     CARRYING,
   };
 
-  IncomingLink(uint32_t id, BridgeRequest request, SideChannel client)
-    : id(id), request(std::move(request)), client(std::move(client))
+  IncomingLink(uint32_t id, BridgeRequest request, std::shared_ptr<ProcessPair> pair)
+    : id(id), request(std::move(request)), pair(std::move(pair))
   {
   }
 
   const uint32_t id;  ///< unique in this process
   const BridgeRequest request;
   State state = State::WANTED;
-  SideChannel client;                ///< until the ring takes it over
-  std::unique_ptr<RingSender> ring;  ///< once offered
-
-  int fd() const { return ring ? ring->channel().fd() : client.fd(); }
-  SideChannel& channel() { return ring ? ring->channel() : client; }
+  const std::shared_ptr<ProcessPair> pair;  ///< with the subscriber's process
+  std::shared_ptr<PairLink> end;            ///< this end of it
+  std::unique_ptr<RingSender> ring;         ///< once offered
 
   /// Messages follow. @param max_queue  the publisher's queue size
   void start(size_t max_queue, uint32_t after_tcp);
@@ -95,11 +93,13 @@ private:
   };
   bool isNew(const LinkEntry& entry);
   bool push(const LinkEntry& entry, const PooledMessage& message);
+  void popKept();
 
   bool started_ = false;
   size_t max_queue_ = 0;
   uint32_t last_sequence_ = 0;
   std::deque<Kept> backlog_;
+  uint64_t backlog_bytes_ = 0;
   uint64_t messages_ = 0;
   uint64_t bytes_ = 0;
   uint64_t dropped_ = 0;

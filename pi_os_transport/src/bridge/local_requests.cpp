@@ -1,6 +1,7 @@
 #include "bridge/local_requests.h"
 
 #include <sys/mman.h>
+#include <sys/socket.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -8,8 +9,17 @@
 #include <stdexcept>
 #include <utility>
 
+#include "shm/shared_memory.h"
+
 namespace pi_os_transport
 {
+namespace
+{
+
+/// How long no process is accepted after there was no descriptor for one.
+constexpr std::chrono::milliseconds ACCEPT_AGAIN{1000};
+
+}  // namespace
 
 LocalRequests::~LocalRequests()
 {
@@ -40,7 +50,11 @@ void LocalRequests::stop()
 {
   if (listener_)
   {
-    loop_->remove(listener_.fd());
+    if (!accept_again_.running())
+    {
+      loop_->remove(listener_.fd());
+    }
+    accept_again_.stop();
     listener_.close();
   }
 }
@@ -53,10 +67,31 @@ void LocalRequests::accept()
     clients_[client->fd()] = client;
     loop_->add(client->fd(), EPOLLIN, [this, client](uint32_t) { onRequest(client); });
   }
+  const std::string shortage = describeShortage(errno);
+  if (!shortage.empty())
+  {
+    // The socket stays readable, and the bridge must not spin.
+    if (!std::exchange(warned_, true))
+    {
+      handlers_.log("cannot accept a process of this device: " + shortage);
+    }
+    loop_->remove(listener_.fd());
+    accept_again_.start(loop_, ACCEPT_AGAIN, [this]() { start(); });
+  }
 }
 
 void LocalRequests::onRequest(const std::shared_ptr<SideChannel>& client)
 {
+  uint32_t version = 0;
+  if (recv(client->fd(), &version, sizeof(version), MSG_PEEK | MSG_DONTWAIT) == sizeof(version) &&
+      version == PROTOCOL_VERSION)
+  {
+    const int pair = client->fd();
+    loop_->remove(pair);
+    handlers_.accept_pair(std::move(*client));
+    clients_.erase(pair);
+    return;
+  }
   std::vector<uint8_t> packet;
   SideChannel::Descriptors descriptors;
   const SideChannel::Receive received = client->receiveBytes(&packet, BridgeRequest::LONGEST, &descriptors);
@@ -87,10 +122,9 @@ void LocalRequests::handle(SideChannel channel, const std::vector<uint8_t>& pack
   switch (request.kind)
   {
     case BridgeRequest::LINK:
-      handlers_.open_link(std::move(channel), request);
-      break;
+      break;  // comes through a ProcessPair
     case BridgeRequest::TUNNEL:
-      handlers_.open_tunnel(&channel, request);
+      handlers_.open_tunnel(std::move(channel), request);
       break;
     case BridgeRequest::STATUS:
       answerStatus(&channel);

@@ -20,8 +20,8 @@ public:
   /// What a request leads to. PING is answered here.
   struct Handlers
   {
-    std::function<void(SideChannel channel, const BridgeRequest& request)> open_link;
-    std::function<void(SideChannel* channel, const BridgeRequest& request)> open_tunnel;
+    std::function<void(SideChannel channel)> accept_pair;  ///< a ProcessPair, with its first packet unread
+    std::function<void(SideChannel channel, const BridgeRequest& request)> open_tunnel;
     std::function<std::string()> status;  ///< as JSON
     std::function<void(const std::string&)> log;
   };
@@ -45,6 +45,8 @@ private:
   EventLoop* const loop_;
   const Handlers handlers_;
   SideChannel listener_;
+  Timer accept_again_;  ///< runs while there are no descriptors to accept with
+  bool warned_ = false;
   std::map<int, std::shared_ptr<SideChannel>> clients_;  ///< connected, without a request yet; by descriptor
 };
 

@@ -27,9 +27,11 @@ std::vector<MessageSelector::Head> MessageSelector::heads()
   std::vector<Head> heads;
   for (const std::shared_ptr<OutgoingLink>& link : links_)
   {
-    Head head{link, {}, 0};
+    Head head{link, {}, 0, nullptr};
     if (link->state == OutgoingLink::State::CARRYING && !link->paused &&
-        link->ring->ring().peek(&head.descriptor, &head.index))
+        link->ring->ring().peek(&head.descriptor, &head.index) &&
+        (head.descriptor.segment == Descriptor::LINK_START ||
+         link->ring->find(head.descriptor, &head.segment) != RingReceiver::Take::WAITING))
     {
       heads.push_back(std::move(head));
     }
@@ -145,7 +147,7 @@ bool MessageSelector::takeFrom(const Head& head, OutgoingMessage* message, bool*
     return false;  // the publisher dropped the message meanwhile
   }
   const uint32_t place = static_cast<uint32_t>(taken);
-  const std::shared_ptr<MappedSegment> segment = link.ring->find(head.descriptor);
+  const std::shared_ptr<MappedSegment>& segment = head.segment;
   if (!segment)
   {
     link.ring->release(place);
@@ -157,8 +159,7 @@ bool MessageSelector::takeFrom(const Head& head, OutgoingMessage* message, bool*
     message->segment = segment;
     message->length = head.descriptor.length;
     message->data = segment->data() != nullptr ? segment->data() + head.descriptor.offset : nullptr;
-    const bool small = message->length <= SMALL_MESSAGE && !link.latched;
-    if (small || message->data == nullptr)
+    if (message->data == nullptr && message->length > 0)
     {
       message->copy.resize(message->length);
       *unreadable = !segment->copy(head.descriptor.offset, message->copy.data(), message->length) || *unreadable;
@@ -166,15 +167,10 @@ bool MessageSelector::takeFrom(const Head& head, OutgoingMessage* message, bool*
       message->segment.reset();
     }
   }
-  const bool keep = !message->copy.empty() || message->length == 0 ? link.latched : true;
-  if (!keep)
-  {
-    link.ring->release(place);
-  }
   link.onProgress();
   ++link.unacked;
   const LinkEntry entry{link.id, link.next_sequence++, head.descriptor.after_tcp};
-  message->targets.push_back(OutgoingMessage::Target{head.link, entry, keep ? taken : -1});
+  message->targets.push_back(OutgoingMessage::Target{head.link, entry, taken});
   return true;
 }
 

@@ -5,14 +5,14 @@
 #include <memory>
 #include <vector>
 
-#include "bridge/bridge_config.h"
+#include "bridge/config/bridge_config.h"
 #include "bridge/outgoing_link.h"
 #include "event_loop/event_loop.h"
 
 namespace pi_os_transport
 {
 
-/// Messages up to this size are copied and sent in one frame, which frees the publisher's memory at once [B].
+/// Messages up to this size are sent in one frame [B].
 constexpr uint32_t SMALL_MESSAGE = 16 << 10;
 
 /// Counters of one stream.
@@ -22,7 +22,7 @@ struct StreamCounters
   uint64_t bytes = 0;         ///< of these messages before compression [B]
   uint64_t superseded = 0;    ///< not sent because a newer one replaced it (keep_latest, or after an interruption)
   uint64_t rate_limited = 0;  ///< not sent because of rate_limit_hz
-  uint64_t lost = 0;          ///< under way when the session ended
+  uint64_t lost = 0;          ///< unreadable, or under way when the session ended and their publisher was gone
   uint64_t uncompressed = 0;  ///< sent uncompressed because compression failed
 };
 
@@ -53,6 +53,7 @@ private:
     std::shared_ptr<OutgoingLink> link;
     Descriptor descriptor;
     uint32_t index;
+    std::shared_ptr<MappedSegment> segment;  ///< null: cannot be read
   };
   std::vector<Head> heads();
   OutgoingMessagePtr takeStart(const Head& head);

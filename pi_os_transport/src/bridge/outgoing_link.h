@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "shm/ring_receiver.h"
@@ -40,7 +41,8 @@ public:
   bool latched = false;
   bool publisher_gone = false;  ///< the rest of the ring is still delivered
   size_t max_queue = 0;
-  uint32_t unacked = 0;  ///< messages sent and not acknowledged
+  uint32_t unacked = 0;                ///< messages sent and not acknowledged
+  std::vector<uint32_t> undelivered;  ///< places of messages that were acknowledged while the subscriber took none
   LinkEnd end_reason = LinkEnd::BACK_TO_TCP;
   std::string end_text;
 
@@ -49,6 +51,26 @@ public:
   {
     publisher_waits_ = true;
     announceSpace();
+  }
+  /// The message of this place has arrived. The publisher keeps it as long as it may wait in the other bridge.
+  void onArrived(uint32_t place)
+  {
+    if (paused)
+    {
+      undelivered.push_back(place);
+      return;
+    }
+    ring->release(place);
+    onProgress();
+  }
+  /// The subscriber has taken everything.
+  void onResumed()
+  {
+    for (const uint32_t place : std::exchange(undelivered, {}))
+    {
+      ring->release(place);
+    }
+    onProgress();
   }
   /// A message was taken or released.
   void onProgress()
@@ -69,7 +91,7 @@ private:
     {
       publisher_waits_ = false;
       progressed_ = false;
-      ring->channel().send(Packet::of(Packet::SPACE));
+      ring->tell(Packet::SPACE);
     }
   }
 

@@ -2,10 +2,10 @@
 
 #include <algorithm>
 #include <optional>
-#include <system_error>
 #include <utility>
 
-#include "shm/event.h"
+#include "event_loop/if_alive.h"
+#include "shm/topic_mark.h"
 
 namespace pi_os_transport
 {
@@ -35,13 +35,17 @@ bool OutgoingLinks::onLinkFrame(Session* session, const FrameHeader& header, con
       {
         link->state = OutgoingLink::State::CARRYING;
         link->ring->sendProof();
-        onDoorbell(link);
+        onNews(link);
       }
       break;
     case FrameType::LINK_PAUSE:
     case FrameType::LINK_RESUME:
       link->paused = header.type == FrameType::LINK_PAUSE;
-      onDoorbell(link);
+      if (!link->paused && link->ring->hasRing())
+      {
+        link->onResumed();
+        onNews(link);
+      }
       break;
     default:
       end(session, link, LinkEnd::BACK_TO_TCP, "the subscriber left");
@@ -82,16 +86,27 @@ std::string OutgoingLinks::fetch(Session* session, uint32_t id, const LinkOpen& 
   {
     return "its publisher's bridge does not forward this topic";
   }
-  SideChannel channel = SideChannel::connect("pi_os/" + open.socket_token);
-  if (!channel || !channel.send(Packet::of(Packet::HELLO, link_token->high, link_token->low, 1)))
+  if (!context_->config.trusts(session->identity, open.topic))
+  {
+    context_->refusals.warn("\"" + session->identity + "\" may not receive " + open.topic + ", see trust");
+    return "its publisher's bridge does not trust this device with the topic";
+  }
+  const std::shared_ptr<ProcessPair> pair = pairs_->with(open.socket_token);
+  const auto local = std::make_shared<LocalLink>();
+  const auto link = pair ? std::make_shared<OutgoingLink>(id, std::make_shared<RingReceiver>(pair, local)) : nullptr;
+  // The publisher compares the mark: the peer may name a topic that is not the link's.
+  if (!link || !link->ring->sendHello(*link_token, topicMark(*link_token, open.topic)))
   {
     return "the publisher cannot be reached by its bridge: it runs as another user, or in another container";
   }
-  const auto link = std::make_shared<OutgoingLink>(id, std::make_shared<RingReceiver>(std::move(channel)));
+  local->on_packet = ifAlive(link, [this, session](const LinkPtr& alive, const Packet& packet, auto* descriptors)
+                             { onPublisher(session, alive, packet, descriptors); });
+  local->on_pair_ended =
+      ifAlive(link, [this, session](const LinkPtr& alive) { onPublisherEnd(session, alive, LinkEnd::CLOSED); });
+  local->on_news = ifAlive(link, [this](const LinkPtr& alive) { onNews(alive); });
   link->subscriber = open.subscriber;
   session->outgoing[id] = link;
   streamFor(session, open)->add(link);
-  context_->loop->add(link->ring->fd(), EPOLLIN, [this, session, link](uint32_t) { onPublisher(session, link); });
   return {};
 }
 
@@ -136,65 +151,54 @@ OutgoingStream::Compress OutgoingLinks::compressionFor(const TopicOptions& optio
   };
 }
 
-void OutgoingLinks::onPublisher(Session* session, const LinkPtr& link)
+void OutgoingLinks::onPublisher(Session* session, const LinkPtr& link, const Packet& packet,
+                                SideChannel::Descriptors* descriptors)
 {
-  const SideChannel::Receive received = link->ring->readPackets();
-  if (link->ring->takePublisherWaits())
+  if (packet.type == Packet::WAITING)
   {
     link->onPublisherWaits();
   }
-  if (link->ring->hasRing() && link->state == OutgoingLink::State::OPENING)
+  else if (packet.type == Packet::OFFER && link->state == OutgoingLink::State::OPENING)
   {
-    link->state = OutgoingLink::State::OFFERED;
-    if (!watchDoorbell(link))
+    if (!link->ring->onOffer(packet, descriptors))
     {
-      end(session, link, LinkEnd::REFUSED, "the publisher sent no doorbell");
+      end(session, link, LinkEnd::REFUSED, "the publisher's memory cannot be mapped");
       return;
     }
+    link->state = OutgoingLink::State::OFFERED;
     session->peer->control(FrameHeader::of(FrameType::LINK_READY, link->id));
   }
-  if (received == SideChannel::Receive::NOTHING)
+  else if (packet.type == Packet::ENDED)
   {
-    return;
+    onPublisherEnd(session, link, static_cast<LinkEnd>(packet.values[0]));
   }
-  if (link->state != OutgoingLink::State::CARRYING || received == SideChannel::Receive::MALFORMED)
+}
+
+void OutgoingLinks::onPublisherEnd(Session* session, const LinkPtr& link, LinkEnd reason)
+{
+  if (link->state != OutgoingLink::State::CARRYING)
   {
     end(session, link, LinkEnd::BACK_TO_TCP, "the publisher ended the link");
     return;
   }
-  if (link->ring->ended() == LinkEnd::BACK_TO_TCP)
+  if (reason == LinkEnd::BACK_TO_TCP)
   {
     end(session, link, LinkEnd::BACK_TO_TCP, "the publisher went back to TCPROS");
     return;
   }
   // The publisher's process has ended, or has closed the link. What is left in the ring is still delivered.
   link->publisher_gone = true;
-  context_->loop->remove(link->ring->fd());
+  link->ring->detach();
   if (link->isDone())
   {
     close(session, link);
     return;
   }
-  onDoorbell(link);
+  onNews(link);
 }
 
-/// @return false if the descriptor that the publisher sent as its doorbell cannot be waited for
-bool OutgoingLinks::watchDoorbell(const LinkPtr& link)
+void OutgoingLinks::onNews(const LinkPtr& link)
 {
-  try
-  {
-    context_->loop->add(link->ring->doorbell(NETWORK_THREAD), EPOLLIN, [this, link](uint32_t) { onDoorbell(link); });
-    return true;
-  }
-  catch (const std::system_error&)
-  {
-    return false;
-  }
-}
-
-void OutgoingLinks::onDoorbell(const LinkPtr& link)
-{
-  clearEvent(link->ring->doorbell(NETWORK_THREAD));  // looking into the ring is harmless also if nothing rang
   if (const std::shared_ptr<OutgoingStream> stream = link->stream.lock())
   {
     stream->peer()->offer(stream);
@@ -229,15 +233,7 @@ void OutgoingLinks::forget(Session* session, const LinkPtr& link)
   {
     return;
   }
-  if (!kept->publisher_gone)
-  {
-    context_->loop->remove(kept->ring->fd());
-  }
-  if (kept->ring->hasRing())
-  {
-    context_->loop->remove(kept->ring->doorbell(NETWORK_THREAD));
-  }
-  kept->ring->channel().close();
+  kept->ring->leave();
   if (const std::shared_ptr<OutgoingStream> stream = kept->stream.lock())
   {
     stream->remove(kept);

@@ -4,6 +4,7 @@
 #include <memory>
 #include <string>
 
+#include "bridge/local_pairs.h"
 #include "bridge/sessions.h"
 
 namespace pi_os_transport
@@ -15,8 +16,8 @@ class OutgoingLinks
 {
 public:
   /// @param on_ended  called after a link has ended
-  OutgoingLinks(BridgeContext* context, std::function<void()> on_ended)
-    : context_(context), on_ended_(std::move(on_ended))
+  OutgoingLinks(BridgeContext* context, LocalPairs* pairs, std::function<void()> on_ended)
+    : context_(context), pairs_(pairs), on_ended_(std::move(on_ended))
   {
   }
 
@@ -36,14 +37,15 @@ private:
   std::string fetch(Session* session, uint32_t id, const LinkOpen& open);
   std::shared_ptr<OutgoingStream> streamFor(Session* session, const LinkOpen& open);
   OutgoingStream::Compress compressionFor(const TopicOptions& options, const LinkOpen& open);
-  void onPublisher(Session* session, const LinkPtr& link);
-  bool watchDoorbell(const LinkPtr& link);
-  void onDoorbell(const LinkPtr& link);
+  void onPublisher(Session* session, const LinkPtr& link, const Packet& packet, SideChannel::Descriptors* descriptors);
+  void onPublisherEnd(Session* session, const LinkPtr& link, LinkEnd reason);
+  void onNews(const LinkPtr& link);
   void end(Session* session, const LinkPtr& link, LinkEnd reason, const std::string& text);
   void close(Session* session, const LinkPtr& link);
   void forget(Session* session, const LinkPtr& link);
 
   BridgeContext* const context_;
+  LocalPairs* const pairs_;
   const std::function<void()> on_ended_;
 };
 

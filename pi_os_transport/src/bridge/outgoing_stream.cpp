@@ -236,8 +236,7 @@ void OutgoingStream::releasePlaces(OutgoingMessage* message)
     const int place = std::exchange(target.place, -1);
     if (place >= 0)
     {
-      target.link->ring->release(static_cast<uint32_t>(place));
-      target.link->onProgress();
+      target.link->onArrived(static_cast<uint32_t>(place));
     }
   }
 }
@@ -265,7 +264,8 @@ void OutgoingStream::rewind()
   }
   resend_.insert(resend_.begin(), unacked_.begin(), unacked_.end());
   unacked_.clear();
-  // Messages to be sent again count as part of the publisher's queue: the oldest are dropped.
+  // Messages to be sent again count as part of the publisher's queue: the oldest are dropped, beyond what the socket of
+  // TCPROS would hold.
   for (const std::shared_ptr<OutgoingLink>& link : std::vector<std::shared_ptr<OutgoingLink>>(links()))
   {
     if (link->max_queue == 0)
@@ -273,12 +273,14 @@ void OutgoingStream::rewind()
       continue;
     }
     size_t waiting = link->ring->ring().available();
+    uint64_t bytes = 0;
     for (auto message = resend_.rbegin(); message != resend_.rend(); ++message)
     {
       std::vector<OutgoingMessage::Target>& targets = (*message)->targets;
       const auto target = std::find_if(targets.begin(), targets.end(),
                                        [&link](const OutgoingMessage::Target& other) { return other.link == link; });
-      if ((*message)->start || target == targets.end() || ++waiting <= link->max_queue)
+      bytes += target != targets.end() ? (*message)->length : 0;
+      if ((*message)->start || target == targets.end() || ++waiting <= link->max_queue || bytes <= SOCKET_BYTES)
       {
         continue;
       }
@@ -300,8 +302,14 @@ void OutgoingStream::rewind()
 
 void OutgoingStream::abandon()
 {
-  counters_.lost += static_cast<uint64_t>(std::count_if(
-      unacked_.begin(), unacked_.end(), [](const OutgoingMessagePtr& message) { return !message->start; }));
+  // A publisher that lives still has them, and sends them over TCPROS.
+  const auto lost = [](const OutgoingMessagePtr& message)
+  {
+    const auto& targets = message->targets;
+    return !message->start && std::any_of(targets.begin(), targets.end(), [](const OutgoingMessage::Target& target)
+                                          { return target.link->publisher_gone; });
+  };
+  counters_.lost += static_cast<uint64_t>(std::count_if(unacked_.begin(), unacked_.end(), lost));
   preparing_ = false;
   sending_.reset();
   waiting_.reset();

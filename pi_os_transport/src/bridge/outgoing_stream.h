@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "bridge/bridge_config.h"
+#include "bridge/config/bridge_config.h"
 #include "bridge/message_selector.h"
 #include "bridge/outgoing_link.h"
 #include "bridge/peer.h"

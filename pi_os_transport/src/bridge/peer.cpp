@@ -140,6 +140,7 @@ void Peer::onClosed(FrameTransport::ConnectionId connection, CloseReason reason)
   {
     case CloseReason::REFUSED:
     case CloseReason::MALFORMED:
+    case CloseReason::UNTRUSTED:
       lose(State::DOWN);
       break;
     case CloseReason::PEER_CLOSED:

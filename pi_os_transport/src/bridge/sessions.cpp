@@ -50,7 +50,12 @@ Session* Sessions::ofDevice(const std::string& address)
 
 Session* Sessions::of(const Peer* peer) const
 {
-  const auto found = table_.find(peer->endpoint());
+  return find(peer->endpoint());
+}
+
+Session* Sessions::find(const Endpoint& endpoint) const
+{
+  const auto found = table_.find(endpoint);
   return found != table_.end() ? found->second.get() : nullptr;
 }
 
@@ -67,6 +72,13 @@ Session* Sessions::withConnection(FrameTransport::ConnectionId connection) const
   const auto found = std::find_if(table_.begin(), table_.end(),
                                   [connection](const auto& entry) { return entry.second->peer->owns(connection); });
   return found != table_.end() ? found->second.get() : nullptr;
+}
+
+bool Sessions::knows(const std::string& address) const
+{
+  const auto is_there = [&address](const Endpoint& endpoint) { return endpoint.address == address; };
+  return std::any_of(context_->config.peers.begin(), context_->config.peers.end(), is_there) ||
+         std::any_of(table_.begin(), table_.end(), [&](const auto& entry) { return is_there(entry.first); });
 }
 
 void Sessions::removeStale()

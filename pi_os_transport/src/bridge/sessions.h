@@ -3,16 +3,27 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <set>
 #include <string>
 
 #include "bridge/bridge_context.h"
+#include "bridge/bridge_request.h"
 #include "bridge/incoming_stream.h"
 #include "bridge/outgoing_stream.h"
 #include "bridge/peer.h"
 #include "bridge/tunnel.h"
+#include "shm/side_channel.h"
 
 namespace pi_os_transport
 {
+
+/// A process of this device that waits for a tunnel.
+struct TunnelRequest
+{
+  SideChannel channel;
+  BridgeRequest wish;
+  Timer deadline;
+};
 
 /// One other bridge and everything that is carried to it and from it.
 struct Session
@@ -21,11 +32,14 @@ struct Session
   static constexpr size_t MAX_STREAMS = 4096;  ///< likewise
 
   std::shared_ptr<Peer> peer;
+  std::string identity;  ///< name or key id that the other bridge has proved to have; empty without protection
   std::map<uint32_t, std::shared_ptr<OutgoingLink>> outgoing;
   std::map<std::string, std::shared_ptr<OutgoingStream>> outgoing_streams;  ///< by publisher's process and topic
   std::map<uint32_t, std::shared_ptr<IncomingLink>> incoming;
   std::map<uint32_t, std::shared_ptr<IncomingStream>> incoming_streams;
-  std::map<uint32_t, std::shared_ptr<Tunnel>> tunnels;  ///< by the id in frames that come from the peer
+  std::map<uint32_t, std::shared_ptr<Tunnel>> tunnels;                 ///< by the id in frames that come from the peer
+  std::map<uint32_t, std::shared_ptr<TunnelRequest>> tunnel_requests;  ///< likewise, until the peer has connected
+  std::set<uint32_t> tunnel_checks;  ///< likewise; the peer asked for them, and the ROS master is being asked
 };
 
 /// The table of sessions, one per bridge that this one knows.
@@ -45,7 +59,10 @@ public:
   /// Null if there is none.
   Session* of(const Peer* peer) const;
   Session* withSecret(uint64_t secret) const;
+  Session* find(const Endpoint& endpoint) const;
   Session* withConnection(FrameTransport::ConnectionId connection) const;
+  /// True if the device was configured, or was found before.
+  bool knows(const std::string& address) const;
   /// Null if there are no sessions.
   Session* first() const { return table_.empty() ? nullptr : table_.begin()->second.get(); }
   void remove(const Endpoint& endpoint) { table_.erase(endpoint); }

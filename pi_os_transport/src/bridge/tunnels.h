@@ -15,17 +15,19 @@ class Tunnels
 public:
   Tunnels(BridgeContext* context, Sessions* sessions) : context_(context), sessions_(sessions) {}
 
-  /// A service client of this device wants a connection to another device: answers on `channel` with a connected
-  /// socket, or with REFUSED.
-  void open(SideChannel* channel, const BridgeRequest& request);
+  /// A service client of this device wants a connection to another device: answers on `channel` with a socket when the
+  /// server is connected, or with REFUSED.
+  void open(SideChannel channel, const BridgeRequest& request);
   /// Any TUNNEL frame. @return false if it is not acceptable
   bool onFrame(Session* session, const FrameHeader& header, const uint8_t* payload, uint32_t length);
   /// The session is lost.
   static void abandon(Session* session);
 
 private:
+  void onReady(Session* session, uint32_t id);
+  void refuse(Session* session, uint32_t id, const std::string& reason);
   bool accept(Session* session, const FrameHeader& header, const uint8_t* payload, uint32_t length);
-  FileDescriptor connectToServer(Session* session, const std::string& address, uint16_t port) const;
+  std::string connectToServer(Session* session, uint32_t id, const std::string& service, const Endpoint& server);
   void add(Session* session, Tunnel::Side side, uint32_t id, FileDescriptor socket, const std::string& target);
   uint64_t waitingBytes() const;
 

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "bridge/bridge.h"
+#include "bridge/scheduling.h"
 #include "event_loop/program.h"
 
 namespace
@@ -20,6 +21,11 @@ void run(const pi_os_transport::BridgeConfig& config)
   pi_os_transport::Bridge bridge(
       &loop, config, [](const std::string& line) { std::fprintf(stderr, "pi_os_bridge: %s\n", line.c_str()); });
   bridge.start();
+  const std::string refused = pi_os_transport::setNice(config.nice);
+  if (!refused.empty())
+  {
+    std::fprintf(stderr, "pi_os_bridge: %s\n", refused.c_str());
+  }
   bool ending = false;
   loop.add(signals.get(), EPOLLIN,
            [&](uint32_t)

@@ -60,6 +60,10 @@ void confine(uint64_t max_bytes)
   {
     dup2(nowhere, stream);
   }
+  if (getpriority(PRIO_PROCESS, 0) < 0)
+  {
+    setpriority(PRIO_PROCESS, 0, 0);  // the bridge is favoured because it computes little
+  }
   prctl(PR_SET_PDEATHSIG, SIGKILL);
   prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0);
   prctl(PR_SET_DUMPABLE, 0);

@@ -19,6 +19,12 @@
   HOOK(TOPIC_MANAGER_PUBLISH, void, \
       _ZN3ros12TopicManager7publishERKNSt7__cxx1112basic_stringIcSt11char_traitsIcESaIcEEERKN5boost8functionIFNS_17SerializedMessageEvEEERSB_, \
       (void* self, const void* topic, const void* serialize, void* message), (self, topic, serialize, message)) \
+  HOOK(PUBLISHER_PUBLISH, void, \
+      _ZNK3ros9Publisher7publishERKN5boost8functionIFNS_17SerializedMessageEvEEERS3_, \
+      (const void* self, const void* serialize, void* message), (self, serialize, message)) \
+  HOOK(PUBLICATION_ADD_LINK, void, \
+      _ZN3ros11Publication17addSubscriberLinkERKN5boost10shared_ptrINS_14SubscriberLinkEEE, \
+      (void* self, const void* link), (self, link)) \
   HOOK(CONNECTION_WRITE_HEADER, void, \
       _ZN3ros10Connection11writeHeaderERKSt3mapINSt7__cxx1112basic_stringIcSt11char_traitsIcESaIcEEES7_St4lessIS7_ESaISt4pairIKS7_S7_EEERKN5boost8functionIFvRKNSH_10shared_ptrIS0_EEEEE, \
       (void* self, const void* fields, const void* written), (self, fields, written)) \
@@ -37,6 +43,9 @@
   HOOK(PUBLISHER_HANDLE_MESSAGE, void, \
       _ZN3ros22TransportPublisherLink13handleMessageERKNS_17SerializedMessageEbb, \
       (void* self, const void* message, bool serialized, bool no_copy), (self, message, serialized, no_copy)) \
+  HOOK(MESSAGE_DESERIALIZE, ReturnedPointer, \
+      _ZN3ros19MessageDeserializer11deserializeEv, \
+      (void* self), (self)) \
   HOOK(SUBSCRIBER_TRANSPORT_TYPE, ReturnedString, \
       _ZN3ros23TransportSubscriberLink16getTransportTypeB5cxx11Ev, \
       (void* self), (self)) \
@@ -102,7 +111,19 @@ enum PiOsHook
       PI_OS_HOOK_COUNT
 };
 
-#define PI_OS_SHIM_VERSION 4
+#define PI_OS_SHIM_VERSION 5
+
+/// What one thread knows about an array that is filled with zeros only to be overwritten at once.
+struct PiOsZeroFill
+{
+  size_t longest;    ///< arrays of PI_OS_ZERO_FILL_MIN to `longest` bytes are not filled; 0: all are
+  char* array;       ///< memory of the newest such array; null: none, or its fill was skipped
+  size_t bytes;      ///< length of `array`
+  uint64_t skipped;  ///< number of fills that were skipped
+};
+
+/// Shorter arrays are always filled: that costs less than to find out whether it is needed [B].
+#define PI_OS_ZERO_FILL_MIN 65536
 
 /// Handed to the companion once, before any replaced function runs.
 struct PiOsShim
@@ -116,6 +137,9 @@ struct PiOsShim
   void (*set_pool)(const void* base, size_t length, void (*release)(void*));
   /// The next new[] of this thread calls `allocate` first; if that returns null, it uses the heap. Null ends this.
   void (*set_capture)(void* (*allocate)(size_t));
+  /// State of the calling thread. While its `longest` is not 0, a memset() that clears exactly the memory that the last
+  /// operator new of at most so many bytes returned does nothing.
+  PiOsZeroFill* (*zero_fill)();
 
   const PiOsZeroCopyApi* zero_copy;  ///< set by the companion
 };

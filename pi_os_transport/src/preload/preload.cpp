@@ -1,9 +1,9 @@
 // libpi_os_transport.so: the library that users preload or link.
 //
-// It replaces some functions of libroscpp (hooks.h) and operator new[] and delete[]. In a process without roscpp it
-// only adds two branches to each array allocation. The first call of a roscpp function loads the companion
-// libpi_os_transport_roscpp.so from the same folder. If the companion declines or cannot be loaded, all calls go to
-// libroscpp. This library needs no C++ runtime, because it must not bring one into processes that have none.
+// It replaces some functions of libroscpp (hooks.h), operator new, new[] and delete[], and memset(). In a process
+// without roscpp it only adds one or two branches to each of the latter. The first call of a roscpp function loads the
+// companion libpi_os_transport_roscpp.so from the same folder. If the companion declines or cannot be loaded, all calls
+// go to libroscpp. This library needs no C++ runtime, because it must not bring one into processes that have none.
 
 #include "preload/hooks.h"
 
@@ -32,6 +32,13 @@ constexpr const char* SYMBOLS[] = {
 
 __thread void* (*capture)(size_t) __attribute__((tls_model("initial-exec"))) = nullptr;
 
+// At the first access in any thread, also in a signal handler, this memory exists: it is part of the thread's static
+// block.
+__thread PiOsZeroFill zero_fill __attribute__((tls_model("initial-exec"))) = {0, nullptr, 0, 0};
+
+// A vector's first element is made by itself, the others by memset().
+constexpr size_t LARGEST_ELEMENT = 8;
+
 const char* pool_base = nullptr;
 size_t pool_length = 0;
 void (*pool_release)(void*) = nullptr;
@@ -50,6 +57,24 @@ void setPool(const void* base, size_t length, void (*release)(void*))
 void setCapture(void* (*allocate)(size_t))
 {
   capture = allocate;
+}
+
+PiOsZeroFill* zeroFill()
+{
+  return &zero_fill;
+}
+
+/// True if memset(memory, value, bytes) clears the newest array, which is overwritten afterwards. True once per array.
+bool skipsFill(const void* memory, int value, size_t bytes)
+{
+  const auto before = static_cast<size_t>(static_cast<const char*>(memory) - zero_fill.array);
+  if (zero_fill.array == nullptr || value != 0 || before > LARGEST_ELEMENT || before + bytes != zero_fill.bytes)
+  {
+    return false;
+  }
+  zero_fill.array = nullptr;
+  ++zero_fill.skipped;
+  return true;
 }
 
 void complain(const char* what, const char* detail)
@@ -182,6 +207,7 @@ void resolveAll()
   shim.roscpp_path = roscpp_path;
   shim.set_pool = setPool;
   shim.set_capture = setCapture;
+  shim.zero_fill = zeroFill;
   bool complete = true;
   for (int hook = 0; hook < PI_OS_HOOK_COUNT; ++hook)
   {
@@ -238,8 +264,8 @@ void* nextImplementation(const char* symbol)
   void* next = dlsym(RTLD_NEXT, symbol);
   if (next == nullptr)
   {
-    // A plug-in may have loaded the C++ runtime outside the global scope.
-    void* runtime = dlopen("libstdc++.so.6", RTLD_LAZY | RTLD_NOLOAD);
+    // A plug-in may have loaded the C++ runtime outside the global scope, or contain one.
+    void* runtime = dlopen("libstdc++.so.6", RTLD_LAZY);
     next = runtime != nullptr ? dlsym(runtime, symbol) : nullptr;
   }
   if (next == nullptr)
@@ -250,12 +276,36 @@ void* nextImplementation(const char* symbol)
   return next;
 }
 
+/// operator new(size_t) of the C++ runtime or another allocator.
+void* (*next_new)(size_t) = nullptr;
+
+/// operator new(size_t) for its first call, and for arrays whose zeros may be superfluous.
+__attribute__((noinline)) void* allocateArray(size_t bytes)
+{
+  if (next_new == nullptr)
+  {
+    next_new = reinterpret_cast<void* (*)(size_t)>(nextImplementation("_Znwm"));
+  }
+  void* memory = next_new(bytes);
+  if (bytes < PI_OS_ZERO_FILL_MIN || bytes > zero_fill.longest)
+  {
+    return memory;
+  }
+  zero_fill.array = static_cast<char*>(memory);
+  zero_fill.bytes = bytes;
+  return memory;
+}
+
 bool inPool(void* pointer)
 {
   return static_cast<size_t>(static_cast<const char*>(pointer) - pool_base) < pool_length;
 }
 
 }  // namespace
+
+/// The C library's memset() behind a check of `room`, which this library does not replace: no lookup, so nothing is
+/// allocated, and memset() also works before the first constructor. Not by its own name, which compilers know too well.
+extern "C" void* memsetWithin(void* memory, int value, size_t bytes, size_t room) __asm__("__memset_chk");
 
 #pragma GCC visibility push(default)
 extern "C"
@@ -271,6 +321,25 @@ extern "C"
   {
     pthread_once(&resolved, resolveAll);
     return shim.zero_copy != nullptr && shim.zero_copy->version == version ? shim.zero_copy : nullptr;
+  }
+
+  void* memset(void* memory, int value, size_t bytes)
+  {
+    if (__builtin_expect(bytes >= PI_OS_ZERO_FILL_MIN - LARGEST_ELEMENT, 0) && skipsFill(memory, value, bytes))
+    {
+      return memory;
+    }
+    return memsetWithin(memory, value, bytes, SIZE_MAX);
+  }
+
+  /// operator new(size_t)
+  void* _Znwm(size_t bytes)
+  {
+    if (__builtin_expect(bytes >= PI_OS_ZERO_FILL_MIN || next_new == nullptr, 0))
+    {
+      return allocateArray(bytes);
+    }
+    return next_new(bytes);
   }
 
   /// operator new[](size_t)

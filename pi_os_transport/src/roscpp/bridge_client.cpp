@@ -2,6 +2,7 @@
 
 #include <netinet/in.h>
 #include <poll.h>
+#include <ros/console.h>
 #include <ros/network.h>
 #include <ros/poll_manager.h>
 #include <sys/socket.h>
@@ -20,7 +21,8 @@ namespace
 {
 
 constexpr std::chrono::milliseconds RETRY{300};
-constexpr int TUNNEL_TIMEOUT_MS = 100;
+constexpr size_t MOST_WARNINGS = 1000;
+constexpr int TUNNEL_TIMEOUT_MS = 600;  // the bridge itself waits 500 ms for the other one
 constexpr std::chrono::milliseconds PROBE_TIME{500};
 constexpr std::chrono::milliseconds PING_INTERVAL{500};
 constexpr std::chrono::milliseconds PING_TIMEOUT{1000};
@@ -248,6 +250,54 @@ FileDescriptor BridgeClient::openTunnel(const std::string& host, uint16_t port, 
     return FileDescriptor();
   }
   return std::move(descriptors[0]);
+}
+
+bool BridgeClient::isRequiredFor(const ros::ConnectionPtr& connection)
+{
+  const Runtime& runtime = Runtime::instance();
+  if (!runtime.active() || !runtime.options.require_bridge)
+  {
+    return false;
+  }
+  const auto tcp = boost::dynamic_pointer_cast<ros::TransportTCP>(connection->getTransport());
+  sockaddr_storage own{};
+  sockaddr_storage other{};
+  socklen_t own_length = sizeof(own);
+  socklen_t other_length = sizeof(other);
+  if (!tcp || getsockname(tcp->sock_, reinterpret_cast<sockaddr*>(&own), &own_length) != 0 ||
+      getpeername(tcp->sock_, reinterpret_cast<sockaddr*>(&other), &other_length) != 0)
+  {
+    return true;  // it cannot be told
+  }
+  const std::string address = peerAddress(tcp->sock_);
+  if (!address.empty())
+  {
+    return !isLocalAddress(address);
+  }
+  // A loopback address, or one of IPv6: on one device both ends have the same.
+  return own.ss_family == AF_INET6 &&
+         std::memcmp(&reinterpret_cast<const sockaddr_in6&>(own).sin6_addr,
+                     &reinterpret_cast<const sockaddr_in6&>(other).sin6_addr, sizeof(in6_addr)) != 0;
+}
+
+bool BridgeClient::isRequiredFor(const std::string& host)
+{
+  const Runtime& runtime = Runtime::instance();
+  if (!runtime.active() || !runtime.options.require_bridge || host == ros::network::getHost())
+  {
+    return false;
+  }
+  const std::optional<std::string> address = hostAddress(host);
+  return !address || !(isLoopbackAddress(*address) || isLocalAddress(*address));
+}
+
+void BridgeClient::warnOfRequired(const std::string& subject, const std::string& text)
+{
+  std::lock_guard<std::mutex> lock(mutex_);
+  if (warned_.size() < MOST_WARNINGS && warned_.insert(subject).second)
+  {
+    ROS_WARN("pi_os_transport: PI_OS_REQUIRE_BRIDGE is set: %s", text.c_str());
+  }
 }
 
 std::string BridgeClient::peerAddress(int socket)

@@ -7,6 +7,7 @@
 #include <chrono>
 #include <memory>
 #include <mutex>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -30,7 +31,7 @@ public:
   /// Connects to the bridge and sends `request`. Empty if no bridge runs, or none is wanted.
   SideChannel connect(const BridgeRequest& request) const;
 
-  /// Asks the bridge for a TCP connection to `host` (name or number) and `port` on another device. Waits at most 100
+  /// Asks the bridge for a TCP connection to `host` (name or number) and `port` on another device. Waits at most 600
   /// ms.
   /// @return a connected TCP socket; empty if the bridge refuses or does not answer
   FileDescriptor openTunnel(const std::string& host, uint16_t port, const std::string& service) const;
@@ -42,6 +43,14 @@ public:
   /// Watches a connection through a tunnel. Closes it if the bridge of this device hangs; to its user, the server has
   /// then died.
   void guard(const boost::shared_ptr<ros::TransportTCP>& transport);
+
+  /// True if the bridge is required for this connection: it leads to another device, and PI_OS_REQUIRE_BRIDGE is set.
+  static bool isRequiredFor(const ros::ConnectionPtr& connection);
+  /// The same for a host.
+  static bool isRequiredFor(const std::string& host);
+
+  /// Says once per subject what PI_OS_REQUIRE_BRIDGE prevents, and the way out.
+  void warnOfRequired(const std::string& subject, const std::string& text);
 
   /// Numeric address of the peer of a TCP socket; empty for a loopback address, which cannot be another device.
   static std::string peerAddress(int socket);
@@ -73,6 +82,7 @@ private:
     std::chrono::steady_clock::time_point until;
   };
   std::vector<Reconnect> reconnects_;
+  std::set<std::string> warned_;
 
   std::vector<boost::weak_ptr<ros::TransportTCP>> tunnels_;
   SideChannel ping_;  ///< while waiting for an answer; network thread

@@ -80,16 +80,18 @@ void Options::load(const Source& source, const std::function<std::string(const s
     }
     *field = *value;
   };
-
-  if (const std::optional<std::string> text = source("enable"))
+  const auto flag = [&](const char* name, bool* field)
   {
-    const std::optional<bool> value = parseSwitch(*text);
+    const std::optional<std::string> text = source(name);
+    const std::optional<bool> value = text ? parseSwitch(*text) : *field;
     if (!value)
     {
-      refuse("enable", *text, "1, 0, true or false", enable ? "1" : "0");
+      refuse(name, *text, "1, 0, true or false", *field ? "1" : "0");
     }
-    enable = value.value_or(enable);
-  }
+    *field = value.value_or(*field);
+  };
+
+  flag("enable", &enable);
   if (const std::optional<std::string> text = source("include"))
   {
     include = splitPatterns(*text);
@@ -100,6 +102,7 @@ void Options::load(const Source& source, const std::function<std::string(const s
   }
   number("pool_limit_mb", 1, MAX_POOL_MB, &pool_limit_mb);
   number("min_bytes", 0, MAX_MIN_BYTES, &min_bytes);
+  flag("skip_zero_fill", &skip_zero_fill);
   if (const std::optional<std::string> text = source("bridge"))
   {
     if (text->size() > MAX_BRIDGE_NAME || text->find('/') != std::string::npos)
@@ -111,6 +114,15 @@ void Options::load(const Source& source, const std::function<std::string(const s
     {
       bridge = *text == "0" ? "" : *text;
     }
+  }
+  if (const std::optional<std::string> text = source("require_bridge"))
+  {
+    const std::optional<bool> value = parseSwitch(*text);
+    if (!value)
+    {
+      refuse("require_bridge", *text, "1, 0, true or false", "1");  // a slip must not send anything unprotected
+    }
+    require_bridge = value.value_or(true);
   }
 }
 

@@ -1,13 +1,16 @@
 #include "roscpp/process_state.h"
 
+#include <dirent.h>
 #include <ros/publication.h>
 #include <ros/service_manager.h>
 #include <ros/service_publication.h>
 #include <ros/subscription.h>
 #include <ros/this_node.h>
 #include <ros/topic_manager.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
+#include <cstdlib>
 #include <map>
 #include <memory>
 #include <set>
@@ -31,13 +34,31 @@ namespace
 
 using Json = nlohmann::ordered_json;
 
-constexpr int STATE_VERSION = 1;
+constexpr int STATE_VERSION = 2;
 
 Json describeOptions(const Options& options)
 {
   return {{"enable", options.enable},       {"include", options.include},
           {"exclude", options.exclude},     {"pool_limit_mb", options.pool_limit_mb},
-          {"min_bytes", options.min_bytes}, {"bridge", options.bridge}};
+          {"min_bytes", options.min_bytes}, {"skip_zero_fill", options.skip_zero_fill},
+          {"bridge", options.bridge}};
+}
+
+Json describeDescriptors()
+{
+  rlimit limit{};
+  getrlimit(RLIMIT_NOFILE, &limit);
+  uint64_t open = limit.rlim_cur;  // if there is not even one to count with
+  if (DIR* const folder = opendir("/proc/self/fd"))
+  {
+    open = 0;
+    while (const dirent* const entry = readdir(folder))
+    {
+      open += entry->d_name[0] != '.' && std::atoi(entry->d_name) != dirfd(folder) ? 1 : 0;
+    }
+    closedir(folder);
+  }
+  return {{"open", open}, {"limit", limit.rlim_cur}};
 }
 
 Json describePool(SlotPool& pool)
@@ -234,7 +255,9 @@ std::string describeProcess()
                    {"pid", getpid()},
                    {"roscpp", ROSCPP_FILE_NAME},
                    {"options", describeOptions(runtime.options)},
+                   {"descriptors", describeDescriptors()},
                    {"pool", describePool(runtime.pool())},
+                   {"skipped_zero_fills", runtime.skipped_zero_fills.load()},
                    {"publications", describePublications()},
                    {"subscriptions", describeSubscriptions()},
                    {"service_clients", describeClients()},

@@ -1,21 +1,15 @@
 #include "roscpp/queue_waiter.h"
 
-#include <sys/epoll.h>
-
-#include <algorithm>
 #include <chrono>
 #include <shared_mutex>
 #include <unordered_map>
 
-#include "shm/event.h"
+#include "shm/futex.h"
 
 namespace pi_os_transport
 {
 namespace
 {
-
-/// A leader visits every link at each wake-up. With more links than this, the network thread is faster.
-constexpr size_t MAX_LINKS = 32;
 
 struct Table
 {
@@ -55,9 +49,7 @@ std::shared_ptr<QueueWaiter> QueueWaiter::of(ros::CallbackQueue* queue)
   std::unique_lock<std::shared_mutex> lock(table.mutex);
   for (auto entry = table.waiters.begin(); entry != table.waiters.end();)
   {
-    std::unique_lock<std::mutex> links_lock(entry->second->mutex_);
-    const bool unused = entry->first != queue && entry->second->links_.empty() && entry->second.use_count() == 1;
-    links_lock.unlock();
+    const bool unused = entry->first != queue && entry->second->links_ == 0 && entry->second.use_count() == 1;
     entry = unused ? table.waiters.erase(entry) : std::next(entry);
   }
   std::shared_ptr<QueueWaiter>& waiter = table.waiters[queue];
@@ -69,46 +61,35 @@ std::shared_ptr<QueueWaiter> QueueWaiter::of(ros::CallbackQueue* queue)
   return waiter;
 }
 
-QueueWaiter::QueueWaiter() : epoll_(epoll_create1(EPOLL_CLOEXEC)), changed_(makeEvent())
-{
-  epoll_event event{};
-  event.events = EPOLLIN | EPOLLET;  // edge-triggered: the counters need not be read
-  epoll_ctl(epoll_.get(), EPOLL_CTL_ADD, changed_.get(), &event);
-}
+QueueWaiter::QueueWaiter() : doorbell_(Runtime::instance().takeSleeper()) {}
 
-void QueueWaiter::add(const std::shared_ptr<QueueSource>& link, int doorbell)
+QueueWaiter::~QueueWaiter()
 {
-  epoll_event event{};
-  event.events = EPOLLIN | EPOLLET;
-  if (epoll_ctl(epoll_.get(), EPOLL_CTL_ADD, doorbell, &event) == 0)
+  if (doorbell_ != 0)
   {
-    std::lock_guard<std::mutex> lock(mutex_);
-    links_.push_back(link);
+    Runtime::instance().giveSleeper(doorbell_);
   }
-  notify();
 }
 
-void QueueWaiter::remove(const std::shared_ptr<QueueSource>& link, int doorbell)
+uint32_t QueueWaiter::join()
 {
-  epoll_ctl(epoll_.get(), EPOLL_CTL_DEL, doorbell, nullptr);
-  std::lock_guard<std::mutex> lock(mutex_);
-  links_.erase(std::remove(links_.begin(), links_.end(), link), links_.end());
-  notify();  // the leader's reference keeps the publisher's memory
+  ++links_;
+  notify();
+  return doorbell_ != 0 ? doorbell_ : NETWORK_THREAD;
+}
+
+void QueueWaiter::leave()
+{
+  --links_;
 }
 
 void QueueWaiter::notify()
 {
-  if (sleeping_.load(std::memory_order_seq_cst))
+  const Runtime& runtime = Runtime::instance();
+  std::atomic<uint32_t>* const word = doorbell_ != 0 && runtime.active() ? runtime.sleeper(doorbell_).ring() : nullptr;
+  if (word != nullptr)
   {
-    signalEvent(changed_.get());
-  }
-}
-
-void QueueWaiter::serveAll(Doorbell doorbell)
-{
-  for (const std::shared_ptr<QueueSource>& link : serving_)
-  {
-    link->serve(doorbell);
+    futexWake(word);
   }
 }
 
@@ -117,50 +98,40 @@ struct QueueWaiter::Lead
 {
   QueueWaiter& waiter;
 
-  ~Lead()
-  {
-    waiter.sleeping_.store(false, std::memory_order_seq_cst);
-    waiter.serving_.clear();
-    waiter.led_.store(false, std::memory_order_release);
-  }
+  ~Lead() { waiter.led_.store(false, std::memory_order_release); }
 };
 
 bool QueueWaiter::wait(ros::CallbackQueue* queue, ros::WallDuration timeout)
 {
   using Clock = std::chrono::steady_clock;
-  constexpr std::chrono::milliseconds SHORTEST(1);  // the resolution of epoll_wait()
+  constexpr std::chrono::milliseconds SHORTEST(1);  // less is a question, not a wait
   const std::chrono::nanoseconds span(timeout.toNSec());
-  if (span < SHORTEST || !epoll_ || !changed_ || led_.exchange(true))
+  if (span < SHORTEST || doorbell_ == 0 || links_ == 0 || led_.exchange(true))
   {
     return false;
   }
   const Lead lead{*this};
+  Runtime& runtime = Runtime::instance();
+  Sleeper sleeper = runtime.sleeper(doorbell_);
   const Clock::time_point end = Clock::now() + span;
-  bool waited = false;
-  while (isIdle(queue) && Clock::now() < end)
+  runtime.serveNews();
+  while (isIdle(queue) && links_ != 0)
   {
+    const uint32_t bell = sleeper.prepare();
+    // Who writes a message or adds a callback after these looks sees that this thread sleeps.
+    const std::chrono::nanoseconds left = end - Clock::now();
+    if (!runtime.hasNews() && isIdle(queue) && left.count() > 0)
     {
-      std::lock_guard<std::mutex> lock(mutex_);
-      serving_ = links_;
+      futexWait(sleeper.word(), bell, left);
     }
-    if (serving_.empty() || serving_.size() > MAX_LINKS)
+    sleeper.wakeUp();
+    runtime.serveNews();  // also what came while this thread passed for asleep
+    if (left.count() <= 0)
     {
       break;
     }
-    waited = true;
-    serveAll(SPINNER);
-    sleeping_.store(true, std::memory_order_seq_cst);
-    // A thread that adds a callback after this check sees sleeping_.
-    const auto left = std::chrono::ceil<std::chrono::milliseconds>(end - Clock::now());
-    if (isIdle(queue) && left.count() > 0)
-    {
-      epoll_event event;
-      epoll_wait(epoll_.get(), &event, 1, static_cast<int>(std::min<int64_t>(left.count(), INT32_MAX)));
-    }
-    sleeping_.store(false, std::memory_order_seq_cst);
-    serveAll(NETWORK_THREAD);
   }
-  return waited;
+  return true;
 }
 
 }  // namespace pi_os_transport

@@ -1,5 +1,5 @@
 // libpi_os_transport_roscpp.so: attaches to roscpp and contains the hooks of a node's start. The other hooks are in
-// {transmit,receive,queue,service}_hooks.cpp. These files are compiled without access control, because the hooks
+// {transmit,receive,latch,deserialize,queue,service}_hooks.cpp. These files are compiled without access control, because the hooks
 // replace member functions of roscpp.
 
 #include <ros/console.h>
@@ -125,6 +125,8 @@ int attach(PiOsShim* shim)
   takeOver(shim, PI_OS_CONNECTION_WRITE_HEADER, &original.write_header, writeHeader);
   attachTransmitHooks(shim);
   attachReceiveHooks(shim);
+  attachLatchHooks(shim);
+  attachDeserializeHooks(shim);
   attachQueueHooks(shim);
   attachServiceHooks(shim);
   return 0;

@@ -20,6 +20,9 @@ namespace pi_os_transport
 namespace
 {
 
+/// How long no process is accepted after there was no descriptor for one.
+constexpr std::chrono::milliseconds ACCEPT_AGAIN{100};
+
 /// Sends this process's state. Sends nothing if the peer has left or there is no memory.
 void answerQuery(SideChannel* channel)
 {
@@ -28,7 +31,7 @@ void answerQuery(SideChannel* channel)
   const FileDescriptor memory = makeSharedMemory("pi_os_state", state.size(), &error);
   if (memory && pwrite(memory.get(), state.data(), state.size(), 0) == static_cast<ssize_t>(state.size()))
   {
-    channel->send(Packet::of(Packet::STATE, state.size()), {memory.get()});
+    channel->send(Packet::of(Packet::STATE, 0, state.size()), {memory.get()});
   }
 }
 
@@ -99,10 +102,9 @@ bool Runtime::listenLocked()
   listener_ = SideChannel::listen(HeaderOffer::socketName(socket_token_));
   if (!listener_)
   {
-    ROS_WARN_ONCE(
-        "pi_os_transport: cannot open a local socket for shared memory (%s); topics and services of this "
-        "node stay on TCPROS. Raise its limit of open files (ulimit -n)",
-        std::strerror(errno));
+    const std::string shortage = describeShortage(errno);
+    warnOfShortage("cannot open a local socket for shared memory: " +
+                   (shortage.empty() ? std::string(std::strerror(errno)) : shortage));
     return false;
   }
   watch(listener_.fd(), [this](int) { acceptAll(); });
@@ -130,42 +132,53 @@ void Runtime::acceptAll()
 {
   while (SideChannel accepted = listener_.accept())
   {
-    auto channel = std::make_shared<SideChannel>(std::move(accepted));
-    const int fd = channel->fd();
-    watch(fd,
-          [this, channel, fd](int)
-          {
-            Packet packet;
-            SideChannel::Descriptors descriptors;
-            const SideChannel::Receive result = channel->receive(&packet, &descriptors);
-            if (result == SideChannel::Receive::NOTHING)
-            {
-              return;
-            }
-            unwatch(fd);
-            if (result == SideChannel::Receive::PACKET && packet.type == Packet::QUERY)
-            {
-              answerQuery(channel.get());
-            }
-            Claim claim;
-            const bool bridge = packet.values[2] != 0;
-            if (result == SideChannel::Receive::PACKET && packet.type == Packet::HELLO &&
-                !(bridge && options.bridge.empty()))
-            {
-              std::lock_guard<std::mutex> lock(listen_mutex_);
-              const auto found = expected_.find(Token{packet.values[0], packet.values[1]});
-              if (found != expected_.end())
-              {
-                claim = found->second;  // not erased: a bridge may connect again
-              }
-            }
-            if (claim)
-            {
-              claim(std::move(*channel), packet, &descriptors);
-            }
-            channel->close();
-          });
+    const auto channel = std::make_shared<SideChannel>(std::move(accepted));
+    watch(channel->fd(), [this, channel](int) { onFirstPacket(channel); });
   }
+  const std::string shortage = describeShortage(errno);
+  if (!shortage.empty())
+  {
+    // The socket stays readable, and the network thread must not spin.
+    warnOfShortage(shortage);
+    unwatch(listener_.fd());
+    accept_again_ = std::chrono::steady_clock::now() + ACCEPT_AGAIN;
+    static std::once_flag polling;
+    // roscpp's network thread calls its listeners at least every 100 ms.
+    std::call_once(polling,
+                   [this]() { ros::PollManager::instance()->addPollThreadListener([this]() { resumeAccepting(); }); });
+  }
+}
+
+void Runtime::resumeAccepting()
+{
+  if (active() && accept_again_.time_since_epoch().count() != 0 && std::chrono::steady_clock::now() >= accept_again_)
+  {
+    accept_again_ = {};
+    watch(listener_.fd(), [this](int) { acceptAll(); });
+  }
+}
+
+void Runtime::onFirstPacket(const std::shared_ptr<SideChannel>& channel)
+{
+  Packet packet;
+  const ssize_t length = recv(channel->fd(), &packet, sizeof(packet), MSG_PEEK | MSG_DONTWAIT);
+  if (length < 0 && (errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR))
+  {
+    return;
+  }
+  unwatch(channel->fd());
+  const bool known = length == static_cast<ssize_t>(sizeof(packet)) && packet.version == PROTOCOL_VERSION;
+  if (known && packet.type == Packet::QUERY)
+  {
+    SideChannel::Descriptors descriptors;
+    channel->receive(&packet, &descriptors);  // an unread packet would reset the connection
+    answerQuery(channel.get());
+  }
+  else if (known && packet.type == Packet::MEET)
+  {
+    addPair(std::move(*channel), Token{packet.values[0], packet.values[1]}, false);
+  }
+  channel->close();
 }
 
 void Runtime::addChannel(const std::shared_ptr<PoolLink>& link)
@@ -206,9 +219,10 @@ void Runtime::announceRetired()
   const std::vector<uint32_t> retired = pool().takeRetired();
   if (!retired.empty())
   {
-    for (const std::shared_ptr<PoolLink>& link : channels())
+    const std::shared_ptr<const Pairs> all = pairs();
+    for (const std::shared_ptr<ProcessPair>& pair : *all)
     {
-      link->retire(retired);
+      pair->retire(retired);
     }
   }
 }

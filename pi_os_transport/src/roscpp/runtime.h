@@ -2,7 +2,9 @@
 
 #include <ros/callback_queue.h>
 #include <ros/connection.h>
+#include <ros/message_deserializer.h>
 #include <ros/poll_set.h>
+#include <ros/publisher.h>
 #include <ros/service_client_link.h>
 #include <ros/service_manager.h>
 #include <ros/service_server_link.h>
@@ -11,6 +13,9 @@
 #include <ros/transport_publisher_link.h>
 #include <ros/transport_subscriber_link.h>
 
+#include <array>
+#include <atomic>
+#include <chrono>
 #include <functional>
 #include <map>
 #include <memory>
@@ -22,11 +27,14 @@
 #include <vector>
 
 #include "roscpp/options.h"
+#include "shm/process_pair.h"
 #include "shm/ring_sender.h"
 #include "shm/side_channel.h"
 #include "shm/slot_pool.h"
+#include "shm/wake_board.h"
 
 #include "preload/hooks.h"
+#include "roscpp/fallback.h"
 #include "roscpp/services/service_statistics.h"
 
 namespace pi_os_transport
@@ -51,6 +59,9 @@ struct Originals
   void (*start)(ros::TopicManager*);
   void (*publish)(ros::TopicManager*, const std::string&, const boost::function<ros::SerializedMessage()>&,
                   ros::SerializedMessage&);
+  void (*publisher_publish)(const ros::Publisher*, const boost::function<ros::SerializedMessage()>&,
+                            ros::SerializedMessage&);
+  void (*add_subscriber_link)(ros::Publication*, const ros::SubscriberLinkPtr&);
   void (*write_header)(ros::Connection*, const ros::M_string&, const ros::WriteFinishedFunc&);
   bool (*handle_header)(ros::TransportSubscriberLink*, const ros::Header&);
   void (*enqueue_message)(ros::TransportSubscriberLink*, const ros::SerializedMessage&, bool, bool);
@@ -58,6 +69,7 @@ struct Originals
   std::string (*subscriber_transport_info)(ros::TransportSubscriberLink*);
   bool (*initialize)(ros::TransportPublisherLink*, const ros::ConnectionPtr&);
   bool (*header_received)(ros::TransportPublisherLink*, const ros::ConnectionPtr&, const ros::Header&);
+  boost::shared_ptr<void const> (*deserialize)(ros::MessageDeserializer*);
   void (*handle_message)(ros::TransportPublisherLink*, const ros::SerializedMessage&, bool, bool);
   std::string (*publisher_transport_type)(ros::TransportPublisherLink*);
   std::string (*publisher_transport_info)(ros::TransportPublisherLink*);
@@ -86,7 +98,7 @@ void takeOver(PiOsShim* shim, PiOsHook hook, Function** original, Function* repl
   shim->replacement[hook] = reinterpret_cast<void*>(replacement);
 }
 
-/// Call when the peer has closed its side channel, for example because its process has ended. Drops the TCPROS
+/// Call when the peer has closed its connection to this process, for example because it has ended. Drops the TCPROS
 /// connection if there is nothing to read: a forked child of the peer may keep that socket open. Network thread,
 /// without locks.
 void dropIfSilent(const ros::ConnectionPtr& connection);
@@ -143,11 +155,9 @@ public:
   virtual ~PoolLink() = default;
   /// Takes back what the peer has released, unless the link is busy.
   virtual void collectReleased() = 0;
-  /// Tells the peer that these segments are not used any more.
-  virtual void retire(const std::vector<uint32_t>& segments) = 0;
 };
 
-// PoolLink's functions for a link that guards its ring by a mutex.
+// PoolLink's function for a link that guards its ring by a mutex.
 template <typename Mutex>
 void collectReleasedFrom(const std::unique_ptr<RingSender>& ring, Mutex* mutex)
 {
@@ -155,15 +165,6 @@ void collectReleasedFrom(const std::unique_ptr<RingSender>& ring, Mutex* mutex)
   if (lock.owns_lock() && ring)
   {
     ring->collect();
-  }
-}
-template <typename Mutex>
-void retireFrom(const std::unique_ptr<RingSender>& ring, Mutex* mutex, const std::vector<uint32_t>& segments)
-{
-  const std::lock_guard<Mutex> lock(*mutex);
-  if (ring)
-  {
-    ring->retire(segments);
   }
 }
 
@@ -190,25 +191,44 @@ public:
 
   /// The pool of outgoing messages; made by the first call.
   SlotPool& pool();
-  const Token& poolToken() const { return pool_token_; }
   /// Shared memory that one subscriber may pin before it has to copy [B].
   uint64_t leaseBudget() const { return (options.pool_limit_mb << 20) / 8; }
 
   /// The number of links that publish through shared memory now.
   std::atomic<int> active_transmit_links{0};
 
-  /// Opens the socket for QUERY and HELLO packets. @return false on failure.
+  /// Arrays of received messages that were not filled with zeros before they were overwritten.
+  std::atomic<uint64_t> skipped_zero_fills{0};
+
+  /// Opens the socket for other processes. @return false on failure.
   bool listen();
 
-  /// Called with a connection whose first packet was HELLO with the link's token. Network thread.
-  using Claim = std::function<void(SideChannel channel, const Packet& hello, SideChannel::Descriptors* descriptors)>;
+  /// Called with a HELLO packet with the link's token. Network thread.
+  using Claim = std::function<void(const std::shared_ptr<ProcessPair>& pair, const Packet& hello)>;
 
   /// Registers a link whose peer may fetch its shared memory, more than once.
   /// @return the header field to answer with; empty if this process cannot listen.
   std::string expect(const Token& link, Claim claim);
   void forget(const Token& link);
 
-  /// Links with an open side channel: links in use, and links whose peer still reads old messages.
+  /// The connection to the process that listens at `socket`; made if there is none. Network thread.
+  /// @return null, with `*reason` set.
+  std::shared_ptr<ProcessPair> pairWith(const Token& socket, Fallback* reason);
+  /// The connection to this device's bridge; made if there is none. Network thread. @return null if none runs.
+  std::shared_ptr<ProcessPair> pairWithBridge();
+  /// Calls PairLink::serve() of the links with news. Any thread.
+  void serveNews();
+  bool hasNews();
+  /// A place on the WakeLayout of this process that no other thread uses. @return its Doorbell; 0 if none is free.
+  uint32_t takeSleeper();
+  void giveSleeper(uint32_t doorbell);
+  Sleeper sleeper(uint32_t doorbell) const { return Sleeper(&wake_layout_->sleepers[doorbell - FIRST_SPINNER]); }
+
+  /// Warns, once in this process, of a limit that keeps links or messages on TCPROS. Any thread.
+  void warnOfShortage(const std::string& what);
+  bool warnedOfShortage() const { return shortage_warned_.load(std::memory_order_relaxed); }
+
+  /// Links with a ring: links in use, and links whose peer still reads old messages.
   void addChannel(const std::shared_ptr<PoolLink>& link);
   void removeChannel(const std::shared_ptr<PoolLink>& link);
 
@@ -218,22 +238,58 @@ public:
   /// Calls `ready(events)` on roscpp's network thread whenever `fd` is readable, until unwatch().
   void watch(int fd, const boost::function<void(int)>& ready);
   void unwatch(int fd);
+  /// Calls `task` once, soon, on roscpp's network thread. Any thread. @return false if there are no descriptors for it.
+  bool later(std::function<void()> task);
 
 private:
+  using Pairs = std::vector<std::shared_ptr<ProcessPair>>;
+
   Runtime() = default;
   bool listenLocked();  // with listen_mutex_ held
   void acceptAll();
+  void resumeAccepting();
+  void onFirstPacket(const std::shared_ptr<SideChannel>& channel);
+  std::shared_ptr<ProcessPair> addPair(SideChannel channel, const Token& token, bool bridge);
+  std::shared_ptr<const ProcessPair::Host> host();
+  std::shared_ptr<const ProcessPair::Host> makeHost();
+  WakeLayout* wakeLayout();  ///< null if there is no memory
+  void endPair(const std::shared_ptr<ProcessPair>& pair);
+  bool greet(const std::shared_ptr<ProcessPair>& pair, const Packet& hello);
+  std::shared_ptr<const Pairs> pairs();
+  void runTasks();
   void collectReleased();
   std::vector<std::shared_ptr<PoolLink>> channels() const;
 
   std::once_flag pool_made_;
   std::unique_ptr<SlotPool> pool_;
-  Token pool_token_ = Token::random();
 
   std::mutex listen_mutex_;
   Token socket_token_;
   SideChannel listener_;
+  std::chrono::steady_clock::time_point accept_again_;  ///< network thread; zero: accepting
   std::map<Token, Claim> expected_;
+
+  struct KnownPair
+  {
+    std::shared_ptr<ProcessPair> pair;
+    Token token;  ///< of the peer's socket
+    bool bridge;
+  };
+  std::mutex pairs_mutex_;
+  std::vector<KnownPair> known_pairs_;
+  std::shared_ptr<const Pairs> pairs_ = std::make_shared<const Pairs>();  ///< those of known_pairs_
+  std::once_flag host_made_;
+  std::shared_ptr<const ProcessPair::Host> host_;
+  std::once_flag wake_made_;
+  FileDescriptor wake_memory_;
+  SharedMapping wake_mapping_;
+  WakeLayout* wake_layout_ = nullptr;
+  std::array<bool, WakeLayout::SLEEPERS> sleepers_{};  ///< in use
+
+  std::mutex tasks_mutex_;
+  FileDescriptor tasks_event_;
+  std::vector<std::function<void()>> tasks_;
+  std::atomic<bool> shortage_warned_{false};
 
   mutable std::mutex channels_mutex_;
   std::set<std::shared_ptr<PoolLink>> channels_;

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <limits>
 
+#include "shm/step_mark.h"
+
 namespace pi_os_transport
 {
 namespace
@@ -51,6 +53,7 @@ RingProducer::Push RingProducer::push(const Descriptor& descriptor, uint32_t* do
   tickets_[place] = static_cast<uint8_t>(ticket);
   owners_[ticket] = tail_;
   held_[static_cast<size_t>(ticket) / 64] |= uint64_t{1} << (ticket % 64);
+  PI_OS_STEP("push.ticket");
   // A reader that sees the new content of a reused place must also see that its last message was dropped, see peek().
   std::atomic_thread_fence(std::memory_order_release);
   RingLayout::Entry& entry = layout_->entries[place];
@@ -59,13 +62,16 @@ RingProducer::Push RingProducer::push(const Descriptor& descriptor, uint32_t* do
   entry.serial_ticket.store(descriptor.serial << TICKET_BITS | static_cast<uint64_t>(ticket),
                             std::memory_order_relaxed);
   entry.stamp_ns.store(descriptor.stamp_ns, std::memory_order_relaxed);
+  PI_OS_STEP("push.entry");
   ++tail_;
   // Sequentially consistent together with the load below: either the subscriber sees the new tail before it sleeps, or
   // this side sees that the doorbell is armed.
   layout_->tail.store(tail_, std::memory_order_seq_cst);
+  PI_OS_STEP("push.tail");
   if (layout_->armed.load(std::memory_order_seq_cst) != 0)
   {
     *doorbell = layout_->armed.exchange(0);
+    PI_OS_STEP("push.disarmed");
   }
   return Push::WRITTEN;
 }
@@ -116,6 +122,7 @@ int RingProducer::dropOldest()
     }
     if (layout_->head.compare_exchange_weak(head, head + 1, std::memory_order_acq_rel))
     {
+      PI_OS_STEP("drop.head");
       least_head_ = head + 1;
       vacate(static_cast<uint32_t>(ticket));
       return ticket;
@@ -133,6 +140,7 @@ bool RingConsumer::peek(Descriptor* descriptor, uint32_t* index)
     if (head == tail)
     {
       layout_->armed.store(doorbell_, std::memory_order_seq_cst);
+      PI_OS_STEP("peek.armed");
       tail = layout_->tail.load(std::memory_order_seq_cst);
       if (head == tail)
       {
@@ -159,6 +167,7 @@ bool RingConsumer::peek(Descriptor* descriptor, uint32_t* index)
     const uint64_t offset_after = entry.offset_after.load(std::memory_order_relaxed);
     const uint64_t serial_ticket = entry.serial_ticket.load(std::memory_order_relaxed);
     descriptor->stamp_ns = entry.stamp_ns.load(std::memory_order_relaxed);
+    PI_OS_STEP("peek.entry");
     std::atomic_thread_fence(std::memory_order_acquire);
     const uint32_t now = layout_->head.load(std::memory_order_relaxed);
     if (now == head)
@@ -179,9 +188,12 @@ bool RingConsumer::peek(Descriptor* descriptor, uint32_t* index)
 
 int RingConsumer::takePeeked(uint32_t index)
 {
-  return layout_->head.compare_exchange_strong(index, index + 1, std::memory_order_acq_rel)
-             ? static_cast<int>(peeked_ticket_)
-             : -1;
+  if (!layout_->head.compare_exchange_strong(index, index + 1, std::memory_order_acq_rel))
+  {
+    return -1;
+  }
+  PI_OS_STEP("take.head");
+  return static_cast<int>(peeked_ticket_);
 }
 
 RingConsumer::Take RingConsumer::take(uint32_t tcp_delivered, bool in_any_order, Descriptor* descriptor,
@@ -213,7 +225,9 @@ uint32_t RingConsumer::available() const
 void RingConsumer::release(uint32_t ticket)
 {
   layout_->released[ticket].store(1, std::memory_order_release);
+  PI_OS_STEP("release.mark");
   layout_->release_count.fetch_add(1, std::memory_order_release);
+  PI_OS_STEP("release.count");
 }
 
 }  // namespace pi_os_transport

@@ -5,6 +5,8 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "shm/step_mark.h"
+
 namespace pi_os_transport
 {
 
@@ -14,7 +16,8 @@ struct Descriptor
   uint32_t segment = 0;    ///< id of the pool segment, unique in the publishing process; LINK_START: no message
   uint32_t length = 0;     ///< payload bytes [B], below 1 GiB
   uint64_t offset = 0;     ///< of the payload from the start of the segment [B], below 16 GiB
-  uint32_t after_tcp = 0;  ///< number of messages (modulo 2^32) that the link carried over TCPROS before this one
+  uint32_t after_tcp = 0;  ///< number of messages (modulo 2^32) that the link carried over TCPROS before this one;
+                           ///< behind a LINK_START instead the number of this message on the link, from 1
   uint64_t serial = 0;     ///< equal on all links for one publish(), else different; 0: unknown; below 2^56
   uint64_t stamp_ns = 0;   ///< when it was written into the ring, monotonic clock [ns]
 
@@ -31,13 +34,13 @@ struct Descriptor
 struct RingLayout
 {
   static constexpr uint32_t CAPACITY = 256;
-  static constexpr uint64_t MAGIC = 0x33676e69724f5350;  // "PSOring3"
+  static constexpr uint64_t MAGIC = 0x34676e69724f5350;  // "PSOring4"
 
   uint64_t magic;                          ///< MAGIC, written by the publisher before the memory is handed over
   uint64_t nonce;                          ///< random; the subscriber sends it back to prove that it mapped this memory
   alignas(64) std::atomic<uint32_t> tail;  ///< next index to be written; publisher
   alignas(64) std::atomic<uint32_t> head;  ///< oldest index not taken; taken or dropped by compare-exchange
-  std::atomic<uint32_t> armed;             ///< doorbell of the sleeping subscriber; 0: it is awake
+  std::atomic<uint32_t> armed;             ///< Doorbell of the sleeping subscriber; 0: it is awake
   alignas(64) std::atomic<uint32_t> release_count;      ///< releases so far; subscriber
   alignas(64) std::atomic<uint8_t> released[CAPACITY];  ///< 1: the message of this ticket is no longer read; subscriber
   struct Entry
@@ -92,7 +95,9 @@ public:
           if (layout_->released[ticket].load(std::memory_order_acquire) != 0 &&
               static_cast<int32_t>(head - owners_[ticket]) > 0)
           {
+            PI_OS_STEP("collect.seen");
             layout_->released[ticket].store(0, std::memory_order_relaxed);
+            PI_OS_STEP("collect.mark");
             vacate(ticket);
             done(ticket);
           }
@@ -157,7 +162,7 @@ public:
     WAITING,  ///< the oldest message must wait for one over TCPROS; the doorbell is not armed
     EMPTY,    ///< no message; the doorbell is armed, unless broken()
   };
-  /// Selects the doorbell, 1 or 2. Takes effect with the next take().
+  /// Selects the Doorbell; NETWORK_THREAD at first. Takes effect with the next take().
   void useDoorbell(uint32_t doorbell) { doorbell_ = doorbell; }
 
   /// @param tcp_delivered messages (modulo 2^32) that this link has delivered from TCPROS.

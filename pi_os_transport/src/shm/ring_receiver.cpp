@@ -1,165 +1,105 @@
 #include "shm/ring_receiver.h"
 
-#include <sys/stat.h>
-#include <unistd.h>
-
 #include <cerrno>
-#include <cstring>
-#include <iterator>
-#include <mutex>
-#include <utility>
+
+#include "shm/futex.h"
+
+#include "shm/step_mark.h"
 
 namespace pi_os_transport
 {
-namespace
+
+void RingReceiver::leave()
 {
-
-/// The mapped segments of this process: several links to one publisher map its memory once. The key is the inode,
-/// because a hostile peer could claim the identifiers of another one.
-class SegmentTable
-{
-public:
-  static SegmentTable& instance()
+  if (number_ != 0 && !std::exchange(left_, true) && !isForkedChild())
   {
-    static SegmentTable* table = new SegmentTable;  // leases may outlive static destruction
-    return *table;
-  }
-
-  /// @return null if `memory` is not valid.
-  std::shared_ptr<MappedSegment> map(FileDescriptor memory, uint64_t length)
-  {
-    struct stat file;
-    if (fstat(memory.get(), &file) != 0)
-    {
-      return nullptr;
-    }
-    std::lock_guard<std::mutex> lock(mutex_);
-    for (auto entry = segments_.begin(); entry != segments_.end();)
-    {
-      entry = entry->second.expired() ? segments_.erase(entry) : std::next(entry);
-    }
-    std::weak_ptr<MappedSegment>& known = segments_[std::make_pair(file.st_dev, file.st_ino)];
-    std::shared_ptr<MappedSegment> segment = known.lock();
-    if (!segment || segment->length() < length)
-    {
-      segment = std::make_shared<MappedSegment>(std::move(memory), length);
-      known = segment;
-    }
-    return segment;
-  }
-
-private:
-  std::mutex mutex_;
-  std::map<std::pair<dev_t, ino_t>, std::weak_ptr<MappedSegment>> segments_;
-};
-
-}  // namespace
-
-MappedSegment::MappedSegment(FileDescriptor memory, uint64_t length)
-  : mapping_(memory.get(), length, false), length_(length)
-{
-  if (!mapping_)
-  {
-    memory_ = std::move(memory);
+    pair_->leave(number_);
   }
 }
 
-bool MappedSegment::copy(uint64_t offset, uint8_t* out, uint32_t bytes) const
+bool RingReceiver::sendHello(const Token& token, uint64_t mark)
 {
-  if (bytes == 0)
+  return number_ != 0 && pair_->send(Packet::of(Packet::HELLO, number_, token.high, token.low, mark));
+}
+
+bool RingReceiver::onOffer(const Packet& offer, SideChannel::Descriptors* descriptors)
+{
+  const int memory = descriptors->front().get();
+  errno = 0;
+  memory_ = isSealed(memory, sizeof(RingLayout)) ? SharedMapping(memory, sizeof(RingLayout), true) : SharedMapping();
+  if (!memory_ || layout()->magic != RingLayout::MAGIC)
   {
-    return true;
+    return false;
   }
-  if (mapping_)
-  {
-    std::memcpy(out, mapping_.data() + offset, bytes);
-    return true;
-  }
-  for (uint32_t done = 0; done < bytes;)
-  {
-    const ssize_t count = pread(memory_.get(), out + done, bytes - done, static_cast<off_t>(offset + done));
-    if (count <= 0 && errno != EINTR)
-    {
-      return false;
-    }
-    done += count > 0 ? static_cast<uint32_t>(count) : 0;
-  }
+  ring_ = std::make_unique<RingConsumer>(layout());
+  nonce_ = layout()->nonce;
+  lease_budget_ = offer.values[0];
+  PI_OS_STEP("accept.mapped");
   return true;
-}
-
-SideChannel::Receive RingReceiver::readPackets()
-{
-  for (;;)
-  {
-    Packet packet;
-    SideChannel::Descriptors descriptors;
-    const SideChannel::Receive result = channel_.receive(&packet, &descriptors);
-    if (result != SideChannel::Receive::PACKET)
-    {
-      return result;
-    }
-    if (packet.type == Packet::OFFER && ring_ == nullptr)
-    {
-      onOffer(packet, std::move(descriptors));
-    }
-    else if (packet.type == Packet::SEGMENT && isSealed(descriptors[0].get(), packet.values[1]))
-    {
-      const uint32_t id = static_cast<uint32_t>(packet.values[0]);
-      segments_[id] = SegmentTable::instance().map(std::move(descriptors[0]), packet.values[1]);
-    }
-    else if (packet.type == Packet::RETIRED)
-    {
-      segments_.erase(static_cast<uint32_t>(packet.values[0]));
-    }
-    else if (packet.type == Packet::ENDED)
-    {
-      ended_ = static_cast<LinkEnd>(packet.values[0]);
-      return SideChannel::Receive::CLOSED;
-    }
-    else if (packet.type == Packet::WAITING)
-    {
-      publisher_waits_ = true;
-    }
-  }
-}
-
-void RingReceiver::onOffer(const Packet& packet, SideChannel::Descriptors descriptors)
-{
-  const FileDescriptor& memory = descriptors[0];
-  if (!isSealed(memory.get(), sizeof(RingLayout)) || !descriptors[1] || !descriptors[2])
-  {
-    return;
-  }
-  memory_ = SharedMapping(memory.get(), sizeof(RingLayout), true);
-  auto* const layout = reinterpret_cast<RingLayout*>(memory_.data());
-  if (layout == nullptr || layout->magic != RingLayout::MAGIC)
-  {
-    return;  // without a proof, the publisher stays on TCPROS
-  }
-  ring_ = std::make_unique<RingConsumer>(layout);
-  nonce_ = layout->nonce;
-  lease_budget_ = packet.values[2];
-  doorbells_ = {std::move(descriptors[1]), std::move(descriptors[2])};
 }
 
 bool RingReceiver::sendProof()
 {
-  return channel_.send(Packet::of(Packet::PROOF, nonce_));
+  const bool sent = pair_->send(Packet::of(Packet::PROOF, number_ | Packet::TO_SENDER, nonce_));
+  PI_OS_STEP("accept.proved");
+  return sent;
 }
 
-std::shared_ptr<MappedSegment> RingReceiver::find(const Descriptor& descriptor)
+void RingReceiver::decline()
 {
-  auto found = segments_.find(descriptor.segment);
-  if (found == segments_.end())
+  tell(Packet::DECLINED);
+}
+
+RingReceiver::Take RingReceiver::take(uint32_t tcp_delivered, bool in_any_order, Message* message)
+{
+  Descriptor* const descriptor = &message->descriptor;
+  uint32_t index = 0;
+  while (ring_->peek(descriptor, &index))
   {
-    readPackets();  // the memory of a segment is sent before its first message
-    found = segments_.find(descriptor.segment);
+    if (!in_any_order && static_cast<int32_t>(descriptor->after_tcp - tcp_delivered) > 0)
+    {
+      return Take::WAITING;
+    }
+    message->segment.reset();
+    const Take found =
+        descriptor->segment != Descriptor::LINK_START ? find(*descriptor, &message->segment) : Take::TAKEN;
+    if (found != Take::TAKEN)
+    {
+      return found;
+    }
+    const int ticket = ring_->takePeeked(index);
+    if (ticket >= 0)
+    {
+      message->ticket = static_cast<uint32_t>(ticket);
+      return Take::TAKEN;
+    }
   }
-  if (found == segments_.end() || !found->second || descriptor.offset + descriptor.length > found->second->length())
+  return Take::EMPTY;
+}
+
+void RingReceiver::sleep()
+{
+  futexWait(&layout()->armed, WAITING_THREAD, std::chrono::nanoseconds(-1));
+}
+
+void RingReceiver::disturb()
+{
+  layout()->armed.store(0, std::memory_order_seq_cst);
+  futexWake(&layout()->armed);
+}
+
+RingReceiver::Take RingReceiver::find(const Descriptor& descriptor, std::shared_ptr<MappedSegment>* segment)
+{
+  const ProcessPair::Lookup lookup = pair_->findSegment(descriptor.segment, number_, segment);
+  if (lookup != ProcessPair::Lookup::FOUND && !pair_->ended())
   {
-    return nullptr;
+    return lookup == ProcessPair::Lookup::LOST ? Take::UNREADABLE : Take::WAITING;
   }
-  return found->second;
+  if (*segment && descriptor.offset + descriptor.length > (*segment)->length())
+  {
+    segment->reset();
+  }
+  return Take::TAKEN;
 }
 
 void RingReceiver::lease(uint32_t length)

@@ -1,72 +1,77 @@
 #pragma once
 
-#include <array>
 #include <atomic>
 #include <cstdint>
-#include <map>
 #include <memory>
-#include <optional>
 #include <utility>
 
 #include "shm/descriptor_ring.h"
-#include "shm/ring_sender.h"
+#include "shm/process_pair.h"
 #include "shm/shared_memory.h"
 #include "shm/side_channel.h"
 
 namespace pi_os_transport
 {
 
-/// A segment of a publisher's pool, mapped read-only. Shared by all links of this process to that publisher.
-class MappedSegment
-{
-public:
-  /// Maps `memory`. If there is no address space, copy() reads through the descriptor.
-  MappedSegment(FileDescriptor memory, uint64_t length);
-
-  uint64_t length() const { return length_; }
-  /// Null if it could not be mapped.
-  const uint8_t* data() const { return mapping_.data(); }
-  /// Copies [offset, offset + bytes) out. False on a read error.
-  bool copy(uint64_t offset, uint8_t* out, uint32_t bytes) const;
-
-private:
-  SharedMapping mapping_;
-  FileDescriptor memory_;  ///< only if it could not be mapped
-  uint64_t length_;
-};
-
-/// The receiving end of one link in shared memory: side channel, ring, doorbells and mapped segments.
+/// The receiving end of one link in shared memory: its number and its ring.
 ///
-/// The caller serialises all calls except release(). The publisher keeps a taken message until it is released or the
-/// side channel closes, so this object must live while such a message is read.
+/// The caller serialises all calls except release(), disturb() and sleep(). The publisher keeps a taken message until
+/// it is released or this object ends, so this object must live while such a message is read.
 class RingReceiver
 {
 public:
-  explicit RingReceiver(SideChannel channel) : channel_(std::move(channel)) {}
+  /// @param link  gets the packets of the link, and serve() for its messages.
+  RingReceiver(std::shared_ptr<ProcessPair> pair, const std::shared_ptr<PairLink>& link)
+    : pair_(std::move(pair)), number_(pair_->addReceiver(link))
+  {
+  }
+  ~RingReceiver() { leave(); }
+  RingReceiver(const RingReceiver&) = delete;
+  RingReceiver& operator=(const RingReceiver&) = delete;
 
-  int fd() const { return channel_.fd(); }
-  SideChannel& channel() { return channel_; }
+  /// The number of the link; 0: the pair has no place for it, or has ended.
+  uint32_t number() const { return number_; }
+  ProcessPair& pair() { return *pair_; }
+  /// The link is not called any more.
+  void detach() { pair_->removeReceiver(number_); }
+  /// Tells the publisher that nothing more is read. Done by the destructor if not before.
+  void leave();
 
-  /// Reads all waiting packets. The first OFFER creates the ring, see hasRing().
-  /// @return NOTHING if more may come, else why not.
-  SideChannel::Receive readPackets();
+  /// Asks for the ring. @param token  of the link. @param mark  topicMark() from a bridge, else 0.
+  bool sendHello(const Token& token, uint64_t mark = 0);
+  /// Maps the ring. @return false if it cannot be used: decline(); errno tells of a shortage.
+  bool onOffer(const Packet& offer, SideChannel::Descriptors* descriptors);
   bool hasRing() const { return ring_ != nullptr; }
   /// Tells the publisher that the ring is mapped. The publisher writes no message before this.
   bool sendProof();
-  /// The reason in ENDED, if it was received.
-  const std::optional<LinkEnd>& ended() const { return ended_; }
-
-  /// True once after the publisher reported that messages wait for places in the ring.
-  bool takePublisherWaits() { return std::exchange(publisher_waits_, false); }
+  /// Tells the publisher that nothing more is taken: what waits in the ring goes over TCPROS.
+  void decline();
+  /// Sends a packet about this link.
+  void tell(Packet::Type type) { pair_->send(Packet::of(type, number_ | Packet::TO_SENDER)); }
 
   /// Only with a ring.
   RingConsumer& ring() { return *ring_; }
-  /// Descriptor to wait for; -1 once closed.
-  int doorbell(Doorbell number) const { return doorbells_[number - 1].get(); }
-  void closeDoorbells() { doorbells_ = {}; }
 
-  /// Finds the segment of a taken message, and reads packets if necessary. @return null if the descriptor is invalid.
-  std::shared_ptr<MappedSegment> find(const Descriptor& descriptor);
+  enum class Take
+  {
+    TAKEN,
+    WAITING,     ///< for a message over TCPROS, or for memory: the link is served when it comes
+    EMPTY,       ///< the doorbell is armed
+    UNREADABLE,  ///< this process cannot get the memory of the next message: decline()
+  };
+  struct Message
+  {
+    Descriptor descriptor;
+    uint32_t ticket = 0;
+    std::shared_ptr<MappedSegment> segment;  ///< where it lies; null: the descriptor is invalid, or starts the link
+  };
+  /// Like RingConsumer::take(), but takes no message whose memory has not come, unless the pair has ended.
+  Take take(uint32_t tcp_delivered, bool in_any_order, Message* message);
+  /// Finds the memory of a message. @return TAKEN, with `*segment` as in Message; WAITING; or UNREADABLE
+  Take find(const Descriptor& descriptor, std::shared_ptr<MappedSegment>* segment);
+  /// Sleeps until the publisher writes after take() has found the ring EMPTY, or until disturb(). For WAITING_THREAD.
+  void sleep();
+  void disturb();
 
   /// Most shared memory that may be leased at a time [B].
   uint64_t leaseBudget() const { return lease_budget_; }
@@ -79,19 +84,17 @@ public:
   void release(uint32_t ticket) { ring_->release(ticket); }
 
 private:
-  void onOffer(const Packet& packet, SideChannel::Descriptors descriptors);
+  RingLayout* layout() const { return reinterpret_cast<RingLayout*>(memory_.data()); }
 
-  SideChannel channel_;
-  std::array<FileDescriptor, DOORBELLS> doorbells_;
+  const std::shared_ptr<ProcessPair> pair_;
+  const uint32_t number_;
+  bool left_ = false;
   SharedMapping memory_;  ///< of the ring
   std::unique_ptr<RingConsumer> ring_;
   uint64_t nonce_ = 0;
-  std::map<uint32_t, std::shared_ptr<MappedSegment>> segments_;
   uint64_t lease_budget_ = 0;
   std::atomic<uint64_t> leased_bytes_{0};
   std::atomic<uint32_t> leases_{0};
-  std::optional<LinkEnd> ended_;
-  bool publisher_waits_ = false;
 };
 
 }  // namespace pi_os_transport

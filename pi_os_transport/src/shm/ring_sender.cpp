@@ -2,78 +2,68 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <cstring>
 #include <utility>
 
-#include "shm/event.h"
+#include "shm/futex.h"
 #include "shm/latency_histogram.h"
+#include "shm/step_mark.h"
 
 namespace pi_os_transport
 {
 namespace
 {
 
-/// What TCPROS holds in addition to its queue: one partly written message, and the content of the socket buffers. Nodes
-/// that publish with a queue of one rely on this.
+/// TCPROS holds one partly written message in addition to its queue.
 constexpr uint32_t WRITING_MESSAGES = 1;
-constexpr uint64_t SOCKET_BYTES = 1 << 20;
 
 }  // namespace
 
-bool RingSender::open(SideChannel channel, std::string* error)
+bool RingSender::open(std::shared_ptr<ProcessPair> pair, uint32_t link, std::string* error)
 {
   error->clear();
   FileDescriptor memory = makeSharedMemory("pi_os_ring", sizeof(RingLayout), error);
-  std::array<FileDescriptor, DOORBELLS> doorbells;
-  for (FileDescriptor& doorbell : doorbells)
-  {
-    doorbell = makeEvent();
-  }
   SharedMapping mapping = memory ? SharedMapping(memory.get(), sizeof(RingLayout), true) : SharedMapping();
-  if (!mapping || !doorbells.front() || !doorbells.back())
+  if (!mapping)
   {
-    *error = error->empty() ? std::strerror(errno) : *error;
+    *error = error->empty() ? describeFailure("mapping of shared memory", sizeof(RingLayout)) : *error;
     return false;
   }
   sealSharedMemory(memory.get(), false);
 
   const uint64_t nonce = Token::random().high;
   auto ring = std::make_unique<RingProducer>(reinterpret_cast<RingLayout*>(mapping.data()), nonce);
-  const Packet offer = Packet::of(Packet::OFFER, pool_token_.high, pool_token_.low, lease_budget_);
-  if (!channel.send(offer, {memory.get(), doorbells[0].get(), doorbells[1].get()}))
+  if (!pair->send(Packet::of(Packet::OFFER, link, lease_budget_), std::move(memory)))
   {
+    *error = errno == ETOOMANYREFS ? describeFailure("sending shared memory", sizeof(RingLayout)) : "";
     return false;
   }
+  PI_OS_STEP("offer.sent");
   nonce_ = nonce;
   memory_ = std::move(mapping);
   ring_ = std::move(ring);
-  buffers_.assign(RingLayout::CAPACITY, nullptr);
-  lengths_.assign(RingLayout::CAPACITY, 0);
-  doorbells_ = std::move(doorbells);
-  channel_ = std::move(channel);
+  messages_.assign(RingLayout::CAPACITY, Message{nullptr, 0, 0});
+  pair_ = std::move(pair);
+  link_ = link;
   tail_ = 0;
   return true;
 }
 
 void RingSender::close()
 {
-  if (!channel_)
+  if (!pair_)
   {
     return;
   }
-  channel_.close();
-  doorbells_ = {};
   ring_->abandon([this](uint32_t ticket) { give(ticket); });
   ring_.reset();
   memory_.reset();
-  buffers_ = {};
-  lengths_ = {};
-  announced_ = {};
+  messages_ = {};
+  pair_.reset();
 }
 
 void RingSender::give(uint32_t ticket)
 {
-  if (const uint8_t* const buffer = std::exchange(buffers_[ticket], nullptr))
+  if (const uint8_t* const buffer = std::exchange(messages_[ticket].buffer, nullptr))
   {
     pool_->release(buffer);
   }
@@ -87,35 +77,7 @@ void RingSender::collect()
   }
 }
 
-void RingSender::retire(const std::vector<uint32_t>& segments)
-{
-  for (uint32_t segment : segments)
-  {
-    const auto found = std::find(announced_.begin(), announced_.end(), segment);
-    if (found != announced_.end())
-    {
-      announced_.erase(found);
-      channel_.send(Packet::of(Packet::RETIRED, segment));  // if it is lost, the subscriber only wastes address space
-    }
-  }
-}
-
-bool RingSender::announce(uint32_t segment)
-{
-  if (std::find(announced_.begin(), announced_.end(), segment) != announced_.end())
-  {
-    return true;
-  }
-  const SlotPool::Segment memory = pool_->segment(segment);
-  if (!channel_.send(Packet::of(Packet::SEGMENT, segment, memory.length), {memory.fd}))
-  {
-    return false;
-  }
-  announced_.push_back(segment);
-  return true;
-}
-
-bool RingSender::write(const Descriptor& descriptor, const uint8_t* buffer, uint32_t length)
+bool RingSender::write(const Descriptor& descriptor, const uint8_t* buffer)
 {
   uint32_t doorbell = 0;
   if (ring_->push(descriptor, &doorbell) == RingProducer::Push::FULL)
@@ -123,12 +85,18 @@ bool RingSender::write(const Descriptor& descriptor, const uint8_t* buffer, uint
     return false;
   }
   const size_t ticket = static_cast<size_t>(ring_->ticketOf(tail_));
-  buffers_[ticket] = buffer;
-  lengths_[ticket] = length;
+  messages_[ticket] = Message{buffer, buffer != nullptr ? descriptor.length : 0, descriptor.after_tcp};
   ++tail_;
-  if (doorbell > 0 && doorbell <= DOORBELLS)
+  PI_OS_STEP("send.buffer");
+  if (doorbell == WAITING_THREAD)
   {
-    signalEvent(doorbells_[doorbell - 1].get());
+    futexWake(&reinterpret_cast<RingLayout*>(memory_.data())->armed);
+    PI_OS_STEP("send.bell");
+  }
+  else if (doorbell != 0)
+  {
+    pair_->wake(link_, doorbell);
+    PI_OS_STEP("send.bell");
   }
   return true;
 }
@@ -142,16 +110,11 @@ RingSender::Push RingSender::push(const uint8_t* buffer, uint32_t length, size_t
   {
     return Push::BROKEN;
   }
-  uint64_t in_flight_bytes = 0;
-  for (uint32_t index = tail_ - in_flight; index != tail_; ++index)
-  {
-    const int ticket = ring_->ticketOf(index);
-    in_flight_bytes += ticket >= 0 ? lengths_[static_cast<size_t>(ticket)] : 0;
-  }
+  uint64_t in_flight_bytes = untakenBytes();
   while (max_queue > 0 && in_flight >= max_queue + WRITING_MESSAGES && in_flight_bytes + length > SOCKET_BYTES)
   {
     const int oldest = ring_->ticketOf(tail_ - in_flight);
-    if (oldest >= 0 && buffers_[static_cast<size_t>(oldest)] == nullptr)
+    if (oldest >= 0 && messages_[static_cast<size_t>(oldest)].buffer == nullptr)
     {
       return Push::FULL;  // the start of the link must not be dropped
     }
@@ -165,7 +128,7 @@ RingSender::Push RingSender::push(const uint8_t* buffer, uint32_t length, size_t
       break;  // the subscriber has taken all of them meanwhile
     }
     give(static_cast<uint32_t>(dropped));
-    in_flight_bytes -= std::min<uint64_t>(in_flight_bytes, lengths_[static_cast<size_t>(dropped)]);
+    in_flight_bytes -= std::min<uint64_t>(in_flight_bytes, messages_[static_cast<size_t>(dropped)].length);
     in_flight = ring_->inFlight();
     ++dropped_;
   }
@@ -174,9 +137,9 @@ RingSender::Push RingSender::push(const uint8_t* buffer, uint32_t length, size_t
     return Push::FULL;  // a stopped subscriber must not pin the pool
   }
   const SlotPool::Location location = pool_->locate(buffer);
-  if (!announce(location.segment) ||
+  if (!pair_->announce(*pool_, location.segment) ||
       !write(Descriptor{location.segment, length, location.offset + LENGTH_PREFIX, after_tcp, serial, monotonicNs()},
-             buffer, length))
+             buffer))
   {
     return Push::FULL;
   }
@@ -188,7 +151,19 @@ bool RingSender::pushStart(size_t max_queue, bool latched, uint32_t after_tcp)
 {
   return write(Descriptor{Descriptor::LINK_START, static_cast<uint32_t>(max_queue), 0, after_tcp, latched ? 1u : 0u,
                           monotonicNs()},
-               nullptr, 0);
+               nullptr);
+}
+
+uint64_t RingSender::untakenBytes() const
+{
+  const uint32_t in_flight = untaken();
+  uint64_t bytes = 0;
+  for (uint32_t index = tail_ - std::min(in_flight, RingLayout::CAPACITY); index != tail_; ++index)
+  {
+    const int ticket = ring_->ticketOf(index);
+    bytes += ticket >= 0 ? messages_[static_cast<size_t>(ticket)].length : 0;
+  }
+  return bytes;
 }
 
 std::vector<RingSender::Message> RingSender::takeBack()
@@ -196,25 +171,31 @@ std::vector<RingSender::Message> RingSender::takeBack()
   std::vector<Message> messages;
   for (int ticket = ring_ ? ring_->dropOldest() : -1; ticket >= 0; ticket = ring_->dropOldest())
   {
-    const size_t index = static_cast<size_t>(ticket);
-    if (buffers_[index] != nullptr)
+    Message& message = messages_[static_cast<size_t>(ticket)];
+    if (message.buffer != nullptr)
     {
-      messages.push_back(Message{std::exchange(buffers_[index], nullptr), lengths_[index]});
+      messages.push_back(message);
+      message.buffer = nullptr;
     }
   }
   return messages;
 }
 
-RingSender::Message RingSender::takeBackNewest()
+std::vector<RingSender::Message> RingSender::takeBackTaken()
 {
   collect();
-  const int newest = ring_ && ring_->inFlight() == 0 ? ring_->ticketOf(tail_ - 1) : -1;
-  if (newest < 0)
+  std::vector<Message> messages;
+  for (Message& message : messages_)
   {
-    return Message{nullptr, 0};
+    if (message.buffer != nullptr)
+    {
+      messages.push_back(message);
+      message.buffer = nullptr;
+    }
   }
-  const size_t ticket = static_cast<size_t>(newest);
-  return Message{std::exchange(buffers_[ticket], nullptr), lengths_[ticket]};
+  std::sort(messages.begin(), messages.end(), [](const Message& left, const Message& right)
+            { return static_cast<int32_t>(left.after_tcp - right.after_tcp) < 0; });
+  return messages;
 }
 
 }  // namespace pi_os_transport

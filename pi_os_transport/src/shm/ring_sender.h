@@ -1,6 +1,5 @@
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -8,47 +7,44 @@
 #include <vector>
 
 #include "shm/descriptor_ring.h"
+#include "shm/process_pair.h"
 #include "shm/shared_memory.h"
-#include "shm/side_channel.h"
 #include "shm/slot_pool.h"
 
 namespace pi_os_transport
 {
 
-/// The doorbells of a ring. Each wakes another thread of the subscriber.
-enum Doorbell : uint32_t
-{
-  NETWORK_THREAD = 1,  ///< the thread that serves all connections
-  SPINNER = 2,         ///< a thread in CallbackQueue::callAvailable or callOne, which runs the callback
-};
-constexpr size_t DOORBELLS = 2;
-
 /// Size of the length at the start of a message's buffer, as in TCPROS [B].
 constexpr uint32_t LENGTH_PREFIX = 4;
 
-/// The sending end of one link in shared memory: ring, doorbells, side channel, and the subscriber's references in the
-/// pool. The caller serialises all calls.
+/// What TCPROS holds in its socket buffers beside its queue [B]. Nodes that publish with a queue of one rely on this.
+constexpr uint64_t SOCKET_BYTES = 1 << 20;
+
+/// The sending end of one link in shared memory: the ring, and the subscriber's references in the pool. The caller
+/// serialises all calls.
 class RingSender
 {
 public:
   /// @param pool  must outlive this object.
   /// @param lease_budget  most shared memory that the subscriber may pin [B].
-  RingSender(SlotPool* pool, const Token& pool_token, uint64_t lease_budget)
-    : pool_(pool), pool_token_(pool_token), lease_budget_(lease_budget)
-  {
-  }
+  RingSender(SlotPool* pool, uint64_t lease_budget) : pool_(pool), lease_budget_(lease_budget) {}
   ~RingSender() { close(); }
   RingSender(const RingSender&) = delete;
   RingSender& operator=(const RingSender&) = delete;
 
-  /// Makes the ring and offers it to the subscriber behind `channel`.
+  /// Makes the ring and offers it to the subscriber.
+  /// @param link  the number that the subscriber gave the link.
   /// @return false with `*error` set, which is empty if the subscriber has left; this object is then unchanged.
-  bool open(SideChannel channel, std::string* error);
-  bool isOpen() const { return static_cast<bool>(channel_); }
+  bool open(std::shared_ptr<ProcessPair> pair, uint32_t link, std::string* error);
+  bool isOpen() const { return pair_ != nullptr; }
   /// Ends the link and frees all memory that the subscriber held.
   void close();
 
-  SideChannel& channel() { return channel_; }
+  /// Only while open.
+  ProcessPair& pair() { return *pair_; }
+  uint32_t link() const { return link_; }
+  /// Sends a packet about this link. @return false if the subscriber has left.
+  bool tell(Packet::Type type, uint64_t value = 0) { return pair_ && pair_->send(Packet::of(type, link_, value)); }
   /// True if `packet` proves that the subscriber has mapped the ring.
   bool isProof(const Packet& packet) const { return packet.type == Packet::PROOF && packet.values[0] == nonce_; }
 
@@ -66,42 +62,39 @@ public:
 
   /// Frees what the subscriber has released.
   void collect();
-  /// Tells the subscriber that these segments are not used any more.
-  void retire(const std::vector<uint32_t>& segments);
 
   struct Message
   {
     const uint8_t* buffer;  ///< with one reference, owned by the caller
     uint32_t length;        ///< [B], without the prefix
+    uint32_t after_tcp;     ///< as in Descriptor
   };
   /// Takes back all messages that the subscriber has not taken, oldest first.
   std::vector<Message> takeBack();
-  /// Takes back the newest message if the subscriber has taken but not released it; else the buffer is null.
-  Message takeBackNewest();
+  /// After takeBack(): takes back all messages that the subscriber has taken but not released, oldest first.
+  std::vector<Message> takeBackTaken();
 
   /// Messages written that the subscriber has not taken.
   uint32_t untaken() const { return ring_ ? ring_->inFlight() : 0; }
+  /// Bytes of these messages.
+  uint64_t untakenBytes() const;
   /// True if the subscriber holds nothing: waiting frees no place.
   bool idle() const { return !ring_ || ring_->idle(); }
   uint64_t sent() const { return sent_; }
   uint64_t dropped() const { return dropped_; }
 
 private:
-  bool announce(uint32_t segment);
-  bool write(const Descriptor& descriptor, const uint8_t* buffer, uint32_t length);
+  bool write(const Descriptor& descriptor, const uint8_t* buffer);
   void give(uint32_t ticket);
 
   SlotPool* const pool_;
-  const Token pool_token_;
   const uint64_t lease_budget_;
-  SideChannel channel_;
-  std::array<FileDescriptor, DOORBELLS> doorbells_;
+  std::shared_ptr<ProcessPair> pair_;
+  uint32_t link_ = 0;
   SharedMapping memory_;  ///< of the ring
   std::unique_ptr<RingProducer> ring_;
   uint64_t nonce_ = 0;
-  std::vector<const uint8_t*> buffers_;  ///< by ticket
-  std::vector<uint32_t> lengths_;        ///< by ticket [B]
-  std::vector<uint32_t> announced_;      ///< segments that the subscriber knows
+  std::vector<Message> messages_;  ///< by ticket; the buffer is null if there is none
   uint32_t tail_ = 0;                    ///< index of the next message in the ring
   uint64_t sent_ = 0;
   uint64_t dropped_ = 0;

@@ -14,9 +14,43 @@
 
 namespace pi_os_transport
 {
+namespace
+{
+
+std::string describeLimit(int resource)
+{
+  rlimit limit{};
+  return getrlimit(static_cast<__rlimit_resource>(resource), &limit) != 0 || limit.rlim_cur == RLIM_INFINITY
+             ? "unlimited"
+             : std::to_string(limit.rlim_cur);
+}
+
+}  // namespace
+
+std::string describeShortage(int error)
+{
+  const std::string files = describeLimit(RLIMIT_NOFILE) + " open files (ulimit -n)";
+  switch (error)
+  {
+    case EMFILE:
+    case ETOOMANYREFS:
+      return "this process has reached its limit of " + files;
+    case ENFILE:
+      return "this computer has reached its limit of open files (/proc/sys/fs/file-max)";
+    case ENOMEM:
+      return "this process has reached its limit of address space (ulimit -v), " + describeLimit(RLIMIT_AS) +
+             " bytes, or of mappings (/proc/sys/vm/max_map_count); it may have " + files;
+    default:
+      return "";
+  }
+}
+
 std::string describeFailure(const char* what, uint64_t bytes)
 {
-  return std::string(what) + " of " + std::to_string(bytes) + " bytes failed: " + std::strerror(errno);
+  const int error = errno;
+  const std::string shortage = describeShortage(error);
+  return std::string(what) + " of " + std::to_string(bytes) + " bytes failed: " + std::strerror(error) +
+         (shortage.empty() ? "" : "; " + shortage);
 }
 
 FileDescriptor makeSharedMemory(const char* name, uint64_t length, std::string* error)

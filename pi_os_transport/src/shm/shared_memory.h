@@ -16,8 +16,12 @@ FileDescriptor makeSharedMemory(const char* name, uint64_t length, std::string* 
 /// Forbids changes of the length and, if `future_writes` and the kernel allow, new writable mappings.
 void sealSharedMemory(int fd, bool future_writes);
 
-/// "<what> of <bytes> bytes failed: <errno as text>", for error messages.
+/// "<what> of <bytes> bytes failed: <errno as text>" and the limit that was reached, for error messages.
 std::string describeFailure(const char* what, uint64_t bytes);
+
+/// The limits of this process that `error`, a value of errno, comes from, with their values and names for ulimit. Empty
+/// if it comes from none.
+std::string describeShortage(int error);
 
 /// True if `fd` is memory of at least `length` bytes that cannot shrink.
 bool isSealed(int fd, uint64_t length);

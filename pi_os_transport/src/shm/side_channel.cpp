@@ -177,18 +177,19 @@ SideChannel::Receive SideChannel::receiveInto(void* bytes, size_t* length, Descr
     return Receive::CLOSED;
   }
   *length = static_cast<size_t>(received);
-  return (message.msg_flags & (MSG_TRUNC | MSG_CTRUNC)) != 0 ? Receive::MALFORMED : Receive::PACKET;
+  if ((message.msg_flags & MSG_TRUNC) != 0 || ((message.msg_flags & MSG_CTRUNC) != 0 && count == MAX_DESCRIPTORS))
+  {
+    return Receive::MALFORMED;
+  }
+  return (message.msg_flags & MSG_CTRUNC) != 0 ? Receive::NO_DESCRIPTORS : Receive::PACKET;
 }
 
 SideChannel::Receive SideChannel::receive(Packet* packet, Descriptors* descriptors)
 {
   size_t length = sizeof(*packet);
   const Receive result = receiveInto(packet, &length, descriptors);
-  if (result == Receive::PACKET && (length != sizeof(*packet) || packet->version != PROTOCOL_VERSION))
-  {
-    return Receive::MALFORMED;
-  }
-  return result;
+  const bool received = result == Receive::PACKET || result == Receive::NO_DESCRIPTORS;
+  return received && (length != sizeof(*packet) || packet->version != PROTOCOL_VERSION) ? Receive::MALFORMED : result;
 }
 
 SideChannel::Receive SideChannel::receiveBytes(std::vector<uint8_t>* bytes, size_t longest, Descriptors* descriptors)
@@ -196,7 +197,7 @@ SideChannel::Receive SideChannel::receiveBytes(std::vector<uint8_t>* bytes, size
   bytes->resize(longest);
   size_t length = longest;
   const Receive result = receiveInto(bytes->data(), &length, descriptors);
-  bytes->resize(result == Receive::PACKET ? length : 0);
+  bytes->resize(result == Receive::PACKET || result == Receive::NO_DESCRIPTORS ? length : 0);
   return result;
 }
 

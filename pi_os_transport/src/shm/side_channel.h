@@ -13,7 +13,7 @@ namespace pi_os_transport
 {
 
 /// Version of the packets, the ring and the descriptor layout. Peers with another version use TCPROS.
-constexpr uint32_t PROTOCOL_VERSION = 3;
+constexpr uint32_t PROTOCOL_VERSION = 4;
 
 /// 128 random bits. Names sockets, links and pools: unique, and impossible to guess.
 struct Token
@@ -38,32 +38,40 @@ enum class LinkEnd : uint32_t
   BACK_TO_TCP = 3,        ///< the path is broken, or one side left; both sides know
 };
 
-/// A packet on the local socket that transfers shared memory. Descriptors are attached to it.
+/// A packet on the local socket that two processes share. Descriptors are attached to it.
 struct Packet
 {
   enum Type : uint32_t
   {
-    HELLO = 1,    ///< subscriber: values = link token, 1 for a bridge
-    OFFER = 2,    ///< publisher: values = pool token, lease budget [B]; descriptors = ring memory, both doorbells
-    PROOF = 3,    ///< subscriber: values = nonce read from the mapped ring
-    SEGMENT = 4,  ///< publisher: values = segment id, length [B]; descriptors = segment memory
-    RETIRED = 5,  ///< publisher: values = id of a segment that was freed
-    ENDED = 6,    ///< either, between a node and a bridge: values = LinkEnd; nothing follows
-    WAITING = 7,  ///< publisher to bridge: more messages wait for a place in the ring
-    SPACE = 8,    ///< bridge to publisher: the ring has places again
-    QUERY = 9,    ///< any process of this user: asks for the state
-    STATE = 10,   ///< the answer: values = length [B]; descriptor = memory with JSON, see process_state.h
+    HELLO = 1,      ///< receiver: values = link token, topicMark() from a bridge and else 0
+    OFFER = 2,      ///< sender: values = lease budget [B]; descriptor = ring memory
+    PROOF = 3,      ///< receiver: values = nonce read from the mapped ring
+    SEGMENT = 4,    ///< sender, for all its links: values = segment id, length [B]; descriptor = segment memory
+    RETIRED = 5,    ///< sender, for all its links: values = id of a segment that was freed
+    ENDED = 6,      ///< either: values = LinkEnd; nothing follows about this link
+    WAITING = 7,    ///< sender to bridge: more messages wait for a place in the ring
+    SPACE = 8,      ///< bridge to sender: the ring has places again
+    QUERY = 9,      ///< any process of this user, as the first packet: asks for the state
+    STATE = 10,     ///< the answer: values = length [B]; descriptor = memory with JSON, see process_state.h
+    MEET = 11,      ///< first packet of either side: values = own socket token; descriptors = NewsLayout, WakeLayout
+    BELL = 12,      ///< sender: the NewsLayout has news
+    DECLINED = 13,  ///< receiver: takes nothing more from the ring, but may still read what it has taken
   };
+  /// Bit of `link`: the packet goes to the end that sends messages. The other bits are the number that the receiver of
+  /// messages chose; modulo NewsLayout::LINKS it is the link's place there.
+  static constexpr uint32_t TO_SENDER = uint32_t{1} << 31;
 
   uint32_t version = PROTOCOL_VERSION;
   uint32_t type = 0;
+  uint32_t link = 0;
+  uint32_t unused = 0;
   std::array<uint64_t, 3> values{};
 
-  static Packet of(Type type, uint64_t first = 0, uint64_t second = 0, uint64_t third = 0)
+  static Packet of(Type type, uint32_t link, uint64_t first = 0, uint64_t second = 0, uint64_t third = 0)
   {
-    return Packet{PROTOCOL_VERSION, type, {first, second, third}};
+    return Packet{PROTOCOL_VERSION, type, link, 0, {first, second, third}};
   }
-  static Packet ended(LinkEnd reason) { return of(ENDED, static_cast<uint64_t>(reason)); }
+  static Packet ended(uint32_t link, LinkEnd reason) { return of(ENDED, link, static_cast<uint64_t>(reason)); }
 };
 
 /// A non-blocking sequenced-packet socket in the abstract namespace. It reaches processes in the same network
@@ -86,14 +94,15 @@ public:
   enum class Receive
   {
     PACKET,
-    NOTHING,    ///< no packet waits
-    CLOSED,     ///< the peer is gone, or has closed its end
-    MALFORMED,  ///< not a packet of this version, or this process has no descriptors left
+    NOTHING,         ///< no packet waits
+    CLOSED,          ///< the peer is gone, or has closed its end
+    MALFORMED,       ///< not a packet of this version
+    NO_DESCRIPTORS,  ///< a packet whose descriptors this process has no room for
   };
   static constexpr size_t MAX_DESCRIPTORS = 3;
   using Descriptors = std::array<FileDescriptor, MAX_DESCRIPTORS>;
   Receive receive(Packet* packet, Descriptors* descriptors);
-  /// @return false if the peer is gone or its queue is full
+  /// @return false if the peer is gone or its queue is full (errno EAGAIN)
   bool send(const Packet& packet, std::initializer_list<int> descriptors = {});
   /// Sends a packet of any form.
   bool sendBytes(const void* bytes, size_t length, std::initializer_list<int> descriptors = {});

@@ -6,6 +6,7 @@
 #include <algorithm>
 
 #include "shm/shared_memory.h"
+#include "shm/step_mark.h"
 
 namespace pi_os_transport
 {
@@ -165,6 +166,7 @@ uint8_t* SlotPool::allocate(size_t bytes)
     }
     if (payload != nullptr)
     {
+      PI_OS_STEP("allocate.slot");
       Slot* slot = Slot::of(payload);
       slot->references.store(1, std::memory_order_relaxed);
       ++recordOf(slot->segment)->live;
@@ -383,6 +385,7 @@ std::vector<uint32_t> SlotPool::takeRetired()
 void SlotPool::addReference(const uint8_t* payload)
 {
   Slot::of(payload)->references.fetch_add(1, std::memory_order_relaxed);
+  PI_OS_STEP("share.reference");
 }
 
 uint64_t SlotPool::capacity(const uint8_t* payload) const
@@ -411,10 +414,12 @@ void SlotPool::release(const uint8_t* payload)
   {
     return;
   }
+  PI_OS_STEP("free.reference");
   std::lock_guard<std::mutex> lock(mutex_);
   --recordOf(slot->segment)->live;
   slot->next_free = free_[slot->size_class];
   free_[slot->size_class] = slot;
+  PI_OS_STEP("free.slot");
 }
 
 SlotPool::Location SlotPool::locate(const uint8_t* payload) const

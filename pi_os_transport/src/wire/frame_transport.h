@@ -2,9 +2,11 @@
 
 #include <sys/uio.h>
 
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "wire/wire_frame.h"
@@ -13,6 +15,7 @@ namespace pi_os_transport
 {
 
 class EventLoop;
+class TlsKeys;
 
 /// Where a bridge listens, or another one does.
 struct Endpoint
@@ -28,6 +31,13 @@ struct Endpoint
   }
 };
 
+/// Whether a device may connect.
+struct Verdict
+{
+  std::string refusal;      ///< why not; empty if it may
+  bool is_revoked = false;  ///< the device is told so
+};
+
 /// Why a connection ended.
 enum class CloseReason
 {
@@ -36,6 +46,7 @@ enum class CloseReason
   UNREACHABLE,  ///< no answer, or no route
   SILENT,       ///< the machine accepts the connection, but the process does not speak
   MALFORMED,    ///< received data are not a frame of this protocol
+  UNTRUSTED,    ///< the ends have not proved to each other who they are; onUntrusted() came before
 };
 
 /// Carries frames between bridges in nanomsg's pipeline pattern (SP protocol over TCP, PUSH to PULL). Each connection
@@ -68,6 +79,13 @@ public:
     virtual uint8_t* onHeader(SourceId source, const FrameHeader& header, uint32_t length) = 0;
     /// The frame is complete. Its payload is where onHeader() asked for it.
     virtual void onFrame(SourceId source, const FrameHeader& header, uint8_t* payload, uint32_t length) = 0;
+    /// A protected connection: the other end has proved who it is.
+    /// The first argument is where this bridge connected to; for an incoming connection its port is 0. Must call
+    /// nothing of the transport.
+    virtual Verdict onIdentity(const Endpoint&, const std::string&) { return {}; }
+    /// The ends have not proved to each other who they are, or only one of them protects its connections.
+    /// The first argument is that of onIdentity(), the second is the reason.
+    virtual void onUntrusted(const Endpoint&, const std::string&) {}
     /// An incoming connection has ended; an incomplete frame is lost. For MALFORMED, `detail` tells why.
     virtual void onSourceClosed(SourceId source, CloseReason reason, const std::string& detail) = 0;
   };
@@ -89,6 +107,12 @@ public:
   /// Numeric address of the machine that sends; empty if unknown.
   virtual std::string addressOf(SourceId source) const = 0;
 
+  /// The name or key id that this source has proved to have; empty without protection.
+  virtual std::string identityOf(SourceId) const { return {}; }
+  /// The time of a round trip between the two machines at present, without what the processes add. Empty if this
+  /// transport cannot tell.
+  virtual std::optional<std::chrono::microseconds> roundTrip(ConnectionId connection) const = 0;
+
   /// True if send() accepts a frame now.
   virtual bool writable(ConnectionId connection) const = 0;
   /// Sends one frame. The header is copied. The pieces of payload (at most 2, together at most MAX_PAYLOAD) must stay
@@ -103,6 +127,9 @@ public:
 /// SP over TCP with own sockets: TCP_NODELAY, payloads without copies, known source addresses, and connections that can
 /// be ended one by one.
 std::unique_ptr<FrameTransport> makeSpTransport(EventLoop* loop, FrameTransport::Listener* listener);
+/// The same inside TLS: both ends prove who they are.
+std::unique_ptr<FrameTransport> makeProtectedTransport(EventLoop* loop, FrameTransport::Listener* listener,
+                                                       std::shared_ptr<const TlsKeys> keys);
 /// The same through libnanomsg.
 std::unique_ptr<FrameTransport> makeNanomsgTransport(EventLoop* loop, FrameTransport::Listener* listener);
 

@@ -1,6 +1,7 @@
 #include "wire/lane.h"
 
 #include <algorithm>
+#include <optional>
 #include <utility>
 
 namespace pi_os_transport
@@ -11,15 +12,20 @@ namespace
 using std::chrono::microseconds;
 
 /// The window of BULK shrinks if it adds more delay than this to the round trip.
-constexpr microseconds TARGET_DELAY{1500};
+constexpr microseconds TARGET_DELAY{1000};
+/// It grows if it adds less.
+constexpr microseconds SHORT_DELAY{750};
 /// The shortest round trip is measured again after this time: the route may have changed.
 constexpr std::chrono::seconds BASE_AGE{5};
 
-constexpr uint32_t MIN_FRAGMENT = 16 << 10;
+constexpr uint32_t MIN_FRAGMENT = 8 << 10;
 constexpr uint32_t MAX_FRAGMENT = 128 << 10;
+constexpr uint32_t EXPRESS_FRAGMENT = 16 << 10;
 constexpr uint64_t FRAGMENTS_PER_WINDOW = 3;
 /// Acknowledgements requested per window: enough that the sender never waits for one.
 constexpr uint64_t REQUESTS_PER_WINDOW = 3;
+/// Frames of EXPRESS after which an acknowledgement is requested: a publisher keeps at most 256 messages until then.
+constexpr uint64_t FRAMES_PER_REQUEST = 64;
 
 }  // namespace
 
@@ -31,6 +37,7 @@ void Lane::reset()
   unacked_bytes_ = 0;
   acked_frames_ = 0;
   since_request_ = 0;
+  frames_since_request_ = 0;
   uncounted_payload_.reset();
   window_ = INITIAL_WINDOW;
   limited_ = false;
@@ -38,6 +45,7 @@ void Lane::reset()
   single_ = false;
   more_ = false;
   round_min_ = microseconds::max();
+  network_base_ = microseconds::max();
 }
 
 bool Lane::ready() const
@@ -50,7 +58,7 @@ uint32_t Lane::fragmentBytes() const
 {
   if (traffic_ == Traffic::EXPRESS)
   {
-    return MIN_FRAGMENT;
+    return EXPRESS_FRAGMENT;
   }
   return static_cast<uint32_t>(std::clamp<uint64_t>(window_ / FRAGMENTS_PER_WINDOW, MIN_FRAGMENT, MAX_FRAGMENT));
 }
@@ -65,8 +73,9 @@ bool Lane::send(const FrameHeader& header, const iovec* payload, size_t pieces, 
   }
   FrameHeader labelled = header;
   labelled.lane = static_cast<uint32_t>(traffic_);
-  const bool request =
-      traffic_ == Traffic::BULK && (probing_ || since_request_ + bytes >= window_ / REQUESTS_PER_WINDOW);
+  const bool request = traffic_ == Traffic::BULK
+                           ? probing_ || since_request_ + bytes >= window_ / REQUESTS_PER_WINDOW
+                           : isCounted(header.type) && ++frames_since_request_ >= FRAMES_PER_REQUEST;
   labelled.lane |= request ? ACK_NOW : 0;
   if (!connected_ || !transport_->send(connection_, labelled, payload, pieces, more))
   {
@@ -80,6 +89,7 @@ bool Lane::send(const FrameHeader& header, const iovec* payload, size_t pieces, 
     more_ = more;
     unacked_bytes_ += bytes;
     since_request_ = request ? 0 : since_request_ + bytes;
+    frames_since_request_ = request ? 0 : frames_since_request_;
     limited_ = limited_ || unacked_bytes_ >= window_;
   }
   else
@@ -144,13 +154,17 @@ void Lane::adapt(SteadyTime now, microseconds sample)
   }
   // Once per round trip, by its shortest sample: longer ones may include the time that a process waited for a core.
   const microseconds delay = round_min_ - base_rtt_;
+  const std::optional<microseconds> network = transport_->roundTrip(connection_);
+  network_base_ = std::min(network_base_, network.value_or(microseconds::max()));
   if (delay > TARGET_DELAY)
   {
+    // A smaller window does not help against bridges that wait for a core.
+    const microseconds queues = network ? std::min(delay, *network - network_base_) : delay;
     const double factor =
-        std::max(0.25, static_cast<double>(TARGET_DELAY.count()) / static_cast<double>(delay.count()));
+        std::clamp(static_cast<double>(TARGET_DELAY.count()) / static_cast<double>(queues.count() + 1), 0.25, 1.0);
     window_ = std::max(MIN_WINDOW, static_cast<uint64_t>(static_cast<double>(window_) * factor));
   }
-  else if (limited_ && delay < TARGET_DELAY / 2)
+  else if (limited_ && delay < SHORT_DELAY)
   {
     window_ = std::min(MAX_WINDOW, window_ + window_ / 2);
   }

@@ -23,8 +23,8 @@ constexpr size_t TRAFFIC_CLASSES = 2;
 /// window.
 ///
 /// BULK adapts its window to the delay it causes, like TCP Vegas and LEDBAT. The window grows while acknowledgements
-/// come as fast as on an idle link, and shrinks when they are late. So large messages use the whole link, but EXPRESS
-/// finds its queues empty.
+/// come as fast as on an idle link, and shrinks when they are late because of queues in the network. So large messages
+/// use the whole link, but EXPRESS finds its queues empty.
 class Lane
 {
 public:
@@ -91,6 +91,7 @@ private:
   uint64_t unacked_bytes_ = 0;
   uint64_t acked_frames_ = 0;
   uint64_t since_request_ = 0;  ///< bytes sent since an acknowledgement was last requested
+  uint64_t frames_since_request_ = 0;
   uint64_t sent_bytes_ = 0;
   std::shared_ptr<const void> uncounted_payload_;  ///< of the last frame that is not counted
 
@@ -100,12 +101,13 @@ private:
   std::chrono::microseconds round_min_{std::chrono::microseconds::max()};
   std::chrono::microseconds base_rtt_{std::chrono::microseconds::max()};
   SteadyTime base_until_;
+  std::chrono::microseconds network_base_{std::chrono::microseconds::max()};  ///< shortest round trip of the machines
   bool single_ = false;   ///< the last frame met an empty link, apart from one that shares its packet
   bool more_ = false;     ///< the last frame may share a packet with the next one
   bool probing_ = false;  ///< base_rtt_ is measured again: wait until the link is empty, then send a single frame
   std::chrono::microseconds rtt_{0};
 
-  static constexpr uint64_t MIN_WINDOW = 64 << 10;
+  static constexpr uint64_t MIN_WINDOW = 16 << 10;
   static constexpr uint64_t INITIAL_WINDOW = 512 << 10;
   static constexpr uint64_t MAX_WINDOW = 16 << 20;
   static constexpr uint64_t EXPRESS_WINDOW = 1 << 20;

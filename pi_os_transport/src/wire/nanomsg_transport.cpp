@@ -98,6 +98,7 @@ public:
   void closeSource(SourceId) override {}
   std::string addressOf(SourceId) const override { return {}; }
   bool tellsConnected() const override { return false; }
+  std::optional<std::chrono::microseconds> roundTrip(ConnectionId) const override { return std::nullopt; }
   bool writable(ConnectionId connection) const override;
   bool send(ConnectionId connection, const FrameHeader& header, const iovec* payload, size_t pieces,
             bool /*more*/) override;

@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
-#include <cstring>
 #include <system_error>
 #include <utility>
 
@@ -19,9 +18,6 @@ namespace pi_os_transport
 namespace
 {
 
-/// After a payload of this size, only the next frame's head is read ahead. More bytes would have to be copied, which
-/// costs more than the system call it saves.
-constexpr uint32_t LARGE_PAYLOAD = 16 * 1024;
 constexpr int ACCEPTED_PER_TURN = 64;
 /// Pause after accept() failed for lack of descriptors or memory.
 constexpr std::chrono::milliseconds ACCEPT_PAUSE{100};
@@ -92,16 +88,34 @@ void SpTransport::addSource(FileDescriptor socket, const sockaddr_in& address)
     listener_->onSourceClosed(next_source_++, CloseReason::REFUSED, TOO_MANY_DETAIL);
     return;
   }
-  if (!listener_->onAccept(addressText(address)) || !sendGreeting(socket.get(), PULL_GREETING))
+  if (!listener_->onAccept(addressText(address)))
   {
     return;
   }
-  setCommonOptions(socket.get());
-  const auto source = std::make_shared<Source>();
+  const auto source = std::make_shared<Source>(listener_);
   source->id = next_source_++;
   source->address = addressText(address);
   source->socket = std::move(socket);
-  source->timer.start(loop_, SP_GREETING_TIME,
+  if (keys_ && knocksTooOften(source->address))
+  {
+    source->socket.reset();
+    listener_->onUntrusted({source->address, 0}, TOO_MANY_DETAIL + std::string(" without a proof"));
+    return;
+  }
+  setSpOptions(source->socket.get(), std::chrono::milliseconds(0));
+  if (keys_)
+  {
+    source->proving = true;
+    source->tls = std::make_unique<TlsSession>(keys_.get(), source->socket.get(), TlsSession::Role::SERVER,
+                                               [this, address = source->address](const std::string& identity) {
+                                                 return listener_->onIdentity({address, 0}, identity);
+                                               });
+  }
+  else if (sendSpHeader(*source, SpType::PULL) != 0)
+  {
+    return;
+  }
+  source->timer.start(loop_, keys_ ? SP_PROOF_TIME : SP_GREETING_TIME,
                       [this, source]
                       { fail(source, CloseReason::MALFORMED, std::string(NO_GREETING_DETAIL) + " in time"); });
   sources_[source->id] = source;
@@ -110,153 +124,77 @@ void SpTransport::addSource(FileDescriptor socket, const sockaddr_in& address)
 
 void SpTransport::onSourceEvent(const SourcePointer& source)
 {
-  for (size_t turn_bytes = 0; !source->closed && turn_bytes < SP_BYTES_PER_TURN;)
-  {
-    // The rest of a payload is read to its final place, bytes after it into the buffer.
-    const bool in_payload = source->stage == Source::Stage::PAYLOAD;
-    const size_t missing = in_payload ? source->length - source->received : 0;
-    const size_t ahead = source->length >= LARGE_PAYLOAD ? HEAD_BYTES : buffer_.size();
-    std::array<iovec, 2> places{{{nullptr, 0}, {buffer_.data(), ahead}}};
-    if (in_payload)
-    {
-      places[0] = {source->payload + source->received, missing};
-    }
-    msghdr message{};
-    message.msg_iov = in_payload ? places.data() : &places[1];
-    message.msg_iovlen = in_payload ? 2 : 1;
-    const ssize_t result = recvmsg(source->socket.get(), &message, MSG_DONTWAIT);
-    if (result <= 0)
-    {
-      if (result == 0 || !isTemporary(errno))
-      {
-        fail(source, result == 0 ? CloseReason::PEER_CLOSED : reasonOf(errno), "");
-      }
-      return;
-    }
-    const auto count = static_cast<size_t>(result);
-    turn_bytes += count;
-    if (in_payload)
-    {
-      onPayloadBytes(source, std::min(count, missing));
-    }
-    if (count > missing)
-    {
-      takeBytes(source, buffer_.data(), count - missing);
-    }
-    if (count < missing + ahead)
-    {
-      return;  // everything was read
-    }
-  }
-}
-
-void SpTransport::takeBytes(const SourcePointer& source, const uint8_t* bytes, size_t count)
-{
-  while (count != 0 && !source->closed)
-  {
-    size_t taken;
-    if (source->stage == Source::Stage::PAYLOAD)
-    {
-      taken = std::min<size_t>(count, source->length - source->received);
-      std::memcpy(source->payload + source->received, bytes, taken);
-      onPayloadBytes(source, taken);
-    }
-    else
-    {
-      const size_t stage_bytes = source->stage == Source::Stage::GREETING ? GREETING_BYTES
-                                 : source->stage == Source::Stage::LENGTH ? LENGTH_BYTES
-                                                                          : FrameHeader::BYTES;
-      taken = std::min(count, stage_bytes - source->head_bytes);
-      std::memcpy(&source->head[source->head_bytes], bytes, taken);
-      source->head_bytes += taken;
-      onHeadBytes(source, stage_bytes);
-    }
-    bytes += taken;
-    count -= taken;
-  }
-}
-
-/// More bytes of the head were received. The head is complete with `stage_bytes`.
-void SpTransport::onHeadBytes(const SourcePointer& source, size_t stage_bytes)
-{
-  using Stage = Source::Stage;
-  if (source->stage == Stage::GREETING &&
-      std::memcmp(source->head.data(), PUSH_GREETING.data(), source->head_bytes) != 0)
-  {
-    fail(source, CloseReason::MALFORMED, NO_GREETING_DETAIL);
-    return;
-  }
-  if (source->head_bytes < stage_bytes)
+  if (source->closed || (source->proving && !prove(source)))
   {
     return;
   }
-  source->head_bytes = 0;
-  if (source->stage == Stage::GREETING)
-  {
-    source->timer.stop();
-    source->stage = Stage::LENGTH;
-    return;
-  }
-  if (source->stage == Stage::LENGTH)
-  {
-    uint64_t length = 0;
-    for (size_t byte = 0; byte < LENGTH_BYTES; ++byte)
-    {
-      length = length << 8 | source->head[byte];
-    }
-    const std::string fault = faultOfLength(length);
-    if (!fault.empty())
-    {
-      fail(source, CloseReason::MALFORMED, fault);
-      return;
-    }
-    source->length = static_cast<uint32_t>(length - FrameHeader::BYTES);
-    source->stage = Stage::HEADER;
-    return;
-  }
-  onHeader(source);
-}
-
-void SpTransport::onHeader(const SourcePointer& source)
-{
-  const std::string fault = decodeHeader(source->head.data(), &source->header);
-  if (!fault.empty())
-  {
-    fail(source, CloseReason::MALFORMED, fault);
-    return;
-  }
-  source->payload = listener_->onHeader(source->id, source->header, source->length);
+  const SpReader::Result result =
+      source->reader.receive(*source, buffer_.data(), buffer_.size(), SP_BYTES_PER_TURN, source.get());
   if (source->closed)
   {
     return;
   }
-  if (source->payload == nullptr)
+  if (source->reader.greeted())
   {
-    fail(source, CloseReason::MALFORMED, FRAME_REFUSED_DETAIL);
-    return;
+    source->timer.stop();
   }
-  source->received = 0;
-  source->stage = Source::Stage::PAYLOAD;
-  if (source->length == 0)
+  if (result.end != SpReader::End::NONE)
   {
-    onPayloadBytes(source, 0);
+    fail(source, reasonOfChannel(*source, source->reader, result),
+         result.end == SpReader::End::NO_PEER ? NO_GREETING_DETAIL : source->fault);
+  }
+  else if (source->tls && source->tls->hasPending())
+  {
+    loop_->defer([this, source] { onSourceEvent(source); });  // of these bytes no event tells
   }
 }
 
-/// `count` more bytes of the payload were received.
-void SpTransport::onPayloadBytes(const SourcePointer& source, size_t count)
+bool SpTransport::Source::onLength(uint64_t bytes)
 {
-  source->received += static_cast<uint32_t>(count);
-  if (source->received == source->length)
+  fault = faultOfLength(bytes);
+  length = static_cast<uint32_t>(bytes - FrameHeader::BYTES);
+  return fault.empty();
+}
+
+iovec SpTransport::Source::place(size_t missing)
+{
+  if (missing > length)
   {
-    source->stage = Source::Stage::LENGTH;
-    listener_->onFrame(source->id, source->header, source->payload, source->length);
+    return {head.data(), head.size()};
   }
+  return beginPayload() ? iovec{payload, missing} : iovec{};
+}
+
+/// The header of a frame is complete. @return false: the frame is refused, or the source was closed.
+bool SpTransport::Source::beginPayload()
+{
+  fault = decodeHeader(head.data(), &header);
+  if (!fault.empty())
+  {
+    return false;
+  }
+  payload = listener->onHeader(id, header, length);
+  fault = payload == nullptr ? FRAME_REFUSED_DETAIL : "";
+  return !closed && payload != nullptr;
+}
+
+bool SpTransport::Source::onMessage()
+{
+  if (length == 0 && !beginPayload())
+  {
+    return false;
+  }
+  listener->onFrame(id, header, payload, length);
+  return !closed;
 }
 
 void SpTransport::fail(const SourcePointer& source, CloseReason reason, const std::string& detail)
 {
   shut(source.get());
+  if (reason == CloseReason::UNTRUSTED)
+  {
+    listener_->onUntrusted({source->address, 0}, source->tls ? source->tls->problem() : ONLY_OTHER_PROTECTS);
+  }
   listener_->onSourceClosed(source->id, reason, detail);
   sources_.erase(source->id);  // only now: the listener may ask for the address
 }

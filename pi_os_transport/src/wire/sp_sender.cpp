@@ -3,12 +3,10 @@
 #include "wire/sp_transport.h"
 
 #include <netinet/in.h>
-#include <netinet/tcp.h>
 #include <sys/socket.h>
 
 #include <algorithm>
 #include <cerrno>
-#include <cstring>
 #include <stdexcept>
 #include <utility>
 
@@ -38,6 +36,7 @@ FrameTransport::ConnectionId SpTransport::connect(const Endpoint& endpoint)
 {
   const auto connection = std::make_shared<Connection>();
   connection->id = next_connection_++;
+  connection->at = endpoint;
   connections_[connection->id] = connection;
   if (!parseIpv4(endpoint.address))
   {
@@ -52,8 +51,7 @@ FrameTransport::ConnectionId SpTransport::connect(const Endpoint& endpoint)
     return connection->id;
   }
   const sockaddr_in address = socketAddress(endpoint.address, endpoint.port);
-  setCommonOptions(fd);
-  setOption(fd, IPPROTO_TCP, TCP_USER_TIMEOUT, static_cast<int>(SP_ACKNOWLEDGE_TIME.count()));
+  setSpOptions(fd, SP_ACKNOWLEDGE_TIME);
   if (::connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) != 0 && errno != EINPROGRESS)
   {
     failLater(connection, reasonOf(errno));
@@ -75,11 +73,23 @@ void SpTransport::close(ConnectionId connection)
   }
 }
 
+std::optional<std::chrono::microseconds> SpTransport::roundTrip(ConnectionId connection) const
+{
+  const auto found = connections_.find(connection);
+  tcp_info info{};
+  socklen_t length = sizeof(info);
+  if (found == connections_.end() ||
+      getsockopt(found->second->socket.get(), IPPROTO_TCP, TCP_INFO, &info, &length) != 0 || info.tcpi_rtt == 0)
+  {
+    return std::nullopt;
+  }
+  return std::chrono::microseconds(info.tcpi_rtt);
+}
+
 bool SpTransport::writable(ConnectionId connection) const
 {
   const auto found = connections_.find(connection);
-  return found != connections_.end() && found->second->state == Connection::State::OPEN &&
-         found->second->next_piece == found->second->pieces_end;
+  return found != connections_.end() && found->second->state == Connection::State::OPEN && found->second->writer.idle();
 }
 
 bool SpTransport::send(ConnectionId id, const FrameHeader& header, const iovec* payload, size_t pieces, bool more)
@@ -89,15 +99,17 @@ bool SpTransport::send(ConnectionId id, const FrameHeader& header, const iovec* 
     return false;
   }
   const ConnectionPointer connection = connections_.at(id);
-  if (pieces > connection->pieces.size() - 1)
+  if (pieces > SpWriter::MAX_PIECES - 1)
   {
-    throw std::invalid_argument("a frame of " + std::to_string(pieces) + " pieces, must be in [0, 2]");
+    throw std::invalid_argument("a frame of " + std::to_string(pieces) + " pieces, must be in [0, " +
+                                std::to_string(SpWriter::MAX_PIECES - 1) + "]");
   }
   uint64_t body = FrameHeader::BYTES;
-  connection->pieces[0] = {connection->head.data(), connection->head.size()};
+  std::array<iovec, SpWriter::MAX_PIECES> all;
+  all[0] = {connection->head.data(), connection->head.size()};
   for (size_t piece = 0; piece < pieces; ++piece)
   {
-    connection->pieces[piece + 1] = payload[piece];
+    all[piece + 1] = payload[piece];
     body += payload[piece].iov_len;
   }
   if (body > FrameHeader::BYTES + MAX_PAYLOAD)
@@ -105,52 +117,21 @@ bool SpTransport::send(ConnectionId id, const FrameHeader& header, const iovec* 
     throw std::invalid_argument("payload of " + std::to_string(body - FrameHeader::BYTES) + " bytes, must be in [0, " +
                                 std::to_string(MAX_PAYLOAD) + "]");
   }
-  for (size_t byte = 0; byte < LENGTH_BYTES; ++byte)
-  {
-    connection->head[byte] = static_cast<uint8_t>(body >> (8 * (LENGTH_BYTES - 1 - byte)));
-  }
+  storeBigEndian(connection->head.data(), body);
   const auto encoded = header.encode();
-  std::copy(encoded.begin(), encoded.end(), connection->head.begin() + LENGTH_BYTES);
-  connection->next_piece = 0;
-  connection->pieces_end = pieces + 1;
-  connection->more = more;
+  std::copy(encoded.begin(), encoded.end(), connection->head.begin() + SP_LENGTH_BYTES);
 
-  const int error = sendPieces(connection.get());
+  const int error = connection->writer.begin(*connection, all.data(), pieces + 1, more);
   if (error != 0)
   {
-    failLater(connection, reasonOf(error));
+    failLater(connection, reasonOfChannel(*connection, error));
     return false;
   }
-  if (connection->next_piece != connection->pieces_end)
+  if (!connection->writer.idle())
   {
     loop_->change(connection->socket.get(), EPOLLIN | EPOLLOUT);
   }
   return true;
-}
-
-/// Sends as much as the socket takes. @return error number, 0 for none.
-int SpTransport::sendPieces(Connection* connection)
-{
-  msghdr message{};
-  message.msg_iov = &connection->pieces[connection->next_piece];
-  message.msg_iovlen = connection->pieces_end - connection->next_piece;
-  const ssize_t result =
-      sendmsg(connection->socket.get(), &message, MSG_NOSIGNAL | MSG_DONTWAIT | (connection->more ? MSG_MORE : 0));
-  if (result < 0)
-  {
-    return isTemporary(errno) ? 0 : errno;
-  }
-  auto sent = static_cast<size_t>(result);
-  while (connection->next_piece != connection->pieces_end && sent >= connection->pieces[connection->next_piece].iov_len)
-  {
-    sent -= connection->pieces[connection->next_piece++].iov_len;
-  }
-  if (connection->next_piece != connection->pieces_end)
-  {
-    iovec& piece = connection->pieces[connection->next_piece];
-    piece = {static_cast<uint8_t*>(piece.iov_base) + sent, piece.iov_len - sent};
-  }
-  return 0;
 }
 
 void SpTransport::onConnectionEvent(const ConnectionPointer& connection, uint32_t events)
@@ -165,25 +146,25 @@ void SpTransport::onConnectionEvent(const ConnectionPointer& connection, uint32_
     onTcpConnected(connection);
     return;
   }
-  if (connection->state == State::GREETING)
+  if (connection->state == State::PROVING)
   {
-    readGreeting(connection);
+    prove(connection);
     return;
   }
   if ((events & ~static_cast<uint32_t>(EPOLLOUT)) != 0)
   {
-    readEnd(connection);
+    readGreeting(connection);
   }
-  if (connection->closed || connection->next_piece == connection->pieces_end || (events & EPOLLOUT) == 0)
+  if (connection->closed || connection->writer.idle() || (events & EPOLLOUT) == 0)
   {
     return;
   }
-  const int error = sendPieces(connection.get());
+  const int error = connection->writer.resume(*connection);
   if (error != 0)
   {
-    fail(connection, reasonOf(error));
+    fail(connection, reasonOfChannel(*connection, error));
   }
-  else if (connection->next_piece == connection->pieces_end)
+  else if (connection->writer.idle())
   {
     loop_->change(connection->socket.get(), EPOLLIN);
     listener_->onWritable(connection->id);
@@ -199,54 +180,55 @@ void SpTransport::onTcpConnected(const ConnectionPointer& connection)
     fail(connection, reasonOf(error));
     return;
   }
-  if (!sendGreeting(fd, PUSH_GREETING))
+  if (!keys_)
   {
-    fail(connection, CloseReason::PEER_CLOSED);
+    setTimer(connection, SP_ANSWER_TIME);
+    greet(connection);
     return;
   }
-  connection->state = Connection::State::GREETING;
-  setTimer(connection, SP_ANSWER_TIME);
-  loop_->change(fd, EPOLLIN);
+  connection->state = Connection::State::PROVING;
+  setTimer(connection, 2 * SP_ANSWER_TIME);  // it takes two round trips more
+  connection->tls = std::make_unique<TlsSession>(keys_.get(), fd, TlsSession::Role::CLIENT,
+                                                 [this, at = connection->at](const std::string& identity)
+                                                 { return listener_->onIdentity(at, identity); });
+  prove(connection);
 }
 
+void SpTransport::greet(const ConnectionPointer& connection)
+{
+  const bool greeted = sendSpHeader(*connection, SpType::PUSH) == 0;
+  connection->state = Connection::State::GREETING;
+  loop_->change(connection->socket.get(), EPOLLIN);
+  readGreeting(connection);  // a protected answer, or the reason of a refusal, may have come already
+  if (!greeted && !connection->closed)
+  {
+    fail(connection, CloseReason::PEER_CLOSED);
+  }
+}
+
+/// A PULL socket sends nothing after its SP header, so a readable socket means that the connection has ended.
 void SpTransport::readGreeting(const ConnectionPointer& connection)
 {
-  const ssize_t count = recv(connection->socket.get(), &connection->greeting[connection->greeting_bytes],
-                             GREETING_BYTES - connection->greeting_bytes, MSG_DONTWAIT);
-  if (count <= 0)
-  {
-    if (count == 0 || !isTemporary(errno))
-    {
-      fail(connection, count == 0 ? CloseReason::PEER_CLOSED : reasonOf(errno));
-    }
-    return;
-  }
-  connection->greeting_bytes += static_cast<size_t>(count);
-  if (std::memcmp(connection->greeting.data(), PULL_GREETING.data(), connection->greeting_bytes) != 0)
-  {
-    fail(connection, CloseReason::MALFORMED);
-    return;
-  }
-  if (connection->greeting_bytes == GREETING_BYTES)
+  std::array<uint8_t, SP_HEADER_BYTES> scratch;
+  const SpReader::Result result = connection->reader.receive(*connection, scratch.data(), scratch.size(),
+                                                             SP_BYTES_PER_TURN, connection.get());
+  if (connection->state == Connection::State::GREETING && connection->reader.greeted())
   {
     connection->timer.stop();
     connection->state = Connection::State::OPEN;
     listener_->onConnected(connection->id);
   }
-}
-
-/// A PULL socket sends nothing after its header, so a readable socket means that the connection has ended.
-void SpTransport::readEnd(const ConnectionPointer& connection)
-{
-  uint8_t byte;
-  const ssize_t count = recv(connection->socket.get(), &byte, 1, MSG_DONTWAIT);
-  if (count >= 0)
+  if (connection->closed)
   {
-    fail(connection, count == 0 ? CloseReason::PEER_CLOSED : CloseReason::MALFORMED);
+    return;
   }
-  else if (!isTemporary(errno))
+  if (result.end != SpReader::End::NONE)
   {
-    fail(connection, reasonOf(errno));
+    fail(connection, reasonOfChannel(*connection, connection->reader, result));
+  }
+  else if (connection->reader.greeted() && !connection->reader.betweenMessages())
+  {
+    fail(connection, CloseReason::MALFORMED);
   }
 }
 
@@ -255,9 +237,9 @@ void SpTransport::setTimer(const ConnectionPointer& connection, std::chrono::mil
   connection->timer.start(loop_, time,
                           [this, connection]
                           {
-                            fail(connection, connection->state == Connection::State::GREETING
-                                                 ? CloseReason::SILENT
-                                                 : CloseReason::UNREACHABLE);
+                            fail(connection, connection->state == Connection::State::CONNECTING
+                                                 ? CloseReason::UNREACHABLE
+                                                 : CloseReason::SILENT);
                           });
 }
 
@@ -278,20 +260,22 @@ void SpTransport::fail(const ConnectionPointer& connection, CloseReason reason)
 {
   shut(connection.get());
   connections_.erase(connection->id);
+  if (reason == CloseReason::UNTRUSTED)
+  {
+    listener_->onUntrusted(connection->at, connection->tls ? connection->tls->problem() : ONLY_OTHER_PROTECTS);
+  }
   listener_->onClosed(connection->id, reason);
-}
-
-void SpTransport::shut(Channel* channel)
-{
-  channel->closed = true;
-  channel->timer.stop();
-  loop_->remove(channel->socket.get());
-  channel->socket.reset();
 }
 
 std::unique_ptr<FrameTransport> makeSpTransport(EventLoop* loop, FrameTransport::Listener* listener)
 {
-  return std::make_unique<SpTransport>(loop, listener);
+  return makeProtectedTransport(loop, listener, nullptr);
+}
+
+std::unique_ptr<FrameTransport> makeProtectedTransport(EventLoop* loop, FrameTransport::Listener* listener,
+                                                       std::shared_ptr<const TlsKeys> keys)
+{
+  return std::make_unique<SpTransport>(loop, listener, std::move(keys));
 }
 
 }  // namespace pi_os_transport

@@ -1,24 +1,9 @@
 #include "wire/sp_socket.h"
 
-#include <netinet/in.h>
-#include <netinet/tcp.h>
-#include <sys/socket.h>
-
 #include <cerrno>
-
-#include "event_loop/socket_io.h"
 
 namespace pi_os_transport
 {
-
-void setCommonOptions(int fd)
-{
-  setOption(fd, IPPROTO_TCP, TCP_NODELAY, 1);
-  setOption(fd, SOL_SOCKET, SO_KEEPALIVE, 1);
-  setOption(fd, IPPROTO_TCP, TCP_KEEPIDLE, 2);
-  setOption(fd, IPPROTO_TCP, TCP_KEEPINTVL, 1);
-  setOption(fd, IPPROTO_TCP, TCP_KEEPCNT, 3);
-}
 
 CloseReason reasonOf(int error)
 {
@@ -35,16 +20,17 @@ CloseReason reasonOf(int error)
   }
 }
 
-bool isTemporary(int error)
+CloseReason reasonOf(const SpReader::Result& result)
 {
-  return error == EAGAIN || error == EWOULDBLOCK || error == EINTR;
-}
-
-bool sendGreeting(int fd, const std::array<uint8_t, GREETING_BYTES>& greeting)
-{
-  // A new connection always has room for the greeting.
-  return send(fd, greeting.data(), greeting.size(), MSG_NOSIGNAL | MSG_DONTWAIT) ==
-         static_cast<ssize_t>(greeting.size());
+  switch (result.end)
+  {
+    case SpReader::End::CLOSED:
+      return CloseReason::PEER_CLOSED;
+    case SpReader::End::FAILED:
+      return reasonOf(result.error);
+    default:
+      return CloseReason::MALFORMED;
+  }
 }
 
 }  // namespace pi_os_transport

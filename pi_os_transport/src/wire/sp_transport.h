@@ -9,12 +9,15 @@
 #include <memory>
 #include <string>
 #include <unordered_map>
+#include <utility>
 #include <vector>
 
 #include "event_loop/event_loop.h"
 #include "shm/file_descriptor.h"
 #include "wire/frame_transport.h"
 #include "wire/sp_socket.h"
+#include "wire/tls_keys.h"
+#include "wire/tls_session.h"
 
 namespace pi_os_transport
 {
@@ -27,6 +30,10 @@ constexpr std::chrono::milliseconds SP_CONNECT_TIME_FAR{700};
 constexpr std::chrono::milliseconds SP_ANSWER_TIME{500};
 /// Timeout for the SP header of a peer that connected to this bridge.
 constexpr std::chrono::milliseconds SP_GREETING_TIME{2000};
+/// The same when the ends also prove to each other who they are.
+constexpr std::chrono::milliseconds SP_PROOF_TIME{2000};
+/// Most incoming connections of one machine that have not proved who they are; more are closed at once.
+constexpr size_t SP_MAX_UNPROVED = 16;
 /// Sent data must be acknowledged in this time, else the peer counts as unreachable. This includes a peer that runs but
 /// reads nothing.
 constexpr std::chrono::milliseconds SP_ACKNOWLEDGE_TIME{5000};
@@ -51,6 +58,10 @@ constexpr char OVERSIZED_DETAIL[] = "oversized frame";
 constexpr char WRONG_VERSION_DETAIL[] = "wire version ";
 constexpr char FRAME_REFUSED_DETAIL[] = "frame refused";
 constexpr char TOO_MANY_DETAIL[] = "too many connections";
+/// First byte of a record of TLS: handshake, alert.
+constexpr uint8_t TLS_HANDSHAKE = 22;
+constexpr uint8_t TLS_ALERT = 21;
+constexpr char ONLY_OTHER_PROTECTS[] = "it speaks TLS: set secure: tls on both devices";
 
 /// The fault that the `detail` of Listener::onSourceClosed() describes.
 inline SourceFault faultOf(const std::string& detail)
@@ -101,7 +112,10 @@ inline std::string decodeHeader(const uint8_t* bytes, FrameHeader* header)
 class SpTransport : public FrameTransport
 {
 public:
-  SpTransport(EventLoop* loop, Listener* listener) : loop_(loop), listener_(listener), buffer_(BUFFER_BYTES) {}
+  SpTransport(EventLoop* loop, Listener* listener, std::shared_ptr<const TlsKeys> keys)
+    : loop_(loop), listener_(listener), keys_(std::move(keys)), buffer_(BUFFER_BYTES)
+  {
+  }
   ~SpTransport() override;
 
   bool listen(const Endpoint& endpoint, std::string* error) override;
@@ -109,8 +123,10 @@ public:
   ConnectionId connect(const Endpoint& endpoint) override;
   void close(ConnectionId connection) override;
   bool tellsConnected() const override { return true; }
+  std::optional<std::chrono::microseconds> roundTrip(ConnectionId connection) const override;
   void closeSource(SourceId source) override;
   std::string addressOf(SourceId source) const override;
+  std::string identityOf(SourceId source) const override;
   bool writable(ConnectionId connection) const override;
   bool send(ConnectionId id, const FrameHeader& header, const iovec* payload, size_t pieces, bool more) override;
 
@@ -120,31 +136,41 @@ private:
   struct Channel
   {
     FileDescriptor socket;
-    bool closed = false;  ///< pending events must ignore this channel
+    std::unique_ptr<TlsSession> tls;  ///< null: not protected
+    bool closed = false;              ///< pending events must ignore this channel
     Timer timer;
+
+    // The connection's bytes for SpReader and SpWriter, protected or not: sp_channel.cpp.
+    ssize_t receive(const iovec* places, size_t count) const;
+    ssize_t send(const iovec* pieces, size_t count, bool more) const;
   };
   void shut(Channel* channel);
+  static CloseReason reasonOfChannel(const Channel& channel, int error);
+  static CloseReason reasonOfChannel(const Channel& channel, const SpReader& reader, const SpReader::Result& result);
 
   // Connections to other bridges, and the frames sent on them: sp_sender.cpp.
-  struct Connection : Channel
+  struct Connection : Channel, SpReader::Sink
   {
     enum class State
     {
       CONNECTING,
-      GREETING,  ///< TCP has connected
+      PROVING,  ///< TCP has connected; the ends prove who they are
+      GREETING,
       OPEN,
       BROKEN,  ///< send() failed; onClosed() follows
     };
 
+    // A PULL socket sends no messages.
+    bool onLength(uint64_t) override { return false; }
+    iovec place(size_t) override { return {}; }
+    bool onMessage() override { return false; }
+
     ConnectionId id = 0;
+    Endpoint at;
     State state = State::CONNECTING;
-    std::array<uint8_t, GREETING_BYTES> greeting;
-    size_t greeting_bytes = 0;
+    SpReader reader{SpType::PULL, SP_LENGTH_BYTES};
+    SpWriter writer;
     std::array<uint8_t, HEAD_BYTES> head;  ///< length and header of the frame being sent
-    std::array<iovec, 3> pieces;           ///< what is left to send: pieces [next_piece, pieces_end)
-    size_t next_piece = 0;
-    size_t pieces_end = 0;
-    bool more = false;  ///< another frame follows the one that is being sent
   };
 
   // Handlers hold their own pointer: callbacks may close the connection.
@@ -152,9 +178,9 @@ private:
 
   void onConnectionEvent(const ConnectionPointer& connection, uint32_t events);
   void onTcpConnected(const ConnectionPointer& connection);
+  void prove(const ConnectionPointer& connection);
+  void greet(const ConnectionPointer& connection);
   void readGreeting(const ConnectionPointer& connection);
-  void readEnd(const ConnectionPointer& connection);
-  static int sendPieces(Connection* connection);
   void setTimer(const ConnectionPointer& connection, std::chrono::milliseconds time);
   void failLater(const ConnectionPointer& connection, CloseReason reason);
   void fail(const ConnectionPointer& connection, CloseReason reason);
@@ -167,40 +193,38 @@ private:
     Timer pause;
   };
 
-  struct Source : Channel
+  struct Source : Channel, SpReader::Sink
   {
-    enum class Stage
-    {
-      GREETING,
-      LENGTH,
-      HEADER,
-      PAYLOAD,
-    };
+    explicit Source(Listener* listener) : listener(listener) {}
+    bool onLength(uint64_t length) override;
+    iovec place(size_t missing) override;
+    bool onMessage() override;
+    bool beginPayload();
 
+    Listener* const listener;
     SourceId id = 0;
     std::string address;
-    Stage stage = Stage::GREETING;
-    std::array<uint8_t, FrameHeader::BYTES> head;  ///< of the stage before the payload
-    size_t head_bytes = 0;
+    bool proving = false;  ///< the ends prove who they are
+    SpReader reader{SpType::PUSH, HEAD_BYTES};
+    std::array<uint8_t, FrameHeader::BYTES> head;
     FrameHeader header;
     uint32_t length = 0;  ///< of the payload
-    uint32_t received = 0;
     uint8_t* payload = nullptr;
+    std::string fault;  ///< why a frame is refused
   };
 
   using SourcePointer = std::shared_ptr<Source>;
 
   void onAcceptorEvent(Acceptor* acceptor);
   void addSource(FileDescriptor socket, const sockaddr_in& address);
+  bool prove(const SourcePointer& source);
+  bool knocksTooOften(const std::string& address) const;
   void onSourceEvent(const SourcePointer& source);
-  void takeBytes(const SourcePointer& source, const uint8_t* bytes, size_t count);
-  void onHeadBytes(const SourcePointer& source, size_t count);
-  void onHeader(const SourcePointer& source);
-  void onPayloadBytes(const SourcePointer& source, size_t count);
   void fail(const SourcePointer& source, CloseReason reason, const std::string& detail);
 
   EventLoop* const loop_;
   Listener* const listener_;
+  const std::shared_ptr<const TlsKeys> keys_;
   std::unordered_map<ConnectionId, ConnectionPointer> connections_;
   uint32_t attempts_ = 0;
   ConnectionId next_connection_ = 1;

@@ -36,7 +36,7 @@ enum class FrameType : uint8_t
                        ///< payload: entries
   FRAGMENT = 13,       ///< id: stream; offset: position in the message; payload: bytes
   ATTACH = 14,         ///< the last message of this stream is also for these links. id: stream; payload: entries
-  TUNNEL_OPEN = 15,    ///< client's side. id: tunnel; count: TCP port; payload: host
+  TUNNEL_OPEN = 15,    ///< client's side. id: tunnel; count: TCP port; payload: host, name of the service
   TUNNEL_READY = 16,   ///< server's side: connected. id: tunnel
   TUNNEL_DATA = 17,    ///< either side. id: tunnel; offset: position in this direction; payload: bytes
   TUNNEL_CREDIT = 18,  ///< id: tunnel; offset: bytes of the other direction delivered so far

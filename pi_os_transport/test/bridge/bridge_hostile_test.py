@@ -91,7 +91,7 @@ class BridgeHostile(device_testbed.DeviceTest):
         self.start_bridge(self.edge_b)
         stranger = self.node(self.edge_b, 'stranger')
         stranger.call('subscribe', topic=self.subject, queue=1000)
-        stranger.await_transports(self.subject, 'i', ['NNROS'])  # both others allow everyone
+        stranger.await_transports(self.subject, 'i', ['NNROS'])  # its node is in the graph, and the others allow that
         outside = self.topic('outside')
         stranger.call('advertise', topic=outside, queue=1000, id=2)
         self.listener.call('subscribe', **{'as': 'o'}, topic=outside, queue=1000)

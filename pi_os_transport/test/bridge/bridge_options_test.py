@@ -315,6 +315,26 @@ class BridgeOptions(device_testbed.DeviceTest):
         self.assertLessEqual(self.outgoing(topic)['uncompressed'], kills * 10)
         self.await_links(talker, [listener], topic)
 
+    @device_testbed.with_bridges
+    def test_only_the_bridge_is_favoured_and_not_its_codec(self):
+        bridge = self.start_with(self.vehicle, '--nice', '-7', topics=[{'match': '*', 'compression': 'jpeg'}])
+        self.start_bridges(self.edge_a)
+        talker, listener = self.start_image_peers(self.topic('image'))
+        talker.call('publish', encoding='rgb8', width=640, height=480, count=1, rate=30)
+        listener.call('await_received', seq=1)
+        codec = self.codec_workers(self.vehicle)[0]
+        self.assertEqual([os.getpriority(os.PRIO_PROCESS, pid) for pid in (bridge.pid, codec)], [-7, 0])
+
+    @device_testbed.with_bridges
+    def test_a_bridge_that_leads_a_session_is_favoured_among_sessions(self):
+        bridge = self.start_bridge(self.vehicle, '--nice', '-7')
+        self.assertEqual(os.getsid(bridge.pid), bridge.pid)
+        group = '/proc/%d/autogroup' % bridge.pid
+        if not os.path.exists(group):
+            self.skipTest('this kernel has no autogroups')
+        with open(group) as file:
+            self.assertRegex(file.read(), 'nice -7$')
+
     def test_the_encoder_is_killed_and_nothing_is_lost(self):
         self.kill_codec(self.vehicle, most_lost=0)
 
@@ -658,7 +678,7 @@ class BridgeOptions(device_testbed.DeviceTest):
 
     def test_a_wrong_file_is_refused(self):
         for text, parts in (
-                ('wires: sp\n', (':1:', 'wires is no option', 'socket, topics, wire')),
+                ('wires: sp\n', (':1:', 'wires is no option', 'socket, topics, trust, wire')),
                 ('name: a\ntopics:\n  - match: "/a"\n    rate: 3\n', (':4:', 'topics[0].rate', 'rate_limit_hz')),
                 ('wire: udp\n', (':1:', 'wire = "udp"', 'sp or nanomsg')),
                 ('\nmax_message_mb: 0\n', (':2:', 'max_message_mb = "0"', '1 to 1024')),

@@ -17,13 +17,14 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
 import transport_harness as harness  # noqa: E402  (found through the line above)
 
-REQUEST = struct.pack('<IHH', 0x514f6970, 1, 3)
+REQUEST = struct.pack('<IHH', 0x514f6970, 2, 3)
 STATUS = {
-    'version': 1, 'name': 'robot', 'instance': '17', 'listen': ['0.0.0.0:8814'], 'wire': 'sp',
+    'version': 1, 'name': 'robot', 'instance': '17', 'listen': ['0.0.0.0:8814'], 'wire': 'sp', 'secure': 'off',
     'pool': {'committed': 3 << 20, 'limit': 512 << 20},
-    'refused': {'unknown_peer': 0, 'wrong_version': 0, 'oversized': 0, 'malformed': 0, 'bad_session': 0},
-    'peers': [{'address': '10.0.0.2:8814', 'name': 'base', 'state': 'up', 'rtt_us': 230, 'window': 65536,
-               'sent_bytes': 5000, 'received_bytes': 70}],
+    'refused': {'unknown_peer': 0, 'wrong_version': 0, 'oversized': 0, 'malformed': 0, 'bad_session': 0,
+                'untrusted': 0, 'no_service': 0},
+    'peers': [{'address': '10.0.0.2:8814', 'name': 'base', 'identity': '', 'state': 'up', 'rtt_us': 230,
+               'window': 65536, 'sent_bytes': 5000, 'received_bytes': 70}],
     'outgoing': [{'topic': '/image', 'publisher': '/camera', 'peer': '10.0.0.2:8814', 'subscribers': 2, 'messages': 10,
                   'bytes': 62200000, 'superseded': 1, 'rate_limited': 2, 'uncompressed': 0, 'lost': 0}],
     'incoming': [{'topic': '/cmd_vel', 'publisher': '/joy', 'subscriber': '/base', 'peer': '10.0.0.2:8814',
@@ -193,9 +194,9 @@ class BridgeStatus(harness.TransportTest):
 
     def test_answers_that_are_no_status(self):
         good = json.dumps(STATUS).encode()
-        for packet, content, expected in ((REQUEST[:7], good, 'must be a status of version 1'),
-                                          (b'\0' + REQUEST[1:], good, 'must be a status of version 1'),
-                                          (REQUEST + b'\0', good, 'must be a status of version 1'),
+        for packet, content, expected in ((REQUEST[:7], good, 'must be a status of version 2'),
+                                          (b'\0' + REQUEST[1:], good, 'must be a status of version 2'),
+                                          (REQUEST + b'\0', good, 'must be a status of version 2'),
                                           (REQUEST, None, 'with 0 files'),
                                           (REQUEST, b'', 'no JSON object'),
                                           (REQUEST, b'[1]', 'no JSON object'),

@@ -1,4 +1,4 @@
-#include "bridge/bridge_config.h"
+#include "bridge/config/bridge_config.h"
 
 #include <gtest/gtest.h>
 #include <stdlib.h>
@@ -80,7 +80,7 @@ protected:
   std::string path_;
 };
 
-TEST(BridgeConfig, DefaultsListenEverywhereAndAllowEveryone)
+TEST(BridgeConfig, DefaultsListenEverywhereAndLeaveTheGraphToDecide)
 {
   const BridgeConfig config = *parse({});
   char host[256] = {};
@@ -89,9 +89,12 @@ TEST(BridgeConfig, DefaultsListenEverywhereAndAllowEveryone)
   EXPECT_EQ((std::vector<Endpoint>{{"0.0.0.0", 8814}}), config.listen);
   EXPECT_EQ("", config.advertise.address);
   EXPECT_TRUE(config.peers.empty());
+  EXPECT_TRUE(config.allow.empty());
   EXPECT_TRUE(config.allows("203.0.113.9"));
+  EXPECT_EQ("", config.master);
   EXPECT_EQ("sp", config.wire);
   EXPECT_EQ("default", config.socket);
+  EXPECT_EQ(0, config.nice);
   EXPECT_EQ(512U, config.pool_limit_mb);
   EXPECT_EQ(256U, config.max_message_mb);
   const TopicOptions& topic = config.topic("/any");
@@ -112,11 +115,53 @@ TEST(BridgeConfig, ShippedFileHoldsTheDefaults)
   EXPECT_EQ(defaults.advertise, file.advertise);
   EXPECT_EQ(defaults.peers, file.peers);
   EXPECT_EQ(defaults.allow.size(), file.allow.size());
+  EXPECT_EQ(defaults.master, file.master);
+  EXPECT_EQ(defaults.secure, file.secure);
+  EXPECT_EQ(defaults.keys, file.keys);
+  EXPECT_EQ(defaults.trust.size(), file.trust.size());
   EXPECT_EQ(defaults.wire, file.wire);
   EXPECT_EQ(defaults.socket, file.socket);
+  EXPECT_EQ(defaults.nice, file.nice);
   EXPECT_EQ(defaults.pool_limit_mb, file.pool_limit_mb);
   EXPECT_EQ(defaults.max_message_mb, file.max_message_mb);
   EXPECT_EQ(defaults.topics.size(), file.topics.size());
+}
+
+TEST_F(BridgeConfigFile, TrustSaysWhoMayExchangeWhat)
+{
+  const BridgeConfig config = load(
+      "secure: tls\npeers: [\"edge_a@10.0.0.7\", \"10.0.0.8:77\"]\n"
+      "trust:\n  - name: lost\n    allow: false\n"
+      "  - name: \"edge*\"\n    topics: [\"/camera/*\", \"/cmd_vel\"]\n  - name: base\n");
+  EXPECT_TRUE(config.isSecure());
+  ASSERT_EQ(2U, config.peers.size());
+  EXPECT_EQ("10.0.0.7:8814", config.peers[0].toString());
+  ASSERT_EQ(1U, config.peer_names.size());
+  EXPECT_EQ("edge_a", config.peer_names.at(config.peers[0]));
+  EXPECT_FALSE(config.trustOf("lost")->allow);
+  EXPECT_EQ(nullptr, config.trustOf("stranger"));
+  EXPECT_TRUE(config.trusts("edge_b", "/camera/image"));
+  EXPECT_TRUE(config.trusts("edge_b", "/cmd_vel"));
+  EXPECT_FALSE(config.trusts("edge_b", "/cmd_vel2"));
+  EXPECT_TRUE(config.trusts("base", "/anything"));
+  EXPECT_FALSE(config.trusts("lost", "/cmd_vel"));
+  EXPECT_FALSE(config.trusts("stranger", "/cmd_vel"));
+  EXPECT_TRUE(load("secure: tls\n").trusts("anyone", "/anything"));
+  EXPECT_TRUE(load("").trusts("", "/anything"));
+}
+
+TEST_F(BridgeConfigFile, WhatNeedsTlsIsRefusedWithoutIt)
+{
+  EXPECT_EQ("secure = \"tls\" with wire = \"nanomsg\": libnanomsg cannot encrypt, wire must be sp",
+            error("secure: tls\nwire: nanomsg\n"));
+  const std::string names =
+      "trust, and a NAME@ in peers, with secure = \"off\": names are proved by keys, secure must be tls";
+  EXPECT_EQ(names, error("trust: [{name: edge}]\n"));
+  EXPECT_EQ(names, errorOf({"--peer", "edge@10.0.0.7"}));
+  EXPECT_EQ("--secure = \"on\", must be off or tls", errorOf({"--secure", "on"}));
+  EXPECT_EQ(0U,
+            errorOf({"--secure", "tls", "--peer", "a b@10.0.0.7"}).find("--peer = \"a b@10.0.0.7\", must be [NAME@]"));
+  EXPECT_NE(std::string::npos, error("secure: tls\ntrust: [{allow: false}]\n").find("trust[0].name is missing"));
 }
 
 TEST_F(BridgeConfigFile, ShippedExamplesAreValidAndMeanWhatTheySay)
@@ -126,8 +171,10 @@ TEST_F(BridgeConfigFile, ShippedExamplesAreValidAndMeanWhatTheySay)
   for (std::string line; std::getline(stream, line);)
   {
     const bool example = line.size() > 1 && line[0] == '#' && (line[1] != ' ' || line.compare(1, 2, "  ") == 0);
-    text += line == "topics: []" ? "" : (example ? line.substr(1) : line) + "\n";
+    const bool replaced = line == "topics: []" || line == "trust: []" || line == "secure: \"off\"";
+    text += replaced ? "" : (example ? line.substr(1) : line) + "\n";
   }
+  text += "secure: tls\n";
   const BridgeConfig config = load(text);
   EXPECT_EQ("robot", config.name);
   ASSERT_EQ(4U, config.topics.size());
@@ -141,6 +188,11 @@ TEST_F(BridgeConfigFile, ShippedExamplesAreValidAndMeanWhatTheySay)
   EXPECT_EQ("png", config.topic("/depth/image").compression);
   EXPECT_EQ(3, config.topic("/depth/image").quality);
   EXPECT_FALSE(config.topic("/debug/x").forward);
+  ASSERT_EQ(3U, config.trust.size());
+  EXPECT_FALSE(config.trusts("stolen_robot", "/cmd_vel"));
+  EXPECT_TRUE(config.trusts("edge1", "/camera/image"));
+  EXPECT_FALSE(config.trusts("edge1", "/map"));
+  EXPECT_TRUE(config.trusts("base", "/map"));
 }
 
 TEST(BridgeConfig, CommandLineSetsEverythingItKnows)
@@ -164,8 +216,8 @@ TEST(BridgeConfig, CommandLineSetsEverythingItKnows)
 TEST(BridgeConfig, HelpWinsOverEverythingAfterIt)
 {
   EXPECT_FALSE(parse({"--name", "x", "--help", "--nonsense"}).has_value());
-  for (const char* option :
-       {"--config", "--name", "--listen", "--advertise", "--peer", "--allow", "--wire", "--socket"})
+  for (const char* option : {"--config", "--name", "--listen", "--advertise", "--peer", "--allow", "--master",
+                             "--secure", "--keys", "--wire", "--socket"})
   {
     EXPECT_NE(std::string::npos, bridgeUsage().find(option)) << option;
   }
@@ -202,6 +254,11 @@ TEST(BridgeConfig, BadArgumentsAreNamedWithValueAndWhatIsAllowed)
   EXPECT_EQ("--wire = \"tls\", must be sp or nanomsg", errorOf({"--wire", "tls"}));
   EXPECT_EQ("--allow = \"10.0.0.0/33\", must be an IPv4 address, or a range like 192.168.1.0/24",
             errorOf({"--allow", "10.0.0.0/33"}));
+  EXPECT_EQ(
+      "--master = \"vehicle\", must be the URI of a ROS master like http://192.168.1.10:11311, or \"\" for "
+      "ROS_MASTER_URI",
+      errorOf({"--master", "vehicle"}));
+  EXPECT_EQ("http://vehicle:11311/", parse({"--master", "http://vehicle:11311/"})->master);
   EXPECT_EQ("--peer = \"1.2.3.4:0\", must be ADDRESS[:PORT] with a port from 1 to 65535",
             errorOf({"--peer", "1.2.3.4:0"}));
   EXPECT_EQ("--peer = \"0.0.0.0\", must be the address of one device", errorOf({"--peer", "0.0.0.0"}));
@@ -265,6 +322,7 @@ TEST_F(BridgeConfigFile, ErrorsNameFileLineKeyValueAndWhatIsAllowed)
   expect("max_message_mb: 1025", "1: max_message_mb = \"1025\", must be a whole number from 1 to 1024");
   expect("max_message_mb: -1", "1: max_message_mb = \"-1\", must be a whole number from 1 to 1024");
   expect("max_message_mb: 1.5", "1: max_message_mb = \"1.5\", must be a whole number from 1 to 1024");
+  expect("nice: -21", "1: nice = \"-21\", must be a whole number from -20 to 19");
   expect("wire: tls", "1: wire = \"tls\", must be sp or nanomsg");
   expect("peers: 10.0.0.1", "1: peers = \"10.0.0.1\", must be a list like [a, b]");
   expect("name: [a]", "1: name = a list, must be a single value");
@@ -274,8 +332,8 @@ TEST_F(BridgeConfigFile, ErrorsNameFileLineKeyValueAndWhatIsAllowed)
   expect("allow:\n  - 10.0.0.1\n  - nobody\n",
          "3: allow[1] = \"nobody\", must be an IPv4 address, or a range like 192.168.1.0/24");
   expect("\n\npeer: []\n",
-         "3: peer is no option, must be one of advertise, allow, listen, max_message_mb, name, peers, pool_limit_mb, "
-         "socket, topics, wire");
+         "3: peer is no option, must be one of advertise, allow, keys, listen, master, max_message_mb, name, nice, "
+         "peers, pool_limit_mb, secure, socket, topics, trust, wire");
   expect("name: a\nname: b\n", "2: name is given twice, must be given once");
   expect("- a\n", "1: the file = a list, must be a map of keys and values");
   expect("topics: [a]", "1: topics[0] = \"a\", must be a map of keys and values");

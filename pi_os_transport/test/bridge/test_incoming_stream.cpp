@@ -94,6 +94,10 @@ protected:
 
   struct Subscriber
   {
+    Subscriber(uint32_t id, SlotPool* pool)
+      : link(std::make_shared<IncomingLink>(id, BridgeRequest(), nullptr)), pair(pool)
+    {
+    }
     std::shared_ptr<IncomingLink> link;
     RingPair pair;
     size_t blocked = 0;
@@ -126,8 +130,7 @@ protected:
   }
   void add(uint32_t id, size_t max_queue = 0)
   {
-    auto subscriber = std::make_unique<Subscriber>(
-        Subscriber{std::make_shared<IncomingLink>(id, BridgeRequest(), SideChannel()), RingPair(&pool_)});
+    auto subscriber = std::make_unique<Subscriber>(id, &pool_);
     Subscriber* const raw = subscriber.get();
     raw->link->ring = std::move(raw->pair.sender);
     raw->link->state = IncomingLink::State::CARRYING;
@@ -252,7 +255,7 @@ TEST_F(IncomingStreamTest, PassesOverLinksThatHaveEnded)
 
 TEST_F(IncomingStreamTest, NothingComesBeforeTheStart)
 {
-  auto fresh = std::make_shared<IncomingLink>(1, BridgeRequest(), SideChannel());
+  auto fresh = std::make_shared<IncomingLink>(1, BridgeRequest(), nullptr);
   RingPair pair(&pool_);
   fresh->ring = std::move(pair.sender);
   fresh->state = IncomingLink::State::CARRYING;
@@ -417,37 +420,47 @@ TEST_F(IncomingStreamTest, KeepsWhatABlockedSubscriberDoesNotTakeInOrder)
   EXPECT_EQ(0U, link(1).dropped());
 }
 
-TEST_F(IncomingStreamTest, DropsTheOldestForABlockedSubscriberWithAQueue)
+TEST_F(IncomingStreamTest, DropsTheOldestForABlockedSubscriberBeyondItsQueueAndASocket)
 {
   constexpr uint32_t QUEUE = 5;
   constexpr uint32_t IN_RING = RingLayout::CAPACITY - 1;  // the start has a place as well
-  constexpr uint32_t MESSAGES = IN_RING + 20;
+  constexpr size_t BYTES = 2000;
+  constexpr uint32_t KEPT = static_cast<uint32_t>(SOCKET_BYTES / BYTES) - IN_RING;
+  constexpr uint32_t MESSAGES = IN_RING + KEPT + 20;
   subscribers_.erase(1);
   add(1, QUEUE);
   for (uint32_t sequence = 1; sequence <= MESSAGES; ++sequence)
   {
-    ASSERT_TRUE(feed(messageOf({{1, sequence, 0}}, patternOf(sequence, 10))));
+    ASSERT_TRUE(feed(messageOf({{1, sequence, 0}}, patternOf(sequence, BYTES))));
   }
-  EXPECT_EQ(15U, link(1).dropped());
+  EXPECT_EQ(20U, link(1).dropped());
   EXPECT_EQ(IN_RING, taken(1).size());
-  EXPECT_TRUE(link(1).flush());
-  const std::vector<Bytes> last = taken(1);
-  ASSERT_EQ(QUEUE, last.size());
-  for (uint32_t index = 0; index < QUEUE; ++index)
+  std::vector<Bytes> last;
+  while (last.size() < KEPT)
   {
-    EXPECT_EQ(patternOf(MESSAGES - QUEUE + 1 + index, 10), last[index]);
+    link(1).flush();
+    for (Bytes& bytes : taken(1))
+    {
+      last.push_back(std::move(bytes));
+    }
+  }
+  ASSERT_EQ(KEPT, last.size());
+  for (uint32_t index = 0; index < KEPT; ++index)
+  {
+    EXPECT_EQ(patternOf(MESSAGES - KEPT + 1 + index, BYTES), last[index]);
   }
   EXPECT_EQ(0U, link(1).lost());
 }
 
 TEST_F(IncomingStreamTest, BacklogIsBoundedWithoutAQueueToo)
 {
-  constexpr uint32_t MESSAGES = 3000;
+  constexpr uint64_t BOUND = 32 << 20;
+  constexpr uint32_t MESSAGES = BOUND / 256 + 3000;
   for (uint32_t sequence = 1; sequence <= MESSAGES; ++sequence)
   {
     ASSERT_TRUE(feed(messageOf({{1, sequence, 0}}, {1})));
   }
-  EXPECT_EQ(MESSAGES - (RingLayout::CAPACITY - 1) - 1024, link(1).dropped());
+  EXPECT_EQ(MESSAGES - (RingLayout::CAPACITY - 1) - BOUND / 257, link(1).dropped());
 }
 
 TEST_F(IncomingStreamTest, CompressedMessagesKeepTheirOrder)

@@ -238,6 +238,7 @@ TEST_F(OutgoingStreamTest, SendsEmptyMessages)
   ASSERT_EQ(1U, frames.size());
   EXPECT_EQ((std::vector<uint32_t>{1, 2}), linksIn(frames[0]));
   EXPECT_EQ(Bytes(), bytesIn(frames[0]));
+  acknowledgeAll();
   EXPECT_EQ(0U, liveSlots());
 }
 
@@ -298,13 +299,49 @@ TEST_F(OutgoingStreamTest, MessagesWithoutASerialHaveNothingInCommon)
   EXPECT_EQ((std::vector<FrameType>{FrameType::MESSAGE, FrameType::MESSAGE}), typesOf(session_.takeAll()));
 }
 
-TEST_F(OutgoingStreamTest, SmallMessagesLeaveThePublishersMemoryAtOnce)
+TEST_F(OutgoingStreamTest, SmallMessagesStayUntilTheyAreAcknowledged)
 {
   makeStream();
   start({1, 2});
   EXPECT_EQ(1U, publishAndTake(patternOf(1, SMALL), {1, 2}).size());
-  EXPECT_EQ(0U, liveSlots());
+  EXPECT_EQ(1U, liveSlots());
   EXPECT_EQ(1U, publishers_.at(1)->link->unacked);
+  acknowledgeAll();
+  EXPECT_EQ(0U, liveSlots());
+}
+
+TEST_F(OutgoingStreamTest, WhatArrivedAtAPausedLinkStaysUntilTheSubscriberHasIt)
+{
+  makeStream();
+  start({1, 2});
+  publishAndTake({1}, {1, 2});
+  OutgoingLink& link = *publishers_.at(1)->link;
+  link.paused = true;
+  acknowledgeAll();
+  EXPECT_EQ(1U, liveSlots());
+  EXPECT_EQ(0U, link.unacked);
+  link.paused = false;
+  link.onResumed();
+  EXPECT_EQ(0U, liveSlots());
+}
+
+TEST_F(OutgoingStreamTest, ThePublisherTakesBackWhatHasNotArrived)
+{
+  makeStream();
+  start({1});
+  publishAndTake({1}, {1});
+  acknowledgeAll();
+  publishAndTake({2}, {1});
+  publishAndTake(patternOf(3, SMALL + 1), {1});
+  stream_->abandon();
+  const std::vector<RingSender::Message> back = publishers_.at(1)->pair.sender->takeBackTaken();
+  ASSERT_EQ(2U, back.size());
+  EXPECT_EQ(1U, back[0].length);
+  EXPECT_EQ(SMALL + 1, back[1].length);
+  for (const RingSender::Message& message : back)
+  {
+    pool_.release(message.buffer);
+  }
 }
 
 TEST_F(OutgoingStreamTest, LargeMessagesStayUntilTheyAreAcknowledged)
@@ -319,21 +356,6 @@ TEST_F(OutgoingStreamTest, LargeMessagesStayUntilTheyAreAcknowledged)
   session_.acknowledge(Traffic::BULK, 1);
   EXPECT_EQ(0U, liveSlots());
   EXPECT_TRUE(stream_->idle());
-}
-
-TEST_F(OutgoingStreamTest, LatchedMessagesKeepTheirPlaceUntilTheyAreAcknowledged)
-{
-  makeStream();
-  start({1}, 0, true);
-  EXPECT_EQ(1U, publishAndTake({1, 2, 3}, {1}).size());
-  EXPECT_EQ(1U, liveSlots());
-  const RingSender::Message newest = publishers_.at(1)->pair.sender->takeBackNewest();
-  ASSERT_NE(nullptr, newest.buffer) << "the publisher can go back to TCPROS with it";
-  pool_.release(newest.buffer);
-  EXPECT_EQ(1U, publishAndTake({4}, {1}).size());
-  acknowledgeAll();
-  EXPECT_EQ(0U, liveSlots());
-  EXPECT_EQ(nullptr, publishers_.at(1)->pair.sender->takeBackNewest().buffer);
 }
 
 TEST_F(OutgoingStreamTest, SendsLargeMessagesInFragments)
@@ -439,6 +461,7 @@ TEST_F(OutgoingStreamTest, RewindSendsWhatIsNotAcknowledgedAgainInOrder)
   {
     EXPECT_EQ(session_.other_secret, frame.header.session);
   }
+  acknowledgeAll();
   EXPECT_EQ(0U, liveSlots());
 }
 
@@ -459,38 +482,51 @@ TEST_F(OutgoingStreamTest, RewindBeginsAnInterruptedMessageAnew)
   EXPECT_EQ(std::vector<Bytes>{large}, messagesIn(frames));
 }
 
-TEST_F(OutgoingStreamTest, RewindDropsTheOldestBeyondTheQueue)
+TEST_F(OutgoingStreamTest, RewindDropsTheOldestBeyondTheQueueAndASocket)
 {
   makeStream();
-  start({1}, 2);
+  start({1}, 1);
   start({2}, 0);
-  for (uint8_t number = 1; number <= 5; ++number)
-  {
-    publishAndTake({number}, {1, 2});
-  }
+  const Bytes large = patternOf(1, 2 * SOCKET_BYTES);
+  publishAndTake(large, {1, 2});
   publish({6}, {1});  // still in the ring: has the newest place in the queue
+  EXPECT_EQ(2U, liveSlots());
   session_.interrupt();
-  EXPECT_EQ(4U, stream_->counters().superseded);
+  EXPECT_EQ(1U, stream_->counters().superseded);
   ASSERT_NO_FATAL_FAILURE(session_.connect());
   ASSERT_TRUE(session_.greet());
   const std::vector<Frame> frames = session_.takeAll();
-  EXPECT_EQ((std::vector<Bytes>{{1}, {2}, {3}, {4}, {5}, {6}}), messagesIn(frames));
+  EXPECT_EQ((std::vector<Bytes>{large, {6}}), messagesIn(frames));
   EXPECT_EQ(std::vector<uint32_t>{2}, linksIn(frames[0]));
-  EXPECT_EQ((std::vector<uint32_t>{1, 2}), linksIn(frames[4]));
+  acknowledgeAll();
   EXPECT_EQ(0U, liveSlots());
   EXPECT_EQ(0U, publishers_.at(1)->link->unacked);
+}
+
+TEST_F(OutgoingStreamTest, RewindKeepsWhatASocketWouldHold)
+{
+  makeStream();
+  start({1}, 1);
+  std::vector<Bytes> messages;
+  for (uint32_t number = 0; number < 200; ++number)
+  {
+    messages.push_back(patternOf(number, 1000));
+    publishAndTake(messages.back(), {1});
+  }
+  session_.interrupt();
+  EXPECT_EQ(0U, stream_->counters().superseded);
+  ASSERT_NO_FATAL_FAILURE(session_.connect());
+  ASSERT_TRUE(session_.greet());
+  EXPECT_EQ(messages, messagesIn(session_.takeAll()));
 }
 
 TEST_F(OutgoingStreamTest, RewindReleasesWhatItDrops)
 {
   makeStream();
   start({1}, 1);
-  const Bytes large = patternOf(1, 100000);
-  for (int number = 0; number < 3; ++number)
-  {
-    publishAndTake(large, {1});
-  }
-  EXPECT_EQ(3U, liveSlots());
+  publishAndTake(patternOf(1, 2 * SOCKET_BYTES), {1});
+  publish({6}, {1});
+  EXPECT_EQ(2U, liveSlots());
   session_.interrupt();
   EXPECT_EQ(1U, liveSlots());
 }
@@ -526,7 +562,7 @@ TEST_F(OutgoingStreamTest, TellsTheStartAgainAfterAnInterruption)
   EXPECT_EQ((std::vector<FrameType>{FrameType::LINK_START, FrameType::MESSAGE}), typesOf(session_.takeAll()));
 }
 
-TEST_F(OutgoingStreamTest, AbandonCountsWhatMayNotHaveArrived)
+TEST_F(OutgoingStreamTest, AbandonCountsWhatNobodyCanSendAgain)
 {
   makeStream();
   start({1});
@@ -534,6 +570,7 @@ TEST_F(OutgoingStreamTest, AbandonCountsWhatMayNotHaveArrived)
   acknowledgeAll();
   publishAndTake({2}, {1});
   publishAndTake({3}, {1});
+  publishers_.at(1)->link->publisher_gone = true;
   stream_->abandon();
   EXPECT_EQ(2U, stream_->counters().lost);
   EXPECT_TRUE(stream_->idle());
@@ -673,17 +710,13 @@ TEST_F(OutgoingStreamTest, TellsThePublisherOnceThatThereIsPlace)
 {
   makeStream();
   start({1});
-  RingSender& sender = *publishers_.at(1)->pair.sender;
-  const auto spaces = [&sender]()
+  RingPair& pair = publishers_.at(1)->pair;
+  const auto spaces = [&pair]()
   {
-    Packet packet;
-    std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors;
-    size_t count = 0;
-    while (sender.channel().receive(&packet, &descriptors) == SideChannel::Receive::PACKET)
-    {
-      count += packet.type == Packet::SPACE ? 1 : 0;
-    }
-    return count;
+    EXPECT_TRUE(pair.ends.sending->receive());
+    const std::vector<Packet> packets = std::exchange(pair.sending_link->packets, {});
+    return static_cast<size_t>(std::count_if(packets.begin(), packets.end(),
+                                             [](const Packet& packet) { return packet.type == Packet::SPACE; }));
   };
   session_.transport.capacity = 1;
   for (int number = 0; number < 200; ++number)
@@ -887,7 +920,7 @@ TEST_F(OutgoingStreamTest, ArrivesOnceAndInOrderWhateverIsInterrupted)
     links.push_back(std::make_shared<OutgoingLink>(id, publishers[id]->receiver));
     links[id]->state = OutgoingLink::State::CARRYING;
     outgoing->add(links[id]);
-    incoming[id] = std::make_shared<IncomingLink>(id, BridgeRequest(), SideChannel());
+    incoming[id] = std::make_shared<IncomingLink>(id, BridgeRequest(), nullptr);
     incoming[id]->ring = std::move(subscribers[id]->sender);
     incoming[id]->state = IncomingLink::State::CARRYING;
     incoming[id]->on_blocked = []() { ADD_FAILURE(); };

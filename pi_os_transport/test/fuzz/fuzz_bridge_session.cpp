@@ -1,5 +1,5 @@
 // A bridge between a hostile one, hostile publishers and hostile processes of its own device: all frames of a session,
-// requests, and what comes through rings and side channels.
+// requests, and what comes through rings and pairs of processes.
 
 #include <memory>
 #include <string>
@@ -49,8 +49,8 @@ public:
   ~Rig()
   {
     bridge_.onLost(session_->peer.get(), input_->below(2) == 1);
-    process_.close();
-    subscriber_.close();
+    process_.channel.close();
+    subscriber_.channel.close();
     loop_.runOnce(std::chrono::milliseconds(0));
     require(bridge_.context_.pool->usage().live_slots == 0, "every message is given back");
   }
@@ -76,7 +76,7 @@ public:
         break;
       case 7:
         sender_.write(input_, input_->below(3));
-        sender_.ring();
+        process_.ring(input_);
         break;
       case 8:
         request();
@@ -112,6 +112,7 @@ private:
     config.peers = {{PEER_ADDRESS, BRIDGE_PORT}};
     config.pool_limit_mb = 8;
     config.max_message_mb = 1;
+    config.master = "http://127.0.0.1:1";  // nobody answers
     return config;
   }
 
@@ -182,7 +183,8 @@ private:
   {
     if (SideChannel accepted = publisher_.accept())
     {
-      process_ = std::move(accepted);
+      process_ = HostilePair(std::move(accepted));
+      process_.meet(input_);
     }
   }
 
@@ -200,13 +202,19 @@ private:
     request.publisher = someName(input_);
     request.subscriber = someName(input_);
     request.port = 1;
+    request.link = input_->below(16) != 0 ? NewsLayout::LINKS + 1 : input_->take<uint32_t>();
     const std::vector<uint8_t> packet = input_->below(8) != 0 ? request.encode() : input_->bytes(60);
-    channel.sendBytes(packet.data(), packet.size());
+    HostilePair pair(std::move(channel));
+    if (request.kind == BridgeRequest::LINK)
+    {
+      pair.meet(input_);
+    }
+    pair.channel.sendBytes(packet.data(), packet.size());
     loop_.runOnce(std::chrono::milliseconds(0));
     loop_.runOnce(std::chrono::milliseconds(0));
     if (request.kind == BridgeRequest::LINK)
     {
-      subscriber_ = std::move(channel);
+      subscriber_ = std::move(pair);
       receiver_ = HostileReceiver();
     }
   }
@@ -227,10 +235,10 @@ private:
         }
         break;
       case 2:
-        process_.close();
+        process_.channel.close();
         break;
       case 3:
-        subscriber_.close();
+        subscriber_.channel.close();
         break;
       case 4:
         bridge_.dispatcher_.onSourceClosed(SOURCE, CloseReason::MALFORMED, "");
@@ -248,8 +256,8 @@ private:
   Bridge bridge_;
   FakeFrameTransport* transport_ = nullptr;
   Session* session_ = nullptr;
-  SideChannel process_;     ///< the publisher's end
-  SideChannel subscriber_;  ///< the subscriber's end
+  HostilePair process_;     ///< the publisher's end
+  HostilePair subscriber_;  ///< the subscriber's end
   HostileSender sender_;
   HostileReceiver receiver_;
 };

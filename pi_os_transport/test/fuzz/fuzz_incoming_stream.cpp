@@ -6,7 +6,7 @@
 
 #include "bridge/incoming_stream.h"
 #include "fuzz_input.h"
-#include "shm/ring_receiver.h"
+#include "shm/ring_pair.h"
 
 namespace pi_os_transport
 {
@@ -20,16 +20,12 @@ void fuzz(FuzzInput input)
   static SlotPool pool(8 << 20);
   const uint32_t live_before = pool.usage().live_slots;
   std::map<uint32_t, std::shared_ptr<IncomingLink>> links;
-  std::map<uint32_t, std::unique_ptr<RingReceiver>> receivers;
+  std::map<uint32_t, std::unique_ptr<RingPair>> pairs;
   for (const uint32_t id : {0U, 1U})
   {
-    const std::string name = "pi_os_fuzz/" + Token::random().toString();
-    SideChannel listener = SideChannel::listen(name);
-    receivers[id] = std::make_unique<RingReceiver>(SideChannel::connect(name));
-    links[id] = std::make_shared<IncomingLink>(id, BridgeRequest(), SideChannel());
-    links[id]->ring = std::make_unique<RingSender>(&pool, Token::random(), 1 << 20);
-    std::string error;
-    require(links[id]->ring->open(listener.accept(), &error), "ring");
+    pairs[id] = std::make_unique<RingPair>(&pool, 1 << 20);
+    links[id] = std::make_shared<IncomingLink>(id, BridgeRequest(), nullptr);
+    links[id]->ring = std::move(pairs[id]->sender);
     links[id]->state = IncomingLink::State::CARRYING;
     links[id]->on_blocked = [] {};
     links[id]->start(input.below(3), 0);

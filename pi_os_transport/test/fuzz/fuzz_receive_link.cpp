@@ -5,6 +5,7 @@
 #include <ros/subscription.h>
 #include <ros/transport_publisher_link.h>
 
+#include <algorithm>
 #include <deque>
 
 #include <nlohmann/json.hpp>
@@ -13,6 +14,7 @@
 #include "fuzz_peers.h"
 #include "roscpp/held_leases.h"
 #include "roscpp/services/links_without_network.h"
+#include "roscpp/topics/numbered_message.h"
 #include "roscpp/topics/receive_link.h"
 
 namespace pi_os_transport
@@ -47,9 +49,10 @@ void fuzz(FuzzInput input)
 
   const Token socket = Token::random();
   SideChannel listener = SideChannel::listen(HeaderOffer::socketName(socket));
-  SideChannel channel;
   HostileSender sender;
-  std::string offer = HeaderOffer{socket, Token::random()}.toString();
+  const Token token = Token::random();
+  std::string offer = HeaderOffer{socket, token}.toString();
+  const uint8_t content[8] = {};
   if (input.below(8) == 0)
   {
     const std::vector<uint8_t> bytes = input.bytes(input.below(100));
@@ -57,7 +60,11 @@ void fuzz(FuzzInput input)
   }
   receiving->bridged_ = input.below(4) == 0;
   receiving->meet(offer);
-  channel = listener.accept();
+  HostilePair pair(listener.accept());
+  if (pair.channel)
+  {
+    pair.meet(&input);
+  }
   bool ended = false;
   for (uint32_t step = 0; step < 200 && !input.empty(); ++step)
   {
@@ -65,22 +72,27 @@ void fuzz(FuzzInput input)
     {
       case 0:
       case 1:
-        sender.send(&input, &channel);
+        sender.send(&input, &pair);
         break;
       case 2:
       case 3:
       case 4:
         sender.write(&input, input.below(3));
-        sender.ring();
+        pair.ring(&input);
         break;
       case 5:
         if (!ended)
         {
-          receiving->deliverTcp([] {});
+          const ros::SerializedMessage message = numberedMessage(token, input.below(5), content, input.below(8));
+          const size_t skipped = input.below(2) == 0 ? LENGTH_PREFIX : message.num_bytes - 1;
+          const size_t length = message.num_bytes - skipped;
+          const boost::shared_array<uint8_t> bytes(new uint8_t[length]);
+          std::copy_n(message.buf.get() + skipped, length, bytes.get());
+          receiving->deliverTcp(link.get(), ros::SerializedMessage(bytes, length));
         }
         break;
       case 6:
-        receiving->serve(input.below(2) == 0 ? SPINNER : NETWORK_THREAD);
+        receiving->serve();
         break;
       case 7:
         for (uint32_t count = input.below(200); count > 0 && !delivered.empty(); --count)
@@ -92,7 +104,7 @@ void fuzz(FuzzInput input)
         switch (input.below(8))
         {
           case 0:
-            channel.close();
+            pair.channel.close();
             break;
           case 1:
             ended = true;
@@ -121,7 +133,7 @@ void fuzz(FuzzInput input)
     }
   }
   receiving->disconnect(input.below(2) == 0);
-  channel.close();
+  pair.channel.close();
   runNetworkThread();
   delivered.clear();
   connection->drop(ros::Connection::Destructing);

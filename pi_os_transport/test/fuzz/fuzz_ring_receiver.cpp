@@ -1,95 +1,54 @@
-// A hostile publisher: packets with descriptors on the side channel, and the memory of the ring.
+// A hostile publisher: packets with descriptors on the connection of two processes, and the memory of the ring.
 
-#include <sys/eventfd.h>
-#include <sys/mman.h>
-#include <sys/socket.h>
-#include <unistd.h>
-
-#include <array>
 #include <memory>
+#include <string>
+#include <utility>
 
 #include "fuzz_input.h"
+#include "fuzz_peers.h"
+#include "shm/pair_ends.h"
 #include "shm/ring_receiver.h"
-#include "shm/shared_memory.h"
 
 namespace pi_os_transport
 {
 namespace
 {
 
-constexpr size_t MOST_PACKETS = 12;
-
-FileDescriptor memoryOf(size_t length, uint32_t seals)
-{
-  std::string error;
-  FileDescriptor memory = makeSharedMemory("pi_os_fuzz", length, &error);
-  if (seals != 0)
-  {
-    sealSharedMemory(memory.get(), seals == 2);
-  }
-  return memory;
-}
+constexpr uint32_t MOST_PACKETS = 12;
 
 void fuzz(FuzzInput input)
 {
-  int ends[2];
-  require(socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_NONBLOCK | SOCK_CLOEXEC, 0, ends) == 0, "socketpair");
-  SideChannel publisher{FileDescriptor(ends[0])};
-  RingReceiver receiver{SideChannel{FileDescriptor(ends[1])}};
-  const FileDescriptor doorbell(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK));
-  FileDescriptor ring_memory = memoryOf(sizeof(RingLayout), 0);
-  const SharedMapping mapping(ring_memory.get(), sizeof(RingLayout), true);
-  auto* const ring = reinterpret_cast<RingLayout*>(mapping.data());
-  require(ring != nullptr, "memory");
-  RingProducer producer(ring, 42);
-  sealSharedMemory(ring_memory.get(), false);
-
+  std::pair<SideChannel, SideChannel> channels = connectedChannels();
+  TestHost host;
+  std::string shortage;
+  const std::shared_ptr<ProcessPair> pair = ProcessPair::make(std::move(channels.first), host.host, &shortage);
+  require(pair != nullptr, "a pair");
+  HostilePair publisher(std::move(channels.second));
+  publisher.meet(&input);
+  HostileSender sender;
+  const auto link = std::make_shared<RecordingLink>();
+  RingReceiver receiver(pair, link);
+  receiver.sendHello(Token::random());
   for (uint32_t packets = input.below(MOST_PACKETS); packets > 0; --packets)
   {
-    Packet packet;
-    packet.type = input.below(10);
-    packet.values[0] = input.below(4);
-    packet.values[1] = input.below(2) == 0 ? 4096 : input.take<uint64_t>();
-    switch (input.below(8))
+    sender.send(&input, &publisher);
+    publisher.ring(&input);
+    if (!pair->receive())
     {
-      case 0:
-      {
-        const std::vector<uint8_t> bytes = input.bytes(input.below(64));
-        publisher.sendBytes(bytes.data(), bytes.size(), {doorbell.get()});
-        break;
-      }
-      case 1:
-        publisher.send(packet, {doorbell.get(), doorbell.get(), doorbell.get()});
-        break;
-      case 2:
-        publisher.send(packet);
-        break;
-      case 3:
-      {
-        const FileDescriptor small = memoryOf(1 + input.below(200), input.below(3));
-        publisher.send(packet, {small.get(), doorbell.get(), doorbell.get()});
-        break;
-      }
-      case 4:
-      case 5:
-        packet.type = Packet::OFFER;
-        publisher.send(packet, {ring_memory.get(), doorbell.get(), doorbell.get()});
-        break;
-      default:
-      {
-        packet.type = Packet::SEGMENT;
-        const FileDescriptor segment = memoryOf(4096, input.below(3));
-        publisher.send(packet, {segment.get()});
-        break;
-      }
+      pair->end();
+    }
+    if (!link->packets.empty() && link->packets.back().type == Packet::OFFER && !receiver.hasRing())
+    {
+      receiver.onOffer(link->packets.back(), &link->last_descriptors);
     }
   }
-  receiver.readPackets();
   if (!receiver.hasRing())
   {
+    pair->end();
     return;
   }
   receiver.sendProof();
+  RingLayout* const ring = sender.layout();
   for (uint32_t stores = input.below(64); stores > 0; --stores)
   {
     const uint32_t place = input.below(RingLayout::CAPACITY / 16);
@@ -114,24 +73,23 @@ void fuzz(FuzzInput input)
         break;
     }
   }
-  Descriptor descriptor;
-  uint32_t place = 0;
+  RingReceiver::Message message;
   uint32_t taken = 0;
-  while (taken <= RingLayout::CAPACITY &&
-         receiver.ring().take(0, input.below(2) == 0, &descriptor, &place) == RingConsumer::Take::TAKEN)
+  while (taken <= RingLayout::CAPACITY && receiver.take(0, input.below(2) == 0, &message) == RingReceiver::Take::TAKEN)
   {
     ++taken;
-    require(place < RingLayout::CAPACITY, "a place is one of the ring");
-    if (const std::shared_ptr<MappedSegment> segment = receiver.find(descriptor))
+    require(message.ticket < RingLayout::CAPACITY, "a ticket is one of the ring");
+    if (message.segment)
     {
       // A place of exactly this size: the address sanitizer sees what is written beyond it.
-      const auto copy = std::make_unique<uint8_t[]>(descriptor.length);
-      segment->copy(descriptor.offset, copy.get(), descriptor.length);
+      const auto copy = std::make_unique<uint8_t[]>(message.descriptor.length);
+      message.segment->copy(message.descriptor.offset, copy.get(), message.descriptor.length);
     }
-    receiver.release(place);
+    receiver.release(message.ticket);
   }
   require(taken <= RingLayout::CAPACITY, "no more is taken than the ring holds");
   require(receiver.ring().available() <= RingLayout::CAPACITY, "no more waits than the ring holds");
+  pair->end();
 }
 
 }  // namespace

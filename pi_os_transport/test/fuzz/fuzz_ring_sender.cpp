@@ -1,13 +1,12 @@
 // A hostile subscriber: what it writes into the ring while the publisher goes on.
 
-#include <sys/socket.h>
-#include <unistd.h>
-
-#include <array>
 #include <map>
+#include <memory>
+#include <string>
 
 #include "fuzz_input.h"
 #include "pi_os_transport/little_endian.h"
+#include "shm/pair_ends.h"
 #include "shm/ring_sender.h"
 #include "shm/shared_memory.h"
 #include "shm/slot_pool.h"
@@ -21,16 +20,14 @@ void fuzz(FuzzInput input)
 {
   static SlotPool pool(16 << 20);
   const uint32_t live_before = pool.usage().live_slots;
-  int ends[2];
-  require(socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_NONBLOCK | SOCK_CLOEXEC, 0, ends) == 0, "socketpair");
-  SideChannel subscriber{FileDescriptor(ends[1])};
-  RingSender sender(&pool, Token::random(), 1 << 20);
+  PairEnds ends;
+  const auto link = std::make_shared<RecordingLink>();
+  RingSender sender(&pool, 1 << 20);
   std::string error;
-  require(sender.open(SideChannel{FileDescriptor(ends[0])}, &error), "open");
-  Packet packet;
-  std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors;
-  require(subscriber.receive(&packet, &descriptors) == SideChannel::Receive::PACKET, "offer");
-  const SharedMapping mapping(descriptors[0].get(), sizeof(RingLayout), true);
+  require(sender.open(ends.sending, ends.receiving->addReceiver(link), &error), "open");
+  require(ends.receiving->receive() && link->packets.size() == 1, "offer");
+  const Packet packet = link->packets.front();
+  const SharedMapping mapping(link->last_descriptors[0].get(), sizeof(RingLayout), true);
   auto* const ring = reinterpret_cast<RingLayout*>(mapping.data());
   RingConsumer honest(ring);
 
@@ -84,7 +81,10 @@ void fuzz(FuzzInput input)
         }
         break;
       case 9:
-        keep(sender.takeBackNewest());
+        for (const RingSender::Message& message : sender.takeBackTaken())
+        {
+          keep(message);
+        }
         break;
       case 10:
         sender.pushStart(input.below(4), input.below(2) == 1, 0);

@@ -22,8 +22,7 @@ struct Server
   Token socket = Token::random();
   Token link = Token::random();
   SideChannel listener = SideChannel::listen(HeaderOffer::socketName(socket));
-  SideChannel answers;
-  SideChannel requests;
+  HostilePair pair;
   HostileSender sender;
   HostileReceiver receiver;
 
@@ -36,15 +35,21 @@ struct Server
     const std::vector<uint8_t> bytes = input->bytes(input->below(100));
     return std::string(bytes.begin(), bytes.end());
   }
-  void accept()
+  void accept(FuzzInput* input)
   {
-    answers = listener.accept();
-    Packet hello;
-    Descriptors descriptors;
-    if (answers && answers.receive(&hello, &descriptors) == SideChannel::Receive::PACKET)
+    pair = HostilePair(listener.accept());
+    require(static_cast<bool>(pair.channel), "the client has come");
+    pair.meet(input);
+    pair.receive();
+    require(pair.asked != 0 && pair.asked_token == link, "the client asks for the ring of answers");
+  }
+  /// Asks for the ring of requests.
+  void askBack(FuzzInput* input)
+  {
+    const Token token = input->below(8) != 0 ? ServiceCaller::returnToken(link) : Token{};
+    if (pair.channel)
     {
-      require(hello.type == Packet::HELLO && descriptors[0], "the client sends its other channel");
-      requests = SideChannel(std::move(descriptors[0]));
+      pair.channel.send(Packet::of(Packet::HELLO, pair.someLink(input, NewsLayout::LINKS + 1), token.high, token.low));
     }
   }
 };
@@ -87,8 +92,7 @@ void fuzz(FuzzInput input)
   std::vector<ros::SerializedMessage> kept;
   if (caller->meet(server.offer(&input)))
   {
-    server.accept();
-    require(static_cast<bool>(server.requests), "the client has come");
+    server.accept(&input);
   }
   uint64_t number = 0;
   for (uint32_t step = 0; step < 200 && !input.empty(); ++step)
@@ -97,13 +101,13 @@ void fuzz(FuzzInput input)
     {
       case 0:
       case 1:
-        server.sender.send(&input, &server.answers);
+        server.sender.send(&input, &server.pair);
         break;
       case 2:
-        server.receiver.send(&input, &server.requests);
+        server.receiver.send(&input, &server.pair);
         break;
       case 3:
-        server.receiver.receive(&server.requests);
+        server.receiver.receive(&server.pair);
         break;
       case 4:
       case 5:
@@ -121,10 +125,10 @@ void fuzz(FuzzInput input)
         switch (input.below(6))
         {
           case 0:
-            server.answers.close();
+            server.pair.channel.close();
             break;
           case 1:
-            server.requests.close();
+            server.askBack(&input);
             break;
           case 2:
             kept.clear();
@@ -145,8 +149,7 @@ void fuzz(FuzzInput input)
   }
   connection->drop(ros::Connection::TransportDisconnect);
   caller->disconnect();
-  server.answers.close();
-  server.requests.close();
+  server.pair.channel.close();
   runNetworkThread();
   kept.clear();
   require(runtime.pool().usage().live_slots == live_before, "every request is given back, and once");

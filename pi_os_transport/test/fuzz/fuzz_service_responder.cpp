@@ -6,8 +6,6 @@
 #include <ros/service_client_link.h>
 #include <ros/service_publication.h>
 
-#include <sys/socket.h>
-
 #include <cstring>
 #include <deque>
 
@@ -49,38 +47,18 @@ struct Service : public ros::ServiceCallbackHelper
 std::shared_ptr<ServiceResponder> responder;
 
 /// Goes to the socket of the process, with the token of the responder or without it.
-void come(FuzzInput* input, SideChannel* answers, SideChannel* requests)
+HostilePair come(FuzzInput* input)
 {
-  *answers = SideChannel::connect(HeaderOffer::socketName(Runtime::instance().socket_token_));
-  int ends[2];
-  require(*answers && socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC | SOCK_NONBLOCK, 0, ends) == 0, "sockets");
-  *requests = SideChannel(FileDescriptor(ends[0]));
-  const FileDescriptor theirs(ends[1]);
+  HostilePair pair(SideChannel::connect(HeaderOffer::socketName(Runtime::instance().socket_token_)));
+  require(static_cast<bool>(pair.channel), "the process listens");
+  pair.meet(input);
   Packet hello;
-  hello.type = input->below(8) != 0 ? uint32_t{Packet::HELLO} : input->below(12);
+  hello.type = input->below(8) != 0 ? uint32_t{Packet::HELLO} : input->below(15);
+  hello.link = pair.someLink(input, NewsLayout::LINKS + 1);
   const Token token = input->below(8) != 0 ? responder->token() : Token{};
   hello.values = {token.high, token.low, input->below(8) == 0 ? uint64_t{1} : 0};
-  switch (input->below(8))
-  {
-    case 0:
-      answers->send(hello);
-      break;
-    case 1:
-    {
-      const FileDescriptor memory = HostileSender::memoryOf(100, 0);  // no socket
-      answers->send(hello, {memory.get()});
-      break;
-    }
-    case 2:
-    {
-      const std::vector<uint8_t> bytes = input->bytes(input->below(64));
-      answers->sendBytes(bytes.data(), bytes.size(), {theirs.get()});
-      break;
-    }
-    default:
-      answers->send(hello, {theirs.get()});
-      break;
-  }
+  pair.channel.send(hello);
+  return pair;
 }
 
 void fuzz(FuzzInput input)
@@ -98,12 +76,11 @@ void fuzz(FuzzInput input)
   responder = std::make_shared<ServiceResponder>("/service", link, connection);
   connection->addDropListener([](const ros::ConnectionPtr&, ros::Connection::DropReason) { responder->disconnect(); });
   const std::string offer =
-      runtime.expect(responder->token(), [](SideChannel channel, const Packet&, SideChannel::Descriptors* descriptors)
-                     { responder->meet(std::move(channel), SideChannel(std::move(descriptors->front()))); });
+      runtime.expect(responder->token(), [](const std::shared_ptr<ProcessPair>& pair, const Packet& hello)
+                     { responder->meet(pair, hello); });
   require(HeaderOffer::parse(offer).has_value(), "an offer is read as what was written");
 
-  SideChannel answers;
-  SideChannel requests;
+  HostilePair pair;
   HostileSender sender;
   HostileReceiver receiver;
   uint64_t number = 0;
@@ -112,26 +89,26 @@ void fuzz(FuzzInput input)
     switch (input.below(12))
     {
       case 0:
-        if (!answers || input.below(16) == 0)
+        if (!pair.channel || input.below(16) == 0)
         {
-          come(&input, &answers, &requests);
+          pair = come(&input);
           runNetworkThread();
         }
         break;
       case 1:
       case 2:
-        sender.send(&input, &requests);
+        sender.send(&input, &pair);
         break;
       case 3:
-        receiver.send(&input, &answers);
+        receiver.send(&input, &pair);
         break;
       case 4:
-        receiver.receive(&answers);
+        receiver.receive(&pair);
         break;
       case 5:
       case 6:
         sender.write(&input, ++number);
-        sender.ring();
+        pair.ring(&input);
         break;
       case 7:
         receiver.write(&input);
@@ -143,16 +120,13 @@ void fuzz(FuzzInput input)
         queue.callAvailable(ros::WallDuration());
         break;
       case 9:
-        responder->serve(input.below(2) == 0 ? SPINNER : NETWORK_THREAD);
+        responder->serve();
         break;
       case 10:
         switch (input.below(6))
         {
           case 0:
-            answers.close();
-            break;
-          case 1:
-            requests.close();
+            pair.channel.close();
             break;
           case 2:
             service->kept.clear();
@@ -172,8 +146,7 @@ void fuzz(FuzzInput input)
   }
   queue.callAvailable(ros::WallDuration());
   connection->drop(ros::Connection::TransportDisconnect);
-  answers.close();
-  requests.close();
+  pair.channel.close();
   runNetworkThread();
   queue.clear();
   service->kept.clear();

@@ -82,19 +82,21 @@ std::string someName(FuzzInput* input)
   return std::string(bytes.begin(), bytes.end());
 }
 
-SideChannel come(FuzzInput* input, const Token& token)
+HostilePair come(FuzzInput* input, const Token& token)
 {
-  SideChannel channel = SideChannel::connect(HeaderOffer::socketName(Runtime::instance().socket_token_));
+  HostilePair pair(SideChannel::connect(HeaderOffer::socketName(Runtime::instance().socket_token_)));
+  pair.meet(input);
   Packet hello;
-  hello.type = input->below(8) != 0 ? uint32_t{Packet::HELLO} : input->below(12);
+  hello.type = input->below(8) != 0 ? uint32_t{Packet::HELLO} : input->below(15);
+  hello.link = pair.someLink(input, NewsLayout::LINKS + 1);
   hello.values = {token.high, token.low, input->below(2)};
   if (input->below(8) == 0)
   {
     hello.values[0] = input->take<uint64_t>();
   }
-  channel.send(hello);
+  pair.channel.send(hello);
   runNetworkThread();
-  return channel;
+  return pair;
 }
 
 void publish(FuzzInput* input, TransmitLink* transmitting, ros::TransportSubscriberLink* link, uint64_t serial)
@@ -139,26 +141,26 @@ void fuzz(FuzzInput input)
 
   const auto transmitting = std::make_shared<TransmitLink>(topic, link, connection);
   runtime.transmit_links.insert(connection.get(), transmitting);
-  runtime.expect(transmitting->token(), [&transmitting](SideChannel channel, const Packet& hello, SideChannel::Descriptors*)
-                 { transmitting->meet(std::move(channel), hello.values[2] != 0); });
-  SideChannel channel;
+  runtime.expect(transmitting->token(), [&transmitting](const std::shared_ptr<ProcessPair>& pair, const Packet& hello)
+                 { transmitting->meet(pair, hello); });
+  HostilePair pair;
   HostileReceiver receiver;
   for (uint32_t step = 0; step < 200 && !input.empty(); ++step)
   {
     switch (input.below(12))
     {
       case 0:
-        if (!channel || input.below(8) == 0)
+        if (!pair.channel || input.below(8) == 0)
         {
-          channel = come(&input, transmitting->token());
+          pair = come(&input, transmitting->token());
           receiver = HostileReceiver();
         }
         break;
       case 1:
-        receiver.send(&input, &channel);
+        receiver.send(&input, &pair);
         break;
       case 2:
-        receiver.receive(&channel);
+        receiver.receive(&pair);
         break;
       case 3:
       case 4:
@@ -176,7 +178,7 @@ void fuzz(FuzzInput input)
         switch (input.below(8))
         {
           case 0:
-            channel.close();
+            pair.channel.close();
             break;
           case 1:
             transmitting->info();
@@ -202,7 +204,7 @@ void fuzz(FuzzInput input)
   publication->subscriber_links_.clear();
   runtime.transmit_links.erase(connection.get());
   transmitting->disconnect();
-  channel.close();
+  pair.channel.close();
   runNetworkThread();
   connection->drop(ros::Connection::Destructing);
   link->outbox_ = {};

@@ -151,6 +151,11 @@ public:
   {
     return change([operand](T old) { return static_cast<T>(old - operand); }, "fetch_sub", order, function, line);
   }
+  T fetch_or(T operand, std::memory_order order = std::memory_order_seq_cst,
+             const char* function = __builtin_FUNCTION(), int line = __builtin_LINE())
+  {
+    return change([operand](T old) { return static_cast<T>(old | operand); }, "fetch_or", order, function, line);
+  }
   bool compare_exchange_strong(T& expected, T desired, std::memory_order order = std::memory_order_seq_cst,
                                const char* function = __builtin_FUNCTION(), int line = __builtin_LINE())
   {

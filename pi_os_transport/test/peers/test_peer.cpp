@@ -238,6 +238,16 @@ public:
     log_.clear();
   }
 
+  /// Reports what came from one publisher and begins anew with it.
+  void forget(uint32_t id, JsonObject* out)
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    const Flow flow = flows_[id];
+    flows_.erase(id);
+    out->number("received", flow.received).number("lost", flow.missing.size()).number("reordered", flow.reordered);
+    out->number("first", flow.first).number("corrupt", corrupt_);
+  }
+
   void report(const Command& c, JsonObject* out)
   {
     std::lock_guard<std::mutex> lock(mutex_);
@@ -665,6 +675,11 @@ private:
     inbox(c).reset();
     return true;
   }
+  bool verbForget(const Command& c, JsonObject* out)
+  {
+    inbox(c).forget(static_cast<uint32_t>(c.integer("id", 1)), out);
+    return true;
+  }
   bool verbAwaitReceived(const Command& c, JsonObject* out)
   {
     const bool ok = inbox(c).awaitReceived(c);
@@ -750,6 +765,7 @@ const Verbs<Peer> Peer::VERBS = {
     {"subscribe", &Peer::verbSubscribe},
     {"report", &Peer::verbReport},
     {"reset", &Peer::verbReset},
+    {"forget", &Peer::verbForget},
     {"await_received", &Peer::verbAwaitReceived},
     {"await_publishers", &Peer::verbAwaitPublishers},
     {"hold", &Peer::verbHold},

@@ -8,6 +8,7 @@ import pathlib
 import pwd
 import queue
 import re
+import resource
 import shutil
 import signal
 import socket
@@ -83,7 +84,36 @@ class Introspection(services_judge.ServiceTest):
         self.assertEqual((out['dropped'], out['waiting'], out['queue_size'], out['pool_full']), (0, 0, 100, 0))
         pool = self.state(talker)['pool']
         self.assertTrue(0 < pool['committed'] <= pool['limit'], pool)
+        descriptors = self.state(talker)['descriptors']
+        self.assertEqual(descriptors['limit'], resource.prlimit(talker.pid, resource.RLIMIT_NOFILE)[0])
+        self.assertEqual(descriptors['open'], len(harness.open_files(talker.pid)) + 1)  # the connection of who asks
         self.assertEqual([entry for entry in self.pi_os('doctor') if topic in entry['what']], [])
+
+    def assert_skipped(self, expected, size, talker=None, listener=None):
+        """Of 20 arrays of the size, the listener did not fill so many with zeros before it overwrote them."""
+        topic = self.topic('array')
+        talker = talker or self.peer('talker')
+        listener = listener or self.peer('listener')
+        talker.call('advertise', topic=topic, queue=100)
+        listener.call('subscribe', topic=topic, queue=100)
+        talker.call('await_subscribers', n=1)
+        talker.call('publish', count=20, sizes=size)
+        self.assert_complete(listener.call('await_received', seq=20), 20)
+        self.assertEqual(self.state(listener)['skipped_zero_fills'], expected)
+
+    def test_arrays_that_are_overwritten(self):
+        self.assert_skipped(20, 6220800)
+
+    def test_arrays_that_are_overwritten_from_tcpros(self):
+        self.assert_skipped(20, 1000000, talker=self.peer('talker', preload=''))
+
+    def test_short_arrays_are_filled(self):
+        self.assert_skipped(0, 65535)
+
+    def test_arrays_are_filled_with_the_switch_off(self):
+        self.assert_skipped(0, 6220800, listener=self.peer('listener', env={'PI_OS_SKIP_ZERO_FILL': '0'}))
+        listener = self.peer('listener_of_parameter', args=['_pi_os/skip_zero_fill:=false'])
+        self.assert_skipped(0, 6220800, talker=self.peer('another_talker'), listener=listener)
 
     def test_drops_and_queue_of_a_slow_subscriber(self):
         talker, = self.peers('talker')
@@ -298,7 +328,8 @@ class Introspection(services_judge.ServiceTest):
     def synthetic(self, talker=None, listener=None, out=None, into=None):
         """Findings about a link over TCPROS between two processes with these states."""
         def state(name, changes, publications=(), subscriptions=()):
-            entry = {'node': name, 'pid': os.getpid(), 'protocol': 3, 'pool': {'limit': 1 << 20, 'last_error': ''},
+            entry = {'node': name, 'pid': os.getpid(), 'protocol': processes.PROTOCOL,
+                     'pool': {'limit': 1 << 20, 'last_error': ''},
                      'options': {'enable': True, 'include': ['*'], 'exclude': [], 'min_bytes': 0},
                      'publications': list(publications), 'subscriptions': list(subscriptions), 'service_clients': [],
                      'service_servers': []}
@@ -322,7 +353,8 @@ class Introspection(services_judge.ServiceTest):
             self.assertEqual(found.reason, reason)
         found, = self.synthetic(talker={'protocol': 2})
         self.assertEqual((found.reason, found.text),
-                         ('peer_version', '/talker has version 2 of the protocol, /listener has 3'))
+                         ('peer_version', '/talker has version 2 of the protocol, /listener has %d' %
+                          processes.PROTOCOL))
 
     def test_the_node_of_pi_core_is_what_it_is(self):
         nodes = {'/rosout': graph.Node('/rosout', 'http://localhost:1/', 1, [])}
@@ -366,7 +398,7 @@ class Introspection(services_judge.ServiceTest):
         memory = os.memfd_create('answer')
         try:
             os.write(memory, answer)
-            packet = processes.PACKET.pack(processes.PROTOCOL, processes.STATE, len(answer), 0, 0)
+            packet = processes.PACKET.pack(processes.PROTOCOL, processes.STATE, 0, 0, len(answer), 0, 0)
             return processes.parse(1, packet, [memory])
         except processes.Unanswered as error:
             self.assertTrue(str(error).isprintable(), error)

@@ -51,6 +51,17 @@ TEST(Options, DisabledCarriesNothing)
   EXPECT_TRUE(load({{"enable", "true"}}).options.carries("/any"));
 }
 
+TEST(Options, ReadsSwitches)
+{
+  EXPECT_TRUE(Options().skip_zero_fill);
+  EXPECT_FALSE(load({{"skip_zero_fill", "0"}}).options.skip_zero_fill);
+  const Loaded bad = load({{"skip_zero_fill", "2"}});
+  EXPECT_TRUE(bad.options.skip_zero_fill);
+  ASSERT_EQ(1U, bad.errors.size());
+  EXPECT_EQ("/pi_os/skip_zero_fill = \"2\" is ignored: it must be 1, 0, true or false; 1 stays in force",
+            bad.errors[0]);
+}
+
 TEST(Options, ReadsNumbers)
 {
   const Loaded loaded = load({{"pool_limit_mb", "64"}, {"min_bytes", "1024"}});
@@ -71,6 +82,17 @@ TEST(Options, BadValueKeepsTheFieldAndNamesItValueAndRange)
     EXPECT_EQ(512U, loaded.options.pool_limit_mb);
   }
   EXPECT_EQ(1U, load({{"enable", "maybe"}}).errors.size());
+}
+
+TEST(Options, ABridgeIsRequiredAlsoIfTheValueIsBad)
+{
+  EXPECT_FALSE(load({}).options.require_bridge);
+  EXPECT_FALSE(load({{"require_bridge", "0"}}).options.require_bridge);
+  EXPECT_TRUE(load({{"require_bridge", "true"}}).options.require_bridge);
+  const Loaded loaded = load({{"require_bridge", "yes"}});
+  EXPECT_TRUE(loaded.options.require_bridge);
+  ASSERT_EQ(1U, loaded.errors.size());
+  EXPECT_NE(std::string::npos, loaded.errors[0].find("1, 0, true or false; 1 stays in force"));
 }
 
 TEST(Options, EnvironmentUsesUpperCaseNames)

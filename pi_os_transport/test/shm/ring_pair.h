@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "pi_os_transport/little_endian.h"
+#include "shm/pair_ends.h"
 #include "shm/ring_receiver.h"
 #include "shm/ring_sender.h"
 #include "shm/side_channel.h"
@@ -24,15 +25,15 @@ namespace pi_os_transport
 struct RingPair
 {
   explicit RingPair(SlotPool* pool, uint64_t lease_budget = 64 << 20)
-    : sender(std::make_unique<RingSender>(pool, Token::random(), lease_budget))
+    : sender(std::make_unique<RingSender>(pool, lease_budget))
+    , receiver(std::make_shared<RingReceiver>(ends.receiving, receiving_link))
   {
-    const std::string name = "pi_os_test/" + Token::random().toString();
-    SideChannel listener = SideChannel::listen(name);
-    receiver = std::make_shared<RingReceiver>(SideChannel::connect(name));
     std::string error;
-    EXPECT_TRUE(sender->open(listener.accept(), &error)) << error;
-    receiver->readPackets();
-    EXPECT_TRUE(receiver->hasRing());
+    EXPECT_TRUE(ends.sending->addSender(receiver->number(), sending_link));
+    EXPECT_TRUE(sender->open(ends.sending, receiver->number(), &error)) << error;
+    EXPECT_TRUE(ends.receiving->receive());
+    EXPECT_EQ(1U, receiving_link->packets.size());
+    EXPECT_TRUE(receiver->onOffer(receiving_link->packets.back(), &receiving_link->last_descriptors));
   }
 
   struct Taken
@@ -44,18 +45,19 @@ struct RingPair
   /// Takes the next message as a subscriber does, without releasing it.
   std::optional<Taken> take()
   {
-    Taken taken;
-    if (receiver->ring().take(0, true, &taken.descriptor, &taken.place) != RingConsumer::Take::TAKEN)
+    RingReceiver::Message message;
+    if (receiver->take(0, true, &message) != RingReceiver::Take::TAKEN)
     {
       return std::nullopt;
     }
-    if (taken.descriptor.segment != Descriptor::LINK_START)
+    Taken taken{message.descriptor, message.ticket, {}};
+    if (message.descriptor.segment != Descriptor::LINK_START)
     {
-      const std::shared_ptr<MappedSegment> segment = receiver->find(taken.descriptor);
-      EXPECT_NE(nullptr, segment);
-      taken.bytes.resize(taken.descriptor.length);
+      EXPECT_NE(nullptr, message.segment);
+      taken.bytes.resize(message.descriptor.length);
       EXPECT_TRUE(taken.bytes.empty() ||
-                  (segment && segment->copy(taken.descriptor.offset, taken.bytes.data(), taken.descriptor.length)));
+                  (message.segment &&
+                   message.segment->copy(message.descriptor.offset, taken.bytes.data(), message.descriptor.length)));
     }
     return taken;
   }
@@ -74,6 +76,9 @@ struct RingPair
     return messages;
   }
 
+  PairEnds ends;
+  const std::shared_ptr<RecordingLink> receiving_link = std::make_shared<RecordingLink>();
+  const std::shared_ptr<RecordingLink> sending_link = std::make_shared<RecordingLink>();
   std::unique_ptr<RingSender> sender;
   std::shared_ptr<RingReceiver> receiver;
 };

@@ -1,12 +1,11 @@
 #include "shm/ring_receiver.h"
 
 #include <gtest/gtest.h>
-#include <sys/eventfd.h>
 
-#include <array>
 #include <cstring>
 #include <memory>
 #include <string>
+#include <utility>
 
 #include "shm/ring_pair.h"
 #include "shm/shared_memory.h"
@@ -20,13 +19,7 @@ namespace
 class HostilePublisher
 {
 public:
-  explicit HostilePublisher(const Token& pool) : pool_(pool)
-  {
-    const std::string name = "pi_os_test/" + Token::random().toString();
-    SideChannel listener = SideChannel::listen(name);
-    receiver = std::make_unique<RingReceiver>(SideChannel::connect(name));
-    channel = listener.accept();
-  }
+  HostilePublisher() : receiver(std::make_unique<RingReceiver>(ends.receiving, link)) {}
 
   /// @return the descriptor of memory of `length` bytes that are all `content`.
   static FileDescriptor memory(uint64_t length, uint8_t content, bool sealed = true)
@@ -42,106 +35,111 @@ public:
     return made;
   }
 
-  void offer()
+  bool offer()
   {
     FileDescriptor ring = memory(sizeof(RingLayout), 0, false);
     const SharedMapping mapping(ring.get(), sizeof(RingLayout), true);
-    RingProducer producer(reinterpret_cast<RingLayout*>(mapping.data()), 42);
+    RingProducer(reinterpret_cast<RingLayout*>(mapping.data()), 42);
     sealSharedMemory(ring.get(), false);
-    offerMemory(ring.get());
+    return offerMemory(std::move(ring));
   }
 
-  void offerMemory(int ring)
+  bool offerMemory(FileDescriptor ring)
   {
-    const FileDescriptor doorbell(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK));
-    Packet packet;
-    packet.type = Packet::OFFER;
-    packet.values = {pool_.high, pool_.low, 1 << 20};
-    ASSERT_TRUE(channel.send(packet, {ring, doorbell.get(), doorbell.get()}));
-    receiver->readPackets();
+    EXPECT_TRUE(ends.sending->send(Packet::of(Packet::OFFER, receiver->number(), 1 << 20), std::move(ring)));
+    EXPECT_TRUE(ends.receiving->receive());
+    return receiver->onOffer(link->packets.back(), &link->last_descriptors);
   }
 
-  void segment(uint32_t id, const FileDescriptor& memory, uint64_t length)
+  void segment(uint32_t id, FileDescriptor memory, uint64_t length)
   {
-    Packet packet;
-    packet.type = Packet::SEGMENT;
-    packet.values = {id, length, 0};
-    ASSERT_TRUE(channel.send(packet, {memory.get()}));
-    receiver->readPackets();
+    ASSERT_TRUE(ends.sending->send(Packet::of(Packet::SEGMENT, 0, id, length), std::move(memory)));
+    ASSERT_TRUE(ends.receiving->receive());
   }
 
+  RingReceiver::Take find(uint32_t segment, uint64_t offset, uint32_t length)
+  {
+    Descriptor descriptor;
+    descriptor.segment = segment;
+    descriptor.offset = offset;
+    descriptor.length = length;
+    found.reset();
+    return receiver->find(descriptor, &found);
+  }
+
+  PairEnds ends;
+  const std::shared_ptr<RecordingLink> link = std::make_shared<RecordingLink>();
   std::unique_ptr<RingReceiver> receiver;
-  SideChannel channel;
-
-private:
-  const Token pool_;
+  std::shared_ptr<MappedSegment> found;
 };
 
-Descriptor descriptorOf(uint32_t segment, uint64_t offset, uint32_t length)
-{
-  Descriptor descriptor;
-  descriptor.segment = segment;
-  descriptor.offset = offset;
-  descriptor.length = length;
-  return descriptor;
-}
+using Take = RingReceiver::Take;
 
 TEST(RingReceiver, RefusesMemoryThatIsUnsealedTooSmallOrNoRing)
 {
-  HostilePublisher publisher(Token::random());
-  publisher.offerMemory(HostilePublisher::memory(sizeof(RingLayout), 0, false).get());
-  publisher.offerMemory(HostilePublisher::memory(sizeof(RingLayout) - 1, 0).get());
-  publisher.offerMemory(HostilePublisher::memory(sizeof(RingLayout), 0).get());
+  HostilePublisher publisher;
+  EXPECT_FALSE(publisher.offerMemory(HostilePublisher::memory(sizeof(RingLayout), 0, false)));
+  EXPECT_FALSE(publisher.offerMemory(HostilePublisher::memory(sizeof(RingLayout) - 1, 0)));
+  EXPECT_FALSE(publisher.offerMemory(HostilePublisher::memory(sizeof(RingLayout), 0)));
   EXPECT_FALSE(publisher.receiver->hasRing());
-  publisher.offer();
+  EXPECT_TRUE(publisher.offer());
   EXPECT_TRUE(publisher.receiver->hasRing());
 }
 
 TEST(RingReceiver, FindsNothingOutsideOfASegment)
 {
-  HostilePublisher publisher(Token::random());
-  publisher.offer();
+  HostilePublisher publisher;
   publisher.segment(1, HostilePublisher::memory(4096, 7), 4096);
-  EXPECT_NE(nullptr, publisher.receiver->find(descriptorOf(1, 4, 4092)));
-  EXPECT_EQ(nullptr, publisher.receiver->find(descriptorOf(1, 4, 4093)));
-  EXPECT_EQ(nullptr, publisher.receiver->find(descriptorOf(1, 4100, 0)));
-  EXPECT_EQ(nullptr, publisher.receiver->find(descriptorOf(1, (uint64_t{1} << 34) - 4, 0xffffffff)));
-  EXPECT_EQ(nullptr, publisher.receiver->find(descriptorOf(2, 0, 1)));
+  EXPECT_EQ(Take::TAKEN, publisher.find(1, 4, 4092));
+  EXPECT_NE(nullptr, publisher.found);
+  EXPECT_EQ(Take::TAKEN, publisher.find(1, 4, 4093));
+  EXPECT_EQ(nullptr, publisher.found);
+  publisher.find(1, 4100, 0);
+  EXPECT_EQ(nullptr, publisher.found);
+  publisher.find(1, (uint64_t{1} << 34) - 4, 0xffffffff);
+  EXPECT_EQ(nullptr, publisher.found);
 }
 
-TEST(RingReceiver, KnowsASegmentByItsMemoryNotByWhatAPeerSaysOfIt)
+TEST(RingReceiver, WaitsForASegmentAndIsServedWhenItComes)
 {
-  // Both claim to be the same pool: the second one must not get its messages read from the memory of the first one.
-  const Token pool = Token::random();
-  HostilePublisher foreign(pool);
-  HostilePublisher genuine(pool);
-  foreign.offer();
-  genuine.offer();
+  HostilePublisher publisher;
+  EXPECT_EQ(Take::WAITING, publisher.find(2, 0, 1));
+  EXPECT_EQ(0, publisher.link->served);
+  publisher.segment(2, HostilePublisher::memory(4096, 7), 4096);
+  EXPECT_EQ(1, publisher.link->served);
+  EXPECT_EQ(Take::TAKEN, publisher.find(2, 0, 1));
+  ASSERT_NE(nullptr, publisher.found);
+  EXPECT_EQ(7, *publisher.found->data());
+}
+
+TEST(RingReceiver, WaitsForNoSegmentOfAPeerThatHasEnded)
+{
+  HostilePublisher publisher;
+  publisher.ends.receiving->end();
+  EXPECT_TRUE(publisher.link->ended);
+  EXPECT_EQ(Take::TAKEN, publisher.find(2, 0, 1));
+  EXPECT_EQ(nullptr, publisher.found);
+}
+
+TEST(RingReceiver, KnowsWhichPeerSentASegment)
+{
+  // The second one must not get its messages read from the memory of the first one.
+  HostilePublisher foreign;
+  HostilePublisher genuine;
   foreign.segment(1, HostilePublisher::memory(4096, 6), 4096);
   genuine.segment(1, HostilePublisher::memory(4096, 7), 4096);
-  const std::shared_ptr<MappedSegment> segment = genuine.receiver->find(descriptorOf(1, 0, 1));
-  ASSERT_NE(nullptr, segment);
-  EXPECT_EQ(7, *segment->data());
+  EXPECT_EQ(Take::TAKEN, genuine.find(1, 0, 1));
+  ASSERT_NE(nullptr, genuine.found);
+  EXPECT_EQ(7, *genuine.found->data());
 }
 
-TEST(RingReceiver, MapsASegmentOfTwoLinksOnce)
+TEST(RingReceiver, TakesNothingThatItCannotRead)
 {
-  const FileDescriptor memory = HostilePublisher::memory(4096, 7);
-  HostilePublisher first(Token::random());
-  HostilePublisher second(Token::random());
-  first.offer();
-  second.offer();
-  first.segment(1, memory, 4096);
-  second.segment(1, memory, 4096);
-  EXPECT_EQ(first.receiver->find(descriptorOf(1, 0, 1)), second.receiver->find(descriptorOf(1, 0, 1)));
-}
-
-TEST(RingReceiver, TrustsNoLengthBeyondTheMemory)
-{
-  HostilePublisher publisher(Token::random());
-  publisher.offer();
-  publisher.segment(1, HostilePublisher::memory(4096, 7), 1 << 30);
-  EXPECT_EQ(nullptr, publisher.receiver->find(descriptorOf(1, 0, 1)));
+  HostilePublisher publisher;
+  publisher.segment(1, HostilePublisher::memory(4096, 7), 1 << 30);  // longer than it is
+  publisher.segment(2, HostilePublisher::memory(4096, 7, false), 4096);
+  EXPECT_EQ(Take::UNREADABLE, publisher.find(1, 0, 1));
+  EXPECT_EQ(Take::UNREADABLE, publisher.find(2, 0, 1));
 }
 
 }  // namespace

@@ -66,37 +66,30 @@ TEST_F(RingSenderTest, HandsMessagesOverWithTheirSerial)
 
 TEST_F(RingSenderTest, OffersMemoryThatTheSubscriberProves)
 {
-  const std::string name = "pi_os_test/" + Token::random().toString();
-  SideChannel listener = SideChannel::listen(name);
-  RingReceiver receiver(SideChannel::connect(name));
-  RingSender sender(&pool_, Token::random(), 12345);
-  std::string error;
-  ASSERT_TRUE(sender.open(listener.accept(), &error));
-  receiver.readPackets();
-  ASSERT_TRUE(receiver.hasRing());
-  EXPECT_EQ(12345U, receiver.leaseBudget());
-  ASSERT_TRUE(receiver.sendProof());
-  Packet packet;
-  std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors;
-  ASSERT_EQ(SideChannel::Receive::PACKET, sender.channel().receive(&packet, &descriptors));
-  EXPECT_TRUE(sender.isProof(packet));
+  RingPair pair(&pool_, 12345);
+  EXPECT_EQ(12345U, pair.receiver->leaseBudget());
+  ASSERT_TRUE(pair.receiver->sendProof());
+  ASSERT_TRUE(pair.ends.sending->receive());
+  ASSERT_EQ(1U, pair.sending_link->packets.size());
+  Packet packet = pair.sending_link->packets.front();
+  EXPECT_TRUE(pair.sender->isProof(packet));
   ++packet.values[0];
-  EXPECT_FALSE(sender.isProof(packet));
+  EXPECT_FALSE(pair.sender->isProof(packet));
 }
 
 TEST_F(RingSenderTest, DoesNotOpenTowardsASubscriberThatLeft)
 {
-  const std::string name = "pi_os_test/" + Token::random().toString();
-  SideChannel listener = SideChannel::listen(name);
-  SideChannel::connect(name);
-  RingSender sender(&pool_, Token::random(), 1);
+  PairEnds ends;
+  RingSender sender(&pool_, 1);
   std::string error = "old";
-  EXPECT_FALSE(sender.open(listener.accept(), &error));
+  ends.receiving->end();
+  ends.sending->end();
+  EXPECT_FALSE(sender.open(ends.sending, 4096, &error));
   EXPECT_EQ("", error);
   EXPECT_FALSE(sender.isOpen());
   EXPECT_TRUE(sender.idle());
   EXPECT_TRUE(sender.takeBack().empty());
-  EXPECT_EQ(nullptr, sender.takeBackNewest().buffer);
+  EXPECT_TRUE(sender.takeBackTaken().empty());
 }
 
 TEST_F(RingSenderTest, StartCarriesQueueSizeLatchingAndCount)
@@ -157,32 +150,45 @@ TEST_F(RingSenderTest, TakingBackLeavesOutAStartThatNobodyTook)
   EXPECT_EQ((Bytes{1, 2, 3}), bytesOf(back[0]));
 }
 
-TEST_F(RingSenderTest, TakesBackTheNewestThatIsBeingRead)
+TEST_F(RingSenderTest, TakesBackWhatIsTakenAndNotReleasedInOrder)
 {
-  EXPECT_EQ(nullptr, sender().takeBackNewest().buffer) << "nothing was sent";
-  ASSERT_EQ(Push::WRITTEN, push({1}));
-  ASSERT_EQ(Push::WRITTEN, push({2}));
-  const std::optional<RingPair::Taken> first = pair_.take();
-  EXPECT_EQ(nullptr, sender().takeBackNewest().buffer) << "the newest is not taken";
-  const std::optional<RingPair::Taken> second = pair_.take();
-  const RingSender::Message newest = sender().takeBackNewest();
-  ASSERT_NE(nullptr, newest.buffer);
-  EXPECT_EQ(1U, newest.length);
-  EXPECT_EQ(2U, liveSlots());
-  EXPECT_EQ((Bytes{2}), bytesOf(newest));
-  pair_.receiver->release(second->place);
-  pair_.receiver->release(first->place);
+  EXPECT_TRUE(sender().takeBackTaken().empty()) << "nothing was sent";
+  std::vector<RingPair::Taken> taken;
+  for (uint32_t number = 1; number <= 300; ++number)  // tickets are used again, in another order
+  {
+    ASSERT_EQ(Push::WRITTEN, push(patternOf(number, 100 + number), 0, 0, number));
+    taken.push_back(*pair_.take());
+    if (number % 100 != 0)
+    {
+      pair_.receiver->release(taken.back().place);
+    }
+  }
+  EXPECT_EQ(0U, sender().untaken());
+  ASSERT_EQ(Push::WRITTEN, push({1}, 0, 0, 301));
+  EXPECT_EQ(1U, sender().takeBack().size());
+  const std::vector<RingSender::Message> back = sender().takeBackTaken();
+  ASSERT_EQ(3U, back.size());
+  for (uint32_t index = 0; index < 3; ++index)
+  {
+    const uint32_t number = 100 * (index + 1);
+    EXPECT_EQ(number, back[index].after_tcp);
+    EXPECT_EQ(patternOf(number, 100 + number), bytesOf(back[index]));
+    pair_.receiver->release(taken[number - 1].place);
+  }
   sender().collect();
-  EXPECT_EQ(0U, liveSlots()) << "each reference is given back once";
+  EXPECT_TRUE(sender().takeBackTaken().empty());
 }
 
-TEST_F(RingSenderTest, DoesNotTakeBackWhatWasReleased)
+TEST_F(RingSenderTest, CountsTheBytesThatAreNotTaken)
 {
-  ASSERT_EQ(Push::WRITTEN, push({1}));
-  const std::optional<RingPair::Taken> taken = pair_.take();
-  pair_.receiver->release(taken->place);
-  EXPECT_EQ(nullptr, sender().takeBackNewest().buffer);
-  EXPECT_EQ(0U, liveSlots());
+  ASSERT_TRUE(sender().pushStart(0, false, 0));
+  EXPECT_EQ(0U, sender().untakenBytes());
+  ASSERT_EQ(Push::WRITTEN, push(patternOf(1, 100)));
+  ASSERT_EQ(Push::WRITTEN, push(patternOf(2, 30)));
+  EXPECT_EQ(130U, sender().untakenBytes());
+  ASSERT_TRUE(pair_.take());
+  ASSERT_TRUE(pair_.take());
+  EXPECT_EQ(30U, sender().untakenBytes());
 }
 
 TEST_F(RingSenderTest, IsIdleWhenTheSubscriberHoldsNothing)
@@ -265,7 +271,6 @@ TEST_F(RingSenderTest, ClosingGivesEverythingBack)
   EXPECT_EQ(0U, liveSlots());
   EXPECT_FALSE(sender().isOpen());
   EXPECT_TRUE(sender().idle());
-  EXPECT_EQ(SideChannel::Receive::CLOSED, pair_.receiver->readPackets());
 }
 
 TEST_F(RingSenderTest, TellsSegmentsOnceAndAnewAfterTheyWereRetired)
@@ -276,7 +281,7 @@ TEST_F(RingSenderTest, TellsSegmentsOnceAndAnewAfterTheyWereRetired)
   pool_.trim();
   const std::vector<uint32_t> retired = pool_.takeRetired();
   ASSERT_FALSE(retired.empty());
-  sender().retire(retired);
+  pair_.ends.sending->retire(retired);
   ASSERT_EQ(Push::WRITTEN, push(patternOf(2, LARGE)));
   const std::vector<Bytes> taken = pair_.takeMessages();
   ASSERT_EQ(1U, taken.size());
@@ -285,11 +290,18 @@ TEST_F(RingSenderTest, TellsSegmentsOnceAndAnewAfterTheyWereRetired)
 
 TEST_F(RingSenderTest, RingsTheDoorbellOfASubscriberThatSleeps)
 {
-  pollfd bell{pair_.receiver->doorbell(NETWORK_THREAD), POLLIN, 0};
-  EXPECT_FALSE(pair_.take());  // it is about to sleep
+  pollfd bell{pair_.ends.receiving->fd(), POLLIN, 0};
+  ASSERT_EQ(Push::WRITTEN, push({0}));
+  EXPECT_EQ(1U, pair_.takeMessages().size());  // it is about to sleep
+  EXPECT_TRUE(pair_.ends.receiving->receive());
   EXPECT_EQ(0, poll(&bell, 1, 0));
   ASSERT_EQ(Push::WRITTEN, push({1}));
   EXPECT_EQ(1, poll(&bell, 1, 0));
+  ASSERT_EQ(Push::WRITTEN, push({2}));
+  EXPECT_EQ(0, pair_.receiving_link->served);
+  EXPECT_TRUE(pair_.ends.receiving->receive());
+  EXPECT_EQ(1, pair_.receiving_link->served) << "once for both";
+  EXPECT_EQ(0, poll(&bell, 1, 0));
 }
 
 /// A subscriber that does with the ring what it likes.
@@ -298,15 +310,11 @@ class HostileSubscriber : public ::testing::Test
 protected:
   HostileSubscriber()
   {
-    const std::string name = "pi_os_test/" + Token::random().toString();
-    SideChannel listener = SideChannel::listen(name);
-    channel_ = SideChannel::connect(name);
+    const uint32_t number = ends_.receiving->addReceiver(link_);
     std::string error;
-    EXPECT_TRUE(sender_.open(listener.accept(), &error)) << error;
-    Packet offer;
-    std::array<FileDescriptor, SideChannel::MAX_DESCRIPTORS> descriptors;
-    EXPECT_EQ(SideChannel::Receive::PACKET, channel_.receive(&offer, &descriptors));
-    mapping_ = SharedMapping(descriptors[0].get(), sizeof(RingLayout), true);
+    EXPECT_TRUE(sender_.open(ends_.sending, number, &error)) << error;
+    EXPECT_TRUE(ends_.receiving->receive());
+    mapping_ = SharedMapping(link_->last_descriptors[0].get(), sizeof(RingLayout), true);
   }
   Push push(uint32_t seed, size_t max_queue)
   {
@@ -321,8 +329,9 @@ protected:
   RingLayout& ring() { return *reinterpret_cast<RingLayout*>(mapping_.data()); }
 
   SlotPool pool_{64 << 20};
-  RingSender sender_{&pool_, Token::random(), 64 << 20};
-  SideChannel channel_;
+  PairEnds ends_;
+  const std::shared_ptr<RecordingLink> link_ = std::make_shared<RecordingLink>();
+  RingSender sender_{&pool_, 64 << 20};
   SharedMapping mapping_;
 };
 

@@ -13,13 +13,14 @@
 #include "shm/descriptor_ring.h"
 #include "shm/ring_sender.h"
 #include "shm/side_channel.h"
+#include "shm/wake_board.h"
 
 namespace pi_os_transport
 {
 namespace
 {
 
-constexpr uint32_t PINNED_VERSION = 3;
+constexpr uint32_t PINNED_VERSION = 4;
 
 template <typename Object>
 std::vector<uint8_t> bytesOf(const Object& object, size_t offset, size_t count)
@@ -38,7 +39,7 @@ TEST(SharedLayout, RingHasItsFieldsInPlace)
 {
   EXPECT_TRUE(std::is_standard_layout_v<RingLayout>);
   EXPECT_EQ(256U, RingLayout::CAPACITY);
-  EXPECT_EQ(0x33676e69724f5350U, RingLayout::MAGIC);
+  EXPECT_EQ(0x34676e69724f5350U, RingLayout::MAGIC);
   EXPECT_EQ(0U, offsetof(RingLayout, magic));
   EXPECT_EQ(8U, offsetof(RingLayout, nonce));
   EXPECT_EQ(64U, offsetof(RingLayout, tail));
@@ -66,7 +67,7 @@ TEST(SharedLayout, DescriptorsHaveTheirBits)
   uint32_t doorbell = 0;
   producer.push(descriptor, &doorbell);
   // On little-endian machines, the only ones that both ends can run on: they are one machine.
-  EXPECT_EQ((std::vector<uint8_t>{0x50, 0x53, 0x4f, 0x72, 0x69, 0x6e, 0x67, 0x33, 0x88, 0x77, 0x66, 0x55, 0x44, 0x33,
+  EXPECT_EQ((std::vector<uint8_t>{0x50, 0x53, 0x4f, 0x72, 0x69, 0x6e, 0x67, 0x34, 0x88, 0x77, 0x66, 0x55, 0x44, 0x33,
                                   0x22, 0x11}),
             bytesOf(*layout, 0, 16));
   EXPECT_EQ((std::vector<uint8_t>{0x08, 0x07, 0x06, 0x85, 0x04, 0x03, 0x02, 0x01, 0x10, 0x0f, 0x0e,
@@ -82,19 +83,41 @@ TEST(SharedLayout, PacketsHaveTheirFieldsInPlace)
   EXPECT_TRUE(std::is_trivially_copyable_v<Packet>);
   EXPECT_EQ(0U, offsetof(Packet, version));
   EXPECT_EQ(4U, offsetof(Packet, type));
-  EXPECT_EQ(8U, offsetof(Packet, values));
-  EXPECT_EQ(32U, sizeof(Packet));
-  const std::vector<uint32_t> types{Packet::HELLO,   Packet::OFFER, Packet::PROOF,   Packet::SEGMENT,
-                                    Packet::RETIRED, Packet::ENDED, Packet::WAITING, Packet::SPACE};
-  EXPECT_EQ((std::vector<uint32_t>{1, 2, 3, 4, 5, 6, 7, 8}), types);
+  EXPECT_EQ(8U, offsetof(Packet, link));
+  EXPECT_EQ(16U, offsetof(Packet, values));
+  EXPECT_EQ(40U, sizeof(Packet));
+  EXPECT_EQ(0x80000000U, uint32_t{Packet::TO_SENDER});
+  const std::vector<uint32_t> types{Packet::HELLO, Packet::OFFER,   Packet::PROOF,   Packet::SEGMENT, Packet::RETIRED,
+                                    Packet::ENDED, Packet::WAITING, Packet::SPACE,   Packet::QUERY,   Packet::STATE,
+                                    Packet::MEET,  Packet::BELL,    Packet::DECLINED};
+  EXPECT_EQ((std::vector<uint32_t>{1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13}), types);
   EXPECT_EQ(3U, SideChannel::MAX_DESCRIPTORS);
   EXPECT_EQ(3U, static_cast<uint32_t>(LinkEnd::BACK_TO_TCP));
+}
+
+TEST(SharedLayout, BoardsHaveTheirFieldsInPlace)
+{
+  EXPECT_EQ(4096U, NewsLayout::LINKS);
+  EXPECT_EQ(0x347377656e4f5350U, NewsLayout::MAGIC);
+  EXPECT_EQ(0U, offsetof(NewsLayout, magic));
+  EXPECT_EQ(64U, offsetof(NewsLayout, summary));
+  EXPECT_EQ(128U, offsetof(NewsLayout, links));
+  EXPECT_EQ(640U, sizeof(NewsLayout));
+  EXPECT_EQ(63U, WakeLayout::SLEEPERS);
+  EXPECT_EQ(0x34656b61774f5350U, WakeLayout::MAGIC);
+  EXPECT_EQ(0U, offsetof(WakeLayout, magic));
+  EXPECT_EQ(64U, offsetof(WakeLayout, sleepers));
+  EXPECT_EQ(0U, offsetof(WakeLayout::Sleeper, asleep));
+  EXPECT_EQ(4U, offsetof(WakeLayout::Sleeper, bell));
+  EXPECT_EQ(64U, sizeof(WakeLayout::Sleeper));
+  EXPECT_EQ(4096U, sizeof(WakeLayout));
 }
 
 TEST(SharedLayout, DoorbellsAndPrefixAreNumbered)
 {
   EXPECT_EQ(1U, static_cast<uint32_t>(NETWORK_THREAD));
-  EXPECT_EQ(2U, static_cast<uint32_t>(SPINNER));
+  EXPECT_EQ(2U, static_cast<uint32_t>(WAITING_THREAD));
+  EXPECT_EQ(3U, static_cast<uint32_t>(FIRST_SPINNER));
   EXPECT_EQ(4U, LENGTH_PREFIX);
 }
 

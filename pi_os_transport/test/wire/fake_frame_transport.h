@@ -64,6 +64,7 @@ public:
   void closeSource(SourceId) override {}
   std::string addressOf(SourceId) const override { return {}; }
   bool tellsConnected() const override { return true; }
+  std::optional<std::chrono::microseconds> roundTrip(ConnectionId) const override { return round_trip; }
   bool writable(ConnectionId connection) const override
   {
     const auto waiting = std::count_if(sent.begin(), sent.end(),
@@ -89,6 +90,7 @@ public:
 
   std::vector<ConnectionId> open;
   std::deque<Frame> sent;
+  std::optional<std::chrono::microseconds> round_trip;
   size_t capacity = std::numeric_limits<size_t>::max();
 
 private:

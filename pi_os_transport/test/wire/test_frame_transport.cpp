@@ -8,14 +8,17 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cstring>
 #include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <ostream>
 #include <random>
 #include <stdexcept>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "event_loop/event_loop.h"
@@ -427,6 +430,7 @@ TEST_P(FrameTransports, KnowsNothingOfAConnectionThatWasClosed)
   sender.transport->close(connection);
   EXPECT_FALSE(sender.transport->writable(connection));
   EXPECT_FALSE(sender.transport->send(connection, headerOf(0)));
+  EXPECT_FALSE(sender.transport->roundTrip(connection));
   const ConnectionId next = sender.transport->connect({LOCALHOST, receiver.transport->port()});
   EXPECT_NE(connection, next) << "numbers are not used again";
   sender.transport->close(next);  // before it came about
@@ -630,6 +634,19 @@ TEST_F(SpTransport, KnowsWhereItsSourcesAre)
   EXPECT_EQ(std::vector<std::string>{LOCALHOST}, receiver.said.asked);
   EXPECT_EQ(LOCALHOST, receiver.transport->addressOf(good_source));
   EXPECT_EQ("", receiver.transport->addressOf(good_source + 1));
+}
+
+TEST_F(SpTransport, MeasuresTheNetworkWithoutAProcessThatReadsNothing)
+{
+  ASSERT_TRUE(sender.transport->roundTrip(connection));
+  const Bytes payload(MAX_PAYLOAD);
+  const iovec piece{const_cast<uint8_t*>(payload.data()), payload.size()};
+  ASSERT_TRUE(sender.transport->send(connection, headerOf(1), &piece, 1));
+  const milliseconds away(500);
+  std::this_thread::sleep_for(away);  // the time that the receiver, which this thread serves, reads nothing
+  const std::optional<std::chrono::microseconds> after = sender.transport->roundTrip(connection);
+  ASSERT_TRUE(after);
+  EXPECT_LT(*after, away / 2);
 }
 
 TEST_F(SpTransport, LetsNobodyInWhomItsListenerRefuses)

@@ -16,7 +16,7 @@ namespace
 using std::chrono::milliseconds;
 
 constexpr uint64_t INITIAL_WINDOW = 512 << 10;
-constexpr uint64_t MIN_WINDOW = 64 << 10;
+constexpr uint64_t MIN_WINDOW = 16 << 10;
 constexpr uint64_t MAX_WINDOW = 16 << 20;
 constexpr uint64_t EXPRESS_WINDOW = 1 << 20;
 constexpr size_t CHUNK = 32 << 10;
@@ -128,6 +128,19 @@ TEST_F(LaneTest, LabelsFramesAndAsksForAcknowledgementsInTime)
   EXPECT_LT(since_request, INITIAL_WINDOW);
 }
 
+TEST_F(LaneTest, AsksForAcknowledgementsBeforeAPublisherRunsOutOfPlaces)
+{
+  constexpr uint32_t MOST = 64;  // of the 256 places in a ring
+  uint32_t since_request = 0;
+  for (uint32_t frame = 0; frame < 10 * MOST; ++frame)
+  {
+    const iovec piece{payload_.data(), 1};
+    ASSERT_TRUE(express_.send(FrameHeader::of(FrameType::MESSAGE), &piece, 1, nullptr, nullptr));
+    since_request = (transport_.sent.back().header.lane & ACK_NOW) != 0 ? 0 : since_request + 1;
+    ASSERT_LT(since_request, MOST);
+  }
+}
+
 TEST_F(LaneTest, DoesNotCountSignsOfLife)
 {
   send(&express_, 8, FrameType::PING);
@@ -174,8 +187,25 @@ TEST_F(LaneTest, WindowShrinksWhenFramesWait)
     EXPECT_GE(bulk_.window(), std::max(MIN_WINDOW, before / 4)) << "a single late answer says little";
   }
   EXPECT_EQ(MIN_WINDOW, bulk_.window());
-  EXPECT_EQ(MIN_WINDOW / 3, bulk_.fragmentBytes());
+  EXPECT_EQ(8U << 10, bulk_.fragmentBytes());
   EXPECT_GE(bulk_.rtt(), milliseconds(1));
+}
+
+TEST_F(LaneTest, WindowStaysWhenProcessesWaitAndTheNetworkDoesNot)
+{
+  constexpr milliseconds IDLE(20);
+  transport_.round_trip = IDLE;
+  measureIdleLink();
+  for (const auto& [queues, window] : {std::make_pair(milliseconds(0), INITIAL_WINDOW),
+                                       std::make_pair(milliseconds(2), INITIAL_WINDOW / 2),
+                                       std::make_pair(milliseconds(0), INITIAL_WINDOW / 2)})
+  {
+    transport_.round_trip = IDLE + queues;
+    fill(&bulk_);
+    lane_time += milliseconds(20);  // the other bridge waits for a core
+    ASSERT_TRUE(acknowledge());
+    EXPECT_NEAR(static_cast<double>(window), static_cast<double>(bulk_.window()), 1000.0);
+  }
 }
 
 TEST_F(LaneTest, MeasuresTheIdleLinkWithASingleFrame)

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <atomic>
+#include <condition_variable>
 #include <cstdint>
 #include <memory>
 #include <mutex>
@@ -10,7 +11,6 @@
 #include "roscpp/fallback.h"
 #include "roscpp/runtime.h"
 #include "roscpp/services/service_statistics.h"
-#include "shm/file_descriptor.h"
 #include "shm/ring_receiver.h"
 #include "shm/ring_sender.h"
 
@@ -22,7 +22,7 @@ namespace pi_os_transport
 ///
 /// The TCPROS connection stays for the header, for the server's death and for calls that find no shared memory. Only
 /// one call is under way at a time, as in roscpp. Thread safe, except where noted.
-class ServiceCaller : public PoolLink, public std::enable_shared_from_this<ServiceCaller>
+class ServiceCaller : public PairLink, public PoolLink, public std::enable_shared_from_this<ServiceCaller>
 {
 public:
   enum class Use
@@ -62,7 +62,12 @@ public:
   bool promising() const;
 
   void collectReleased() override { collectReleasedFrom(requests_, &mutex_); }
-  void retire(const std::vector<uint32_t>& segments) override { retireFrom(requests_, &mutex_, segments); }
+  void onPacket(const Packet& packet, SideChannel::Descriptors* descriptors) override;
+  void onPairEnded() override;
+  void serve() override;
+
+  /// The token with which the server asks for the ring of requests, in return.
+  static Token returnToken(const Token& token) { return Token{token.high, token.low ^ 1}; }
 
 private:
   enum class State
@@ -73,11 +78,10 @@ private:
     ENDED,
   };
 
-  void onAnswerChannel();
-  void onRequestChannel();
+  void onReturn(const std::shared_ptr<ProcessPair>& pair, const Packet& hello);
   void settle();
   void fail();
-  void awaitWake(int doorbell);
+  void wakeCalls();
   void leaveAnswers();
   void closeRequests();
   void takeBackRequest();
@@ -93,13 +97,15 @@ private:
   std::string key_;
   const std::shared_ptr<ServiceStatistics> statistics_;
   std::atomic<Fallback> fallback_{Fallback::NEGOTIATING};  ///< why calls use TCPROS now
-  const FileDescriptor wake_;                              ///< signalled when state_ has changed
+  Token return_token_;
 
   std::mutex call_mutex_;  ///< held during a call
   uint64_t calls_ = 0;     ///< number of the last call; with call_mutex_ held
 
-  std::mutex mutex_;  ///< guards the members below, except changes of state_
+  std::mutex mutex_;                 ///< guards the members below, except changes of state_
+  std::condition_variable changed_;  ///< state_, or served_
   std::atomic<State> state_;
+  uint64_t served_ = 0;  ///< memory of answers that has come
   std::unique_ptr<RingSender> requests_;
   std::shared_ptr<RingReceiver> answers_;  ///< shared with leases; null once the connection has ended
   bool requests_proven_ = false;

@@ -25,9 +25,6 @@ namespace pi_os_transport
 namespace
 {
 
-/// Further clients use TCPROS: each takes some of the 1024 descriptors of a process.
-constexpr size_t MAX_RESPONDERS = 64;
-
 /// Address of a service.
 struct ServiceAddress
 {
@@ -63,8 +60,12 @@ bool connectTcp(ros::TransportTCP* self, const std::string& host, int port)
 {
   Runtime& runtime = Runtime::instance();
   const ServiceAddress service = std::exchange(looked_up, ServiceAddress{});
-  if (runtime.active() && service.port != 0 && service.host == host && static_cast<int>(service.port) == port &&
-      (self->flags_ & ros::TransportTCP::SYNCHRONOUS) == 0 && runtime.options.carries(service.name))
+  if (!runtime.active() || service.port == 0 || service.host != host || static_cast<int>(service.port) != port ||
+      (self->flags_ & ros::TransportTCP::SYNCHRONOUS) != 0)
+  {
+    return runtime.original.tcp_connect(self, host, port);
+  }
+  if (runtime.options.carries(service.name))
   {
     FileDescriptor socket = BridgeClient::instance().openTunnel(host, static_cast<uint16_t>(port), service.name);
     if (socket)
@@ -75,6 +76,14 @@ bool connectTcp(ros::TransportTCP* self, const std::string& host, int port)
       BridgeClient::instance().guard(boost::static_pointer_cast<ros::TransportTCP>(self->shared_from_this()));
       return self->setSocket(socket.release());
     }
+  }
+  if (BridgeClient::isRequiredFor(host))
+  {
+    BridgeClient::instance().warnOfRequired(service.name,
+                                            "calls of " + service.name +
+                                                " on another device fail, because no bridge carries them: start "
+                                                "pi_os_bridge on both devices and look at its messages");
+    return false;
   }
   return runtime.original.tcp_connect(self, host, port);
 }
@@ -273,19 +282,26 @@ bool handleHeader(ros::ServiceClientLink* self, const ros::Header& header)
   ros::Header& fields = const_cast<ros::Header&>(header);
   std::string service;
   std::string version;
+  std::string probe;
+  if (BridgeClient::isRequiredFor(self->getConnection()) && !(fields.getValue("probe", probe) && probe == "1"))
+  {
+    fields.getValue("service", service);
+    BridgeClient::instance().warnOfRequired(
+        service, "a client of " + service + " on another device is refused, because it comes without a bridge");
+    self->getConnection()->sendHeaderError("this service is called from other devices through bridges only");
+    return false;
+  }
   const bool asked = fields.getValue(HEADER_FIELD, version) && fields.getValue("service", service);
   fields.getValues()->erase(HEADER_FIELD);  // callbacks see the same header as with TCPROS
-  if (!asked || !runtime.active() || version != std::to_string(PROTOCOL_VERSION) || !runtime.options.carries(service) ||
-      runtime.service_responders.size() >= MAX_RESPONDERS)
+  if (!asked || !runtime.active() || version != std::to_string(PROTOCOL_VERSION) || !runtime.options.carries(service))
   {
     return runtime.original.service_handle_header(self, header);
   }
   const ros::ConnectionPtr connection = self->getConnection();
   const auto responder = std::make_shared<ServiceResponder>(service, self->shared_from_this(), connection);
-  const std::string offer =
-      runtime.expect(responder->token(),
-                     ifAlive(responder, [](const auto& expected, SideChannel channel, const Packet&, auto* descriptors)
-                             { expected->meet(std::move(channel), SideChannel(std::move(descriptors->front()))); }));
+  const std::string offer = runtime.expect(
+      responder->token(), ifAlive(responder, [](const auto& expected, const std::shared_ptr<ProcessPair>& pair,
+                                                const Packet& hello) { expected->meet(pair, hello); }));
   if (offer.empty())
   {
     return runtime.original.service_handle_header(self, header);

@@ -7,8 +7,8 @@
 #include <string>
 #include <utility>
 
-#include "roscpp/topics/receive_link.h"
-#include "shm/event.h"
+#include "roscpp/services/service_caller.h"
+#include "roscpp/topics/fetched_message.h"
 
 namespace pi_os_transport
 {
@@ -20,54 +20,86 @@ constexpr size_t ANSWER_PREFIX = 5;
 
 }  // namespace
 
-void ServiceResponder::meet(SideChannel answers, SideChannel requests)
+void ServiceResponder::meet(const std::shared_ptr<ProcessPair>& pair, const Packet& hello)
 {
   Runtime& runtime = Runtime::instance();
-  auto ring = std::make_unique<RingSender>(&runtime.pool(), runtime.poolToken(), runtime.leaseBudget());
+  const std::shared_ptr<ServiceResponder> self = shared_from_this();
+  auto ring = std::make_unique<RingSender>(&runtime.pool(), runtime.leaseBudget());
   std::string error;
-  if (!requests || !ring->open(std::move(answers), &error))
+  bool wanted = false;
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    wanted = !ended_ && !answers_ && !requests_;
+  }
+  if (!wanted || !pair->addSender(hello.link, self) || !ring->open(pair, hello.link, &error))
   {
     if (!error.empty())
     {
-      ROS_WARN("pi_os_transport: no shared memory for a client of a service (%s); its calls stay on TCPROS",
-               error.c_str());
+      runtime.warnOfShortage("no shared memory for a client of a service: " + error);
     }
+    pair->removeSender(hello.link, this);
+    pair->send(Packet::ended(hello.link, LinkEnd::REFUSED));
     return;
   }
-  std::lock_guard<std::mutex> lock(mutex_);
-  if (ended_ || answers_ || requests_)
+  auto requests = std::make_shared<RingReceiver>(pair, self);
+  requests->sendHello(ServiceCaller::returnToken(token_));
   {
-    return;
+    std::lock_guard<std::mutex> lock(mutex_);
+    answers_ = std::move(ring);
+    requests_ = std::move(requests);
   }
-  answers_ = std::move(ring);
-  requests_ = std::make_shared<RingReceiver>(std::move(requests));
-  const std::shared_ptr<ServiceResponder> self = shared_from_this();
   runtime.addChannel(self);
-  runtime.watch(answers_->channel().fd(), [self](int) { self->onAnswerChannel(); });
-  runtime.watch(requests_->fd(), [self](int) { self->onRequestChannel(); });
 }
 
-void ServiceResponder::onRequestChannel()
+void ServiceResponder::onPacket(const Packet& packet, SideChannel::Descriptors* descriptors)
+{
+  bool requests_end = false;
+  bool answers_end = false;
+  bool was_in_use = false;
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    if (requests_ && packet.link == requests_->number())
+    {
+      requests_end = packet.type == Packet::ENDED;
+      was_in_use = in_use_;
+      if (packet.type == Packet::OFFER && !requests_->hasRing())
+      {
+        requests_end = !requests_->onOffer(packet, descriptors);
+        if (!requests_end)
+        {
+          startRequests();
+        }
+      }
+    }
+    else if (answers_ && packet.link == (answers_->link() | Packet::TO_SENDER))
+    {
+      answers_proven_ |= answers_->isProof(packet);
+      answers_end = !answers_->isProof(packet);
+    }
+  }
+  if (requests_end)
+  {
+    closeRequests();
+  }
+  if (answers_end)
+  {
+    closeAnswers();  // the client reads no more answers
+  }
+  if (requests_end && was_in_use)
+  {
+    dropIfSilent(connection_.lock());
+  }
+}
+
+void ServiceResponder::onPairEnded()
 {
   bool was_in_use = false;
   {
     std::lock_guard<std::mutex> lock(mutex_);
-    if (!requests_)
-    {
-      return;
-    }
-    const SideChannel::Receive received = requests_->readPackets();
-    if (requests_->hasRing() && !in_use_)
-    {
-      startRequests();
-    }
-    if (received == SideChannel::Receive::NOTHING)
-    {
-      return;
-    }
     was_in_use = in_use_;
   }
   closeRequests();
+  closeAnswers();
   if (was_in_use)
   {
     dropIfSilent(connection_.lock());
@@ -77,98 +109,45 @@ void ServiceResponder::onRequestChannel()
 void ServiceResponder::startRequests()
 {
   in_use_ = true;
-  const std::shared_ptr<ServiceResponder> self = shared_from_this();
-  Runtime::instance().watch(requests_->doorbell(NETWORK_THREAD), [self](int) { self->onDoorbell(); });
   const ros::ServiceClientLinkPtr link = link_.lock();
   const ros::ServicePublicationPtr service = link ? link->parent_.lock() : nullptr;
   if (auto* queue = service ? dynamic_cast<ros::CallbackQueue*>(service->callback_queue_) : nullptr)
   {
     waiter_ = QueueWaiter::of(queue);
+    requests_->ring().useDoorbell(waiter_->join());
   }
-  Descriptor descriptor;
-  uint32_t ticket;
-  requests_->ring().take(0, true, &descriptor, &ticket);  // arms the doorbell: no request comes before the proof
-  if (waiter_)
-  {
-    waiter_->add(self, requests_->doorbell(SPINNER));
-  }
+  RingReceiver::Message none;
+  requests_->take(0, true, &none);  // arms the doorbell: no request comes before the proof
   requests_->sendProof();
 }
 
-bool ServiceResponder::readProof()
+void ServiceResponder::serve()
 {
   for (;;)
   {
-    Packet packet;
-    SideChannel::Descriptors descriptors;
-    switch (answers_->channel().receive(&packet, &descriptors))
-    {
-      case SideChannel::Receive::PACKET:
-        answers_proven_ |= answers_->isProof(packet);
-        break;
-      case SideChannel::Receive::NOTHING:
-        return true;
-      default:
-        return false;
-    }
-  }
-}
-
-void ServiceResponder::onAnswerChannel()
-{
-  {
-    std::lock_guard<std::mutex> lock(mutex_);
-    if (!answers_ || readProof())
-    {
-      return;
-    }
-  }
-  closeAnswers();  // the client reads no more answers
-}
-
-void ServiceResponder::onDoorbell()
-{
-  {
-    std::lock_guard<std::mutex> lock(mutex_);
-    if (!in_use_ || !clearEvent(requests_->doorbell(NETWORK_THREAD)))
-    {
-      return;
-    }
-  }
-  takeRequests(nullptr);
-}
-
-void ServiceResponder::serve(Doorbell doorbell)
-{
-  takeRequests(&doorbell);
-}
-
-void ServiceResponder::takeRequests(const Doorbell* doorbell)
-{
-  for (;;)
-  {
-    Descriptor descriptor;
+    RingReceiver::Message message;
+    const Descriptor& descriptor = message.descriptor;
     boost::shared_array<uint8_t> body;
     bool in_turn = false;
     {
       std::lock_guard<std::mutex> lock(mutex_);
-      uint32_t ticket = 0;
       if (!in_use_)
       {
         return;
       }
-      if (doorbell != nullptr)
-      {
-        requests_->ring().useDoorbell(*doorbell);
-      }
-      if (requests_->ring().take(0, true, &descriptor, &ticket) != RingConsumer::Take::TAKEN)
+      const RingReceiver::Take take = requests_->take(0, true, &message);
+      if (take == RingReceiver::Take::WAITING || take == RingReceiver::Take::EMPTY)
       {
         return;
       }
+      if (take == RingReceiver::Take::UNREADABLE)
+      {
+        requests_->decline();  // the client sends it over TCPROS
+        break;
+      }
       in_turn = pending_ == 0 && descriptor.serial != 0;
-      body = in_turn && descriptor.segment != Descriptor::LINK_START
-                 ? ReceiveLink::fetch(requests_, descriptor, ticket, &copied_)
-                 : nullptr;
+      body = in_turn && descriptor.segment != Descriptor::LINK_START ? fetchMessage(requests_, message, &copied_)
+                                                                     : nullptr;
       pending_ = descriptor.serial;
       taken_ns_ = monotonicNs();
     }
@@ -188,6 +167,7 @@ void ServiceResponder::takeRequests(const Doorbell* doorbell)
     }
     service->processRequest(body, descriptor.length, link);
   }
+  closeRequests();
 }
 
 bool ServiceResponder::respond(const ros::SerializedMessage& response)
@@ -216,7 +196,7 @@ bool ServiceResponder::respond(const ros::SerializedMessage& response)
     std::lock_guard<std::mutex> lock(mutex_);
     taken_ns = taken_ns_;
     const uint64_t serial = std::exchange(pending_, 0) << 1 | (framed && response.buf[0] != 0 ? 1 : 0);
-    if (answers_ && (answers_proven_ || (readProof() && answers_proven_)))
+    if (answers_ && answers_proven_)
     {
       written = buffer != nullptr &&
                 answers_->push(buffer, static_cast<uint32_t>(length), 0, 0, serial) == RingSender::Push::WRITTEN;
@@ -269,7 +249,6 @@ void ServiceResponder::disconnect()
 
 void ServiceResponder::closeRequests()
 {
-  Runtime& runtime = Runtime::instance();
   std::shared_ptr<RingReceiver> requests;  // a lease that still reads keeps it; its end tells the client
   std::shared_ptr<QueueWaiter> waiter;
   {
@@ -280,15 +259,12 @@ void ServiceResponder::closeRequests()
     {
       return;
     }
-    runtime.unwatch(requests->fd());
-    if (std::exchange(in_use_, false))
-    {
-      runtime.unwatch(requests->doorbell(NETWORK_THREAD));
-    }
+    requests->detach();
+    in_use_ = false;
   }
   if (waiter)
   {
-    waiter->remove(shared_from_this(), requests->doorbell(SPINNER));
+    waiter->leave();
   }
 }
 
@@ -302,7 +278,7 @@ void ServiceResponder::closeAnswers()
     {
       return;
     }
-    runtime.unwatch(answers_->channel().fd());
+    answers_->pair().removeSender(answers_->link(), this);
     answers_.reset();
   }
   runtime.removeChannel(self);

@@ -18,7 +18,7 @@ namespace pi_os_transport
 /// The server's end of one connection to a service, see ServiceCaller. Takes requests from one ring, if possible in the
 /// thread that waits for callbacks, and answers through the other ring. Requests over TCPROS, and answers that find no
 /// shared memory, are answered over TCPROS. Thread safe, except where noted.
-class ServiceResponder : public QueueSource, public PoolLink, public std::enable_shared_from_this<ServiceResponder>
+class ServiceResponder : public PairLink, public PoolLink, public std::enable_shared_from_this<ServiceResponder>
 {
 public:
   ServiceResponder(const std::string& service, const ros::ServiceClientLinkPtr& link,
@@ -29,9 +29,8 @@ public:
 
   const Token& token() const { return token_; }
 
-  /// The client has connected. Network thread.
-  /// @param requests  the side channel of the ring of requests.
-  void meet(SideChannel answers, SideChannel requests);
+  /// The client asks for the ring of answers. Network thread.
+  void meet(const std::shared_ptr<ProcessPair>& pair, const Packet& hello);
   /// The TCPROS connection has ended.
   void disconnect();
 
@@ -39,19 +38,15 @@ public:
   /// @return false if the request came over TCPROS.
   bool respond(const ros::SerializedMessage& response);
 
-  void serve(Doorbell doorbell) override;
+  void onPacket(const Packet& packet, SideChannel::Descriptors* descriptors) override;
+  void onPairEnded() override;
+  void serve() override;
   void collectReleased() override { collectReleasedFrom(answers_, &mutex_); }
-  void retire(const std::vector<uint32_t>& segments) override { retireFrom(answers_, &mutex_, segments); }
 
 private:
-  void onRequestChannel();
-  void onAnswerChannel();
-  void onDoorbell();
   void startRequests();  // with mutex_ held
   void closeRequests();
   void closeAnswers();
-  bool readProof();  // with mutex_ held; false at the end of the channel
-  void takeRequests(const Doorbell* doorbell);
   void drop();
 
   const boost::weak_ptr<ros::ServiceClientLink> link_;
@@ -64,7 +59,7 @@ private:
   std::unique_ptr<RingSender> answers_;
   bool answers_proven_ = false;
   std::shared_ptr<RingReceiver> requests_;  ///< shared with leases; null once the connection has ended
-  bool in_use_ = false;                     ///< the doorbells of requests_ are watched
+  bool in_use_ = false;                     ///< requests are taken
   std::shared_ptr<QueueWaiter> waiter_;
   uint64_t pending_ = 0;   ///< number of the unanswered request from shared memory; 0: none
   uint64_t taken_ns_ = 0;  ///< when the request was taken

@@ -17,8 +17,6 @@ struct HeaderOffer
   Token link;
 
   std::string toString() const;
-  /// The first packet of a peer that fetches the shared memory.
-  Packet hello() const { return Packet::of(Packet::HELLO, link.high, link.low); }
   /// Empty if `text` is not an offer of this version.
   static std::optional<HeaderOffer> parse(const std::string& text);
 

@@ -3,7 +3,6 @@
 #include <ros/publication.h>
 
 #include "roscpp/runtime.h"
-#include "shm/event.h"
 
 namespace pi_os_transport
 {
@@ -19,20 +18,6 @@ void start(const boost::weak_ptr<ros::SubscriberLink>& link, bool immediately)
 }
 
 }  // namespace
-
-OutboxWriter& OutboxWriter::instance()
-{
-  static OutboxWriter* writer = new OutboxWriter;
-  return *writer;
-}
-
-OutboxWriter::OutboxWriter() : doorbell_(makeEvent())
-{
-  if (doorbell_)
-  {
-    Runtime::instance().watch(doorbell_.get(), [this](int) { write(); });
-  }
-}
 
 OutboxWriter::Links& OutboxWriter::added()
 {
@@ -71,45 +56,18 @@ void OutboxWriter::add(ros::TransportSubscriberLink* link)
 
 void OutboxWriter::flush()
 {
-  Links& links = added();
-  if (!links.empty())
-  {
-    instance().submit(links);
-    links.clear();
-  }
-}
-
-void OutboxWriter::submit(const Links& links)
-{
-  if (!doorbell_)
+  Links links;
+  links.swap(added());
+  const auto write = [links](bool immediately)
   {
     for (const auto& link : links)
     {
-      start(link, false);
+      start(link, immediately);
     }
-    return;
-  }
+  };
+  if (!links.empty() && !Runtime::instance().later([write]() { write(true); }))
   {
-    std::lock_guard<std::mutex> lock(mutex_);
-    links_.insert(links_.end(), links.begin(), links.end());
-  }
-  signalEvent(doorbell_.get());
-}
-
-void OutboxWriter::write()
-{
-  if (!clearEvent(doorbell_.get()))
-  {
-    return;
-  }
-  Links links;
-  {
-    std::lock_guard<std::mutex> lock(mutex_);
-    links.swap(links_);
-  }
-  for (const auto& link : links)
-  {
-    start(link, true);
+    write(false);
   }
 }
 

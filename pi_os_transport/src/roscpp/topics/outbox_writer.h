@@ -2,10 +2,7 @@
 
 #include <ros/transport_subscriber_link.h>
 
-#include <mutex>
 #include <vector>
-
-#include "shm/file_descriptor.h"
 
 namespace pi_os_transport
 {
@@ -30,15 +27,7 @@ public:
 private:
   using Links = std::vector<boost::weak_ptr<ros::SubscriberLink>>;
 
-  OutboxWriter();
-  static OutboxWriter& instance();
   static Links& added();
-  void submit(const Links& links);
-  void write();
-
-  FileDescriptor doorbell_;
-  std::mutex mutex_;
-  Links links_;
 };
 
 }  // namespace pi_os_transport

@@ -14,28 +14,32 @@ namespace pi_os_transport
 class OverflowQueue
 {
 public:
-  /// Adds the newest message. Above `max_queue` (0: no limit) the oldest is dropped. @return true if one was dropped.
-  bool push(const ros::SerializedMessage& message, uint64_t serial, size_t max_queue);
+  /// Adds the newest message. Above `max_queue` (0: no limit) the oldest is dropped, as soon as these messages and those
+  /// in the ring exceed what the socket of TCPROS would hold. @return true if one was dropped.
+  /// @param number  of the message on the link. @param ring  null: there is none now.
+  bool push(const ros::SerializedMessage& message, uint64_t serial, uint32_t number, size_t max_queue,
+            const RingSender* ring);
 
   /// Moves messages into the ring while it has places, and tells the bridge once that more wait.
-  /// @param after_tcp  as in Descriptor.
   /// @return false if waiting is useless: the ring is broken, or the pool is full and this link holds nothing that
-  /// could
-  ///         be freed.
-  bool flush(RingSender* ring, size_t max_queue, uint32_t after_tcp);
+  ///         could be freed.
+  bool flush(RingSender* ring, size_t max_queue);
   /// The bridge reported space, or was replaced: the next flush() may tell again that messages wait.
   void forgetAnnouncement() { waiting_announced_ = false; }
 
-  void clear() { messages_.clear(); }
+  /// Takes all messages of another queue, before this one has any.
+  void takeOver(OverflowQueue* other);
+  void clear();
   size_t size() const { return messages_.size(); }
-  /// Removes all messages, oldest first.
+  /// Removes all messages, oldest first: take(message, number).
   template <typename Take>
   void takeAll(Take take)
   {
-    for (; !messages_.empty(); messages_.pop_front())
+    for (const Waiting& waiting : messages_)
     {
-      take(messages_.front().message);
+      take(waiting.message, waiting.number);
     }
+    clear();
   }
 
 private:
@@ -43,8 +47,12 @@ private:
   {
     ros::SerializedMessage message;
     uint64_t serial;
+    uint32_t number;
   };
+  void popFront();
+
   std::deque<Waiting> messages_;
+  uint64_t bytes_ = 0;  ///< of messages_
   bool waiting_announced_ = false;
 };
 

@@ -9,6 +9,7 @@
 #include <memory>
 #include <string>
 
+#include "roscpp/bridge_client.h"
 #include "roscpp/runtime.h"
 #include "roscpp/topics/header_offer.h"
 #include "roscpp/topics/receive_link.h"
@@ -47,6 +48,17 @@ bool headerReceived(ros::TransportPublisherLink* self, const ros::ConnectionPtr&
   {
     fields.getValues()->erase(HEADER_FIELD);  // users and bags see the same header as with TCPROS
   }
+  if (!offered && BridgeClient::isRequiredFor(connection))
+  {
+    const ros::SubscriptionPtr subscription = self->parent_.lock();
+    const std::string topic = subscription ? subscription->getName() : "";
+    BridgeClient::instance().warnOfRequired(
+        topic, "a publisher of " + topic +
+                   " on another device is refused, because no bridge can carry it: its node needs "
+                   "the library, and PI_OS_INCLUDE and PI_OS_EXCLUDE must not except the topic");
+    self->drop();
+    return false;
+  }
   const bool accepted = runtime.original.header_received(self, connection, header);
   const std::shared_ptr<ReceiveLink> link =
       accepted && offered && runtime.active() ? runtime.receive_links.find(connection.get()) : nullptr;
@@ -61,15 +73,21 @@ void handleMessage(ros::TransportPublisherLink* self, const ros::SerializedMessa
                    bool no_copy)
 {
   Runtime& runtime = Runtime::instance();
-  const auto deliver = [&]() { runtime.original.handle_message(self, message, serialized, no_copy); };
   const std::shared_ptr<ReceiveLink> link = runtime.receive_links.find(self->getConnection().get());
-  if (link)
+  if (link && BridgeClient::isRequiredFor(self->getConnection()))
   {
-    link->deliverTcp(deliver);
+    const std::string& node = self->getConnection()->getCallerId();
+    BridgeClient::instance().warnOfRequired(
+        node, "messages of " + node + " on another device come unprotected and are dropped: set it for that node too");
+    link->deliverTcp(nullptr, message);
+  }
+  else if (link)
+  {
+    link->deliverTcp(self, message);
   }
   else
   {
-    deliver();
+    runtime.original.handle_message(self, message, serialized, no_copy);
   }
 }
 

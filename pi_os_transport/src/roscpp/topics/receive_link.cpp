@@ -12,17 +12,15 @@
 #include <nlohmann/json.hpp>
 
 #include "roscpp/bridge_client.h"
-#include "roscpp/held_leases.h"
+#include "roscpp/topics/fetched_message.h"
 #include "roscpp/topics/header_offer.h"
-#include "shm/event.h"
+#include "shm/shared_memory.h"
 
 namespace pi_os_transport
 {
 namespace
 {
 
-/// Most leased messages; further ones are copied. The ring has tickets for twice as many.
-constexpr uint32_t MAX_LEASES = RingLayout::CAPACITY / 2;
 /// Messages delivered before the network thread serves its other sockets.
 constexpr uint32_t BATCH = 64;
 /// When a link asks for a bridge again: after no answer or its end, and after a refusal of this topic.
@@ -31,62 +29,25 @@ constexpr std::chrono::milliseconds ASK_AGAIN_REFUSED{5000};
 
 }  // namespace
 
-/// Deleter of a leased buffer: returns it to the publisher.
-struct ReceiveLink::Lease
-{
-  std::shared_ptr<RingReceiver> ring;
-  std::shared_ptr<MappedSegment> segment;
-  uint32_t ticket;
-  uint32_t length;
-
-  void operator()(uint8_t*) const
-  {
-    if (Runtime::instance().active())
-    {
-      ring->endLease(ticket, length);
-    }
-  }
-};
-
-namespace
-{
-
-/// A message for roscpp. @param end  called after the last user. @param held  counts held messages; null: the message
-/// cannot be held.
-template <typename End>
-boost::shared_array<uint8_t> makeHoldable(uint8_t* message, const End& end,
-                                          const std::shared_ptr<std::atomic<uint64_t>>& held)
-{
-  if (!held || !HeldLeases::instance().wanted())
-  {
-    return boost::shared_array<uint8_t>(message, end);
-  }
-  std::shared_ptr<HeldLease> lease = HeldLeases::instance().add(
-      message, [end, message]() { end(message); }, held);
-  return boost::shared_array<uint8_t>(message, [lease](uint8_t*) mutable { lease.reset(); });
-}
-
-}  // namespace
-
 void ReceiveLink::meet(const std::string& header_field)
 {
   const std::optional<HeaderOffer> offer = HeaderOffer::parse(header_field);
+  Fallback reason = Fallback::PEER_VERSION;
+  const std::shared_ptr<ProcessPair> pair = offer ? Runtime::instance().pairWith(offer->socket, &reason) : nullptr;
   std::lock_guard<std::recursive_mutex> lock(mutex_);
-  fallback_ = offer ? Fallback::NEGOTIATING : Fallback::PEER_VERSION;
+  fallback_ = pair ? Fallback::NEGOTIATING : reason;
   if (!offer)
   {
     return;
   }
   socket_token_ = offer->socket;
   link_token_ = offer->link;
-  SideChannel channel = SideChannel::connect(HeaderOffer::socketName(offer->socket));
-  if (!channel)
+  if (pair)
   {
-    fallback_ = errno == EPERM ? Fallback::OTHER_USER : Fallback::UNREACHABLE;
-  }
-  if (channel && channel.send(offer->hello()))
-  {
-    use(std::move(channel));
+    if (!use(pair) || !ring_->sendHello(link_token_))
+    {
+      fallback_ = Fallback::NO_MEMORY;
+    }
   }
   else if (!askBridge())  // the publisher is on another device, in another container, or of another user
   {
@@ -119,78 +80,124 @@ bool ReceiveLink::askBridge()
   {
     return true;
   }
-  SideChannel channel = BridgeClient::instance().connect(request);
-  if (!channel)
+  const std::shared_ptr<ProcessPair> pair = Runtime::instance().pairWithBridge();
+  if (!pair)
   {
     return false;
   }
   bridged_ = true;
-  use(std::move(channel));
+  if (use(pair))
+  {
+    request.link = ring_->number();
+    ring_->pair().sendBytes(request.encode());
+  }
   return true;
 }
 
-void ReceiveLink::use(SideChannel channel)
+bool ReceiveLink::use(const std::shared_ptr<ProcessPair>& pair)
 {
-  ring_ = std::make_shared<RingReceiver>(std::move(channel));
-  socket_watched_ = true;
-  Runtime::instance().watch(ring_->fd(), [self = shared_from_this()](int) { self->onSocket(); });
+  ring_ = std::make_shared<RingReceiver>(pair, shared_from_this());
+  return ring_->number() != 0;
 }
 
-void ReceiveLink::onSocket()
+void ReceiveLink::onPacket(const Packet& packet, SideChannel::Descriptors* descriptors)
 {
-  bool silence_is_death = true;
-  bool unaware = false;
   {
     std::lock_guard<std::recursive_mutex> lock(mutex_);
-    if (!socket_watched_)
+    if (!ring_ || packet.link != ring_->number())
     {
-      return;
+      return;  // about an earlier ring of this link
     }
-    const SideChannel::Receive end = ring_->readPackets();
-    if (ring_->hasRing() && !in_use_)
+    if (packet.type == Packet::OFFER && !ring_->hasRing())
     {
-      onOffer();
+      onOffer(packet, descriptors);
     }
-    if (end == SideChannel::Receive::NOTHING)
+  }
+  if (packet.type == Packet::ENDED)
+  {
+    onEnded(static_cast<LinkEnd>(packet.values[0]));
+  }
+}
+
+void ReceiveLink::onOffer(const Packet& packet, SideChannel::Descriptors* descriptors)
+{
+  if (!ring_->onOffer(packet, descriptors))
+  {
+    const std::string shortage = describeShortage(errno);
+    if (descriptors->front() && !shortage.empty())
     {
-      return;
+      Runtime::instance().warnOfShortage("no room for a ring in shared memory: " + shortage);
     }
-    unwatchSocket();
-    if (bridged_)
+    fallback_ = Fallback::NO_MEMORY;
+    decline();
+    return;
+  }
+  in_use_ = true;
+  joinWaiter();
+  drain(Drain::BATCH);  // arms the doorbell before the first message can be written
+  active_.store(in_use_ && ring_->sendProof(), std::memory_order_release);
+}
+
+void ReceiveLink::onEnded(LinkEnd reason)
+{
+  bool bridged = false;
+  bool was_active = false;
+  {
+    std::lock_guard<std::recursive_mutex> lock(mutex_);
+    bridged = bridged_;
+    was_active = active();
+    if (bridged)
     {
-      // The end of a bridge tells nothing about the publisher, unless its reason does.
-      const std::optional<LinkEnd> reason = ring_->ended();
-      silence_is_death = reason == LinkEnd::CLOSED;
-      unaware = reason == LinkEnd::PUBLISHER_UNAWARE;
-      leaveBridge();
+      leaveBridge(reason);
     }
-    else if (end == SideChannel::Receive::MALFORMED && !active())
-    {
-      return;  // without a proof from this side the link stays on TCPROS
-    }
-    else
+    else if (ring_)
     {
       drain(Drain::ALL_DUE);
+      fallback_ = reason == LinkEnd::REFUSED ? Fallback::NO_MEMORY : Fallback::BROKEN;
+      closeRing();
+      ring_.reset();
     }
   }
   const ros::ConnectionPtr connection = connection_.lock();
-  if (unaware && connection)
+  if (reason == LinkEnd::PUBLISHER_UNAWARE && bridged && connection)
   {
     BridgeClient::instance().reconnect(connection);  // the publisher restarts the link
   }
-  else if (silence_is_death)
+  else if (reason == LinkEnd::CLOSED && (bridged || was_active))
   {
     dropIfSilent(connection);
   }
 }
 
-void ReceiveLink::onOffer()
+void ReceiveLink::onPairEnded()
 {
-  in_use_ = true;
-  Runtime::instance().watch(ring_->doorbell(NETWORK_THREAD), [self = shared_from_this()](int) { self->onDoorbell(); });
-  drain(Drain::BATCH);  // arms the doorbell before the first message can be written
-  joinWaiter();
-  active_.store(ring_->sendProof(), std::memory_order_release);
+  bool silence_is_death = false;
+  {
+    std::lock_guard<std::recursive_mutex> lock(mutex_);
+    if (bridged_)
+    {
+      leaveBridge(LinkEnd::BACK_TO_TCP);  // the end of a bridge tells nothing about the publisher
+    }
+    else if (ring_)
+    {
+      // Without a word from the publisher, it had no room for this process: the link stays on TCPROS.
+      silence_is_death = ring_->pair().met();
+      drain(Drain::ALL_DUE);
+    }
+  }
+  if (silence_is_death)
+  {
+    dropIfSilent(connection_.lock());
+  }
+}
+
+/// The ring, or its memory, finds no room in this process. What has not been taken comes over TCPROS.
+void ReceiveLink::decline()
+{
+  fallback_ = Fallback::NO_MEMORY;
+  ring_->decline();
+  closeRing();
+  ring_.reset();
 }
 
 void ReceiveLink::joinWaiter()
@@ -210,35 +217,14 @@ void ReceiveLink::joinWaiter()
   if (auto* queue = dynamic_cast<ros::CallbackQueue*>(subscription->callbacks_.front()->callback_queue_))
   {
     waiter_ = QueueWaiter::of(queue);
-    waiter_->add(shared_from_this(), ring_->doorbell(SPINNER));
+    ring_->ring().useDoorbell(waiter_->join());
   }
 }
 
-void ReceiveLink::serve(Doorbell doorbell)
+void ReceiveLink::serve()
 {
   std::lock_guard<std::recursive_mutex> lock(mutex_);
-  if (in_use_)
-  {
-    ring_->ring().useDoorbell(doorbell);
-    drain(Drain::BATCH);
-  }
-}
-
-void ReceiveLink::onDoorbell()
-{
-  std::lock_guard<std::recursive_mutex> lock(mutex_);
-  if (in_use_ && clearEvent(ring_->doorbell(NETWORK_THREAD)))
-  {
-    drain(Drain::BATCH);
-  }
-}
-
-void ReceiveLink::unwatchSocket()
-{
-  if (std::exchange(socket_watched_, false))
-  {
-    Runtime::instance().unwatch(ring_->fd());
-  }
+  drain(Drain::BATCH);
 }
 
 void ReceiveLink::closeRing()
@@ -247,52 +233,54 @@ void ReceiveLink::closeRing()
   {
     return;
   }
-  unwatchSocket();
-  if (std::exchange(in_use_, false))
+  ring_->detach();
+  in_use_ = false;
+  if (const std::shared_ptr<QueueWaiter> waiter = std::exchange(waiter_, nullptr))
   {
-    Runtime::instance().unwatch(ring_->doorbell(NETWORK_THREAD));
-    if (const std::shared_ptr<QueueWaiter> waiter = std::exchange(waiter_, nullptr))
-    {
-      waiter->remove(shared_from_this(), ring_->doorbell(SPINNER));
-    }
-    ring_->closeDoorbells();
+    waiter->leave();
   }
   active_.store(false, std::memory_order_release);
 }
 
-void ReceiveLink::leaveBridge()
+void ReceiveLink::leaveBridge(LinkEnd reason)
 {
   if (!bridged_)
   {
     return;
   }
   drain(ended_ ? Drain::REST : Drain::ALL_DUE);
-  const bool refused = ring_->ended() == LinkEnd::REFUSED;
+  if (!ended_ && in_use_ && !started_ && ring_->ring().available() > 0)
+  {
+    bridge_ended_ = true;
+    return;  // its start waits for a message over TCPROS; this is called again after that
+  }
+  bridge_ended_ = false;
   closeRing();
   ring_.reset();
   bridged_ = false;
   started_ = false;
   if (!ended_)
   {
-    BridgeClient::instance().want(shared_from_this(), refused ? ASK_AGAIN_REFUSED : ASK_AGAIN);
+    BridgeClient::instance().want(shared_from_this(), reason == LinkEnd::REFUSED ? ASK_AGAIN_REFUSED : ASK_AGAIN);
   }
 }
 
 void ReceiveLink::disconnect(bool deliver_rest)
 {
-  const std::shared_ptr<ReceiveLink> self = shared_from_this();  // the watchers may hold the last references
+  const std::shared_ptr<ReceiveLink> self = shared_from_this();  // the pair may hold the last reference
   std::lock_guard<std::recursive_mutex> lock(mutex_);
   ended_ = true;
   if (deliver_rest)
   {
     drain(Drain::REST);
-    if (bridged_ && in_use_)
+    if (bridged_ && in_use_ && !bridge_ended_)
     {
       active_.store(false, std::memory_order_release);
       return;  // messages under way between the devices follow; the bridge reports the end
     }
   }
   closeRing();
+  ring_.reset();  // unless a message is being read, the publisher gets everything back
 }
 
 void ReceiveLink::drain(Drain extent)
@@ -307,17 +295,19 @@ void ReceiveLink::drain(Drain extent)
   // Never more than the ring holds: a publisher with a wrong tail must not occupy this thread forever.
   for (uint32_t taken = 0; in_use_ && ring == ring_ && taken <= RingLayout::CAPACITY; ++taken)
   {
-    if (taken == BATCH && extent == Drain::BATCH)
+    if (taken == BATCH && extent == Drain::BATCH &&
+        Runtime::instance().later([self = shared_from_this()]() { self->serve(); }))
     {
-      if (signalEvent(ring->doorbell(NETWORK_THREAD)))
-      {
-        return;  // the network thread returns after serving its other sockets
-      }
+      return;  // the network thread goes on after serving its other sockets
     }
-    Descriptor descriptor;
-    uint32_t ticket = 0;
-    const bool in_any_order = extent == Drain::REST || ended_;
-    if (ring->ring().take(tcp_delivered_, in_any_order, &descriptor, &ticket) != RingConsumer::Take::TAKEN)
+    RingReceiver::Message message;
+    const bool in_any_order = extent == Drain::REST || ended_ || started_;
+    const RingReceiver::Take take = ring->take(tcp_delivered_, in_any_order, &message);
+    if (take == RingReceiver::Take::UNREADABLE)
+    {
+      decline();
+    }
+    if (take != RingReceiver::Take::TAKEN)
     {
       if (ring->ring().broken())
       {
@@ -326,69 +316,37 @@ void ReceiveLink::drain(Drain extent)
       }
       return;
     }
-    if (descriptor.segment == Descriptor::LINK_START)
+    if (message.descriptor.segment == Descriptor::LINK_START)
     {
       started_ = true;
-      tcp_before_start_ = descriptor.after_tcp;
-      ring->release(ticket);
+      tcp_before_start_ = message.descriptor.after_tcp;
+      ring->release(message.ticket);
       continue;
     }
-    if (bridged_ && static_cast<int32_t>(tcp_delivered_ - descriptor.after_tcp) > 0)
+    const bool late = bridged_ && static_cast<int32_t>(tcp_delivered_ - tcp_before_start_) > 0;
+    if (late || (bridged_ && !isNew(message.descriptor.after_tcp)))
     {
-      ++late_;
-      ring->release(ticket);
+      late_ += late ? 1 : 0;
+      ring->release(message.ticket);
       continue;
     }
-    deliver(link, descriptor, ticket);
+    deliver(link, message);
   }
 }
 
-void ReceiveLink::deliver(const ros::TransportPublisherLinkPtr& link, const Descriptor& descriptor, uint32_t ticket)
+void ReceiveLink::deliver(const ros::TransportPublisherLinkPtr& link, const RingReceiver::Message& message)
 {
-  boost::shared_array<uint8_t> buffer = fetch(ring_, descriptor, ticket, &copied_, held_);
+  const uint32_t length = message.descriptor.length;
+  boost::shared_array<uint8_t> buffer = fetchMessage(ring_, message, &copied_, held_);
   if (!buffer)
   {
-    ROS_ERROR_ONCE("pi_os_transport: lost a message of %u bytes from [%s]: its shared memory cannot be read",
-                   descriptor.length, link->getCallerID().c_str());
+    ROS_ERROR_ONCE("pi_os_transport: lost a message of %u bytes from [%s]: its shared memory cannot be read", length,
+                   link->getCallerID().c_str());
     return;
   }
   ++received_;
-  latencies_.addSince(descriptor.stamp_ns);
-  Runtime::instance().original.handle_message(link.get(), ros::SerializedMessage(buffer, descriptor.length), true,
-                                              false);
-}
-
-boost::shared_array<uint8_t> ReceiveLink::fetch(const std::shared_ptr<RingReceiver>& ring, const Descriptor& descriptor,
-                                                uint32_t ticket, uint64_t* copied,
-                                                const std::shared_ptr<std::atomic<uint64_t>>& held)
-{
-  const std::shared_ptr<MappedSegment> segment = ring->find(descriptor);
-  if (!segment)
-  {
-    ring->release(ticket);
-    return boost::shared_array<uint8_t>();
-  }
-  if (segment->data() == nullptr)
-  {
-    ROS_WARN_ONCE(
-        "pi_os_transport: cannot map %llu bytes of shared memory (%s); its messages are copied out instead. "
-        "Raise the address space limit of this process (ulimit -v)",
-        static_cast<unsigned long long>(segment->length()), std::strerror(ENOMEM));
-  }
-  else if (ring->leases() < MAX_LEASES &&
-           (ring->leases() < 2 || ring->leasedBytes() + descriptor.length <= ring->leaseBudget()))
-  {
-    ring->lease(descriptor.length);
-    return makeHoldable(const_cast<uint8_t*>(segment->data() + descriptor.offset),
-                        Lease{ring, segment, ticket, descriptor.length}, held);
-  }
-  const boost::shared_array<uint8_t> copy = makeHoldable(
-      new uint8_t[descriptor.length], [](uint8_t* bytes) { delete[] bytes; },
-      held ? std::make_shared<std::atomic<uint64_t>>() : nullptr);
-  const bool intact = segment->copy(descriptor.offset, copy.get(), descriptor.length);
-  ring->release(ticket);
-  ++*copied;
-  return intact ? copy : boost::shared_array<uint8_t>();
+  latencies_.addSince(message.descriptor.stamp_ns);
+  Runtime::instance().original.handle_message(link.get(), ros::SerializedMessage(buffer, length), true, false);
 }
 
 Fallback ReceiveLink::describe(nlohmann::ordered_json* object)
@@ -398,6 +356,7 @@ Fallback ReceiveLink::describe(nlohmann::ordered_json* object)
                   {"tcp", tcp_delivered_},
                   {"copied", copied_},
                   {"late", late_},
+                  {"missing", missing_},
                   {"waiting", in_use_ ? ring_->ring().available() : 0},
                   {"leased_bytes", ring_ ? ring_->leasedBytes() : 0},
                   {"latencies", latencies_.counts()}});

@@ -23,9 +23,9 @@ namespace pi_os_transport
 ///
 /// The other end of the ring is the publisher, or the bridge of this device if the publisher is on another device.
 ///
-/// Lifetime: owned by the tables, the watchers and every lease. The side channel stays open while a lease lives, which
-/// tells the publisher that its memory is still being read.
-class ReceiveLink : public QueueSource, public std::enable_shared_from_this<ReceiveLink>
+/// Lifetime: owned by the tables and the pair of processes. Every lease keeps the RingReceiver, whose end tells the
+/// publisher that its memory is no longer read.
+class ReceiveLink : public PairLink, public std::enable_shared_from_this<ReceiveLink>
 {
 public:
   ReceiveLink(const ros::TransportPublisherLinkPtr& link, const ros::ConnectionPtr& connection)
@@ -38,24 +38,15 @@ public:
   /// Asks this device's bridge for the link. Network thread.
   /// @return false if no bridge answers: try again later.
   bool askBridge();
-  /// A message came over TCPROS; `deliver` passes it to roscpp. Network thread.
-  template <typename Deliver>
-  void deliverTcp(Deliver deliver)
-  {
-    std::lock_guard<std::recursive_mutex> lock(mutex_);
-    if (started_ && static_cast<int32_t>(tcp_delivered_ - tcp_before_start_) >= 0)
-    {
-      leaveBridge();  // the publisher has gone back to TCPROS
-    }
-    drain(Drain::ALL_DUE);  // what the publisher wrote before this message
-    deliver();
-    ++tcp_delivered_;
-    drain(Drain::BATCH);
-  }
+  /// A message came over TCPROS: passes it to roscpp, unless a bridge has delivered it. Network thread.
+  /// @param link  null: the message is only counted.
+  void deliverTcp(ros::TransportPublisherLink* link, const ros::SerializedMessage& message);
   /// The TCPROS connection has ended. @param deliver_rest  deliver the rest of the ring.
   void disconnect(bool deliver_rest);
 
-  void serve(Doorbell doorbell) override;
+  void onPacket(const Packet& packet, SideChannel::Descriptors* descriptors) override;
+  void onPairEnded() override;
+  void serve() override;
 
   /// True once the shared memory is mapped. Any thread.
   bool active() const { return active_.load(std::memory_order_acquire); }
@@ -66,24 +57,14 @@ public:
   /// Adds the counters of the link to `object`. @return why the link uses TCPROS, if it does.
   Fallback describe(nlohmann::ordered_json* object);
 
-  /// Gets a message taken from `ring`: leased in place, or beyond the lease budget as a copy, which `*copied` counts.
-  /// The caller serialises this with other calls of `ring`. `held` counts messages that zero-copy subscribers hold;
-  /// null: the message cannot be held. @return null if the memory cannot be read.
-  static boost::shared_array<uint8_t> fetch(const std::shared_ptr<RingReceiver>& ring, const Descriptor& descriptor,
-                                            uint32_t ticket, uint64_t* copied,
-                                            const std::shared_ptr<std::atomic<uint64_t>>& held = nullptr);
-
 private:
-  struct Lease;
-
-  void use(SideChannel channel);
-  void onSocket();
-  void onDoorbell();
-  void onOffer();
+  bool use(const std::shared_ptr<ProcessPair>& pair);
+  void onOffer(const Packet& packet, SideChannel::Descriptors* descriptors);
+  void onEnded(LinkEnd reason);
   void joinWaiter();
-  void unwatchSocket();
+  void decline();
   void closeRing();
-  void leaveBridge();
+  void leaveBridge(LinkEnd reason);
   enum class Drain
   {
     BATCH,    ///< what is due, at most one batch before the network thread serves its other sockets
@@ -91,7 +72,8 @@ private:
     REST,     ///< everything: no more messages come over TCPROS
   };
   void drain(Drain extent);
-  void deliver(const ros::TransportPublisherLinkPtr& link, const Descriptor& descriptor, uint32_t ticket);
+  bool isNew(uint32_t number);
+  void deliver(const ros::TransportPublisherLinkPtr& link, const RingReceiver::Message& message);
 
   const boost::weak_ptr<ros::TransportPublisherLink> link_;
   const boost::weak_ptr<ros::Connection> connection_;
@@ -103,11 +85,11 @@ private:
   Token socket_token_;  ///< of the publisher's process
   Token link_token_;
   std::shared_ptr<RingReceiver> ring_;  ///< shared with the leases; may have no ring yet
-  bool socket_watched_ = false;
-  bool in_use_ = false;  ///< the ring's doorbells are watched
+  bool in_use_ = false;                 ///< messages are taken from the ring
   std::shared_ptr<QueueWaiter> waiter_;
   bool started_ = false;           ///< a link through bridges has carried its first descriptor
   uint32_t tcp_before_start_ = 0;  ///< messages sent over TCPROS before that, modulo 2^32
+  bool bridge_ended_ = false;      ///< before the link had started: messages over TCPROS come first
   uint32_t tcp_delivered_ = 0;     ///< messages delivered from TCPROS on this connection, modulo 2^32
   uint64_t received_ = 0;          ///< messages from the ring
   /// Of those, held by zero-copy subscribers.
@@ -115,7 +97,9 @@ private:
   uint64_t copied_ = 0;         ///< of those, copied because too many were leased
   LatencyHistogram latencies_;  ///< from writing into the ring to taking
   Fallback fallback_ = Fallback::PEER_SILENT;
-  uint64_t late_ = 0;  ///< messages from a bridge, not delivered because newer ones came over TCPROS
+  uint64_t late_ = 0;         ///< messages from a bridge, not delivered because newer ones came over TCPROS
+  uint32_t last_number_ = 0;  ///< of the messages from bridges, modulo 2^32
+  uint64_t missing_ = 0;      ///< messages for bridges that were dropped on the way
 };
 
 }  // namespace pi_os_transport

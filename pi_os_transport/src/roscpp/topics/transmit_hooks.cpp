@@ -12,10 +12,12 @@
 #include <utility>
 
 #include "event_loop/if_alive.h"
+#include "roscpp/bridge_client.h"
 #include "roscpp/runtime.h"
 #include "roscpp/topics/header_offer.h"
 #include "roscpp/topics/outbox_writer.h"
 #include "roscpp/topics/transmit_link.h"
+#include "shm/topic_mark.h"
 
 namespace pi_os_transport
 {
@@ -167,19 +169,46 @@ bool handleHeader(ros::TransportSubscriberLink* self, const ros::Header& header)
   ros::Header& fields = const_cast<ros::Header&>(header);
   std::string topic;
   std::string version;
+  const bool required = BridgeClient::isRequiredFor(self->connection_);
+  const auto refuse = [&]
+  {
+    fields.getValue("topic", topic);
+    BridgeClient::instance().warnOfRequired(
+        topic, "a subscriber of " + topic +
+                   " on another device is refused, because no bridge can carry it: its node "
+                   "needs the library, and PI_OS_INCLUDE and PI_OS_EXCLUDE must not except the topic");
+    self->connection_->sendHeaderError("the publisher sends to other devices through bridges only");
+    return false;
+  };
   if (!runtime.active() || !fields.getValue(HEADER_FIELD, version) || version != std::to_string(PROTOCOL_VERSION) ||
       !fields.getValue("topic", topic) || !runtime.options.carries(topic))
   {
-    return runtime.original.handle_header(self, header);
+    return required ? refuse() : runtime.original.handle_header(self, header);
   }
   const auto link = std::make_shared<TransmitLink>(
       topic, boost::static_pointer_cast<ros::TransportSubscriberLink>(self->shared_from_this()), self->connection_);
   const std::string offer = runtime.expect(
-      link->token(), ifAlive(link, [](const auto& expected, SideChannel channel, const Packet& hello, auto*)
-                             { expected->meet(std::move(channel), hello.values[2] != 0); }));
+      link->token(),
+      ifAlive(link,
+              [topic](const auto& expected, const std::shared_ptr<ProcessPair>& pair, const Packet& hello)
+              {
+                const uint64_t mark = hello.values[2];  // 0: not a bridge
+                if (mark == 0 || mark == topicMark(expected->token(), topic))
+                {
+                  expected->meet(pair, hello);
+                }
+                else
+                {
+                  pair->send(Packet::ended(hello.link, LinkEnd::REFUSED));
+                }
+              }));
   if (offer.empty())
   {
-    return runtime.original.handle_header(self, header);
+    return required ? refuse() : runtime.original.handle_header(self, header);
+  }
+  if (required)
+  {
+    link->requireBridge();
   }
   runtime.transmit_links.hold(self->connection_, link, [link](ros::Connection::DropReason) { link->disconnect(); });
   OfferScope scope(offer);

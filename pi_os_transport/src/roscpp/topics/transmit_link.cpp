@@ -3,10 +3,14 @@
 #include <ros/console.h>
 #include <ros/publication.h>
 
+#include <algorithm>
+#include <optional>
+#include <queue>
 #include <utility>
 
 #include <nlohmann/json.hpp>
 
+#include "roscpp/topics/numbered_message.h"
 #include "roscpp/topics/outbox_writer.h"
 #include "roscpp/topics/pooled_message.h"
 
@@ -14,6 +18,9 @@ namespace pi_os_transport
 {
 namespace
 {
+
+/// A bridge carries a new link within this time; then a link that must not use TCPROS says why it waits.
+constexpr std::chrono::seconds BRIDGE_TIME{3};
 
 size_t maxQueue(const ros::TransportSubscriberLink* link)
 {
@@ -31,30 +38,35 @@ bool isLatching(const ros::TransportSubscriberLink* link)
 
 TransmitLink::~TransmitLink()
 {
-  closeChannel();
+  closeRing();
 }
 
-void TransmitLink::meet(SideChannel channel, bool bridge)
+void TransmitLink::meet(const std::shared_ptr<ProcessPair>& pair, const Packet& hello)
 {
+  const bool bridge = hello.values[2] != 0;
+  bool has_subscriber = false;
   {
     std::lock_guard<std::recursive_mutex> lock(mutex_);
-    if (ring_ && !(bridge && bridged_))
-    {
-      return;  // the link has its subscriber already
-    }
+    has_subscriber = ring_ && !(bridge && bridged_);
   }
-  closeChannel();  // the channel of a replaced bridge
+  if (has_subscriber || !pair->addSender(hello.link, shared_from_this()))
+  {
+    pair->send(Packet::ended(hello.link, LinkEnd::REFUSED));
+    return;
+  }
+  closeRing();  // that of a replaced bridge
   Runtime& runtime = Runtime::instance();
-  auto ring = std::make_unique<RingSender>(&runtime.pool(), runtime.poolToken(), runtime.leaseBudget());
+  auto ring = std::make_unique<RingSender>(&runtime.pool(), runtime.leaseBudget());
   std::string error;
-  if (!ring->open(std::move(channel), &error))
+  if (!ring->open(pair, hello.link, &error))
   {
     if (!error.empty())
     {
       fallback_ = Fallback::NO_MEMORY;
-      ROS_WARN("pi_os_transport: no shared memory for a subscriber of %s (%s); this link stays on TCPROS",
-               topic_.c_str(), error.c_str());
+      runtime.warnOfShortage("no shared memory for a subscriber of " + topic_ + ": " + error);
     }
+    pair->removeSender(hello.link, this);
+    pair->send(Packet::ended(hello.link, LinkEnd::REFUSED));
     return;
   }
   std::lock_guard<std::recursive_mutex> lock(mutex_);
@@ -62,63 +74,62 @@ void TransmitLink::meet(SideChannel channel, bool bridge)
   bridged_ = bridge;
   overflow_.forgetAnnouncement();
   runtime.addChannel(shared_from_this());
-  runtime.watch(ring_->channel().fd(), [self = shared_from_this()](int) { self->onSocket(); });
 }
 
-void TransmitLink::onSocket()
+void TransmitLink::onPacket(const Packet& packet, SideChannel::Descriptors*)
 {
-  for (;;)
   {
-    Packet packet;
-    SideChannel::Descriptors descriptors;
-    std::unique_lock<std::recursive_mutex> lock(mutex_);
-    if (!ring_)
+    std::lock_guard<std::recursive_mutex> lock(mutex_);
+    if (!ring_ || packet.link != (ring_->link() | Packet::TO_SENDER))
     {
-      return;
+      return;  // about an earlier ring of this link
     }
-    const SideChannel::Receive received = ring_->channel().receive(&packet, &descriptors);
-    if (received == SideChannel::Receive::NOTHING)
-    {
-      return;
-    }
-    if (received == SideChannel::Receive::PACKET && packet.type == Packet::SPACE && active())
+    if (packet.type == Packet::SPACE && active())
     {
       overflow_.forgetAnnouncement();
       if (const ros::TransportSubscriberLinkPtr link = link_.lock())
       {
-        flushOverflow(maxQueue(link.get()));
+        overflow_.flush(ring_.get(), maxQueue(link.get()));
       }
-      continue;
+      return;
     }
-    if (received == SideChannel::Receive::PACKET && ring_->isProof(packet))
+    if (ring_->isProof(packet))
     {
-      if (bridged_)
-      {
-        startBridged();
-      }
-      else
-      {
-        setActive(!ended_);
-      }
-      continue;
+      bridged_ ? startBridged() : setActive(!ended_);
+      return;
     }
-    lock.unlock();
-    if (received == SideChannel::Receive::CLOSED)
-    {
-      onPeerGone();
-    }
-    else
-    {
-      closeChannel();
-    }
+  }
+  if (packet.type == Packet::DECLINED)
+  {
+    onDeclined();
     return;
+  }
+  closeRing();
+}
+
+void TransmitLink::onDeclined()
+{
+  ros::TransportSubscriberLinkPtr to_write;
+  {
+    std::lock_guard<std::recursive_mutex> lock(mutex_);
+    fallback_ = Fallback::NO_MEMORY;
+    if (active())
+    {
+      to_write = link_.lock();
+      returnToTcp();
+      setActive(false);
+    }
+  }
+  if (to_write)
+  {
+    to_write->startMessageWrite(false);
   }
 }
 
-void TransmitLink::onPeerGone()
+void TransmitLink::onPairEnded()
 {
   const bool bridged = bridged_;
-  closeChannel();
+  closeRing();
   if (!bridged)
   {
     dropIfSilent(connection_.lock());
@@ -134,18 +145,18 @@ void TransmitLink::disconnect()
   overflow_.clear();
   if (bridged_ && ring_)
   {
-    ring_->channel().send(Packet::ended(LinkEnd::CLOSED));
+    ring_->tell(Packet::ENDED, static_cast<uint64_t>(LinkEnd::CLOSED));
   }
 }
 
-void TransmitLink::closeChannel()
+void TransmitLink::closeRing()
 {
   Runtime& runtime = Runtime::instance();
   if (!runtime.active())
   {
     return;
   }
-  // Keeps this object alive: the watcher and the set of channels may hold the last references. Null if called by the
+  // Keeps this object alive: the pair and the set of channels may hold the last references. Null if called by the
   // destructor, when nothing is left to do.
   const std::shared_ptr<TransmitLink> self = weak_from_this().lock();
   ros::TransportSubscriberLinkPtr to_write;
@@ -156,15 +167,12 @@ void TransmitLink::closeChannel()
       setActive(false);
       return;
     }
-    runtime.unwatch(ring_->channel().fd());
-    if (bridged_ && !ended_)
+    ring_->pair().removeSender(ring_->link(), this);
+    ring_->tell(Packet::ENDED, static_cast<uint64_t>(ended_ ? LinkEnd::CLOSED : LinkEnd::BACK_TO_TCP));
+    if (bridged_ && !ended_ && active())
     {
-      ring_->channel().send(Packet::ended(LinkEnd::BACK_TO_TCP));
-      if (active())
-      {
-        to_write = link_.lock();
-        returnToTcp();
-      }
+      to_write = link_.lock();
+      returnToTcp();
     }
     setActive(false);
     ring_->collect();
@@ -195,8 +203,9 @@ void TransmitLink::setActive(bool active)
 void TransmitLink::pushToTcp(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message,
                              size_t max_queue)
 {
-  // Like TransportSubscriberLink::enqueueMessage, with outbox_mutex_ held.
-  if (max_queue > 0 && link->outbox_.size() >= max_queue)
+  // Like TransportSubscriberLink::enqueueMessage, with outbox_mutex_ held. The queue is not what a bridge has left.
+  returned_ = std::min(returned_, link->outbox_.size());
+  if (max_queue > 0 && link->outbox_.size() - returned_ >= max_queue)
   {
     link->outbox_.pop();
     link->queue_full_ = true;
@@ -223,20 +232,17 @@ void TransmitLink::startBridged()
     boost::mutex::scoped_lock outbox_lock(link->outbox_mutex_);
     for (; !link->outbox_.empty(); link->outbox_.pop())
     {
-      overflow_.push(link->outbox_.front(), 0, 0);
+      ros::SerializedMessage message = link->outbox_.front();
+      const std::optional<uint32_t> number = takeNumber(token_, LENGTH_PREFIX, &message);
+      overflow_.push(message, 0, number ? *number : ++last_number_, 0, ring_.get());
       --tcp_pushed_;
     }
   }
   if (ring_->pushStart(max_queue, isLatching(link.get()), tcp_pushed_ - tcp_dropped_))
   {
     setActive(true);
-    flushOverflow(max_queue);
+    overflow_.flush(ring_.get(), max_queue);
   }
-}
-
-bool TransmitLink::flushOverflow(size_t max_queue)
-{
-  return overflow_.flush(ring_.get(), max_queue, tcp_pushed_ - tcp_dropped_);
 }
 
 void TransmitLink::returnToTcp()
@@ -246,33 +252,105 @@ void TransmitLink::returnToTcp()
   {
     return;
   }
-  const size_t max_queue = maxQueue(link.get());
-  boost::mutex::scoped_lock outbox_lock(link->outbox_mutex_);
-  // The newest message of a latched topic must arrive, even if it arrives twice.
-  const RingSender::Message newest = isLatching(link.get()) ? ring_->takeBackNewest() : RingSender::Message{};
-  if (newest.buffer != nullptr)
+  if (bridged_ && requires_bridge_)
   {
-    pushToTcp(link.get(), pooledMessage(newest), max_queue);
+    keepForNextBridge();
   }
+  else if (bridged_)
+  {
+    returnNumbered(link.get());
+  }
+  else
+  {
+    returnUntaken(link.get());
+  }
+}
+
+/// Of a subscriber that takes no more from the ring.
+void TransmitLink::returnUntaken(ros::TransportSubscriberLink* link)
+{
+  const size_t max_queue = maxQueue(link);
+  boost::mutex::scoped_lock outbox_lock(link->outbox_mutex_);
+  std::queue<ros::SerializedMessage> newer;  // found the ring full
+  newer.swap(link->outbox_);
   for (const RingSender::Message& message : ring_->takeBack())
   {
-    pushToTcp(link.get(), pooledMessage(message), max_queue);
+    pushToTcp(link, pooledMessage(message), max_queue);
   }
-  overflow_.takeAll([&](const ros::SerializedMessage& message) { pushToTcp(link.get(), message, max_queue); });
+  for (; !newer.empty(); newer.pop())
+  {
+    pushToTcp(link, newer.front(), max_queue);
+    --tcp_pushed_;  // has been counted
+  }
+}
+
+/// Of a bridge that has ended: the subscriber leaves out what it has.
+void TransmitLink::returnNumbered(ros::TransportSubscriberLink* link)
+{
+  const auto push = [&](uint32_t number, const uint8_t* bytes, size_t length)
+  { pushToTcp(link, numberedMessage(token_, number, bytes, length), 0); };
+  const std::vector<RingSender::Message> untaken = ring_->takeBack();
+  const std::vector<RingSender::Message> taken = ring_->takeBackTaken();
+  boost::mutex::scoped_lock outbox_lock(link->outbox_mutex_);
+  for (const std::vector<RingSender::Message>* messages : {&taken, &untaken})
+  {
+    for (const RingSender::Message& message : *messages)
+    {
+      push(message.after_tcp, message.buffer + LENGTH_PREFIX, message.length);
+      Runtime::instance().pool().release(message.buffer);
+    }
+  }
+  overflow_.takeAll([&](const ros::SerializedMessage& message, uint32_t number)
+                    { push(number, message.buf.get() + LENGTH_PREFIX, message.num_bytes - LENGTH_PREFIX); });
+  returned_ = link->outbox_.size();
+}
+
+/// The same on a link that must not use TCPROS.
+void TransmitLink::keepForNextBridge()
+{
+  OverflowQueue later;
+  later.takeOver(&overflow_);
+  const std::vector<RingSender::Message> untaken = ring_->takeBack();
+  const std::vector<RingSender::Message> taken = ring_->takeBackTaken();
+  for (const std::vector<RingSender::Message>* messages : {&taken, &untaken})
+  {
+    for (const RingSender::Message& message : *messages)
+    {
+      overflow_.push(pooledMessage(message), 0, message.after_tcp, 0, nullptr);
+    }
+  }
+  later.takeAll([&](const ros::SerializedMessage& message, uint32_t number)
+                { overflow_.push(message, 0, number, 0, nullptr); });
+}
+
+/// Keeps a message for the bridge that is required. With mutex_ held.
+void TransmitLink::hold(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message, uint64_t serial,
+                        size_t max_queue)
+{
+  dropped_before_ += overflow_.push(message, serial, ++last_number_, max_queue, nullptr) ? 1 : 0;
+  if (std::chrono::steady_clock::now() - born_ > BRIDGE_TIME && !std::exchange(hold_warned_, true))
+  {
+    ROS_WARN(
+        "pi_os_transport: %s waits for a bridge to %s, because PI_OS_REQUIRE_BRIDGE is set: start pi_os_bridge on "
+        "both devices and look at its messages, or unset the variable here to send over TCPROS, unprotected",
+        topic_.c_str(), link->getDestinationCallerID().c_str());
+  }
 }
 
 void TransmitLink::warnOfPool(ros::TransportSubscriberLink* link, size_t bytes)
 {
   Runtime& runtime = Runtime::instance();
-  ROS_WARN(
-      "pi_os_transport: no shared memory for a message of %zu bytes on %s: %s. Such messages to %s go over TCPROS; "
-      "raise PI_OS_POOL_LIMIT_MB (now %llu) or the limits of this process",
-      bytes, topic_.c_str(), runtime.pool().lastError().c_str(), link->getDestinationCallerID().c_str(),
-      static_cast<unsigned long long>(runtime.options.pool_limit_mb));
+  if (runtime.warnedOfShortage())
+  {
+    return;
+  }
+  runtime.warnOfShortage("no shared memory for a message of " + std::to_string(bytes) + " bytes on " + topic_ + " to " +
+                         link->getDestinationCallerID() + ": " + runtime.pool().lastError() +
+                         "; PI_OS_POOL_LIMIT_MB is " + std::to_string(runtime.options.pool_limit_mb));
 }
 
 /// Writes a message to the ring, or else puts it into the outbox for TCPROS. With mutex_ held.
-/// @param pool_full  set at the first message that finds the pool full. @return true if it is in the ring
+/// @param pool_full  set if the message finds the pool full. @return true if it is in the ring
 bool TransmitLink::pushOrQueue(ros::TransportSubscriberLink* link, const ros::SerializedMessage& message,
                                uint64_t serial, size_t max_queue, bool* pool_full)
 {
@@ -301,7 +379,7 @@ bool TransmitLink::pushOrQueue(ros::TransportSubscriberLink* link, const ros::Se
   else if (wanted)
   {
     ++pool_full_;
-    *pool_full = !std::exchange(pool_warned_, true);
+    *pool_full = true;
   }
   pushToTcp(link, messageToQueue(message, link->outbox_.size()), max_queue);
   return false;
@@ -317,13 +395,18 @@ void TransmitLink::enqueue(ros::TransportSubscriberLink* link, const ros::Serial
     if (active() && bridged_)
     {
       by_ring = true;
-      dropped_before_ += overflow_.push(message, serial, max_queue) ? 1 : 0;
-      if (!flushOverflow(max_queue))
+      dropped_before_ += overflow_.push(message, serial, ++last_number_, max_queue, ring_.get()) ? 1 : 0;
+      if (!overflow_.flush(ring_.get(), max_queue))
       {
         lock.unlock();
         warnOfPool(link, message.num_bytes);
-        closeChannel();
+        closeRing();
       }
+    }
+    else if (requires_bridge_)
+    {
+      by_ring = true;
+      hold(link, message, serial, max_queue);
     }
     else
     {

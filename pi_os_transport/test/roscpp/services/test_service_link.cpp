@@ -93,10 +93,9 @@ struct ServiceConnection
     runtime.service_responders.insert(server.get(), responder);
     server->addDropListener([responder = responder](const ros::ConnectionPtr&, ros::Connection::DropReason)
                             { responder->disconnect(); });
-    const std::string offer =
-        runtime.expect(responder->token(),
-                       [responder = responder](SideChannel channel, const Packet&, SideChannel::Descriptors* descriptors)
-                       { responder->meet(std::move(channel), SideChannel(std::move(descriptors->front()))); });
+    const std::string offer = runtime.expect(
+        responder->token(), [responder = responder](const std::shared_ptr<ProcessPair>& pair, const Packet& hello)
+        { responder->meet(pair, hello); });
     caller = std::make_shared<ServiceCaller>("/service", client, ServiceCaller::Use::PERSISTENT);
     client->addDropListener(
         [caller = caller, link = server_link](const ros::ConnectionPtr&, ros::Connection::DropReason)

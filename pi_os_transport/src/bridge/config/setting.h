@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "bridge/bridge_config.h"
+#include "bridge/config/bridge_config.h"
 #include "text_parsing.h"
 
 namespace pi_os_transport
@@ -50,5 +50,6 @@ Endpoint parseListen(const Setting& setting);
 /// ADDRESS[:PORT] of a device; a host name is resolved.
 Endpoint parseReachable(const Setting& setting, uint16_t default_port);
 CIDR parseCIDR(const Setting& setting);
+std::string parseMasterUri(const Setting& setting);
 
 }  // namespace pi_os_transport

@@ -1,4 +1,4 @@
-#include "bridge/setting.h"
+#include "bridge/config/setting.h"
 
 #include <ifaddrs.h>
 #include <net/if.h>
@@ -7,6 +7,7 @@
 #include <cctype>
 #include <memory>
 
+#include "master/network_address.h"
 #include "wire/ipv4.h"
 
 namespace pi_os_transport
@@ -164,6 +165,22 @@ CIDR parseCIDR(const Setting& setting)
   }
   range.network &= range.prefix == 0 ? 0 : ~uint32_t{0} << (32 - range.prefix);
   return range;
+}
+
+std::string parseMasterUri(const Setting& setting)
+{
+  try
+  {
+    if (!setting.value.empty())
+    {
+      parseHttpUri(setting.value);
+    }
+  }
+  catch (const std::invalid_argument&)
+  {
+    setting.refuse("the URI of a ROS master like http://192.168.1.10:11311, or \"\" for ROS_MASTER_URI");
+  }
+  return setting.value;
 }
 
 }  // namespace pi_os_transport

@@ -8,7 +8,7 @@
 
 #include <yaml-cpp/yaml.h>
 
-#include "bridge/setting.h"
+#include "bridge/config/setting.h"
 
 namespace pi_os_transport
 {

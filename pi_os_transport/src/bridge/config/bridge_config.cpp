@@ -1,4 +1,4 @@
-#include "bridge/bridge_config.h"
+#include "bridge/config/bridge_config.h"
 
 #include <fnmatch.h>
 #include <unistd.h>
@@ -11,9 +11,10 @@
 #include <stdexcept>
 #include <utility>
 
-#include "bridge/config_file.h"
-#include "bridge/setting.h"
+#include "bridge/config/config_file.h"
+#include "bridge/config/setting.h"
 #include "wire/ipv4.h"
+#include "wire/tls_keys.h"
 
 namespace pi_os_transport
 {
@@ -22,6 +23,8 @@ namespace
 
 constexpr uint64_t MAX_POOL_MB = 65536;
 constexpr uint32_t MAX_MESSAGE_MB = 1024;
+constexpr int MOST_NICE = -20;  ///< in the words of nice(1): the most favourable
+constexpr int LEAST_NICE = 19;
 constexpr int JPEG_QUALITY = 80;
 constexpr int PNG_LEVEL = 3;
 
@@ -83,6 +86,29 @@ TopicOptions readTopic(const ConfigFile& file, const YAML::Node& node, const std
   return topic;
 }
 
+TrustOptions readTrust(const ConfigFile& file, const YAML::Node& node, const std::string& prefix)
+{
+  TrustOptions trust;
+  file.readMap(
+      node, prefix,
+      {{"name", [&](const YAML::Node& value, const std::string& key) { trust.name = file.scalar(value, key).value; }},
+       {"allow",
+        [&](const YAML::Node& value, const std::string& key) { trust.allow = parseSwitch(file.scalar(value, key)); }},
+       {"topics", [&](const YAML::Node& value, const std::string& key)
+        {
+          for (const Setting& pattern : file.list(value, key))
+          {
+            trust.topics.push_back(pattern.value);
+          }
+        }}});
+  if (trust.name.empty())
+  {
+    throw std::runtime_error(file.place(node, prefix) +
+                             ".name is missing, must be a shell pattern of device names like \"edge*\"");
+  }
+  return trust;
+}
+
 using Settings = std::vector<Setting>;
 
 /// An option of the file, of the command line, or of both.
@@ -115,6 +141,28 @@ Option list(const char* key, const char* flag, std::vector<Element> BridgeConfig
 
 void readFile(const std::string& path, BridgeConfig* config);
 
+/// [NAME@]ADDRESS[:PORT]
+void readPeers(const Settings& given, BridgeConfig* config)
+{
+  config->peers.clear();
+  config->peer_names.clear();
+  for (const Setting& setting : given)
+  {
+    const size_t at = setting.value.find('@');
+    const std::string name = at != std::string::npos ? setting.value.substr(0, at) : std::string();
+    if (at != std::string::npos && !isIdentity(name))
+    {
+      setting.refuse("[NAME@]ADDRESS[:PORT], where NAME is that of a certificate: letters, digits, '.', '_' or '-'");
+    }
+    const size_t address = at != std::string::npos ? at + 1 : 0;
+    config->peers.push_back(parseReachable({setting.place, setting.value.substr(address)}, BRIDGE_PORT));
+    if (!name.empty())
+    {
+      config->peer_names[config->peers.back()] = name;
+    }
+  }
+}
+
 /// The file comes first: the others win over it.
 const std::vector<Option>& options()
 {
@@ -125,14 +173,21 @@ const std::vector<Option>& options()
       list("listen", "--listen", &BridgeConfig::listen, parseListen),
       single("advertise", "--advertise", &BridgeConfig::advertise,
              [](const Setting& setting) { return setting.value.empty() ? Endpoint{} : parseReachable(setting, 0); }),
-      list("peers", "--peer", &BridgeConfig::peers,
-           [](const Setting& setting) { return parseReachable(setting, BRIDGE_PORT); }),
+      {"peers", "--peer", true, readPeers},
       list("allow", "--allow", &BridgeConfig::allow, parseCIDR),
+      single("master", "--master", &BridgeConfig::master, parseMasterUri),
+      single("secure", "--secure", &BridgeConfig::secure,
+             [](const Setting& setting) {
+               return parseChoice(setting, {"off", "tls"}, "off or tls");
+             }),
+      single("keys", "--keys", &BridgeConfig::keys, [](const Setting& setting) { return setting.value; }),
       single("wire", "--wire", &BridgeConfig::wire,
              [](const Setting& setting) {
                return parseChoice(setting, {"sp", "nanomsg"}, "sp or nanomsg");
              }),
       single("socket", "--socket", &BridgeConfig::socket, parseSocketName),
+      single("nice", "--nice", &BridgeConfig::nice,
+             [](const Setting& setting) { return parseWhole(setting, MOST_NICE, LEAST_NICE); }),
       single("pool_limit_mb", "", &BridgeConfig::pool_limit_mb,
              [](const Setting& setting) { return parseWhole<uint64_t>(setting, 1, MAX_POOL_MB); }),
       single("max_message_mb", "", &BridgeConfig::max_message_mb,
@@ -170,7 +225,30 @@ void readFile(const std::string& path, BridgeConfig* config)
       config->topics.push_back(readTopic(file, item, key + "[" + std::to_string(config->topics.size()) + "]"));
     }
   };
+  readers["trust"] = [&](const YAML::Node& value, const std::string& key)
+  {
+    for (const YAML::Node& item : file.items(value, key))
+    {
+      config->trust.push_back(readTrust(file, item, key + "[" + std::to_string(config->trust.size()) + "]"));
+    }
+  };
   file.readMap(document, "", readers);
+}
+
+/// Options that are valid alone and not together.
+void requireAgreement(const BridgeConfig& config)
+{
+  if (config.isSecure() && config.wire != "sp")
+  {
+    throw std::runtime_error("secure = \"tls\" with wire = \"" + config.wire +
+                             "\": libnanomsg cannot encrypt, wire must be sp");
+  }
+  if (!config.isSecure() && !(config.trust.empty() && config.peer_names.empty()))
+  {
+    throw std::runtime_error(
+        "trust, and a NAME@ in peers, with secure = \"off\": names are proved by keys, secure must "
+        "be tls");
+  }
 }
 
 }  // namespace
@@ -194,6 +272,24 @@ const TopicOptions& BridgeConfig::topic(const std::string& full_name) const
   return found != topics.end() ? *found : DEFAULTS;
 }
 
+const TrustOptions* BridgeConfig::trustOf(const std::string& identity) const
+{
+  const auto found = std::find_if(trust.begin(), trust.end(),
+                                  [&identity](const TrustOptions& options)
+                                  { return fnmatch(options.name.c_str(), identity.c_str(), 0) == 0; });
+  return found != trust.end() ? &*found : nullptr;
+}
+
+bool BridgeConfig::trusts(const std::string& identity, const std::string& full_name) const
+{
+  const TrustOptions* const options = trustOf(identity);
+  return !isSecure() || trust.empty() ||
+         (options != nullptr && options->allow &&
+          (options->topics.empty() || std::any_of(options->topics.begin(), options->topics.end(),
+                                                  [&full_name](const std::string& pattern)
+                                                  { return fnmatch(pattern.c_str(), full_name.c_str(), 0) == 0; })));
+}
+
 bool BridgeConfig::allows(const std::string& address) const
 {
   if (allow.empty())
@@ -214,11 +310,19 @@ std::string bridgeUsage()
          "  --name NAME                 of this device, for people (default: its host name)\n"
          "  --listen ADDRESS[:PORT]     IPv4 address or interface; repeatable (default: 0.0.0.0:8814)\n"
          "  --advertise ADDRESS[:PORT]  where others reach this bridge, if that is not where it listens (tunnels)\n"
-         "  --peer ADDRESS[:PORT]       bridge to connect to from the start; repeatable (others: when a node needs "
-         "one)\n"
-         "  --allow CIDR                who may connect, like 192.168.1.0/24; repeatable (default: everyone)\n"
+         "  --peer [NAME@]ADDRESS[:PORT]  bridge to connect to from the start, with the name in its certificate; "
+         "repeatable\n"
+         "                              (others: when a node needs one)\n"
+         "  --allow CIDR                who may connect, like 192.168.1.0/24; repeatable (default: peers, and devices "
+         "whose\n"
+         "                              nodes the ROS master knows)\n"
+         "  --master URI                of the ROS master (default: ROS_MASTER_URI, else http://localhost:11311)\n"
+         "  --secure off|tls            tls: only protected connections, both ends prove who they are (default: off)\n"
+         "  --keys FOLDER               keys of this device, see pi_os keys (default: ~/.config/pi_os/keys)\n"
          "  --wire sp|nanomsg           sockets of its own or libnanomsg; both understand each other (default: sp)\n"
          "  --socket NAME               nodes with PI_OS_BRIDGE=NAME use this bridge (default: default)\n"
+         "  --nice NUMBER               -20 to 19: below 0, it runs before programs that use the same cores (default: "
+         "0)\n"
          "  --help                      this text\n"
          "\n"
          "Arguments like __name:=x are roslaunch's and ignored. SIGTERM and SIGINT end it.\n"
@@ -264,6 +368,7 @@ std::optional<BridgeConfig> loadBridgeConfig(int argc, const char* const* argv)
   {
     option->apply(given, &config);
   }
+  requireAgreement(config);
   return config;
 }
 

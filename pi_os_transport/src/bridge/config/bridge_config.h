@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -31,6 +32,14 @@ struct TopicOptions
   bool forward = true;         ///< false: these topics stay on TCPROS between devices
 };
 
+/// What a device may exchange with this one, by the name in its certificate or the id of its shared key.
+struct TrustOptions
+{
+  std::string name;                 ///< shell pattern
+  bool allow = true;                ///< false: refused, as one whose key was stolen
+  std::vector<std::string> topics;  ///< shell patterns of full names of topics and services; empty: all
+};
+
 /// A range of IPv4 addresses.
 struct CIDR
 {
@@ -46,19 +55,30 @@ struct BridgeConfig
 {
   std::string name;                                        ///< of this device, for display; default: its host name
   std::vector<Endpoint> listen{{"0.0.0.0", BRIDGE_PORT}};  ///< port 0: any free one
-  Endpoint advertise;              ///< where peers reach this bridge; empty address: found from the route to each peer;
-                                   ///< port 0: that of `listen`
-  std::vector<Endpoint> peers;     ///< connected to from the start, numeric
-  std::vector<CIDR> allow;         ///< who may connect; empty: everyone
-  std::string wire = "sp";         ///< "sp": own sockets; "nanomsg": libnanomsg
-  std::string socket = "default";  ///< nodes find the bridge by this name, see PI_OS_BRIDGE
-  uint64_t pool_limit_mb = 512;    ///< most shared memory for incoming messages [MiB], 1 .. 65536
-  uint32_t max_message_mb = 256;   ///< larger messages stay on TCPROS and are refused from peers [MiB], 1 .. 1024
+  Endpoint advertise;           ///< where peers reach this bridge; empty address: found from the route to each peer;
+                                ///< port 0: that of `listen`
+  std::vector<Endpoint> peers;  ///< connected to from the start, numeric
+  std::map<Endpoint, std::string> peer_names;  ///< of those that must have a certain name
+  std::vector<CIDR> allow;           ///< who may connect; empty: peers, and devices with nodes in the ROS graph
+  std::string master;                ///< URI of the ROS master; empty: ROS_MASTER_URI, else roscore on this device
+  std::string secure = "off";        ///< "off", or "tls": only protected connections
+  std::string keys;                  ///< folder of this device's keys; empty: ~/.config/pi_os/keys
+  std::vector<TrustOptions> trust;   ///< the first one that matches applies; empty: all that prove an identity
+  std::string wire = "sp";           ///< "sp": own sockets; "nanomsg": libnanomsg
+  std::string socket = "default";    ///< nodes find the bridge by this name, see PI_OS_BRIDGE
+  int nice = 0;                      ///< scheduling weight of the bridge, -20 (most) .. 19
+  uint64_t pool_limit_mb = 512;      ///< most shared memory for incoming messages [MiB], 1 .. 65536
+  uint32_t max_message_mb = 256;     ///< larger messages stay on TCPROS and are refused from peers [MiB], 1 .. 1024
   std::vector<TopicOptions> topics;  ///< the first one that matches applies
 
   /// Options of a topic, by its full name; the defaults if no pattern matches.
   const TopicOptions& topic(const std::string& full_name) const;
-  /// True if a machine may connect. Only numeric IPv4 addresses are compared; without `allow` every machine may.
+  bool isSecure() const { return secure != "off"; }
+  /// Null if no entry of `trust` matches.
+  const TrustOptions* trustOf(const std::string& identity) const;
+  /// True if a topic or service may be exchanged with a device that may connect.
+  bool trusts(const std::string& identity, const std::string& full_name) const;
+  /// False if `allow` keeps a machine out. Only numeric IPv4 addresses are compared. Without `allow`, RosGraph decides.
   bool allows(const std::string& address) const;
 };
 

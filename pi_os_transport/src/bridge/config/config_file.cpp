@@ -1,4 +1,4 @@
-#include "bridge/config_file.h"
+#include "bridge/config/config_file.h"
 
 #include <cerrno>
 #include <cstring>
