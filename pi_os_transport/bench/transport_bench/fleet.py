@@ -1,6 +1,5 @@
 """A whole vehicle's graph: many nodes, each with many topics, in processes of their own."""
 
-import contextlib
 import dataclasses
 import os
 import queue
@@ -8,7 +7,7 @@ import random
 import time
 
 from .modes import BenchError, environment
-from .nodes import Node, describe_status
+from .nodes import Node, describe_status, kill_all, quit_all
 
 START_DEADLINE_S = 120.0
 ANSWER_DEADLINE_S = 60.0
@@ -184,16 +183,8 @@ class Fleet:
     def close(self):
         """@return how long all nodes took to end [s]"""
         begin = time.monotonic()
-        try:
-            for node in self.nodes:
-                node.tell('quit')
-            for node in self.nodes:
-                node.quit()
-        finally:
-            self.abandon()
+        quit_all(self.nodes)
         return time.monotonic() - begin
 
     def abandon(self):
-        for node in self.nodes:
-            with contextlib.suppress(OSError):
-                node.kill()
+        kill_all(self.nodes)

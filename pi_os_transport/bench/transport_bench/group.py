@@ -6,7 +6,7 @@ import queue
 import time
 
 from .modes import BenchError, environment, format_size
-from .nodes import CONNECT_DEADLINE_S, Node, describe_status
+from .nodes import CONNECT_DEADLINE_S, Node, describe_status, kill_all, quit_all
 
 ANSWER_DEADLINE_S = 30.0  # beyond the time that the traffic itself takes
 
@@ -166,17 +166,10 @@ class Group:
         return [f'{node.name}: {text.strip()}' for node in self.nodes for text in [node.error_output()] if text.strip()]
 
     def close(self):
-        try:
-            for node in self.nodes:
-                node.tell('quit')
-            for node in self.nodes:
-                node.quit()
-        finally:
-            self.abandon()
+        quit_all(self.nodes)
 
     def abandon(self):
-        for node in self.nodes:
-            node.kill()
+        kill_all(self.nodes)
 
     def __enter__(self):
         return self

@@ -165,6 +165,22 @@ class Node:
             self.process.wait()
 
 
+def quit_all(nodes):
+    """Lets nodes end, together; kills those that do not."""
+    try:
+        for node in nodes:
+            node.tell('quit')
+        for node in nodes:
+            node.quit()
+    finally:
+        kill_all(nodes)
+
+
+def kill_all(nodes):
+    for node in nodes:
+        node.kill()
+
+
 def describe_status(code):
     return f'signal {signal.Signals(-code).name}' if code < 0 else f'status {code}'
 
