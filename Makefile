@@ -65,7 +65,9 @@ $(BUILD)/.configured: Makefile dependencies.txt | dependencies
 
 .PHONY: compile
 compile: $(BUILD)/.configured
-	@cmake --build $(BUILD) --parallel $(JOBS)
+	@# catkin's checks of messages always run: without anything to build they are not shown.
+	@quiet=$$(ninja -C $(BUILD) -n | grep -qE '(Building|Linking|Generating|Creating) ' || echo --quiet); \
+	cmake --build $(BUILD) --parallel $(JOBS) -- $$quiet
 
 .PHONY: build
 build: compile
@@ -89,7 +91,7 @@ soak: check
 
 .PHONY: demo
 demo: build
-	@. $(INSTALL)/setup.sh && exec rosrun pi_bringup drive_campus --beside-tcpros $(ARGS)
+	@. $(INSTALL)/setup.sh && exec rosrun pi_bringup drive_campus --demo $(ARGS)
 
 .PHONY: demo-recording
 demo-recording: build

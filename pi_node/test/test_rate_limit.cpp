@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 #include <pi_node/rate_limit.h>
 
+#include <cstdint>
 #include <vector>
 
 namespace pi_node
@@ -8,17 +9,22 @@ namespace pi_node
 namespace
 {
 
-using std::chrono::milliseconds;
+constexpr int64_t BEGIN_NS = 7000000000;
+
+int64_t milliseconds(int ms)
+{
+  return int64_t{1000000} * ms;
+}
 
 int taken(double limit_hz, int period_ms, int count, const std::vector<int>& jitter_ms)
 {
   RateLimit limit(limit_hz);
-  const RateLimit::Clock::time_point begin = RateLimit::Clock::now();
   int result = 0;
   for (int i = 0; i < count; ++i)
   {
-    result +=
-        limit.take(begin + milliseconds(i * period_ms + jitter_ms[static_cast<size_t>(i) % jitter_ms.size()])) ? 1 : 0;
+    result += limit.take(BEGIN_NS + milliseconds(i * period_ms + jitter_ms[static_cast<size_t>(i) % jitter_ms.size()]))
+                  ? 1
+                  : 0;
   }
   return result;
 }
@@ -42,14 +48,22 @@ TEST(RateLimit, TakesAllThatIsSlowerAndAllWithoutALimit)
   EXPECT_EQ(100, taken(0.0, 1, 100, {0}));
 }
 
+TEST(RateLimit, BeginsAnewWhenTimeWentBack)
+{
+  RateLimit limit(10.0);
+  EXPECT_TRUE(limit.take(BEGIN_NS));
+  EXPECT_TRUE(limit.take(BEGIN_NS - milliseconds(5000)));
+  EXPECT_FALSE(limit.take(BEGIN_NS - milliseconds(4950)));
+  EXPECT_TRUE(limit.take(BEGIN_NS - milliseconds(4900)));
+}
+
 TEST(RateLimit, DoesNotMakeUpForAPause)
 {
   RateLimit limit(10.0);
-  const RateLimit::Clock::time_point begin = RateLimit::Clock::now();
-  EXPECT_TRUE(limit.take(begin));
-  EXPECT_TRUE(limit.take(begin + milliseconds(5000)));
-  EXPECT_FALSE(limit.take(begin + milliseconds(5050)));
-  EXPECT_TRUE(limit.take(begin + milliseconds(5100)));
+  EXPECT_TRUE(limit.take(BEGIN_NS));
+  EXPECT_TRUE(limit.take(BEGIN_NS + milliseconds(5000)));
+  EXPECT_FALSE(limit.take(BEGIN_NS + milliseconds(5050)));
+  EXPECT_TRUE(limit.take(BEGIN_NS + milliseconds(5100)));
 }
 
 }  // namespace

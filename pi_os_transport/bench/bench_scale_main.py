@@ -52,7 +52,7 @@ def measure(master, mode, options, library):
         time.sleep(options.seconds)  # the traffic that is measured
         row = {'mode': mode.key, 'start_s': group.start_s, 'memory_begin_mb': memory_begin_mb,
                'cpu': (group.cpu_ns() - cpu_ns) / 1e9 / (time.monotonic() - begin), 'memory_mb': group.memory_mb()}
-        counts = group.descriptors()
+        counts = [sum(kinds.values()) for kinds in group.descriptors()]
         row.update(descriptors=sum(counts), descriptors_most=max(counts), **group.stop())
         row['end_s'] = group.close()
         return row

@@ -53,6 +53,7 @@ class Sweep:
         self.steps = collections.Counter()    # marked step -> how often a victim came across
         self.controls = 0
         self.checked = 0
+        self.spared = 0                       # losses of a bridge that was taken for hung
         self.violations = []
         self.worlds = 0
         self.deadline = time.monotonic() + 60 * options.minutes
@@ -69,6 +70,7 @@ class Sweep:
         world.close()
         with self.lock:
             self.checked += world.checked
+            self.spared += world.spared
 
     def measure(self, kind):
         """How many stops each thread of a victim has."""
@@ -200,6 +202,8 @@ class Sweep:
         self.say('  %6d  marked steps' % (total - calls))
         never = marked_steps(self.preload) - set(self.steps)
         self.say('marked steps that no victim came across: %s' % (', '.join(sorted(never)) or 'none'))
+        if self.spared:
+            self.say('%d times messages were lost because a bridge had stood still and was taken for hung' % self.spared)
         self.say('%d messages checked; %d violations%s'
                  % (self.checked, len(self.violations), '' if self.violations else
                     ': 0 hangs, 0 lost, damaged or out of order between survivors, 0 leftovers'))

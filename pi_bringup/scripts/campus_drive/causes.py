@@ -35,8 +35,8 @@ def actor_in_the_way(states, begin, end):
 
 
 def cause_of(standstill, states, records, faults):
-    """@param standstill  with stamp and seconds. @param states  of the simulator. @param faults  [(begin, end, what)] of what
-    was killed or unplugged. @return text; None: there was none."""
+    """@param standstill  with stamp and seconds. @param states  of the simulator.
+    @param faults  [(begin, end, what)] of what was killed or unplugged. @return text; None: there was none."""
     begin, end = standstill["stamp"] - BEFORE_S, standstill["stamp"] + standstill["seconds"]
     earlier = [state for state in records.command_states if state["arrival"] < begin][-1:]
     meanwhile = [state for state in records.command_states if begin <= state["arrival"] <= end]
@@ -51,6 +51,19 @@ def cause_of(standstill, states, records, faults):
     return actor_in_the_way(states, begin, end)
 
 
+def scripted(commands):
+    """[(begin, end, what)] of the scenario's faults. @param commands  of the simulator's log; by hand: left out"""
+    faults = [one for one in commands if "restores" in one]
+
+    def end_of(fault):
+        device = fault["line"].split()[0].replace("unplug", "plug")
+        if device == "kill":
+            return fault["stamp"]  # the node is started again; what else has no end stays
+        return min((one["stamp"] for one in faults if one["restores"] and one["stamp"] >= fault["stamp"] and
+                    one["line"].split()[0] == device), default=math.inf)
+    return [(one["stamp"], end_of(one), "fault: " + one["line"]) for one in faults if not one["restores"]]
+
+
 def faults_of(kills, unplugs):
     """In the order of their begins."""
     return sorted([(kill["time"], kill["time"], "%s was killed" % kill["node"]) for kill in kills] +
@@ -58,9 +71,9 @@ def faults_of(kills, unplugs):
                    for entry in unplugs])
 
 
-def add(standstills, states, records, kills, unplugs):
-    """Adds `cause` to each. @return them"""
-    faults = faults_of(kills, unplugs)
+def add(standstills, states, records, kills, unplugs, commands=()):
+    """Adds `cause` to each. @param commands  of the simulator's log. @return them"""
+    faults = faults_of(kills, unplugs) + scripted(commands)
     for one in standstills:
         one["cause"] = cause_of(one, states, records, faults)
     return standstills

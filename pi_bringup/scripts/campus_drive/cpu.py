@@ -6,6 +6,7 @@ from first_drive import measuring
 
 NOT_OF_THE_VEHICLE = {"vehicle_simulator": "simulator", "microphone": "microphone", "rviz": "rviz",
                       "topic_monitor": "measuring", "drive_campus": "measuring",
+                      "player": "recording", "player_recording": "recording", "sensor_recorder": "measuring",
                       "pi_core": "ROS core", "rosmaster": "ROS core", "rosout": "ROS core"}
 
 

@@ -1,8 +1,8 @@
 """One closed-loop drive: from the start of the nodes to their end."""
 
+import contextlib
 import json
 import math
-import os
 import threading
 import time
 import uuid
@@ -12,9 +12,10 @@ from first_drive.errors import DemoError
 from first_drive.processes import log_excerpt
 
 from . import pictures
-from .cpu import CpuAccount
+from .faults import RunnerFaults
 from .kills import Killer
 from .observer import Observer
+from .recording import SensorRecording
 from .speaker import Speaker
 from .unplugs import WORD, Unplugger, sequence
 
@@ -22,13 +23,11 @@ READY_S = 180.0  # software rendering and loading of models on a loaded machine
 FIRST_ODOMETRY = 20
 CHASSIS_READY = (0, 1)  # READY, DRIVING of VehicleState
 AGREEMENT_M = 0.5
-MONITORED = ["/imu/data", "/left/image_raw", "/right/image_raw", "/audio_stamped", "/odometry", "/detections",
-             "/obstacles", "/command", "/motion/navigation", "/motion/reaction", "/motion/command", "/motion",
-             "/vehicle_state", "/power"]
-CPU_PERIOD_S = 0.5
+LOOK_PERIOD_S = 0.5     # for processes of the nodes: those that died have new ones
 SHOT_AT = 0.45          # of the way
 TRACED_TASKS = 75       # of the runtime, the newest: some seconds
 UNPLUG_S = 15.0         # longer, for each device that is unplugged
+REFUSING = ("simulator", "chassis", "arbiter", "navigation")  # what a vehicle that has to refuse needs for it
 
 
 class CampusDrive:
@@ -41,7 +40,6 @@ class CampusDrive:
         self.scenario = scenario
         self.output = output
         self.simulator_log = output / "simulator.jsonl"
-        self.monitor_report = output / "monitor.json"
         self.facts = {}        # of the simulator's topic scenario
         self.readiness = {}    # what: seconds until it was there
         self.result = None     # of the action
@@ -52,19 +50,21 @@ class CampusDrive:
         self.kills = []
         self.unplugs = []
         self.not_unplugged = []  # names of devices
+        self.faults = []       # of the scenario, done by the runner
         self.observer = None
-        self.cpu = None
-        self.began = self.ended = 0.0  # of the way, system's clock
+        self._pids = {}        # node: process
+        self.began = self.ended = 0.0  # of the way, simulated
         self._shot = None      # thread
         self._seen = None      # pictures.SeenAhead
-        self._others = {}      # name: pid of what runs beside the launch
+        self._faults = None    # RunnerFaults
+        self._recording = SensorRecording(output / "sensors.bag", options.record) if options.record else None
 
     # -------------------------------------------------------------------------------------------------------- nodes
 
     def run(self, started, events, screen, edge):
         """@param screen  None: without rviz. @throws DemoError"""
         log = self.output / "log" / "roslaunch.log"
-        for old in (self.simulator_log, self.monitor_report, log):
+        for old in (self.simulator_log, log, *self.output.glob("*.png")):
             old.unlink(missing_ok=True)
         options = self.options
         arguments = {
@@ -72,55 +72,38 @@ class CampusDrive:
             "log": self.simulator_log, "preload": options.preload or "", "together": options.together,
             "offload": bool(edge), "edge_nodes": edge.map_file if edge else "", "rviz": False,
             "trace_capacity": TRACED_TASKS if options.together else 0, "frame_rate": options.frame_rate,
-            "output": "screen"}
+            "output": "screen", **self._background()}
         print("  starting the nodes")
         launch = started.launch(["pi_bringup", "simulation.launch"] +
                                 ["%s:=%s" % (key, str(value).lower() if isinstance(value, bool) else value)
                                  for key, value in arguments.items()], log)
-        monitor = None
-        try:
+        with contextlib.ExitStack() as ends:
+            ends.callback(started.stop, launch)
+            ends.callback(self._close)
+            if self._recording is not None:
+                ends.callback(self._recording.end, started)
             events.follow(launch)
             for name, process in (edge.processes if edge else {}).items():
                 events.watch(process, "edge server " + name)
             self.observer = Observer(events)
             self._await_ready(events, launch, edge)
             if screen is not None:
-                rviz = pictures.start_rviz(started, screen, self.package, self.output, options.preload)
-                self._others["rviz"] = rviz.pid
+                pictures.start_rviz(started, screen, self.package, self.output, options.preload)
                 self._seen = pictures.SeenAhead(events.rospy)
-            monitor = self._start_monitor(started, events)
-            self._others["topic_monitor"] = monitor.pid
             self._say_where(events)
             self._drive(events, launch, started, screen, edge)
-        finally:
-            if monitor is not None:
-                started.stop(monitor)  # it writes its report
-            for one in (self.observer, self._seen):
-                if one is not None:
-                    one.close()
-            started.stop(launch)
 
-    def _start_monitor(self, started, events):
-        # As parameters: the command line of a node knows no lists.
-        events.rospy.set_param("/topic_monitor", {"topics": MONITORED, "report": str(self.monitor_report),
-                                                  "print_table": False, "tcp_nodelay": True})
-        preload = ["env", "LD_PRELOAD=%s" % self.options.preload] if self.options.preload else []
-        monitor = started.start(preload + ["rosrun", "pi_os_transport", "topic_monitor"],
-                                self.output / "log" / "monitor.log")
-        events.watch(monitor, "topic_monitor")
-        self._await(events, lambda kind, _: kind == "monitor", "topic_monitor")
-        return monitor
+    def _close(self):
+        if self._faults is not None:
+            self._faults.end()
+        for one in (self.observer, self._seen):
+            if one is not None:
+                one.close()
 
-    @staticmethod
-    def _await(events, condition, what):
-        """The next event that meets condition(kind, content). @throws DemoError after READY_S"""
-        deadline = time.monotonic() + READY_S
-        while True:
-            kind, content = events.next(lambda *_: True, what)
-            if condition(kind, content):
-                return content
-            if time.monotonic() > deadline:
-                raise DemoError("waited %d s for %s" % (READY_S, what))
+    def _background(self):
+        """Arguments of the launch file."""
+        names = {"sound": "background", "level_dbfs": "background_level"}
+        return {names[key]: value for key, value in self.scenario.background.items() if key in names}
 
     # -------------------------------------------------------------------------------------------------------- ready
 
@@ -131,7 +114,7 @@ class CampusDrive:
 
         def need(what, holds, why):
             if holds:
-                self.readiness.setdefault(what, time.time() - self.began)
+                self.readiness.setdefault(what, time.monotonic() - self.began)
             else:
                 missing[what] = why
 
@@ -156,12 +139,17 @@ class CampusDrive:
                       if "connected, " not in nodes[2].get(name, "").replace("not connected", "")]
             need("edge nodes", not silent, "; ".join("%s: %s" % (name, nodes[2].get(name, nodes[1]))
                                                      for name in silent))
+        if self._refuses():
+            return {what: why for what, why in missing.items() if what in REFUSING}
         return missing
+
+    def _refuses(self):
+        return self.facts.get("expect") == "refuse"
 
     def _await_ready(self, events, launch, edge):
         """@throws DemoError naming what did not come."""
-        self.began = time.time()
-        deadline = time.monotonic() + READY_S
+        self.began = time.monotonic()
+        deadline = self.began + READY_S
         while True:
             kind, content = events.next(lambda *_: True, "the simulator")
             if kind == "scenario":
@@ -172,7 +160,7 @@ class CampusDrive:
             if time.monotonic() > deadline:
                 raise DemoError("not ready after %d s: %s; from the log:\n%s" % (
                     READY_S, "; ".join("%s (%s)" % pair for pair in missing.items()), log_excerpt(launch.log_path)))
-        print("  ready after %.0f s: %s" % (time.time() - self.began, ", ".join(
+        print("  ready after %.0f s: %s" % (time.monotonic() - self.began, ", ".join(
             "%s %.0f" % pair for pair in sorted(self.readiness.items(), key=lambda pair: pair[1]))))
 
     def _say_where(self, events):
@@ -197,6 +185,8 @@ class CampusDrive:
         while True:
             events.next(lambda kind, _: kind == "truth", "the vehicle's true pose")
             estimate, truth = self.observer.estimate, self.observer.truth
+            if self._refuses():
+                return
             error = math.hypot(estimate[1] - truth[1], estimate[2] - truth[2])
             if error < AGREEMENT_M:
                 return
@@ -207,13 +197,13 @@ class CampusDrive:
 
     # -------------------------------------------------------------------------------------------------------- drive
 
-    def _goal(self, rospy):
+    def _goal(self, rospy, points):
         from geometry_msgs.msg import PoseStamped
         from pi_vehicle.msg import DriveActionGoal
         goal = DriveActionGoal()
         goal.header.stamp = goal.goal_id.stamp = rospy.Time.now()
         goal.goal_id.id = "drive_campus-%s" % uuid.uuid4().hex[:8]
-        for point in self.facts["waypoints"] + [self.facts["goal"]]:
+        for point in points:
             pose = PoseStamped()
             pose.header.frame_id = "map"
             pose.pose.position.x, pose.pose.position.y = point[0], point[1]
@@ -236,26 +226,35 @@ class CampusDrive:
                                                           else "microphone/play"))
         speaker = Speaker(self.facts["spoken"], self.output, self.observer.records,
                           lambda path: mouth.publish(String(data=str(path))))
-        goal = self._goal(rospy)
-        self._others.update({name: process.pid for name, process in (edge.processes if edge else {}).items()})
-        self._others["drive_campus"] = os.getpid()
-        self._others.update(started.core)
-        self.cpu = CpuAccount(launch.pid, self._others)
+        ways = [self.facts["waypoints"] + [self.facts["goal"]]] + [[one] for one in self.facts["further_goals"]]
+        goal = self._goal(rospy, ways.pop(0))
+        self._pids = measuring.node_processes(launch.pid)
+        self._faults = RunnerFaults(self.simulator_log, lambda: self._pids,
+                                    list((edge.processes if edge else {}).values()))
+        self.faults = self._faults.done
         killer = Killer(self.options.kill, self.options.seed, self.observer)
         unplugger = Unplugger(sequence(self.options.unplug, self.options.seed), self.observer, self._commander(rospy))
-        self.began = time.time()
+        if self._recording is not None:
+            self._recording.begin(started, events, self.options.preload)
+        self.began = rospy.get_time()
         goals.publish(goal)
         killer.begin(self.began)
         unplugger.begin(self.began)
         print("  driving to (%.1f, %.1f) in the map" % tuple(self.facts["goal"][:2]))
-        limit_s = self.options.limit or 3.0 * self.scenario.duration_s + 30.0 + 8.0 * self.options.kill
-        limit_s += 0.0 if self.options.limit else UNPLUG_S * len(unplugger.left)
-        next_cpu, looked = 0.0, self.began
+        usual_s = self.scenario.duration_s
+        if self.facts["expect"] == "reach":
+            usual_s = 3.0 * usual_s + 30.0 + 8.0 * self.options.kill
+        limit_s = self.options.limit or usual_s + UNPLUG_S * len(unplugger.left)
+        next_look, looked = 0.0, self.began
         while self.result is None:
             kind, content = events.next(lambda *_: True, "the drive")
-            now = time.time()
+            now = rospy.get_time()
             if kind == "result" and content["goal"] == goal.goal_id.id:
-                self.result = content
+                if content["success"] and ways:
+                    goal = self._goal(rospy, ways.pop(0))
+                    goals.publish(goal)
+                else:
+                    self.result = content
             elif kind == "back":
                 killer.came_back(content)
             elif kind == "truth":
@@ -271,24 +270,24 @@ class CampusDrive:
                 if unplugger.tick(now, content[4], math.hypot(content[1] - goal_x, content[2] - goal_y),
                                   speaker.waits()):
                     speaker.prove(WORD, now)
-                killer.tick(now, self.cpu.pids, content[4])
-                if now >= next_cpu:
-                    next_cpu = now + CPU_PERIOD_S
-                    self.cpu.update()
+                killer.tick(now, self._pids, content[4])
+                self._faults.tick()
+                if self._recording is not None:
+                    self._recording.tick(started, now)
+                if now >= next_look:
+                    next_look = now + LOOK_PERIOD_S
+                    self._pids = measuring.node_processes(launch.pid)
                 self._shoot(screen, started)
                 if now - self.began > limit_s:
                     self.end = "time is over: %.0f s" % limit_s
                     break
             elif kind == "command":
                 print("  heard \"%s\"%s" % (content["text"], "" if content["accepted"] else ", rejected"))
-        self.ended = time.time()
-        self.cpu.update()
-        self.cpu.measure_memory()
+        self.ended = rospy.get_time()
         self.kills = killer.kills
         self.unplugs, self.not_unplugged = unplugger.unplugs, unplugger.left
         if self.result is not None:
             self.end = self.result["message"] or ("arrived" if self.result["success"] else "given up")
-        self._await(events, lambda kind, _: kind == "monitor", "the monitor's report")
         self._shoot(screen, started, last=True)
         if self._seen is not None:
             self.pictures += self._seen.draw(self.output / "campus_detections.png", self.began)

@@ -14,6 +14,8 @@ NEAR_GOAL_M = 1.0
 BRAKING = 0.06          # [m/s] slower than at most since the command: it brakes
 HELD_S = 1.0            # a standstill of so long is one
 MET_M = 8.0             # a thing so near was met
+BRAKING_STATES = 4      # braking is the mean over so many states of 20 Hz
+SET_OFF_M = 1.0         # a vehicle that refuses goes no farther
 
 
 def read_log(path):
@@ -189,13 +191,38 @@ def offloaded(decisions, begin, end):
     return result
 
 
+def hardest_braking(states):
+    """[m/s^2], by the true speed; None: too few states."""
+    return max(((abs(a["speed"]) - abs(b["speed"])) / (b["stamp"] - a["stamp"])
+                for a, b in zip(states, states[BRAKING_STATES:]) if b["stamp"] > a["stamp"]), default=None)
+
+
+def nearest(states):
+    """Least distance from the vehicle's outline to a thing [m]; None: there was none."""
+    return min((one["nearest"]["distance"] for one in states if one.get("nearest")), default=None)
+
+
+def unexpected(drive, result):
+    """In what the end of the way is not what the scenario expects, as texts."""
+    arrived = drive.result is not None and drive.result["success"]
+    if result["expect"] == "refuse":
+        return ["the vehicle was to refuse, and drove %.1f m" % result["distance_m"]] \
+            if result["distance_m"] > SET_OFF_M else []
+    if result["expect"] == "stop":
+        moves = result["end_speed"] is None or abs(result["end_speed"]) > STANDSTILL
+        return (["the vehicle was to stop before B, and reached it"] if arrived else []) + \
+            (["the vehicle was to stop, and still moved at the end"] if moves else [])
+    if not arrived:
+        return ["B was not reached: %s" % drive.end]
+    if result["goal_distance_m"] is None or result["goal_distance_m"] > NEAR_GOAL_M:
+        return ["the vehicle says it arrived, and is %.1f m from B" % (result["goal_distance_m"] or math.nan)]
+    return []
+
+
 def failures(drive, result):
     """Why the drive is none that counts, as texts."""
-    texts = []
-    if drive.result is None or not drive.result["success"]:
-        texts.append("B was not reached: %s" % drive.end)
-    elif result["goal_distance_m"] is None or result["goal_distance_m"] > NEAR_GOAL_M:
-        texts.append("the vehicle says it arrived, and is %.1f m from B" % (result["goal_distance_m"] or math.nan))
+    texts = unexpected(drive, result)
+    texts += ["fault \"%s\" was not done: %s" % (one["line"], one["problem"]) for one in drive.faults if one["problem"]]
     for one in result["collisions"]:
         thing = one["with"]
         texts.append("collision after %.1f s with %s at %.2f m/s" %
@@ -223,19 +250,22 @@ def judge(drive):
     facts = read_log(drive.simulator_log)
     states = [one for one in facts.get("state", []) if drive.began <= one["stamp"] <= drive.ended]
     truth = Truth(facts.get("state", []), drive.began - 1.0, drive.ended + 1.0)
-    goal = drive.facts["goal"]
+    goal = (drive.facts["further_goals"] or [drive.facts["goal"]])[-1]
     last = states[-1]["pose"] if states else None
     said = [entry["text"] for entry in sorted((one for one in drive.facts["spoken"] if one.get("said")),
                                               key=lambda one: one["said"])]
     result = {
         "end": drive.end, "seconds": drive.ended - drive.began, "distance_m": truth.distance, "action": drive.result,
         "goal_distance_m": math.hypot(last[0] - goal[0], last[1] - goal[1]) if last else None,
+        "expect": drive.facts["expect"], "reached": drive.result is not None and drive.result["success"],
+        "end_speed": states[-1]["speed"] if states else None, "hardest_braking": hardest_braking(states),
+        "nearest_m": nearest(states), "faults": drive.faults,
         "max_speed": max((one["speed"] for one in states), default=None),
         "localisation": localisation([one for one in records.estimates if drive.began <= one[0] <= drive.ended], truth,
                                      sorted(records.validity)),
         "losses": [one for one in records.validity if not one[1] and drive.began <= one[0] <= drive.ended],
         "corrections": len(records.corrections), "met": obstacles_met(states),
-        "collisions": facts.get("collision", []), "lost": facts.get("lost", []),
+        "collisions": facts.get("collision", []),
         "triggers": facts.get("trigger", []), "standstills": standstills(states, records.arbiter),
         "stops": stops(records.played, said, records, truth, drive.kills), "said": said, "played": records.played,
         "commands": records.commands, "command_states": records.command_states,
@@ -245,6 +275,7 @@ def judge(drive):
         "unplugs": unplugs.finish(drive.unplugs, facts.get("state", []), records, lambda begin, end: localisation(
             [one for one in records.estimates if begin <= one[0] < end], truth, sorted(records.validity))["max_m"]),
         "errors": [one for one in records.errors if one[0] >= drive.began - 60.0]}
-    causes.add(result["standstills"], states, records, result["kills"], result["unplugs"])
+    causes.add(result["standstills"], states, records, result["kills"], result["unplugs"],
+               facts.get("command", []))
     result["failures"] = failures(drive, result)
     return result

@@ -2,7 +2,6 @@
 
 import math
 import struct
-import time
 from dataclasses import dataclass, field
 
 from .unplugs import text_of
@@ -17,7 +16,7 @@ VIO_STATUS = "vio: odometry"
 
 @dataclass
 class Records:
-    """Lists in the order of arrival; times are those of the system's clock [s]."""
+    """Lists in the order of arrival; times are simulated [s]."""
 
     estimates: list = field(default_factory=list)    # (stamp, x, y, heading) of base_link in the map
     corrections: list = field(default_factory=list)  # (time, x, y, heading) of odom in the map, when it changes
@@ -33,6 +32,8 @@ class Records:
     decisions: list = field(default_factory=list)    # dicts
     power: list = field(default_factory=list)        # dicts
     obstacles: list = field(default_factory=list)    # messages as they came, see reported_obstacles()
+    detections: list = field(default_factory=list)   # likewise, see reported_labels()
+    labels: dict = field(default_factory=dict)       # class id: name
     pairs: list = field(default_factory=list)        # (time, pairs of pictures that localisation used so far)
     errors: list = field(default_factory=list)       # (time, node, text) of the log
     statuses: dict = field(default_factory=dict)     # name: (level, message, values), as last said
@@ -52,6 +53,18 @@ def compose(outer, inner):
             math.atan2(math.sin(heading), math.cos(heading)))
 
 
+def power_figures(message):
+    """Of pi_vehicle/PowerState."""
+    def service(one):
+        return {"cpu": one.cpu, "memory": one.memory, "watts": one.watts, "running": bool(one.running)}
+
+    services = {one.name: service(one) for one in message.services}
+    services["shared"] = service(message.shared)
+    return {"services": services, "other_cpu": message.other.cpu, "total_watts": message.total_watts,
+            "idle_watts": message.idle_watts, "measured": bool(message.measured), "source": message.source,
+            "battery_watts": message.battery_watts, "cpu": message.cpu}
+
+
 class Observer:
     """Subscribes by `events`; what drives the one who drives becomes events: truth, result, feedback, diagnostics,
     played, command. Its callbacks are those of rospy's threads."""
@@ -62,6 +75,7 @@ class Observer:
         from actionlib_msgs.msg import GoalStatusArray
         from diagnostic_msgs.msg import DiagnosticArray
         from nav_msgs.msg import Odometry
+        from pi_detect.msg import LabelArray
         from pi_simulation.msg import PlayedSound
         from pi_vehicle.msg import (ArbiterState, CommandState, DriveActionFeedback,
                                     DriveActionResult, LocalisationState, MotionCommand, PowerState,
@@ -75,6 +89,7 @@ class Observer:
         self.truth = None       # (time, x, y, heading, speed)
         self.estimate = None
         self._events = events
+        self._now = rospy.get_time
         self._odometry_type, self._tf_type = Odometry, TFMessage
         self._counts = {}
         self._map_transform = b""
@@ -88,7 +103,8 @@ class Observer:
                 ("/localisation", LocalisationState, lambda m: self.records.validity.append(
                     (m.header.stamp.to_sec(), bool(m.valid), m.reason))),
                 ("/obstacles", any_message, lambda m: self.records.obstacles.append(m._buff)),
-                ("/detections", any_message, None),
+                ("/detections", any_message, lambda m: self.records.detections.append(m._buff)),
+                ("/labels", LabelArray, self._on_labels), ("/local/labels", LabelArray, self._on_labels),
                 ("/tracks", any_message, None),
                 ("/motion/navigation", any_message, None), ("/motion/reaction", any_message, None),
                 ("/motion/command", any_message, None),
@@ -114,7 +130,7 @@ class Observer:
 
     def _callback(self, topic, callback):
         def take(message):
-            now = time.time()
+            now = self._now()
             self.records.arrivals[topic] = now
             awaited = self._awaited.get(topic)
             if awaited is not None and now > awaited[0]:
@@ -160,7 +176,7 @@ class Observer:
                 t = one.transform
                 pose = (t.translation.x, t.translation.y, heading_of(t.rotation))
                 if pose != self.map_odom:
-                    self.records.corrections.append((time.time(), *pose))
+                    self.records.corrections.append((self._now(), *pose))
                 self.map_odom = pose
 
     def _on_truth(self, message):
@@ -175,14 +191,14 @@ class Observer:
     # ----------------------------------------------------------------------------------------------------- decision
 
     def _on_motion(self, message):
-        self.records.motions.append((time.time(), message.header.stamp.to_sec(), message.speed, message.source,
+        self.records.motions.append((self._now(), message.header.stamp.to_sec(), message.speed, message.source,
                                      message.reason))
 
     def _on_state(self, message):
-        self.records.states.append((time.time(), message.speed, message.mode, message.detail))
+        self.records.states.append((self._now(), message.speed, message.mode, message.detail))
 
     def _on_command(self, message, accepted):
-        command = {"arrival": time.time(), "text": message.text, "accepted": accepted,
+        command = {"arrival": self._now(), "text": message.text, "accepted": accepted,
                    "confidence": round(message.confidence, 3), "speech_end": message.speech_end.to_sec(),
                    "latency": message.latency.to_sec(), "fast": bool(message.fast)}
         self.records.commands.append(command)
@@ -190,7 +206,7 @@ class Observer:
 
     def _on_command_state(self, message):
         self.records.command_states.append(
-            {"arrival": time.time(), "stamp": message.header.stamp.to_sec(), "stopped": bool(message.stopped),
+            {"arrival": self._now(), "stamp": message.header.stamp.to_sec(), "stopped": bool(message.stopped),
              "text": message.text, "outcome": message.outcome, "reason": message.reason})
 
     def _on_arbiter(self, message):
@@ -204,7 +220,7 @@ class Observer:
 
     def _on_feedback(self, message):
         f = message.feedback
-        self.records.feedback.append((time.time(), f.progress, f.state, f.reason))
+        self.records.feedback.append((self._now(), f.progress, f.state, f.reason))
 
     def _on_result(self, message):
         self._events.put("result", {
@@ -227,15 +243,7 @@ class Observer:
                                        "energy": message.energy})
 
     def _on_power(self, message):
-        def service(one):
-            return {"cpu": one.cpu, "memory": one.memory, "watts": one.watts, "running": bool(one.running)}
-
-        services = {one.name: service(one) for one in message.services}
-        services["shared"] = service(message.shared)
-        self.records.power.append({"time": time.time(), "services": services, "other_cpu": message.other.cpu,
-                                   "total_watts": message.total_watts, "idle_watts": message.idle_watts,
-                                   "measured": bool(message.measured), "source": message.source,
-                                   "battery_watts": message.battery_watts, "cpu": message.cpu})
+        self.records.power.append({"time": self._now(), **power_figures(message)})
 
     def _on_diagnostics(self, message):
         for status in message.status:
@@ -246,7 +254,7 @@ class Observer:
             said = (level, text_of(status.message, values) if level else "")
             if self._said.get(name, (0, "")) != said:
                 self._said[name] = said
-                self.records.reports.append({"arrival": time.time(), "name": name, "level": level, "text": said[1]})
+                self.records.reports.append({"arrival": self._now(), "name": name, "level": level, "text": said[1]})
             if status.name.strip("/") == VIO_STATUS:
                 pairs = next((pair.value for pair in status.values if pair.key == "pairs used"), None)
                 if pairs is not None:
@@ -259,6 +267,19 @@ class Observer:
         messages = (ObstacleArray().deserialize(one) for one in self.records.obstacles)
         return sorted((message.header.stamp.to_sec(), [(one.position.x, one.position.y) for one in message.obstacles])
                       for message in messages)
+
+    def _on_labels(self, message):
+        self.records.labels.update(zip(message.ids, message.names))
+
+    def reported_labels(self):
+        """[(stamp, [(name, score, left, right)])] in columns of the picture, by stamp."""
+        from pi_detect.msg import Detection2DArray
+        names = self.records.labels
+        messages = (Detection2DArray().deserialize(one) for one in self.records.detections)
+        return sorted((message.header.stamp.to_sec(),
+                       [(names.get(one.results[0].id, "?"), one.results[0].score,
+                         one.bbox.center.x - one.bbox.size_x / 2, one.bbox.center.x + one.bbox.size_x / 2)
+                        for one in message.detections]) for message in messages)
 
     def _on_log(self, message):
         if message.level >= ERROR_LEVEL:

@@ -1,7 +1,6 @@
 """Pictures during a drive: the screen, what the detector sees, when the runtime ran what."""
 
 import threading
-import time
 
 from . import plots
 
@@ -108,7 +107,7 @@ class SeenAhead:
                       one.bbox.center.x - one.bbox.size_x / 2, one.bbox.center.y - one.bbox.size_y / 2,
                       one.bbox.size_x, one.bbox.size_y) for one in message.detections]
             if any(self._on_road(box) for box in boxes):
-                self._look(time.time())
+                self._look(self._rospy.get_time())
             picture = self._pictures.get(message.header.stamp)
             if picture is not None and (self._best is None or self._worth(boxes) > self._worth(self._best[2])):
                 self._best = (message.header.stamp.to_sec(), picture, boxes)

@@ -1,8 +1,7 @@
-"""Pictures of a drive: the way, speed over time, CPU by service."""
+"""Pictures of a drive: the way, speed over time."""
 
 import math
 
-from .cpu import group_of
 from .judge import read_log
 
 COLOURS = {"true": "#222222", "estimated": "#1f8a70", "route": "#8ab6d6", "actor": "#bd4b4b", "stand": "#d98324",
@@ -21,8 +20,7 @@ def draw(drive, tree, output):
     states = [one for one in read_log(drive.simulator_log).get("state", [])
               if drive.began - 1.0 <= one["stamp"] <= drive.ended + 1.0]
     paths = []
-    for name, draw_one, size in (("campus_route.png", route, (11, 8.5)), ("campus_speed.png", speed, (13, 5.5)),
-                                 ("campus_cpu.png", cpu, (9, 5.5))):
+    for name, draw_one, size in (("campus_route.png", route, route_size(states)), ("campus_speed.png", speed, (13, 5.5))):
         figure, axes = pyplot.subplots(figsize=size)
         draw_one(axes, drive, tree, states)
         figure.suptitle("%s, seed %d, %s: %s" % (tree["scenario"], tree["seed"], tree["transport"], tree["end"]))
@@ -73,39 +71,31 @@ def gantt(every, tasks, end):
         bbox_to_anchor=(0.0, 1.0))
 
 
-def beside(trees, titles, path):
-    """Latencies of topics and processor time of nodes of drives beside each other. @throws OSError"""
-    import matplotlib
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-    topics = [topic for topic in sorted(trees[0]["topics"])
-              if all(((tree["topics"].get(topic) or {}).get("latency_ms") or {}).get("p50", 0) > 0 for tree in trees)]
-    nodes = sorted({node for tree in trees for node in tree["cpu_cores"].get("vehicle", {})},
-                   key=lambda node: -trees[0]["cpu_cores"]["vehicle"].get(node, 0.0))
-    figure, (left, right) = pyplot.subplots(1, 2, figsize=(13, 6), gridspec_kw={"width_ratios": [3, 2]})
-    height = 0.8 / len(trees)
-    for index, (tree, title, colour) in enumerate(zip(trees, titles, (COLOURS["estimated"], COLOURS["actor"]))):
-        offset = (index - (len(trees) - 1) / 2) * height
-        figures = [tree["topics"][topic]["latency_ms"] for topic in topics]
-        left.barh([row + offset for row in range(len(topics))], [one["p50"] for one in figures], height * 0.9,
-                  color=colour, label=title + ", p50")
-        left.plot([one["p99"] for one in figures], [row + offset for row in range(len(topics))], "|", markersize=14,
-                  markeredgewidth=2, color=colour, label="p99")
-        right.barh([row + offset for row in range(len(nodes))],
-                   [100 * tree["cpu_cores"]["vehicle"].get(node, 0.0) for node in nodes], height * 0.9, color=colour,
-                   label="%s: %.0f %% in all" % (title, 100 * tree["vehicle_cores"]))
-    left.set_xscale("log")
-    for axes, names, label in ((left, topics, "from the stamp to arrival [ms]; pictures: from the exposure"),
-                               (right, nodes, "processor in % of one core")):
-        axes.set_yticks(range(len(names)))
-        axes.set_yticklabels(names)
-        axes.invert_yaxis()
-        axes.set_xlabel(label)
-        axes.grid(axis="x", which="both", alpha=0.3)
-        axes.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=2)
-    figure.tight_layout()
-    figure.savefig(path, dpi=110)
-    pyplot.close(figure)
+def route_size(states):
+    """Of the picture [inch]: as wide and high as the way, within bounds."""
+    spans = [max(values) - min(values) for values in zip(*(one["pose"][:2] for one in states))] or [1.0, 1.0]
+    return 11, min(max(11.0 * (spans[1] + 4.0) / (spans[0] + 4.0), 3.5), 9.0)
+
+
+class Labels:
+    """Texts beside places in a plot, none of which covers another."""
+
+    OFFSETS = [(8, 8), (8, -16), (8, 24), (8, -32), (8, 40), (8, -48), (-60, 8), (-60, -16), (-60, 40), (-60, -48)]
+
+    def __init__(self, axes):
+        self._axes = axes
+        self._taken = []
+
+    def add(self, text, place, colour):
+        renderer = self._axes.figure.canvas.get_renderer()
+        for offset in self.OFFSETS:
+            label = self._axes.annotate(text, place, xytext=offset, textcoords="offset points", color=colour, fontsize=9)
+            box = label.get_window_extent(renderer)
+            if not any(box.overlaps(other) for other in self._taken):
+                break
+            if offset != self.OFFSETS[-1]:
+                label.remove()
+        self._taken.append(box)
 
 
 def actor_places(states):
@@ -122,31 +112,39 @@ def actor_places(states):
 
 
 def route(axes, drive, tree, states):
-    points = drive.facts["waypoints"] + [drive.facts["goal"]]
+    points = drive.facts["waypoints"] + [drive.facts["goal"]] + drive.facts["further_goals"]
     axes.plot([one[0] for one in points], [one[1] for one in points], "o--", color=COLOURS["route"], label="waypoints")
     axes.plot([one["pose"][0] for one in states], [one["pose"][1] for one in states], color=COLOURS["true"],
               linewidth=2.5, label="true path")
     estimates = [one for one in drive.observer.records.estimates if drive.began <= one[0] <= drive.ended]
     axes.plot([one[1] for one in estimates], [one[2] for one in estimates], color=COLOURS["estimated"],
               linewidth=1.2, label="estimated path")
-    for name, places in actor_places(states).items():
-        axes.plot([one[0] for one in places], [one[1] for one in places], ".", color=COLOURS["actor"], markersize=4)
-        axes.annotate(name, places[0], xytext=(4, -13), textcoords="offset points", color=COLOURS["actor"], fontsize=9)
+    places = actor_places(states)
+    for spots in places.values():
+        axes.plot([one[0] for one in spots], [one[1] for one in spots], ".", color=COLOURS["actor"], markersize=4)
     for one in tree["standstills"]:
         axes.plot(*one["pose"][:2], "s", color=COLOURS["stand"], markersize=9)
-        axes.annotate("stood %.0f s" % one["seconds"], one["pose"][:2], xytext=(9, 9), textcoords="offset points",
-                      color=COLOURS["stand"], fontsize=9)
-    for one in tree["collisions"]:
-        place = min(states, key=lambda state: abs(state["t"] - one["t"]))["pose"]
-        axes.plot(*place[:2], "X", color="red", markersize=13, label="collision")
-    for node in drive.facts.get("edge_nodes", []):
+    collisions = [min(states, key=lambda state: abs(state["t"] - one["t"]))["pose"][:2] for one in tree["collisions"]]
+    for place in collisions:
+        axes.plot(*place, "X", color="red", markersize=13)
+    nodes = drive.facts.get("edge_nodes", [])
+    for node in nodes:
         axes.plot(*node["position"], "^", color=COLOURS["spoken"], markersize=9)
-        axes.annotate(" edge " + node["id"], node["position"], color=COLOURS["spoken"], fontsize=9)
     axes.set(xlabel="x in the map [m]", ylabel="y in the map [m]")
-    axes.margins(x=0.12)
-    axes.set_aspect("equal")
+    axes.margins(x=0.06, y=0.15)
+    axes.set_aspect("equal", adjustable="datalim")
     axes.grid(alpha=0.3)
-    axes.legend(frameon=False, loc="center left")
+    axes.legend(frameon=False, ncol=3, loc="lower left", bbox_to_anchor=(0.0, 1.0))
+    axes.figure.tight_layout()
+    labels = Labels(axes)  # last: where they are depends on all before
+    for place in collisions:
+        labels.add("collision", place, "red")
+    for one in tree["standstills"]:
+        labels.add("stood %.0f s" % one["seconds"], one["pose"][:2], COLOURS["stand"])
+    for name, spots in places.items():
+        labels.add(name, spots[0], COLOURS["actor"])
+    for node in nodes:
+        labels.add("edge " + node["id"], node["position"], COLOURS["spoken"])
 
 
 def speed(axes, drive, tree, states):
@@ -179,22 +177,6 @@ def speed(axes, drive, tree, states):
              ylim=(-0.2, 3.3))
     axes.grid(alpha=0.3)
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=2, frameon=False)
-
-
-def cpu(axes, drive, tree, _):
-    edge_names = [node["id"] for node in drive.facts.get("edge_nodes", [])]
-    rows = sorted(((group_of(node, edge_names) != "vehicle", -cores, node, group)
-                   for group, nodes in tree["cpu_cores"].items() for node, cores in nodes.items()))
-    names = [row[2] for row in rows]
-    axes.barh(range(len(rows)), [-100 * row[1] for row in rows],
-              color=["#aaaaaa" if row[0] else COLOURS["estimated"] for row in rows])
-    axes.set_yticks(range(len(rows)))
-    axes.set_yticklabels(names)
-    axes.invert_yaxis()
-    for index, row in enumerate(rows):
-        axes.annotate(" %.0f" % (-100 * row[1]), (-100 * row[1], index), va="center", fontsize=8)
-    axes.set_xlabel("CPU in %% of one core; grey: not of the vehicle; vehicle %.0f %%" % (100 * tree["vehicle_cores"]))
-    axes.grid(axis="x", alpha=0.3)
 
 
 def detections(path, found):

@@ -6,23 +6,13 @@ import os
 from first_drive.errors import DemoError
 from first_drive.report import number, table
 
-from . import plots, unplugs
-from .beside import LIMIT_CPU
-from .cpu import group_of
+from . import labels, plots, unplugs
 from .judge import quantile, read_log, seconds
 from .sightings import sightings
 
 
 def percent(cores):
     return "%.1f" % (100.0 * cores)
-
-
-def by_group(drive, edge_names):
-    """{group: {node: cores}}"""
-    groups = {}
-    for node, cores in drive.cpu.cores().items():
-        groups.setdefault(group_of(node, edge_names), {})[node] = cores
-    return groups
 
 
 def services(power):
@@ -43,41 +33,38 @@ def camera_figures(statuses):
     return statuses.get("vehicle_simulator: cameras", (None, "", {}))[2]
 
 
-def pairs_hz(records, begin, end):
-    """Rate at which localisation used pairs of pictures, over its lives; None if it did not say."""
-    said = [one for one in records.pairs if begin <= one[0] <= end]
+def pairs_hz(pairs, begin, end):
+    """Rate at which localisation used pairs of pictures, over its lives; None if it did not say.
+    @param pairs  [(time, pairs so far)]"""
+    said = [one for one in pairs if begin <= one[0] <= end]
     if len(said) < 2 or said[-1][0] <= said[0][0]:
         return None
     used = sum(after[1] - before[1] if after[1] >= before[1] else after[1] for before, after in zip(said, said[1:]))
     return used / (said[-1][0] - said[0][0])
 
 
-def collect(drive, judged, edge_names, facts):
+def transports(links):
+    """{transport: links}"""
+    counts = {}
+    for link in links:
+        if "/drive_campus" not in link[1:3]:  # rospy, which knows TCPROS only
+            counts[link[3]] = counts.get(link[3], 0) + 1
+    return counts
+
+
+def collect(drive, judged, facts):
     """All of a drive as a tree for JSON."""
     records = drive.observer.records
-    try:
-        monitor = json.loads(drive.monitor_report.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        monitor = {"topics": {}}
-    power = [one for one in records.power if drive.began <= one["time"] <= drive.ended]
-    transports = {}
-    for link in drive.links:
-        if "/drive_campus" not in link[1:3]:  # rospy, which knows TCPROS only
-            transports[link[3]] = transports.get(link[3], 0) + 1
-    groups = by_group(drive, edge_names)
     states = [one for one in read_log(drive.simulator_log).get("state", [])
               if drive.began <= one["stamp"] <= drive.ended]
     return {
         "scenario": drive.scenario.name, "seed": drive.options.seed,
         "transport": "π-OS" if drive.options.preload else "TCPROS", "together": drive.options.together,
         "machine": facts, "ready_s": drive.readiness, **judged,
-        "pairs_hz": pairs_hz(records, drive.began, drive.ended),
-        "sightings": sightings(states, drive.observer.reported_obstacles()), "topics": monitor["topics"],
-        "cpu_cores": groups,
-        "vehicle_cores": sum(groups.get("vehicle", {}).values()), "memory_mb": drive.cpu.memory,
-        "services": services(power),
-        "watts": sum(one["total_watts"] for one in power) / len(power) if power else None,
-        "watts_source": power[-1]["source"] if power else None, "transports": transports,
+        "pairs_hz": pairs_hz(records.pairs, drive.began, drive.ended),
+        "labels": labels.figures(states, drive.observer.reported_labels()),
+        "sightings": sightings(states, drive.observer.reported_obstacles()),
+        "transports": transports(drive.links),
         "links": [dict(zip(("topic", "publisher", "subscriber", "transport"), link)) for link in drive.links],
         "cameras": camera_figures(records.statuses),
         "diagnostics": {name: {"level": level, "message": message}
@@ -140,23 +127,29 @@ def print_report(tree):
     print("%s after %.1f s and %.1f m, %.2f m from B, at most %.1f m/s" %
           (tree["end"], tree["seconds"], tree["distance_m"], tree["goal_distance_m"] or float("nan"),
            tree["max_speed"] or 0.0))
-    print("\nTopics: rate, latency from stamp to arrival")
-    print(topic_rows(tree))
-    print("\nCPU in % of one core, memory")
-    print(cpu_rows(tree))
-    print("\nServices as the node `power` has them; watts by %s" % tree["watts_source"])
-    print(service_rows(tree))
-    print("  the computer in all: %s W" % number(tree["watts"], 1))
     print("\nWhat happened")
     print_happened(tree)
-    if tree["vehicle_cores"] > LIMIT_CPU:
-        print("  note: the vehicle takes %.0f %% of a core, more than %.0f %%" %
-              (100 * tree["vehicle_cores"], 100 * LIMIT_CPU))
     for text in tree["failures"]:
         print("FAILED %s" % text)
 
 
-def print_happened(tree):
+def print_speed(tree):
+    """Of a run on a recording."""
+    print("\nThe vehicle on the recording, in real time, over %s, for %.1f s; other programs took %.0f %% of the computer" %
+          (tree["transport"], tree["seconds"], 100 * tree["others_share"]))
+    print("\nTopics: rate, latency from stamp to arrival")
+    print(topic_rows(tree))
+    print("\nCPU in % of one core, memory; stereo pairs into localisation: " + number(tree["pairs_hz"], 1) + " /s")
+    print(cpu_rows(tree))
+    print("\nServices as the node `power` has them; watts by %s" % tree["watts_source"])
+    print(service_rows(tree))
+    print("  the computer in all: %s W" % number(tree["watts"], 1))
+    for node, text in tree["errors"]:
+        print("  error of %s: %s" % (node, text))
+
+
+def happened(tree):
+    """Lines of text."""
     local = tree["localisation"]
     by_tcp = sorted({link["topic"] for link in tree["links"] if link["transport"] == "TCPROS"
                      and "/drive_campus" not in (link["publisher"], link["subscriber"])})
@@ -199,25 +192,37 @@ def print_happened(tree):
         counts[(node, text)] = counts.get((node, text), 0) + 1
     lines += ["error of %s%s: %s" % (node, " (%d times)" % count if count > 1 else "", text)
               for (node, text), count in counts.items()]
-    print("\n".join("  " + line for line in lines))
     if tree["unplugs"]:
-        print("\nUnplugged for %.1f s and plugged in again" % unplugs.UNPLUGGED_S)
-        print("\n".join("  " + line for line in unplugs.lines(tree["unplugs"])))
+        lines.append("unplugged for %.1f s and plugged in again:" % unplugs.UNPLUGGED_S)
+        lines += list(unplugs.lines(tree["unplugs"]))
+    return lines
+
+
+def print_happened(tree):
+    print("\n".join("  " + line for line in happened(tree)))
 
 
 def write(drive, tree, output):
     """drive_campus.json and the pictures in the folder. @return their paths. @throws DemoError"""
-    report = output / "drive_campus.json"
-    temporary = output / "drive_campus.json.tmp"
     try:
         drawn = plots.draw(drive, tree, output)
-        tree["pictures"] += [path.name for path in drawn]
-        temporary.write_text(json.dumps(tree, indent=1, ensure_ascii=False, default=str) + "\n", encoding="utf-8")
-        os.replace(temporary, report)
-        return [report] + drawn
     except OSError as error:
         raise DemoError("the report cannot be written to %s: %s; make room there or choose another folder with "
                         "--output" % (output, error.strerror)) from error
+    tree["pictures"] += [path.name for path in drawn]
+    return [write_tree(tree, output / "drive_campus.json")] + drawn
+
+
+def write_tree(tree, path):
+    """As JSON. @return path. @throws DemoError"""
+    temporary = path.with_name(path.name + ".tmp")
+    try:
+        temporary.write_text(json.dumps(tree, indent=1, ensure_ascii=False, default=str) + "\n", encoding="utf-8")
+        os.replace(temporary, path)
+    except OSError as error:
+        raise DemoError("%s cannot be written: %s; make room there or choose another folder with --output" %
+                        (path, error.strerror)) from error
+    return path
 
 
 def summary(tree):
@@ -226,11 +231,11 @@ def summary(tree):
     nearest = min((one["distance"] for one in tree["met"].values() if one["actor"]), default=None)
     without = sum(not one["cause"] for one in tree["standstills"])
     return "seed %d: %s, %.0f s, %.0f m, B %.2f m; nearest actor %s m; stop braking after %s; %d stops without a cause; " \
-        "localisation %s m; CPU %.0f %%; %d errors" % (
+        "localisation %s m; %d errors" % (
             tree["seed"], "failed" if tree["failures"] else "passed", tree["seconds"], tree["distance_m"],
             tree["goal_distance_m"] or float("nan"), number(nearest, 2),
             ", ".join(seconds(one) for one in stops) or "-", without,
-            number(tree["localisation"]["max_m"], 2), 100 * tree["vehicle_cores"], len(tree["errors"]))
+            number(tree["localisation"]["max_m"], 2), len(tree["errors"]))
 
 
 def of_rounds(trees):
@@ -242,14 +247,13 @@ def of_rounds(trees):
     lines = ["%d services killed, %d came back: %s" % (
         len(killed), sum(kill["back_s"] is not None for kill in killed), back_times(killed))] if killed else []
     farthest = [tree["localisation"]["max_m"] for tree in trees if tree["localisation"]["max_m"] is not None]
-    cores = quantile([tree["vehicle_cores"] for tree in trees], 0.5)
     return lines + [
         "%d collisions; nearest actor %s m; %d standstills, %d without a cause" % (
             sum(len(tree["collisions"]) for tree in trees), number(min(nearest, default=None), 2), len(stood),
             sum(not one["cause"] for one in stood)),
-        "\"stop\" to braking: p50 %s s, most %s s; localisation: most %s m; CPU p50 %s %%" % (
+        "\"stop\" to braking: p50 %s s, most %s s; localisation: most %s m" % (
             number(quantile(braking, 0.5), 2), number(max(braking, default=None), 2),
-            number(max(farthest, default=None), 2), number(100 * cores if cores is not None else None, 0))]
+            number(max(farthest, default=None), 2))]
 
 
 def back_times(kills):

@@ -22,6 +22,7 @@ class Scenario:
     name: str
     duration_s: float
     edge_nodes: list
+    background: dict          # of the microphone: sound, level_dbfs
 
 
 def simulation_config(package):
@@ -59,6 +60,7 @@ def load(path, package):
         mount = (simulator["imu_in_base"]["x"], simulator["imu_in_base"]["y"])
         nodes = [EdgeNode(one["id"], *to_map(tree["start"], mount, (one["x"], one["y"])), float(one["range"]))
                  for one in tree.get("edge_nodes") or []]
-        return Scenario(path, str(tree["name"]), float(tree.get("duration", 60.0)), nodes)
-    except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError, IndexError) as error:
+        return Scenario(path, str(tree["name"]), float(tree.get("duration", 60.0)), nodes,
+                        dict(tree.get("background") or {}))
+    except (OSError, yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError, IndexError) as error:
         raise DemoError("%s is no scenario: %r; see docs/design/vehicle_simulator.md" % (path, error)) from error

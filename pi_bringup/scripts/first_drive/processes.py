@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 import uuid
+import xmlrpc.client
 from pathlib import Path
 
 from first_drive.errors import DemoError
@@ -42,15 +43,30 @@ def ros_environment(prefix, log_folder):
     return environment
 
 
+def package_folder(environment):
+    """Of pi_bringup, with config and launch."""
+    result = subprocess.run(["rospack", "find", "pi_bringup"], env=environment, stdin=subprocess.DEVNULL,
+                            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=60)
+    if result.returncode != 0:
+        raise DemoError("pi_bringup is not found: %s" % result.stderr.strip())
+    return Path(result.stdout.strip())
+
+
 def log_excerpt(path, lines=10):
-    """What a log says went wrong, else its end; indented and without the colours and titles meant for a terminal."""
+    """What a log says went wrong first, else its end; indented and without the colours and titles meant for a terminal.
+    Errors are those that nodes log, or else what a process said last before roslaunch found it dead."""
     try:
         text = Path(path).read_text(errors="replace")
     except OSError as error:
         return "    %s: %s" % (path, error.strerror)
     text = re.sub(r"\x1b(\[[0-9;]*m|\][^\x07]*\x07)", "", text)
-    found = [line for line in text.splitlines() if re.match(r"\[ *(FATAL|ERROR)\]", line)] or text.splitlines()
-    return "\n".join("    " + line for line in found[-lines:] + ["(all of it: %s)" % path])
+    all_lines = text.splitlines()
+    told = [line for line in all_lines if line.strip() and not re.match(r"\[ *(INFO|DEBUG)\]|process\[.*started", line)]
+    death = next((index for index, line in enumerate(told) if re.search(r"process.*has died", line)), len(told))
+    found = [line for line in told[:death] if re.match(r"\[ *(FATAL|ERROR)\]", line)]
+    if not found and death < len(told):
+        found = told[max(0, death - 1):death + 2]
+    return "\n".join("    " + line for line in (found[:lines] or all_lines[-lines:]) + ["(all of it: %s)" % path])
 
 
 def await_end(descriptors, timeout_s):
@@ -169,6 +185,12 @@ class Processes:
             if ended:
                 return
         print("warning: processes %s could not be ended" % sorted(left.values()), file=sys.stderr)
+
+
+def set_parameter(environment, name, value):
+    """On the master of start_master(). @throws OSError"""
+    with xmlrpc.client.ServerProxy(environment["ROS_MASTER_URI"]) as master:
+        master.setParam("/drive", name, value)
 
 
 def find_in_spaces(environment, path):

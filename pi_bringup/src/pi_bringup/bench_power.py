@@ -22,6 +22,7 @@ import yaml
 from first_drive import measuring, processes  # beside the script that starts this
 from first_drive.errors import DemoError
 from first_drive.localisation import convert
+from first_drive.program import positive
 from first_drive.report import table
 
 PREFIX = Path(sys.argv[0]).resolve().parents[2]  # devel or install space: it holds lib/pi_bringup/bench_power
@@ -307,13 +308,6 @@ def as_dict(one, model):
     return {"row": one.row.name, "seconds": one.seconds, "cores": one.cores, "memory_mb": one.memory,
             "feeding_cores": one.feeding, "machine_cores": one.machine, "rates": one.rates, "cpu_watts": cpu_w,
             "watts": all_w, "load": one.load}
-
-
-def positive(text):
-    value = float(text)
-    if not 0.0 < value < float("inf"):
-        raise argparse.ArgumentTypeError("%s, must be above 0" % text)
-    return value
 
 
 def parse(arguments):

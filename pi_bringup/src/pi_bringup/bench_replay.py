@@ -24,6 +24,7 @@ from first_drive import measuring, processes
 from first_drive.errors import DemoError
 from first_drive.events import Events
 from first_drive.localisation import convert
+from first_drive.program import positive
 from first_drive.report import table
 
 PREFIX = Path(sys.argv[0]).resolve().parents[2]  # devel or install space: it holds lib/pi_bringup/bench_replay
@@ -44,12 +45,6 @@ SERVICES = {"vio", "ssd", "obstacles", "recognizer", "power", "runtime", "diagno
 
 
 def parse(arguments):
-    def positive(text):
-        value = float(text)
-        if not 0.0 < value < float("inf"):
-            raise argparse.ArgumentTypeError("%s, must be above 0" % text)
-        return value
-
     parser = argparse.ArgumentParser(prog="bench_replay", description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=positive, default=60.0, help="default: %(default)s")

@@ -76,6 +76,18 @@ class Causes(unittest.TestCase):
         records.validity = [(90.0, True, ""), (104.5, False, "silent"), (106.0, True, "back")]
         self.assertEqual("localisation: silent", self.cause(drive(), records))
 
+    def test_a_fault_of_the_scenario_is_a_cause_until_it_ends(self):
+        def cause(*commands):
+            return causes.add([dict(STANDS)], drive(), Records(), [], [], commands)[0]["cause"]
+
+        begin = {"stamp": 104.0, "line": "imu off", "restores": False}
+        self.assertEqual("fault: imu off", cause(begin))
+        self.assertEqual("fault: imu off", cause(begin, {"stamp": 106.0, "line": "imu on", "restores": True}))
+        early = {"stamp": 80.0, "line": "imu off", "restores": False}
+        self.assertIsNone(cause(early, {"stamp": 90.0, "line": "imu on", "restores": True}))
+        self.assertIsNone(cause({"stamp": 90.0, "line": "kill vio", "restores": False}))
+        self.assertIsNone(cause({"stamp": 104.0, "line": "actor box go"}))  # by hand
+
 
 if __name__ == "__main__":
     unittest.main()

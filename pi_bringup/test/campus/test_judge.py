@@ -109,18 +109,48 @@ class Judge(unittest.TestCase):
 
     def test_verdict_names_what_was_wrong(self):
         drive = SimpleNamespace(result={"success": True}, end="at the goal",
-                                facts={"spoken": [{"text": "stop", "said": 1.0}, {"text": "go"}]})
-        result = {"goal_distance_m": 3.0,
+                                facts={"spoken": [{"text": "stop", "said": 1.0}, {"text": "go"}]},
+                                faults=[{"line": "kill vio", "problem": "no node vio runs"}])
+        result = {"expect": "reach", "goal_distance_m": 3.0,
                   "collisions": [{"t": 4.0, "speed": 1.0, "with": {"actor": "", "class": "box"}}],
                   "stops": [{"honoured": False, "heard_s": None, "braking_s": None}],
                   "kills": [{"node": "vio", "back_s": None}]}
         texts = judge.failures(drive, result)
-        self.assertEqual(5, len(texts))
+        self.assertEqual(6, len(texts))
         self.assertIn("3.0 m from B", texts[0])
-        self.assertIn("collision after 4.0 s with box", texts[1])
-        self.assertIn("heard after never", texts[2])
-        self.assertIn("go", texts[3])
-        self.assertIn("vio did not come back", texts[4])
+        self.assertIn("\"kill vio\" was not done: no node vio", texts[1])
+        self.assertIn("collision after 4.0 s with box", texts[2])
+        self.assertIn("heard after never", texts[3])
+        self.assertIn("go", texts[4])
+        self.assertIn("vio did not come back", texts[5])
+
+    @staticmethod
+    def unexpected(expect, success=False, distance=0.0, end_speed=0.0):
+        drive = SimpleNamespace(result={"success": success}, end="given up")
+        return judge.unexpected(drive, {"expect": expect, "distance_m": distance, "goal_distance_m": 0.1,
+                                        "end_speed": end_speed})
+
+    def test_a_vehicle_that_has_to_refuse_must_not_set_off(self):
+        self.assertEqual([], self.unexpected("refuse", distance=0.3))
+        self.assertIn("drove 5.0 m", self.unexpected("refuse", distance=5.0)[0])
+
+    def test_a_vehicle_that_has_to_stop_must_stand_and_not_arrive(self):
+        self.assertEqual([], self.unexpected("stop", distance=9.0))
+        self.assertIn("still moved", self.unexpected("stop", end_speed=1.0)[0])
+        self.assertIn("reached it", self.unexpected("stop", success=True)[0])
+        self.assertEqual([], self.unexpected("reach", success=True))
+        self.assertIn("not reached: given up", self.unexpected("reach")[0])
+
+    def test_the_hardest_braking_is_that_of_the_true_speed(self):
+        states = way([2.0] * 10 + [2.0 - 0.2 * i for i in range(11)] + [0.0] * 10)  # 4 m/s2
+        self.assertAlmostEqual(4.0, judge.hardest_braking(states), places=6)
+        self.assertIsNone(judge.hardest_braking([]))
+
+    def test_the_nearest_thing_counts_whatever_it_is(self):
+        states = way([1.0] * 3)
+        states[1]["nearest"] = {"distance": 0.7}
+        self.assertEqual(0.7, judge.nearest(states))
+        self.assertIsNone(judge.nearest(states[:1]))
 
     def test_a_line_of_the_log_that_is_cut_off_is_left_out(self):
         with tempfile.NamedTemporaryFile("w", suffix=".jsonl") as file:
@@ -156,12 +186,12 @@ class Files(unittest.TestCase):
             scenario.find("moon", PACKAGE)
 
     def test_rounds_are_summed_up(self):
-        tree = {"kills": [{"back_s": 1.5}, {"back_s": None}], "collisions": [], "vehicle_cores": 0.7,
+        tree = {"kills": [{"back_s": 1.5}, {"back_s": None}], "collisions": [],
                 "standstills": [{"cause": "a spoken stop"}, {"cause": None}], "stops": [{"braking_s": 0.5}],
                 "met": {"crossing": {"distance": 1.2, "actor": True}}, "localisation": {"max_m": 0.2}}
         self.assertEqual(["4 services killed, 2 came back: p50 1.50 s, most 1.50 s",
                           "0 collisions; nearest actor 1.20 m; 4 standstills, 2 without a cause",
-                          "\"stop\" to braking: p50 0.50 s, most 0.50 s; localisation: most 0.20 m; CPU p50 70 %"],
+                          "\"stop\" to braking: p50 0.50 s, most 0.50 s; localisation: most 0.20 m"],
                          report.of_rounds([tree, tree]))
         self.assertEqual(2, len(report.of_rounds([])))
 

@@ -30,6 +30,10 @@ class FakeRospy:
     def __init__(self):
         self.callbacks = {}
 
+    @staticmethod
+    def get_time():
+        return time.time()
+
     def Subscriber(self, topic, _, callback):  # noqa: N802  (rospy's name)
         return Subscriber(self, topic, callback)
 

@@ -1,6 +1,8 @@
 #include "ros/obstacles_diagnostics.h"
 #include <diagnostic_msgs/DiagnosticStatus.h>
+#include <pi_node/durations.h>
 #include <pi_node/formatting.h>
+#include <pi_node/vehicle_clock.h>
 
 #include <boost/asio/ip/host_name.hpp>
 #include <cmath>
@@ -29,7 +31,7 @@ ObstaclesDiagnostics::ObstaclesDiagnostics(const ros::NodeHandle& node, const ro
   , input_timeout_s_(input_timeout_s)
   , min_coverage_(min_coverage)
   , updater_(node, private_node, private_node.getNamespace())
-  , updated_at_(Clock::now())
+  , updated_at_ns_(pi_node::vehicleNs())
 {
   updater_.setHardwareID(boost::asio::ip::host_name());
   updater_.add("obstacles", [this](Status& status) { reportObstacles(status); });
@@ -50,9 +52,9 @@ void ObstaclesDiagnostics::addPair(const PairFigures& pair)
 
 void ObstaclesDiagnostics::update(const ObstaclesFigures& figures)
 {
-  const Clock::time_point now = Clock::now();
-  interval_s_ = std::chrono::duration<double>(now - updated_at_).count();
-  updated_at_ = now;
+  const int64_t now_ns = pi_node::vehicleNs();
+  interval_s_ = pi_node::secondsBetween(updated_at_ns_, now_ns);
+  updated_at_ns_ = now_ns;
   now_ = figures;
   updater_.force_update();
   before_ = std::move(now_);

@@ -66,7 +66,6 @@ public:
   void update(const ObstaclesFigures& figures);
 
 private:
-  using Clock = std::chrono::steady_clock;
   using Status = diagnostic_updater::DiagnosticStatusWrapper;
   void reportObstacles(Status& status);
   void reportInput(Status& status) const;
@@ -79,7 +78,7 @@ private:
   ObstaclesFigures now_;
   ObstaclesFigures before_;  ///< at the previous update
   uint64_t pairs_before_ = 0;
-  Clock::time_point updated_at_;
+  int64_t updated_at_ns_;
   double interval_s_ = 0.0;  ///< between the last two updates
 
   std::mutex mutex_;  ///< of all below

@@ -73,8 +73,7 @@ ObstaclesRos::ObstaclesRos(ros::NodeHandle node, ros::NodeHandle private_node)
   markers_ = output_node_.advertise<visualization_msgs::MarkerArray>("markers", 2, look, look);
   points_ = output_node_.advertise<sensor_msgs::PointCloud2>("points", 2, look, look);
   disparity_ = output_node_.advertise<stereo_msgs::DisparityImage>("disparity_image", 1, look, look);
-  timer_ = output_node_.createWallTimer(ros::WallDuration(options_.diagnostic_period),
-                                        [this](const ros::WallTimerEvent&) { publishDiagnostics(); });
+  timer_ = pi_node::VehicleTimer(output_node_, options_.diagnostic_period, [this] { publishDiagnostics(); });
   output_thread_.post([this] { updateSubscription(); });
 
   worker_.start();
@@ -135,13 +134,14 @@ void ObstaclesRos::updateSubscription()
   subscribed_ = wanted;
   if (wanted)
   {
+    worker_.take(true);
     subscribe();
     return;
   }
   images_[LEFT].shutdown();
   images_[RIGHT].shutdown();
   subscribers_.clear();
-  worker_.clear();
+  worker_.take(false);
 }
 
 void ObstaclesRos::subscribe()

@@ -3,6 +3,7 @@
 #include <image_transport/image_transport.h>
 #include <pi_node/input_topic.h>
 #include <pi_node/ros/callback_thread.h>
+#include <pi_node/ros/vehicle_time.h>
 #include <pi_node/ros/warning_board.h>
 #include <ros/ros.h>
 
@@ -78,7 +79,7 @@ private:
   ros::Publisher markers_;
   ros::Publisher points_;
   ros::Publisher disparity_;
-  ros::WallTimer timer_;
+  pi_node::VehicleTimer timer_;
 };
 
 }  // namespace pi_detect

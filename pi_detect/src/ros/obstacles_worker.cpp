@@ -29,6 +29,7 @@ ObstaclesWorker::ObstaclesWorker(const ros::NodeHandle& node, const ObstaclesRos
   , rate_limit_(options.max_rate_hz)
   , finder_(options, topics, &motion_)
   , tracker_(options.tracker)
+  , answers_("pictures", "obstacles")
 {
 }
 
@@ -71,7 +72,7 @@ void ObstaclesWorker::add(const stereo_msgs::DisparityImageConstPtr& disparity)
 
 void ObstaclesWorker::offer(StereoJob job)
 {
-  if (!rate_limit_.take(Clock::now()))
+  if (!rate_limit_.take(fromMsg(job.header().stamp)))
   {
     ++figures_.left_out;
     return;
@@ -101,8 +102,13 @@ void ObstaclesWorker::add(Side side, const sensor_msgs::CameraInfoConstPtr& info
   infos_[side] = info;
 }
 
-void ObstaclesWorker::clear()
+void ObstaclesWorker::take(bool wanted)
 {
+  answers_.take(wanted);
+  if (wanted)
+  {
+    return;
+  }
   std::lock_guard<std::mutex> lock(mutex_);
   pairing_.clear();
   job_.reset();
@@ -146,6 +152,7 @@ void ObstaclesWorker::work()
     {
       warnings_->error(std::string("a pair cannot be used: ") + error.what());
     }
+    answers_.workedOff(fromMsg(job.header().stamp));
     lock.lock();
   }
 }
@@ -168,6 +175,7 @@ void ObstaclesWorker::workOn(const StereoJob& job)
     return;
   }
   const ros::Time stamp = job.header().stamp;
+  answers_.waits(options_.tf_wait_s);
   const VehicleState vehicle = motionAt(stamp);
   const Clock::time_point begin = Clock::now();
   const std::vector<ObjectTrack> tracks = tracksAt(stamp, &figures.track_age_s);

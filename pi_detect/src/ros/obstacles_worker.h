@@ -4,6 +4,7 @@
 #include <pi_detect/obstacle_tracker.h>
 #include <pi_detect/ros/conversions.h>
 #include <pi_node/rate_limit.h>
+#include <pi_node/ros/vehicle_time.h>
 #include <pi_node/ros/warning_board.h>
 
 #include <condition_variable>
@@ -52,8 +53,8 @@ public:
   void add(const stereo_msgs::DisparityImageConstPtr& disparity);
   void add(const Track2DArrayConstPtr& tracks);
   void add(Side side, const sensor_msgs::CameraInfoConstPtr& info);
-  /// Forgets what waits: the inputs are not subscribed any more.
-  void clear();
+  /// The inputs are subscribed, or not any more: then what waits is forgotten.
+  void take(bool wanted);
 
   void report(ObstaclesFigures* figures);
 
@@ -88,6 +89,7 @@ private:
   ObstacleTracker tracker_;
   Labels labels_;
   bool worked_with_motion_ = false;
+  pi_node::SimulationAnswers answers_;
   std::thread thread_;
 };
 

@@ -2,6 +2,7 @@
 #include <diagnostic_msgs/DiagnosticStatus.h>
 #include <pi_node/durations.h>
 #include <pi_node/formatting.h>
+#include <pi_node/vehicle_clock.h>
 
 #include <utility>
 #include <vector>
@@ -10,8 +11,6 @@ namespace pi_detect
 {
 namespace
 {
-
-using pi_node::secondsSince;
 
 using pi_node::format;
 using pi_node::RecentValues;
@@ -28,7 +27,7 @@ SsdDiagnostics::SsdDiagnostics(const ros::NodeHandle& node, const ros::NodeHandl
   : warnings_(warnings)
   , input_timeout_s_(input_timeout_s)
   , updater_(node, private_node, private_node.getNamespace())
-  , updated_at_(Clock::now())
+  , updated_at_ns_(pi_node::vehicleNs())
 {
   updater_.setHardwareID("none");
   updater_.add("detection", [this](Status& status) { reportDetection(status); });
@@ -38,7 +37,7 @@ SsdDiagnostics::SsdDiagnostics(const ros::NodeHandle& node, const ros::NodeHandl
 void SsdDiagnostics::addPicture(const DetectionResult& result, double latency_s, double work_s)
 {
   std::lock_guard<std::mutex> lock(mutex_);
-  const double period_s = secondsSince(worked_at_);
+  const double period_s = pi_node::secondsBetween(worked_at_ns_, pi_node::vehicleNs());
   if (worked_ == 0 || period_s > RATE_PAUSE_S)
   {
     period_s_ = 0.0;
@@ -47,7 +46,7 @@ void SsdDiagnostics::addPicture(const DetectionResult& result, double latency_s,
   {
     period_s_ = period_s_ == 0.0 ? period_s : (1.0 - RATE_SMOOTHING) * period_s_ + RATE_SMOOTHING * period_s;
   }
-  worked_at_ = Clock::now();
+  worked_at_ns_ = pi_node::vehicleNs();
   ++worked_;
   objects_ = result.detections.size();
   unit_ = result.unit;
@@ -71,14 +70,16 @@ void SsdDiagnostics::reset()
 double SsdDiagnostics::rate() const
 {
   std::lock_guard<std::mutex> lock(mutex_);
-  return period_s_ > 0.0 && secondsSince(worked_at_) < RATE_PAUSE_S ? 1.0 / period_s_ : 0.0;
+  return period_s_ > 0.0 && pi_node::secondsBetween(worked_at_ns_, pi_node::vehicleNs()) < RATE_PAUSE_S
+             ? 1.0 / period_s_
+             : 0.0;
 }
 
 void SsdDiagnostics::update(const SsdFigures& figures)
 {
-  const Clock::time_point now = Clock::now();
-  interval_s_ = std::chrono::duration<double>(now - updated_at_).count();
-  updated_at_ = now;
+  const int64_t now_ns = pi_node::vehicleNs();
+  interval_s_ = pi_node::secondsBetween(updated_at_ns_, now_ns);
+  updated_at_ns_ = now_ns;
   now_ = figures;
   updater_.setHardwareID(now_.model.empty() ? "none" : now_.model);
   updater_.force_update();

@@ -56,7 +56,6 @@ public:
   void update(const SsdFigures& figures);
 
 private:
-  using Clock = std::chrono::steady_clock;
   using Status = diagnostic_updater::DiagnosticStatusWrapper;
   void reportDetection(Status& status);
   void reportInput(Status& status) const;
@@ -67,14 +66,14 @@ private:
   SsdFigures now_;
   SsdFigures before_;  ///< at the previous update
   uint64_t worked_before_ = 0;
-  Clock::time_point updated_at_;
+  int64_t updated_at_ns_;
   double interval_s_ = 0.0;  ///< between the last two updates
 
   mutable std::mutex mutex_;  ///< of all below
   uint64_t worked_ = 0;
   size_t objects_ = 0;  ///< in the last picture
   std::string unit_;
-  Clock::time_point worked_at_;
+  int64_t worked_at_ns_ = 0;
   double period_s_ = 0.0;  ///< between pictures, smoothed; 0: not known
   pi_node::RecentValues latency_ms_;
   pi_node::RecentValues work_ms_;

@@ -43,13 +43,12 @@ SsdRos::SsdRos(ros::NodeHandle node, ros::NodeHandle private_node)
   const auto look = [this](const ros::SingleSubscriberPublisher&) { updateSubscription(); };
   detections_ = service_node_.advertise<Detection2DArray>("detections", 2, look, look);
   tracks_ = service_node_.advertise<Track2DArray>("tracks", 2, look, look);
-  labels_ = service_node_.advertise<LabelArray>("labels", 1, true);
+  labels_ = pi_node::LatchedPublisher<LabelArray>(service_node_, "labels", 1);
   const auto look_at_overlay = [this](const image_transport::SingleSubscriberPublisher&) { updateSubscription(); };
   overlay_ = overlay_transport_.advertise("overlay", 1, look_at_overlay, look_at_overlay);
   services_.push_back(service_node_.advertiseService("detect", &SsdRos::detect, this));
   services_.push_back(loader_node_.advertiseService("set_model", &SsdRos::setModel, this));
-  timer_ = service_node_.createWallTimer(ros::WallDuration(options_.diagnostic_period),
-                                         [this](const ros::WallTimerEvent&) { publishDiagnostics(); });
+  timer_ = pi_node::VehicleTimer(service_node_, options_.diagnostic_period, [this] { publishDiagnostics(); });
   loader_thread_.post(
       [this]
       {

@@ -2,8 +2,11 @@
 
 #include <image_transport/image_transport.h>
 #include <pi_detect/DetectObjects.h>
+#include <pi_detect/LabelArray.h>
 #include <pi_detect/SetModel.h>
 #include <pi_node/ros/callback_thread.h>
+#include <pi_node/ros/latched_publisher.h>
+#include <pi_node/ros/vehicle_time.h>
 #include <pi_node/ros/warning_board.h>
 #include <ros/ros.h>
 
@@ -74,10 +77,10 @@ private:
   image_transport::ImageTransport overlay_transport_;
   ros::Publisher detections_;
   ros::Publisher tracks_;
-  ros::Publisher labels_;
+  pi_node::LatchedPublisher<LabelArray> labels_;
   image_transport::Publisher overlay_;
   std::vector<ros::ServiceServer> services_;
-  ros::WallTimer timer_;
+  pi_node::VehicleTimer timer_;
 };
 
 }  // namespace pi_detect

@@ -2,6 +2,7 @@
 
 #include <pi_detect/ros/conversions.h>
 #include <pi_node/durations.h>
+#include <pi_node/vehicle_clock.h>
 #include <pthread.h>
 
 #include <algorithm>
@@ -34,6 +35,7 @@ SsdWorker::SsdWorker(const SsdRosOptions& options, const std::string& topic, pi_
   , publish_(std::move(publish))
   , rate_limit_(options.max_rate_hz)
   , tracker_(options.tracker)
+  , answers_("detection", "ssd", topic)
 {
 }
 
@@ -59,12 +61,13 @@ void SsdWorker::add(const zero_copy::ImageHandle& picture)
   {
     std::lock_guard<std::mutex> lock(mutex_);
     ++figures_.pictures;
-    came_at_ = Clock::now();
+    came_at_ns_ = pi_node::vehicleNs();
+    const ros::Time& stamp = picture->header.stamp;
     if (!detector_)
     {
       return;
     }
-    if (!rate_limit_.take(came_at_))
+    if (!rate_limit_.take(stamp.isZero() ? came_at_ns_ : fromMsg(stamp)))
     {
       ++figures_.left_out;
       return;
@@ -77,12 +80,14 @@ void SsdWorker::add(const zero_copy::ImageHandle& picture)
 
 void SsdWorker::awaitPictures()
 {
+  answers_.take(true);
   std::lock_guard<std::mutex> lock(mutex_);
-  came_at_ = Clock::now();
+  came_at_ns_ = pi_node::vehicleNs();
 }
 
 void SsdWorker::dropPicture()
 {
+  answers_.take(false);
   std::lock_guard<std::mutex> lock(mutex_);
   picture_.reset();
 }
@@ -132,7 +137,7 @@ void SsdWorker::report(SsdFigures* figures)
 {
   std::lock_guard<std::mutex> lock(mutex_);
   *figures = figures_;
-  figures->silent_s = secondsSince(came_at_);
+  figures->silent_s = pi_node::secondsBetween(came_at_ns_, pi_node::vehicleNs());
   if (detector_)
   {
     figures->model = detector_->model().name;
@@ -185,6 +190,7 @@ void SsdWorker::work()
     {
       warnings_->error(std::string("detection failed: ") + error.what());
     }
+    answers_.workedOff(fromMsg(message->header.stamp));
     detector.reset();  // may be the last to hold an old one, whose end takes time
     lock.lock();
   }
@@ -192,7 +198,7 @@ void SsdWorker::work()
 
 void SsdWorker::workOn(const zero_copy::ImageHandle& message, const std::shared_ptr<SsdDetector>& detector)
 {
-  const Clock::time_point begin = Clock::now();
+  const auto begin = std::chrono::steady_clock::now();
   const auto picture = std::make_shared<const MessagePicture>(message);
   DetectionResult result = detector->detect(picture->view());
   if (worked_with_.lock() != detector)

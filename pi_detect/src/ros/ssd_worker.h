@@ -4,6 +4,7 @@
 #include <pi_detect/object_tracker.h>
 #include <pi_detect/ros/message_picture.h>
 #include <pi_node/rate_limit.h>
+#include <pi_node/ros/vehicle_time.h>
 #include <pi_node/ros/warning_board.h>
 
 #include <chrono>
@@ -58,8 +59,6 @@ public:
   void report(SsdFigures* figures);
 
 private:
-  using Clock = std::chrono::steady_clock;
-
   /// A call of detect(), on its way through the worker.
   struct Call
   {
@@ -89,12 +88,13 @@ private:
   pi_os_transport::zero_copy::ImageHandle picture_;  ///< the newest, that waits
   std::deque<Call*> calls_;
   pi_node::RateLimit rate_limit_;
-  Clock::time_point came_at_;  ///< the last picture
-  SsdFigures figures_;         ///< those that the worker knows
+  int64_t came_at_ns_ = 0;  ///< the last picture
+  SsdFigures figures_;      ///< those that the worker knows
 
   // Of the thread.
   ObjectTracker tracker_;
   std::weak_ptr<SsdDetector> worked_with_;
+  pi_node::SimulationAnswers answers_;
   std::thread thread_;
 };
 

@@ -1,6 +1,7 @@
 #include "ros/vehicle_motion.h"
 #include <pi_detect/ros/conversions.h>
 #include <pi_node/formatting.h>
+#include <pi_node/vehicle_clock.h>
 #include <tf2/exceptions.h>
 
 #include <chrono>
@@ -66,9 +67,9 @@ std::optional<Eigen::Isometry3d> VehicleMotion::lookUp(const std::string& parent
 bool VehicleMotion::waitFor(const ros::Time& stamp)
 {
   std::unique_lock<std::mutex> lock(mutex_);
-  return changed_.wait_for(lock, std::chrono::duration<double>(wait_s_),
-                           [this, &stamp]
-                           { return stopping_ || buffer_.canTransform(odom_frame_, base_link_frame_, stamp); }) &&
+  return pi_node::waitFor(&changed_, &lock, wait_s_,
+                          [this, &stamp]
+                          { return stopping_ || buffer_.canTransform(odom_frame_, base_link_frame_, stamp); }) &&
          !stopping_;
 }
 

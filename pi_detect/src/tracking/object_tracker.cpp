@@ -1,6 +1,6 @@
-#include "tracking/assignment.h"
 #include <pi_detect/object_tracker.h>
 #include <pi_node/option_check.h>
+#include "tracking/assignment.h"
 
 #include <algorithm>
 #include <cmath>
@@ -43,9 +43,18 @@ bool isSameObject(const Detection& a, const Detection& b)
          overlap(a.box, b.box) > COVERED_ANY_CLASS;
 }
 
-struct Followed
+enum class Compare
 {
-  Followed(const Detection& detection, int64_t stamp_ns) : filter(detection.box, BoxFilterNoise())
+  PREDICTED,          ///< the predicted box, with margin
+  PREDICTED_CLOSELY,  ///< the predicted box as it is
+  LAST_SEEN,          ///< the box of the last detection, with margin
+};
+
+}  // namespace
+
+struct FollowedObject
+{
+  FollowedObject(const Detection& detection, int64_t stamp_ns) : filter(detection.box, BoxFilterNoise())
   {
     track.first_seen_ns = stamp_ns;
     count(detection, stamp_ns);
@@ -80,15 +89,6 @@ struct Followed
   std::map<int, double> votes;
   int misses = 0;  ///< pictures since the last detection
 };
-
-enum class Compare
-{
-  PREDICTED,          ///< the predicted box, with margin
-  PREDICTED_CLOSELY,  ///< the predicted box as it is
-  LAST_SEEN,          ///< the box of the last detection, with margin
-};
-
-}  // namespace
 
 void ObjectTrackerOptions::validate() const
 {
@@ -161,7 +161,7 @@ private:
     {
       return false;
     }
-    for (Followed& followed : followed_)
+    for (FollowedObject& followed : followed_)
     {
       followed.filter.predict(dt_s);
     }
@@ -191,7 +191,7 @@ private:
   }
 
   /// Cost of a detection as the next one of a track: below 1, or FORBIDDEN.
-  double costOf(Compare compare, const Followed& followed, const Box& box, const Detection& detection) const
+  double costOf(Compare compare, const FollowedObject& followed, const Box& box, const Detection& detection) const
   {
     const bool closely = compare == Compare::PREDICTED_CLOSELY;
     double common = closely ? overlap(box, detection.box) : overlap(box, grown(detection.box, options_.margin));
@@ -212,7 +212,7 @@ private:
     Eigen::MatrixXd cost(static_cast<Eigen::Index>(tracks->size()), static_cast<Eigen::Index>(detections->size()));
     for (Eigen::Index i = 0; i < cost.rows(); ++i)
     {
-      const Followed& followed = followed_[(*tracks)[static_cast<size_t>(i)]];
+      const FollowedObject& followed = followed_[(*tracks)[static_cast<size_t>(i)]];
       const Box box = compare == Compare::LAST_SEEN ? followed.seen_box : followed.filter.box();
       const Box compared = compare == Compare::PREDICTED_CLOSELY ? box : grown(box, options_.margin);
       for (Eigen::Index j = 0; j < cost.cols(); ++j)
@@ -264,7 +264,7 @@ private:
   void endTracks()
   {
     followed_.erase(std::remove_if(followed_.begin(), followed_.end(),
-                                   [this](const Followed& followed)
+                                   [this](const FollowedObject& followed)
                                    {
                                      const double age_s =
                                          1e-9 * static_cast<double>(last_stamp_ns_ - followed.track.last_seen_ns);
@@ -277,7 +277,7 @@ private:
   std::vector<ObjectTrack> publish()
   {
     std::vector<ObjectTrack> tracks;
-    for (Followed& followed : followed_)
+    for (FollowedObject& followed : followed_)
     {
       if (followed.track.hits < options_.confirm_hits)
       {
@@ -299,7 +299,7 @@ private:
   static constexpr double FORBIDDEN = 2.0;  ///< two good pairs are better than one very good
 
   const ObjectTrackerOptions options_;
-  std::vector<Followed> followed_;
+  std::vector<FollowedObject> followed_;
   bool started_ = false;
   int64_t last_stamp_ns_ = 0;
   int64_t last_id_ = 0;

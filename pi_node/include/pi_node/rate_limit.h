@@ -1,6 +1,7 @@
 #pragma once
 
-#include <chrono>
+#include <cstdint>
+#include <limits>
 
 namespace pi_node
 {
@@ -9,30 +10,27 @@ namespace pi_node
 class RateLimit
 {
 public:
-  using Clock = std::chrono::steady_clock;
-
   /// @param rate_hz  most elements per second on average; 0: no limit.
-  explicit RateLimit(double rate_hz)
-    : period_(rate_hz > 0.0 ? std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(1.0 / rate_hz))
-                            : Clock::duration::zero())
-  {
-  }
+  explicit RateLimit(double rate_hz) : period_ns_(rate_hz > 0.0 ? static_cast<int64_t>(1e9 / rate_hz) : 0) {}
 
   /// @return whether to take the element that comes now. An element may come a quarter of the period early, so that a
   /// stream at a multiple of the rate with some jitter is taken at the rate.
-  bool take(Clock::time_point now)
+  /// @param now_ns  its stamp, or vehicleNs() if it has none; if time went back, the stream begins anew.
+  bool take(int64_t now_ns)
   {
-    if (now + period_ / 4 < next_)
+    const int64_t early_ns = next_ns_ - now_ns;
+    const bool back = early_ns > 2 * period_ns_;
+    if (early_ns > period_ns_ / 4 && !back)
     {
       return false;
     }
-    next_ = next_ + period_ > now ? next_ + period_ : now + period_;
+    next_ns_ = !back && next_ns_ + period_ns_ > now_ns ? next_ns_ + period_ns_ : now_ns + period_ns_;
     return true;
   }
 
 private:
-  const Clock::duration period_;
-  Clock::time_point next_;
+  const int64_t period_ns_;
+  int64_t next_ns_ = std::numeric_limits<int64_t>::min() / 2;
 };
 
 }  // namespace pi_node

@@ -28,7 +28,7 @@ EdgeServerRos::EdgeServerRos(ros::NodeHandle node, ros::NodeHandle private_node,
   const EdgeNode announced = options_.announcement(server_->port());
   updater_.setHardwareID(announced.id);
   updater_.add("edge server", [this](Status& status) { report(status); });
-  announcement_ = node_.advertise<EdgeNode>("edge_nodes", 1, true);
+  announcement_ = pi_node::LatchedPublisher<EdgeNode>(node_, "edge_nodes", 1);
   announcement_.publish(announced);
   timer_ = node_.createWallTimer(ros::WallDuration(options_.diagnostic_period),
                                  [this](const ros::WallTimerEvent&) { updater_.force_update(); });

@@ -2,7 +2,9 @@
 
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <pi_node/ros/callback_thread.h>
+#include <pi_node/ros/latched_publisher.h>
 #include <pi_node/ros/warning_board.h>
+#include <pi_offload/EdgeNode.h>
 #include <ros/ros.h>
 
 #include <chrono>
@@ -37,7 +39,7 @@ private:
   const pi_node::WarningBoard* const warnings_;
   diagnostic_updater::Updater updater_;
   EdgeServer::Statistics before_;  ///< at the previous update
-  ros::Publisher announcement_;
+  pi_node::LatchedPublisher<EdgeNode> announcement_;
   ros::WallTimer timer_;
 };
 

@@ -3,6 +3,7 @@
 #include <pi_detect/ros/conversions.h>
 #include <pi_node/durations.h>
 #include <pi_node/formatting.h>
+#include <pi_node/vehicle_clock.h>
 
 #include <algorithm>
 #include <chrono>
@@ -97,7 +98,7 @@ void PictureTasks::updateSubscription()
         });
     return;
   }
-  came_at_ns_ = pi_node::monotonicNs();
+  came_at_ns_ = pi_node::vehicleNs();
   const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
   local_detections_ = input_node_.subscribe("local/detections", 8, &PictureTasks::onLocalDetections, this, hints);
   image_ = zero_copy::subscribeImages(
@@ -110,7 +111,7 @@ void PictureTasks::fillInput(CoordinatorFigures* figures) const
   figures->topic = topic_;
   figures->subscribed = subscribed_;
   figures->pictures = came_;
-  figures->silent_s = pi_node::seconds(pi_node::monotonicNs() - came_at_ns_);
+  figures->silent_s = pi_node::secondsBetween(came_at_ns_, pi_node::vehicleNs());
   figures->crowded = crowded_;
 }
 
@@ -119,9 +120,9 @@ void PictureTasks::fillInput(CoordinatorFigures* figures) const
 void PictureTasks::onImage(const zero_copy::ImageHandle& message)
 {
   const int64_t arrived_ns = pi_node::monotonicNs();
-  came_at_ns_ = arrived_ns;
+  came_at_ns_ = pi_node::vehicleNs();
   ++came_;
-  if (!rate_limit_.take(std::chrono::steady_clock::now()))
+  if (!rate_limit_.take(message->header.stamp.isZero() ? came_at_ns_.load() : pi_node::fromMsg(message->header.stamp)))
   {
     return;
   }

@@ -1,9 +1,12 @@
 """A whole vehicle's graph: many nodes, each with many topics, in processes of their own."""
 
+import collections
+import contextlib
 import dataclasses
 import os
 import queue
 import random
+import re
 import time
 
 from .modes import BenchError, environment
@@ -173,8 +176,15 @@ class Fleet:
         return total_kb / 1024
 
     def descriptors(self):
-        """[descriptors of each node]"""
-        return [len(os.listdir(f'/proc/{node.pid}/fd')) for node in self.nodes]
+        """[what each node holds: {kind of descriptor: number}]"""
+        def count(pid):
+            folder = f'/proc/{pid}/fd'
+            kinds = collections.Counter()
+            for name in os.listdir(folder):
+                with contextlib.suppress(FileNotFoundError):  # closed meanwhile
+                    kinds[re.sub(r'[^a-z_]*[0-9]+.*', '', os.readlink(f'{folder}/{name}'))] += 1
+            return kinds
+        return [count(node.pid) for node in self.nodes]
 
     def warnings(self):
         texts = [f'{node.name}: {node.error_output().strip()}' for node in self.nodes if node.error_output().strip()]

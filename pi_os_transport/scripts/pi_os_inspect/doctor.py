@@ -201,6 +201,7 @@ def examine(master_uri=None):
     """(findings, states, complaints). @raise graph.GraphError"""
     nodes = graph.read(master_uri)
     states, complaints = processes.read_all()
+    graph.part_stale(nodes, states)
     # Others on this device may use another master.
     states = [state for state in states if state['node'] in nodes and nodes[state['node']].pid in (state['pid'], None)]
     return Doctor(nodes, states).findings(), states, complaints

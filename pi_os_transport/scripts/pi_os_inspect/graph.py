@@ -96,3 +96,25 @@ def read(uri=None):
         except (*CALL_ERRORS, GraphError):
             continue  # it has died, is on a device that cannot be reached, or is no node
     return nodes
+
+
+def part_stale(nodes, states):
+    """Takes the address from those that are dead and whose address another node has since: only their registration is
+    left. Of several names at one address the living one is that which the node itself tells (rospy) or its library
+    (states of processes)."""
+    at = {}
+    for node in nodes.values():
+        if node.pid is not None:
+            at.setdefault((node.uri, node.pid), []).append(node)
+    names = {state['pid']: state['node'] for state in states}
+    for (uri, pid), group in at.items():
+        if len(group) < 2:
+            continue
+        try:
+            living = call_for(str, proxy(uri).getName)
+        except (*CALL_ERRORS, GraphError):  # roscpp has no getName
+            living = names.get(pid)
+        if any(node.name == living for node in group):
+            for node in group:
+                if node.name != living:
+                    node.uri, node.pid, node.bus = '', None, None

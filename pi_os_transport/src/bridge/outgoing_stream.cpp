@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "event_loop/if_alive.h"
+#include "shm/ring_sender.h"
 
 namespace pi_os_transport
 {

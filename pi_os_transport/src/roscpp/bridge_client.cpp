@@ -102,9 +102,10 @@ void BridgeClient::pollReconnects()
   for (Reconnect& wish : wishes)
   {
     const ros::ConnectionPtr connection = wish.connection.lock();
-    if (!connection || connection->isDropped())
+    const std::shared_ptr<ReceiveLink> link = Runtime::instance().receive_links.find(connection.get());
+    if (!connection || connection->isDropped() || (link && link->active()))
     {
-      continue;
+      continue;  // ended, or the bridges carry the same link again
     }
     pollfd ready{wish.probe.get(), POLLOUT, 0};
     if (wish.probe && ::poll(&ready, 1, 0) == 1)

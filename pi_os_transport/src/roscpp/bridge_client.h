@@ -37,7 +37,7 @@ public:
   FileDescriptor openTunnel(const std::string& host, uint16_t port, const std::string& service) const;
 
   /// Drops a TCPROS connection, so that roscpp reconnects. Waits until the publisher's machine accepts connections,
-  /// because roscpp never tries again if its attempt fails at once.
+  /// because roscpp never tries again if its attempt fails at once. Not if the bridges carry the link again by then.
   void reconnect(const ros::ConnectionPtr& connection);
 
   /// Watches a connection through a tunnel. Closes it if the bridge of this device hangs; to its user, the server has

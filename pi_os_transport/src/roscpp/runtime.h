@@ -105,25 +105,25 @@ void dropIfSilent(const ros::ConnectionPtr& connection);
 
 /// Additional state of roscpp's link objects, found by their connection. A link that reconnects gets a new connection.
 /// Never destroyed. Thread safe.
-template <typename Link>
+template <typename Link, typename Key = ros::Connection>
 class LinkTable
 {
 public:
-  std::shared_ptr<Link> find(const ros::Connection* connection) const
+  std::shared_ptr<Link> find(const Key* key) const
   {
     std::shared_lock<std::shared_mutex> lock(mutex_);
-    const auto found = links_.find(connection);
+    const auto found = links_.find(key);
     return found != links_.end() ? found->second : nullptr;
   }
-  void insert(const ros::Connection* connection, std::shared_ptr<Link> link)
+  void insert(const Key* key, std::shared_ptr<Link> link)
   {
     std::unique_lock<std::shared_mutex> lock(mutex_);
-    links_[connection] = std::move(link);
+    links_[key] = std::move(link);
   }
-  void erase(const ros::Connection* connection)
+  void erase(const Key* key)
   {
     std::unique_lock<std::shared_mutex> lock(mutex_);
-    links_.erase(connection);
+    links_.erase(key);
   }
   /// Holds `link` until its connection ends, and then calls `ended(reason)`.
   template <typename Ended>
@@ -145,7 +145,7 @@ public:
 
 private:
   mutable std::shared_mutex mutex_;
-  std::unordered_map<const ros::Connection*, std::shared_ptr<Link>> links_;
+  std::unordered_map<const Key*, std::shared_ptr<Link>> links_;
 };
 
 /// A link whose peer reads messages in this process's pool. Thread safe.
@@ -184,6 +184,8 @@ public:
 
   LinkTable<TransmitLink> transmit_links;
   LinkTable<ReceiveLink> receive_links;
+  /// Without a connection any more, but bridges still bring the rest: one for each link of roscpp.
+  LinkTable<ReceiveLink, ros::TransportPublisherLink> ending_receive_links;
   LinkTable<ServiceCaller> service_callers;
   LinkTable<ServiceResponder> service_responders;
   ServiceStatisticsTable called_services;

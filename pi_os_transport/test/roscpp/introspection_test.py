@@ -187,6 +187,24 @@ class Introspection(services_judge.ServiceTest):
         topic = self.connect(talker, python)
         self.assert_finding('python', python.name, topic)
 
+    def test_a_registration_of_the_dead_at_the_address_of_the_living(self):
+        for kind, how in (('test_peer', {'env': {'PI_OS_ENABLE': '0'}}), ('rospy', {'preload': ''})):
+            with self.subTest(kind=kind):
+                talker, = self.peers('talker_' + kind)
+                listener = self.peer('listener_' + kind, kind=kind, **how)
+                topic = self.connect(talker, listener)
+                for living in (talker, listener):
+                    uri = graph.call(graph.proxy(os.environ['ROS_MASTER_URI']).lookupNode, living.name)
+                    for dead in ('/aa_dead', '/zz_dead'):  # sorted before and behind
+                        dead += living.name.strip('/')
+                        master = graph.proxy(os.environ['ROS_MASTER_URI'])
+                        self.assertEqual(master.registerSubscriber(dead, '/topic_of_the_dead', '*', uri)[0], 1)
+                        self.addCleanup(master.unregisterSubscriber, dead, '/topic_of_the_dead', uri)
+                found = [entry['what'] for entry in self.pi_os('doctor') if topic in entry['what']]
+                self.assertEqual(found, ['%s from %s to %s' % (topic, talker.name, listener.name)])
+                for peer in (talker, listener):
+                    peer.close()
+
     def test_switched_off(self):
         talker = self.peer('talker', env={'PI_OS_ENABLE': '0'})
         topic = self.connect(talker, *self.peers('listener'))

@@ -13,6 +13,13 @@
 
 namespace pi_runtime
 {
+/// What the units that can run a node need for it.
+struct NodeTimes
+{
+  double mean;     // [s]; NaN if no unit can run it
+  double fastest;  // [s]; +infinity if no unit can run it
+};
+
 namespace
 {
 
@@ -85,14 +92,7 @@ void checkSizes(const TaskGraph& graph, const EtcMatrix& etc, const TransferMode
   }
 }
 
-/// What the units that can run a node need for it.
-struct Times
-{
-  double mean;     // [s]; NaN if no unit can run it
-  double fastest;  // [s]; +infinity if no unit can run it
-};
-
-Times timesOf(const EtcMatrix& etc, uint32_t node)
+NodeTimes timesOf(const EtcMatrix& etc, uint32_t node)
 {
   double sum = 0.0;
   double fastest = std::numeric_limits<double>::infinity();
@@ -132,7 +132,7 @@ LevelMapping parseLevelMapping(const std::string& text)
 
 struct InnerCoreScheduler::Workspace
 {
-  std::vector<Times> times;       // per node
+  std::vector<NodeTimes> times;   // per node
   std::vector<double> chain;      // per node: longest chain from its start to the end, on the fastest units [s]
   std::vector<uint32_t> by_rank;  // nodes by falling upward rank, predecessors first
   DagPlacement placement;

@@ -60,6 +60,11 @@ void ChassisModel::step(const Setpoint& setpoint, double dt)
   }
 }
 
+void ChassisModel::setSlip(double share)
+{
+  slip_ = std::clamp(share, 0.0, 1.0);
+}
+
 void ChassisModel::substep(double dt)
 {
   while (!waiting_.empty() && waiting_.front().due <= time_ + 1e-9)
@@ -100,7 +105,7 @@ void ChassisModel::substep(double dt)
   }
 
   const double distance = 0.5 * (speed_before + speed_) * dt;
-  pose_ = pose_.moved(distance, 0.5 * (curvature_before + curvature_));
+  pose_ = pose_.moved((1.0 - slip_) * distance, 0.5 * (curvature_before + curvature_));
   travel_ += distance;
   discharge(dt > 0.0 && !stuck_ ? (speed_ - speed_before) / dt : 0.0, dt);
 }

@@ -54,6 +54,9 @@ public:
 
   /// Blocks the wheels, or frees them.
   void setStuck(bool stuck) { stuck_ = stuck; }
+  /// @param share  of the way of the wheels that the vehicle does not go, clamped to [0, 1].
+  void setSlip(double share);
+  double groundSpeed() const { return (1.0 - slip_) * speed_; }  ///< measurement() has that of the wheels [m/s]
   /// @param charge  is clamped to [0, 1].
   void setBatteryCharge(double charge);
   void setEmergencyButton(bool pressed) { button_ = pressed; }
@@ -81,6 +84,7 @@ private:
   double current_ = 0.0;  ///< negative while it gives
   double voltage_;
   bool stuck_ = false;
+  double slip_ = 0.0;
   bool button_ = false;
 };
 

@@ -21,7 +21,7 @@ constexpr size_t MAX_GARBAGE = 100000;
 constexpr int READS_AT_ONCE = 16;
 const char* const CHASSIS_COMMANDS =
     "unplug, plug, restart, silent on|off, garbage BYTES|on|off, stuck on|off, battery CHARGE, button on|off, "
-    "pose X Y YAW";
+    "slip SHARE, pose X Y YAW";
 
 chassis::Hello helloOf(const SimulationOptions& options)
 {
@@ -146,6 +146,10 @@ bool SimulatedChassis::setNumbers(const std::string& name, std::istringstream nu
   else if (name == "battery" && numbers >> number && number >= 0.0 && number <= 1.0)
   {
     model_.setBatteryCharge(number);
+  }
+  else if (name == "slip" && numbers >> number && number >= 0.0 && number <= 1.0)
+  {
+    model_.setSlip(number);
   }
   else if (name == "pose" && numbers >> pose.x >> pose.y >> pose.heading)
   {

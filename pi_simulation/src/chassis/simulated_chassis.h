@@ -42,7 +42,7 @@ public:
   void step(int64_t now_ns);
 
   /// One line of text: unplug, plug, restart, silent on|off, garbage BYTES, garbage on|off, stuck on|off,
-  /// battery CHARGE, button on|off, pose X Y YAW.
+  /// battery CHARGE, button on|off, slip SHARE, pose X Y YAW.
   /// @return the problem with its remedy; empty: done.
   std::string command(const std::string& line, int64_t now_ns);
 

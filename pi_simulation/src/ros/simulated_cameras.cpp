@@ -71,9 +71,11 @@ SimulatedCameras::~SimulatedCameras()
   }
 }
 
-void SimulatedCameras::start(std::shared_ptr<const SyntheticWorld> world)
+void SimulatedCameras::start(std::shared_ptr<const SyntheticWorld> world, const StereoRendererOptions& pictures,
+                             std::function<void(int64_t stamp_ns)> done)
 {
-  thread_ = std::thread([this, world = std::move(world)] { renderLoop(world); });
+  done_ = std::move(done);
+  thread_ = std::thread([this, pictures, world = std::move(world)] { renderLoop(world, pictures); });
 }
 
 void SimulatedCameras::request(const Exposure& exposure)
@@ -86,12 +88,13 @@ void SimulatedCameras::request(const Exposure& exposure)
   changed_.notify_all();
 }
 
-void SimulatedCameras::renderLoop(const std::shared_ptr<const SyntheticWorld>& world)
+void SimulatedCameras::renderLoop(const std::shared_ptr<const SyntheticWorld>& world,
+                                  const StereoRendererOptions& pictures)
 {
   pthread_setname_np(pthread_self(), "rendering");
   // Applies to this thread and to those that it starts: the renderer's.
   ::setpriority(PRIO_PROCESS, static_cast<id_t>(::syscall(SYS_gettid)), options_.cameras.nice);
-  StereoRenderer renderer(world, calibration_, options_.rendererOptions());
+  StereoRenderer renderer(world, calibration_, pictures);
   while (true)
   {
     Exposure exposure;
@@ -109,6 +112,7 @@ void SimulatedCameras::renderLoop(const std::shared_ptr<const SyntheticWorld>& w
     {
       render(exposure, &renderer);
     }
+    done_(exposure.stamp_ns);
   }
 }
 

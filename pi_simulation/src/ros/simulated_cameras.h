@@ -12,6 +12,7 @@
 
 #include <condition_variable>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -32,13 +33,14 @@ public:
   SimulatedCameras(const SimulatedCameras&) = delete;
   SimulatedCameras& operator=(const SimulatedCameras&) = delete;
 
-  /// Call once, when the world is built.
-  void start(std::shared_ptr<const SyntheticWorld> world);
+  /// Call once, when the world is built. @param done  called for each exposure that is published, on the thread.
+  void start(std::shared_ptr<const SyntheticWorld> world, const StereoRendererOptions& pictures,
+             std::function<void(int64_t stamp_ns)> done);
   void request(const Exposure& exposure);
   void report(diagnostic_updater::DiagnosticStatusWrapper& status);
 
 private:
-  void renderLoop(const std::shared_ptr<const SyntheticWorld>& world);
+  void renderLoop(const std::shared_ptr<const SyntheticWorld>& world, const StereoRendererOptions& pictures);
   void render(const Exposure& exposure, StereoRenderer* renderer);
 
   const VehicleSimulatorRosOptions& options_;
@@ -47,6 +49,8 @@ private:
   pi_os_transport::zero_copy::Publisher<sensor_msgs::Image> right_;
   ros::Publisher left_info_;
   ros::Publisher right_info_;
+
+  std::function<void(int64_t)> done_;
 
   std::mutex mutex_;
   std::condition_variable changed_;

@@ -1,6 +1,8 @@
 #include "ros/simulated_microphone_ros.h"
 
+#include <pi_node/durations.h>
 #include <pi_node/ros/node_options.h>
+#include <pi_node/vehicle_clock.h>
 #include <pi_simulation/PlayedSound.h>
 #include <pi_speech/ros/audio_conversions.h>
 #include <pthread.h>
@@ -17,13 +19,13 @@ namespace
 
 constexpr int64_t RATE = pi_speech::SAMPLE_RATE_HZ;
 constexpr size_t MESSAGE = RATE / 50;  ///< samples
-constexpr std::chrono::seconds LONGEST_PAUSE(1);
+constexpr int64_t LONGEST_PAUSE_NS = 1000000000;
 constexpr uint32_t QUEUE = 100;  ///< messages that wait for a subscriber: 2 s
 constexpr uint32_t PLAY_QUEUE = 20;
 
-std::chrono::nanoseconds durationOf(int64_t samples)
+int64_t nanosecondsOf(int64_t samples)
 {
-  return std::chrono::nanoseconds(samples * 1000000000 / RATE);
+  return samples * 1000000000 / RATE;
 }
 
 }  // namespace
@@ -35,7 +37,7 @@ SimulatedMicrophoneRos::SimulatedMicrophoneRos(ros::NodeHandle node, ros::NodeHa
   , options_(pi_node::loadNodeOptions<SimulatedMicrophoneRosOptions>(private_node, "simulated_microphone"))
   , mixer_(options_.mixer)
 {
-  info_ = service_node_.advertise<pi_speech::AudioInfo>("audio_info", 1, true);
+  info_ = pi_node::LatchedPublisher<pi_speech::AudioInfo>(service_node_, "audio_info", 1);
   audio_ = service_node_.advertise<pi_speech::AudioDataStamped>("audio_stamped", QUEUE);
   played_ = service_private_node_.advertise<PlayedSound>("played", PLAY_QUEUE);
   info_.publish(pi_speech::toMsg(pi_speech::AudioFormat()));
@@ -116,12 +118,12 @@ void SimulatedMicrophoneRos::run()
   while (true)
   {
     beginSounds();
-    const auto due = begin_ + durationOf(mixer_.position() + static_cast<int64_t>(MESSAGE) - begin_sample_);
-    if (!waitUntil(due))
+    const int64_t due_ns = begin_ns_ + nanosecondsOf(mixer_.position() + static_cast<int64_t>(MESSAGE) - begin_sample_);
+    if (!waitUntil(due_ns))
     {
       return;
     }
-    if (Clock::now() > due + LONGEST_PAUSE)
+    if (pi_node::vehicleNs() > due_ns + LONGEST_PAUSE_NS)
     {
       ROS_WARN_NAMED("simulated_microphone",
                      "more than 1 s late: the process was stopped, or the computer is busy; the "
@@ -146,15 +148,16 @@ bool SimulatedMicrophoneRos::waitForTime()
   return true;
 }
 
-bool SimulatedMicrophoneRos::waitUntil(Clock::time_point due)
+bool SimulatedMicrophoneRos::waitUntil(int64_t due_ns)
 {
   std::unique_lock<std::mutex> lock(mutex_);
-  return !changed_.wait_until(lock, due, [this] { return stopping_; });
+  return !pi_node::waitFor(&changed_, &lock, pi_node::secondsBetween(pi_node::vehicleNs(), due_ns),
+                           [this] { return stopping_; });
 }
 
 void SimulatedMicrophoneRos::beginStream()
 {
-  begin_ = Clock::now();
+  begin_ns_ = pi_node::vehicleNs();
   begin_stamp_ = ros::Time::now();
   begin_sample_ = mixer_.position();
 }
@@ -199,7 +202,7 @@ void SimulatedMicrophoneRos::send()
 
 ros::Time SimulatedMicrophoneRos::stampOf(int64_t sample) const
 {
-  return begin_stamp_ + ros::Duration().fromNSec(durationOf(sample - begin_sample_).count());
+  return begin_stamp_ + ros::Duration().fromNSec(nanosecondsOf(sample - begin_sample_));
 }
 
 }  // namespace pi_simulation

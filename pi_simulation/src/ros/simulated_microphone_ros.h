@@ -4,7 +4,9 @@
 #include "vehicle/microphone_mixer.h"
 
 #include <pi_node/ros/callback_thread.h>
+#include <pi_node/ros/latched_publisher.h>
 #include <pi_simulation/SimulatorCommand.h>
+#include <pi_speech/AudioInfo.h>
 #include <ros/ros.h>
 #include <std_msgs/String.h>
 
@@ -42,8 +44,6 @@ public:
   SimulatedMicrophoneRos& operator=(const SimulatedMicrophoneRos&) = delete;
 
 private:
-  using Clock = std::chrono::steady_clock;
-
   struct Sound
   {
     std::string file;
@@ -60,7 +60,7 @@ private:
   void run();
   bool waitForTime();
   /// @return false: stopping.
-  bool waitUntil(Clock::time_point due);
+  bool waitUntil(int64_t due_ns);
   void beginStream();
   void beginSounds();
   void send();
@@ -71,7 +71,7 @@ private:
   ros::NodeHandle service_private_node_;
   const SimulatedMicrophoneRosOptions options_;
   ros::Publisher audio_;
-  ros::Publisher info_;
+  pi_node::LatchedPublisher<pi_speech::AudioInfo> info_;
   ros::Publisher played_;
   ros::Subscriber play_;
   ros::ServiceServer command_;
@@ -85,9 +85,9 @@ private:
 
   // sim_microphone
   MicrophoneMixer mixer_;
-  Clock::time_point begin_;
+  int64_t begin_ns_ = 0;  ///< in the vehicle's time
   ros::Time begin_stamp_;
-  int64_t begin_sample_ = 0;  ///< that begin_ and begin_stamp_ are of
+  int64_t begin_sample_ = 0;  ///< that begin_ns_ and begin_stamp_ are of
   std::thread thread_;
 };
 

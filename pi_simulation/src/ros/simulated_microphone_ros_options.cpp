@@ -22,9 +22,10 @@ static void visitFields(SimulatedMicrophoneRosOptions& options, Visitor&& visit)
 void SimulatedMicrophoneRosOptions::validate() const
 {
   mixer.validate();
-  pi_node::parameters::require(mixer.background.empty() || mixer.background.front() == '/', "background",
-                               "\"" + mixer.background + "\"",
-                               "an absolute path: a node's working folder is not its user's");
+  const std::string& sound = mixer.background;
+  pi_node::parameters::require(sound.empty() || sound.front() == '/' || pi_speech::NoiseSource::isMade(sound),
+                               "background", "\"" + sound + "\"",
+                               "white, pink, wind, or an absolute path: a node's working folder is not its user's");
 }
 
 }  // namespace pi_simulation

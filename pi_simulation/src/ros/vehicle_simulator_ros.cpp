@@ -2,16 +2,13 @@
 
 #include "ros/simulation_conversions.h"
 
-#include <geometry_msgs/TransformStamped.h>
 #include <nav_msgs/Odometry.h>
-#include <pi_node/durations.h>
 #include <pi_node/formatting.h>
 #include <pi_node/ros/node_options.h>
 #include <pi_node/ros/time.h>
 #include <pthread.h>
 #include <sensor_msgs/Imu.h>
 
-#include <chrono>
 #include <stdexcept>
 #include <utility>
 #include <vector>
@@ -24,27 +21,9 @@ namespace
 using diagnostic_msgs::DiagnosticStatus;
 using pi_node::format;
 
-constexpr auto STEP = std::chrono::microseconds(2500);
 constexpr uint32_t IMU_QUEUE = 200;
 constexpr uint32_t OBSTACLES_QUEUE = 4;
-
-geometry_msgs::TransformStamped toTransform(const Eigen::Isometry3d& T_parent_child, const std::string& parent,
-                                            const std::string& child)
-{
-  geometry_msgs::TransformStamped transform;
-  transform.header.stamp = ros::Time::now();
-  transform.header.frame_id = parent;
-  transform.child_frame_id = child;
-  const Eigen::Quaterniond q(T_parent_child.linear());
-  transform.transform.translation.x = T_parent_child.translation().x();
-  transform.transform.translation.y = T_parent_child.translation().y();
-  transform.transform.translation.z = T_parent_child.translation().z();
-  transform.transform.rotation.w = q.w();
-  transform.transform.rotation.x = q.x();
-  transform.transform.rotation.y = q.y();
-  transform.transform.rotation.z = q.z();
-  return transform;
-}
+constexpr const char* CHASSIS_LINE = "chassis (on its line)";
 
 }  // namespace
 
@@ -57,26 +36,24 @@ VehicleSimulatorRos::VehicleSimulatorRos(ros::NodeHandle node, ros::NodeHandle p
   , scenario_(Scenario::load(options_.scenario, static_cast<uint64_t>(options_.scenario_seed)))
   , warnings_(options_.warning_period_s, pi_node::warningLog<VehicleSimulatorRosOptions>("vehicle_simulator"))
   , updater_(service_node_, private_node, private_node.getNamespace())
+  , time_(service_node_, options_.timeOptions())
   , cameras_(service_node_, options_, calibration_)
 {
   openLog();
   advertise();
-  // A clock that does not jump, which showed ROS time at the start.
-  clock_offset_ns_ = pi_node::fromMsg(ros::Time::now()) - pi_node::monotonicNs();
-  simulation_ = std::make_unique<VehicleSimulation>(scenario_, options_.simulationOptions(), outputs(),
-                                                    [this] { return pi_node::monotonicNs() + clock_offset_ns_; });
+  simulation_ = std::make_unique<VehicleSimulation>(scenario_, options_.simulationOptions(), outputs(), time_.nowNs());
   publishStatic();
   updater_.setHardwareID("simulated");
   updater_.add("cameras", [this](Status& status) { cameras_.report(status); });
   updater_.add("world", [this](Status& status) { reportWorld(status); });
   command_ = service_private_node_.advertiseService("command", &VehicleSimulatorRos::onCommand, this);
   command_topic_ = service_private_node_.subscribe("command", 10, &VehicleSimulatorRos::onCommandTopic, this);
-  timer_ = service_node_.createWallTimer(ros::WallDuration(options_.diagnostic_period),
-                                         [this](const ros::WallTimerEvent&) { updater_.force_update(); });
+  timer_ = pi_node::VehicleTimer(service_node_, options_.diagnostic_period, [this] { updater_.force_update(); });
   ROS_INFO_STREAM_NAMED("vehicle_simulator", "scenario "
                                                  << scenario_.name << ", chassis at " << simulation_->chassis().path()
                                                  << (options_.link.empty() ? "" : ", linked from " + options_.link));
-  cameras_.start(simulation_->world());
+  cameras_.start(simulation_->world(), scenario_.pictures(options_.rendererOptions()),
+                 [this](int64_t stamp_ns) { time_.answered("rendering", "vehicle_simulator", stamp_ns); });
   simulation_thread_ = std::thread([this] { simulate(); });
   service_thread_.start();
 }
@@ -84,7 +61,7 @@ VehicleSimulatorRos::VehicleSimulatorRos(ros::NodeHandle node, ros::NodeHandle p
 VehicleSimulatorRos::~VehicleSimulatorRos()
 {
   service_thread_.stop();
-  stopping_ = true;
+  time_.stop();
   simulation_thread_.join();
 }
 
@@ -107,17 +84,13 @@ void VehicleSimulatorRos::advertise()
   imu_ = service_node_.advertise<sensor_msgs::Imu>("imu/data", IMU_QUEUE);
   odometry_ = service_node_.advertise<nav_msgs::Odometry>("ground_truth/odometry", IMU_QUEUE);
   obstacles_ = service_node_.advertise<pi_detect::ObstacleArray>("ground_truth/obstacles", OBSTACLES_QUEUE);
-  scenario_publisher_ = service_node_.advertise<std_msgs::String>("scenario", 1, true);
+  static_tf_ = pi_node::LatchedPublisher<tf2_msgs::TFMessage>(service_node_, "/tf_static", 1);
+  scenario_publisher_ = pi_node::LatchedPublisher<std_msgs::String>(service_node_, "scenario", 1);
 }
 
 void VehicleSimulatorRos::publishStatic()
 {
-  Eigen::Isometry3d T_base_body = Eigen::Isometry3d::Identity();
-  T_base_body.translation() << options_.imu_in_base.x, options_.imu_in_base.y, options_.imu_in_base.z;
-  broadcaster_.sendTransform(std::vector<geometry_msgs::TransformStamped>{
-      toTransform(T_base_body, options_.base_link_frame, options_.imu_frame),
-      toTransform(T_base_body * calibration_.left.T_body_camera, options_.base_link_frame, options_.left_frame),
-      toTransform(T_base_body * calibration_.right.T_body_camera, options_.base_link_frame, options_.right_frame)});
+  static_tf_.publish(options_.staticTransforms());
   std_msgs::String text;
   text.data = scenario_.toJson(simulation_->mapInWorld().inverse());
   scenario_publisher_.publish(text);
@@ -127,8 +100,24 @@ SimulationOutputs VehicleSimulatorRos::outputs()
 {
   const pi_slam::ImuSimulatorOptions imu = options_.simulationOptions().imu;
   SimulationOutputs outputs;
-  outputs.imu = [this, imu](const pi_slam::ImuSample& sample) { imu_.publish(toImu(sample, imu, options_.imu_frame)); };
-  outputs.exposure = [this](const Exposure& exposure) { cameras_.request(exposure); };
+  outputs.imu = [this, imu](const pi_slam::ImuSample& sample)
+  {
+    time_.given("imu", sample.stamp_ns);
+    imu_.publish(toImu(sample, imu, options_.imu_frame));
+  };
+  outputs.exposure = [this](const Exposure& exposure)
+  {
+    time_.given("rendering", exposure.stamp_ns);
+    if (exposure.left == CameraState::ON)
+    {
+      time_.given("detection", exposure.stamp_ns);
+    }
+    if (exposure.left == CameraState::ON && exposure.right == CameraState::ON)
+    {
+      time_.given("pictures", exposure.stamp_ns);
+    }
+    cameras_.request(exposure);
+  };
   outputs.pose = [this](const TruePose& pose)
   {
     velocity_ = pose.velocity.head<2>();
@@ -153,15 +142,33 @@ SimulationOutputs VehicleSimulatorRos::outputs()
 void VehicleSimulatorRos::simulate()
 {
   pthread_setname_np(pthread_self(), "simulation");
-  auto due = std::chrono::steady_clock::now();
-  while (!stopping_)
+  uint64_t frames = 0;
+  const auto step = [this, &frames]
   {
+    const int64_t now_ns = time_.nowNs();
+    const std::lock_guard<std::mutex> lock(simulation_mutex_);
+    simulation_->advance(now_ns);
+    const ControllerCounters& counters = simulation_->chassis().controller().counters();
+    const uint64_t counted = counters.commands + counters.old_commands + counters.refused;
+    if (simulation_->chassis().path().empty())
     {
-      const std::lock_guard<std::mutex> lock(simulation_mutex_);
-      simulation_->advance(pi_node::monotonicNs() + clock_offset_ns_);
+      time_.forget("chassis", CHASSIS_LINE);
     }
-    due = std::max(due + STEP, std::chrono::steady_clock::now());
-    std::this_thread::sleep_until(due);
+    else if (counted != std::exchange(frames, counted))
+    {
+      time_.answered("chassis", CHASSIS_LINE, now_ns);
+    }
+  };
+  while (time_.advance(step))
+  {
+    step();
+  }
+  if (const std::string problem = time_.problem(); !problem.empty())
+  {
+    ROS_FATAL_STREAM_NAMED("vehicle_simulator", problem);
+    const std::lock_guard<std::mutex> lock(simulation_mutex_);
+    simulation_->logError(problem);
+    ros::requestShutdown();
   }
 }
 
@@ -173,8 +180,7 @@ void VehicleSimulatorRos::publishObstacles(int64_t stamp_ns, const std::vector<T
   }
   const VehicleSimulatorRosOptions::Outline& o = options_.outline;
   const OrientedBox outline{{0.5 * (o.front - o.rear), 0.0}, 0.0, {0.5 * (o.front + o.rear), o.half_width}};
-  obstacles_.publish(toObstacles(obstacles, outline, velocity_, pi_node::toTime(stamp_ns),
-                                 options_.base_link_frame));
+  obstacles_.publish(toObstacles(obstacles, outline, velocity_, pi_node::toTime(stamp_ns), options_.base_link_frame));
 }
 
 std::string VehicleSimulatorRos::execute(const std::string& line)
@@ -226,7 +232,10 @@ void VehicleSimulatorRos::reportWorld(Status& status)
   }
   status.add("chassis", path.empty() ? "unplugged" : path);
   status.add("collisions", simulation_->collisions());
-  status.add("time left out by pauses of this process [s]", format("%.2f", simulation_->lostSeconds()));
+  const SimulatedTime::Figures figures = time_.figures();
+  status.add("simulated seconds per second", format("%.2f", figures.factor));
+  status.add("waited for the vehicle [s]", format("%.1f", figures.waited_s));
+  status.add("last waited for", figures.waited_for);
 }
 
 }  // namespace pi_simulation

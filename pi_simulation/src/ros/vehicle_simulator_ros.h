@@ -6,13 +6,14 @@
 
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <pi_node/ros/callback_thread.h>
+#include <pi_node/ros/latched_publisher.h>
+#include <pi_node/ros/vehicle_time.h>
 #include <pi_node/ros/warning_board.h>
 #include <pi_simulation/SimulatorCommand.h>
 #include <ros/ros.h>
 #include <std_msgs/String.h>
-#include <tf2_ros/static_transform_broadcaster.h>
+#include <tf2_msgs/TFMessage.h>
 
-#include <atomic>
 #include <cstdint>
 #include <fstream>
 #include <memory>
@@ -29,8 +30,8 @@ namespace pi_simulation
 /// `~command` (SimulatorCommand), and the same lines on the topic `~command` (std_msgs/String). The chassis is on the
 /// pseudo-terminal that the parameter `link` names.
 ///
-/// Threads: `simulation` steps the world every 2.5 ms of wall time and publishes all but pictures; SimulatedCameras
-/// publishes those. `simulator_ros` has callbacks and diagnostics.
+/// It is the clock, see SimulatedTime. Thread `simulation` steps the world every 2.5 ms of its time and publishes all
+/// but pictures; `simulator_ros` has callbacks and diagnostics.
 class VehicleSimulatorRos
 {
 public:
@@ -67,24 +68,23 @@ private:
   const Scenario scenario_;
   pi_node::WarningBoard warnings_;
   diagnostic_updater::Updater updater_;
-  SimulatedCameras cameras_;
-  tf2_ros::StaticTransformBroadcaster broadcaster_;
+  SimulatedTime time_;
+  SimulatedCameras cameras_;  ///< its threads tell time_
+  pi_node::LatchedPublisher<tf2_msgs::TFMessage> static_tf_;
   ros::Publisher imu_;
   ros::Publisher odometry_;
   ros::Publisher obstacles_;
-  ros::Publisher scenario_publisher_;
+  pi_node::LatchedPublisher<std_msgs::String> scenario_publisher_;
   ros::ServiceServer command_;
   ros::Subscriber command_topic_;
-  ros::WallTimer timer_;
+  pi_node::VehicleTimer timer_;
   std::ofstream log_;
-  bool log_failed_ = false;      ///< simulation
-  int64_t clock_offset_ns_ = 0;  ///< ROS time less monotonic time, at the start
+  bool log_failed_ = false;  ///< simulation
 
   std::mutex simulation_mutex_;
   std::unique_ptr<VehicleSimulation> simulation_;       ///< under simulation_mutex_
   Eigen::Vector2d velocity_ = Eigen::Vector2d::Zero();  ///< simulation: of the vehicle, for the obstacles
 
-  std::atomic<bool> stopping_{false};
   std::thread simulation_thread_;
 };
 

@@ -1,7 +1,11 @@
 #include "ros/vehicle_simulator_ros_options.h"
 
+#include "ros/simulation_conversions.h"
+
 #include <pi_node/option_check.h>
 #include <pi_node/ros/parameter_tree.h>
+
+#include <algorithm>
 
 namespace pi_simulation
 {
@@ -26,6 +30,15 @@ static void visitFields(VehicleSimulatorRosOptions& options, Visitor&& visit)
   visit("cameras/smooth_edges", options.cameras.smooth_edges);
   visit("cameras/noise", options.cameras.noise);
   visit("cameras/brightness", options.cameras.brightness);
+  visit("realtime_factor", options.realtime_factor);
+  visit("pace/rendering", options.pace.rendering);
+  visit("pace/imu", options.pace.imu);
+  visit("pace/pictures", options.pace.pictures);
+  visit("pace/detection", options.pace.detection);
+  visit("pace/sound", options.pace.sound);
+  visit("pace/tick", options.pace.tick);
+  visit("pace/chassis", options.pace.chassis);
+  visit("patience_s", options.patience_s);
   visit("imu_noise", options.imu_noise);
   visit("imu_in_base/x", options.imu_in_base.x);
   visit("imu_in_base/y", options.imu_in_base.y);
@@ -55,6 +68,9 @@ void VehicleSimulatorRosOptions::validate() const
   check.range("cameras/nice", cameras.nice, 0, 19);
   check.range("cameras/noise", cameras.noise, 0.0, 10.0);
   check.range("cameras/brightness", cameras.brightness, 0.01, 10.0);
+  check.range("realtime_factor", realtime_factor, 0.0, 100.0);
+  pace.validate();
+  check.range("patience_s", patience_s, 0.1, 3600.0);
   check.range("imu_noise", imu_noise, 0.0, 100.0);
   check.range("imu_in_base/x", imu_in_base.x, -5.0, 5.0);
   check.range("imu_in_base/y", imu_in_base.y, -5.0, 5.0);
@@ -81,6 +97,14 @@ VehicleSimulatorRosOptions VehicleSimulatorRosOptions::load(const ros::NodeHandl
   const std::string& path = private_node.getNamespace();
   pi_node::parameters::require(!options.scenario.empty(), ("parameter " + path + "/scenario").c_str(), "\"\"",
                                "a file of config/scenarios or your own");
+  return options;
+}
+
+SimulatedTimeOptions VehicleSimulatorRosOptions::timeOptions() const
+{
+  SimulatedTimeOptions options{realtime_factor, pace, patience_s};
+  // Only one exposure waits to be rendered.
+  options.pace.rendering = std::min(options.pace.rendering, 0.8 / cameras.frame_rate);
   return options;
 }
 
@@ -122,6 +146,18 @@ StereoRendererOptions VehicleSimulatorRosOptions::rendererOptions() const
 pi_slam::StereoCalibration VehicleSimulatorRosOptions::calibration() const
 {
   return pi_slam::StereoCalibration::makeForwardPair(cameras.width, cameras.height, cameras.baseline);
+}
+
+tf2_msgs::TFMessage VehicleSimulatorRosOptions::staticTransforms() const
+{
+  Eigen::Isometry3d T_base_body = Eigen::Isometry3d::Identity();
+  T_base_body.translation() << imu_in_base.x, imu_in_base.y, imu_in_base.z;
+  const pi_slam::StereoCalibration cameras = calibration();
+  tf2_msgs::TFMessage message;
+  message.transforms = {toTransform(T_base_body, base_link_frame, imu_frame),
+                        toTransform(T_base_body * cameras.left.T_body_camera, base_link_frame, left_frame),
+                        toTransform(T_base_body * cameras.right.T_body_camera, base_link_frame, right_frame)};
+  return message;
 }
 
 }  // namespace pi_simulation

@@ -1,11 +1,13 @@
 #pragma once
 
 #include "renderer/stereo_renderer.h"
+#include "ros/simulated_time.h"
 #include "vehicle/vehicle_simulation.h"
 
 #include <pi_node/ros/node_parameters.h>
 #include <pi_slam/stereo_calibration.h>
 #include <ros/node_handle.h>
+#include <tf2_msgs/TFMessage.h>
 #include <xmlrpcpp/XmlRpcValue.h>
 
 #include <string>
@@ -35,7 +37,10 @@ struct VehicleSimulatorRosOptions : pi_node::NodeParameters<VehicleSimulatorRosO
     double noise = 1.0;         ///< scale of the pictures' noise
     double brightness = 1.15;   ///< grey value of white in full light is 255 times this
   } cameras;
-  double imu_noise = 1.0;  ///< scale of the IMU's noise and biases; 0: ideal
+  double realtime_factor = 1.0;  ///< in simulated time: most seconds of it per second; 0: as fast as the computer can
+  PaceOptions pace;              ///< in simulated time
+  double patience_s = 20.0;      ///< in simulated time: by the clock on the wall, for an answer of the vehicle
+  double imu_noise = 1.0;        ///< scale of the IMU's noise and biases; 0: ideal
 
   struct Mount
   {
@@ -67,9 +72,11 @@ struct VehicleSimulatorRosOptions : pi_node::NodeParameters<VehicleSimulatorRosO
   /// @throws std::invalid_argument naming the parameter that is wrong, its value and its bound.
   static VehicleSimulatorRosOptions load(const ros::NodeHandle& private_node, std::vector<std::string>* unknown);
 
+  SimulatedTimeOptions timeOptions() const;
   VehicleSimulationOptions simulationOptions() const;
   StereoRendererOptions rendererOptions() const;
   pi_slam::StereoCalibration calibration() const;
+  tf2_msgs::TFMessage staticTransforms() const;  ///< of the IMU and the cameras, with the stamp of now
 };
 
 }  // namespace pi_simulation

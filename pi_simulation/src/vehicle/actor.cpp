@@ -29,11 +29,8 @@ bool Actor::due(double time, const Eigen::Vector2d& vehicle) const
   {
     return true;
   }
-  if (trigger.near)
-  {
-    return (vehicle - *trigger.near).norm() <= trigger.within;
-  }
-  return trigger.time ? time >= *trigger.time : !trigger.command;
+  const bool there = !trigger.near || (vehicle - *trigger.near).norm() <= trigger.within;
+  return there && !trigger.command && time >= trigger.time.value_or(0.0);
 }
 
 bool Actor::step(double time, double dt, const Eigen::Vector2d& vehicle)

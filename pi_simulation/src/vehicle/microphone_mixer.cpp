@@ -14,6 +14,7 @@ namespace
 
 constexpr double FULL_SCALE = 32768.0;
 constexpr size_t CALIBRATION = 4 * pi_speech::SAMPLE_RATE_HZ;  ///< samples of noise that tell its level
+constexpr size_t GUSTS = 60 * pi_speech::SAMPLE_RATE_HZ;       ///< the same of noise with slow changes
 
 double amplitude(double db)
 {
@@ -53,8 +54,8 @@ MicrophoneMixer::MicrophoneMixer(const MicrophoneMixerOptions& options)
   if (!options.background.empty())
   {
     background_ = std::make_unique<pi_speech::NoiseSource>(options.background, static_cast<uint32_t>(options.seed));
-    const pi_speech::Samples all = pi_speech::readAudioFile(options.background);
-    background_gain_ = gainTo(options.background_level_dbfs, background_->next(all.size()));  // once round
+    const size_t round = background_->period() > 0 ? background_->period() : GUSTS;
+    background_gain_ = gainTo(options.background_level_dbfs, background_->next(round));
   }
 }
 

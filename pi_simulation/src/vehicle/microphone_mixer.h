@@ -17,7 +17,7 @@ struct MicrophoneMixerOptions
 {
   double noise_level_dbfs = -62.0;       ///< of pink noise [dB of full scale], in [-120, 0]
   int seed = 1;                          ///< of the noise, at least 0
-  std::string background;                ///< sound file, looped; empty: none
+  std::string background;                ///< of pi_speech::NoiseSource: a noise or a file; empty: none
   double background_level_dbfs = -50.0;  ///< mean level of the background, in [-120, 0]
   double play_gain_db = 0.0;             ///< of sounds that are played, in [-60, 20]
 

@@ -4,6 +4,7 @@
 #include "vehicle/rounded_json.h"
 
 #include <pi_node/yaml_section.h>
+#include <pi_speech/noise_mixing.h>
 
 #include <algorithm>
 #include <fstream>
@@ -99,6 +100,22 @@ pi_vehicle::Pose2 pose(pi_node::YamlSection* section, const std::string& field)
   return {p[0], p[1], p[2]};
 }
 
+std::vector<pi_vehicle::Pose2> poses(pi_node::YamlSection* section, const std::string& field)
+{
+  const YAML::Node list = section->node(field);
+  if (!list.IsSequence() || list.size() == 0)
+  {
+    section->refuse(field, "(no list)", "a list of poses [x, y, heading]");
+  }
+  std::vector<pi_vehicle::Pose2> result;
+  for (size_t i = 0; i < list.size(); ++i)
+  {
+    const std::vector<double> p = numbers(*section, field, list[i], 3, "a list of poses [x, y, heading]");
+    result.push_back({p[0], p[1], p[2]});
+  }
+  return result;
+}
+
 /// `near: [x, y]` and `within`, both or none.
 void readPlace(pi_node::YamlSection* section, std::optional<Eigen::Vector2d>* near, double* within)
 {
@@ -155,9 +172,9 @@ void readTrigger(pi_node::YamlSection* section, ActorTrigger* result)
   readPlace(&trigger, &result->near, &result->within);
   trigger.read("command", "true or false", &result->command);
   trigger.finish();
-  if ((result->time ? 1 : 0) + (result->near ? 1 : 0) + (result->command ? 1 : 0) > 1)
+  if (result->command && (result->time || result->near))
   {
-    section->refuse("trigger", "(several)", "one of time, near with within, or command");
+    section->refuse("trigger", "(command with time or near)", "command alone, or time, near with within, or both");
   }
 }
 
@@ -275,19 +292,67 @@ EdgeNode readEdgeNode(pi_node::YamlSection* section)
   return node;
 }
 
+/// A command line, of which only the first word is checked here.
+std::string command(pi_node::YamlSection* section, const std::string& field)
+{
+  static const std::set<std::string> KNOWN = {"actor",   "battery", "button", "camera", "garbage",
+                                              "imu",     "kill",    "plug",   "pose",   "radio",
+                                              "restart", "silent",  "slip",   "stuck",  "unplug"};
+  const std::string line = text(section, field);
+  const std::string word = line.substr(0, line.find(' '));
+  const bool for_runner = word == "kill" || word == "radio";
+  if (KNOWN.count(word) == 0 || (for_runner && !isForRunner(line)))
+  {
+    section->refuse(field, "\"" + line + "\"",
+                    "a command of the simulator (see docs/design/vehicle_simulator.md), kill NODE, or radio on|off");
+  }
+  return line;
+}
+
 PlannedFault readFault(pi_node::YamlSection* section)
 {
   PlannedFault fault;
-  fault.time = number(section, "time", 0.0, LONG_S);
-  fault.begin = text(section, "command");
-  section->readNumber("for", 0.0, LONG_S, &fault.duration);
-  section->read("end", "a text", &fault.end);
-  if ((fault.duration > 0.0) != !fault.end.empty())
+  readPlace(section, &fault.near, &fault.within);
+  if (!fault.near || section->has("time"))
   {
-    section->refuse("end", "\"" + fault.end + "\"", "given together with for, the seconds until it");
+    fault.time = number(section, "time", 0.0, LONG_S);
+  }
+  fault.begin = command(section, "command");
+  section->readNumber("for", 0.0, LONG_S, &fault.duration);
+  if (section->has("end"))
+  {
+    fault.end = command(section, "end");
+  }
+  if (fault.duration > 0.0 ? fault.end.empty() : !fault.end.empty() && !fault.near)
+  {
+    section->refuse("end", "\"" + fault.end + "\"", "given together with for, the seconds until it, or with near");
   }
   section->finish();
   return fault;
+}
+
+std::string readExpectation(pi_node::YamlSection* section)
+{
+  std::string expect = "reach";
+  section->read("expect", "a text", &expect);
+  if (expect != "reach" && expect != "refuse" && expect != "stop")
+  {
+    section->refuse("expect", expect, "reach, refuse or stop");
+  }
+  return expect;
+}
+
+/// The sound around the vehicle: the runner of a drive reads it, and gives it to the microphone.
+void checkBackground(pi_node::YamlSection section)
+{
+  const std::string sound = text(&section, "sound");
+  if (!pi_speech::NoiseSource::isMade(sound) && sound.front() != '/')
+  {
+    section.refuse("sound", sound, "white, pink, wind, or the absolute path of a sound file");
+  }
+  double level_dbfs = 0.0;
+  section.readNumber("level_dbfs", -90.0, 0.0, &level_dbfs);
+  section.finish();
 }
 
 template <typename Item>
@@ -319,6 +384,17 @@ Scenario readScenario(pi_node::YamlSection* section, uint64_t seed)
   section->readNumber("duration", 1.0, LONG_S, &scenario.duration);
   scenario.start = pose(section, "start");
   scenario.goal = pose(section, "goal");
+  if (section->has("further_goals"))
+  {
+    scenario.further_goals = poses(section, "further_goals");
+  }
+  scenario.expect = readExpectation(section);
+  section->readNumber("light", 0.01, 1.0, &scenario.light);
+  section->readNumber("picture_noise", 0.0, 50.0, &scenario.picture_noise);
+  if (section->has("background"))
+  {
+    checkBackground(section->section("background"));
+  }
   if (section->has("waypoints"))
   {
     scenario.waypoints = points(section, "waypoints");
@@ -342,6 +418,20 @@ Scenario readScenario(pi_node::YamlSection* section, uint64_t seed)
 
 }  // namespace
 
+bool isForRunner(const std::string& command)
+{
+  const bool kills = command.rfind("kill ", 0) == 0 && command.find_first_of(" \t", 5) == std::string::npos;
+  return (kills && command.size() > 5) || command == "radio on" || command == "radio off";
+}
+
+StereoRendererOptions Scenario::pictures(StereoRendererOptions options) const
+{
+  options.brightness *= light;
+  options.shot_noise *= picture_noise * picture_noise;  // a variance
+  options.read_noise *= picture_noise;
+  return options;
+}
+
 Scenario Scenario::parse(const std::string& yaml, const std::string& name, uint64_t seed)
 {
   pi_node::YamlSection section = pi_node::YamlSection::parse(yaml, name);
@@ -362,10 +452,16 @@ std::string Scenario::toJson(const pi_vehicle::Pose2& T_map_world) const
                {"map_in_world", pi_simulation::toJson(T_map_world.inverse())},
                {"start", inMap(start)},
                {"goal", inMap(goal)},
+               {"further_goals", Json::array()},
+               {"expect", expect},
                {"waypoints", Json::array()},
                {"actors", Json::array()},
                {"spoken", Json::array()},
                {"edge_nodes", Json::array()}};
+  for (const pi_vehicle::Pose2& further : further_goals)
+  {
+    json["further_goals"].push_back(inMap(further));
+  }
   for (const Eigen::Vector2d& waypoint : waypoints)
   {
     json["waypoints"].push_back(inMap(waypoint));

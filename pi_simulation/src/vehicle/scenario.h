@@ -1,5 +1,7 @@
 #pragma once
 
+#include "renderer/stereo_renderer.h"
+
 #include <pi_vehicle/decision/pose2.h>
 
 #include <Eigen/Core>
@@ -11,7 +13,8 @@
 namespace pi_simulation
 {
 
-/// Starts an actor. Without time, place and command the actor moves from the start.
+/// Starts an actor. With time and place, both must hold: from the time on, when the vehicle is there. Without time,
+/// place and command the actor moves from the start.
 struct ActorTrigger
 {
   std::optional<double> time;           ///< since the start [s]
@@ -62,14 +65,20 @@ struct EdgeNode
   double range = 0.0;                                  ///< [m]
 };
 
-/// A command of the simulator at a time.
+/// A command of the simulator at a time, at a place, or from a time on at a place; once.
 struct PlannedFault
 {
-  double time = 0.0;      ///< since the start [s]
-  double duration = 0.0;  ///< [s]; 0: until the end
-  std::string begin;      ///< command line
-  std::string end;        ///< after the duration; empty: none
+  double time = 0.0;                    ///< since the start [s]
+  std::optional<Eigen::Vector2d> near;  ///< the vehicle is within `within` of this point [m]
+  double within = 0.0;                  ///< [m]
+  double duration = 0.0;                ///< [s]; 0: at a place until the vehicle leaves it, else for good
+  std::string begin;                    ///< command line
+  std::string end;                      ///< command line afterwards; empty: none
 };
+
+/// Whether the runner of a drive executes a fault's command, as the simulator has no part in it: `kill NODE` (of the
+/// graph) and `radio on|off` (to the edge nodes).
+bool isForRunner(const std::string& command);
 
 /// A drive: world, start, goal, actors and faults. Coordinates are those of the world, and so of its road.
 struct Scenario
@@ -82,7 +91,11 @@ struct Scenario
   double duration = 60.0;             ///< expected [s]; for the runner of a demo
   pi_vehicle::Pose2 start;            ///< of base_link
   pi_vehicle::Pose2 goal;
-  std::vector<Eigen::Vector2d> waypoints;
+  std::vector<pi_vehicle::Pose2> further_goals;  ///< one after the other, when the goal before is reached
+  std::vector<Eigen::Vector2d> waypoints;        ///< on the way to `goal`
+  std::string expect = "reach";                  ///< reach (all goals), refuse (not to set off) or stop (before a goal)
+  double light = 1.0;                            ///< of the day: 0.25 dusk, 0.08 night
+  double picture_noise = 1.0;                    ///< scale of the cameras' noise; 6: heavy rain
   std::vector<ActorPlan> actors;
   std::vector<SpokenWords> spoken;
   std::vector<EdgeNode> edge_nodes;
@@ -94,6 +107,9 @@ struct Scenario
   static Scenario parse(const std::string& yaml, const std::string& name, uint64_t seed);
   /// The same with a file.
   static Scenario load(const std::string& path, uint64_t seed);
+
+  /// Options of the renderer in this light, and with this noise.
+  StereoRendererOptions pictures(StereoRendererOptions options) const;
 
   /// The scenario as one line of JSON, for other programs. @param T_map_world  turns the coordinates into the map.
   std::string toJson(const pi_vehicle::Pose2& T_map_world) const;

@@ -79,17 +79,18 @@ void VehicleSimulationOptions::validate() const
 }
 
 VehicleSimulation::VehicleSimulation(const Scenario& scenario, const VehicleSimulationOptions& options,
-                                     SimulationOutputs outputs, const std::function<int64_t()>& clock)
+                                     SimulationOutputs outputs, int64_t start_ns)
   : scenario_(scenario)
   , options_((options.validate(), options))
   , outputs_(std::move(outputs))
   , surface_(scenario.bumps, scenario.world_seed)
   , map_in_world_(mapOrigin(scenario, options))
   , world_(buildWorld(scenario, options))
-  , start_ns_(clock())
+  , start_ns_(start_ns)
   , chassis_(chassisOptions(scenario, options), start_ns_)
   , noise_(options.imu)
   , now_ns_(start_ns_)
+  , faults_(scenario.faults)
 {
   T_base_body_.translation() = options_.imu_in_base;
   T_map_world_ = (Eigen::Translation3d(map_in_world_.x, map_in_world_.y, options_.imu_in_base.z()) *
@@ -99,26 +100,14 @@ VehicleSimulation::VehicleSimulation(const Scenario& scenario, const VehicleSimu
   {
     actors_.emplace_back(plan);
   }
-  for (const PlannedFault& fault : scenario_.faults)
-  {
-    waiting_faults_.emplace(fault.time, fault.begin);
-    if (!fault.end.empty())
-    {
-      waiting_faults_.emplace(fault.time + fault.duration, fault.end);
-    }
-  }
   log("start", {{"scenario", Json::parse(scenario_.toJson(map_in_world_.inverse()))}});
 }
 
 void VehicleSimulation::advance(int64_t now_ns)
 {
-  if (now_ns - now_ns_ > SECOND_NS)
+  if (now_ns_ + STEP_NS > now_ns)
   {
-    const int64_t left_out_ns = (now_ns - now_ns_ - SECOND_NS / 10) / STEP_NS * STEP_NS;
-    lost_ns_ += left_out_ns;
-    now_ns_ += left_out_ns;
-    window_.clear();
-    log("lost", {{"seconds", rounded(pi_node::seconds(left_out_ns))}});
+    chassis_.step(now_ns_);  // reads its line
   }
   while (now_ns_ + STEP_NS <= now_ns)
   {
@@ -145,12 +134,14 @@ void VehicleSimulation::step()
 
 void VehicleSimulation::runFaults()
 {
-  while (!waiting_faults_.empty() && waiting_faults_.begin()->first <= time())
+  for (const auto& [line, restores] : faults_.due(time(), chassis_.model().pose().position()))
   {
-    const std::string line = waiting_faults_.begin()->second;
-    waiting_faults_.erase(waiting_faults_.begin());
-    const std::string problem = command(line);
-    if (!problem.empty())
+    const std::string problem = isForRunner(line) ? "" : execute(line);
+    if (problem.empty())
+    {
+      log("command", {{"line", line}, {"restores", restores}});
+    }
+    else
     {
       log("error", {{"text", problem}});
     }
@@ -265,9 +256,17 @@ void VehicleSimulation::judge()
             {"velocity", toJson(obstacle.velocity)}};
   };
   Json fields = {{"pose", toJson(in_map)},
-                 {"speed", rounded(measured.speed)},
+                 {"speed", rounded(chassis_.model().groundSpeed())},
                  {"curvature", rounded(measured.curvature)},
                  {"mode", chassis::modeText(chassis_.controller().mode())}};
+  fields["people"] = Json::array();
+  for (const TrueObstacle& obstacle : all)
+  {
+    if (obstacle.class_name == "person")
+    {
+      fields["people"].push_back(toJson(obstacle.box.center));
+    }
+  }
   if (!all.empty())
   {
     fields["nearest"] = describe(all.front());
@@ -289,7 +288,7 @@ void VehicleSimulation::judge()
     if (touching_.count(obstacle.id) == 0)
     {
       ++collisions_;
-      log("collision", {{"speed", rounded(measured.speed)}, {"with", describe(obstacle)}});
+      log("collision", {{"speed", rounded(chassis_.model().groundSpeed())}, {"with", describe(obstacle)}});
     }
   }
   touching_ = touching;
@@ -348,6 +347,11 @@ std::string VehicleSimulation::execute(const std::string& line)
     window_.clear();  // a jump must not look like an acceleration
   }
   return problem.find("is not understood") == std::string::npos ? problem : problem + COMMANDS;
+}
+
+void VehicleSimulation::logError(const std::string& text)
+{
+  log("error", {{"text", text}});
 }
 
 void VehicleSimulation::log(const std::string& type, const nlohmann::ordered_json& fields)

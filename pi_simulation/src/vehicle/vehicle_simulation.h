@@ -3,6 +3,7 @@
 #include "chassis/simulated_chassis.h"
 #include "renderer/synthetic_world.h"
 #include "vehicle/actor.h"
+#include "vehicle/fault_schedule.h"
 #include "vehicle/motion_window.h"
 #include "vehicle/oriented_box.h"
 #include "vehicle/road_surface.h"
@@ -12,7 +13,6 @@
 
 #include <cstdint>
 #include <functional>
-#include <map>
 #include <memory>
 #include <nlohmann/json_fwd.hpp>
 #include <set>
@@ -94,24 +94,26 @@ public:
   static constexpr double OBSTACLE_RANGE_M = 30.0;  ///< farther obstacles are left out
 
   /// @param outputs  must stay valid.
-  /// @param clock    that does not jump [ns]; read once, for the time of the start, after the world is built.
+  /// @param start_ns  of the clock of advance().
   /// @throws std::invalid_argument for wrong options, std::runtime_error without a pseudo-terminal.
   VehicleSimulation(const Scenario& scenario, const VehicleSimulationOptions& options, SimulationOutputs outputs,
-                    const std::function<int64_t()>& clock);
+                    int64_t start_ns);
 
-  /// Advances to now in steps of 1 ms. A pause of more than 1 s is left out.
+  /// Advances to now in steps of 1 ms. Reads the chassis's line in any case.
   void advance(int64_t now_ns);
 
   /// One line of text: those of SimulatedChassis, `camera left|right|both on|off|dark`, `imu on|off`, `actor ID go`.
   /// @return the problem with its remedy; empty: done.
   std::string command(const std::string& line);
 
+  /// A line of type `error` in the log.
+  void logError(const std::string& text);
+
   const std::shared_ptr<const SyntheticWorld>& world() const { return world_; }
   const SimulatedChassis& chassis() const { return chassis_; }
   pi_vehicle::Pose2 mapInWorld() const { return map_in_world_; }
   int64_t startNs() const { return start_ns_; }
   uint64_t collisions() const { return collisions_; }
-  double lostSeconds() const { return 1e-9 * static_cast<double>(lost_ns_); }  ///< left out by advance()
 
 private:
   void step();
@@ -140,12 +142,11 @@ private:
   MotionWindow window_;
   int64_t now_ns_;
   int64_t frame_ = 1;  ///< number of the next one
-  int64_t lost_ns_ = 0;
   bool imu_on_ = true;
   CameraState left_ = CameraState::ON;
   CameraState right_ = CameraState::ON;
-  std::multimap<double, std::string> waiting_faults_;  ///< by time [s]
-  std::set<int> touching_;                             ///< ids that the outline overlaps
+  FaultSchedule faults_;
+  std::set<int> touching_;  ///< ids that the outline overlaps
   uint64_t collisions_ = 0;
 };
 

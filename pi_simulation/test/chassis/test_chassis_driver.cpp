@@ -103,10 +103,11 @@ protected:
     return until(motion, [mode](const DriverState& state) { return state.host.mode == mode; });
   }
 
-  void start()
+  void start(double patience_s = DriverOptions().start_patience_s)
   {
     DriverOptions options;
     options.port = link_;
+    options.start_patience_s = patience_s;
     options.longest_pause_s = 0.2;
     DriverEvents events;
     events.state = [this](const DriverState& state)
@@ -173,15 +174,27 @@ TEST_F(ChassisDriverTest, UnplugAndReplug)
   EXPECT_EQ(1u, state_.lost);
 }
 
-TEST_F(ChassisDriverTest, PortThatIsNotThereIsNamedAndFoundWhenItComes)
+TEST_F(ChassisDriverTest, PortThatComesLaterThanTheDriverIsNoProblem)
 {
   chassis_->command("unplug");
-  start();
+  start(600.0);
   ASSERT_TRUE(untilMode(nullptr, HostMode::DISCONNECTED));
   ASSERT_TRUE(until(nullptr, [](const DriverState& state) { return state.open_errors > 0; }));
   EXPECT_NE(std::string::npos, state_.host.detail.find(link_ + " is not there")) << state_.host.detail;
   chassis_->command("plug");
   EXPECT_TRUE(untilMode(nullptr, HostMode::READY)) << state_.host.detail;
+  std::lock_guard<std::mutex> lock(mutex_);
+  EXPECT_EQ(std::vector<std::string>(), problems_);
+}
+
+TEST_F(ChassisDriverTest, PortThatIsNotThereIsNamedOnceWhenPatienceEnds)
+{
+  chassis_->command("unplug");
+  start(0.0);
+  ASSERT_TRUE(until(nullptr, [](const DriverState& state) { return state.open_errors >= 3; }));
+  std::lock_guard<std::mutex> lock(mutex_);
+  ASSERT_EQ(1u, problems_.size());
+  EXPECT_NE(std::string::npos, problems_[0].find(link_ + " is not there")) << problems_[0];
 }
 
 TEST_F(ChassisDriverTest, GarbageIsRefusedAndItDrivesOn)

@@ -124,6 +124,16 @@ TEST(ChassisModel, BatteryGivesPowerAndEndsEmpty)
   EXPECT_EQ(BATTERY_LOW | BATTERY_EMPTY, model.measurement().faults);
 }
 
+TEST(ChassisModel, SlippingWheelsGoFartherThanTheVehicle)
+{
+  ChassisModel model((ModelOptions()));
+  model.setSlip(0.2);
+  drive(&model, setpoint(1.0, 0.0), 5.0);
+  EXPECT_NEAR(0.8 * model.measurement().travel, model.pose().x, 1e-9);
+  EXPECT_NEAR(1.0, model.measurement().speed, 1e-6);
+  EXPECT_NEAR(0.8, model.groundSpeed(), 1e-6);
+}
+
 TEST(ChassisModel, StuckWheelsDoNotTurn)
 {
   ChassisModel model((ModelOptions()));

@@ -41,7 +41,7 @@ TEST(SimulatedMicrophoneRosOptions, NamesParameterValueAndBound)
   EXPECT_EQ("parameter /microphone/noise_level_dbfs = 1, must be in [-120, 0]", reader.refusal("noise_level_dbfs: 1"));
   EXPECT_EQ("parameter /microphone/seed = much, must be a whole number", reader.refusal("seed: much"));
   EXPECT_TRUE(begins(reader.refusal("background: hum.wav"),
-                     "parameter /microphone/background = \"hum.wav\", must be an absolute path"))
+                     "parameter /microphone/background = \"hum.wav\", must be white, pink, wind, or an"))
       << reader.refusal("background: hum.wav");
   Names unknown;
   reader.load("{level: 1}", &unknown);

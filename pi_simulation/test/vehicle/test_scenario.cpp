@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <filesystem>
 #include <stdexcept>
 #include <string>
 
@@ -67,14 +68,46 @@ faults: [{time: 4, command: camera both dark, for: 2, end: camera both on}]
   EXPECT_TRUE(contains(scenario.toJson(pi_vehicle::Pose2{-5.0, 0.0, 0.0}), "\"goal\":[35.0,0.0,0.0]"));
 }
 
+TEST(Scenario, ReadsWhatTheVehicleMeets)
+{
+  const Scenario scenario = Scenario::parse(GOOD + R"(
+further_goals: [[45, 0, 0], [48, 1, 0.5]]
+expect: stop
+light: 0.25
+picture_noise: 3
+background: {sound: wind, level_dbfs: -30}
+actors: [{id: late, class: person, path: [[30, -4], [30, 4]], trigger: {time: 9, near: [30, 0], within: 12}}]
+faults:
+  - {near: [20, 0], within: 5, command: radio off, end: radio on}
+  - {time: 3, near: [30, 0], within: 2, command: kill /vio}
+)",
+                                            "a.yaml", 1);
+  ASSERT_EQ(2u, scenario.further_goals.size());
+  EXPECT_EQ(0.5, scenario.further_goals[1].heading);
+  EXPECT_EQ("stop", scenario.expect);
+  EXPECT_EQ(9.0, scenario.actors[0].trigger.time.value());
+  EXPECT_EQ(12.0, scenario.actors[0].trigger.within);
+  EXPECT_EQ("radio on", scenario.faults[0].end);
+  EXPECT_EQ(3.0, scenario.faults[1].time);
+  const StereoRendererOptions usual;
+  const StereoRendererOptions pictures = scenario.pictures(usual);
+  EXPECT_DOUBLE_EQ(0.25 * usual.brightness, pictures.brightness);
+  EXPECT_DOUBLE_EQ(3.0 * usual.read_noise, pictures.read_noise);
+  EXPECT_DOUBLE_EQ(9.0 * usual.shot_noise, pictures.shot_noise);
+  const std::string json = scenario.toJson(pi_vehicle::Pose2{-5.0, 0.0, 0.0});
+  EXPECT_TRUE(contains(json, "\"further_goals\":[[40.0,0.0,0.0],[43.0,1.0,0.5]]")) << json;
+  EXPECT_TRUE(contains(json, "\"expect\":\"stop\"")) << json;
+}
+
 TEST(Scenario, TheOnesThatComeWithThePackageAreGood)
 {
-  for (const char* name : {"campus_drive", "campus_short"})
+  size_t count = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(std::string(CONFIG_DIR) + "/scenarios"))
   {
-    const Scenario scenario = Scenario::load(std::string(CONFIG_DIR) + "/scenarios/" + name + ".yaml", 1);
-    EXPECT_EQ(name, scenario.name);
-    EXPECT_GE(scenario.actors.size(), 2u);
+    EXPECT_EQ(entry.path().stem(), Scenario::load(entry.path(), 1).name);
+    ++count;
   }
+  EXPECT_GE(count, 26u);
 }
 
 TEST(Scenario, TheSeedDecidesWithinTheRanges)
@@ -115,6 +148,17 @@ TEST(Scenario, NamesWhatIsWrongAndWhatIsKnown)
                        "must be given together with near"));
   EXPECT_TRUE(contains(refusal("spoken: [{clip: stop}]"), "must be given, or near, but not both"));
   EXPECT_TRUE(contains(refusal("faults: [{time: 1, command: unplug, for: 2}]"), "faults/0/end"));
+  EXPECT_TRUE(contains(refusal("faults: [{time: 1, command: unplug, end: plug}]"), "faults/0/end"));
+  EXPECT_TRUE(contains(refusal("faults: [{command: unplug}]"), "faults/0/time is missing"));
+  EXPECT_TRUE(contains(refusal("faults: [{time: 1, command: explode}]"), "faults/0/command = \"explode\", must be a"));
+  EXPECT_TRUE(contains(refusal("faults: [{time: 1, command: radio maybe}]"), "kill NODE, or radio on|off"));
+  EXPECT_TRUE(contains(refusal("expect: fly"), "expect = fly, must be reach, refuse or stop"));
+  EXPECT_TRUE(contains(refusal("light: 0"), "light = 0, must be in [0.01, 1]"));
+  EXPECT_TRUE(contains(refusal("background: {level_dbfs: -30}"), "background/sound"));
+  EXPECT_TRUE(contains(refusal("background: {sound: rain}"), "background/sound = rain, must be white, pink, wind, or"));
+  EXPECT_TRUE(contains(refusal("further_goals: [[1, 2]]"), "must be a list of poses"));
+  EXPECT_TRUE(contains(refusal("actors: [{id: a, class: person, path: [[1, 2]], trigger: {command: true, time: 1}}]"),
+                       "actors/0/trigger = (command with time or near)"));
   EXPECT_TRUE(contains(refusal("bumps: much"), "a.yaml: bumps = \"much\", must be a number"));
   EXPECT_THROW(Scenario::parse("name: x", "b.yaml", 1), std::invalid_argument);
   EXPECT_THROW(Scenario::load("/nowhere.yaml", 1), std::invalid_argument);

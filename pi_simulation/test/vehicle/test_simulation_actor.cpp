@@ -56,6 +56,20 @@ TEST(SimulationActor, GoesWhenTheVehicleIsNear)
   EXPECT_NEAR(5.0, run(&actor, 5.0, 6.0, {-10.9, 3.0}), 2 * DT);
 }
 
+TEST(SimulationActor, WithTimeAndPlaceWaitsForBoth)
+{
+  ActorPlan plan = crossing();
+  plan.trigger.time = 2.0;
+  plan.trigger.near = Eigen::Vector2d(0.0, 0.0);
+  plan.trigger.within = 10.0;
+  Actor early(plan);
+  EXPECT_EQ(-1.0, run(&early, 0.0, 1.9, {5.0, 0.0}));
+  EXPECT_NEAR(2.0, run(&early, 1.9, 3.0, {5.0, 0.0}), 2 * DT);
+  Actor late(plan);
+  EXPECT_EQ(-1.0, run(&late, 0.0, 5.0));
+  EXPECT_NEAR(5.0, run(&late, 5.0, 6.0, {5.0, 0.0}), 2 * DT);
+}
+
 TEST(SimulationActor, WaitsForACommandIfItSaysSo)
 {
   ActorPlan plan = crossing();

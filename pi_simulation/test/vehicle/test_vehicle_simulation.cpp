@@ -42,7 +42,7 @@ class Drive
 {
 public:
   explicit Drive(const std::string& scenario = SCENARIO, VehicleSimulationOptions options = VehicleSimulationOptions())
-    : simulation(Scenario::parse(scenario, "test", 1), options, outputs(), [] { return START_NS; })
+    : simulation(Scenario::parse(scenario, "test", 1), options, outputs(), START_NS)
     , host(pi_vehicle::chassis::HostOptions())
     , port(simulation.chassis().path(), 115200)
     , now_ns(START_NS)
@@ -252,16 +252,6 @@ TEST(VehicleSimulation, CommandsThatMeanNothingAreRefusedWithTheGoodOnes)
   }
   EXPECT_EQ("command \"actor nobody go\": there is no actor nobody, must be one of: wall, child, called",
             drive.simulation.command("actor nobody go"));
-}
-
-TEST(VehicleSimulation, APauseOfTheProcessIsLeftOut)
-{
-  Drive drive;
-  drive.run(0.5, 0.0);
-  drive.now_ns += 20 * SECOND_NS;
-  drive.run(0.5, 0.0);
-  EXPECT_NEAR(19.9, drive.simulation.lostSeconds(), 0.05);
-  EXPECT_TRUE(drive.logged("\"lost\""));
 }
 
 TEST(VehicleSimulation, RefusesImpossibleOptions)

@@ -29,6 +29,8 @@ void reserve(BufferPtr* buffer, size_t bytes)
   }
 }
 
+}  // namespace
+
 /// Copies of one batch that tasks work on.
 struct BatchBuffers
 {
@@ -54,8 +56,6 @@ struct BatchBuffers
     std::memcpy(batch->residual.data(), residual->host(Access::READ), batch->size() * sizeof(float));
   }
 };
-
-}  // namespace
 
 void PointBatch::clear()
 {

@@ -1,6 +1,8 @@
 #include "ros/vio_diagnostics.h"
 #include <diagnostic_msgs/DiagnosticStatus.h>
+#include <pi_node/durations.h>
 #include <pi_node/formatting.h>
+#include <pi_node/vehicle_clock.h>
 
 #include <algorithm>
 #include <boost/asio/ip/host_name.hpp>
@@ -27,7 +29,7 @@ VioDiagnostics::VioDiagnostics(const ros::NodeHandle& node, const ros::NodeHandl
   : warnings_(warnings)
   , input_timeout_s_(input_timeout_s)
   , updater_(node, private_node, private_node.getNamespace())
-  , updated_at_(std::chrono::steady_clock::now())
+  , updated_at_ns_(pi_node::vehicleNs())
   , frame_ms_(KEPT_FRAMES)
   , imu_ms_(KEPT_IMU_SAMPLES)
 {
@@ -63,9 +65,9 @@ void VioDiagnostics::reset()
 
 void VioDiagnostics::update(const VioFigures& figures)
 {
-  const auto now = std::chrono::steady_clock::now();
-  interval_s_ = std::chrono::duration<double>(now - updated_at_).count();
-  updated_at_ = now;
+  const int64_t now_ns = pi_node::vehicleNs();
+  interval_s_ = pi_node::secondsBetween(updated_at_ns_, now_ns);
+  updated_at_ns_ = now_ns;
   now_ = figures;
   updater_.force_update();
   before_ = std::move(now_);

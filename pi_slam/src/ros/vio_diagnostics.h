@@ -67,7 +67,7 @@ private:
   diagnostic_updater::Updater updater_;
   VioFigures now_;
   VioFigures before_;  ///< at the previous update
-  std::chrono::steady_clock::time_point updated_at_;
+  int64_t updated_at_ns_;
   double interval_s_ = 0.0;  ///< between the last two updates
 
   std::mutex mutex_;  ///< of all below

@@ -95,6 +95,7 @@ void VioInputs::onImu(const sensor_msgs::ImuConstPtr& message)
   calibrator_.setImuFrame(message->header.frame_id);
   if (!pipeline)
   {
+    outputs_.imuWorkedOff(sample.stamp_ns);
     return;
   }
   const std::optional<PropagatedState> propagated = pipeline->vio->addImu(sample);
@@ -109,6 +110,7 @@ void VioInputs::onImu(const sensor_msgs::ImuConstPtr& message)
     outputs_.publishOdometry(*pipeline, *propagated);
     diagnostics_.addImu(1e3 * pi_node::secondsSince(begin));
   }
+  outputs_.imuWorkedOff(sample.stamp_ns);
 }
 
 void VioInputs::watchImuTime(int64_t stamp_ns)

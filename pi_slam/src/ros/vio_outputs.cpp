@@ -33,6 +33,8 @@ VioOutputs::VioOutputs(const VioRosOptions& options, ros::NodeHandle node, ros::
   , path_(node.advertise<nav_msgs::Path>("path", 1))
   , points_(node.advertise<sensor_msgs::PointCloud2>("points", 1))
   , tracks_(private_node.advertise<sensor_msgs::Image>("debug/tracks", 2))
+  , imu_answers_("imu", "vio")
+  , pair_answers_("pictures", "vio")
 {
 }
 

@@ -2,6 +2,7 @@
 
 #include <nav_msgs/Odometry.h>
 #include <pi_node/ros/callback_thread.h>
+#include <pi_node/ros/vehicle_time.h>
 #include <pi_node/ros/warning_board.h>
 #include <ros/ros.h>
 #include <tf2_ros/transform_broadcaster.h>
@@ -34,6 +35,11 @@ public:
   /// On the worker's thread: what was seen before does not belong to what follows.
   void forgetTracks() { earlier_.clear(); }
 
+  // Any thread.
+  void imuWorkedOff(int64_t stamp_ns) const { imu_answers_.workedOff(stamp_ns); }
+  void pairWorkedOff(int64_t stamp_ns) const { pair_answers_.workedOff(stamp_ns); }
+  void pairWaits(double seconds) const { pair_answers_.waits(seconds); }
+
   // On the output thread.
   void publishPath();
   void publishPoints();
@@ -64,6 +70,8 @@ private:
   ros::Publisher path_;
   ros::Publisher points_;
   ros::Publisher tracks_;
+  const pi_node::SimulationAnswers imu_answers_;
+  const pi_node::SimulationAnswers pair_answers_;
 };
 
 }  // namespace pi_slam

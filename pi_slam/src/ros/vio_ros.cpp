@@ -33,10 +33,7 @@ VioRos::VioRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , initial_pose_(options_, service_thread_.handle(node), &session_, &warnings_)
 {
   const auto repeat = [this](double period_s, auto&& function)
-  {
-    timers_.push_back(output_node_.createWallTimer(ros::WallDuration(period_s),
-                                                   [function](const ros::WallTimerEvent&) { function(); }));
-  };
+  { timers_.push_back(pi_node::VehicleTimer(output_node_, period_s, [function] { function(); })); };
   repeat(TICK_S,
          [this]
          {

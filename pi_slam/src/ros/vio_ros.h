@@ -1,6 +1,7 @@
 #pragma once
 
 #include <pi_node/ros/callback_thread.h>
+#include <pi_node/ros/vehicle_time.h>
 #include <pi_node/ros/warning_board.h>
 #include <ros/ros.h>
 
@@ -58,7 +59,7 @@ private:
   VioInputs inputs_;
   VioServices services_;
   VioInitialPose initial_pose_;
-  std::vector<ros::WallTimer> timers_;
+  std::vector<pi_node::VehicleTimer> timers_;
 };
 
 }  // namespace pi_slam

@@ -1,6 +1,7 @@
 #include "ros/vio_session.h"
 
 #include <pi_node/durations.h>
+#include <pi_node/vehicle_clock.h>
 
 namespace pi_slam
 {
@@ -64,7 +65,7 @@ void VioSession::setProblem(const std::string& problem, bool failed)
     std::lock_guard<std::mutex> lock(mutex_);
     if (problem_.text != problem)
     {
-      waiting_since_ = Clock::now();
+      waiting_since_ns_ = pi_node::vehicleNs();
     }
     problem_ = {problem, failed};
     if (failed && pipeline_)
@@ -79,7 +80,7 @@ void VioSession::setProblem(const std::string& problem, bool failed)
   {
     warnings_->error(problem + "; no odometry until this is right");
   }
-  else if (pi_node::secondsSince(waiting_since_) > options_.input_timeout_s)
+  else if (pi_node::secondsBetween(waiting_since_ns_, pi_node::vehicleNs()) > options_.input_timeout_s)
   {
     warnings_->warn(problem);
   }
@@ -130,7 +131,7 @@ void VioSession::clearPairs()
   pairs_.clear();
 }
 
-std::optional<VioSession::Work> VioSession::take()
+std::optional<VioSession::Work> VioSession::take(const std::function<void()>& waits)
 {
   std::unique_lock<std::mutex> lock(mutex_);
   while (true)
@@ -147,10 +148,13 @@ std::optional<VioSession::Work> VioSession::take()
       continue;
     }
     worker_waits_for_imu_ = true;
+    if (!work.pipeline->vio->imuCovers(work.pair.stamp_ns))
+    {
+      waits();
+    }
     const auto replaced = [&] { return stopping_ || generation_ != work.generation; };
-    work.covered =
-        imu_arrived_.wait_for(lock, std::chrono::duration<double>(options_.imu_wait_s),
-                              [&] { return replaced() || work.pipeline->vio->imuCovers(work.pair.stamp_ns); });
+    work.covered = pi_node::waitFor(&imu_arrived_, &lock, options_.imu_wait_s,
+                                    [&] { return replaced() || work.pipeline->vio->imuCovers(work.pair.stamp_ns); });
     worker_waits_for_imu_ = false;
     if (!replaced())
     {

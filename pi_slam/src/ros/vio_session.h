@@ -1,13 +1,14 @@
 #pragma once
 
 #include <pi_node/ros/warning_board.h>
+#include <pi_node/vehicle_clock.h>
 
 #include <Eigen/Geometry>
 #include <atomic>
-#include <chrono>
 #include <condition_variable>
 #include <cstdint>
 #include <deque>
+#include <functional>
 #include <mutex>
 #include <optional>
 #include <string>
@@ -78,7 +79,8 @@ public:
   /// Forgets the pictures and pairs that wait.
   void clearPairs();
   /// Waits for a pair, then for the IMU to reach over it, at most imu_wait_s. @return nullopt after stop().
-  std::optional<Work> take();
+  /// @param waits  called before it waits for the IMU to reach a pair.
+  std::optional<Work> take(const std::function<void()>& waits);
   /// To be called after each IMU sample.
   void imuArrived();
   void stop();
@@ -103,15 +105,13 @@ public:
   std::atomic<int64_t> delay_ns{0};          ///< of the newest pair behind the IMU
 
 private:
-  using Clock = std::chrono::steady_clock;
-
   bool replaceLocked(VioPipeline::Ptr pipeline);
 
   const VioRosOptions& options_;
   const VioPipeline::RuntimePtr runtime_;
   pi_node::WarningBoard* const warnings_;
   VioDiagnostics* const diagnostics_;
-  Clock::time_point waiting_since_ = Clock::now();  ///< of the thread of setProblem()
+  int64_t waiting_since_ns_ = pi_node::vehicleNs();  ///< of the thread of setProblem()
 
   std::mutex restart_mutex_;  ///< one at a time replaces the pipeline
   std::atomic<bool> worker_waits_for_imu_{false};

@@ -49,7 +49,8 @@ void VioWorker::start()
 void VioWorker::run()
 {
   pthread_setname_np(pthread_self(), "vio_worker");
-  while (const std::optional<VioSession::Work> work = session_.take())
+  const auto waits = [this] { outputs_.pairWaits(options_.imu_wait_s); };
+  while (const std::optional<VioSession::Work> work = session_.take(waits))
   {
     if (!work->covered)
     {
@@ -63,6 +64,7 @@ void VioWorker::run()
     {
       warnings_.error(std::string("a pair cannot be used: ") + error.what());
     }
+    outputs_.pairWorkedOff(work->pair.stamp_ns);
   }
 }
 

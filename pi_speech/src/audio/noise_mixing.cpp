@@ -44,6 +44,26 @@ private:
   float b_[7] = {};
 };
 
+/// White noise through two poles at 300 Hz, under gusts of some seconds that nearly still it or nearly double it.
+class WindFilter
+{
+public:
+  float operator()(float white, float gust_white)
+  {
+    gust_ += GUST_POLE * (gust_white / std::sqrt(GUST_POLE / 2.0F) - gust_);  // of deviation 1
+    low_ += CUT_OFF_POLE * (white - low_);
+    lower_ += CUT_OFF_POLE * (low_ - lower_);
+    return lower_ * (1.0F + 0.8F * std::tanh(gust_));
+  }
+
+private:
+  static constexpr float CUT_OFF_POLE = 6.2832F * 300.0F / SAMPLE_RATE_HZ;
+  static constexpr float GUST_POLE = 6.2832F * 0.1F / SAMPLE_RATE_HZ;
+  float low_ = 0.0F;
+  float lower_ = 0.0F;
+  float gust_ = 0.0F;
+};
+
 }  // namespace
 
 double activePower(const Samples& samples)
@@ -70,7 +90,16 @@ double activePower(const Samples& samples)
 NoiseSource::NoiseSource(const std::string& name, uint32_t seed)
 {
   std::mt19937 random(seed);
-  if (name == "white" || name == "pink")
+  if (name == "wind")
+  {
+    sample_ = [random, normal = std::normal_distribution<float>(), filter = WindFilter()]() mutable
+    {
+      const float white = normal(random);
+      return filter(white, normal(random));
+    };
+    return;
+  }
+  if (isMade(name))
   {
     const bool pink = name == "pink";
     sample_ = [random, pink, normal = std::normal_distribution<float>(), filter = PinkFilter()]() mutable
@@ -85,6 +114,7 @@ NoiseSource::NoiseSource(const std::string& name, uint32_t seed)
   {
     throw std::runtime_error("noise " + name + ": there is only silence in this file; give another one");
   }
+  period_ = samples->size();
   size_t at = std::uniform_int_distribution<size_t>(0, samples->size() - 1)(random);
   sample_ = [samples, at]() mutable
   {

@@ -28,19 +28,19 @@ double hzOf(double mel)
   return 700.0 * (std::pow(10.0, mel / 2595.0) - 1.0);
 }
 
+}  // namespace
+
 /// One side of the spectrum of a triangle, from its first bin that is not zero.
-struct Band
+struct MelBand
 {
   int first = 0;
   std::vector<float> weights;
 };
 
-}  // namespace
-
 struct FilterBank::Impl
 {
   std::array<float, FRAME_SAMPLES> window;
-  std::array<Band, BANDS> bands;
+  std::array<MelBand, BANDS> bands;
   Eigen::FFT<float> fft;
   std::vector<float> in = std::vector<float>(FFT_SIZE, 0.0F);
   std::vector<std::complex<float>> out;
@@ -59,7 +59,7 @@ FilterBank::FilterBank() : impl_(std::make_unique<Impl>())
     const double left = hzOf(low + b * step);
     const double middle = hzOf(low + (b + 1) * step);
     const double right = hzOf(low + (b + 2) * step);
-    Band& band = impl_->bands[b];
+    MelBand& band = impl_->bands[b];
     for (int k = 0; k <= FFT_SIZE / 2; ++k)
     {
       const double hz = static_cast<double>(k) * SAMPLE_RATE_HZ / FFT_SIZE;
@@ -94,7 +94,7 @@ BandEnergies FilterBank::energies(const int16_t* frame)
   BandEnergies result;
   for (int b = 0; b < BANDS; ++b)
   {
-    const Band& band = impl_->bands[b];
+    const MelBand& band = impl_->bands[b];
     float sum = ENERGY_FLOOR;
     for (size_t k = 0; k < band.weights.size(); ++k)
     {

@@ -43,12 +43,11 @@ MicrophoneRos::MicrophoneRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , updater_(service_node_, private_node, private_node.getNamespace())
 {
   audio_ = service_node_.advertise<AudioDataStamped>("audio_stamped", SOUND_QUEUE);
-  info_ = service_node_.advertise<AudioInfo>("audio_info", 1, true);
+  info_ = pi_node::LatchedPublisher<AudioInfo>(service_node_, "audio_info", 1);
   updater_.setHardwareID(options_.microphone.device);
   updater_.add("microphone", [this](Status& status) { reportDevice(status); });
   updater_.add("sound", [this](Status& status) { reportSound(status); });
-  timer_ = service_node_.createWallTimer(ros::WallDuration(options_.diagnostic_period),
-                                         [this](const ros::WallTimerEvent&) { publishDiagnostics(); });
+  timer_ = pi_node::VehicleTimer(service_node_, options_.diagnostic_period, [this] { publishDiagnostics(); });
 
   MicrophoneEvents events;
   events.sound = [this](const MicrophoneSound& sound) { onSound(sound); };

@@ -2,7 +2,10 @@
 
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <pi_node/ros/callback_thread.h>
+#include <pi_node/ros/latched_publisher.h>
+#include <pi_node/ros/vehicle_time.h>
 #include <pi_node/ros/warning_board.h>
+#include <pi_speech/AudioInfo.h>
 #include <ros/ros.h>
 #include "audio/microphone.h"
 #include "ros/microphone_ros_options.h"
@@ -50,8 +53,8 @@ private:
   SoundWatch watch_;
   diagnostic_updater::Updater updater_;
   ros::Publisher audio_;
-  ros::Publisher info_;
-  ros::WallTimer timer_;
+  pi_node::LatchedPublisher<AudioInfo> info_;
+  pi_node::VehicleTimer timer_;
 
   // microphone
   AudioFormat published_format_;

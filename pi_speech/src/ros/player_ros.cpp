@@ -46,7 +46,7 @@ PlayerRos::PlayerRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , files_(listSoundFiles(options_.files.entries))
 {
   makeGap();
-  info_ = links_node_.advertise<AudioInfo>("audio_info", 1, true);
+  info_ = pi_node::LatchedPublisher<AudioInfo>(links_node_, "audio_info", 1);
   playing_ = links_node_.advertise<std_msgs::String>("playing", 10, true);
   finished_ = links_node_.advertise<std_msgs::Empty>("finished", 1, true);
   audio_ = links_node_.advertise<AudioDataStamped>("audio_stamped", PLAYED_QUEUE,

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <pi_node/ros/callback_thread.h>
+#include <pi_node/ros/latched_publisher.h>
+#include <pi_speech/AudioInfo.h>
 #include <pi_speech/audio.h>
 #include <ros/ros.h>
 #include "ros/player_ros_options.h"
@@ -64,7 +66,7 @@ private:
   const PlayerRosOptions options_;
   const std::vector<std::string> files_;
   ros::Publisher audio_;
-  ros::Publisher info_;
+  pi_node::LatchedPublisher<AudioInfo> info_;
   ros::Publisher playing_;
   ros::Publisher finished_;
 

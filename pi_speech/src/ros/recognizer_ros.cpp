@@ -64,8 +64,7 @@ RecognizerRos::RecognizerRos(ros::NodeHandle node, ros::NodeHandle private_node)
         wanted ? "start" : "stop",
         [this, wanted](std_srvs::Empty::Request&, std_srvs::Empty::Response&) { return listen(wanted); }));
   }
-  timer_ = service_node_.createWallTimer(ros::WallDuration(options_.diagnostic_period),
-                                         [this](const ros::WallTimerEvent&) { publishDiagnostics(); });
+  timer_ = pi_node::VehicleTimer(service_node_, options_.diagnostic_period, [this] { publishDiagnostics(); });
   service_thread_.post([this] { updateSubscription(); });
 
   worker_.start();

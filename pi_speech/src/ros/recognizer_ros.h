@@ -1,6 +1,7 @@
 #pragma once
 
 #include <pi_node/ros/callback_thread.h>
+#include <pi_node/ros/vehicle_time.h>
 #include <pi_node/ros/warning_board.h>
 #include <pi_speech/AudioDataStamped.h>
 #include <ros/ros.h>
@@ -84,7 +85,7 @@ private:
   ros::Publisher rejected_;
   ros::Publisher written_;
   std::vector<ros::ServiceServer> services_;
-  ros::WallTimer timer_;
+  pi_node::VehicleTimer timer_;
 };
 
 }  // namespace pi_speech

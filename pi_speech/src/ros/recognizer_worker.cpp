@@ -1,5 +1,6 @@
 #include "ros/recognizer_worker.h"
 
+#include <pi_node/vehicle_clock.h>
 #include <pthread.h>
 #include <ros/console.h>
 
@@ -21,6 +22,7 @@ RecognizerWorker::RecognizerWorker(const ros::NodeHandle& node, const Recognizer
             {[this](const VoiceCommand& message, const Recognition& recognition, double latency_s)
              { tell(message, recognition, latency_s); },
              outputs_.utterance})
+  , answers_("sound", "recognizer")
 {
   figures_.stream = stream_.figures();
 }
@@ -80,6 +82,7 @@ void RecognizerWorker::addInfo(const AudioInfo& info, const std::string& topic)
 
 void RecognizerWorker::take(bool wanted)
 {
+  answers_.take(wanted);
   {
     std::lock_guard<std::mutex> lock(mutex_);
     taking_ = wanted;
@@ -141,7 +144,6 @@ void RecognizerWorker::report(bool subscribed, RecognizerFigures* figures)
 void RecognizerWorker::work()
 {
   pthread_setname_np(pthread_self(), "speech_worker");
-  const std::chrono::duration<double> missing(options_.check.missing_s);
   std::unique_lock<std::mutex> lock(mutex_);
   while (true)
   {
@@ -155,7 +157,7 @@ void RecognizerWorker::work()
     bool sound_stays_away = false;
     if (in_speech)
     {
-      sound_stays_away = !changed_.wait_for(lock, missing, due);
+      sound_stays_away = !pi_node::waitFor(&changed_, &lock, options_.check.missing_s, due);
     }
     else
     {
@@ -183,6 +185,7 @@ void RecognizerWorker::work()
       lock.unlock();
       const double cpu_s = stream_.cpuSeconds();
       stream_.add(chunk);
+      answers_.workedOff(chunk.stamp_ns);
       diagnostics_->addWork(stream_.cpuSeconds() - cpu_s, chunk.duration_s);
     }
     lock.lock();

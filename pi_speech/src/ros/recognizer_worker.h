@@ -1,5 +1,6 @@
 #pragma once
 
+#include <pi_node/ros/vehicle_time.h>
 #include <pi_node/ros/warning_board.h>
 #include <pi_speech/AudioData.h>
 #include <pi_speech/AudioInfo.h>
@@ -81,6 +82,7 @@ private:
   RecognizerFigures figures_;  ///< those that the worker knows
 
   StreamRecognizer stream_;  ///< of the thread
+  pi_node::SimulationAnswers answers_;
   std::thread thread_;
 };
 

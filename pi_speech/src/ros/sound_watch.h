@@ -1,7 +1,7 @@
 #pragma once
 
-#include <pi_node/durations.h>
 #include <pi_node/ros/warning_board.h>
+#include <pi_node/vehicle_clock.h>
 
 #include <mutex>
 #include <optional>
@@ -29,7 +29,7 @@ public:
     : options_(options)
     , prefix_(std::move(prefix))
     , warnings_(warnings)
-    , check_(std::in_place, options, pi_node::monotonicNs())
+    , check_(std::in_place, options, pi_node::vehicleNs())
   {
   }
 
@@ -37,19 +37,19 @@ public:
   void restart()
   {
     std::lock_guard<std::mutex> lock(mutex_);
-    check_.emplace(options_, pi_node::monotonicNs());
+    check_.emplace(options_, pi_node::vehicleNs());
     last_ = SoundChange();
   }
   void add(const AudioFormat& format, const int16_t* samples, size_t count)
   {
     std::unique_lock<std::mutex> lock(mutex_);
-    tell(check_->add(format, samples, count, pi_node::monotonicNs()), &lock);
+    tell(check_->add(format, samples, count, pi_node::vehicleNs()), &lock);
   }
   /// Looks whether sound stays away.
   void look()
   {
     std::unique_lock<std::mutex> lock(mutex_);
-    tell(check_->look(pi_node::monotonicNs()), &lock);
+    tell(check_->look(pi_node::vehicleNs()), &lock);
   }
   Figures figures() const
   {

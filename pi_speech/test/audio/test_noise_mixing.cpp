@@ -104,7 +104,7 @@ TEST(NoiseMixing, PowerOfSpeechLeavesOutThePauses)
 TEST(NoiseMixing, MixHasTheRatioAskedFor)
 {
   const Samples clip = tonesInSilence(3000.0);
-  for (const char* name : {"white", "pink"})
+  for (const char* name : {"white", "pink", "wind"})
   {
     for (const double snr_db : {20.0, 10.0, 0.0, -5.0})
     {
@@ -156,7 +156,7 @@ TEST(NoiseMixing, WrongInputIsNamed)
 
 TEST(NoiseSource, SameSeedGivesSameNoise)
 {
-  for (const char* name : {"white", "pink"})
+  for (const char* name : {"white", "pink", "wind"})
   {
     NoiseSource a(name, 7);
     NoiseSource b(name, 7);
@@ -185,6 +185,24 @@ TEST(NoiseSource, PinkHasEqualPowerInOctavesAndWhiteTwiceAsMuchInTheNext)
     EXPECT_NEAR(step_db(pink_noise), 0.0, 1.2) << low_hz;
     EXPECT_NEAR(step_db(white_noise), 3.0, 1.2) << low_hz;
   }
+}
+
+TEST(NoiseSource, WindIsLowAndComesInGusts)
+{
+  NoiseSource wind("wind", 5);
+  std::vector<double> seconds_db;
+  std::vector<float> all;
+  for (int second = 0; second < 60; ++second)
+  {
+    const std::vector<float> noise = wind.next(SAMPLE_RATE_HZ);
+    seconds_db.push_back(10.0 * std::log10(meanSquare({noise.begin(), noise.end()})));
+    all.insert(all.end(), noise.begin(), noise.end());
+  }
+  // Two poles: 12 dB per octave above the cut-off.
+  EXPECT_NEAR(10.0 * std::log10(bandPower(all, 1000.0, 2000.0) / bandPower(all, 2000.0, 4000.0)), 9.0, 3.0);
+  EXPECT_GT(bandPower(all, 0.0, 500.0), 10.0 * bandPower(all, 500.0, 8000.0));
+  const auto [calm, gust] = std::minmax_element(seconds_db.begin(), seconds_db.end());
+  EXPECT_GT(*gust - *calm, 6.0);
 }
 
 TEST(NoiseSource, FileIsLoopedFromAPlaceOfTheSeed)

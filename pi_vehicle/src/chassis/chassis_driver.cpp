@@ -1,7 +1,7 @@
 #include <pi_vehicle/chassis/chassis_driver.h>
 
-#include <pi_node/durations.h>
 #include <pi_node/option_check.h>
+#include <pi_node/vehicle_clock.h>
 #include <pi_vehicle/chassis/serial_port.h>
 #include <poll.h>
 #include <pthread.h>
@@ -23,7 +23,7 @@
 namespace pi_vehicle::chassis
 {
 
-using pi_node::monotonicNs;
+using pi_node::vehicleNs;
 
 namespace
 {
@@ -42,6 +42,7 @@ void DriverOptions::validate() const
   }
   SerialPort::checkBaudRate(baud_rate);
   const pi_node::OptionCheck check("");
+  check.range("start_patience_s", start_patience_s, 0.0, 600.0);
   check.range("first_pause_s", first_pause_s, 0.01, 10.0);
   check.range("longest_pause_s", longest_pause_s, first_pause_s, 60.0);
   host.validate();
@@ -55,6 +56,7 @@ public:
     , events_(std::move(events))
     , period_ns_(std::llround(1e9 * options.host.command_period_s))
     , host_(options.host)
+    , patient_until_ns_(vehicleNs() + std::llround(1e9 * options.start_patience_s))
     , pause_s_(options.first_pause_s)
     , wake_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC))
   {
@@ -77,7 +79,7 @@ public:
   bool setMotion(const Motion& motion)
   {
     std::lock_guard<std::mutex> lock(mutex_);
-    return host_.setMotion(motion, monotonicNs());
+    return host_.setMotion(motion, vehicleNs());
   }
 
   void emergencyStop(const std::string& reason)
@@ -93,14 +95,14 @@ public:
   void release()
   {
     std::lock_guard<std::mutex> lock(mutex_);
-    host_.release(monotonicNs());
+    host_.release(vehicleNs());
   }
 
   DriverState state() const
   {
     std::lock_guard<std::mutex> lock(mutex_);
     DriverState state = state_;
-    state.host = host_.state(monotonicNs());
+    state.host = host_.state(vehicleNs());
     return state;
   }
 
@@ -116,27 +118,27 @@ private:
 
   void run()
   {
-    int64_t due_ns = monotonicNs();
+    int64_t due_ns = vehicleNs();
     int64_t open_ns = due_ns;
     while (!stopping_)
     {
-      if (!port_ && monotonicNs() >= open_ns)
+      if (!port_ && vehicleNs() >= open_ns)
       {
-        open_ns = openPort() ? open_ns : monotonicNs() + nextPauseNs();
+        open_ns = openPort() ? open_ns : vehicleNs() + nextPauseNs();
       }
-      if (at_once_.exchange(false) || monotonicNs() >= due_ns)
+      if (at_once_.exchange(false) || vehicleNs() >= due_ns)
       {
         command();
         events_.state(state());
         due_ns += period_ns_;
-        if (due_ns <= monotonicNs())  // late: no burst
+        if (due_ns <= vehicleNs())  // late: no burst
         {
-          due_ns = monotonicNs() + period_ns_;
+          due_ns = vehicleNs() + period_ns_;
         }
       }
       if (!wait(due_ns))
       {
-        open_ns = monotonicNs() + nextPauseNs();
+        open_ns = vehicleNs() + nextPauseNs();
       }
     }
     stopVehicle();
@@ -162,16 +164,20 @@ private:
         ++state_.open_errors;
         host_.onLineClosed(error.what());
       }
-      tell(error.what());
+      if (has_opened_ || vehicleNs() >= patient_until_ns_)
+      {
+        tell(error.what());
+      }
       return false;
     }
     told_ = false;
+    has_opened_ = true;
     pending_.clear();
     {
       std::lock_guard<std::mutex> lock(mutex_);
       ++state_.opened;
       state_.path = port_->path();
-      host_.onLineOpen(monotonicNs());
+      host_.onLineOpen(vehicleNs());
     }
     if (events_.opened)
     {
@@ -209,7 +215,7 @@ private:
       return;
     }
     std::lock_guard<std::mutex> lock(mutex_);
-    std::vector<uint8_t> bytes = host_.poll(monotonicNs());
+    std::vector<uint8_t> bytes = host_.poll(vehicleNs());
     if (pending_.empty())
     {
       pending_ = std::move(bytes);
@@ -243,7 +249,9 @@ private:
         waiting[1].fd = port_->descriptor();
         waiting[1].events = static_cast<short>(POLLIN | (pending_.empty() ? 0 : POLLOUT));
       }
-      const int64_t left_ns = std::max<int64_t>(due_ns - monotonicNs(), 0);
+      constexpr int64_t LOOK_NS = std::chrono::nanoseconds(pi_node::SIMULATED_LOOK).count();
+      const int64_t left_ns =
+          std::clamp<int64_t>(due_ns - vehicleNs(), 0, pi_node::isTimeSimulated() ? LOOK_NS : due_ns);
       timespec timeout = {};
       timeout.tv_sec = left_ns / 1'000'000'000;
       timeout.tv_nsec = left_ns % 1'000'000'000;
@@ -287,8 +295,8 @@ private:
         return;
       }
       std::lock_guard<std::mutex> lock(mutex_);
-      host_.onBytes(bytes.data(), count, monotonicNs());
-      if (host_.state(monotonicNs()).mode != HostMode::DISCONNECTED)
+      host_.onBytes(bytes.data(), count, vehicleNs());
+      if (host_.state(vehicleNs()).mode != HostMode::DISCONNECTED)
       {
         pause_s_ = options_.first_pause_s;  // a chassis that answers, not only a port that opens
       }
@@ -328,6 +336,8 @@ private:
   // chassis
   std::optional<SerialPort> port_;
   std::vector<uint8_t> pending_;
+  const int64_t patient_until_ns_;
+  bool has_opened_ = false;
   double pause_s_;
   bool told_ = false;
 

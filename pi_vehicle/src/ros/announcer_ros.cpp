@@ -63,8 +63,7 @@ AnnouncerRos::AnnouncerRos(ros::NodeHandle node, ros::NodeHandle private_node)
   pthread_setname_np(sound_thread_.native_handle(), "announcer_sound");
   say_ = node_.subscribe("say", 10, &AnnouncerRos::onSay, this);
   horn_ = node_.subscribe("horn", 1, &AnnouncerRos::onHorn, this, ros::TransportHints().tcpNoDelay());
-  diagnostic_timer_ = node_.createWallTimer(ros::WallDuration(options_.diagnostic_period),
-                                            [this](const ros::WallTimerEvent&) { updater_.force_update(); });
+  diagnostic_timer_ = pi_node::VehicleTimer(node_, options_.diagnostic_period, [this] { updater_.force_update(); });
   thread_.start();
 }
 

@@ -5,6 +5,7 @@
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <pi_node/ros/callback_thread.h>
 #include <pi_node/ros/node_parameters.h>
+#include <pi_node/ros/vehicle_time.h>
 #include <pi_node/ros/warning_board.h>
 #include <ros/ros.h>
 #include <std_msgs/Empty.h>
@@ -70,7 +71,7 @@ private:
   diagnostic_updater::Updater updater_;
   ros::Subscriber say_;
   ros::Subscriber horn_;
-  ros::WallTimer diagnostic_timer_;
+  pi_node::VehicleTimer diagnostic_timer_;
 
   std::mutex mutex_;
   std::condition_variable changed_;

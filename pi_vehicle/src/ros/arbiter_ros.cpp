@@ -42,7 +42,7 @@ ArbiterRos::ArbiterRos(ros::NodeHandle node, ros::NodeHandle private_node)
     ROS_WARN_STREAM_NAMED("arbiter", "the emergency stop of an earlier life holds: " << latched);
   }
   motion_ = node_.advertise<MotionCommand>("motion", MOTION_QUEUE);
-  state_publisher_ = node_.advertise<ArbiterState>("arbiter/state", MOTION_QUEUE, true);
+  state_publisher_ = pi_node::LatchedPublisher<ArbiterState>(node_, "arbiter/state", MOTION_QUEUE);
   updater_.setHardwareID("none");
   updater_.add("arbiter", [this](Status& status) { reportArbiter(status); });
   updater_.add("sources", [this](Status& status) { reportSources(status); });
@@ -65,10 +65,9 @@ ArbiterRos::ArbiterRos(ros::NodeHandle node, ros::NodeHandle private_node)
   vehicle_state_ = node_.subscribe("vehicle_state", 1, &ArbiterRos::onVehicleState, this, hints);
   emergency_stop_ = private_node_.advertiseService("emergency_stop", &ArbiterRos::onEmergencyStop, this);
   release_ = private_node_.advertiseService("release_emergency_stop", &ArbiterRos::onRelease, this);
-  timer_ =
-      node_.createSteadyTimer(ros::WallDuration(1.0 / options_.rate), [this](const ros::SteadyTimerEvent&) { tick(); });
-  diagnostic_timer_ = node_.createWallTimer(ros::WallDuration(options_.diagnostic_period),
-                                            [this](const ros::WallTimerEvent&) { updater_.force_update(); });
+  timer_ = pi_node::VehicleTimer(
+      node_, 1.0 / options_.rate, [this] { tick(); }, "arbiter");
+  diagnostic_timer_ = pi_node::VehicleTimer(node_, options_.diagnostic_period, [this] { updater_.force_update(); });
   thread_.start();
 }
 
@@ -96,6 +95,10 @@ void ArbiterRos::onTwist(size_t source, const geometry_msgs::Twist& message)
 void ArbiterRos::submit(size_t source, const DriveCommand& command, const ros::Time& stamp)
 {
   const ros::Time now = ros::Time::now();
+  if (now.isZero())
+  {
+    return;  // simulated time has not begun here, but has at the source
+  }
   const ros::Time spoken = stamp.isZero() ? now : stamp;
   const ArbiterAnswer answer = arbiter_.submit(command, toNs(spoken), toNs(now));
   if (answer != ArbiterAnswer::TAKEN)

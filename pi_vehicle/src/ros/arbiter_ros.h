@@ -7,6 +7,8 @@
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <geometry_msgs/Twist.h>
 #include <pi_node/ros/callback_thread.h>
+#include <pi_node/ros/latched_publisher.h>
+#include <pi_node/ros/vehicle_time.h>
 #include <pi_node/ros/warning_board.h>
 #include <pi_vehicle/ArbiterState.h>
 #include <pi_vehicle/MotionCommand.h>
@@ -72,14 +74,14 @@ private:
   diagnostic_updater::Updater updater_;
 
   ros::Publisher motion_;
-  ros::Publisher state_publisher_;
+  pi_node::LatchedPublisher<ArbiterState> state_publisher_;
   std::vector<Intake> intakes_;  ///< in the order of the sources
   ros::Subscriber cmd_vel_;
   ros::Subscriber vehicle_state_;
   ros::ServiceServer emergency_stop_;
   ros::ServiceServer release_;
-  ros::SteadyTimer timer_;
-  ros::WallTimer diagnostic_timer_;
+  pi_node::VehicleTimer timer_;
+  pi_node::VehicleTimer diagnostic_timer_;
 
   ros::Time last_tick_;
   ArbiterOutput output_;

@@ -4,9 +4,9 @@
 
 #include <diagnostic_msgs/DiagnosticStatus.h>
 #include <geometry_msgs/TransformStamped.h>
-#include <pi_node/durations.h>
 #include <pi_node/formatting.h>
 #include <pi_node/ros/node_options.h>
+#include <pi_node/vehicle_clock.h>
 
 #include <utility>
 #include <vector>
@@ -23,11 +23,11 @@ using pi_node::format;
 constexpr uint32_t CHASSIS_QUEUE = 50;
 constexpr int64_t BATTERY_PERIOD_NS = 1'000'000'000;
 
-/// A monotonic time by the clock of ROS.
-ros::Time rosTime(int64_t monotonic_ns)
+/// A time of the driver by the clock of ROS.
+ros::Time rosTime(int64_t vehicle_ns)
 {
   const ros::Time now = ros::Time::now();
-  const ros::Duration age = ros::Duration().fromNSec(pi_node::monotonicNs() - monotonic_ns);
+  const ros::Duration age = ros::Duration().fromNSec(pi_node::vehicleNs() - vehicle_ns);
   return now.toSec() > age.toSec() ? now - age : now;
 }
 
@@ -70,8 +70,7 @@ ChassisRos::ChassisRos(ros::NodeHandle node, ros::NodeHandle private_node)
   motion_ = service_node_.subscribe("motion", 1, &ChassisRos::onMotion, this, ros::TransportHints().tcpNoDelay());
   emergency_stop_ = service_node_.advertiseService("emergency_stop", &ChassisRos::onEmergencyStop, this);
   release_ = service_node_.advertiseService("release_emergency_stop", &ChassisRos::onRelease, this);
-  timer_ = service_node_.createWallTimer(ros::WallDuration(options_.diagnostic_period),
-                                         [this](const ros::WallTimerEvent&) { publishDiagnostics(); });
+  timer_ = pi_node::VehicleTimer(service_node_, options_.diagnostic_period, [this] { publishDiagnostics(); });
   service_thread_.start();
 }
 
@@ -104,7 +103,7 @@ void ChassisRos::onState(const chassis::DriverState& state)
       broadcaster_->sendTransform(transform);
     }
   }
-  if (const int64_t now_ns = pi_node::monotonicNs(); now_ns - battery_ns_ >= BATTERY_PERIOD_NS)
+  if (const int64_t now_ns = pi_node::vehicleNs(); now_ns - battery_ns_ >= BATTERY_PERIOD_NS)
   {
     battery_ns_ = now_ns;
     battery_publisher_.publish(toBatteryState(host, ros::Time::now(), options_.base_link_frame));

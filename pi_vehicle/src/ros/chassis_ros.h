@@ -4,6 +4,7 @@
 
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <pi_node/ros/callback_thread.h>
+#include <pi_node/ros/vehicle_time.h>
 #include <pi_node/ros/warning_board.h>
 #include <pi_vehicle/MotionCommand.h>
 #include <pi_vehicle/chassis/chassis_driver.h>
@@ -64,7 +65,7 @@ private:
   ros::Subscriber motion_;
   ros::ServiceServer emergency_stop_;
   ros::ServiceServer release_;
-  ros::WallTimer timer_;
+  pi_node::VehicleTimer timer_;
 
   // chassis
   std::unique_ptr<tf2_ros::TransformBroadcaster> broadcaster_;  ///< none: no tf

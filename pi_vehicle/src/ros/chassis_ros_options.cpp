@@ -15,6 +15,7 @@ static void visitFields(ChassisRosOptions& options, Visitor&& visit)
   auto& driver = options.driver;
   visit("port", driver.port);
   visit("baud_rate", driver.baud_rate);
+  visit("start_patience_s", driver.start_patience_s);
   visit("first_pause_s", driver.first_pause_s);
   visit("longest_pause_s", driver.longest_pause_s);
   visit("command_period_s", driver.host.command_period_s);

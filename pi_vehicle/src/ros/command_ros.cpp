@@ -47,7 +47,7 @@ CommandRos::CommandRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , updater_(node_, private_node, private_node.getNamespace())
 {
   motion_ = node_.advertise<MotionCommand>("motion/command", COMMAND_QUEUE);
-  state_publisher_ = node_.advertise<CommandState>("command/state", COMMAND_QUEUE, true);
+  state_publisher_ = pi_node::LatchedPublisher<CommandState>(node_, "command/state", COMMAND_QUEUE);
   goal_ = node_.advertise<geometry_msgs::PoseStamped>("goal", COMMAND_QUEUE);
   turn_ = node_.advertise<std_msgs::String>("turn", COMMAND_QUEUE);
   say_ = node_.advertise<std_msgs::String>("say", COMMAND_QUEUE);
@@ -60,10 +60,9 @@ CommandRos::CommandRos(ros::NodeHandle node, ros::NodeHandle private_node)
       node_.subscribe("command", COMMAND_QUEUE, &CommandRos::onCommand, this, ros::TransportHints().tcpNoDelay());
   stop_ = private_node_.advertiseService("stop", &CommandRos::onStop, this);
   release_ = private_node_.advertiseService("release", &CommandRos::onRelease, this);
-  timer_ =
-      node_.createSteadyTimer(ros::WallDuration(1.0 / options_.rate), [this](const ros::SteadyTimerEvent&) { tick(); });
-  diagnostic_timer_ = node_.createWallTimer(ros::WallDuration(options_.diagnostic_period),
-                                            [this](const ros::WallTimerEvent&) { updater_.force_update(); });
+  timer_ = pi_node::VehicleTimer(
+      node_, 1.0 / options_.rate, [this] { tick(); }, "command");
+  diagnostic_timer_ = pi_node::VehicleTimer(node_, options_.diagnostic_period, [this] { updater_.force_update(); });
   thread_.start();
 }
 

@@ -6,6 +6,8 @@
 
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <pi_node/ros/callback_thread.h>
+#include <pi_node/ros/latched_publisher.h>
+#include <pi_node/ros/vehicle_time.h>
 #include <pi_node/ros/warning_board.h>
 #include <pi_speech/VoiceCommand.h>
 #include <pi_vehicle/CommandState.h>
@@ -61,7 +63,7 @@ private:
   diagnostic_updater::Updater updater_;
 
   ros::Publisher motion_;
-  ros::Publisher state_publisher_;
+  pi_node::LatchedPublisher<CommandState> state_publisher_;
   ros::Publisher goal_;
   ros::Publisher turn_;
   ros::Publisher say_;
@@ -69,8 +71,8 @@ private:
   ros::Subscriber command_;
   ros::ServiceServer stop_;
   ros::ServiceServer release_;
-  ros::SteadyTimer timer_;
-  ros::WallTimer diagnostic_timer_;
+  pi_node::VehicleTimer timer_;
+  pi_node::VehicleTimer diagnostic_timer_;
 
   std::string stop_reason_;  ///< why the latch holds
   CommandState state_;

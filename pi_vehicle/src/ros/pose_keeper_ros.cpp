@@ -87,7 +87,7 @@ PoseKeeperRos::PoseKeeperRos(ros::NodeHandle node, ros::NodeHandle private_node)
     }
   }
   initial_pose_ = service_node_.advertise<geometry_msgs::PoseWithCovarianceStamped>("initialpose", 2);
-  localisation_ = service_node_.advertise<LocalisationState>("localisation", 1, true);
+  localisation_ = pi_node::LatchedPublisher<LocalisationState>(service_node_, "localisation", 1);
   updater_.setHardwareID("none");
   updater_.add("pose", [this](Status& status) { report(status); });
   told_valid_ = true;
@@ -96,12 +96,11 @@ PoseKeeperRos::PoseKeeperRos(ros::NodeHandle node, ros::NodeHandle private_node)
   const auto hints = ros::TransportHints().tcpNoDelay();
   odometry_ = service_node_.subscribe("odometry", 200, &PoseKeeperRos::onOdometry, this, hints);
   wheels_ = service_node_.subscribe("wheel_odometry", 50, &PoseKeeperRos::onWheels, this, hints);
-  timer_ =
-      service_node_.createSteadyTimer(ros::WallDuration(PERIOD_S), [this](const ros::SteadyTimerEvent&) { update(); });
-  file_timer_ = service_node_.createSteadyTimer(ros::WallDuration(FILE_PERIOD_S),
-                                                [this](const ros::SteadyTimerEvent&) { save(); });
-  diagnostic_timer_ = service_node_.createWallTimer(ros::WallDuration(options_.diagnostic_period),
-                                                    [this](const ros::WallTimerEvent&) { updater_.force_update(); });
+  timer_ = pi_node::VehicleTimer(
+      service_node_, PERIOD_S, [this] { update(); }, "pose_keeper");
+  file_timer_ = pi_node::VehicleTimer(service_node_, FILE_PERIOD_S, [this] { save(); });
+  diagnostic_timer_ =
+      pi_node::VehicleTimer(service_node_, options_.diagnostic_period, [this] { updater_.force_update(); });
   service_thread_.start();
 }
 

@@ -7,7 +7,10 @@
 #include <geometry_msgs/PoseWithCovarianceStamped.h>
 #include <nav_msgs/Odometry.h>
 #include <pi_node/ros/callback_thread.h>
+#include <pi_node/ros/latched_publisher.h>
+#include <pi_node/ros/vehicle_time.h>
 #include <pi_node/ros/warning_board.h>
+#include <pi_vehicle/LocalisationState.h>
 #include <ros/ros.h>
 #include <tf2_ros/buffer.h>
 #include <tf2_ros/transform_listener.h>
@@ -74,12 +77,12 @@ private:
 
   tf2_ros::TransformListener tf_listener_;
   ros::Publisher initial_pose_;
-  ros::Publisher localisation_;
+  pi_node::LatchedPublisher<LocalisationState> localisation_;
   ros::Subscriber odometry_;
   ros::Subscriber wheels_;
-  ros::SteadyTimer timer_;
-  ros::SteadyTimer file_timer_;
-  ros::WallTimer diagnostic_timer_;
+  pi_node::VehicleTimer timer_;
+  pi_node::VehicleTimer file_timer_;
+  pi_node::VehicleTimer diagnostic_timer_;
 };
 
 }  // namespace pi_vehicle

@@ -48,10 +48,9 @@ ReactionRos::ReactionRos(ros::NodeHandle node, ros::NodeHandle private_node)
 
   obstacles_ = node_.subscribe("obstacles", 2, &ReactionRos::onObstacles, this, ros::TransportHints().tcpNoDelay());
   reload_ = private_node_.advertiseService("reload", &ReactionRos::onReload, this);
-  timer_ =
-      node_.createSteadyTimer(ros::WallDuration(1.0 / options_.rate), [this](const ros::SteadyTimerEvent&) { tick(); });
-  diagnostic_timer_ = node_.createWallTimer(ros::WallDuration(options_.diagnostic_period),
-                                            [this](const ros::WallTimerEvent&) { updater_.force_update(); });
+  timer_ = pi_node::VehicleTimer(
+      node_, 1.0 / options_.rate, [this] { tick(); }, "reaction");
+  diagnostic_timer_ = pi_node::VehicleTimer(node_, options_.diagnostic_period, [this] { updater_.force_update(); });
   thread_.start();
 }
 

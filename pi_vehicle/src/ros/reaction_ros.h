@@ -6,6 +6,7 @@
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <pi_detect/ObstacleArray.h>
 #include <pi_node/ros/callback_thread.h>
+#include <pi_node/ros/vehicle_time.h>
 #include <pi_node/ros/warning_board.h>
 #include <ros/ros.h>
 #include <std_srvs/Trigger.h>
@@ -65,8 +66,8 @@ private:
   ros::Publisher horn_;
   ros::Subscriber obstacles_;
   ros::ServiceServer reload_;
-  ros::SteadyTimer timer_;
-  ros::WallTimer diagnostic_timer_;
+  pi_node::VehicleTimer timer_;
+  pi_node::VehicleTimer diagnostic_timer_;
 
   ros::Time newest_;  ///< stamp of the newest obstacles; zero: none yet
   ReactionResult result_;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <nodelet/nodelet.h>
+#include <pi_node/ros/vehicle_time.h>
 
 #include <exception>
 #include <memory>
@@ -21,6 +22,7 @@ class AdapterNodelet : public nodelet::Nodelet
 private:
   void onInit() override
   {
+    followRosTime();
     try
     {
       adapter_ = std::make_unique<Adapter>(getNodeHandle(), getPrivateNodeHandle());

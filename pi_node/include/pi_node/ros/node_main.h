@@ -1,5 +1,6 @@
 #pragma once
 
+#include <pi_node/ros/vehicle_time.h>
 #include <ros/ros.h>
 
 #include <exception>
@@ -15,6 +16,7 @@ int runNode(int argc, char** argv, const char* name)
 {
   ros::init(argc, argv, name);
   const ros::NodeHandle node;  // outlives the adapter: roscpp and its log end with the last handle
+  followRosTime();
   try
   {
     Adapter adapter(node, ros::NodeHandle("~"));

@@ -59,6 +59,11 @@ bool headerReceived(ros::TransportPublisherLink* self, const ros::ConnectionPtr&
     self->drop();
     return false;
   }
+  // The publisher is back: what it sends now comes behind nothing that is still under way from its old connection.
+  if (const std::shared_ptr<ReceiveLink> before = runtime.ending_receive_links.find(self))
+  {
+    before->disconnect(false);
+  }
   const bool accepted = runtime.original.header_received(self, connection, header);
   const std::shared_ptr<ReceiveLink> link =
       accepted && offered && runtime.active() ? runtime.receive_links.find(connection.get()) : nullptr;

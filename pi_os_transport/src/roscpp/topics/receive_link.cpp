@@ -259,6 +259,7 @@ void ReceiveLink::leaveBridge(LinkEnd reason)
   ring_.reset();
   bridged_ = false;
   started_ = false;
+  forgetEnding();
   if (!ended_)
   {
     BridgeClient::instance().want(shared_from_this(), reason == LinkEnd::REFUSED ? ASK_AGAIN_REFUSED : ASK_AGAIN);
@@ -276,11 +277,22 @@ void ReceiveLink::disconnect(bool deliver_rest)
     if (bridged_ && in_use_ && !bridge_ended_)
     {
       active_.store(false, std::memory_order_release);
+      Runtime::instance().ending_receive_links.insert(publisher_link_, self);
       return;  // messages under way between the devices follow; the bridge reports the end
     }
   }
   closeRing();
   ring_.reset();  // unless a message is being read, the publisher gets everything back
+  forgetEnding();
+}
+
+void ReceiveLink::forgetEnding()
+{
+  auto& links = Runtime::instance().ending_receive_links;
+  if (ended_ && links.find(publisher_link_).get() == this)
+  {
+    links.erase(publisher_link_);
+  }
 }
 
 void ReceiveLink::drain(Drain extent)

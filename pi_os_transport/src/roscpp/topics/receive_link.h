@@ -29,7 +29,7 @@ class ReceiveLink : public PairLink, public std::enable_shared_from_this<Receive
 {
 public:
   ReceiveLink(const ros::TransportPublisherLinkPtr& link, const ros::ConnectionPtr& connection)
-    : link_(link), connection_(connection)
+    : link_(link), publisher_link_(link.get()), connection_(connection)
   {
   }
 
@@ -65,6 +65,7 @@ private:
   void decline();
   void closeRing();
   void leaveBridge(LinkEnd reason);
+  void forgetEnding();
   enum class Drain
   {
     BATCH,    ///< what is due, at most one batch before the network thread serves its other sockets
@@ -76,6 +77,7 @@ private:
   void deliver(const ros::TransportPublisherLinkPtr& link, const RingReceiver::Message& message);
 
   const boost::weak_ptr<ros::TransportPublisherLink> link_;
+  const ros::TransportPublisherLink* const publisher_link_;  ///< the same, as a key also behind its end
   const boost::weak_ptr<ros::Connection> connection_;
 
   std::recursive_mutex mutex_;  // recursive: a callback that runs in place may end the link

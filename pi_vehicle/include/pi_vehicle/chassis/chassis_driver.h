@@ -14,6 +14,7 @@ struct DriverOptions
 {
   std::string port = "/dev/ttyUSB0";  ///< path, name in /dev, or part of a name in /dev/serial/by-id
   uint32_t baud_rate = 115200;
+  double start_patience_s = 10.0;  ///< after the start a port may be missing so long [s], in [0, 600]
   double first_pause_s = 0.1;    ///< before a port that is gone is opened again [s], in [0.01, 10]; doubles each time
   double longest_pause_s = 1.0;  ///< up to this [s], in [first_pause_s, 60]
   HostOptions host;
@@ -37,7 +38,8 @@ struct DriverEvents
 {
   std::function<void(const DriverState&)> state;           ///< once per command period, whether connected or not
   std::function<void(const std::string& path)> opened;     ///< the port is open; may be empty
-  std::function<void(const std::string& problem)> closed;  ///< could not be opened, or is gone: once until opened()
+  std::function<void(const std::string& problem)> closed;  ///< cannot be opened, or is gone: once until opened(), and
+                                                           ///< at the start not before start_patience_s
 };
 
 /// Drives a chassis over a serial line, on a thread of its own, by monotonic time. A missing or lost port is opened

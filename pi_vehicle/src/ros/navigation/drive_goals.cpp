@@ -1,5 +1,8 @@
 #include "ros/navigation/drive_goals.h"
 
+#include <pi_node/durations.h>
+#include <pi_node/vehicle_clock.h>
+
 #include "ros/navigation/kept_goal.h"
 #include "ros/navigation/navigation_conversions.h"
 
@@ -87,7 +90,7 @@ std::string DriveGoals::begin(const NavigationGoal& goal, const std::string& who
   if (problem.empty())
   {
     endAction(DriveEnd::CANCELLED, "replaced by a later goal " + whose);
-    kept_at_ = ros::SteadyTime();  // to be kept at the next update
+    kept_at_ns_.reset();  // to be kept at the next update
     ROS_INFO_STREAM_NAMED("navigation", "drives to a goal " << whose);
   }
   return problem;
@@ -122,12 +125,13 @@ void DriveGoals::resumeGoal()
 
 void DriveGoals::keepGoal(const ros::Time& now)
 {
-  const ros::SteadyTime steady = ros::SteadyTime::now();
-  if (navigator_->passed() == kept_passed_ && !kept_at_.isZero() && (steady - kept_at_).toSec() < KEEP_PERIOD_S)
+  const int64_t vehicle_ns = pi_node::vehicleNs();
+  if (navigator_->passed() == kept_passed_ && kept_at_ns_ &&
+      pi_node::secondsBetween(*kept_at_ns_, vehicle_ns) < KEEP_PERIOD_S)
   {
     return;
   }
-  kept_at_ = steady;
+  kept_at_ns_ = vehicle_ns;
   kept_passed_ = navigator_->passed();
   KeptGoal kept;
   kept.goal = navigator_->goal();

@@ -65,7 +65,7 @@ private:
   Navigator* navigator_;
   pi_node::WarningBoard* warnings_;
   KeptParameters kept_;
-  ros::SteadyTime kept_at_;
+  std::optional<int64_t> kept_at_ns_;
   size_t kept_passed_ = 0;
   std::optional<GoalHandle> action_;  ///< of the goal that is driven to; none: it came on the topic
   std::string last_end_;

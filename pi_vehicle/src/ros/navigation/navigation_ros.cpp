@@ -44,10 +44,10 @@ NavigationRos::NavigationRos(ros::NodeHandle node, ros::NodeHandle private_node)
   obstacle_subscriber_ =
       service_node_.subscribe("obstacles", 2, &NavigationRos::onObstacles, this, ros::TransportHints().tcpNoDelay());
   goals_.start();
-  timer_ = service_node_.createSteadyTimer(ros::WallDuration(1.0 / options_.rate_hz),
-                                           [this](const ros::SteadyTimerEvent&) { update(); });
-  diagnostic_timer_ = service_node_.createWallTimer(ros::WallDuration(options_.diagnostic_period),
-                                                    [this](const ros::WallTimerEvent&) { updater_.force_update(); });
+  timer_ = pi_node::VehicleTimer(
+      service_node_, 1.0 / options_.rate_hz, [this] { update(); }, "navigation");
+  diagnostic_timer_ =
+      pi_node::VehicleTimer(service_node_, options_.diagnostic_period, [this] { updater_.force_update(); });
   service_thread_.start();
 }
 

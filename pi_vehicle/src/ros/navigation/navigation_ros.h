@@ -8,6 +8,7 @@
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <pi_detect/ObstacleArray.h>
 #include <pi_node/ros/callback_thread.h>
+#include <pi_node/ros/vehicle_time.h>
 #include <pi_node/ros/warning_board.h>
 #include <ros/ros.h>
 
@@ -65,8 +66,8 @@ private:
   ros::Publisher route_;
   ros::Publisher markers_;
   ros::Subscriber obstacle_subscriber_;
-  ros::SteadyTimer timer_;
-  ros::WallTimer diagnostic_timer_;
+  pi_node::VehicleTimer timer_;
+  pi_node::VehicleTimer diagnostic_timer_;
 };
 
 }  // namespace pi_vehicle

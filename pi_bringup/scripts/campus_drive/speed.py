@@ -1,0 +1,149 @@
+"""The vehicle on a recorded drive in real time, measured: what it takes, and how soon it answers."""
+
+import os
+import struct
+import time
+
+from first_drive import measuring
+from first_drive.errors import DemoError
+
+from . import report, words
+from .cpu import CpuAccount, group_of
+from .judge import quantile
+from .observer import VIO_STATUS, power_figures
+
+MONITORED = ["/imu/data", "/left/image_raw", "/right/image_raw", "/audio_stamped", "/odometry", "/detections",
+             "/obstacles", "/command", "/motion/reaction", "/motion", "/power"]
+SAID = ("stop", "go") * 3
+SAID_FROM_S, SAID_EVERY_S = 3.0, 2.5  # of the recording; nothing moves
+OF_PICTURES = ("/obstacles", "/detections")
+STAMP_AT, STAMP = 4, struct.Struct("<II")  # of a header, behind its number
+BUSY = 0.15  # share of the computer that others may take while speed is judged
+
+
+def processor_times():
+    """(busy, all) of the computer [ticks of its cores, since its start]"""
+    with open("/proc/stat", encoding="ascii") as file:
+        ticks = [int(word) for word in file.readline().split()[1:9]]
+    return sum(ticks) - ticks[3] - ticks[4], sum(ticks)
+
+
+class SpeedRun:
+    """@param bag  of SensorRecording."""
+
+    def __init__(self, bag, preload, output):
+        self._bag = bag
+        self._preload = preload
+        self._output = output
+        self._power, self._commands, self._pairs, self._errors = [], [], [], []
+        self._came = {}                                    # stamp of a picture: when it came
+        self._latencies = {topic: [] for topic in OF_PICTURES}
+        self._mouth = None
+        self._sounds = {word: str(words.sound_of(word, output)) for word in sorted(set(SAID))}
+
+    def run(self, started, events):
+        """@return the tree for JSON. @throws DemoError"""
+        log = self._output / "log" / "roslaunch.log"
+        monitor_report = self._output / "monitor.json"
+        for old in (log, monitor_report):
+            old.unlink(missing_ok=True)
+        self._subscribe(events)
+        print("  starting the nodes")
+        launch = started.launch(["pi_bringup", "speed.launch", "bag:=%s" % self._bag,
+                                 "preload:=%s" % (self._preload or "")], log)
+        monitor = None
+        try:
+            events.follow(launch)
+            events.rospy.set_param("/topic_monitor", {"topics": MONITORED, "report": str(monitor_report),
+                                                      "print_table": False, "tcp_nodelay": True})
+            preload = ["env", "LD_PRELOAD=%s" % self._preload] if self._preload else []
+            monitor = started.start(preload + ["rosrun", "pi_os_transport", "topic_monitor"],
+                                    self._output / "log" / "monitor.log")
+            events.watch(monitor, "topic_monitor")
+            events.next(lambda kind, event: kind == "player" and event["state"] == "playing",
+                        "the vehicle to subscribe to the recording")
+            return self._measure(events, started, launch, monitor)
+        finally:
+            if monitor is not None:
+                started.stop(monitor)
+            started.stop(launch)
+
+    def _subscribe(self, events):
+        from diagnostic_msgs.msg import DiagnosticArray
+        from pi_speech.msg import VoiceCommand
+        from pi_vehicle.msg import PowerState
+        from rosgraph_msgs.msg import Log
+        from std_msgs.msg import String
+        events.subscribe("/command", VoiceCommand, lambda message: self._commands.append(
+            {"text": message.text, "accepted": True, "latency": message.latency.to_sec()}))
+        events.subscribe("/power", PowerState, lambda message: self._power.append(power_figures(message)))
+        events.subscribe("/diagnostics", DiagnosticArray, self._on_diagnostics)
+        # The info comes with its picture. Stamps are those of the recording moved to now, so only differences count.
+        any_message = events.rospy.AnyMsg
+        events.subscribe("/left/camera_info", any_message, self._on_info)
+        for topic in OF_PICTURES:
+            events.subscribe(topic, any_message, lambda message, topic=topic: self._on_result(topic, message))
+        self._mouth = events.rospy.Publisher("/microphone/play", String, queue_size=10)
+        events.subscribe("/rosout_agg", Log, lambda message: message.level >= Log.ERROR and self._errors.append(
+            (message.name, message.msg)) or None)
+
+    def _on_info(self, message):
+        self._came[STAMP.unpack_from(message._buff, STAMP_AT)] = time.time()
+
+    def _on_result(self, topic, message):
+        came = self._came.get(STAMP.unpack_from(message._buff, STAMP_AT))
+        if came is not None:
+            self._latencies[topic].append(1000.0 * (time.time() - came))
+
+    def _say(self, since_begin, said):
+        """@return words said so far"""
+        if said < len(SAID) and since_begin >= SAID_FROM_S + SAID_EVERY_S * said:
+            self._mouth.publish(self._sounds[SAID[said]])
+            said += 1
+        return said
+
+    def _on_diagnostics(self, message):
+        for status in message.status:
+            if status.name.strip("/") == VIO_STATUS:
+                values = {pair.key: pair.value for pair in status.values}
+                if "pairs used" in values:
+                    self._pairs.append((message.header.stamp.to_sec(), int(values["pairs used"])))
+        return "diagnostics", None
+
+    def _measure(self, events, started, launch, monitor):
+        print("  playing")
+        cpu = CpuAccount(launch.pid, {"topic_monitor": monitor.pid, "drive_campus": os.getpid(), **started.core})
+        begin, before = time.time(), processor_times()
+        links, said = [], 0
+        while True:
+            kind, event = events.next(lambda *_: True, "the recording to end")
+            if kind == "player" and event["state"] == "finished":
+                break
+            if kind == "diagnostics":
+                cpu.update()
+                said = self._say(time.time() - begin, said)
+                links = links if links or time.time() - begin < 5.0 else measuring.all_links(
+                    started.environment["ROS_MASTER_URI"])
+        cpu.update()
+        end, after = time.time(), processor_times()
+        cpu.measure_memory()
+        _, figures = events.next(lambda kind, _: kind == "monitor", "the monitor's report")
+        groups = {}
+        for node, cores in cpu.cores().items():
+            groups.setdefault(group_of(node, ()), {})[node] = cores
+        used = sum(sum(nodes.values()) for nodes in groups.values())
+        others = (after[0] - before[0]) - used * cpu.seconds * os.sysconf("SC_CLK_TCK")
+        power = self._power
+        if not figures["topics"].get("/odometry", {}).get("messages"):
+            raise DemoError("no odometry came of the recording")
+        return {
+            "transport": "π-OS" if self._preload else "TCPROS", "seconds": end - begin, "topics": figures["topics"],
+            "pairs_hz": report.pairs_hz(self._pairs, begin, end), "commands": self._commands, "said": said,
+            "latency_ms": {topic: {"p50": quantile(values, 0.5), "p99": quantile(values, 0.99)}
+                           for topic, values in self._latencies.items()},
+            "cpu_cores": groups, "vehicle_cores": sum(groups.get("vehicle", {}).values()), "memory_mb": cpu.memory,
+            "services": report.services(power), "others_share": max(0.0, others) / max(1, after[1] - before[1]),
+            "watts": sum(one["total_watts"] for one in power) / len(power) if power else None,
+            "watts_source": power[-1]["source"] if power else None, "errors": self._errors,
+            "transports": report.transports(links)}
+

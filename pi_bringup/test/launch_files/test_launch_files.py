@@ -1,0 +1,39 @@
+"""What launch files pass on, and what they refuse, without a graph: roslaunch reads them and starts nothing."""
+
+import subprocess
+import unittest
+
+import yaml
+
+NO_MASTER = "http://localhost:1"  # roslaunch does not get so far
+
+
+def roslaunch(*words):
+    return subprocess.run(["env", "ROS_MASTER_URI=" + NO_MASTER, "roslaunch", *words], stdin=subprocess.DEVNULL,
+                          stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=120, check=False)
+
+
+class LaunchFiles(unittest.TestCase):
+    def test_simulation_passes_on_what_a_user_changes(self):
+        given = {"model": ("/ssd/model", "/my/model.yaml"), "commands": ("/recognizer/commands", "/my/commands.yaml"),
+                 "command_actions": ("/command/actions_file", "/my/actions.yaml"),
+                 "reaction_rules": ("/reaction/rules_file", "/my/rules.yaml"),
+                 "map_file": ("/vio/map_file", "/my/place.map"), "pose_file": ("/pose_keeper/file", "/my/pose"),
+                 "scenario": ("/vehicle_simulator/scenario", "/my/scenario.yaml"),
+                 "seed": ("/vehicle_simulator/scenario_seed", 7),
+                 "background": ("/microphone/background", "/my/wind.wav"),
+                 "background_level": ("/microphone/background_level_dbfs", -35.5)}
+        result = roslaunch("--dump-params", "pi_bringup", "simulation.launch",
+                           *("%s:=%s" % (argument, value) for argument, (_, value) in given.items()))
+        parameters = yaml.safe_load(result.stdout)
+        self.assertEqual(dict(given.values()), {name: parameters.get(name) for name, _ in given.values()},
+                         result.stderr)
+
+    def test_replay_of_a_bag_that_is_not_there_is_an_error_that_names_it(self):
+        result = roslaunch("pi_bringup", "replay.launch", "bag:=/nowhere/drive.bag")
+        self.assertEqual(1, result.returncode)
+        self.assertIn("/nowhere/drive.bag", result.stderr)
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,31 @@
+"""Three short scenarios in a closed loop, each on a graph of its own, as a vehicle team's CI would drive its own."""
+
+import os
+import subprocess
+import tempfile
+import unittest
+from pathlib import Path
+from xml.etree import ElementTree
+
+SCENARIOS = ("short_straight", "short_blocked", "short_dark")
+
+
+class ShortDrives(unittest.TestCase):
+    def test_the_vehicle_does_what_the_scenarios_expect(self):
+        program = Path(os.environ["SPACE"]) / "lib" / "pi_bringup" / "scenario_suite"
+        with tempfile.TemporaryDirectory() as folder:
+            results = Path(folder) / "junit.xml"
+            # Simulated time can wait: tests that run beside this one in real time cannot.
+            suite = subprocess.run(
+                ["nice", "-n", "19", "sh", "-c", '. "$0"/setup.sh && exec "$@"', os.environ["SPACE"], str(program),
+                 *SCENARIOS, "--output", str(Path(folder) / "drives"), "--junit", str(results)],
+                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=500)
+            self.assertEqual(0, suite.returncode, suite.stdout)
+            cases = ElementTree.parse(results).getroot().iter("testcase")
+            bad = [[one.tag for one in case if one.tag in ("failure", "error")] for case in cases]
+            self.assertEqual([[]] * len(SCENARIOS), bad, suite.stdout)
+        self.assertIn("3 of 3 drives passed, 0 with a collision", suite.stdout)
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,64 @@
+#pragma once
+
+#include <ros/node_handle.h>
+#include <ros/steady_timer.h>
+#include <ros/timer.h>
+
+#include <cstdint>
+#include <functional>
+#include <mutex>
+#include <string>
+
+namespace pi_node
+{
+
+/// Makes vehicleNs() the time of ROS if that is simulated (/use_sim_time). Call once roscpp has started; runNode() and
+/// AdapterNodelet do.
+void followRosTime();
+
+/// Tells a simulator how far the inputs of a service are worked off, whatever came of them, so that it does not run
+/// away from a busy computer: on the topic /simulation/answers (std_msgs/Header: `frame_id` is "KIND SERVICE NODE";
+/// stamp 0: the service takes no inputs now). Does nothing unless time is simulated. Any thread.
+class SimulationAnswers
+{
+public:
+  /// @param kind  of the inputs: imu, pictures, detection (of pictures, slower), sound, tick.
+  /// @param topic  of the inputs, if they may come from elsewhere than the simulator: then nobody waits for the
+  /// service.
+  SimulationAnswers(const std::string& kind, const std::string& service, const std::string& topic = "");
+  /// @param stamp_ns  of the newest input that is worked off.
+  void workedOff(int64_t stamp_ns) const;
+  /// The service waits for something that only time can bring, at most so long.
+  void waits(double seconds) const;
+  /// Whether the service takes inputs. While it takes none, nobody waits for it. At first it does.
+  void take(bool takes);
+
+private:
+  void publish(int64_t stamp_ns) const;
+
+  const std::string name_;
+  mutable std::mutex mutex_;  ///< so that no answer comes behind the end of taking
+  bool takes_ = true;         ///< under mutex_
+  ros::Publisher publisher_;  ///< none unless time is simulated
+};
+
+/// Calls a function again and again, in the vehicle's time. Not thread safe; copies are the same timer.
+class VehicleTimer
+{
+public:
+  VehicleTimer() = default;
+  /// @param node      its callback queue calls the function.
+  /// @param period_s  [s]
+  /// @param service   if not empty, answers the simulator after each call.
+  VehicleTimer(const ros::NodeHandle& node, double period_s, const std::function<void()>& function,
+               const std::string& service = "");
+
+  /// No call begins afterwards.
+  void stop();
+
+private:
+  ros::SteadyTimer steady_;
+  ros::Timer simulated_;
+};
+
+}  // namespace pi_node

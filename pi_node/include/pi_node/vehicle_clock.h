@@ -1,0 +1,44 @@
+#pragma once
+
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <mutex>
+
+namespace pi_node
+{
+
+/// The clock of everything in the vehicle that waits for something [ns]: watchdogs, timeouts, periods. Monotonic on a
+/// vehicle; in simulated time that of the simulator, from 0 on, which goes at any pace, may stand still, and jumps back
+/// when a recording begins anew. Good for differences only. Any thread.
+int64_t vehicleNs();
+
+/// Whether vehicleNs() is simulated.
+bool isTimeSimulated();
+
+/// @param clock  of simulated time; null: monotonic again.
+void simulateTime(int64_t (*clock)());
+
+/// How often a thread looks at a simulated clock, which nobody can sleep by.
+constexpr std::chrono::milliseconds SIMULATED_LOOK(2);
+
+/// As std::condition_variable::wait_for, in the vehicle's time.
+template <typename Predicate>
+bool waitFor(std::condition_variable* changed, std::unique_lock<std::mutex>* lock, double seconds, Predicate predicate)
+{
+  if (!isTimeSimulated())
+  {
+    return changed->wait_for(*lock, std::chrono::duration<double>(seconds), predicate);
+  }
+  const int64_t until_ns = vehicleNs() + static_cast<int64_t>(1e9 * seconds);
+  while (vehicleNs() < until_ns)
+  {
+    if (changed->wait_for(*lock, SIMULATED_LOOK, predicate))
+    {
+      return true;
+    }
+  }
+  return predicate();
+}
+
+}  // namespace pi_node
