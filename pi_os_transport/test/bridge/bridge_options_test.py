@@ -722,7 +722,7 @@ class BridgeOptions(device_testbed.DeviceTest):
     # ------------------------------------------------------------------------------------- publishers that exit at once
 
     def deliver_and_exit(self, number, preload, count, size, settled):
-        """Numbers that arrive from a publisher that publishes and is shut down behind the last message.
+        """How many messages arrive from a publisher that publishes and is shut down behind the last message.
         @param settled  whether its link is over the bridges before."""
         name = '%d_%s_%d_%d' % (number, 'bridges' if preload else 'tcpros', count, settled)
         topic = self.topic('short_' + name)
@@ -739,6 +739,9 @@ class BridgeOptions(device_testbed.DeviceTest):
         report = listener.answer()
         listener.close()
         self.assertEqual([seq for _, seq in report['log']], sorted({seq for _, seq in report['log']}), report)
+        missing = sorted(set(range(count)) - {seq for _, seq in report['log']})
+        if missing:
+            print('%s: %s of %d messages are missing; %s' % (name, missing, count, report))
         return report['received']
 
     def exits_at_once(self, count, size, settled):

@@ -79,6 +79,7 @@ std::vector<VisibleObstacle> visibleObstacles(const SyntheticWorld& world, const
     obstacle.class_name = state.class_name;
     obstacle.box = {extent.left, extent.top, extent.right + 1 - extent.left, extent.bottom + 1 - extent.top};
     obstacle.pixels = extent.pixels;
+    obstacle.visible = static_cast<double>(extent.pixels) / frame.silhouettes.at(static_cast<size_t>(state.id));
     obstacle.nearest_depth_m = extent.nearest;
     obstacle.p_body = T_body_object.translation();
     obstacle.v_body = T_body_world.linear() * state.v_world;
@@ -98,7 +99,8 @@ std::string toJson(int64_t stamp_ns, const std::vector<VisibleObstacle>& obstacl
   {
     stream << separator << "{\"id\": " << obstacle.id << ", \"class\": \"" << obstacle.class_name << "\", \"box\": ["
            << obstacle.box.x << ", " << obstacle.box.y << ", " << obstacle.box.br().x << ", " << obstacle.box.br().y
-           << "], \"pixels\": " << obstacle.pixels << ", \"nearest_depth_m\": " << obstacle.nearest_depth_m;
+           << "], \"pixels\": " << obstacle.pixels << ", \"visible\": " << obstacle.visible
+           << ", \"nearest_depth_m\": " << obstacle.nearest_depth_m;
     write(stream, "position", obstacle.p_body);
     write(stream, "velocity", obstacle.v_body);
     write(stream, "size", obstacle.size);

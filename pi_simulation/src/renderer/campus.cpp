@@ -8,6 +8,7 @@ namespace pi_simulation::synthetic
 namespace
 {
 
+constexpr float HAZE_M = 90.0f;
 constexpr double RING_M = 30.0;  ///< from the path to the buildings that close the horizon
 
 /// A place beside the road.
@@ -142,6 +143,7 @@ void buildCampus(const SyntheticWorldOptions& options, const std::vector<pi_slam
 {
   SceneBuilder builder(options, drive, false, scene);
   scene->has_sky = true;
+  scene->haze_m = HAZE_M;
   scene->road = RoadMap(builder.line());
   Primitive ground;
   ground.shape = Shape::GROUND;

@@ -128,6 +128,29 @@ PI_SIMULATION_VECTORISED void paintCloth(const Primitive& p, Surface* s)
   }
 }
 
+/// Two light bands.
+PI_SIMULATION_VECTORISED void paintCone(const Primitive& p, Surface* s)
+{
+  const Rgb accent(p.accent);
+  paintRough(p, {0.08f, 4, 0.7f, 1.0f, p.seed}, 0.2f, s);
+  for (int i = 0; i < s->n; ++i)
+  {
+    const float bands = pulse(s->v[i], -0.1f, 0.02f, s->wv[i]) + pulse(s->v[i], 0.1f, 0.19f, s->wv[i]);
+    cover(s, i, accent, 1.0f, bands);
+  }
+}
+
+/// Blocks with joints.
+PI_SIMULATION_VECTORISED void paintStone(const Primitive& p, Surface* s)
+{
+  const Rgb color(p.color);
+  paintRough(p, {0.1f, 6, 0.8f, 1.0f, p.seed}, 0.35f, s);
+  for (int i = 0; i < s->n; ++i)
+  {
+    cover(s, i, color, 0.4f, pulseTrain(s->u[i] + 50.0f, 0.9f, 0.015f, s->wu[i]));
+  }
+}
+
 void applyMaterial(const Scene& scene, const Primitive& p, Surface* s)
 {
   switch (p.material)
@@ -152,6 +175,28 @@ void applyMaterial(const Scene& scene, const Primitive& p, Surface* s)
       return paintRough(p, {0.1f, 5, 0.8f, 1.0f, p.seed}, 0.6f, s);
     case Material::CLOTH:
       return paintCloth(p, s);
+    case Material::SHIRT:
+      return paintShirt(p, s);
+    case Material::JACKET:
+      return paintJacket(p, s);
+    case Material::SLEEVE:
+      return paintSleeve(p, s);
+    case Material::TROUSERS:
+      return paintTrousers(p, s);
+    case Material::SKIRT:
+      return paintSkirt(p, s);
+    case Material::SHOE:
+      return paintShoe(p, s);
+    case Material::FACE:
+      return paintFace(p, s);
+    case Material::HAIR:
+      return paintHair(p, s);
+    case Material::TUBE:
+      return paintRough(p, {0.1f, 3, 0.7f, 1.0f, p.seed}, 0.15f, s);
+    case Material::CONE:
+      return paintCone(p, s);
+    case Material::STONE:
+      return paintStone(p, s);
     case Material::SKIN:
       return paintRough(p, {0.06f, 4, 0.7f, 1.0f, p.seed}, 0.25f, s);
     case Material::HALL_SHELL:

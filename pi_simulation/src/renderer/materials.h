@@ -44,6 +44,16 @@ void paintCar(const Primitive& p, Surface* s);
 void paintGlass(const Primitive& p, Surface* s);
 void paintFoliage(const Primitive& p, Surface* s);
 
+// People, in materials_people.cpp.
+void paintShirt(const Primitive& p, Surface* s);
+void paintJacket(const Primitive& p, Surface* s);
+void paintSleeve(const Primitive& p, Surface* s);
+void paintTrousers(const Primitive& p, Surface* s);
+void paintSkirt(const Primitive& p, Surface* s);
+void paintShoe(const Primitive& p, Surface* s);
+void paintFace(const Primitive& p, Surface* s);
+void paintHair(const Primitive& p, Surface* s);
+
 // Indoors, in materials_indoor.cpp.
 void paintHallShell(const Primitive& p, Surface* s);
 void paintShelf(const Primitive& p, Surface* s);
@@ -58,5 +68,7 @@ void paintPoster(const Primitive& p, Surface* s);
 void paintWarning(const Primitive& p, Surface* s);
 void paintMetal(const Primitive& p, Surface* s);
 void paintCloth(const Primitive& p, Surface* s);
+void paintCone(const Primitive& p, Surface* s);
+void paintStone(const Primitive& p, Surface* s);
 
 }  // namespace pi_simulation::synthetic

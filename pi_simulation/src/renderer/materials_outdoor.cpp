@@ -46,9 +46,9 @@ PI_SIMULATION_VECTORISED void paintGroundBase(const float* detail, const RoadLan
     const float repair = pulse(x - static_cast<float>(cx), 0.1f, 0.1f + size, s->wu[i] / 2.6f) *
                          pulse(y - static_cast<float>(cy), 0.1f, 1.1f - size, s->wv[i] / 2.6f);
     const float tone = repair * (cellRandom(cx, cy, 18u) < 0.4f ? -0.10f : 0.0f);
-    const float tar = std::max(0.31f + tone + 0.24f * detail[i], 0.04f);
-    const float grass = std::max(0.33f + 0.36f * detail[i], 0.05f);
-    paint(s, i, {0.85f, 1.1f, 0.5f}, grass);
+    const float tar = std::max(0.43f + 0.6f * tone + 0.13f * detail[i], 0.04f);
+    const float grass = std::max(0.38f + 0.24f * detail[i], 0.05f);
+    paint(s, i, {0.80f, 1.0f, 0.46f}, grass);
     cover(s, i, {1.0f, 1.0f, 1.03f}, tar, tar_weight);
   }
 }
@@ -85,7 +85,7 @@ PI_SIMULATION_VECTORISED void paintPavement(const float* detail, const RoadLanes
     const float joints =
         std::max(pulseTrain(s->u[i], 0.6f, 0.02f, s->wu[i]), pulseTrain(s->v[i], 0.6f, 0.02f, s->wv[i]));
     const float pavement = pulse(across, 3.25f, 5.6f, wl);
-    cover(s, i, {1.0f, 0.98f, 0.94f}, (0.52f + 0.22f * slab_tone + 0.26f * detail[i]) * (1.0f - 0.6f * joints),
+    cover(s, i, {1.0f, 0.98f, 0.94f}, (0.62f + 0.18f * slab_tone + 0.2f * detail[i]) * (1.0f - 0.6f * joints),
           pavement);
     const float kerb_joint = pulseTrain(road.along[i], 0.9f, 0.025f, road.w_along[i]);
     cover(s, i, {1.0f, 1.0f, 0.97f}, (0.72f + 0.2f * detail[i]) * (1.0f - 0.7f * kerb_joint),
@@ -150,7 +150,7 @@ PI_SIMULATION_VECTORISED void paintOuterWall(const Primitive& p, const float* de
     const Bricks b = bricks(u, v, s->wu[i], s->wv[i], p.seed);
     const float joints = std::max(pulseTrain(u, 1.2f, 0.02f, s->wu[i]), pulseTrain(v, 0.8f, 0.02f, s->wv[i]));
     const float slab = cellRandom(floorInt(u / 1.2f), floorInt(v / 0.8f), p.seed + 3u) - 0.5f;
-    const float tone = 1.0f + 0.42f * detail[i] + brick_weight * 0.55f * b.tone + slab_weight * 0.35f * slab;
+    const float tone = 1.0f + 0.2f * detail[i] + brick_weight * 0.35f * b.tone + slab_weight * 0.2f * slab;
     paint(s, i, color, std::max(tone * (1.0f - slab_weight * joints), 0.05f));
     cover(s, i, {0.66f, 0.65f, 0.62f}, 1.0f + 0.3f * detail[i], brick_weight * b.mortar);
   }
@@ -277,7 +277,7 @@ PI_SIMULATION_VECTORISED void paintFoliage(const Primitive& p, Surface* s)
   fractalNoise(*s, {0.22f, 6, 0.85f, 1.0f, p.seed}, leaves);
   for (int i = 0; i < s->n; ++i)
   {
-    paint(s, i, color, 0.25f + 1.5f * clamp01(0.45f + 0.8f * leaves[i]));
+    paint(s, i, color, 0.55f + 1.1f * clamp01(0.45f + 0.7f * leaves[i]));
   }
 }
 

@@ -1,5 +1,6 @@
 #include "renderer/props.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace pi_simulation::synthetic
@@ -39,16 +40,6 @@ Eigen::Vector3f anyColor(Random* random)
   return vector(random->uniform(0.1, 0.85), random->uniform(0.1, 0.85), random->uniform(0.1, 0.85));
 }
 
-MovingPart limb(Material material, double y, double low, double high, double thickness, double swing,
-                const Eigen::Vector3f& color, Random* random)
-{
-  MovingPart result = part(Shape::BOX, material, vector(0.0, y, 0.5 * (low + high)),
-                           vector(thickness, thickness, 0.5 * (high - low)), color, random);
-  result.swing = static_cast<float>(swing);
-  result.pivot_z = static_cast<float>(high);
-  return result;
-}
-
 }  // namespace
 
 Prop makeTree(Random* random)
@@ -60,7 +51,7 @@ Prop makeTree(Random* random)
   tree.parts.push_back(part(Shape::CYLINDER, Material::BARK, vector(0, 0, 0.5 * trunk + 0.3),
                             vector(radius, radius, 0.5 * trunk + 0.3), vector(0.36, 0.28, 0.2), random));
   const Eigen::Vector3f green =
-      vector(random->uniform(0.25, 0.45), random->uniform(0.45, 0.65), random->uniform(0.15, 0.25));
+      vector(random->uniform(0.26, 0.38), random->uniform(0.4, 0.52), random->uniform(0.14, 0.22));
   for (int i = 0; i < 9; ++i)
   {
     const double size = random->uniform(0.5, 0.9);
@@ -98,44 +89,79 @@ Prop makeSign(Random* random)
 
 Prop makeCar(Random* random)
 {
-  Prop car{"car", {4.2, 1.76, 1.52}, {}};
-  const Eigen::Vector3f color = anyColor(random);
-  MovingPart body = part(Shape::BOX, Material::CAR_PAINT, vector(0, 0, 0.6), vector(2.1, 0.86, 0.36), color, random);
-  body.primitive.accent = vector(0.95, 0.9, 0.8);
-  car.parts.push_back(body);
-  car.parts.push_back(
-      part(Shape::BOX, Material::GLASS, vector(-0.25, 0, 1.24), vector(1.15, 0.76, 0.28), color, random));
-  for (const double x : {-1.3, 1.3})
+  // White, black, greys, then the colours that are seen less often.
+  static const float COLORS[][3] = {{0.85f, 0.85f, 0.84f}, {0.06f, 0.06f, 0.07f}, {0.55f, 0.56f, 0.58f},
+                                    {0.27f, 0.28f, 0.30f}, {0.60f, 0.07f, 0.07f}, {0.10f, 0.18f, 0.45f},
+                                    {0.30f, 0.42f, 0.55f}, {0.12f, 0.30f, 0.18f}, {0.75f, 0.62f, 0.20f},
+                                    {0.45f, 0.36f, 0.28f}};
+  constexpr double LENGTH = 4.2;
+  constexpr double WIDTH = 1.76;
+  const auto choice = static_cast<size_t>(random->uniform(0.0, 10.0));
+  const float* chosen = COLORS[std::min<size_t>(choice, 9)];
+  const Eigen::Vector3f color(chosen[0], chosen[1], chosen[2]);
+  const double height = random->uniform(1.44, 1.6);
+  Prop car{"car", {LENGTH, WIDTH, height}, {}};
+  const auto wedge = [&](Material material, const Eigen::Vector3f& center, const Eigen::Vector3f& half, double front,
+                         double rear, double sides) -> Primitive&
+  {
+    car.parts.push_back(part(Shape::WEDGE, material, center, half, color, random));
+    Primitive& primitive = car.parts.back().primitive;
+    primitive.taper = static_cast<float>(front);
+    primitive.rear = static_cast<float>(rear);
+    primitive.sides = static_cast<float>(sides);
+    return primitive;
+  };
+  wedge(Material::CAR_PAINT, vector(0, 0, 0.44), vector(2.1, 0.87, 0.23), 0.0, 0.0, 0.0).accent =
+      vector(0.95, 0.9, 0.8);
+  wedge(Material::CAR_PAINT, vector(0, 0, 0.78), vector(2.08, 0.86, 0.12), 0.06, 0.04, 0.06).accent =
+      vector(0.9, 0.88, 0.85);
+  const bool hatchback = random->chance(0.5);
+  const double cabin = 0.5 * (height - 0.9);
+  wedge(Material::GLASS, vector(hatchback ? -0.45 : -0.3, 0, 0.9 + cabin), vector(hatchback ? 1.45 : 1.25, 0.79, cabin),
+        0.55, hatchback ? 0.25 : 0.5, 0.28);
+  wedge(Material::CAR_PAINT, vector(hatchback ? -0.62 : -0.3, 0, height - 0.01),
+        vector(hatchback ? 0.9 : 0.66, 0.58, 0.02), 0.2, 0.2, 0.1)
+      .accent = color;
+  for (const double x : {-1.28, 1.3})
   {
     for (const double y : {-0.77, 0.77})
     {
-      MovingPart wheel = part(Shape::CYLINDER, Material::RUBBER, vector(x, y, 0.32), vector(0.32, 0.32, 0.11),
-                              vector(0.1, 0.1, 0.1), random);
-      wheel.primitive.rotation =
-          Eigen::AngleAxisf(static_cast<float>(M_PI_2), Eigen::Vector3f::UnitX()).toRotationMatrix();
-      car.parts.push_back(wheel);
+      for (const bool rim : {false, true})
+      {
+        const double radius = rim ? 0.2 : 0.32;
+        MovingPart wheel = part(Shape::CYLINDER, rim ? Material::METAL : Material::RUBBER, vector(x, y, 0.32),
+                                vector(radius, radius, rim ? 0.125 : 0.12),
+                                rim ? vector(0.5, 0.5, 0.52) : vector(0.05, 0.05, 0.05), random);
+        wheel.primitive.accent = vector(0.3, 0.3, 0.32);
+        wheel.primitive.rotation =
+            Eigen::AngleAxisf(static_cast<float>(M_PI_2), Eigen::Vector3f::UnitX()).toRotationMatrix();
+        car.parts.push_back(wheel);
+      }
     }
   }
   return car;
 }
 
-Prop makePerson(Random* random)
+Prop makeCone(Random* random)
 {
-  constexpr double SWING = 0.5;  // [rad]
-  Prop person{"person", {0.5, 0.6, 1.77}, {}};
-  const Eigen::Vector3f trousers = anyColor(random) * 0.5f;
-  const Eigen::Vector3f shirt = anyColor(random);
-  const Eigen::Vector3f skin = vector(0.75, 0.58, 0.48) * static_cast<float>(random->uniform(0.4, 1.1));
-  for (const double side : {-1.0, 1.0})
-  {
-    person.parts.push_back(limb(Material::CLOTH, 0.1 * side, 0.02, 0.87, 0.075, SWING * side, trousers, random));
-    person.parts.push_back(limb(Material::CLOTH, 0.26 * side, 0.85, 1.45, 0.05, -SWING * side, shirt, random));
-  }
-  person.parts.push_back(
-      part(Shape::SPHERE, Material::CLOTH, vector(0, 0, 1.17), vector(0.15, 0.23, 0.38), shirt, random));
-  person.parts.push_back(
-      part(Shape::SPHERE, Material::SKIN, vector(0, 0, 1.64), vector(0.1, 0.09, 0.13), skin, random));
-  return person;
+  Prop cone{"cone", {0.36, 0.36, 0.7}, {}};
+  const Eigen::Vector3f orange = vector(0.9, 0.28, 0.06);
+  cone.parts.push_back(
+      part(Shape::BOX, Material::RUBBER, vector(0, 0, 0.02), vector(0.18, 0.18, 0.02), orange * 0.7f, random));
+  MovingPart body = part(Shape::CAPSULE, Material::CONE, vector(0, 0, 0.37), vector(0.13, 0.13, 0.13), orange, random);
+  body.primitive.length = 0.62f / 0.13f;
+  body.primitive.taper = 0.2f;
+  body.primitive.accent = vector(0.9, 0.9, 0.88);
+  cone.parts.push_back(body);
+  return cone;
+}
+
+Prop makeKerb(Random* random, const Eigen::Vector3d& size)
+{
+  Prop kerb{"kerb", size, {}};
+  kerb.parts.push_back(part(Shape::BOX, Material::STONE, vector(0, 0, 0.5 * size.z()), (0.5 * size).cast<float>(),
+                            grey(random, 0.55, 0.7), random));
+  return kerb;
 }
 
 Prop makeCart(Random* random)
@@ -163,10 +189,15 @@ Prop makeBox(Random* random, double largest_m)
 
 Prop makeBuilding(Random* random, const Eigen::Vector3d& size)
 {
+  // Brick, sandstone, plaster, concrete.
+  static const float WALLS[][3] = {{0.48f, 0.27f, 0.21f}, {0.60f, 0.52f, 0.40f}, {0.72f, 0.68f, 0.60f},
+                                   {0.52f, 0.52f, 0.51f}, {0.68f, 0.60f, 0.46f}, {0.40f, 0.33f, 0.29f},
+                                   {0.62f, 0.45f, 0.34f}, {0.62f, 0.64f, 0.65f}};
+  const float* wall = WALLS[std::min<size_t>(static_cast<size_t>(random->uniform(0.0, 8.0)), 7)];
   Prop building{"building", size, {}};
   MovingPart walls =
       part(Shape::BOX, Material::FACADE, vector(0, 0, 0.5 * size.z()), (0.5 * size).cast<float>(),
-           vector(random->uniform(0.4, 0.75), random->uniform(0.35, 0.6), random->uniform(0.3, 0.55)), random);
+           Eigen::Vector3f(wall[0], wall[1], wall[2]) * static_cast<float>(random->uniform(1.1, 1.35)), random);
   walls.primitive.accent = random->chance(0.6) ? vector(0.88, 0.87, 0.84) : vector(0.25, 0.2, 0.16);
   building.parts.push_back(walls);
   return building;

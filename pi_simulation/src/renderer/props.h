@@ -3,6 +3,7 @@
 #include "renderer/scene.h"
 
 #include <cstdint>
+#include <optional>
 #include <random>
 #include <string>
 #include <vector>
@@ -32,13 +33,20 @@ struct Prop
   std::string class_name;
   Eigen::Vector3d size = Eigen::Vector3d::Zero();  ///< of the box around what one could bump into [m]
   std::vector<MovingPart> parts;
+  std::optional<Figure> figure = {};  ///< of people
 };
 
 Prop makeTree(Random* random);
 Prop makeLampPost(Random* random);
 Prop makeSign(Random* random);
 Prop makeCar(Random* random);
-Prop makePerson(Random* random);
+Prop makeCone(Random* random);
+/// @param size  along x, y, z [m]
+Prop makeKerb(Random* random, const Eigen::Vector3d& size);
+/// @param height_m  of a child, if it is below 1.4; 0: an adult of any height.
+Prop makePerson(Random* random, double height_m = 0.0);
+/// A person on a bicycle, which is as high as its rider.
+Prop makeCyclist(Random* random);
 Prop makeCart(Random* random);
 Prop makeBox(Random* random, double largest_m);
 /// @param size  along the facade, depth, height [m].

@@ -55,6 +55,9 @@ struct Candidates
 /// @param frustum  around the rays of the packet, within that of the candidates.
 void trace(const Scene& scene, const Candidates& candidates, const Frustum& frustum, RayPacket* packet);
 
+/// Sets bit i of the result if ray i would hit `object` with nothing else in the way. Overwrites t and hit.
+uint64_t silhouette(const Candidates& candidates, const Frustum& frustum, int32_t object, RayPacket* packet);
+
 /// Colours the rays after trace(). Sets face, r, g, b.
 /// @param quick  cheaper random detail, as in Surface.
 void shade(const Scene& scene, const MovingScene& moving, bool quick, RayPacket* packet);

@@ -1,5 +1,6 @@
 #include "renderer/scene.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace pi_simulation::synthetic
@@ -13,7 +14,13 @@ void Primitive::place(const Eigen::Vector3f& sun)
 
 Bounds Primitive::bounds() const
 {
-  const Eigen::Vector3f reach = rotation.cwiseAbs() * half;
+  Eigen::Vector3f local = half;
+  if (shape == Shape::CAPSULE)
+  {
+    const float thickest = std::max(taper, 1.0f);
+    local = half.cwiseProduct(Eigen::Vector3f(thickest, thickest, thickest + 0.5f * length));
+  }
+  const Eigen::Vector3f reach = rotation.cwiseAbs() * local;
   return {center - reach, center + reach};
 }
 
@@ -53,7 +60,6 @@ std::optional<Motion::State> Scene::stateOf(const SceneObject& object, int64_t s
 
 MovingScene Scene::movingAt(int64_t stamp_ns, const std::vector<ActorState>& actors) const
 {
-  constexpr double STEP_LENGTH_M = 0.7;
   MovingScene moving;
   std::vector<Bounds> bounds;
   for (const SceneObject& object : objects)
@@ -69,14 +75,21 @@ MovingScene Scene::movingAt(int64_t stamp_ns, const std::vector<ActorState>& act
         Eigen::AngleAxisf(static_cast<float>(state.heading), Eigen::Vector3f::UnitZ()).toRotationMatrix();
     const Eigen::Vector3f p_world_object(static_cast<float>(state.position.x()), static_cast<float>(state.position.y()),
                                          static_cast<float>(object.base.z()));
-    const auto gait = static_cast<float>(std::sin(M_PI * state.distance / STEP_LENGTH_M));
+    Pose pose;
+    if (object.figure)
+    {
+      pose = poseOf(*object.figure, state.distance, state.velocity.norm());
+    }
+    else
+    {
+      pose.fill(Eigen::Isometry3f::Identity());
+    }
     for (const MovingPart& part : object.parts)
     {
+      const Eigen::Isometry3f& bone = pose[static_cast<size_t>(part.bone)];
       Primitive primitive = part.primitive;
-      const Eigen::Matrix3f swing = Eigen::AngleAxisf(part.swing * gait, Eigen::Vector3f::UnitY()).toRotationMatrix();
-      const Eigen::Vector3f pivot(0.0f, 0.0f, part.pivot_z);
-      primitive.center = p_world_object + R_world_object * (pivot + swing * (part.primitive.center - pivot));
-      primitive.rotation = R_world_object * swing * part.primitive.rotation;
+      primitive.center = p_world_object + R_world_object * (bone * part.primitive.center);
+      primitive.rotation = R_world_object * bone.linear() * part.primitive.rotation;
       primitive.object = object.id;
       primitive.place(sun);
       bounds.push_back(primitive.bounds());
@@ -84,6 +97,10 @@ MovingScene Scene::movingAt(int64_t stamp_ns, const std::vector<ActorState>& act
     }
   }
   moving.tree = BoundingTree(bounds);
+  if (has_sky)
+  {
+    moving.shadows = Shadows(moving.primitives, 0, sun, static_cast<float>(ground_z));
+  }
   return moving;
 }
 
@@ -99,6 +116,10 @@ void Scene::finish()
     }
   }
   tree = BoundingTree(bounds);
+  if (has_sky)
+  {
+    shadows = Shadows(primitives, unbounded, sun, static_cast<float>(ground_z));
+  }
 }
 
 }  // namespace pi_simulation::synthetic

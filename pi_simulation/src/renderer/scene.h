@@ -1,7 +1,9 @@
 #pragma once
 
 #include "renderer/bounding_tree.h"
+#include "renderer/figure.h"
 #include "renderer/road_map.h"
+#include "renderer/shadow.h"
 #include "renderer/synthetic_world.h"
 
 #include <Eigen/Geometry>
@@ -18,6 +20,9 @@ enum class Shape : uint8_t
   BOX,       ///< seen from outside; invisible to a camera inside of it
   CYLINDER,  ///< around its z axis, with caps
   SPHERE,    ///< ellipsoid
+  CAPSULE,   ///< smooth hull of a ball of radius 1 at z = -length / 2 and one of radius `taper` at z = length / 2
+  WEDGE,     ///< box whose front leans back by `taper` from bottom to top, its rear by `rear`, its sides by `sides`
+  RING,      ///< cylinder with a hole of radius `taper`
   ROOM,      ///< box seen from inside
   GROUND,    ///< plane through the centre, seen from above
 };
@@ -34,7 +39,18 @@ enum class Material : uint8_t
   GLASS,
   RUBBER,
   CLOTH,
+  SHIRT,
+  JACKET,
+  SLEEVE,
+  TROUSERS,
+  SKIRT,
+  SHOE,
   SKIN,
+  FACE,
+  HAIR,
+  TUBE,
+  CONE,
+  STONE,
   HALL_SHELL,
   POSTER,
   SHELF,
@@ -50,9 +66,13 @@ struct Primitive
 {
   Shape shape = Shape::BOX;
   Material material = Material::METAL;
-  Eigen::Vector3f center = Eigen::Vector3f::Zero();          ///< world [m]
-  Eigen::Matrix3f rotation = Eigen::Matrix3f::Identity();    ///< local axes in the world
-  Eigen::Vector3f half = Eigen::Vector3f::Ones();            ///< half extents along the local axes [m]
+  Eigen::Vector3f center = Eigen::Vector3f::Zero();        ///< world [m]
+  Eigen::Matrix3f rotation = Eigen::Matrix3f::Identity();  ///< local axes in the world
+  Eigen::Vector3f half = Eigen::Vector3f::Ones();          ///< half extents along the local axes [m]
+  float length = 0.0f;                                     ///< of a shape that has one, in its unit frame
+  float taper = 0.0f;
+  float rear = 0.0f;
+  float sides = 0.0f;
   Eigen::Vector3f color = Eigen::Vector3f::Constant(0.5f);   ///< R, G, B reflectance in [0, 1]
   Eigen::Vector3f accent = Eigen::Vector3f::Constant(0.8f);  ///< second colour of the material
   uint32_t seed = 0;                                         ///< of the texture
@@ -85,12 +105,11 @@ struct Motion
   State at(double time_s, double rest_heading) const;
 };
 
-/// A primitive in the frame of a moving object: x forward, z up, origin on the ground below its centre.
+/// A primitive in the frame of a bone of its object.
 struct MovingPart
 {
   Primitive primitive;
-  float swing = 0.0f;    ///< amplitude of its swing about the y axis through pivot_z [rad]: legs and arms
-  float pivot_z = 0.0f;  ///< [m]
+  Bone bone = Bone::ROOT;
 };
 
 struct SceneObject
@@ -102,6 +121,7 @@ struct SceneObject
   double heading = 0.0;                            ///< [rad]
   Motion motion;
   std::vector<MovingPart> parts;  ///< empty for what stands still
+  std::optional<Figure> figure;   ///< of people
   int actor = -1;                 ///< its number among the actors; -1: none, the world moves it
 };
 
@@ -110,6 +130,7 @@ struct MovingScene
 {
   std::vector<Primitive> primitives;
   BoundingTree tree;
+  Shadows shadows;  ///< of these primitives; empty in a hall
 };
 
 struct Scene
@@ -117,6 +138,7 @@ struct Scene
   bool has_sky = true;
   Eigen::Vector3f sun = Eigen::Vector3f(0.37f, 0.28f, 0.885f);  ///< unit vector
   float ambient = 0.5f;                                         ///< light from everywhere; the sun adds 1 - ambient
+  float haze_m = 0.0f;  ///< distance at which half of the light comes from the air; 0: none
   uint32_t seed = 0;
   int64_t origin_ns = 0;  ///< time zero of all motions
   double ground_z = 0.0;
@@ -124,7 +146,8 @@ struct Scene
   size_t unbounded = 0;
   BoundingTree tree;  ///< of primitives[unbounded] and on
   std::vector<SceneObject> objects;
-  RoadMap road;  ///< empty in a hall
+  RoadMap road;     ///< empty in a hall
+  Shadows shadows;  ///< of what stands; empty in a hall
 
   double seconds(int64_t stamp_ns) const { return 1e-9 * static_cast<double>(stamp_ns - origin_ns); }
   MovingScene movingAt(int64_t stamp_ns, const std::vector<ActorState>& actors) const;

@@ -218,6 +218,7 @@ bool SceneBuilder::placeMoving(const Prop& prop, const Eigen::Vector2d& from, co
   SceneObject& object = scene_->objects[static_cast<size_t>(id) - 1];
   object.motion = motion;
   object.parts = prop.parts;
+  object.figure = prop.figure;
   return true;
 }
 
@@ -227,6 +228,7 @@ void SceneBuilder::addActor(const Prop& prop, const std::vector<Eigen::Vector2d>
   const int id = addObject(prop, {first.x(), first.y(), 0.0}, 0.0);
   SceneObject& object = scene_->objects[static_cast<size_t>(id) - 1];
   object.parts = prop.parts;
+  object.figure = prop.figure;
   object.actor = actors_++;
   const double radius = 0.5 * prop.size.head<2>().norm();
   for (size_t i = 0; i < way.size(); ++i)
@@ -238,39 +240,58 @@ void SceneBuilder::addActor(const Prop& prop, const std::vector<Eigen::Vector2d>
   }
 }
 
+namespace
+{
+
+Prop actorProp(const ActorOptions& actor, Random* random)
+{
+  const bool sized = (actor.size.array() > 0.0).all();
+  if (actor.class_name == "person")
+  {
+    return makePerson(random, actor.size.z());
+  }
+  if (actor.class_name == "cyclist")
+  {
+    return makeCyclist(random);
+  }
+  if (actor.class_name == "cart")
+  {
+    return makeCart(random);
+  }
+  if (actor.class_name == "car")
+  {
+    return makeCar(random);
+  }
+  if (actor.class_name == "cone")
+  {
+    return makeCone(random);
+  }
+  if (actor.class_name == "kerb")
+  {
+    return makeKerb(random, sized ? actor.size : Eigen::Vector3d(0.3, 2.0, 0.15));
+  }
+  if (actor.class_name != "box")
+  {
+    throw std::invalid_argument("world: an actor of class \"" + actor.class_name + "\", must be " + ACTOR_CLASSES);
+  }
+  Prop box = makeBox(random, 1.1);
+  if (sized)
+  {
+    box.size = actor.size;
+    box.parts.front().primitive.half = (0.5 * actor.size).cast<float>();
+    box.parts.front().primitive.center.z() = static_cast<float>(0.5 * actor.size.z());
+  }
+  return box;
+}
+
+}  // namespace
+
 void addActors(const std::vector<ActorOptions>& actors, uint64_t seed, SceneBuilder* builder)
 {
   Random random(seed);
   for (const ActorOptions& actor : actors)
   {
-    if (actor.class_name == "person")
-    {
-      builder->addActor(makePerson(&random), actor.way);
-    }
-    else if (actor.class_name == "cart")
-    {
-      builder->addActor(makeCart(&random), actor.way);
-    }
-    else if (actor.class_name == "car")
-    {
-      builder->addActor(makeCar(&random), actor.way);
-    }
-    else if (actor.class_name == "box")
-    {
-      Prop box = makeBox(&random, 1.1);
-      if ((actor.size.array() > 0.0).all())
-      {
-        box.size = actor.size;
-        box.parts.front().primitive.half = (0.5 * actor.size).cast<float>();
-        box.parts.front().primitive.center.z() = static_cast<float>(0.5 * actor.size.z());
-      }
-      builder->addActor(box, actor.way);
-    }
-    else
-    {
-      throw std::invalid_argument("world: an actor of class \"" + actor.class_name +
-                                  "\", must be person, cart, car or box");
-    }
+    builder->addActor(actorProp(actor, &random), actor.way);
   }
 }
 

@@ -258,6 +258,80 @@ PI_SIMULATION_VECTORISED void sphereSurface(const Primitive& primitive, float am
   }
 }
 
+PI_SIMULATION_VECTORISED void capsuleSurface(const Primitive& primitive, float ambient, const RayGroup& g,
+                                             const LocalHits& h, Surface* __restrict s)
+{
+  const float ix = 1.0f / primitive.half.x();
+  const float iy = 1.0f / primitive.half.y();
+  const float iz = 1.0f / primitive.half.z();
+  const float hx = primitive.half.x();
+  const float hz = primitive.half.z();
+  const float sx = primitive.sun_local.x();
+  const float sy = primitive.sun_local.y();
+  const float sz = primitive.sun_local.z();
+  const float length = primitive.length;
+  const float thinner = 1.0f - primitive.taper;
+  const float scale = 1.0f / (length * length - thinner * thinner);
+  for (int i = 0; i < g.n; ++i)
+  {
+    // The normal points away from the nearest ball between the two.
+    const float low_z = h.z[i] + 0.5f * length;
+    const float along = clamp01((length * low_z - thinner) * scale);
+    const float nx = h.x[i] * ix;
+    const float ny = h.y[i] * iy;
+    const float nz = (low_z - along * length) * iz;
+    const float norm = 1.0f / std::max(std::sqrt(nx * nx + ny * ny + nz * nz), 1e-12f);
+    s->u[i] = hx * fastAtan2(h.y[i], h.x[i]);
+    s->v[i] = h.z[i] * hz;
+    const float into = std::abs(h.dx[i] * nx + h.dy[i] * ny + h.dz[i] * nz) * norm;
+    s->wu[i] = s->wv[i] = std::max(g.t[i] * g.spread[i] / std::max(into, 0.2f), 1e-5f);
+    const float sun = (nx * sx + ny * sy + nz * sz) * norm;
+    s->light[i] = ambient * (1.0f + 0.25f * nz * norm) + (1.0f - ambient) * std::max(sun, 0.0f);
+    s->face[i] = 0;
+  }
+}
+
+PI_SIMULATION_VECTORISED void wedgeSurface(const Primitive& primitive, float ambient, const RayGroup& g,
+                                           const LocalHits& h, Surface* __restrict s)
+{
+  const float hx = primitive.half.x();
+  const float hy = primitive.half.y();
+  const float hz = primitive.half.z();
+  const float sx = primitive.sun_local.x();
+  const float sy = primitive.sun_local.y();
+  const float sz = primitive.sun_local.z();
+  const float front = 0.5f * primitive.taper;
+  const float rear = 0.5f * primitive.rear;
+  const float sides = 0.5f * primitive.sides;
+  for (int i = 0; i < g.n; ++i)
+  {
+    const float x = h.x[i];
+    const float y = h.y[i];
+    const float z = h.z[i];
+    const float lean_x = x > 0.0f ? front : rear;
+    const float ax = std::abs(x) + lean_x * z + lean_x;
+    const float ay = std::abs(y) + sides * z + sides;
+    const float az = std::abs(z);
+    const float most = std::max(ax, std::max(ay, az));
+    const float on_x = ax == most ? 1.0f : 0.0f;
+    const float on_y = (1.0f - on_x) * (ay == most ? 1.0f : 0.0f);
+    const float on_z = 1.0f - on_x - on_y;
+    const float out = on_x * x + on_y * y + on_z * z > 0.0f ? 1.0f : -1.0f;
+    const float nx = on_x * out / hx;
+    const float ny = on_y * out / hy;
+    const float nz = (on_z * out + on_x * lean_x + on_y * sides) / hz;
+    const float norm = 1.0f / std::sqrt(nx * nx + ny * ny + nz * nz);
+    s->u[i] = on_x * out * y * hy - on_y * out * x * hx + on_z * x * hx;
+    s->v[i] = (on_x + on_y) * z * hz + on_z * y * hy;
+    const float into = (nx * h.dx[i] + ny * h.dy[i] + nz * h.dz[i]) * norm;
+    s->wu[i] = footprint(g.t[i], g.spread[i], on_x * h.dy[i] + (on_y + on_z) * h.dx[i], into);
+    s->wv[i] = footprint(g.t[i], g.spread[i], (on_x + on_y) * h.dz[i] + on_z * h.dy[i], into);
+    const float sun = (nx * sx + ny * sy + nz * sz) * norm;
+    s->light[i] = ambient + (1.0f - ambient) * std::max(sun, 0.0f);
+    s->face[i] = static_cast<int32_t>(2.0f * on_y + 4.0f * on_z + 0.5f + 0.5f * out);
+  }
+}
+
 PI_SIMULATION_VECTORISED void groundSurface(float light, const Eigen::Vector3f& origin, const RayGroup& g, Surface* s)
 {
   const float ox = origin.x();
@@ -273,22 +347,31 @@ PI_SIMULATION_VECTORISED void groundSurface(float light, const Eigen::Vector3f& 
   }
 }
 
-void makeSurface(const Scene& scene, const Primitive& primitive, const Eigen::Vector3f& origin, const RayGroup& group,
-                 Surface* surface)
+void makeSurface(const Scene& scene, const MovingScene& moving, const Primitive& primitive,
+                 const Eigen::Vector3f& origin, const RayGroup& group, Surface* surface)
 {
   surface->n = group.n;
   if (primitive.shape == Shape::GROUND)
   {
-    return groundSurface(scene.ambient + (1.0f - scene.ambient) * scene.sun.z(), origin, group, surface);
+    groundSurface(scene.ambient + (1.0f - scene.ambient) * scene.sun.z(), origin, group, surface);
+    Surface& s = *surface;
+    scene.shadows.cast(scene.primitives.data() + scene.unbounded, s.u, s.v, s.n, scene.ambient, s.light);
+    moving.shadows.cast(moving.primitives.data(), s.u, s.v, s.n, scene.ambient, s.light);
+    return;
   }
   LocalHits hits;
   localise(primitive, origin, group, &hits);
   switch (primitive.shape)
   {
     case Shape::CYLINDER:
+    case Shape::RING:
       return cylinderSurface(primitive, scene.ambient, group, hits, surface);
     case Shape::SPHERE:
       return sphereSurface(primitive, scene.ambient, group, hits, surface);
+    case Shape::CAPSULE:
+      return capsuleSurface(primitive, scene.ambient, group, hits, surface);
+    case Shape::WEDGE:
+      return wedgeSurface(primitive, scene.ambient, group, hits, surface);
     default:
       return boxSurface(primitive, scene.ambient, primitive.shape == Shape::ROOM, group, hits, surface);
   }
@@ -323,6 +406,19 @@ void shadeSky(uint32_t seed, const RayGroup& g, Surface* s)
 namespace
 {
 
+/// Light that the air scatters towards the camera.
+PI_SIMULATION_VECTORISED void addHaze(float half_m, const RayGroup& g, Surface* s)
+{
+  for (int i = 0; i < g.n; ++i)
+  {
+    const float air = g.t[i] / (g.t[i] + half_m);
+    s->r[i] = mix(s->r[i] * s->light[i], 0.72f, air);
+    s->g[i] = mix(s->g[i] * s->light[i], 0.78f, air);
+    s->b[i] = mix(s->b[i] * s->light[i], 0.86f, air);
+    s->light[i] = 1.0f;
+  }
+}
+
 /// Colours the points where a group's rays end.
 void shadeGroup(const Scene& scene, const MovingScene& moving, int32_t id, const Eigen::Vector3f& origin,
                 const RayGroup& group, Surface* surface)
@@ -335,8 +431,12 @@ void shadeGroup(const Scene& scene, const MovingScene& moving, int32_t id, const
   const auto index = static_cast<size_t>(id);
   const Primitive& primitive =
       index < scene.primitives.size() ? scene.primitives[index] : moving.primitives[index - scene.primitives.size()];
-  makeSurface(scene, primitive, origin, group, surface);
+  makeSurface(scene, moving, primitive, origin, group, surface);
   applyMaterial(scene, primitive, surface);
+  if (scene.haze_m > 0.0f)
+  {
+    addHaze(scene.haze_m, group, surface);
+  }
 }
 
 }  // namespace

@@ -76,7 +76,8 @@ public:
     if (options_.truth)
     {
       const synthetic::MovingScene moving = scene.movingAt(stamp_ns, actors);
-      left_.view.castTruth({scene, moving, T_world_body(stamp_ns) * left_.T_body_camera}, &frame.depth, &frame.objects);
+      left_.view.castTruth({scene, moving, T_world_body(stamp_ns) * left_.T_body_camera}, &frame.depth, &frame.objects,
+                           &frame.silhouettes);
     }
     return frame;
   }

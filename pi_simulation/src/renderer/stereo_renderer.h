@@ -39,7 +39,7 @@ struct StereoRendererOptions
   double shot_noise = 0.02;     ///< variance per grey level [grey levels]; 0 or more
   double read_noise = 0.8;      ///< standard deviation [grey levels]; 0 or more
   bool color = false;           ///< BGR in place of grey
-  bool truth = false;           ///< fills depth and objects
+  bool truth = false;           ///< fills depth, objects and silhouettes
   uint64_t seed = 1;            ///< of the noise and the gain
 
   /// Neither noise nor vignetting: grey values are the world's.
@@ -55,6 +55,7 @@ struct StereoFrame
   cv::Mat right;
   cv::Mat depth;    ///< CV_32FC1, of the left picture, along the optical axis [m]; 0: sky, or a pixel that sees nothing
   cv::Mat objects;  ///< CV_32SC1, of the left picture: id of the obstacle, 0: none
+  std::vector<int> silhouettes;  ///< pixels of each obstacle in the left picture, by its id, if nothing hid it
 };
 
 /// Ray-casts the pictures of a calibrated stereo camera in a synthetic world. The same options, world, pose and stamp

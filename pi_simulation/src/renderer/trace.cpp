@@ -151,6 +151,104 @@ PI_SIMULATION_VECTORISED void hitSphere(const UnitRays& rays, int32_t id, RayPac
   }
 }
 
+/// Hull of two balls (Quilez, "rounded cone"; here for directions of any length).
+PI_SIMULATION_VECTORISED void hitCapsule(const UnitRays& rays, float length, float taper, int32_t id, RayPacket* p)
+{
+  const float ox = rays.origin.x();
+  const float oy = rays.origin.y();
+  const float low_z = rays.origin.z() + 0.5f * length;  // of the origin above the lower ball
+  const float high_z = rays.origin.z() - 0.5f * length;
+  const float across = ox * ox + oy * oy;
+  const float low_c = across + low_z * low_z - 1.0f;
+  const float high_c = across + high_z * high_z - taper * taper;
+  const float thinner = 1.0f - taper;
+  const float l2 = length * length;
+  const float cone = l2 - thinner * thinner;  // square of the contact line's length
+  const float m1 = length * low_z;
+  const float k0 = cone * (across + low_z * low_z) - m1 * m1 + 2.0f * m1 * thinner - l2;
+  const float far = RayPacket::FAR_M;
+  for (int i = 0; i < LANES; ++i)
+  {
+    const Direction d = rays.direction(*p, i);
+    const float a = d.x * d.x + d.y * d.y + d.z * d.z;
+    const float flat = ox * d.x + oy * d.y;
+    const float low_b = flat + low_z * d.z;
+    const float high_b = flat + high_z * d.z;
+    const float low_root = low_b * low_b - a * low_c;
+    const float high_root = high_b * high_b - a * high_c;
+    const float low_t = (-low_b - std::sqrt(std::max(low_root, 0.0f))) / a;
+    const float high_t = (-high_b - std::sqrt(std::max(high_root, 0.0f))) / a;
+    const float m2 = length * d.z;
+    const float k1 = cone * low_b - m1 * m2 + m2 * thinner;
+    const float k2 = cone * a - m2 * m2;
+    const float root = k1 * k1 - k0 * k2;
+    const float side_t = (-k1 - std::sqrt(std::max(root, 0.0f))) / k2;
+    const float along = m1 - thinner + side_t * m2;
+    const bool on_side = (root > 0.0f) & (along > 0.0f) & (along < cone);
+    const float ball = std::min(low_root > 0.0f ? low_t : far, high_root > 0.0f ? high_t : far);
+    const float t = std::min(ball, on_side ? side_t : far);
+    const bool hit = (t > NEAR_M) & (t < p->t[i]);
+    p->t[i] = hit ? t : p->t[i];
+    p->hit[i] = hit ? id : p->hit[i];
+  }
+}
+
+/// Cuts a ray at the plane nx x + ny y + nz z = offset: what is before it is outside.
+inline void cut(const Direction& d, const Eigen::Vector3f& o, float nx, float ny, float nz, float offset, Interval* in)
+{
+  const float into = nx * d.x + ny * d.y + nz * d.z;
+  const float t = (offset - nx * o.x() - ny * o.y() - nz * o.z()) / into;
+  in->enter = into < 0.0f ? std::max(in->enter, t) : in->enter;
+  in->leave = into < 0.0f ? in->leave : std::min(in->leave, t);
+}
+
+PI_SIMULATION_VECTORISED void hitWedge(const UnitRays& rays, float front, float rear, float sides, int32_t id,
+                                       RayPacket* p)
+{
+  const Eigen::Vector3f o = rays.origin;
+  for (int i = 0; i < LANES; ++i)
+  {
+    const Direction d = rays.direction(*p, i);
+    Interval inside{-RayPacket::FAR_M, RayPacket::FAR_M};
+    cut(d, o, 1.0f, 0.0f, 0.5f * front, 1.0f - 0.5f * front, &inside);
+    cut(d, o, -1.0f, 0.0f, 0.5f * rear, 1.0f - 0.5f * rear, &inside);
+    cut(d, o, 0.0f, 1.0f, 0.5f * sides, 1.0f - 0.5f * sides, &inside);
+    cut(d, o, 0.0f, -1.0f, 0.5f * sides, 1.0f - 0.5f * sides, &inside);
+    cut(d, o, 0.0f, 0.0f, 1.0f, 1.0f, &inside);
+    cut(d, o, 0.0f, 0.0f, -1.0f, 1.0f, &inside);
+    const bool hit = (inside.enter <= inside.leave) & (inside.enter > NEAR_M) & (inside.enter < p->t[i]);
+    p->t[i] = hit ? inside.enter : p->t[i];
+    p->hit[i] = hit ? id : p->hit[i];
+  }
+}
+
+/// A thin one: its faces and its outer side.
+PI_SIMULATION_VECTORISED void hitRing(const UnitRays& rays, float hole, int32_t id, RayPacket* p)
+{
+  const float ox = rays.origin.x();
+  const float oy = rays.origin.y();
+  const float oz = rays.origin.z();
+  const float hole2 = hole * hole;
+  for (int i = 0; i < LANES; ++i)
+  {
+    const Direction d = rays.direction(*p, i);
+    const float a = d.x * d.x + d.y * d.y;
+    const float b = ox * d.x + oy * d.y;
+    const float root = b * b - a * (ox * ox + oy * oy - 1.0f);
+    const float side = (-b - std::sqrt(std::max(root, 0.0f))) / std::max(a, 1e-12f);
+    const float cap = ((d.z > 0.0f ? -1.0f : 1.0f) - oz) / d.z;
+    const float cap_x = ox + cap * d.x;
+    const float cap_y = oy + cap * d.y;
+    const float cap_r2 = cap_x * cap_x + cap_y * cap_y;
+    const bool on_side = (root > 0.0f) & (std::abs(oz + side * d.z) <= 1.0f) & (side > NEAR_M);
+    const bool on_cap = (cap_r2 <= 1.0f) & (cap_r2 >= hole2) & (cap > NEAR_M);
+    const float t = std::min(on_side ? side : RayPacket::FAR_M, on_cap ? cap : RayPacket::FAR_M);
+    const bool hit = t < p->t[i];
+    p->t[i] = hit ? t : p->t[i];
+    p->hit[i] = hit ? id : p->hit[i];
+  }
+}
+
 void hitPrimitive(const Primitive& primitive, int32_t id, RayPacket* packet)
 {
   const UnitRays rays(primitive, *packet);
@@ -162,6 +260,12 @@ void hitPrimitive(const Primitive& primitive, int32_t id, RayPacket* packet)
       return hitCylinder(rays, id, packet);
     case Shape::SPHERE:
       return hitSphere(rays, id, packet);
+    case Shape::CAPSULE:
+      return hitCapsule(rays, primitive.length, primitive.taper, id, packet);
+    case Shape::WEDGE:
+      return hitWedge(rays, primitive.taper, primitive.rear, primitive.sides, id, packet);
+    case Shape::RING:
+      return hitRing(rays, primitive.taper, id, packet);
     case Shape::ROOM:
       return hitRoom(rays, id, packet);
     case Shape::GROUND:
@@ -252,6 +356,25 @@ void trace(const Scene& scene, const Candidates& candidates, const Frustum& frus
       reach = farthest(*packet);
     }
   }
+}
+
+uint64_t silhouette(const Candidates& candidates, const Frustum& frustum, int32_t object, RayPacket* packet)
+{
+  std::fill(packet->t, packet->t + LANES, RayPacket::FAR_M);
+  std::fill(packet->hit, packet->hit + LANES, RayPacket::SKY);
+  for (const Candidates::Entry& entry : candidates.entries)
+  {
+    if (entry.primitive->object == object && !frustum.misses(*entry.bounds))
+    {
+      hitPrimitive(*entry.primitive, entry.id, packet);
+    }
+  }
+  uint64_t lanes = 0;
+  for (int i = 0; i < LANES; ++i)
+  {
+    lanes |= static_cast<uint64_t>(packet->hit[i] != RayPacket::SKY) << i;
+  }
+  return lanes;
 }
 
 }  // namespace pi_simulation::synthetic

@@ -1,6 +1,8 @@
 #include "renderer/view.h"
 
 #include <algorithm>
+#include <atomic>
+#include <set>
 
 namespace pi_simulation::synthetic
 {
@@ -205,8 +207,9 @@ void View::cast(const Shot& shot, bool edges, bool everywhere, float weight, Rad
   addTo(&sum->b, radiance_.b, weight);
 }
 
-void View::castTruth(const Shot& shot, cv::Mat* depth, cv::Mat* objects)
+void View::castTruth(const Shot& shot, cv::Mat* depth, cv::Mat* objects, std::vector<int>* silhouettes)
 {
+  std::vector<std::atomic<int>> whole(shot.scene.objects.size() + 1);
   const Tiling& tiling = rays_.tiling();
   depth->create(tiling.height, tiling.width, CV_32FC1);
   objects->create(tiling.height, tiling.width, CV_32SC1);
@@ -233,8 +236,27 @@ void View::castTruth(const Shot& shot, cv::Mat* depth, cv::Mat* objects)
                                    : index < fixed      ? shot.scene.primitives[index].object
                                                         : shot.moving.primitives[index - fixed].object;
     }
+    std::set<int32_t> near;
+    for (const Candidates::Entry& entry : rays.candidates.entries)
+    {
+      near.insert(entry.primitive->object);
+    }
+    near.erase(0);
+    for (const int32_t object : near)
+    {
+      uint64_t lanes =
+          silhouette(rays.candidates, Frustum(rays_.tileFrustum(tile), rays.R, rays.origin), object, &packet);
+      for (int lane = 0; lane < LANES; ++lane)
+      {
+        const int x = tile % tiling.columns * Tiling::SIDE + lane % Tiling::SIDE;
+        const int y = tile / tiling.columns * Tiling::SIDE + lane / Tiling::SIDE;
+        const bool seen = x < tiling.width && y < tiling.height && rays_.sees(tiling.index(x, y));
+        whole[static_cast<size_t>(object)] += seen && (lanes >> lane & 1U) != 0 ? 1 : 0;
+      }
+    }
   };
   forTiles(shot, castTile);
+  silhouettes->assign(whole.begin(), whole.end());
 }
 
 }  // namespace pi_simulation::synthetic

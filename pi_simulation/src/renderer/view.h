@@ -30,7 +30,8 @@ public:
   void cast(const Shot& shot, bool edges, bool everywhere, float weight, Radiance* sum);
 
   /// Depth along the optical axis [m] (0: nothing) and object ids, through the centres of the pixels.
-  void castTruth(const Shot& shot, cv::Mat* depth, cv::Mat* objects);
+  /// @param silhouettes  pixels of each object, by its id, if nothing hid it.
+  void castTruth(const Shot& shot, cv::Mat* depth, cv::Mat* objects, std::vector<int>* silhouettes);
 
 private:
   /// What the tiles of a block have in common.

@@ -32,7 +32,7 @@ struct VehicleSimulatorRosOptions : pi_node::NodeParameters<VehicleSimulatorRosO
     double frame_rate = 20.0;   ///< [Hz]
     int threads = 1;            ///< of the renderer
     int nice = 10;              ///< priority of these threads, 0 (normal) to 19 (lowest)
-    bool color = false;         ///< bgr8 in place of mono8
+    bool color = true;          ///< bgr8; false: mono8
     bool smooth_edges = false;  ///< more rays at outlines: a third more processor time
     double noise = 1.0;         ///< scale of the pictures' noise
     double brightness = 1.15;   ///< grey value of white in full light is 255 times this

@@ -3,6 +3,7 @@
 #include "renderer/path_shape.h"
 #include "vehicle/rounded_json.h"
 
+#include <pi_node/formatting.h>
 #include <pi_node/yaml_section.h>
 #include <pi_speech/noise_mixing.h>
 
@@ -223,10 +224,9 @@ ActorPlan readActor(pi_node::YamlSection* section, Random* random)
   ActorPlan actor;
   actor.id = text(section, "id");
   actor.class_name = text(section, "class");
-  const std::set<std::string> classes = {"person", "cart", "car", "box"};
-  if (classes.count(actor.class_name) == 0)
+  if (!isActorClass(actor.class_name))
   {
-    section->refuse("class", actor.class_name, "person, cart, car or box");
+    section->refuse("class", actor.class_name, ACTOR_CLASSES);
   }
   actor.path = points(section, "path");
   section->readNumber("heading", -7.0, 7.0, &actor.heading);
@@ -236,9 +236,18 @@ ActorPlan readActor(pi_node::YamlSection* section, Random* random)
   {
     const std::vector<double> size = numbers(*section, "size", section->node("size"), 3, "[length, width, height]");
     actor.size = {size[0], size[1], size[2]};
-    if (actor.class_name != "box" || (actor.size.array() < 0.05).any() || (actor.size.array() > 10.0).any())
+    const bool sized = actor.class_name == "box" || actor.class_name == "kerb";
+    if (!sized || (actor.size.array() < 0.05).any() || (actor.size.array() > 10.0).any())
     {
-      section->refuse("size", "(three numbers)", "for a box only, each in [0.05, 10]");
+      section->refuse("size", "(three numbers)", "for a box or a kerb only, each in [0.05, 10]");
+    }
+  }
+  if (section->has("height"))
+  {
+    actor.size.z() = number(section, "height", 0.8, 2.1);
+    if (actor.class_name != "person")
+    {
+      section->refuse("height", pi_node::format("%.2f", actor.size.z()), "for a person only");
     }
   }
   if (section->has("trigger"))

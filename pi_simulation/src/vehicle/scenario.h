@@ -33,10 +33,10 @@ struct ActorPause
 struct ActorPlan
 {
   std::string id;
-  std::string class_name;                          ///< person, cart, car or box
+  std::string class_name;                          ///< one of ACTOR_CLASSES
   std::vector<Eigen::Vector2d> path;               ///< [m]; one point: it stands there
   double heading = 0.0;                            ///< where it stands [rad]; on a path: along it
-  Eigen::Vector3d size = Eigen::Vector3d::Zero();  ///< box only [m]; 0: by the seed
+  Eigen::Vector3d size = Eigen::Vector3d::Zero();  ///< as in ActorOptions [m]
   double speed = 1.2;                              ///< [m/s]
   double acceleration = 1.5;                       ///< [m/s^2]
   ActorTrigger trigger;

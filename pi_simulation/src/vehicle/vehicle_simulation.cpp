@@ -262,7 +262,7 @@ void VehicleSimulation::judge()
   fields["people"] = Json::array();
   for (const TrueObstacle& obstacle : all)
   {
-    if (obstacle.class_name == "person")
+    if (obstacle.class_name == "person" || obstacle.class_name == "cyclist")
     {
       fields["people"].push_back(toJson(obstacle.box.center));
     }

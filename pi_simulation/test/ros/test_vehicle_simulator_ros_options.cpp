@@ -25,7 +25,7 @@ TEST(VehicleSimulatorRosOptions, ParametersComeBackAsTheyWere)
 {
   VehicleSimulatorRosOptions options;
   options.scenario = "a.yaml";
-  options.cameras.color = true;
+  options.cameras.color = false;
   options.cameras.threads = 2;
   options.imu_in_base.z = 1.3;
   Names unknown;
