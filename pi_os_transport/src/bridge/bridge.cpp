@@ -161,6 +161,13 @@ void Bridge::onInterrupted(Peer* peer)
   }
 }
 
+bool Bridge::holdsLast(const Peer* peer) const
+{
+  const Session* const session = sessions_.of(peer);
+  return session != nullptr && std::any_of(session->outgoing.begin(), session->outgoing.end(),
+                                           [](const auto& link) { return link.second->publisher_gone; });
+}
+
 void Bridge::onLost(Peer* peer, bool hung)
 {
   Session* const session = sessions_.of(peer);

@@ -42,6 +42,7 @@ private:
   void onUp(Peer* peer, bool resumed) override;
   void onInterrupted(Peer* peer) override;
   void onLost(Peer* peer, bool hung) override;
+  bool holdsLast(const Peer* peer) const override;
 
   void finishDraining();
   bool drained() const;

@@ -20,6 +20,10 @@ constexpr milliseconds SILENCE{600};
 constexpr milliseconds HANDSHAKE{500};
 /// The same if the transport does not tell whether the machine accepted: most interruptions are shorter.
 constexpr milliseconds HANDSHAKE_UNSURE{1500};
+/// Since an interruption, while messages wait that would be lost with the session.
+constexpr milliseconds PATIENCE{5000};
+/// A tick that comes so long after the last one: this process did not run.
+constexpr milliseconds STOPPED{300};
 constexpr milliseconds RECONNECT{100};
 constexpr milliseconds RECONNECT_DOWN{300};
 /// Most control frames that wait for one peer.
@@ -149,8 +153,12 @@ void Peer::onClosed(FrameTransport::ConnectionId connection, CloseReason reason)
       interrupt(state_ == State::UP ? State::SILENT : state_);
       break;
     case CloseReason::SILENT:
-      lose(State::HUNG);
-      break;
+      if (!mayWait())
+      {
+        lose(State::HUNG);
+        break;
+      }
+      [[fallthrough]];
     case CloseReason::UNREACHABLE:
       interrupt(State::SILENT);
       reconnect(RECONNECT);
@@ -166,6 +174,7 @@ void Peer::interrupt(State next)
   {
     controls_.clear();
   }
+  interrupted_at_ = was_up ? SteadyClock::now() : interrupted_at_;
   state_ = ever_up_ ? next : (next == State::SILENT ? State::CONNECTING : next);
   // Frames in buffers on the way belong to the old session and must be refused.
   secret_ = Token::random().high | 1;
@@ -194,6 +203,12 @@ void Peer::lose(State next)
   state_ = next;
   end(next == State::HUNG);
   reconnect(RECONNECT_DOWN);
+}
+
+/// Whether the session is kept although the peer seems to hang.
+bool Peer::mayWait() const
+{
+  return carries_ && SteadyClock::now() - interrupted_at_ < PATIENCE && listener_->holdsLast(this);
 }
 
 void Peer::end(bool hung)
@@ -269,6 +284,11 @@ void Peer::tick()
 {
   tick_timer_.start(loop_, TICK, [this]() { tick(); });
   const SteadyTime now = SteadyClock::now();
+  if (now - std::exchange(ticked_, now) > STOPPED)
+  {
+    heard();
+    connected_since_ = now;
+  }
   if (state_ == State::UP)
   {
     if (now - last_heard_ > SILENCE)
@@ -284,7 +304,8 @@ void Peer::tick()
     return;
   }
   const bool connected = lanes_[0].connected() && lanes_[1].connected();
-  if (connected && now - connected_since_ > (transport_->tellsConnected() ? HANDSHAKE : HANDSHAKE_UNSURE))
+  const milliseconds handshake = transport_->tellsConnected() ? HANDSHAKE : HANDSHAKE_UNSURE;
+  if (connected && now - connected_since_ > handshake && !mayWait())
   {
     // The machine accepts, but the process is silent. Keep the connection: the process reads the greeting when it
     // wakes.

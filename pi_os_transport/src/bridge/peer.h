@@ -36,7 +36,7 @@ public:
 /// Each side connects to the other and sends it a secret. The other side puts the secret into its frames, which proves
 /// their origin. A side that receives nothing for SILENCE connects again. The session continues if the same process
 /// answers. It is lost if another process answers, if nothing listens there, or if a process accepts the connection but
-/// stays silent (hung).
+/// stays silent (hung). A side that did not run itself for a while blames nobody: what the peer sent waits to be read.
 class Peer : public std::enable_shared_from_this<Peer>
 {
 public:
@@ -59,6 +59,8 @@ public:
     virtual void onInterrupted(Peer* peer) = 0;
     /// The process at the other end has ended or hangs: the session is lost.
     virtual void onLost(Peer* peer, bool hung) = 0;
+    /// Whether messages wait for the peer that nobody else has, because their publisher has ended.
+    virtual bool holdsLast(const Peer* peer) const = 0;
   };
 
   Peer(EventLoop* loop, FrameTransport* transport, Listener* listener, Endpoint endpoint);
@@ -115,6 +117,7 @@ private:
   void beUp();
   void interrupt(State next);
   void lose(State next);
+  bool mayWait() const;
   void end(bool hung);
   void tick();
   bool pumpControl();
@@ -137,6 +140,8 @@ private:
   bool verified_ = false;  ///< the peer has proved that it receives frames at its address
   bool ever_up_ = false;
   bool carries_ = false;  ///< links may have survived an interruption
+  SteadyTime ticked_ = SteadyClock::now();
+  SteadyTime interrupted_at_;
   SteadyTime connected_since_;
   SteadyTime last_heard_;
   SteadyTime last_sent_;

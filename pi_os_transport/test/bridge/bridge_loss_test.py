@@ -4,6 +4,7 @@ import os
 import pathlib
 import signal
 import sys
+import time
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
 import device_testbed  # noqa: E402  (found through the line above)
@@ -20,6 +21,9 @@ SOCKET_BYTES = 1 << 20
 DROPPING = 6000         # more messages than all queues on the way hold
 WAITING = 900           # messages that the ring of a subscriber cannot hold
 ALL = 100000            # a queue that loses nothing
+LAST = 20               # messages of a publisher that ends
+LAST_BYTES = 100000
+STANDS_STILL_S = 2.5    # longer than links wait for a bridge that hangs
 
 
 class BridgeLoss(device_testbed.DeviceTest):
@@ -81,6 +85,16 @@ class BridgeLoss(device_testbed.DeviceTest):
 
     def test_the_subscribers_bridge_is_killed_beside_a_slow_subscriber(self):
         self.killed_beside_a_slow_subscriber(self.edge_a)
+
+    def test_a_publisher_that_has_ended_loses_nothing_to_a_bridge_that_stands_still(self):
+        self.start_bridges()
+        talker, listener = self.pair(ALL)
+        self.bridges[self.edge_a.name].pause()
+        talker.say('publish count=%d sizes=%d\nexit' % (LAST, LAST_BYTES))
+        talker.wait()
+        time.sleep(STANDS_STILL_S)
+        self.bridges[self.edge_a.name].resume()
+        self.assert_complete(listener.call('await_received', seq=LAST), LAST)
 
     def hand_over(self, end, busy=False):
         """Links are taken over by bridges and handed back, again and again, while messages flow."""

@@ -7,6 +7,7 @@
 #include <memory>
 #include <random>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -122,6 +123,7 @@ private:
     resumed += again ? 1 : 0;
   }
   void onInterrupted(Peer*) override { ++interrupted; }
+  bool holdsLast(const Peer*) const override { return false; }
   void onLost(Peer*, bool is_hung) override
   {
     ++lost;
@@ -510,6 +512,40 @@ TEST(Peer, AcceptsButSilentIsHung)
   ASSERT_TRUE(session.greet());
   EXPECT_TRUE(session.peer->up());
   EXPECT_EQ(0U, session.resumed);
+}
+
+TEST(Peer, ASilentOneIsWaitedForWhileMessagesWaitThatNobodyElseHas)
+{
+  EventLoop loop;
+  FakeSession session(&loop);
+  session.holds_last = true;
+  ASSERT_NO_FATAL_FAILURE(session.meet());
+  session.interrupt();
+  ASSERT_NO_FATAL_FAILURE(session.connect());
+  const SteadyTime before = SteadyClock::now();
+  ASSERT_TRUE(runUntil(&loop, [&before]() { return SteadyClock::now() - before > milliseconds(1500); }));
+  EXPECT_EQ(0U, session.lost);
+  ASSERT_TRUE(session.greet());
+  EXPECT_TRUE(session.peer->up());
+  EXPECT_EQ(1U, session.resumed);
+
+  session.interrupt();
+  ASSERT_NO_FATAL_FAILURE(session.connect());
+  session.holds_last = false;
+  ASSERT_TRUE(runUntil(&loop, [&session]() { return session.lost > 0; }));
+  EXPECT_EQ(1U, session.hung);
+}
+
+TEST(Peer, WhoDidNotRunItselfBlamesNobody)
+{
+  EventLoop loop;
+  FakeSession session(&loop);
+  ASSERT_NO_FATAL_FAILURE(session.meet());
+  std::this_thread::sleep_for(milliseconds(900));  // a process that is stopped
+  const SteadyTime awake = SteadyClock::now();
+  ASSERT_TRUE(runUntil(&loop, [&awake]() { return SteadyClock::now() - awake > milliseconds(400); }));
+  EXPECT_EQ(0U, session.interruptions);
+  ASSERT_TRUE(runUntil(&loop, [&session]() { return session.interruptions > 0; })) << "it really is silent";
 }
 
 TEST(Peer, SilenceInterruptsAndSignsOfLifePreventIt)

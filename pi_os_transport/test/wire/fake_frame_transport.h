@@ -135,6 +135,7 @@ public:
       on_interrupted();
     }
   }
+  bool holdsLast(const Peer*) const override { return holds_last; }
   void onLost(Peer*, bool is_hung) override
   {
     ++lost;
@@ -236,6 +237,7 @@ public:
   size_t resumed = 0;
   size_t interruptions = 0;
   size_t lost = 0;
+  bool holds_last = false;
   size_t hung = 0;
   std::function<void()> on_up;
   std::function<void()> on_interrupted;

@@ -33,7 +33,7 @@ bool initialize(ros::TransportPublisherLink* self, const ros::ConnectionPtr& con
   // Before roscpp's own listener: the rest of the ring is delivered while the link still exists.
   runtime.receive_links.hold(connection, link,
                              [link](ros::Connection::DropReason reason)
-                             { link->disconnect(reason == ros::Connection::TransportDisconnect); });
+                             { link->disconnect(reason == ros::Connection::TransportDisconnect || link->isWanted()); });
   OfferScope scope(std::to_string(PROTOCOL_VERSION));
   return runtime.original.initialize(self, connection);
 }

@@ -266,6 +266,13 @@ void ReceiveLink::leaveBridge(LinkEnd reason)
   }
 }
 
+bool ReceiveLink::isWanted() const
+{
+  const ros::TransportPublisherLinkPtr link = link_.lock();
+  const ros::SubscriptionPtr subscription = link ? link->parent_.lock() : nullptr;
+  return subscription && !subscription->dropped_ && !subscription->shutting_down_;
+}
+
 void ReceiveLink::disconnect(bool deliver_rest)
 {
   const std::shared_ptr<ReceiveLink> self = shared_from_this();  // the pair may hold the last reference
@@ -277,6 +284,7 @@ void ReceiveLink::disconnect(bool deliver_rest)
     if (bridged_ && in_use_ && !bridge_ended_)
     {
       active_.store(false, std::memory_order_release);
+      ending_ = link_.lock();
       Runtime::instance().ending_receive_links.insert(publisher_link_, self);
       return;  // messages under way between the devices follow; the bridge reports the end
     }
@@ -293,6 +301,7 @@ void ReceiveLink::forgetEnding()
   {
     links.erase(publisher_link_);
   }
+  ending_.reset();
 }
 
 void ReceiveLink::drain(Drain extent)

@@ -43,6 +43,8 @@ public:
   void deliverTcp(ros::TransportPublisherLink* link, const ros::SerializedMessage& message);
   /// The TCPROS connection has ended. @param deliver_rest  deliver the rest of the ring.
   void disconnect(bool deliver_rest);
+  /// Whether the subscription still wants what its publisher has sent. Any thread.
+  bool isWanted() const;
 
   void onPacket(const Packet& packet, SideChannel::Descriptors* descriptors) override;
   void onPairEnded() override;
@@ -84,6 +86,8 @@ private:
   std::atomic<bool> active_{false};
   std::atomic<bool> bridged_{false};
   bool ended_ = false;  ///< the TCPROS connection is gone
+  /// Until the last message that a bridge carries has come: the ROS master may say before that the publisher is gone.
+  ros::TransportPublisherLinkPtr ending_;
   Token socket_token_;  ///< of the publisher's process
   Token link_token_;
   std::shared_ptr<RingReceiver> ring_;  ///< shared with the leases; may have no ring yet
