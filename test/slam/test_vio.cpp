@@ -3,7 +3,7 @@
 #include "drives/vehicle_path.h"
 #include "odometry/vio.h"
 #include "renderer/stereo_renderer.h"
-#include "renderer/synthetic_world.h"
+#include "world/synthetic_world.h"
 
 #include <algorithm>
 #include <cmath>

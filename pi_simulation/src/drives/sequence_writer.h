@@ -1,7 +1,7 @@
 #pragma once
 
 #include "renderer/stereo_renderer.h"
-#include "renderer/synthetic_world.h"
+#include "world/synthetic_world.h"
 
 #include <pi_slam/imu_simulator.h>
 #include <pi_slam/spline_trajectory.h>

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "renderer/path_shape.h"
+#include "world/path_shape.h"
 
 #include <pi_slam/trajectory_file.h>
 

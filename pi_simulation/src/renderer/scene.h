@@ -1,10 +1,10 @@
 #pragma once
 
 #include "renderer/bounding_tree.h"
-#include "renderer/figure.h"
-#include "renderer/road_map.h"
 #include "renderer/shadow.h"
-#include "renderer/synthetic_world.h"
+#include "world/figure.h"
+#include "world/road_map.h"
+#include "world/synthetic_world.h"
 
 #include <Eigen/Geometry>
 #include <cstdint>

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "renderer/synthetic_world.h"
+#include "world/synthetic_world.h"
 
 #include <pi_slam/spline_trajectory.h>
 #include <pi_slam/stereo_calibration.h>

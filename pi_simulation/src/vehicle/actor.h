@@ -1,7 +1,7 @@
 #pragma once
 
-#include "renderer/synthetic_world.h"
 #include "vehicle/scenario.h"
+#include "world/synthetic_world.h"
 
 #include <string>
 #include <vector>

@@ -1,7 +1,7 @@
 #include "vehicle/scenario.h"
 
-#include "renderer/path_shape.h"
 #include "vehicle/rounded_json.h"
+#include "world/path_shape.h"
 
 #include <pi_node/formatting.h>
 #include <pi_node/yaml_section.h>

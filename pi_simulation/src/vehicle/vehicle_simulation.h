@@ -1,13 +1,13 @@
 #pragma once
 
 #include "chassis/simulated_chassis.h"
-#include "renderer/synthetic_world.h"
 #include "vehicle/actor.h"
 #include "vehicle/fault_schedule.h"
 #include "vehicle/motion_window.h"
 #include "vehicle/oriented_box.h"
 #include "vehicle/road_surface.h"
 #include "vehicle/scenario.h"
+#include "world/synthetic_world.h"
 
 #include <pi_slam/imu_simulator.h>
 

@@ -1,4 +1,4 @@
-#include "renderer/scene_builder.h"
+#include "world/scene_builder.h"
 
 #include <cmath>
 
@@ -8,7 +8,7 @@ namespace pi_simulation::synthetic
 namespace
 {
 
-constexpr float HAZE_M = 90.0f;
+constexpr float HAZE_M = 75.0f;
 constexpr double RING_M = 30.0;  ///< from the path to the buildings that close the horizon
 
 /// A place beside the road.

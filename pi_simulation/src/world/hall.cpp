@@ -1,4 +1,4 @@
-#include "renderer/scene_builder.h"
+#include "world/scene_builder.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "renderer/path_shape.h"
+#include "world/path_shape.h"
 
 #include <cmath>
 

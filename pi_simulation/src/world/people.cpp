@@ -1,4 +1,4 @@
-#include "renderer/props.h"
+#include "world/props.h"
 
 #include <algorithm>
 #include <array>
@@ -15,7 +15,7 @@ using Color = Eigen::Vector3f;
 Color pick(Random* random, const std::vector<Color>& colors)
 {
   const auto index = static_cast<size_t>(random->uniform(0.0, static_cast<double>(colors.size())));
-  return colors[std::min(index, colors.size() - 1)] * static_cast<float>(random->uniform(0.8, 1.15));
+  return colors[std::min(index, colors.size() - 1)] * static_cast<float>(random->uniform(0.6, 0.95));
 }
 
 const std::vector<Color> SKINS = {{0.87f, 0.67f, 0.56f}, {0.78f, 0.58f, 0.46f}, {0.62f, 0.43f, 0.31f},

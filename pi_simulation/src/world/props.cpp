@@ -1,4 +1,4 @@
-#include "renderer/props.h"
+#include "world/props.h"
 
 #include <algorithm>
 #include <cmath>
@@ -197,7 +197,7 @@ Prop makeBuilding(Random* random, const Eigen::Vector3d& size)
   Prop building{"building", size, {}};
   MovingPart walls =
       part(Shape::BOX, Material::FACADE, vector(0, 0, 0.5 * size.z()), (0.5 * size).cast<float>(),
-           Eigen::Vector3f(wall[0], wall[1], wall[2]) * static_cast<float>(random->uniform(1.1, 1.35)), random);
+           Eigen::Vector3f(wall[0], wall[1], wall[2]) * static_cast<float>(random->uniform(1.2, 1.45)), random);
   walls.primitive.accent = random->chance(0.6) ? vector(0.88, 0.87, 0.84) : vector(0.25, 0.2, 0.16);
   building.parts.push_back(walls);
   return building;

@@ -1,4 +1,4 @@
-#include "renderer/road_map.h"
+#include "world/road_map.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,8 +1,8 @@
 #pragma once
 
-#include "renderer/props.h"
 #include "renderer/scene.h"
-#include "renderer/synthetic_world.h"
+#include "world/props.h"
+#include "world/synthetic_world.h"
 
 #include <vector>
 

@@ -1,7 +1,7 @@
-#include "renderer/synthetic_world.h"
+#include "world/synthetic_world.h"
 
 #include "renderer/scene.h"
-#include "renderer/scene_builder.h"
+#include "world/scene_builder.h"
 
 #include <algorithm>
 #include <set>

@@ -1,4 +1,4 @@
-#include "renderer/figure.h"
+#include "world/figure.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "renderer/synthetic_world.h"
+#include "world/synthetic_world.h"
 
 #include "drives/vehicle_path.h"
 
