@@ -78,22 +78,33 @@ def route_size(states):
 
 
 class Labels:
-    """Texts beside places in a plot, none of which covers another."""
+    """Texts beside places in a plot, none of which covers another, or a mark."""
 
+    MARK_PX = 5.0
     OFFSETS = [(8, 8), (8, -16), (8, 24), (8, -32), (8, 40), (8, -48), (-60, 8), (-60, -16), (-60, 40), (-60, -48)]
 
-    def __init__(self, axes):
+    ABOVE = [(0, 4 + 14 * step) for step in range(6)]
+
+    def __init__(self, axes, offsets=None):
         self._axes = axes
         self._taken = []
+        self._offsets = offsets or self.OFFSETS
 
-    def add(self, text, place, colour):
+    def keep_clear(self, places):
+        """No text covers the marks at these places."""
+        from matplotlib.transforms import Bbox
+        for x, y in self._axes.transData.transform(places) if len(places) else []:
+            self._taken.append(Bbox.from_extents(x - self.MARK_PX, y - self.MARK_PX, x + self.MARK_PX, y + self.MARK_PX))
+
+    def add(self, text, place, colour, **style):
         renderer = self._axes.figure.canvas.get_renderer()
-        for offset in self.OFFSETS:
-            label = self._axes.annotate(text, place, xytext=offset, textcoords="offset points", color=colour, fontsize=9)
+        for offset in self._offsets:
+            label = self._axes.annotate(text, place, xytext=offset, textcoords="offset points", color=colour,
+                                        **{"fontsize": 9, **style})
             box = label.get_window_extent(renderer)
             if not any(box.overlaps(other) for other in self._taken):
                 break
-            if offset != self.OFFSETS[-1]:
+            if offset != self._offsets[-1]:
                 label.remove()
         self._taken.append(box)
 
@@ -137,6 +148,7 @@ def route(axes, drive, tree, states):
     axes.legend(frameon=False, ncol=3, loc="lower left", bbox_to_anchor=(0.0, 1.0))
     axes.figure.tight_layout()
     labels = Labels(axes)  # last: where they are depends on all before
+    labels.keep_clear([one[:2] for one in points] + [one["position"][:2] for one in nodes])
     for place in collisions:
         labels.add("collision", place, "red")
     for one in tree["standstills"]:
@@ -193,13 +205,15 @@ def detections(path, found):
             axes.imshow(rows[:, :picture.width], cmap="gray", vmin=0, vmax=255)
         else:  # bgr8, the simulator's other one
             axes.imshow(rows[:, :3 * picture.width].reshape(picture.height, picture.width, 3)[:, :, ::-1])
-        for name, score, left, top, width, height in boxes:
-            colour = DETECTED.get(name, "#ffd92f")
-            axes.add_patch(pyplot.Rectangle((left, top), width, height, fill=False, edgecolor=colour, linewidth=2))
-            axes.text(left, top - 4, "%s %.2f" % (name, score), color="black", fontsize=10,
-                      bbox={"facecolor": colour, "edgecolor": "none", "pad": 1})
         axes.set_title("%.1f s" % after)
         axes.set_axis_off()
     figure.tight_layout()
+    for axes, (_, _, boxes) in zip(every[0], found):
+        labels = Labels(axes, Labels.ABOVE)
+        for name, score, left, top, width, height in sorted(boxes, key=lambda box: -box[3]):
+            colour = DETECTED.get(name, "#ffd92f")
+            axes.add_patch(pyplot.Rectangle((left, top), width, height, fill=False, edgecolor=colour, linewidth=2))
+            labels.add("%s %.2f" % (name, score), (left, top), "black", fontsize=10,
+                       bbox={"facecolor": colour, "edgecolor": "none", "pad": 1})
     figure.savefig(path, dpi=80)
     pyplot.close(figure)

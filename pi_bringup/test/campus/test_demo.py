@@ -192,5 +192,26 @@ class Gantt(unittest.TestCase):
         pyplot.close(figure)
 
 
+class TextsInPlots(unittest.TestCase):
+    def test_none_covers_another_or_a_mark(self):
+        import matplotlib
+        matplotlib.use("Agg")
+        from matplotlib import pyplot
+        figure, axes = pyplot.subplots(figsize=(8, 6))
+        axes.set(xlim=(0, 640), ylim=(480, 0))
+        labels = plots.Labels(axes)
+        marks = [(100, 200), (112, 194), (300, 300)]
+        labels.keep_clear(marks)
+        for place in marks + [(104, 204), (300, 300), (310, 296)]:
+            labels.add("stood 4 s", place, "black")
+        renderer = figure.canvas.get_renderer()
+        boxes = [text.get_window_extent(renderer) for text in axes.texts]
+        self.assertEqual(len(boxes), 6)
+        for number, box in enumerate(boxes):
+            self.assertFalse(any(box.overlaps(other) for other in boxes[:number]), number)
+            self.assertFalse(any(box.contains(*axes.transData.transform(mark)) for mark in marks), number)
+        pyplot.close(figure)
+
+
 if __name__ == "__main__":
     unittest.main()

@@ -224,7 +224,9 @@ PI_SIMULATION_VECTORISED void cylinderSurface(const Primitive& primitive, float 
   const float sz = primitive.sun_local.z();
   for (int i = 0; i < g.n; ++i)
   {
-    const bool cap = h.x[i] * h.x[i] + h.y[i] * h.y[i] < 0.998f;
+    // The surface that the point is nearest to, in metres: rounding puts points on thin, far cylinders off their side.
+    const float radius = std::sqrt(h.x[i] * h.x[i] + h.y[i] * h.y[i]);
+    const bool cap = std::abs(std::abs(h.z[i]) - 1.0f) * hz < std::abs(radius - 1.0f) * hx;
     const float out_z = h.z[i] > 0.0f ? 1.0f : -1.0f;
     s->u[i] = cap ? h.x[i] * hx : hx * fastAtan2(h.y[i], h.x[i]);
     s->v[i] = cap ? h.y[i] * hy : h.z[i] * hz;

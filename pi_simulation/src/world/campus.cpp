@@ -99,8 +99,15 @@ void addMoving(SceneBuilder* builder)
               const Eigen::Vector2d kerb = side.at(4.6).head<2>();
               const Eigen::Vector2d to = crosses ? Eigen::Vector2d(side.at(-4.6).head<2>())
                                                  : Eigen::Vector2d(kerb + random.uniform(6.0, 12.0) * tangent);
-              const Prop prop = random.chance(0.8) ? makePerson(&random) : makeCart(&random);
-              builder->placeMoving(prop, kerb, to, random.uniform(0.9, 1.5));
+              const double speed = random.uniform(0.9, 1.5);
+              if (!crosses && random.chance(0.2))
+              {
+                builder->placeMoving(makeCyclist(&random), kerb, to, 2.0 * speed);
+                return;
+              }
+              const double height = random.chance(0.15) ? random.uniform(1.05, 1.35) : 0.0;
+              builder->placeMoving(random.chance(0.85) ? makePerson(&random, height) : makeCart(&random), kerb, to,
+                                   speed);
             });
 }
 
@@ -116,8 +123,8 @@ void addParked(SceneBuilder* builder)
   alongRoad(builder, 7.0,
             [&](const Side& side)
             {
-              builder->place(makeBox(&random, 1.1), side.at(random.uniform(4.2, 6.8)),
-                             side.heading + random.uniform(-0.5, 0.5), 2.4);
+              builder->place(random.chance(0.25) ? makeCone(&random) : makeBox(&random, 1.1),
+                             side.at(random.uniform(4.2, 6.8)), side.heading + random.uniform(-0.5, 0.5), 2.4);
             });
 }
 
