@@ -26,8 +26,9 @@ namespace
 constexpr float LEAST_SCORE = 0.4f;
 constexpr double NEAR_M = 12.0;
 constexpr double MOSTLY_VISIBLE = 0.5;
-/// Reached: 0.79 to 0.83, by the seeds (docs/benchmarks/vehicle.md).
+/// Bounds for few pictures. Of 728 pictures 0.79 were reached, and 0.7 per 100 (docs/benchmarks/vehicle.md).
 constexpr double LEAST_RECALL = 0.72;
+constexpr double MOST_ELSEWHERE = 0.02;
 
 /// YOLOX-nano, trained on COCO: boxes of people.
 class PersonDetector
@@ -177,5 +178,5 @@ TEST(LivePictures, ADetectorFindsThePeopleAndNobodyElse)
               figures.people, figures.found, figures.elsewhere);
   ASSERT_GE(figures.people, 50);
   EXPECT_GE(figures.found, LEAST_RECALL * figures.people);
-  EXPECT_LT(figures.elsewhere, 0.01 * figures.pictures);
+  EXPECT_LE(figures.elsewhere, MOST_ELSEWHERE * figures.pictures);
 }

@@ -130,7 +130,8 @@ TEST_F(Simulator, DrivesFiveMetresAndSeesEverything)
   ASSERT_TRUE(left_.waitForStamp(pair->header.stamp));
   ASSERT_TRUE(left_info_.waitForStamp(pair->header.stamp));
   EXPECT_EQ("right_optical", pair->header.frame_id);
-  EXPECT_EQ(320u * 240u, pair->data.size());
+  EXPECT_EQ("bgr8", pair->encoding);
+  EXPECT_EQ(3u * 320u * 240u, pair->data.size());
   EXPECT_GT(*std::max_element(pair->data.begin(), pair->data.end()), 100);
 
   // The IMU knows gravity, every 5 ms.
