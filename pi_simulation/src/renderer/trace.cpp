@@ -108,8 +108,10 @@ PI_SIMULATION_VECTORISED void hitGround(const UnitRays& rays, int32_t id, RayPac
   }
 }
 
-PI_SIMULATION_VECTORISED void hitCylinder(const UnitRays& rays, int32_t id, RayPacket* p)
+/// @param hole  radius of what its faces leave open: of a thin ring, whose inner side is not there.
+PI_SIMULATION_VECTORISED void hitCylinder(const UnitRays& rays, float hole, int32_t id, RayPacket* p)
 {
+  const float hole2 = hole * hole;
   const float ox = rays.origin.x();
   const float oy = rays.origin.y();
   const float oz = rays.origin.z();
@@ -124,7 +126,8 @@ PI_SIMULATION_VECTORISED void hitCylinder(const UnitRays& rays, int32_t id, RayP
     const float cap_x = ox + cap * d.x;
     const float cap_y = oy + cap * d.y;
     const bool on_side = (root > 0.0f) & (std::abs(oz + side * d.z) <= 1.0f) & (side > NEAR_M);
-    const bool on_cap = (cap_x * cap_x + cap_y * cap_y <= 1.0f) & (cap > NEAR_M);
+    const float cap_r2 = cap_x * cap_x + cap_y * cap_y;
+    const bool on_cap = (cap_r2 <= 1.0f) & (cap_r2 >= hole2) & (cap > NEAR_M);
     const float t = std::min(on_side ? side : RayPacket::FAR_M, on_cap ? cap : RayPacket::FAR_M);
     const bool hit = t < p->t[i];
     p->t[i] = hit ? t : p->t[i];
@@ -222,33 +225,6 @@ PI_SIMULATION_VECTORISED void hitWedge(const UnitRays& rays, float front, float 
   }
 }
 
-/// A thin one: its faces and its outer side.
-PI_SIMULATION_VECTORISED void hitRing(const UnitRays& rays, float hole, int32_t id, RayPacket* p)
-{
-  const float ox = rays.origin.x();
-  const float oy = rays.origin.y();
-  const float oz = rays.origin.z();
-  const float hole2 = hole * hole;
-  for (int i = 0; i < LANES; ++i)
-  {
-    const Direction d = rays.direction(*p, i);
-    const float a = d.x * d.x + d.y * d.y;
-    const float b = ox * d.x + oy * d.y;
-    const float root = b * b - a * (ox * ox + oy * oy - 1.0f);
-    const float side = (-b - std::sqrt(std::max(root, 0.0f))) / std::max(a, 1e-12f);
-    const float cap = ((d.z > 0.0f ? -1.0f : 1.0f) - oz) / d.z;
-    const float cap_x = ox + cap * d.x;
-    const float cap_y = oy + cap * d.y;
-    const float cap_r2 = cap_x * cap_x + cap_y * cap_y;
-    const bool on_side = (root > 0.0f) & (std::abs(oz + side * d.z) <= 1.0f) & (side > NEAR_M);
-    const bool on_cap = (cap_r2 <= 1.0f) & (cap_r2 >= hole2) & (cap > NEAR_M);
-    const float t = std::min(on_side ? side : RayPacket::FAR_M, on_cap ? cap : RayPacket::FAR_M);
-    const bool hit = t < p->t[i];
-    p->t[i] = hit ? t : p->t[i];
-    p->hit[i] = hit ? id : p->hit[i];
-  }
-}
-
 void hitPrimitive(const Primitive& primitive, int32_t id, RayPacket* packet)
 {
   const UnitRays rays(primitive, *packet);
@@ -257,7 +233,7 @@ void hitPrimitive(const Primitive& primitive, int32_t id, RayPacket* packet)
     case Shape::BOX:
       return hitBox(rays, id, packet);
     case Shape::CYLINDER:
-      return hitCylinder(rays, id, packet);
+      return hitCylinder(rays, 0.0f, id, packet);
     case Shape::SPHERE:
       return hitSphere(rays, id, packet);
     case Shape::CAPSULE:
@@ -265,7 +241,7 @@ void hitPrimitive(const Primitive& primitive, int32_t id, RayPacket* packet)
     case Shape::WEDGE:
       return hitWedge(rays, primitive.taper, primitive.rear, primitive.sides, id, packet);
     case Shape::RING:
-      return hitRing(rays, primitive.taper, id, packet);
+      return hitCylinder(rays, primitive.taper, id, packet);
     case Shape::ROOM:
       return hitRoom(rays, id, packet);
     case Shape::GROUND:
