@@ -226,7 +226,7 @@ ActorPlan readActor(pi_node::YamlSection* section, Random* random)
   actor.class_name = text(section, "class");
   if (!isActorClass(actor.class_name))
   {
-    section->refuse("class", actor.class_name, ACTOR_CLASSES);
+    section->refuse("class", actor.class_name, actorClasses());
   }
   actor.path = points(section, "path");
   section->readNumber("heading", -7.0, 7.0, &actor.heading);

@@ -33,7 +33,7 @@ struct ActorPause
 struct ActorPlan
 {
   std::string id;
-  std::string class_name;                          ///< one of ACTOR_CLASSES
+  std::string class_name;                          ///< as in ActorOptions
   std::vector<Eigen::Vector2d> path;               ///< [m]; one point: it stands there
   double heading = 0.0;                            ///< where it stands [rad]; on a path: along it
   Eigen::Vector3d size = Eigen::Vector3d::Zero();  ///< as in ActorOptions [m]

@@ -104,11 +104,7 @@ Pose pose(const Figure& figure, const Body& body)
   for (const int side : {0, 1})
   {
     const double left = side == 0 ? 1.0 : -1.0;
-    const auto of = [&](Bone left_one) -> Eigen::Isometry3d&
-    {
-      const int step = static_cast<int>(Bone::RIGHT_UPPER_ARM) - static_cast<int>(Bone::LEFT_UPPER_ARM);
-      return bones[static_cast<size_t>(static_cast<int>(left_one) + side * step)];
-    };
+    const auto of = [&](Bone left_one) -> Eigen::Isometry3d& { return bone(side == 0 ? left_one : rightOf(left_one)); };
     const Arm& arm = body.arms[side];
     of(Bone::LEFT_UPPER_ARM) = bone(Bone::CHEST) * at(0.0, left * figure.shoulder, figure.trunk) *
                                aside(left * figure.arms_aside) * forward(arm.shoulder + body.lean);
@@ -179,6 +175,17 @@ Pose riding(const Figure& figure, double distance)
 }
 
 }  // namespace
+
+Figure Figure::scaled(double scale) const
+{
+  Figure figure = *this;
+  for (double* length : {&figure.thigh, &figure.shin, &figure.ankle, &figure.hip, &figure.spine, &figure.trunk,
+                         &figure.shoulder, &figure.upper_arm, &figure.forearm, &figure.neck, &figure.step})
+  {
+    *length *= scale;
+  }
+  return figure;
+}
 
 Pose poseOf(const Figure& figure, double distance, double speed)
 {

@@ -32,7 +32,14 @@ enum class Bone : uint8_t
 
 constexpr size_t BONES = static_cast<size_t>(Bone::COUNT);
 
-/// Lengths of a person's body [m], and how the person moves.
+/// The same bone of the right arm or leg.
+constexpr Bone rightOf(Bone left)
+{
+  return static_cast<Bone>(static_cast<int>(left) + static_cast<int>(Bone::RIGHT_UPPER_ARM) -
+                           static_cast<int>(Bone::LEFT_UPPER_ARM));
+}
+
+/// Lengths of a person's body [m], of one 1.75 m high unless scaled, and how the person moves.
 struct Figure
 {
   double thigh = 0.43;
@@ -51,6 +58,9 @@ struct Figure
   double saddle = 0.94;      ///< height of the hips on it [m]
   double wheel_base = 1.04;  ///< of the bicycle
   double wheel = 0.34;       ///< its radius
+
+  /// The same person, taller or smaller.
+  Figure scaled(double scale) const;
 };
 
 /// Bones in the frame of the object, at one time.

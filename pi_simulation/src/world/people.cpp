@@ -109,6 +109,7 @@ private:
     part.primitive.material = material;
     part.primitive.center = (scale_ * center).cast<float>();
     part.primitive.color = color;
+    part.primitive.accent = color;
     part.primitive.seed = random_->seed();
     return part;
   }
@@ -182,32 +183,31 @@ void addTrunk(const Look& look, Random* random, Tailor* tailor)
   // Waist to chest, then the slope of the shoulders.
   tailor->limb(Bone::CHEST, top, {{0.0, 0.0, -0.05}, {0.0, 0.0, 0.17}, 0.138 * g * puff, 0.16 * s * puff, 0.72},
                look.top);
-  tailor->last().primitive.accent = pick(random, TOPS);
-  const Color accent = tailor->last().primitive.accent;
+  const Color accent = pick(random, TOPS);
+  tailor->last().primitive.accent = accent;
   for (const double side : {1.0, -1.0})
   {
     tailor->limb(Bone::CHEST, top,
                  {{-0.01, 0.03 * side, 0.3}, {-0.01, 0.165 * s * side, 0.3}, 0.07 * puff, 0.058 * puff, 0.95},
                  look.top);
-    tailor->last().primitive.accent = look.top;
     tailor->limb(Bone::CHEST, top,
                  {{0.0, 0.09 * s * side, 0.2}, {-0.005, 0.1 * s * side, 0.27}, 0.1 * puff, 0.08 * puff, 0.95},
                  look.top);
-    tailor->last().primitive.accent = look.top;
   }
   tailor->limb(Bone::CHEST, top, {{-0.01, 0.0, 0.29}, {-0.01, 0.0, 0.375}, 0.09, 0.055, 0.95}, look.top);
-  tailor->last().primitive.accent = look.top;
   if (g > 1.15)  // a belly
   {
     tailor->ball(Bone::CHEST, top, {0.03 * g, 0.0, -0.02}, {0.11 * g, 0.14 * g, 0.14}, look.top);
-    tailor->last().primitive.accent = look.top;
   }
   const bool untucked = look.coat || random->chance(0.6);
   const double hem = look.coat ? -0.12 : 0.03;
   tailor->limb(Bone::PELVIS, untucked ? top : Material::TROUSERS,
                {{0.0, 0.0, 0.12}, {0.0, 0.0, hem}, 0.138 * g * puff, 0.15 * g * puff, 0.74},
                untucked ? look.top : look.trousers);
-  tailor->last().primitive.accent = untucked ? accent : look.trousers;
+  if (untucked)
+  {
+    tailor->last().primitive.accent = accent;
+  }
   tailor->limb(Bone::PELVIS, Material::TROUSERS, {{-0.015, 0.06, -0.02}, {-0.015, -0.06, -0.02}, 0.11 * g, 0.11 * g},
                look.trousers);
   if (look.skirt)
@@ -231,13 +231,13 @@ void addLimbs(const Look& look, const Figure& figure, Tailor* tailor)
 {
   const double g = 0.5 + 0.5 * look.girth;
   const double puff = look.coat ? 1.22 : 1.0;
-  const Material top = look.coat ? Material::JACKET : Material::SLEEVE;
+  const Material top = Material::SLEEVE;
   const double upper = figure.upper_arm;
   const double lower = figure.forearm;
   for (const int side : {0, 1})
   {
     const double left = side == 0 ? 1.0 : -1.0;
-    const auto of = [&](Bone bone) { return static_cast<Bone>(static_cast<int>(bone) + 5 * side); };
+    const auto of = [&](Bone bone) { return side == 0 ? bone : rightOf(bone); };
     const Bone arm = of(Bone::LEFT_UPPER_ARM);
     const Bone forearm = of(Bone::LEFT_FOREARM);
     const Bone thigh = of(Bone::LEFT_THIGH);
@@ -291,31 +291,16 @@ void addLimbs(const Look& look, const Figure& figure, Tailor* tailor)
   }
 }
 
-/// Lengths for one of 1.75 m, then scaled.
-Figure figureOf(double scale, bool child, double shoulder, Random* random)
+Figure figureOf(const Look& look, Random* random)
 {
   Figure figure;
-  if (child)  // short legs, a large head
+  if (look.child)  // short legs, a large head
   {
     figure.thigh *= 0.92;
     figure.shin *= 0.92;
   }
-  figure.shoulder *= shoulder;
+  figure.shoulder *= look.shoulder;
   figure.arms_aside = random->uniform(0.07, 0.16);
-  for (double* length : {&figure.thigh, &figure.shin, &figure.ankle, &figure.hip, &figure.spine, &figure.trunk,
-                         &figure.shoulder, &figure.upper_arm, &figure.forearm, &figure.neck, &figure.step})
-  {
-    *length *= scale;
-  }
-  return figure;
-}
-
-Figure unscaled(Figure figure, double scale)
-{
-  for (double* length : {&figure.thigh, &figure.shin, &figure.upper_arm, &figure.forearm})
-  {
-    *length /= scale;
-  }
   return figure;
 }
 
@@ -327,17 +312,17 @@ constexpr double CHILD_M = 1.4;  ///< smaller people look like children
 Prop makePerson(Random* random, double height_m)
 {
   const double height = height_m > 0.0 ? height_m : random->uniform(1.55, 1.9);
-  const bool child = height < CHILD_M;
   const double scale = height / USUAL_M;
-  const Look look = randomLook(random, child);
-  Prop person{"person", {0.5, 0.6, height}, {}, figureOf(scale, child, look.shoulder, random)};
-  if (child)
+  const Look look = randomLook(random, height < CHILD_M);
+  const Figure figure = figureOf(look, random);
+  Prop person{"person", {0.5, 0.6, height}, {}, figure.scaled(scale)};
+  if (look.child)
   {
     person.size.head<2>() *= scale;
   }
   Tailor tailor(scale, random, &person.parts);
   addTrunk(look, random, &tailor);
-  addLimbs(look, unscaled(*person.figure, scale), &tailor);
+  addLimbs(look, figure, &tailor);
   addHead(look, random, &tailor);
   return person;
 }
@@ -403,7 +388,7 @@ Prop makeCyclist(Random* random)
   Look look = randomLook(random, false);
   look.skirt = false;
   look.coat = false;
-  Figure figure = figureOf(1.0, false, look.shoulder, random);
+  Figure figure = figureOf(look, random);
   figure.rides = true;
   Prop cyclist{"cyclist", {1.75, 0.6, 1.72}, {}, figure};
   Tailor tailor(1.0, random, &cyclist.parts);

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
+#include <map>
 #include <stdexcept>
 
 namespace pi_simulation::synthetic
@@ -110,8 +112,9 @@ bool SceneBuilder::clearsPath(const Prop& prop, const Eigen::Vector3d& base, dou
   const Eigen::Vector2d y(-x.y(), x.x());
   for (const MovingPart& part : prop.parts)
   {
-    const Eigen::Vector3d half = (part.primitive.rotation.cwiseAbs() * part.primitive.half).cast<double>();
-    const Eigen::Vector3d center = part.primitive.center.cast<double>();
+    const Bounds bounds = part.primitive.bounds();
+    const Eigen::Vector3d half = (0.5f * (bounds.high - bounds.low)).cast<double>();
+    const Eigen::Vector3d center = (0.5f * (bounds.high + bounds.low)).cast<double>();
     const double bottom = base.z() + center.z() - half.z();
     const double top = base.z() + center.z() + half.z();
     for (const PathPoint& point : path_)
@@ -243,45 +246,34 @@ void SceneBuilder::addActor(const Prop& prop, const std::vector<Eigen::Vector2d>
 namespace
 {
 
-Prop actorProp(const ActorOptions& actor, Random* random)
+Prop makeSizedBox(const Eigen::Vector3d& size, Random* random)
 {
-  const bool sized = (actor.size.array() > 0.0).all();
-  if (actor.class_name == "person")
-  {
-    return makePerson(random, actor.size.z());
-  }
-  if (actor.class_name == "cyclist")
-  {
-    return makeCyclist(random);
-  }
-  if (actor.class_name == "cart")
-  {
-    return makeCart(random);
-  }
-  if (actor.class_name == "car")
-  {
-    return makeCar(random);
-  }
-  if (actor.class_name == "cone")
-  {
-    return makeCone(random);
-  }
-  if (actor.class_name == "kerb")
-  {
-    return makeKerb(random, sized ? actor.size : Eigen::Vector3d(0.3, 2.0, 0.15));
-  }
-  if (actor.class_name != "box")
-  {
-    throw std::invalid_argument("world: an actor of class \"" + actor.class_name + "\", must be " + ACTOR_CLASSES);
-  }
   Prop box = makeBox(random, 1.1);
-  if (sized)
+  if ((size.array() > 0.0).all())
   {
-    box.size = actor.size;
-    box.parts.front().primitive.half = (0.5 * actor.size).cast<float>();
-    box.parts.front().primitive.center.z() = static_cast<float>(0.5 * actor.size.z());
+    box.size = size;
+    box.parts.front().primitive.half = (0.5 * size).cast<float>();
+    box.parts.front().primitive.center.z() = static_cast<float>(0.5 * size.z());
   }
   return box;
+}
+
+using MakeActor = std::function<Prop(const Eigen::Vector3d& size, Random* random)>;
+
+const std::map<std::string, MakeActor>& actorMakers()
+{
+  using Size = Eigen::Vector3d;
+  static const std::map<std::string, MakeActor> makers = {
+      {"person", [](const Size& size, Random* random) { return makePerson(random, size.z()); }},
+      {"cyclist", [](const Size&, Random* random) { return makeCyclist(random); }},
+      {"car", [](const Size&, Random* random) { return makeCar(random); }},
+      {"cart", [](const Size&, Random* random) { return makeCart(random); }},
+      {"box", makeSizedBox},
+      {"cone", [](const Size&, Random* random) { return makeCone(random); }},
+      {"kerb", [](const Size& size, Random* random)
+       { return makeKerb(random, (size.array() > 0.0).all() ? size : Size(0.3, 2.0, 0.15)); }},
+  };
+  return makers;
 }
 
 }  // namespace
@@ -291,8 +283,33 @@ void addActors(const std::vector<ActorOptions>& actors, uint64_t seed, SceneBuil
   Random random(seed);
   for (const ActorOptions& actor : actors)
   {
-    builder->addActor(actorProp(actor, &random), actor.way);
+    const auto make = actorMakers().find(actor.class_name);
+    if (make == actorMakers().end())
+    {
+      throw std::invalid_argument("world: an actor of class \"" + actor.class_name + "\", must be " + actorClasses());
+    }
+    builder->addActor(make->second(actor.size, &random), actor.way);
   }
 }
 
 }  // namespace pi_simulation::synthetic
+
+namespace pi_simulation
+{
+
+bool isActorClass(const std::string& name)
+{
+  return synthetic::actorMakers().count(name) > 0;
+}
+
+std::string actorClasses()
+{
+  std::string text;
+  for (const auto& maker : synthetic::actorMakers())
+  {
+    text += (text.empty() ? "" : ", ") + maker.first;
+  }
+  return text;
+}
+
+}  // namespace pi_simulation

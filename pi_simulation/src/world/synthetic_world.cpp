@@ -4,17 +4,10 @@
 #include "world/scene_builder.h"
 
 #include <algorithm>
-#include <set>
 #include <stdexcept>
 
 namespace pi_simulation
 {
-
-bool isActorClass(const std::string& name)
-{
-  static const std::set<std::string> classes = {"person", "cyclist", "car", "cart", "box", "cone", "kerb"};
-  return classes.count(name) > 0;
-}
 
 SyntheticWorld::SyntheticWorld() : scene_(std::make_unique<synthetic::Scene>()) {}
 

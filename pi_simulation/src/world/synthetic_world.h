@@ -22,13 +22,15 @@ enum class WorldKind
   HALL,    ///< closed room around the path: walls with posters, tiles, pillars, shelves, machines, lamps
 };
 
-constexpr char ACTOR_CLASSES[] = "person, cyclist, car, cart, box, cone or kerb";
+/// Whether there is such a class of actors. In scene_builder.cpp.
 bool isActorClass(const std::string& name);
+/// All of them, for errors.
+std::string actorClasses();
 
 /// An object that is moved from outside: its owner passes its place with each picture.
 struct ActorOptions
 {
-  std::string class_name;                          ///< one of ACTOR_CLASSES
+  std::string class_name;                          ///< one of actorClasses()
   Eigen::Vector3d size = Eigen::Vector3d::Zero();  ///< box, kerb; of a person the height only [m]; 0: by the seed
   std::vector<Eigen::Vector2d> way;                ///< where it will go; nothing that stands is placed there [m]
 };
@@ -60,7 +62,7 @@ struct SyntheticWorldOptions
 struct ObstacleState
 {
   int id = 0;              ///< 1 or more, constant
-  std::string class_name;  ///< one of ACTOR_CLASSES, or tree, pole, sign, building, pillar, shelf, machine, pipe, lamp
+  std::string class_name;  ///< one of actorClasses(), or tree, pole, sign, building, pillar, shelf, machine, pipe, lamp
   Eigen::Isometry3d T_world_object = Eigen::Isometry3d::Identity();  ///< centre of its box, x along its direction
   Eigen::Vector3d size = Eigen::Vector3d::Zero();                    ///< of its box, along its own axes [m]
   Eigen::Vector3d v_world = Eigen::Vector3d::Zero();                 ///< [m/s]

@@ -136,7 +136,7 @@ TEST(Scenario, NamesWhatIsWrongAndWhatIsKnown)
   EXPECT_TRUE(contains(unknown, "goal")) << unknown;
   EXPECT_TRUE(contains(unknown, "edge_nodes")) << unknown;
   EXPECT_TRUE(contains(refusal("actors: [{id: a, class: dragon, path: [[1, 2]]}]"),
-                       "actors/0/class = dragon, must be person, cyclist, car, cart, box, cone or kerb"));
+                       "actors/0/class = dragon, must be box, car, cart, cone, cyclist, kerb, person"));
   EXPECT_TRUE(contains(refusal("actors: [{id: a, class: person, path: [[1, 2]], jump: 1}]"),
                        "actors/0/jump means nothing here"));
   EXPECT_TRUE(contains(refusal("actors: [{id: a, class: person, path: [[1, 2]]}, {id: a, class: box, path: [[1, 3]]}]"),

@@ -173,7 +173,7 @@ TEST(SyntheticWorld, ActorsAreWhereTheirOwnerSays)
   EXPECT_EQ(obstacles.size() - 1, world->obstaclesAt(drive.front().stamp_ns).size());
   options.actors = {{"dragon", {}, {}}};
   EXPECT_EQ(messageOf<std::invalid_argument>([&] { SyntheticWorld::build(options, drive); }),
-            "world: an actor of class \"dragon\", must be person, cyclist, car, cart, box, cone or kerb");
+            "world: an actor of class \"dragon\", must be box, car, cart, cone, cyclist, kerb, person");
 }
 
 TEST(SyntheticWorld, RefusesDrivesItCannotHold)
