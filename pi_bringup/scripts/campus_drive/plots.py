@@ -82,7 +82,6 @@ class Labels:
 
     MARK_PX = 5.0
     OFFSETS = [(8, 8), (8, -16), (8, 24), (8, -32), (8, 40), (8, -48), (-60, 8), (-60, -16), (-60, 40), (-60, -48)]
-
     ABOVE = [(0, 4 + 14 * step) for step in range(6)]
 
     def __init__(self, axes, offsets=None):
@@ -203,7 +202,7 @@ def detections(path, found):
         rows = numpy.frombuffer(picture.data, numpy.uint8).reshape(picture.height, picture.step)
         if picture.encoding == "mono8":
             axes.imshow(rows[:, :picture.width], cmap="gray", vmin=0, vmax=255)
-        else:  # bgr8, the simulator's other one
+        else:  # bgr8
             axes.imshow(rows[:, :3 * picture.width].reshape(picture.height, picture.width, 3)[:, :, ::-1])
         axes.set_title("%.1f s" % after)
         axes.set_axis_off()

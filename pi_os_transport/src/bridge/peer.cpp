@@ -174,7 +174,10 @@ void Peer::interrupt(State next)
   {
     controls_.clear();
   }
-  interrupted_at_ = was_up ? SteadyClock::now() : interrupted_at_;
+  if (was_up)
+  {
+    interrupted_at_ = SteadyClock::now();
+  }
   state_ = ever_up_ ? next : (next == State::SILENT ? State::CONNECTING : next);
   // Frames in buffers on the way belong to the old session and must be refused.
   secret_ = Token::random().high | 1;

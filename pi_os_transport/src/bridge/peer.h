@@ -140,8 +140,8 @@ private:
   bool verified_ = false;  ///< the peer has proved that it receives frames at its address
   bool ever_up_ = false;
   bool carries_ = false;  ///< links may have survived an interruption
-  SteadyTime ticked_ = SteadyClock::now();
-  SteadyTime interrupted_at_;
+  SteadyTime ticked_ = SteadyClock::now();  ///< last
+  SteadyTime interrupted_at_;               ///< the session that may be continued
   SteadyTime connected_since_;
   SteadyTime last_heard_;
   SteadyTime last_sent_;

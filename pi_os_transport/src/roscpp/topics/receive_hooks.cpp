@@ -32,8 +32,7 @@ bool initialize(ros::TransportPublisherLink* self, const ros::ConnectionPtr& con
       boost::static_pointer_cast<ros::TransportPublisherLink>(self->shared_from_this()), connection);
   // Before roscpp's own listener: the rest of the ring is delivered while the link still exists.
   runtime.receive_links.hold(connection, link,
-                             [link](ros::Connection::DropReason reason)
-                             { link->disconnect(reason == ros::Connection::TransportDisconnect || link->isWanted()); });
+                             [link](ros::Connection::DropReason) { link->disconnect(link->isWanted()); });
   OfferScope scope(std::to_string(PROTOCOL_VERSION));
   return runtime.original.initialize(self, connection);
 }
