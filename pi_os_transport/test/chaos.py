@@ -299,15 +299,12 @@ def main():
     with_own_dev_shm()
     if options.sweep:
         return chaos_sweep.main(options.preload, sys.argv[1:])
-    master = kill_campaign.ensure_master()
     try:
-        Chaos(options.preload, options, lambda line: print(line, flush=True)).run()
+        with kill_campaign.own_master():
+            Chaos(options.preload, options, lambda line: print(line, flush=True)).run()
     except (Violation, AssertionError, RuntimeError, OSError) as violation:
         print('VIOLATION (seed %d): %s: %s' % (options.seed, type(violation).__name__, violation), file=sys.stderr)
         return 1
-    finally:
-        if master:
-            master.close()
     return 0
 
 

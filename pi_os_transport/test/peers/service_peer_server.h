@@ -20,7 +20,7 @@ class Server
 public:
   Server(ros::NodeHandle* node, const Command& c)
     : mode_(c.text("mode", "answer"))
-    , forward_(mode_ == "forward" ? node->serviceClient<sensor_msgs::SetCameraInfo>(c.text("to"))
+    , forward_(mode_ == "forward" ? node->serviceClient<sensor_msgs::SetCameraInfo>(c.text("to"), c.flag("persistent"))
                                   : ros::ServiceClient())
     , service_(node->advertiseService(c.text("service"), &Server::serve, this))
   {

@@ -2,7 +2,7 @@
 // with topics: it reads commands from stdin and answers each with one line of JSON on stdout that starts with '@'.
 //
 //   serve service=/x mode= to=             a server; the request says how large the answer has to be. mode: answer
-//                                          (default), throw, refuse, hold (until release), forward (calls service to=)
+//         persistent=0|1                   (default), throw, refuse, hold (until release), forward (calls service to=)
 //   served service=/x                      -> calls, wrong (requests that came damaged), header (keys of the last)
 //   await_served service=/x n= timeout=    n calls have come
 //   release service=/x                     mode=hold: lets callbacks end

@@ -160,11 +160,15 @@ class Services(services_judge.ServiceTest):
         inner, client = self.pair()
         outer = self.service_peer('outer')
         nested = self.topic('nested')
-        outer.call('serve', service=nested, mode='forward', to=self.service)
-        for persistent in (True, False):
-            self.assert_calls(client.call('call', service=nested, count=50, size=800, answer=900,
-                                          persistent=persistent), 50)
-        self.assertEqual(inner.call('served', service=self.service)['calls'], 100)
+        # Single-shot calls of its own only with the library: the judge cannot tell those that roscpp loses itself.
+        for onward in (True, False) if self.preload else (True,):
+            outer.call('serve', service=nested, mode='forward', to=self.service, persistent=onward)
+            for persistent in (True, False):
+                before = inner.call('served', service=self.service)['calls']
+                self.assert_calls(client.call('call', service=nested, count=50, size=800, answer=900,
+                                              persistent=persistent), 50)
+                self.assertEqual(inner.call('served', service=self.service)['calls'], before + 50)
+            outer.call('unserve', service=nested)
 
     def test_a_node_calls_its_own_service(self):
         server, client = self.pair()
