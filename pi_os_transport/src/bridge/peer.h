@@ -139,7 +139,7 @@ private:
   uint32_t max_message_bytes_ = 0;
   bool verified_ = false;  ///< the peer has proved that it receives frames at its address
   bool ever_up_ = false;
-  bool carries_ = false;  ///< links may have survived an interruption
+  bool carries_ = false;                    ///< links may have survived an interruption
   SteadyTime ticked_ = SteadyClock::now();  ///< last
   SteadyTime interrupted_at_;               ///< the session that may be continued
   SteadyTime connected_since_;
