@@ -87,8 +87,12 @@ class CoreApi(core_harness.CoreTest):
 
     def test_registrations(self):
         self.same('registerSubscriber', NODE, 't', 'std_msgs/String', 'FIRST')
-        self.same('registerPublisher', '/pub', '/ns/t', 'std_msgs/String', 'SECOND')
-        self.same('registerPublisher', '/pub', '/ns/t', 'std_msgs/String', 'SECOND')
+        told = []
+        for _ in range(2):
+            self.same('registerPublisher', '/pub', '/ns/t', 'std_msgs/String', 'SECOND')
+            # pi_master leaves out an update that waits for a slow node once there is a newer one.
+            told.append(('publisherUpdate', '/ns/t', ['SECOND']))
+            self.same_told(told, [])
         self.same('registerPublisher', '/pub', '~private', '*', 'SECOND')
         self.same('registerService', '/pub', 's', 'rosrpc://host:1', 'SECOND')
         self.same('lookupService', NODE, '/s')
@@ -111,8 +115,7 @@ class CoreApi(core_harness.CoreTest):
         self.same('unregisterPublisher', '/pub', '/pub/private', 'SECOND')
         self.same('unregisterSubscriber', NODE, 't', 'FIRST')
         self.same('lookupNode', NODE, '/pub')
-        self.same_told([('publisherUpdate', '/ns/t', ['SECOND']), ('publisherUpdate', '/ns/t', ['SECOND']),
-                        ('publisherUpdate', '/ns/t', [])], [])
+        self.same_told(told + [('publisherUpdate', '/ns/t', [])], [])
 
     def test_a_node_of_the_same_name_takes_over(self):
         self.same('registerPublisher', NODE, '/a', 'std_msgs/String', 'FIRST')
@@ -156,6 +159,7 @@ class CoreApi(core_harness.CoreTest):
         self.same('subscribeParam', NODE, 'FIRST', '/p')
         self.same('subscribeParam', '/second', 'SECOND', '/p/a/b')
         self.same('setParam', NODE, '/p/a', {'b': 1, 'c': 2})   # not told to who sets it
+        self.same_told([], [('paramUpdate', '/p/a/b/', 1)])
         self.same('setParam', '/judge', '/p/a/b', 5)
         self.same_told([('paramUpdate', '/p/a/b/', 5)],
                        [('paramUpdate', '/p/a/b/', 1), ('paramUpdate', '/p/a/b/', 5)])
