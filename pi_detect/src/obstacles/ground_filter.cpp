@@ -61,6 +61,11 @@ double GroundFilter::distance2(const Eigen::Vector2d& position, const Eigen::Mat
   return r.dot((positionCovariance() + covariance).inverse() * r);
 }
 
+void GroundFilter::shift(const Eigen::Vector2d& by)
+{
+  x_.head<2>() += by;
+}
+
 void GroundFilter::moveTo(const Eigen::Vector2d& position, const Eigen::Matrix2d& covariance)
 {
   x_.head<2>() = position;

@@ -22,6 +22,9 @@ public:
   /// Sets the position without information about the velocity, which fades.
   void moveTo(const Eigen::Vector2d& position, const Eigen::Matrix2d& covariance);
 
+  /// Another point of the same thing: no motion.
+  void shift(const Eigen::Vector2d& by);
+
   Eigen::Vector2d position() const { return x_.head<2>(); }
   Eigen::Vector2d velocity() const { return x_.tail<2>(); }
   Eigen::Matrix2d positionCovariance() const { return P_.topLeftCorner<2, 2>(); }

@@ -215,7 +215,7 @@ void SurfaceMeter::measureNearest(const std::vector<SurfacePoint>& part, Obstacl
   const double disparity_sigma =
       std::hypot(DISPARITY_FLOOR_PX, DISPARITY_SIGMA_PX / std::sqrt(0.25 * static_cast<double>(to - from)));
   const double depth_sigma = z * z / camera_.fb * disparity_sigma;
-  const double side_sigma = SurfaceFinder::CELL_PX * z / camera_.fx;
+  const double side_sigma = SurfaceFinder::CELL_PX / std::sqrt(12.0) * z / camera_.fx;  // anywhere in a cell
   const Eigen::Vector3d along = T_base_left_.linear() * p_left.normalized();
   obstacle->covariance =
       side_sigma * side_sigma * Eigen::Matrix3d::Identity() + depth_sigma * depth_sigma * along * along.transpose();

@@ -29,6 +29,10 @@ struct Place
 
 constexpr double BULKY_M = 5.0;  ///< the middle of longer obstacles does not show their motion
 
+/// Whether one of its two ends in y is the thing's own, which moves as the thing does, and the other is cut.
+bool showsOneEnd(const ObstacleMeasurement& measurement);
+
+/// Where one end is seen: the middle that the known width behind that end gives.
 /// @param known_size   of the obstacle so far, along the axes of base_link.
 /// @param most_edge_m  bound of the uncertainty [m] that is added for hidden or changed ends.
 Place placeOf(const ObstacleMeasurement& measurement, const Eigen::Vector2d& known_size, const VehiclePlace& vehicle,

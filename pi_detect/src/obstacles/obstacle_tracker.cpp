@@ -25,15 +25,15 @@ constexpr int64_t RESTART_NS = 1000000000;
 constexpr double GATE = 11.8;       // of the squared Mahalanobis distance, 2 degrees of freedom: 99.7 %
 constexpr double SAME_PLACE = 0.5;  // part of the smaller box inside the other: the same, whatever its middle does
 constexpr double START_SPEED_SIGMA = 1.5;  // [m/s]
-constexpr double SIZE_GAIN = 0.2;          // of a new measurement of the size
+constexpr double SIZE_GAIN = 0.2;          // of a new measurement of the size and of its place's error
 constexpr double STEADY_M = 0.25;          // by which the width of one thing that moves may change on average, ...
 constexpr double STEADY_PART = 0.1;        // and this part of it
 constexpr double GATE_EDGE_M = 0.3;        // of the middle's uncertainty, counts to tell one obstacle from the next
 constexpr double SCALE_ERROR = 0.04;       // of depth: what stands seems to move by this part of the vehicle's speed
 constexpr double MOVING_SIGMAS2 = 9.0;     // squared
 constexpr double MOVING_SPEED = 0.4;       // [m/s]
-constexpr int MOVING_HITS = 4;             // measurements one after the other that say so
-constexpr double MOVING_AFTER_S = 0.3;     // without a class, of being followed: what appears may be a piece of another
+constexpr int MOVING_HITS = 3;             // measurements one after the other that say so
+constexpr double MOVING_AFTER_S = 0.2;     // without a class, of being followed: what appears may be a piece of another
 constexpr double SAME_ERROR_S = 1.0;       // for which errors of a place stay about the same: they look like motion
 constexpr double GAP_S = 0.3;              // after which what is seen there may be another piece: nothing about motion
 constexpr double BORDER_PX = 12.0;         // at the picture's sides
@@ -61,9 +61,8 @@ public:
   explicit Implementation(const ObstacleTrackerOptions& options) : options_(options) { options_.validate(); }
 
   std::vector<Obstacle> update(int64_t stamp_ns, const VehicleState& vehicle,
-                               const std::vector<ObstacleMeasurement>& measurements,
-                               const std::vector<ObjectTrack>& tracks, const StereoGeometry& geometry,
-                               const Eigen::Isometry3d& T_base_left)
+                               const std::vector<ObstacleMeasurement>& seen, const std::vector<ObjectTrack>& tracks,
+                               const StereoGeometry& geometry, const Eigen::Isometry3d& T_base_left)
   {
     if (last_ns_ && stamp_ns <= *last_ns_)
     {
@@ -80,6 +79,7 @@ public:
     {
       predict(stamp_ns, dt_s, &known);
     }
+    const std::vector<ObstacleMeasurement> measurements = cutAtBorders(seen, geometry);
     const std::vector<int> track_of = obstacles::chooseTracks(measurements, tracks, options_.min_label_overlap);
     const std::vector<int> known_of = associate(measurements);
     for (size_t i = 0; i < measurements.size(); ++i)
@@ -118,7 +118,7 @@ private:
     obstacles::CarriedOutline outline;  ///< by the filter's position
     double z_low = 0.0;
     double z_high = 0.0;
-    Eigen::Matrix2d place_covariance = Eigen::Matrix2d::Zero();  ///< of the last measurement, in odom
+    Eigen::Matrix2d place_covariance = Eigen::Matrix2d::Zero();  ///< mean of the measurements, in odom
     Eigen::Vector2d seen_at = Eigen::Vector2d::Zero();           ///< estimate at the last measurement, in odom
     Eigen::Matrix2d seen_covariance = Eigen::Matrix2d::Zero();   ///< to find it there again
     bool held = false;              ///< not seen for GAP_S, without known motion: stays where it was
@@ -140,7 +140,7 @@ private:
     const double heading = std::atan2(R(1, 0), R(0, 0));
     vehicle_.R_odom_base = Eigen::Rotation2Dd(heading).toRotationMatrix();
     vehicle_.p_odom_base = vehicle.T_odom_base.translation().head<2>();
-    vehicle_speed_ = vehicle.velocity.head<2>().norm();
+    vehicle_velocity_ = vehicle_.R_odom_base * vehicle.velocity.head<2>();
   }
 
   OutlineBounds footprintOf(const Known& known) const
@@ -239,24 +239,55 @@ private:
 
   double startSpeedSigma() const { return std::min(START_SPEED_SIGMA, options_.max_speed_m_s); }
 
-  static bool reachesBorder(const ObstacleMeasurement& measurement, const StereoGeometry& geometry)
+  static bool reachesLeft(const ObstacleMeasurement& measurement, const StereoGeometry& geometry)
   {
     // The left margin of the left picture has no partner in the right one.
     const double margin = geometry.fx * geometry.baseline_m / std::max(0.1, measurement.nearest.x());
-    return measurement.box.x1 < margin + BORDER_PX || measurement.box.x2 > geometry.width - BORDER_PX;
+    return measurement.box.x1 < margin + BORDER_PX;
+  }
+
+  static bool reachesRight(const ObstacleMeasurement& measurement, const StereoGeometry& geometry)
+  {
+    return measurement.box.x2 > geometry.width - BORDER_PX;
+  }
+
+  /// Ends at the picture's sides are cut.
+  static std::vector<ObstacleMeasurement> cutAtBorders(std::vector<ObstacleMeasurement> measurements,
+                                                       const StereoGeometry& geometry)
+  {
+    for (ObstacleMeasurement& measurement : measurements)
+    {
+      measurement.cut_left = measurement.cut_left || reachesLeft(measurement, geometry);
+      measurement.cut_right = measurement.cut_right || reachesRight(measurement, geometry);
+    }
+    return measurements;
+  }
+
+  /// What becomes wider behind the one end that is seen has its middle elsewhere, but has not moved.
+  /// @return by how much, in odom.
+  Eigen::Vector2d widen(const ObstacleMeasurement& measurement, Known* known) const
+  {
+    const double more = std::max(0.0, measurement.max.y() - measurement.min.y() - known->size.y());
+    const Eigen::Vector2d by =
+        vehicle_.R_odom_base * Eigen::Vector2d(0.0, measurement.cut_left ? 0.5 * more : -0.5 * more);
+    known->filter.shift(by);
+    known->size.y() += more;
+    return by;
   }
 
   void correct(int64_t stamp_ns, const ObstacleMeasurement& measurement, const ObjectTrack* track,
                const StereoGeometry& geometry, Known* known)
   {
-    const Place place = obstacles::placeOf(measurement, known->size, vehicle_);
-    known->place_covariance = place.covariance;
-    const Place narrow = obstacles::placeOf(measurement, known->size, vehicle_, GATE_EDGE_M);
+    const bool cut = measurement.cut_left || measurement.cut_right;
+    const bool one_end = obstacles::showsOneEnd(measurement);
     // If the obstacle did not move, only its visible part has changed: the outline stays in place.
     const Eigen::Vector2d expected = known->filter.position();
-    const bool cut = measurement.cut_left || measurement.cut_right;
+    const Eigen::Vector2d widened = one_end ? widen(measurement, known) : Eigen::Vector2d::Zero();
+    const Place place = obstacles::placeOf(measurement, known->size, vehicle_);
+    known->place_covariance += SIZE_GAIN * (place.covariance - known->place_covariance);
+    const Place narrow = obstacles::placeOf(measurement, known->size, vehicle_, GATE_EDGE_M);
     const bool anew = known->held;
-    bool stays = cut;
+    bool stays = cut && !(one_end && isMoving(*known));
     if (known->held || known->filter.distance2(narrow.position, narrow.covariance) > GATE)
     {
       known->filter.restart(place.position, place.covariance, startSpeedSigma());
@@ -264,7 +295,7 @@ private:
       known->held = false;
       stays = true;
     }
-    else if (reachesBorder(measurement, geometry))
+    else if (!one_end && (reachesLeft(measurement, geometry) || reachesRight(measurement, geometry)))
     {
       // The visible part of a wall moves with the view: its ends do not show motion.
       known->filter.moveTo(place.position, place.covariance);
@@ -282,14 +313,17 @@ private:
     }
     else
     {
-      const Eigen::Vector2d moved = stays ? Eigen::Vector2d(position - expected) : Eigen::Vector2d::Zero();
+      const Eigen::Vector2d moved = stays ? Eigen::Vector2d(position - expected) : widened;
       known->outline.correct(stamp_ns, measurement.outline, vehicle_, position, moved, cut);
     }
     const Eigen::Vector3d size = measurement.max - measurement.min;
-    const double gain_y = cut && size.y() < known->size.y() ? 0.25 * SIZE_GAIN : SIZE_GAIN;
     known->unsteady_m += SIZE_GAIN * (std::abs(size.y() - known->size.y()) - known->unsteady_m);
     known->size.x() += SIZE_GAIN * (size.x() - known->size.x());
-    known->size.y() += gain_y * (size.y() - known->size.y());
+    if (!one_end)
+    {
+      const double gain_y = cut && size.y() < known->size.y() ? 0.25 * SIZE_GAIN : SIZE_GAIN;
+      known->size.y() += gain_y * (size.y() - known->size.y());
+    }
     known->z_low += SIZE_GAIN * (measurement.min.z() - known->z_low);
     known->z_high += SIZE_GAIN * (measurement.max.z() - known->z_high);
     known->seen_at = known->filter.position();
@@ -317,10 +351,10 @@ private:
   Eigen::Matrix2d velocityCovariance(const Known& known) const
   {
     const double same_s = std::clamp(followedS(known), 0.1, SAME_ERROR_S);
-    // Depth that is wrong by a constant part looks like motion as the vehicle comes nearer.
-    const double scale_sigma = SCALE_ERROR * vehicle_speed_;
+    // Depth that is wrong by a constant part looks like motion along the vehicle's own.
+    const Eigen::Vector2d scale_sigma = SCALE_ERROR * vehicle_velocity_;
     return known.filter.velocityCovariance() + known.place_covariance / (same_s * same_s) +
-           scale_sigma * scale_sigma * Eigen::Matrix2d::Identity();
+           scale_sigma * scale_sigma.transpose();
   }
 
   void forget(int64_t stamp_ns, const std::vector<ObstacleMeasurement>& measurements, const StereoGeometry& geometry,
@@ -416,7 +450,7 @@ private:
 
   const ObstacleTrackerOptions options_;
   obstacles::VehiclePlace vehicle_;
-  double vehicle_speed_ = 0.0;
+  Eigen::Vector2d vehicle_velocity_ = Eigen::Vector2d::Zero();  ///< in odom
   std::vector<Known> known_;
   std::vector<Obstacle> last_result_;
   std::optional<int64_t> last_ns_;
