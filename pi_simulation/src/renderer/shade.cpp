@@ -178,38 +178,47 @@ inline float footprint(float t, float spread, float along, float into)
   return std::max(t * spread * std::sqrt(1.0f + slope * slope), 1e-5f);
 }
 
+/// What face of a box or wedge a hit is on.
+struct BoxFace
+{
+  float x, y, z;  ///< weights, one of which is 1: choices by conditions would not become vector code
+  float out;      ///< 1 or -1: towards which end of the axis
+};
+
 // The compiler gives up on telling a dozen arrays apart: __restrict says that the result overlaps none of the inputs.
+
+/// Sets u, v and face of hit i. @param ax, ay, az  the largest is the axis of the face. @param turn  -1: inside out.
+inline BoxFace chooseFace(float ax, float ay, float az, float turn, const Eigen::Vector3f& half, const LocalHits& h,
+                          int i, Surface* __restrict s)
+{
+  const float most = std::max(ax, std::max(ay, az));
+  const float on_x = ax == most ? 1.0f : 0.0f;
+  const float on_y = (1.0f - on_x) * (ay == most ? 1.0f : 0.0f);
+  const float on_z = 1.0f - on_x - on_y;
+  const float out = on_x * h.x[i] + on_y * h.y[i] + on_z * h.z[i] > 0.0f ? 1.0f : -1.0f;
+  s->u[i] = on_x * turn * out * h.y[i] * half.y() - on_y * turn * out * h.x[i] * half.x() + on_z * h.x[i] * half.x();
+  s->v[i] = (on_x + on_y) * h.z[i] * half.z() + on_z * h.y[i] * half.y();
+  s->face[i] = static_cast<int32_t>(2.0f * on_y + 4.0f * on_z + 0.5f + 0.5f * out);
+  return {on_x, on_y, on_z, out};
+}
 
 /// Faces of a box; `inside` turns it inside out.
 PI_SIMULATION_VECTORISED void boxSurface(const Primitive& primitive, float ambient, bool inside, const RayGroup& g,
                                          const LocalHits& h, Surface* __restrict s)
 {
-  const float hx = primitive.half.x();
-  const float hy = primitive.half.y();
-  const float hz = primitive.half.z();
+  const Eigen::Vector3f half = primitive.half;
   const float turn = inside ? -1.0f : 1.0f;
   const float sx = turn * primitive.sun_local.x();
   const float sy = turn * primitive.sun_local.y();
   const float sz = turn * primitive.sun_local.z();
   for (int i = 0; i < g.n; ++i)
   {
-    const float ax = std::abs(h.x[i]);
-    const float ay = std::abs(h.y[i]);
-    const float az = std::abs(h.z[i]);
-    // Weights, one of which is 1: choices by conditions would not become vector code.
-    const float most = std::max(ax, std::max(ay, az));
-    const float on_x = ax == most ? 1.0f : 0.0f;
-    const float on_y = (1.0f - on_x) * (ay == most ? 1.0f : 0.0f);
-    const float on_z = 1.0f - on_x - on_y;
-    const float out = on_x * h.x[i] + on_y * h.y[i] + on_z * h.z[i] > 0.0f ? 1.0f : -1.0f;
-    s->u[i] = on_x * turn * out * h.y[i] * hy - on_y * turn * out * h.x[i] * hx + on_z * h.x[i] * hx;
-    s->v[i] = (on_x + on_y) * h.z[i] * hz + on_z * h.y[i] * hy;
-    const float into = on_x * h.dx[i] + on_y * h.dy[i] + on_z * h.dz[i];
-    s->wu[i] = footprint(g.t[i], g.spread[i], on_x * h.dy[i] + (on_y + on_z) * h.dx[i], into);
-    s->wv[i] = footprint(g.t[i], g.spread[i], (on_x + on_y) * h.dz[i] + on_z * h.dy[i], into);
-    const float sun = out * (on_x * sx + on_y * sy + on_z * sz);
+    const BoxFace on = chooseFace(std::abs(h.x[i]), std::abs(h.y[i]), std::abs(h.z[i]), turn, half, h, i, s);
+    const float into = on.x * h.dx[i] + on.y * h.dy[i] + on.z * h.dz[i];
+    s->wu[i] = footprint(g.t[i], g.spread[i], on.x * h.dy[i] + (on.y + on.z) * h.dx[i], into);
+    s->wv[i] = footprint(g.t[i], g.spread[i], (on.x + on.y) * h.dz[i] + on.z * h.dy[i], into);
+    const float sun = on.out * (on.x * sx + on.y * sy + on.z * sz);
     s->light[i] = ambient + (1.0f - ambient) * std::max(sun, 0.0f);
-    s->face[i] = static_cast<int32_t>(2.0f * on_y + 4.0f * on_z + 0.5f + 0.5f * out);
   }
 }
 
@@ -296,9 +305,7 @@ PI_SIMULATION_VECTORISED void capsuleSurface(const Primitive& primitive, float a
 PI_SIMULATION_VECTORISED void wedgeSurface(const Primitive& primitive, float ambient, const RayGroup& g,
                                            const LocalHits& h, Surface* __restrict s)
 {
-  const float hx = primitive.half.x();
-  const float hy = primitive.half.y();
-  const float hz = primitive.half.z();
+  const Eigen::Vector3f half = primitive.half;
   const float sx = primitive.sun_local.x();
   const float sy = primitive.sun_local.y();
   const float sz = primitive.sun_local.z();
@@ -308,29 +315,20 @@ PI_SIMULATION_VECTORISED void wedgeSurface(const Primitive& primitive, float amb
   for (int i = 0; i < g.n; ++i)
   {
     const float x = h.x[i];
-    const float y = h.y[i];
     const float z = h.z[i];
     const float lean_x = x > 0.0f ? front : rear;
     const float ax = std::abs(x) + lean_x * z + lean_x;
-    const float ay = std::abs(y) + sides * z + sides;
-    const float az = std::abs(z);
-    const float most = std::max(ax, std::max(ay, az));
-    const float on_x = ax == most ? 1.0f : 0.0f;
-    const float on_y = (1.0f - on_x) * (ay == most ? 1.0f : 0.0f);
-    const float on_z = 1.0f - on_x - on_y;
-    const float out = on_x * x + on_y * y + on_z * z > 0.0f ? 1.0f : -1.0f;
-    const float nx = on_x * out / hx;
-    const float ny = on_y * out / hy;
-    const float nz = (on_z * out + on_x * lean_x + on_y * sides) / hz;
+    const float ay = std::abs(h.y[i]) + sides * z + sides;
+    const BoxFace on = chooseFace(ax, ay, std::abs(z), 1.0f, half, h, i, s);
+    const float nx = on.x * on.out / half.x();
+    const float ny = on.y * on.out / half.y();
+    const float nz = (on.z * on.out + on.x * lean_x + on.y * sides) / half.z();
     const float norm = 1.0f / std::sqrt(nx * nx + ny * ny + nz * nz);
-    s->u[i] = on_x * out * y * hy - on_y * out * x * hx + on_z * x * hx;
-    s->v[i] = (on_x + on_y) * z * hz + on_z * y * hy;
     const float into = (nx * h.dx[i] + ny * h.dy[i] + nz * h.dz[i]) * norm;
-    s->wu[i] = footprint(g.t[i], g.spread[i], on_x * h.dy[i] + (on_y + on_z) * h.dx[i], into);
-    s->wv[i] = footprint(g.t[i], g.spread[i], (on_x + on_y) * h.dz[i] + on_z * h.dy[i], into);
+    s->wu[i] = footprint(g.t[i], g.spread[i], on.x * h.dy[i] + (on.y + on.z) * h.dx[i], into);
+    s->wv[i] = footprint(g.t[i], g.spread[i], (on.x + on.y) * h.dz[i] + on.z * h.dy[i], into);
     const float sun = (nx * sx + ny * sy + nz * sz) * norm;
     s->light[i] = ambient + (1.0f - ambient) * std::max(sun, 0.0f);
-    s->face[i] = static_cast<int32_t>(2.0f * on_y + 4.0f * on_z + 0.5f + 0.5f * out);
   }
 }
 

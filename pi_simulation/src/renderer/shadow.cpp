@@ -2,6 +2,7 @@
 
 #include "renderer/scene.h"
 #include "renderer/texture.h"
+#include "renderer/unit_ray.h"
 
 #include <algorithm>
 #include <array>
@@ -44,108 +45,67 @@ PI_SIMULATION_VECTORISED void toUnit(const Primitive& p, const float* u, const f
   }
 }
 
-/// Darkens the points whose rays meet a ball at height z of the unit frame.
-PI_SIMULATION_VECTORISED void castBall(const SunRays& rays, float z, float radius, float dark, float* light)
+/// Darkens the points whose rays meet a shape. @param meets  whether a UnitRay does.
+template <typename Meets>
+PI_SIMULATION_INLINE void cast(const SunRays& rays, float dark, float* light, Meets meets)
 {
   const float dx = rays.d.x();
   const float dy = rays.d.y();
   const float dz = rays.d.z();
-  const float a = dx * dx + dy * dy + dz * dz;
   for (int i = 0; i < rays.n; ++i)
   {
-    const float oz = rays.z[i] - z;
-    const float b = rays.x[i] * dx + rays.y[i] * dy + oz * dz;
-    const float c = rays.x[i] * rays.x[i] + rays.y[i] * rays.y[i] + oz * oz - radius * radius;
-    light[i] = b * b - a * c > 0.0f ? dark : light[i];
+    float t;
+    const float old = light[i];
+    light[i] = meets(UnitRay{rays.x[i], rays.y[i], rays.z[i], dx, dy, dz}, &t) ? dark : old;
   }
+}
+
+/// By the same b for all rays.
+constexpr auto DIVIDE = [](float a, float b) { return a * (1.0f / b); };
+
+PI_SIMULATION_VECTORISED void castBall(const SunRays& rays, float dark, float* light)
+{
+  cast(rays, dark, light, [](const UnitRay& ray, float* t) { return meetsBall(ray, 0.0f, 1.0f, t); });
+}
+
+PI_SIMULATION_VECTORISED void castCapsule(const SunRays& rays, const Primitive& p, float dark, float* light)
+{
+  cast(rays, dark, light,
+       [length = p.length, taper = p.taper](const UnitRay& ray, float* t)
+       { return meetsCapsule(ray, length, taper, t); });
 }
 
 PI_SIMULATION_VECTORISED void castCylinder(const SunRays& rays, float dark, float* light)
 {
-  const float dx = rays.d.x();
-  const float dy = rays.d.y();
-  const float a = std::max(dx * dx + dy * dy, 1e-12f);
-  const float iz = 1.0f / rays.d.z();
-  for (int i = 0; i < rays.n; ++i)
-  {
-    const float b = rays.x[i] * dx + rays.y[i] * dy;
-    const float root = b * b - a * (rays.x[i] * rays.x[i] + rays.y[i] * rays.y[i] - 1.0f);
-    const float reach = std::sqrt(std::max(root, 0.0f));
-    const float z1 = (-1.0f - rays.z[i]) * iz;
-    const float z2 = (1.0f - rays.z[i]) * iz;
-    const float enter = std::max((-b - reach) / a, std::min(z1, z2));
-    const float leave = std::min((-b + reach) / a, std::max(z1, z2));
-    light[i] = (root > 0.0f) & (enter < leave) ? dark : light[i];
-  }
-}
-
-PI_SIMULATION_VECTORISED void castSide(const SunRays& rays, float length, float taper, float dark, float* light)
-{
-  const float dx = rays.d.x();
-  const float dy = rays.d.y();
-  const float dz = rays.d.z();
-  const float thinner = 1.0f - taper;
-  const float l2 = length * length;
-  const float cone = l2 - thinner * thinner;
-  const float m2 = length * dz;
-  const float k2 = cone * (dx * dx + dy * dy + dz * dz) - m2 * m2;
-  for (int i = 0; i < rays.n; ++i)
-  {
-    const float oz = rays.z[i] + 0.5f * length;
-    const float m1 = length * oz;
-    const float m3 = rays.x[i] * dx + rays.y[i] * dy + oz * dz;
-    const float k1 = cone * m3 - m1 * m2 + m2 * thinner;
-    const float k0 =
-        cone * (rays.x[i] * rays.x[i] + rays.y[i] * rays.y[i] + oz * oz) - m1 * m1 + 2.0f * m1 * thinner - l2;
-    const float root = k1 * k1 - k0 * k2;
-    const float along = m1 - thinner + (-k1 - std::sqrt(std::max(root, 0.0f))) / k2 * m2;
-    light[i] = (root > 0.0f) & (along > 0.0f) & (along < cone) ? dark : light[i];
-  }
+  cast(rays, dark, light,
+       [](const UnitRay& ray, float*)
+       {
+         Interval side;
+         const bool met = meetsSide(ray, &side);
+         const Interval faces = meetFaces(ray, DIVIDE);
+         return met & (std::max(side.enter, faces.enter) < std::min(side.leave, faces.leave));
+       });
 }
 
 PI_SIMULATION_VECTORISED void castWedge(const SunRays& rays, const Primitive& p, float dark, float* light)
 {
-  const float front = 0.5f * p.taper;
-  const float rear = 0.5f * p.rear;
-  const float sides = 0.5f * p.sides;
-  const float planes[6][4] = {{1.0f, 0.0f, front, 1.0f - front}, {-1.0f, 0.0f, rear, 1.0f - rear},
-                              {0.0f, 1.0f, sides, 1.0f - sides}, {0.0f, -1.0f, sides, 1.0f - sides},
-                              {0.0f, 0.0f, 1.0f, 1.0f},          {0.0f, 0.0f, -1.0f, 1.0f}};
-  float enter[LANES];
-  float leave[LANES];
-  std::fill(enter, enter + rays.n, -1e30f);
-  std::fill(leave, leave + rays.n, 1e30f);
-  for (const auto& plane : planes)
-  {
-    const float nx = plane[0];
-    const float ny = plane[1];
-    const float nz = plane[2];
-    const float into = nx * rays.d.x() + ny * rays.d.y() + nz * rays.d.z();
-    const float scale = 1.0f / into;
-    for (int i = 0; i < rays.n; ++i)
-    {
-      const float t = (plane[3] - nx * rays.x[i] - ny * rays.y[i] - nz * rays.z[i]) * scale;
-      enter[i] = into < 0.0f ? std::max(enter[i], t) : enter[i];
-      leave[i] = into < 0.0f ? leave[i] : std::min(leave[i], t);
-    }
-  }
-  for (int i = 0; i < rays.n; ++i)
-  {
-    light[i] = (enter[i] < leave[i]) & (leave[i] > 0.0f) ? dark : light[i];
-  }
+  cast(rays, dark, light,
+       [front = 0.5f * p.taper, rear = 0.5f * p.rear, sides = 0.5f * p.sides](const UnitRay& ray, float*)
+       {
+         const Interval inside = meetWedge(ray, front, rear, sides, DIVIDE);
+         return (inside.enter < inside.leave) & (inside.leave > 0.0f);
+       });
 }
 
 /// Of a thin one: where its middle plane is not the hole.
 PI_SIMULATION_VECTORISED void castRing(const SunRays& rays, float hole, float dark, float* light)
 {
-  const float scale = 1.0f / rays.d.z();
-  for (int i = 0; i < rays.n; ++i)
-  {
-    const float x = rays.x[i] - rays.z[i] * scale * rays.d.x();
-    const float y = rays.y[i] - rays.z[i] * scale * rays.d.y();
-    const float r2 = x * x + y * y;
-    light[i] = (r2 < 1.0f) & (r2 > hole * hole) ? dark : light[i];
-  }
+  cast(rays, dark, light,
+       [hole](const UnitRay& ray, float*)
+       {
+         const float r2 = squaredRadius(ray, DIVIDE(-ray.oz, ray.dz));
+         return (r2 < 1.0f) & (r2 > hole * hole);
+       });
 }
 
 void castPrimitive(const Primitive& p, const SunRays& rays, float dark, float* light)
@@ -158,11 +118,9 @@ void castPrimitive(const Primitive& p, const SunRays& rays, float dark, float* l
     case Shape::CYLINDER:
       return castCylinder(rays, dark, light);
     case Shape::SPHERE:
-      return castBall(rays, 0.0f, 1.0f, dark, light);
+      return castBall(rays, dark, light);
     case Shape::CAPSULE:
-      castBall(rays, -0.5f * p.length, 1.0f, dark, light);
-      castBall(rays, 0.5f * p.length, p.taper, dark, light);
-      return castSide(rays, p.length, p.taper, dark, light);
+      return castCapsule(rays, p, dark, light);
     case Shape::RING:
       return castRing(rays, p.taper, dark, light);
     case Shape::ROOM:
