@@ -15,7 +15,7 @@ BRAKING = 0.06          # [m/s] slower than at most since the command: it brakes
 HELD_S = 1.0            # a standstill of so long is one
 MET_M = 8.0             # a thing so near was met
 BRAKING_STATES = 4      # braking is the mean over so many states of 20 Hz
-SET_OFF_M = 1.0         # a vehicle that refuses goes no farther
+SET_OFF_M = 1.0         # a vehicle that refuses goes no farther; one that is to stop has to
 
 
 def read_log(path):
@@ -107,7 +107,8 @@ def standstills(states, arbiter):
         moving = abs(state["speed"]) > STANDSTILL
         if moving:
             if begin is not None and moved and state["stamp"] - begin["stamp"] >= HELD_S:
-                found.append({"t": begin["t"], "stamp": begin["stamp"], "seconds": state["stamp"] - begin["stamp"], "pose": begin["pose"],
+                found.append({"t": begin["t"], "stamp": begin["stamp"], "seconds": state["stamp"] - begin["stamp"],
+                              "pose": begin["pose"],
                               "reason": reason_at(arbiter, begin["stamp"], state["stamp"]),
                               "nearest": "%s %.1f m" % (begin["nearest"]["class"], begin["nearest"]["distance"])
                               if begin.get("nearest") else "nothing",
@@ -209,6 +210,8 @@ def unexpected(drive, result):
         return ["the vehicle was to refuse, and drove %.1f m" % result["distance_m"]] \
             if result["distance_m"] > SET_OFF_M else []
     if result["expect"] == "stop":
+        if result["distance_m"] <= SET_OFF_M:
+            return ["the vehicle was to set off and to stop, and drove %.1f m" % result["distance_m"]]
         moves = result["end_speed"] is None or abs(result["end_speed"]) > STANDSTILL
         return (["the vehicle was to stop before B, and reached it"] if arrived else []) + \
             (["the vehicle was to stop, and still moved at the end"] if moves else [])
@@ -223,6 +226,7 @@ def failures(drive, result):
     """Why the drive is none that counts, as texts."""
     texts = unexpected(drive, result)
     texts += ["fault \"%s\" was not done: %s" % (one["line"], one["problem"]) for one in drive.faults if one["problem"]]
+    texts += ["a fault was refused: %s" % one["text"] for one in result["refused"]]
     for one in result["collisions"]:
         thing = one["with"]
         texts.append("collision after %.1f s with %s at %.2f m/s" %
@@ -265,7 +269,7 @@ def judge(drive):
                                      sorted(records.validity)),
         "losses": [one for one in records.validity if not one[1] and drive.began <= one[0] <= drive.ended],
         "corrections": len(records.corrections), "met": obstacles_met(states),
-        "collisions": facts.get("collision", []),
+        "collisions": facts.get("collision", []), "refused": facts.get("error", []),
         "triggers": facts.get("trigger", []), "standstills": standstills(states, records.arbiter),
         "stops": stops(records.played, said, records, truth, drive.kills), "said": said, "played": records.played,
         "commands": records.commands, "command_states": records.command_states,

@@ -3,6 +3,7 @@
 import os
 import random
 import signal
+import time
 
 # The topic that tells that a service works again; where offloading is on, detections are the coordinator's.
 TOPICS = {"vio": "/odometry", "obstacles": "/obstacles", "ssd": "/detections", "coordinator": "/detections",
@@ -22,6 +23,7 @@ class Killer:
         self._observer = observer
         self._due = None
         self._open = None
+        self._killed_at = 0.0
         self.kills = []
 
     @property
@@ -49,6 +51,7 @@ class Killer:
         node = self._random.choice(candidates)
         kill = {"node": node, "time": now, "speed": speed, "back_s": None, "stopped": False}
         self._open = kill
+        self._killed_at = time.monotonic()  # a process takes its time on the wall to start, simulated time may wait
         self._left -= 1
         self.kills.append(kill)
         self._observer.records.statuses.pop("recognizer: recognition", None)
@@ -66,7 +69,7 @@ class Killer:
     def came_back(self, event):
         _, _, kill, arrival = event
         if kill is self._open:
-            kill["back_s"] = arrival - kill["time"]
+            kill["back_s"] = time.monotonic() - self._killed_at
             self._close(arrival)
 
     def _close(self, now):

@@ -146,4 +146,3 @@ class SpeedRun:
             "watts": sum(one["total_watts"] for one in power) / len(power) if power else None,
             "watts_source": power[-1]["source"] if power else None, "errors": self._errors,
             "transports": report.transports(links)}
-

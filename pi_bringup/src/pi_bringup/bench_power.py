@@ -22,10 +22,9 @@ import yaml
 from first_drive import measuring, processes  # beside the script that starts this
 from first_drive.errors import DemoError
 from first_drive.localisation import convert
-from first_drive.program import positive
+from first_drive.program import PREFIX, positive
 from first_drive.report import table
 
-PREFIX = Path(sys.argv[0]).resolve().parents[2]  # devel or install space: it holds lib/pi_bringup/bench_power
 RECORDING = Path("slam") / "mh01_first10s"
 VIDEO = Path("/usr/share/doc/opencv-doc/examples/data/vtest.avi")
 TEST_SOUNDS = Path("/usr/share/pocketsphinx/test/data/cards")

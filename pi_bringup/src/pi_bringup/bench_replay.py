@@ -24,10 +24,9 @@ from first_drive import measuring, processes
 from first_drive.errors import DemoError
 from first_drive.events import Events
 from first_drive.localisation import convert
-from first_drive.program import positive
+from first_drive.program import PREFIX, positive
 from first_drive.report import table
 
-PREFIX = Path(sys.argv[0]).resolve().parents[2]  # devel or install space: it holds lib/pi_bringup/bench_replay
 SETTLING_S = 300.0      # before growth counts
 SAMPLE_S = 10.0
 SAMPLES_ON_THE_WAY = 20  # of the IMU, whose poses come later

@@ -41,7 +41,7 @@ def run(**changed):
         "pairs_hz": 19.96, "vehicle_cores": 0.784, "others_share": 0.02, "watts": 6.4, "watts_source": "model",
         "topics": {"/odometry": topic(200.04, 7.0, 20.0), "/detections": topic(10.0, 80.0, 120.0),
                    "/left/image_raw": topic(20.0, 1.0, 3.0), "/imu/data": topic(200.0, 0.1, 1.0)},
-        "commands": [{"accepted": True, "latency": 0.31}], "said": 1, "transports": {"SHMROS": 70},
+        "commands": [{"accepted": True, "latency": 0.31}], "said": 1, "transports": {"SHMROS": 70}, "errors": [],
         "latency_ms": {"/obstacles": {"p50": 40.0, "p99": 90.0}, "/detections": {"p50": 60.0, "p99": None}},
         "cpu_cores": {"vehicle": {"vio": 0.2, "ssd": 0.584}, "recording": {"player": 0.1}},
         "memory_mb": {"vio": {"pss": 50.0}, "ssd": {"pss": 61.0}},
@@ -80,14 +80,22 @@ class Demo(unittest.TestCase):
 
     def test_each_bar_can_be_missed(self):
         slow = {"/odometry": topic(190.0, 7.0, 20.0), "/detections": topic(9.0, 80.0, 120.0)}
-        bad = run(pairs_hz=None, topics=slow, commands=[{"accepted": True, "latency": 0.6}], vehicle_cores=1.45)
-        driven = drive(action=None, stops=[{"braking_s": None}], errors=[[0.0, "/vio", "broken"]], commands=[],
-                       collisions=[1], standstills=[{"cause": None}],
+        bad = run(pairs_hz=None, topics=slow, commands=[{"accepted": True, "latency": 0.6}], vehicle_cores=1.45,
+                  errors=[("/ssd", "broken")])
+        driven = drive(action=None, stops=[{"braking_s": None}], errors=[[0.0, "/vio", "broken"]],
+                       commands=[{"accepted": True, "latency": 0.3, "text": "left"}], collisions=[1], standstills=[{"cause": None}],
                        sightings={"box": {"reported": 0, "in_view": 9, "first_s": None}})
         tree = compare(driven, ours=[bad])
         bars = [one for one in tree["function"] + tree["speed"] if one["bar"]]
         self.assertEqual([one["what"] for one in bars], tree["missed"])
         self.assertFalse(tree["passed"])
+
+    def test_a_word_that_was_heard_as_another_is_not_heard(self):
+        heard = [{"accepted": True, "latency": 0.3, "text": text} for text in ("go", "stop")]
+        tree = compare(drive(commands=heard))
+        self.assertEqual(["commands heard of those said", "commands heard that nobody said"], tree["missed"])
+        self.assertEqual("1 of 2", next(one["figure"]["text"] for one in tree["function"]
+                                        if one["what"] == "commands heard of those said"))
 
     def test_a_word_that_was_not_heard_misses_the_bar(self):
         tree = compare(ours=[run(said=2)])

@@ -112,17 +112,19 @@ class Judge(unittest.TestCase):
                                 facts={"spoken": [{"text": "stop", "said": 1.0}, {"text": "go"}]},
                                 faults=[{"line": "kill vio", "problem": "no node vio runs"}])
         result = {"expect": "reach", "goal_distance_m": 3.0,
+                  "refused": [{"text": "camera lefft off: no such camera"}],
                   "collisions": [{"t": 4.0, "speed": 1.0, "with": {"actor": "", "class": "box"}}],
                   "stops": [{"honoured": False, "heard_s": None, "braking_s": None}],
                   "kills": [{"node": "vio", "back_s": None}]}
         texts = judge.failures(drive, result)
-        self.assertEqual(6, len(texts))
+        self.assertEqual(7, len(texts))
         self.assertIn("3.0 m from B", texts[0])
         self.assertIn("\"kill vio\" was not done: no node vio", texts[1])
-        self.assertIn("collision after 4.0 s with box", texts[2])
-        self.assertIn("heard after never", texts[3])
-        self.assertIn("go", texts[4])
-        self.assertIn("vio did not come back", texts[5])
+        self.assertIn("refused: camera lefft off", texts[2])
+        self.assertIn("collision after 4.0 s with box", texts[3])
+        self.assertIn("heard after never", texts[4])
+        self.assertIn("go", texts[5])
+        self.assertIn("vio did not come back", texts[6])
 
     @staticmethod
     def unexpected(expect, success=False, distance=0.0, end_speed=0.0):
@@ -136,8 +138,9 @@ class Judge(unittest.TestCase):
 
     def test_a_vehicle_that_has_to_stop_must_stand_and_not_arrive(self):
         self.assertEqual([], self.unexpected("stop", distance=9.0))
-        self.assertIn("still moved", self.unexpected("stop", end_speed=1.0)[0])
-        self.assertIn("reached it", self.unexpected("stop", success=True)[0])
+        self.assertIn("still moved", self.unexpected("stop", distance=9.0, end_speed=1.0)[0])
+        self.assertIn("reached it", self.unexpected("stop", distance=9.0, success=True)[0])
+        self.assertIn("drove 0.2 m", self.unexpected("stop", distance=0.2)[0])
         self.assertEqual([], self.unexpected("reach", success=True))
         self.assertIn("not reached: given up", self.unexpected("reach")[0])
 

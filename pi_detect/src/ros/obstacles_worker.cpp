@@ -75,6 +75,11 @@ void ObstaclesWorker::offer(StereoJob job)
   if (!rate_limit_.take(fromMsg(job.header().stamp)))
   {
     ++figures_.left_out;
+    left_out_ns_ = fromMsg(job.header().stamp);
+    if (!job_ && !working_)  // it is worked off as soon as all before it is
+    {
+      answers_.workedOff(left_out_ns_);
+    }
     return;
   }
   figures_.dropped += job_ ? 1 : 0;
@@ -139,6 +144,7 @@ void ObstaclesWorker::work()
     job_.reset();
     job.infos[LEFT] = infos_[LEFT];
     job.infos[RIGHT] = infos_[RIGHT];
+    working_ = true;
     lock.unlock();
     try
     {
@@ -152,8 +158,10 @@ void ObstaclesWorker::work()
     {
       warnings_->error(std::string("a pair cannot be used: ") + error.what());
     }
-    answers_.workedOff(fromMsg(job.header().stamp));
     lock.lock();
+    working_ = false;
+    const int64_t stamp_ns = fromMsg(job.header().stamp);
+    answers_.workedOff(job_ ? stamp_ns : std::max(stamp_ns, left_out_ns_));
   }
 }
 

@@ -78,6 +78,8 @@ private:
   std::condition_variable job_changed_;
   bool stopping_ = false;
   std::optional<StereoJob> job_;  ///< the newest, that waits
+  bool working_ = false;          ///< on another
+  int64_t left_out_ns_ = 0;       ///< stamp of the last one that was left out
   StereoPairing pairing_;
   sensor_msgs::CameraInfoConstPtr infos_[2];
   std::deque<Track2DArrayConstPtr> recent_tracks_;  ///< oldest first

@@ -22,7 +22,7 @@ void simulateTime(int64_t (*clock)());
 /// How often a thread looks at a simulated clock, which nobody can sleep by.
 constexpr std::chrono::milliseconds SIMULATED_LOOK(2);
 
-/// As std::condition_variable::wait_for, in the vehicle's time.
+/// As std::condition_variable::wait_for, in the vehicle's time; time that jumps back ends it too.
 template <typename Predicate>
 bool waitFor(std::condition_variable* changed, std::unique_lock<std::mutex>* lock, double seconds, Predicate predicate)
 {
@@ -30,8 +30,9 @@ bool waitFor(std::condition_variable* changed, std::unique_lock<std::mutex>* loc
   {
     return changed->wait_for(*lock, std::chrono::duration<double>(seconds), predicate);
   }
-  const int64_t until_ns = vehicleNs() + static_cast<int64_t>(1e9 * seconds);
-  while (vehicleNs() < until_ns)
+  const int64_t begin_ns = vehicleNs();
+  const int64_t until_ns = begin_ns + static_cast<int64_t>(1e9 * seconds);
+  for (int64_t now_ns = begin_ns; now_ns >= begin_ns && now_ns < until_ns; now_ns = vehicleNs())
   {
     if (changed->wait_for(*lock, SIMULATED_LOOK, predicate))
     {

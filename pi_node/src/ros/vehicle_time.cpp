@@ -7,6 +7,7 @@
 #include <ros/time.h>
 #include <std_msgs/Header.h>
 
+#include <algorithm>
 #include <atomic>
 #include <memory>
 
@@ -16,6 +17,7 @@ namespace
 {
 
 constexpr uint32_t ANSWERS_QUEUE = 100;
+constexpr double USUAL_PERIOD_S = 0.05;  // longer ones are to be waited for by so much longer
 
 /// Time of ROS since it began to be known here; 0 until then. When it becomes known a second has passed: a simulator
 /// that stands and waits for a node gets what was due while the node did not know, and nothing seems to have waited
@@ -94,13 +96,14 @@ VehicleTimer::VehicleTimer(const ros::NodeHandle& node, double period_s, const s
   if (isTimeSimulated())
   {
     const auto answers = service.empty() ? nullptr : std::make_shared<const SimulationAnswers>("tick", service);
+    const double later_s = std::max(0.0, period_s - USUAL_PERIOD_S);
     simulated_ = node.createTimer(ros::Duration(period_s),
-                                  [function, answers](const ros::TimerEvent&)
+                                  [function, answers, later_s](const ros::TimerEvent&)
                                   {
                                     function();
                                     if (answers)
                                     {
-                                      answers->workedOff(fromMsg(ros::Time::now()));
+                                      answers->waits(later_s);
                                     }
                                   });
   }

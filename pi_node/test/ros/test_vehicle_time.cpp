@@ -3,6 +3,10 @@
 #include <pi_node/vehicle_clock.h>
 #include <ros/time.h>
 
+#include <condition_variable>
+#include <cstdint>
+#include <mutex>
+
 namespace pi_node
 {
 namespace
@@ -24,6 +28,48 @@ TEST(VehicleTime, WhatWasDueBeforeTheTimeWasKnownIsDue)
   EXPECT_LE(known_ns, 2 * SECOND_NS);   // patience is longer
   ros::Time::setNow(ros::Time(1e9 + 3.0));
   EXPECT_EQ(3 * SECOND_NS, vehicleNs() - known_ns);
+}
+
+int64_t simulated_ns = 0;
+
+class SimulatedWait : public ::testing::Test
+{
+protected:
+  SimulatedWait()
+  {
+    simulated_ns = 10 * SECOND_NS;
+    simulateTime([] { return simulated_ns; });
+  }
+  ~SimulatedWait() override { simulateTime(nullptr); }
+
+  /// Waits for 5 s of a clock that each look moves.
+  bool wait(int64_t step_ns)
+  {
+    std::mutex mutex;
+    std::condition_variable changed;
+    std::unique_lock<std::mutex> lock(mutex);
+    return waitFor(&changed, &lock, 5.0,
+                   [this, step_ns]
+                   {
+                     ++looks_;
+                     simulated_ns += step_ns;
+                     return false;
+                   });
+  }
+
+  int looks_ = 0;
+};
+
+TEST_F(SimulatedWait, EndsWhenItsTimeIsOver)
+{
+  EXPECT_FALSE(wait(SECOND_NS));
+  EXPECT_GE(simulated_ns, 15 * SECOND_NS);
+}
+
+TEST_F(SimulatedWait, EndsWhenTimeJumpsBack)
+{
+  EXPECT_FALSE(wait(-8 * SECOND_NS));
+  EXPECT_LE(looks_, 3) << "and does not wait until the old time has come again";
 }
 
 }  // namespace

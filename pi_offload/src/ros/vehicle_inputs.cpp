@@ -2,6 +2,7 @@
 
 #include <pi_node/durations.h>
 #include <pi_node/formatting.h>
+#include <pi_node/vehicle_clock.h>
 
 #include <cmath>
 #include <exception>
@@ -47,7 +48,7 @@ void VehicleInputs::onOdometry(const nav_msgs::OdometryConstPtr& message)
     warnings_->warn("odometry: pose or speed is not finite; message ignored");
     return;
   }
-  odometry_at_ns_ = pi_node::monotonicNs();
+  odometry_at_ns_ = pi_node::vehicleNs();
   vehicle_ = state;
   client_->post([this, state](int64_t) { client_->engine().setVehicle(state); });
 }
@@ -102,7 +103,7 @@ void VehicleInputs::onBattery(const sensor_msgs::BatteryStateConstPtr& message)
 
 void VehicleInputs::watch()
 {
-  if (vehicle_.known && pi_node::seconds(pi_node::monotonicNs() - odometry_at_ns_) > options_->odometry_timeout_s)
+  if (vehicle_.known && pi_node::seconds(pi_node::vehicleNs() - odometry_at_ns_) > options_->odometry_timeout_s)
   {
     vehicle_ = VehicleState();
     client_->post([this](int64_t) { client_->engine().setVehicle(VehicleState()); });

@@ -33,7 +33,8 @@ public:
   SimulatedCameras(const SimulatedCameras&) = delete;
   SimulatedCameras& operator=(const SimulatedCameras&) = delete;
 
-  /// Call once, when the world is built. @param done  called for each exposure that is published, on the thread.
+  /// Call once, when the world is built. @param done  called for each exposure that is published or that both
+  /// cameras, being off, leave out; on the thread.
   void start(std::shared_ptr<const SyntheticWorld> world, const StereoRendererOptions& pictures,
              std::function<void(int64_t stamp_ns)> done);
   void request(const Exposure& exposure);

@@ -120,11 +120,22 @@ void SimulatedTime::publishClock()
   clock_.publish(message);
 }
 
+void SimulatedTime::forgetTheDead()
+{
+  const uint32_t answering = answers_.getNumPublishers();
+  if (answering < answering_)
+  {
+    pace_.forget();
+  }
+  answering_ = answering;
+}
+
 bool SimulatedTime::awaitVehicle(std::unique_lock<std::mutex>* lock, const std::function<void()>& look)
 {
   const Clock::time_point begin = Clock::now();
   Clock::time_point clock_again = begin + CLOCK_AGAIN;
   bool warned = false;
+  forgetTheDead();
   std::optional<VehiclePace::Awaited> awaited = pace_.awaited(now_ns_ + STEP_NS);
   if (!awaited && !stopping_)
   {
@@ -156,12 +167,7 @@ bool SimulatedTime::awaitVehicle(std::unique_lock<std::mutex>* lock, const std::
     }
     look();
     lock->lock();
-    const uint32_t answering = answers_.getNumPublishers();
-    if (answering < answering_)
-    {
-      pace_.forget();
-    }
-    answering_ = answering;
+    forgetTheDead();
     awaited = pace_.awaited(now_ns_ + STEP_NS);
   }
   waited_s_ += pi_node::secondsSince(begin);

@@ -76,7 +76,7 @@ private:
   VehiclePace pace_;
   int64_t now_ns_ = START_NS;
   Clock::time_point due_ = Clock::now();
-  uint32_t answering_ = 0;  ///< nodes
+  uint32_t answering_ = 0;  ///< nodes, of the thread of advance()
   double waited_s_ = 0.0;
   std::string waited_for_;
   std::string problem_;

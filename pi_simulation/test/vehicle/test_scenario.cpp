@@ -104,10 +104,13 @@ TEST(Scenario, TheOnesThatComeWithThePackageAreGood)
   size_t count = 0;
   for (const auto& entry : std::filesystem::directory_iterator(std::string(CONFIG_DIR) + "/scenarios"))
   {
-    EXPECT_EQ(entry.path().stem(), Scenario::load(entry.path(), 1).name);
+    const Scenario scenario = Scenario::load(entry.path(), 1);
+    EXPECT_EQ(entry.path().stem(), scenario.name);
+    EXPECT_TRUE(scenario.name.find("crossing") == std::string::npos || !scenario.actors.empty()) << scenario.name;
     ++count;
   }
-  EXPECT_GE(count, 26u);
+  EXPECT_EQ(count, 38u);
+  EXPECT_GE(Scenario::load(std::string(CONFIG_DIR) + "/scenarios/campus_drive.yaml", 1).actors.size(), 2u);
 }
 
 TEST(Scenario, TheSeedDecidesWithinTheRanges)

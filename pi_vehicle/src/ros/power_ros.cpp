@@ -4,6 +4,7 @@
 #include <pi_node/durations.h>
 #include <pi_node/formatting.h>
 #include <pi_node/ros/node_options.h>
+#include <pi_node/vehicle_clock.h>
 #include <ros/network.h>
 #include <sensor_msgs/BatteryState.h>
 
@@ -120,7 +121,7 @@ PowerRos::~PowerRos()
 void PowerRos::onVehicleState(const VehicleState& message)
 {
   vehicle_ = message;
-  vehicle_ns_ = monotonicNs();
+  vehicle_ns_ = pi_node::vehicleNs();
 }
 
 void PowerRos::measure()
@@ -153,7 +154,7 @@ power::BatteryReading PowerRos::batteryNow(int64_t now_ns, const pi_node::PowerR
 {
   power::BatteryReading battery;
   const bool vehicle = vehicle_ && vehicle_->mode != VehicleState::DISCONNECTED &&
-                       1e-9 * static_cast<double>(now_ns - vehicle_ns_) <= options_.vehicle_state_timeout_s;
+                       pi_node::seconds(pi_node::vehicleNs() - vehicle_ns_) <= options_.vehicle_state_timeout_s;
   if (vehicle && std::isfinite(vehicle_->battery_charge))
   {
     battery_source_ = vehicle_state_.getTopic();

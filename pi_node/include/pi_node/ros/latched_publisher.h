@@ -20,7 +20,7 @@ class LatchedPublisher
 public:
   LatchedPublisher() = default;
   LatchedPublisher(ros::NodeHandle node, const std::string& topic, uint32_t queue_size)
-    : publisher_(node.advertise<Message>(topic, queue_size, true)), mutex_(std::make_shared<std::mutex>())
+    : publisher_(node.advertise<Message>(topic, queue_size, true))
   {
   }
 
@@ -37,7 +37,7 @@ public:
 
 private:
   ros::Publisher publisher_;
-  std::shared_ptr<std::mutex> mutex_;
+  std::shared_ptr<std::mutex> mutex_ = std::make_shared<std::mutex>();
 };
 
 }  // namespace pi_node

@@ -42,7 +42,7 @@ struct DriverEvents
                                                            ///< at the start not before start_patience_s
 };
 
-/// Drives a chassis over a serial line, on a thread of its own, by monotonic time. A missing or lost port is opened
+/// Drives a chassis over a serial line, on a thread of its own, in the vehicle's time. A missing or lost port is opened
 /// again after pauses that grow. All methods may be called from any thread; none waits for the line.
 class ChassisDriver
 {
