@@ -62,6 +62,8 @@ private:
 
   void publishClock();
   void onAnswer(const std_msgs::Header& message);
+  /// When a node has died, nobody is waited for until it answers again. mutex_ is held.
+  void forgetTheDead();
   bool awaitVehicle(std::unique_lock<std::mutex>* lock, const std::function<void()>& look);
   bool awaitWall(std::unique_lock<std::mutex>* lock);
 

@@ -140,7 +140,7 @@ void PowerRos::measure()
     warnings_.warn("sensors = [" + join(options_.sensors) +
                    "], must be names of power sensors that can be read here; the watts are modelled");
   }
-  battery_ = batteryNow(now_ns, reading);
+  battery_ = batteryNow(reading);
   estimate_ = estimator_.update(now_ns, battery_, account_.total);
   const ros::Time stamp = ros::Time::now();
   publishPower(stamp);
@@ -150,7 +150,7 @@ void PowerRos::measure()
   }
 }
 
-power::BatteryReading PowerRos::batteryNow(int64_t now_ns, const pi_node::PowerReading& reading)
+power::BatteryReading PowerRos::batteryNow(const pi_node::PowerReading& reading)
 {
   power::BatteryReading battery;
   const bool vehicle = vehicle_ && vehicle_->mode != VehicleState::DISCONNECTED &&

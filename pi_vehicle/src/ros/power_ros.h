@@ -39,7 +39,7 @@ private:
 
   void onVehicleState(const VehicleState& message);
   void measure();
-  power::BatteryReading batteryNow(int64_t now_ns, const pi_node::PowerReading& reading);
+  power::BatteryReading batteryNow(const pi_node::PowerReading& reading);
   void publishPower(const ros::Time& stamp);
   void publishBattery(const ros::Time& stamp);
   void reportServices(Status& status) const;
