@@ -10,7 +10,7 @@ namespace
 
 constexpr double EDGE_PART = 0.06;  // of its extent by which a box's middle may be wrong: seen from another side, ...
 constexpr double CUT_PART = 0.25;   // likewise where both ends are not seen
-constexpr double SHORT_M = 0.6;      // along x: of what is cut and longer, the near end may be out of view
+constexpr double SHORT_M = 0.6;     // along x: of what is cut and longer, the near end may be out of view
 constexpr double LEAST_SIDE_M = 0.05;
 
 }  // namespace

@@ -24,7 +24,7 @@ ObstaclesWorker::ObstaclesWorker(const ros::NodeHandle& node, const ObstaclesRos
   , warnings_(warnings)
   , diagnostics_(diagnostics)
   , publish_(std::move(publish))
-  , motion_(node, options.odom_frame, options.base_link_frame, options.tf_wait_s)
+  , motion_(node, options.odom_frame, options.base_link_frame)
   , pairing_(options.pair_tolerance_s)
   , rate_limit_(options.max_rate_hz)
   , finder_(options, topics, &motion_)
@@ -72,16 +72,14 @@ void ObstaclesWorker::add(const stereo_msgs::DisparityImageConstPtr& disparity)
 
 void ObstaclesWorker::offer(StereoJob job)
 {
-  if (!rate_limit_.take(fromMsg(job.header().stamp)))
+  const int64_t stamp_ns = fromMsg(job.header().stamp);
+  if (!rate_limit_.take(stamp_ns))
   {
     ++figures_.left_out;
-    left_out_ns_ = fromMsg(job.header().stamp);
-    if (!job_ && !working_)  // it is worked off as soon as all before it is
-    {
-      answers_.workedOff(left_out_ns_);
-    }
+    answers_.leftOut(stamp_ns);
     return;
   }
+  answers_.taken(stamp_ns);
   figures_.dropped += job_ ? 1 : 0;
   job_ = std::move(job);
   job_changed_.notify_one();
@@ -144,7 +142,6 @@ void ObstaclesWorker::work()
     job_.reset();
     job.infos[LEFT] = infos_[LEFT];
     job.infos[RIGHT] = infos_[RIGHT];
-    working_ = true;
     lock.unlock();
     try
     {
@@ -158,10 +155,8 @@ void ObstaclesWorker::work()
     {
       warnings_->error(std::string("a pair cannot be used: ") + error.what());
     }
+    answers_.workedOff(fromMsg(job.header().stamp));
     lock.lock();
-    working_ = false;
-    const int64_t stamp_ns = fromMsg(job.header().stamp);
-    answers_.workedOff(job_ ? stamp_ns : std::max(stamp_ns, left_out_ns_));
   }
 }
 
@@ -183,8 +178,7 @@ void ObstaclesWorker::workOn(const StereoJob& job)
     return;
   }
   const ros::Time stamp = job.header().stamp;
-  answers_.waits(options_.tf_wait_s);
-  const VehicleState vehicle = motionAt(stamp);
+  const VehicleState vehicle = motionAt(stamp, answers_.waits(options_.tf_wait_s));
   const Clock::time_point begin = Clock::now();
   const std::vector<ObjectTrack> tracks = tracksAt(stamp, &figures.track_age_s);
   const std::vector<Obstacle> obstacles =
@@ -257,10 +251,10 @@ std::vector<ObjectTrack> ObstaclesWorker::tracksAt(const ros::Time& stamp, std::
   return tracks;
 }
 
-VehicleState ObstaclesWorker::motionAt(const ros::Time& stamp)
+VehicleState ObstaclesWorker::motionAt(const ros::Time& stamp, int64_t until_ns)
 {
   std::string problem;
-  const std::optional<VehicleState> state = motion_.at(stamp, &problem);
+  const std::optional<VehicleState> state = motion_.at(stamp, until_ns, &problem);
   if (!problem.empty())
   {
     warnings_->warn(state ? problem

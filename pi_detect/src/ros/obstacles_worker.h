@@ -66,7 +66,7 @@ private:
   void workOn(const StereoJob& job);
   void setProblem(const ObstacleProblem& problem);
   std::vector<ObjectTrack> tracksAt(const ros::Time& stamp, std::optional<double>* age_s);
-  VehicleState motionAt(const ros::Time& stamp);
+  VehicleState motionAt(const ros::Time& stamp, int64_t until_ns);
 
   const ObstaclesRosOptions& options_;
   pi_node::WarningBoard* const warnings_;
@@ -78,8 +78,6 @@ private:
   std::condition_variable job_changed_;
   bool stopping_ = false;
   std::optional<StereoJob> job_;  ///< the newest, that waits
-  bool working_ = false;          ///< on another
-  int64_t left_out_ns_ = 0;       ///< stamp of the last one that was left out
   StereoPairing pairing_;
   sensor_msgs::CameraInfoConstPtr infos_[2];
   std::deque<Track2DArrayConstPtr> recent_tracks_;  ///< oldest first

@@ -70,23 +70,14 @@ void SsdWorker::add(const zero_copy::ImageHandle& picture)
     if (!rate_limit_.take(stamp.isZero() ? came_at_ns_ : fromMsg(stamp)))
     {
       ++figures_.left_out;
-      leaveOut(fromMsg(stamp));
+      answers_.leftOut(fromMsg(stamp));
       return;
     }
+    answers_.taken(fromMsg(stamp));
     figures_.dropped += picture_ ? 1 : 0;
     picture_ = picture;
   }
   work_changed_.notify_one();
-}
-
-/// What is left out is worked off as soon as all before it is.
-void SsdWorker::leaveOut(int64_t stamp_ns)
-{
-  left_out_ns_ = stamp_ns;
-  if (!picture_ && !working_)
-  {
-    answers_.workedOff(stamp_ns);
-  }
 }
 
 void SsdWorker::awaitPictures()
@@ -188,7 +179,6 @@ void SsdWorker::work()
     }
     const zero_copy::ImageHandle message = std::move(picture_);
     picture_.reset();
-    working_ = true;
     lock.unlock();
     try
     {
@@ -203,10 +193,8 @@ void SsdWorker::work()
       warnings_->error(std::string("detection failed: ") + error.what());
     }
     detector.reset();  // may be the last to hold an old one, whose end takes time
+    answers_.workedOff(fromMsg(message->header.stamp));
     lock.lock();
-    working_ = false;
-    const int64_t stamp_ns = fromMsg(message->header.stamp);
-    answers_.workedOff(picture_ ? stamp_ns : std::max(stamp_ns, left_out_ns_));
   }
 }
 

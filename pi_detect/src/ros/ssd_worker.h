@@ -67,9 +67,6 @@ private:
     bool done = false;
   };
 
-  /// mutex_ is held.
-  void leaveOut(int64_t stamp_ns);
-
   void work();
   void workOn(const pi_os_transport::zero_copy::ImageHandle& message, const std::shared_ptr<SsdDetector>& detector);
   void serve(const Call& call, SsdDetector* detector);
@@ -91,10 +88,8 @@ private:
   pi_os_transport::zero_copy::ImageHandle picture_;  ///< the newest, that waits
   std::deque<Call*> calls_;
   pi_node::RateLimit rate_limit_;
-  int64_t came_at_ns_ = 0;   ///< the last picture
-  int64_t left_out_ns_ = 0;  ///< stamp of the last one that was left out
-  bool working_ = false;     ///< on a picture
-  SsdFigures figures_;       ///< those that the worker knows
+  int64_t came_at_ns_ = 0;  ///< the last picture
+  SsdFigures figures_;      ///< those that the worker knows
 
   // Of the thread.
   ObjectTracker tracker_;

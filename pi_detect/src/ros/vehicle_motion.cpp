@@ -21,10 +21,9 @@ constexpr double VELOCITY_INTERVAL_S = 0.1;
 }  // namespace
 
 VehicleMotion::VehicleMotion(const ros::NodeHandle& node, const std::string& odom_frame,
-                             const std::string& base_link_frame, double wait_s)
+                             const std::string& base_link_frame)
   : odom_frame_(odom_frame)
   , base_link_frame_(base_link_frame)
-  , wait_s_(wait_s)
   , connection_(buffer_._addTransformsChangedListener(
         [this]
         {
@@ -64,16 +63,16 @@ std::optional<Eigen::Isometry3d> VehicleMotion::lookUp(const std::string& parent
   }
 }
 
-bool VehicleMotion::waitFor(const ros::Time& stamp)
+bool VehicleMotion::waitFor(const ros::Time& stamp, int64_t until_ns)
 {
   std::unique_lock<std::mutex> lock(mutex_);
-  return pi_node::waitFor(&changed_, &lock, wait_s_,
-                          [this, &stamp]
-                          { return stopping_ || buffer_.canTransform(odom_frame_, base_link_frame_, stamp); }) &&
+  return pi_node::waitUntil(&changed_, &lock, until_ns,
+                            [this, &stamp]
+                            { return stopping_ || buffer_.canTransform(odom_frame_, base_link_frame_, stamp); }) &&
          !stopping_;
 }
 
-std::optional<VehicleState> VehicleMotion::at(const ros::Time& stamp, std::string* problem)
+std::optional<VehicleState> VehicleMotion::at(const ros::Time& stamp, int64_t until_ns, std::string* problem)
 {
   problem->clear();
   const std::string transform = odom_frame_ + " -> " + base_link_frame_;
@@ -94,11 +93,10 @@ std::optional<VehicleState> VehicleMotion::at(const ros::Time& stamp, std::strin
     return std::nullopt;
   }
   ros::Time known = stamp;
-  if (behind_s > 0.0 && !waitFor(stamp))
+  if (behind_s > 0.0 && !waitFor(stamp, until_ns))
   {
     known = newest;
-    *problem = "tf " + transform + format(" did not reach a picture's stamp in %.2f s", wait_s_) +
-               format(", it is %.2f s behind", behind_s);
+    *problem = "tf " + transform + format(" did not reach a picture's stamp in time, it is %.2f s behind", behind_s);
   }
   const std::optional<Eigen::Isometry3d> T_odom_base = poseAt(known);
   if (!T_odom_base)

@@ -10,6 +10,7 @@
 #include <atomic>
 #include <boost/signals2/connection.hpp>
 #include <condition_variable>
+#include <cstdint>
 #include <mutex>
 #include <optional>
 #include <string>
@@ -21,16 +22,15 @@ namespace pi_detect
 class VehicleMotion
 {
 public:
-  /// @param wait_s  longest that at() waits for tf to reach a stamp [s].
-  VehicleMotion(const ros::NodeHandle& node, const std::string& odom_frame, const std::string& base_link_frame,
-                double wait_s);
+  VehicleMotion(const ros::NodeHandle& node, const std::string& odom_frame, const std::string& base_link_frame);
   ~VehicleMotion();
   VehicleMotion(const VehicleMotion&) = delete;
   VehicleMotion& operator=(const VehicleMotion&) = delete;
 
   /// The state at a stamp, extrapolated if tf does not reach the stamp in time. Waits only if tf is close.
+  /// @param until_ns      longest that it waits, of vehicleNs().
   /// @param[out] problem  why there is no state, or why it is extrapolated; empty: none.
-  std::optional<VehicleState> at(const ros::Time& stamp, std::string* problem);
+  std::optional<VehicleState> at(const ros::Time& stamp, int64_t until_ns, std::string* problem);
 
   /// Newest pose of a frame in base_link; nullopt if tf has none.
   std::optional<Eigen::Isometry3d> mounting(const std::string& frame) const
@@ -49,11 +49,10 @@ private:
   std::optional<Eigen::Isometry3d> lookUp(const std::string& parent, const std::string& child,
                                           const ros::Time& stamp) const;
   /// @return false if tf does not get there.
-  bool waitFor(const ros::Time& stamp);
+  bool waitFor(const ros::Time& stamp, int64_t until_ns);
 
   const std::string odom_frame_;
   const std::string base_link_frame_;
-  const double wait_s_;
   tf2_ros::Buffer buffer_;
   std::mutex mutex_;
   std::condition_variable changed_;

@@ -22,16 +22,16 @@ void simulateTime(int64_t (*clock)());
 /// How often a thread looks at a simulated clock, which nobody can sleep by.
 constexpr std::chrono::milliseconds SIMULATED_LOOK(2);
 
-/// As std::condition_variable::wait_for, in the vehicle's time; time that jumps back ends it too.
+/// As std::condition_variable::wait_until, until a time of vehicleNs(); a clock that jumps back ends it too.
 template <typename Predicate>
-bool waitFor(std::condition_variable* changed, std::unique_lock<std::mutex>* lock, double seconds, Predicate predicate)
+bool waitUntil(std::condition_variable* changed, std::unique_lock<std::mutex>* lock, int64_t until_ns,
+               Predicate predicate)
 {
+  const int64_t begin_ns = vehicleNs();
   if (!isTimeSimulated())
   {
-    return changed->wait_for(*lock, std::chrono::duration<double>(seconds), predicate);
+    return changed->wait_for(*lock, std::chrono::nanoseconds(until_ns - begin_ns), predicate);
   }
-  const int64_t begin_ns = vehicleNs();
-  const int64_t until_ns = begin_ns + static_cast<int64_t>(1e9 * seconds);
   for (int64_t now_ns = begin_ns; now_ns >= begin_ns && now_ns < until_ns; now_ns = vehicleNs())
   {
     if (changed->wait_for(*lock, SIMULATED_LOOK, predicate))
@@ -40,6 +40,13 @@ bool waitFor(std::condition_variable* changed, std::unique_lock<std::mutex>* loc
     }
   }
   return predicate();
+}
+
+/// As std::condition_variable::wait_for, in the vehicle's time.
+template <typename Predicate>
+bool waitFor(std::condition_variable* changed, std::unique_lock<std::mutex>* lock, double seconds, Predicate predicate)
+{
+  return waitUntil(changed, lock, vehicleNs() + static_cast<int64_t>(1e9 * seconds), predicate);
 }
 
 }  // namespace pi_node

@@ -7,9 +7,9 @@
 #include <ros/time.h>
 #include <std_msgs/Header.h>
 
-#include <algorithm>
 #include <atomic>
 #include <memory>
+#include <optional>
 
 namespace pi_node
 {
@@ -17,7 +17,6 @@ namespace
 {
 
 constexpr uint32_t ANSWERS_QUEUE = 100;
-constexpr double USUAL_PERIOD_S = 0.05;  // longer ones are to be waited for by so much longer
 
 /// Time of ROS since it began to be known here; 0 until then. When it becomes known a second has passed: a simulator
 /// that stands and waits for a node gets what was due while the node did not know, and nothing seems to have waited
@@ -55,33 +54,49 @@ SimulationAnswers::SimulationAnswers(const std::string& kind, const std::string&
   }
 }
 
-void SimulationAnswers::workedOff(int64_t stamp_ns) const
+void SimulationAnswers::taken(int64_t stamp_ns)
 {
   const std::lock_guard<std::mutex> lock(mutex_);
-  if (takes_)
+  inputs_.taken(stamp_ns);
+}
+
+void SimulationAnswers::leftOut(int64_t stamp_ns)
+{
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (const std::optional<int64_t> answer_ns = inputs_.leftOut(stamp_ns))
   {
-    publish(stamp_ns);
+    publish(*answer_ns);
   }
 }
 
-void SimulationAnswers::waits(double seconds) const
+void SimulationAnswers::workedOff(int64_t stamp_ns)
 {
-  workedOff(fromMsg(ros::Time::now()) + nanoseconds(seconds));
+  const std::lock_guard<std::mutex> lock(mutex_);
+  publish(inputs_.workedOff(stamp_ns));
+}
+
+int64_t SimulationAnswers::waits(double seconds)
+{
+  const int64_t until_ns = vehicleNs() + nanoseconds(seconds);  // read first: the simulator is to come that far
+  const std::lock_guard<std::mutex> lock(mutex_);
+  publish(fromMsg(ros::Time::now()) + nanoseconds(seconds));
+  return until_ns;
 }
 
 void SimulationAnswers::take(bool takes)
 {
   const std::lock_guard<std::mutex> lock(mutex_);
-  takes_ = takes;
   if (!takes)
   {
     publish(0);
+    inputs_ = WorkedOff();
   }
+  takes_ = takes;
 }
 
 void SimulationAnswers::publish(int64_t stamp_ns) const
 {
-  if (publisher_)
+  if (publisher_ && takes_)
   {
     std_msgs::Header answer;
     answer.stamp = toTime(stamp_ns);
@@ -95,15 +110,14 @@ VehicleTimer::VehicleTimer(const ros::NodeHandle& node, double period_s, const s
 {
   if (isTimeSimulated())
   {
-    const auto answers = service.empty() ? nullptr : std::make_shared<const SimulationAnswers>("tick", service);
-    const double later_s = std::max(0.0, period_s - USUAL_PERIOD_S);
+    const auto answers = service.empty() ? nullptr : std::make_shared<SimulationAnswers>("tick", service);
     simulated_ = node.createTimer(ros::Duration(period_s),
-                                  [function, answers, later_s](const ros::TimerEvent&)
+                                  [function, answers, period_s](const ros::TimerEvent&)
                                   {
                                     function();
                                     if (answers)
                                     {
-                                      answers->waits(later_s);
+                                      answers->waits(period_s);
                                     }
                                   });
   }

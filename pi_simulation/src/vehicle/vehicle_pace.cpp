@@ -22,7 +22,7 @@ void PaceOptions::validate() const
   check.range("pictures", pictures, 0.05, 10.0);
   check.range("detection", detection, 0.05, 10.0);
   check.range("sound", sound, 0.05, 10.0);
-  check.range("tick", tick, 0.06, 10.0);
+  check.range("tick", tick, 0.015, 10.0);
   check.range("chassis", chassis, 0.03, 10.0);
 }
 

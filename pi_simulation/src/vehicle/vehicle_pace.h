@@ -18,7 +18,7 @@ struct PaceOptions
   double pictures = 0.15;   ///< stereo pairs, by localisation and obstacles
   double detection = 0.4;   ///< pictures, by the detector
   double sound = 0.1;       ///< by the recogniser
-  double tick = 0.07;       ///< periods of 0.05 s; of longer ones, so much beyond their end
+  double tick = 0.02;       ///< beyond the end of the next period, of what works in periods
   double chassis = 0.06;    ///< commands on the chassis's line: at most every 0.05 s
 
   /// @throws std::invalid_argument naming field, value and bound.

@@ -141,6 +141,7 @@ void VioInputs::onImage(int camera, const zero_copy::ImageHandle& message)
   const VioPipeline::Ptr pipeline = session_.pipeline();
   if (!pipeline)
   {
+    outputs_.pairWorkedOff(stamp_ns);
     return;
   }
   cv::Mat picture;
@@ -151,6 +152,7 @@ void VioInputs::onImage(int camera, const zero_copy::ImageHandle& message)
   catch (const std::invalid_argument& error)
   {
     warnings_.error(topic + ": " + error.what());
+    outputs_.pairWorkedOff(stamp_ns);
     return;
   }
   const std::optional<double> mismatch_s =

@@ -36,9 +36,9 @@ public:
   void forgetTracks() { earlier_.clear(); }
 
   // Any thread.
-  void imuWorkedOff(int64_t stamp_ns) const { imu_answers_.workedOff(stamp_ns); }
-  void pairWorkedOff(int64_t stamp_ns) const { pair_answers_.workedOff(stamp_ns); }
-  void pairWaits(double seconds) const { pair_answers_.waits(seconds); }
+  void imuWorkedOff(int64_t stamp_ns) { imu_answers_.workedOff(stamp_ns); }
+  void pairWorkedOff(int64_t stamp_ns) { pair_answers_.workedOff(stamp_ns); }
+  int64_t pairWaits(double seconds) { return pair_answers_.waits(seconds); }
 
   // On the output thread.
   void publishPath();
@@ -70,8 +70,8 @@ private:
   ros::Publisher path_;
   ros::Publisher points_;
   ros::Publisher tracks_;
-  const pi_node::SimulationAnswers imu_answers_;
-  const pi_node::SimulationAnswers pair_answers_;
+  pi_node::SimulationAnswers imu_answers_;
+  pi_node::SimulationAnswers pair_answers_;
 };
 
 }  // namespace pi_slam

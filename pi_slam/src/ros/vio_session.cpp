@@ -45,7 +45,6 @@ bool VioSession::replaceLocked(VioPipeline::Ptr pipeline)
     std::lock_guard<std::mutex> lock(mutex_);
     pipeline_.swap(pipeline);  // the old one ends after the lock
     ++generation_;
-    pairs_.clear();
     matcher_.clear();
     map_place_ = {pipeline_->mapper ? pipeline_->mapper->T_map_odom() : Eigen::Isometry3d::Identity(), std::nullopt};
     path_.clear();
@@ -72,7 +71,6 @@ void VioSession::setProblem(const std::string& problem, bool failed)
     {
       pipeline_.swap(before);
       ++generation_;
-      pairs_.clear();
       matcher_.clear();
     }
   }
@@ -112,7 +110,7 @@ std::optional<double> VioSession::addPicture(const VioPipeline::Ptr& pipeline, i
     for (PicturePair& pair : pairs)
     {
       delay_ns = last_imu_ns - pair.stamp_ns;
-      pairs_.push_back(std::move(pair));
+      pairs_.push_back({std::move(pair), pipeline_, generation_, false});
     }
     while (pairs_.size() > static_cast<size_t>(options_.queue_size))
     {
@@ -131,36 +129,29 @@ void VioSession::clearPairs()
   pairs_.clear();
 }
 
-std::optional<VioSession::Work> VioSession::take(const std::function<void()>& waits)
+std::optional<VioSession::Work> VioSession::take(const std::function<int64_t()>& waits)
 {
   std::unique_lock<std::mutex> lock(mutex_);
-  while (true)
+  pairs_changed_.wait(lock, [this] { return stopping_ || !pairs_.empty(); });
+  if (stopping_)
   {
-    pairs_changed_.wait(lock, [this] { return stopping_ || !pairs_.empty(); });
-    if (stopping_)
-    {
-      return std::nullopt;
-    }
-    Work work{std::move(pairs_.front()), pipeline_, generation_, false};
-    pairs_.pop_front();
-    if (!work.pipeline)
-    {
-      continue;
-    }
-    worker_waits_for_imu_ = true;
-    if (!work.pipeline->vio->imuCovers(work.pair.stamp_ns))
-    {
-      waits();
-    }
-    const auto replaced = [&] { return stopping_ || generation_ != work.generation; };
-    work.covered = pi_node::waitFor(&imu_arrived_, &lock, options_.imu_wait_s,
-                                    [&] { return replaced() || work.pipeline->vio->imuCovers(work.pair.stamp_ns); });
-    worker_waits_for_imu_ = false;
-    if (!replaced())
-    {
-      return work;
-    }
+    return std::nullopt;
   }
+  Work work = std::move(pairs_.front());
+  pairs_.pop_front();
+  const auto replaced = [&] { return stopping_ || generation_ != work.generation; };
+  const auto covered = [&] { return work.pipeline->vio->imuCovers(work.pair.stamp_ns); };
+  worker_waits_for_imu_ = true;
+  work.covered = replaced() || covered() ||
+                 pi_node::waitUntil(&imu_arrived_, &lock, waits(), [&] { return replaced() || covered(); });
+  worker_waits_for_imu_ = false;
+  const bool forgotten = replaced();
+  lock.unlock();
+  if (forgotten)
+  {
+    work.pipeline.reset();  // may be the last to hold it
+  }
+  return work;
 }
 
 void VioSession::imuArrived()

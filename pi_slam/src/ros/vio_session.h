@@ -32,9 +32,9 @@ public:
   struct Work
   {
     PicturePair pair;
-    VioPipeline::Ptr pipeline;
-    uint64_t generation = 0;  ///< grows when odometry begins anew
-    bool covered = false;     ///< the IMU reaches over the pair's stamp
+    VioPipeline::Ptr pipeline;  ///< null from take(): odometry has begun anew since the pair came
+    uint64_t generation = 0;    ///< grows when odometry begins anew
+    bool covered = false;       ///< the IMU reaches over the pair's stamp
   };
   struct Problem
   {
@@ -78,9 +78,9 @@ public:
                                    const cv::Mat& picture, const std::string& frame);
   /// Forgets the pictures and pairs that wait.
   void clearPairs();
-  /// Waits for a pair, then for the IMU to reach over it, at most imu_wait_s. @return nullopt after stop().
-  /// @param waits  called before it waits for the IMU to reach a pair.
-  std::optional<Work> take(const std::function<void()>& waits);
+  /// Waits for a pair, then for the IMU to reach over it, at most as `waits` says. @return nullopt after stop().
+  /// @param waits  called before it waits for the IMU to reach a pair; returns until when, of vehicleNs().
+  std::optional<Work> take(const std::function<int64_t()>& waits);
   /// To be called after each IMU sample.
   void imuArrived();
   void stop();
@@ -123,7 +123,7 @@ private:
   bool stopping_ = false;
   Problem problem_;
   PairMatcher matcher_;
-  std::deque<PicturePair> pairs_;
+  std::deque<Work> pairs_;
   uint64_t dropped_pairs_ = 0;
   std::string left_frame_;
   MapPlace map_place_;

@@ -49,7 +49,7 @@ void VioWorker::start()
 void VioWorker::run()
 {
   pthread_setname_np(pthread_self(), "vio_worker");
-  const auto waits = [this] { outputs_.pairWaits(options_.imu_wait_s); };
+  const auto waits = [this] { return outputs_.pairWaits(options_.imu_wait_s); };
   while (const std::optional<VioSession::Work> work = session_.take(waits))
   {
     if (!work->covered)
@@ -58,7 +58,10 @@ void VioWorker::run()
     }
     try
     {
-      workOn(*work);
+      if (work->pipeline)
+      {
+        workOn(*work);
+      }
     }
     catch (const std::exception& error)
     {

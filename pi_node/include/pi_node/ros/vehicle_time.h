@@ -1,5 +1,6 @@
 #pragma once
 
+#include <pi_node/worked_off.h>
 #include <ros/node_handle.h>
 #include <ros/steady_timer.h>
 #include <ros/timer.h>
@@ -26,10 +27,13 @@ public:
   /// @param topic  of the inputs, if they may come from elsewhere than the simulator: then nobody waits for the
   /// service.
   SimulationAnswers(const std::string& kind, const std::string& service, const std::string& topic = "");
-  /// @param stamp_ns  of the newest input that is worked off.
-  void workedOff(int64_t stamp_ns) const;
+  // As those of WorkedOff; services that leave no inputs out need only the last.
+  void taken(int64_t stamp_ns);
+  void leftOut(int64_t stamp_ns);
+  void workedOff(int64_t stamp_ns);
   /// The service waits for something that only time can bring, at most so long.
-  void waits(double seconds) const;
+  /// @return when the wait is to end, of vehicleNs(): the simulator may not go farther than that.
+  int64_t waits(double seconds);
   /// Whether the service takes inputs. While it takes none, nobody waits for it. At first it does.
   void take(bool takes);
 
@@ -37,8 +41,9 @@ private:
   void publish(int64_t stamp_ns) const;
 
   const std::string name_;
-  mutable std::mutex mutex_;  ///< so that no answer comes behind the end of taking
-  bool takes_ = true;         ///< under mutex_
+  std::mutex mutex_;  ///< of all below; so that no answer comes behind the end of taking
+  bool takes_ = true;
+  WorkedOff inputs_;
   ros::Publisher publisher_;  ///< none unless time is simulated
 };
 
