@@ -44,7 +44,8 @@ help:
 	@echo '                  ARGS=--sweep: at every system call and every step of a link'
 	@echo 'make sanitize     tests of π-OS with SANITIZER=thread or address (with undefined behaviour); ARGS="<pattern>"'
 	@echo 'make fuzz         fuzzes every decoder of what peers supply, ARGS="10" minutes each; needs clang'
-	@echo 'make build        missing Debian packages, Release build in build/, install space in install/'
+	@echo 'make build        missing Debian packages, Release build in build/, install space in install/, networks'
+	@echo "make networks     the detector's public networks (7.5 MB), if they are not here; make build does so as well"
 	@echo 'make clean        removes build/ and install/'
 	@echo 'ARGS="..." is passed on to the program that a demo, a benchmark or conformance runs; JOBS=N limits the compilers.'
 
@@ -72,6 +73,11 @@ compile: $(BUILD)/.configured
 .PHONY: build
 build: compile
 	@scripts/install_if_changed $(CURDIR) $(BUILD) $(INSTALL)
+	@scripts/fetch_networks
+
+.PHONY: networks
+networks:
+	@scripts/fetch_networks
 
 # Tests also wait, so one more runs at once than there are cores. With twice as many, some wait in vain.
 TEST_JOBS ?= $(shell expr 1 + $$(nproc))

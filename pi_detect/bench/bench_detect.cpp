@@ -1,12 +1,13 @@
 // Time of a picture through Detector, directly and as tasks of the runtime, beside the usual recipe of OpenCV on the
 // same network and pictures:
-//   bench_detect --model MODEL.yaml [--rounds 5] PICTURES_OR_VIDEO...
+//   bench_detect --model NAME_OR_YAML [--rounds 5] PICTURES_OR_VIDEO...
 // The three take turns picture by picture, in an order that rotates; a second network (--other) takes part likewise.
 // Wall time is what the user waits; processor time counts all threads and is disturbed less by other programs.
 
 #include <pi_detect/detector.h>
+#include <pi_detect/model_catalogue.h>
 #include <pi_node/command_line.h>
-#include "ros/default_model.h"
+#include "ros/packaged_models.h"
 
 #include <algorithm>
 #include <chrono>
@@ -193,7 +194,7 @@ void run(const std::string& description, const std::string& other, DetectorOptio
   const std::vector<cv::Mat> pictures = readPictures(inputs);
   const auto runtime = pi_runtime::Runtime::shared();
   std::vector<Contender> contenders;
-  const ModelDescription model = ModelDescription::load(description);
+  const ModelDescription model = chooseModel(description, packagedModels()).description;
   const auto plain = std::make_shared<PlainOpenCv>(model);
   contenders.push_back(
       {model.name + ", plain OpenCV", [plain](const cv::Mat& picture) { plain->detect(picture); }, {}, {}});
@@ -201,7 +202,7 @@ void run(const std::string& description, const std::string& other, DetectorOptio
   addDetector(model, options, runtime, &contenders);
   if (!other.empty())
   {
-    addDetector(ModelDescription::load(other), options, nullptr, &contenders);
+    addDetector(chooseModel(other, packagedModels()).description, options, nullptr, &contenders);
   }
   for (Contender& contender : contenders)  // compiled, allocated, learned
   {
@@ -254,7 +255,7 @@ int main(int argc, char** argv)
   std::vector<std::string> inputs;
   DetectorOptions detector;
   pi_node::CommandLine options("bench_detect [options] PICTURE_FOLDER_OR_VIDEO...");
-  options.add("model", po::value(&model)->default_value(defaultModel()), "description of the network");
+  options.add("model", po::value(&model)->default_value(DEFAULT_MODEL), "network: name or path of a description");
   options.add("other", po::value(&other), "a second network, for comparison");
   options.addValue("target", &target, "of Detector: cpu, opencl or opencl_fp16");
   options.add("threads", po::value(&detector.threads)->default_value(0, "all cores"), "of OpenCV, for all of them");

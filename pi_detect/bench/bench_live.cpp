@@ -5,13 +5,13 @@
 // of dnn_detect_recipe, the usual way to write such a node. Starts a master of its own.
 
 #include <pi_detect/Detection2DArray.h>
+#include <pi_detect/model_catalogue.h>
 #include <pi_node/command_line.h>
 #include <ros/ros.h>
 #include <sensor_msgs/Image.h>
 #include <spawn.h>
 #include <sys/wait.h>
 #include <unistd.h>
-#include "ros/default_model.h"
 
 #include <algorithm>
 #include <chrono>
@@ -312,9 +312,9 @@ void run(const Arguments& line, int argc, char** argv)
 int main(int argc, char** argv)
 {
   Arguments line;
-  line.model = pi_detect::defaultModel();
+  line.model = pi_detect::DEFAULT_MODEL;
   pi_node::CommandLine options("bench_live [options] VIDEO");
-  options.addValue("model", &line.model, "description of the network");
+  options.addValue("model", &line.model, "network: name or path of a description");
   options.addValue("rate", &line.rate_hz, "of pictures [Hz]");
   options.addValue("duration", &line.duration_s, "of a round [s]");
   options.addValue("rounds", &line.rounds, "of each node");

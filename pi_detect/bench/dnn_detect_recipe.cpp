@@ -5,8 +5,9 @@
 #include <cv_bridge/cv_bridge.h>
 #include <image_transport/image_transport.h>
 #include <pi_detect/Detection2DArray.h>
-#include <pi_detect/model_description.h>
+#include <pi_detect/model_catalogue.h>
 #include <ros/ros.h>
+#include "ros/packaged_models.h"
 
 #include <opencv2/dnn.hpp>
 #include <opencv2/imgproc.hpp>
@@ -83,7 +84,9 @@ int main(int argc, char** argv)
   ros::init(argc, argv, "dnn_detect_recipe");
   try
   {
-    const RecipeNode node(pi_detect::ModelDescription::load(ros::NodeHandle("~").param<std::string>("model", "")));
+    const RecipeNode node(
+        pi_detect::chooseModel(ros::NodeHandle("~").param<std::string>("model", ""), pi_detect::packagedModels())
+            .description);
     ros::spin();
     return 0;
   }

@@ -238,6 +238,7 @@ def notes(tree):
             yield "%s: no figures: %s" % (title, reason)
     yield "%s, seed %d; %s, %d cores, %.1f GB, load %.1f at the start" % (
         tree["scenario"], tree["seed"], facts["cpu"], facts["cores"], facts["memory_gb"], facts["load"])
+    yield "detector: %s" % (tree["drive"]["network"] or "did not say its network")
 
 
 def print_first(tree):

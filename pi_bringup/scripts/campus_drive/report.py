@@ -33,6 +33,12 @@ def camera_figures(statuses):
     return statuses.get("vehicle_simulator: cameras", (None, "", {}))[2]
 
 
+def network(statuses):
+    """The vehicle's detector, and why it stands in for another one; None if it did not say."""
+    values = statuses.get("ssd: detection", (None, "", {}))[2]
+    return values.get("stands in") or values.get("model") or None
+
+
 def pairs_hz(pairs, begin, end):
     """Rate at which localisation used pairs of pictures, over its lives; None if it did not say.
     @param pairs  [(time, pairs so far)]"""
@@ -66,7 +72,7 @@ def collect(drive, judged, facts):
         "sightings": sightings(states, drive.observer.reported_obstacles()),
         "transports": transports(drive.links),
         "links": [dict(zip(("topic", "publisher", "subscriber", "transport"), link)) for link in drive.links],
-        "cameras": camera_figures(records.statuses),
+        "cameras": camera_figures(records.statuses), "network": network(records.statuses),
         "diagnostics": {name: {"level": level, "message": message}
                         for name, (level, message, _) in sorted(records.statuses.items())},
         "no_gantt": drive.no_gantt, "pictures": [path.name for path in drive.pictures]}
@@ -124,6 +130,7 @@ def print_report(tree):
                                              ", in one process" if tree["together"] else ""))
     print("Machine: %s, %d cores, %.1f GB, Linux %s, load %.1f at the start" %
           (facts["cpu"], facts["cores"], facts["memory_gb"], facts["kernel"], facts["load"]))
+    print("Detector: %s" % (tree["network"] or "did not say its network"))
     print("%s after %.1f s and %.1f m, %.2f m from B, at most %.1f m/s" %
           (tree["end"], tree["seconds"], tree["distance_m"], tree["goal_distance_m"] or float("nan"),
            tree["max_speed"] or 0.0))

@@ -77,7 +77,8 @@ def parse(arguments):
     doctor.add_argument("--calibration", default="", metavar="FILE",
                         help="Kalibr's camchain, camera_info, or the folder of a EuRoC recording")
     doctor.add_argument("--serial", default="", metavar="PORT", help="of the chassis, as /dev/ttyUSB0")
-    doctor.add_argument("--detector-model", default="", metavar="FILE", help="description; default: pi_detect's")
+    doctor.add_argument("--detector-model", default="", metavar="NETWORK",
+                        help="name of a network of pi_detect, or its description; default: that of the nodes")
     doctor.add_argument("--speech-model", default="", metavar="FOLDER", help="default: %s" % software.SPEECH_MODEL)
     doctor.add_argument("--bridge-port", type=port, default=network.BRIDGE_PORT, help="default: %(default)s")
     doctor.add_argument("--node", action="append", default=[], metavar="HOST:PORT", help="edge node; may be repeated")

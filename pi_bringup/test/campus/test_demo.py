@@ -29,6 +29,7 @@ def drive(**changed):
         "stops": [], "said": ["stop", "go"], "errors": [], "standstills": [], "corrections": 1, "losses": [], "met": {},
         "sightings": {"crossing": {"reported": 5, "in_view": 6, "first_s": 0.1}}, "links": [], "kills": [],
         "cameras": {"pairs": "90", "skipped pairs": "3", "delay of pictures p50 [ms]": "36.5"}, "offloading": {},
+        "network": "net",
         "localisation": {"rms_m": 0.05, "max_m": 0.2, "heading_max": 0.01}, "transports": {"SHMROS": 80},
         "reactions": [], "unplugs": [], "no_gantt": ""}
     tree.update(changed)
@@ -72,6 +73,14 @@ class Demo(unittest.TestCase):
         self.assertEqual([], tree["missed"])
         self.assertTrue(tree["passed"])
         self.assertTrue(demo.verdict(tree).startswith("PASSED"))
+
+    def test_the_network_of_the_detector_is_told(self):
+        said = {"ssd: detection": (0, "", {"model": "net"})}
+        self.assertEqual(report.network(said), "net")
+        said["ssd: detection"][2]["stands in"] = "small stands in for net"
+        self.assertEqual(report.network(said), "small stands in for net")
+        self.assertIsNone(report.network({}))
+        self.assertIn("detector: net", list(demo.notes(compare())))
 
     def test_a_bar_is_judged_by_the_figure_that_is_shown(self):
         for value, text, met in ((19.96, "20.0 /s", True), (19.94, "19.9 /s", False)):

@@ -1,6 +1,5 @@
 """Checks of software: with programs made for the test, and with the real π-OS and OpenCL where they are there."""
 
-import hashlib
 import json
 import os
 import socket
@@ -9,7 +8,6 @@ import unittest
 from unittest import mock
 from xmlrpc.server import SimpleXMLRPCServer
 
-import yaml
 from fake_root import FakeRoot
 from pi_bringup.doctor import children, software
 
@@ -92,23 +90,17 @@ class Software(FakeRoot):
 
     # ---------------------------------------------------------------------------------------------------------- models
 
-    def model(self, weights=b"weights", wanted=b"weights"):
-        self.root.joinpath("net.onnx").write_bytes(weights)
-        return self.put("net.yaml", yaml.safe_dump(
-            {"weights": {"file": "net.onnx", "sha256": hashlib.sha256(wanted).hexdigest()}}))
-
     def test_detector(self):
-        program = self.program("exit 0\n")
-        self.expect("OK", software.check_detector(self.model(), program), "net.yaml", "loaded")
-        self.expect("FAIL", software.check_detector(self.model(b"damaged"), program), "7 bytes with another check sum")
-        self.expect("FAIL", software.check_detector(self.put("x.yaml", "a: 1"), program), "no description")
-        self.expect("FAIL", software.check_detector(self.root / "absent.yaml", program), "no description")
-        self.root.joinpath("net.onnx").unlink()
-        self.expect("FAIL", software.check_detector(self.root / "net.yaml", program), "No such file")
+        good = self.program("echo $1: net is usable, output/kind grid\n")
+        self.expect("OK", software.check_detector("net.yaml", good), "net.yaml: net is usable", "loaded")
+        self.expect("OK", software.check_detector("", good), ": net is usable")
+        self.expect("WARN", software.check_detector("fast", self.program(
+            "echo street.yaml: small is usable; echo small stands in for net, which is not here: fetch it\n")),
+            "small stands in for net, which is not here", "fetch it")
 
     def test_detector_that_cannot_be_loaded(self):
-        self.expect("FAIL", software.check_detector(self.model(), self.program("echo layer 3 is odd; exit 2\n")),
-                    "layer 3 is odd (status 2)")
+        self.expect("FAIL", software.check_detector("net.yaml", self.program("echo layer 3 is odd; exit 2\n")),
+                    "net.yaml cannot be loaded: layer 3 is odd (status 2)")
 
     def test_speech(self):
         self.expect("FAIL", software.check_speech(self.root / "absent"), "pocketsphinx-en-us")

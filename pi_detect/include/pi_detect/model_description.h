@@ -99,7 +99,8 @@ struct ModelDescription
 {
   std::string name;   ///< letters, digits, _ and -: part of the codelet's name
   std::string path;   ///< of the YAML file
-  ModelFile weights;  ///< .caffemodel, .pb, .onnx, or a .prototxt of a network without learned weights
+  ModelFile weights;  ///< .caffemodel, .pb, .onnx, or a .prototxt of a network without learned weights; of several that
+                      ///< the description allows, the first that is there
   ModelFile config;   ///< .prototxt or .pbtxt, where the format has one
   NetworkInput input;
   OutputKind output_kind = OutputKind::DETECTIONS;
@@ -109,11 +110,12 @@ struct ModelDescription
   std::map<int, std::string> labels;
   float score_threshold = 0.5F;         ///< for users who set none
   float class_agnostic_overlap = 0.0F;  ///< likewise; 0: no suppression across classes
+  std::string fallback;                 ///< name of the network in its place without weights; empty: none
   std::string origin;                   ///< source of the model, for people
   std::string licence;
 
-  /// Reads and validates a YAML file. Relative paths in it start at its folder; "${NAME}" stands for a variable of the
-  /// environment. Does not open the network's files.
+  /// Reads and validates a YAML file. Relative paths in it start at its folder, or where nothing is there, at one of
+  /// weightsFolders(); "${NAME}" stands for a variable of the environment. Does not open the network's files.
   /// @throws ModelError naming file, field, value and bound.
   static ModelDescription load(const std::string& path);
 

@@ -1,3 +1,4 @@
+#include <pi_detect/model_catalogue.h>
 #include <pi_detect/model_description.h>
 
 #include <pi_node/yaml_section.h>
@@ -85,6 +86,14 @@ void readChoice(YamlSection& section, const std::string& field, const std::map<s
   *value = choice->second;
 }
 
+void validateSum(const std::string& field, const std::string& sum)
+{
+  const bool valid =
+      sum.empty() ||
+      (sum.size() == 64 && std::all_of(sum.begin(), sum.end(), [](unsigned char c) { return std::isxdigit(c) != 0; }));
+  require(valid, field, "\"" + sum + "\"", "64 hexadecimal digits");
+}
+
 /// Puts in the environment's values for ${NAME}.
 std::string expand(const std::string& field, const std::string& text)
 {
@@ -109,11 +118,29 @@ std::string expand(const std::string& field, const std::string& text)
   return result + text.substr(at);
 }
 
+/// The path of a file in the description's folder or, if only there, in another one for weights.
+std::filesystem::path find(const std::filesystem::path& path, const std::filesystem::path& folder)
+{
+  std::error_code error;
+  if (path.is_absolute() || std::filesystem::is_regular_file(folder / path, error))
+  {
+    return folder / path;
+  }
+  for (const std::string& other : weightsFolders())
+  {
+    if (std::filesystem::is_regular_file(other / path, error))
+    {
+      return other / path;
+    }
+  }
+  return folder / path;
+}
+
 ModelFile readFile(YamlSection section, const std::filesystem::path& folder)
 {
   ModelFile file;
   const std::filesystem::path path = expand(section.name("file"), section.get<std::string>("file", "a path"));
-  file.path = (path.is_absolute() ? path : folder / path).lexically_normal().string();
+  file.path = find(path, folder).lexically_normal().string();
   section.read("sha256", "64 hexadecimal digits", &file.sha256);
   section.finish();
   return file;
@@ -138,6 +165,27 @@ void readScale(YamlSection& section, std::array<float, 3>* scale)
     require(std::isfinite(deviation[i]) && deviation[i] > 0.0F, section.name("std"), deviation[i], "above 0");
     (*scale)[i] = 1.0F / deviation[i];
   }
+}
+
+/// One file, or the first of a list that is there.
+ModelFile readWeights(YamlSection& section, const std::filesystem::path& folder)
+{
+  if (!section.node("weights").IsSequence())
+  {
+    return readFile(section.section("weights"), folder);
+  }
+  std::vector<ModelFile> files;
+  for (const YamlSection& entry : section.list("weights"))
+  {
+    files.push_back(readFile(entry, folder));
+    validateSum(section.name("weights/sha256"), files.back().sha256);
+  }
+  require(!files.empty(), section.name("weights"), "(empty)", "a file or a list of them");
+  std::error_code error;
+  const auto there =
+      std::find_if(files.begin(), files.end(),
+                   [&error](const ModelFile& file) { return std::filesystem::is_regular_file(file.path, error); });
+  return there == files.end() ? files.front() : *there;
 }
 
 NetworkInput readInput(YamlSection section)
@@ -221,7 +269,7 @@ ModelDescription read(YamlSection section, const std::filesystem::path& folder)
 {
   ModelDescription model;
   model.name = section.get<std::string>("name", "a word");
-  model.weights = readFile(section.section("weights"), folder);
+  model.weights = readWeights(section, folder);
   if (section.has("config"))
   {
     model.config = readFile(section.section("config"), folder);
@@ -253,18 +301,11 @@ ModelDescription read(YamlSection section, const std::filesystem::path& folder)
   }
   section.read("score_threshold", "a number", &model.score_threshold);
   section.read("class_agnostic_overlap", "a number", &model.class_agnostic_overlap);
+  section.read("fallback", "a word", &model.fallback);
   section.read("origin", "a text", &model.origin);
   section.read("licence", "a text", &model.licence);
   section.finish();
   return model;
-}
-
-void validateSum(const std::string& field, const std::string& sum)
-{
-  const bool valid =
-      sum.empty() ||
-      (sum.size() == 64 && std::all_of(sum.begin(), sum.end(), [](unsigned char c) { return std::isxdigit(c) != 0; }));
-  require(valid, field, "\"" + sum + "\"", "64 hexadecimal digits");
 }
 
 void validateInput(const NetworkInput& input)
@@ -366,6 +407,7 @@ void ModelDescription::validate() const
   {
     validateCells(cells, output_kind);
   }
+  require(fallback.empty() || isWord(fallback), "fallback", "\"" + fallback + "\"", "letters, digits, _ and -");
   require(!labels.empty(), "labels", "(empty)", "a map from class ids to names");
   for (const auto& [id, label] : labels)
   {

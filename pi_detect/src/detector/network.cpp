@@ -1,5 +1,7 @@
 #include "detector/network.h"
 
+#include <pi_detect/model_catalogue.h>
+
 #include <algorithm>
 #include <boost/algorithm/string.hpp>
 #include <cmath>
@@ -48,8 +50,8 @@ void checkFile(const ModelFile& file)
   std::error_code error;
   if (!fs::is_regular_file(file.path, error))
   {
-    throw ModelError(file.path +
-                     ": there is no such file; \"rosrun pi_detect fetch_models --list\" shows what can be had");
+    throw ModelError(file.path + ": there is no such file, nor below " + boost::join(weightsFolders(), " or ") +
+                     "; \"rosrun pi_detect fetch_models --list\" shows what can be had");
   }
   if (fs::file_size(file.path, error) == 0)
   {

@@ -9,6 +9,7 @@ import os
 import re
 import shutil
 import tarfile
+import time
 import urllib.error
 import urllib.request
 import zlib
@@ -20,6 +21,35 @@ RETRY_DELAYS_S = (1.0, 2.0, 4.0, 8.0)  # between tries that brought nothing
 CHUNK = 1 << 18                        # bytes
 SIZE_LIMIT = 1 << 30                   # bytes of a file whose size is not published
 RETRIED_STATUS = (408, 425, 429, 500, 502, 503, 504)
+
+
+class Patience:
+    """How long downloads may wait for servers that send nothing."""
+
+    def __init__(self, idle_s=None, sleep=time.sleep):
+        """@param idle_s  in a row, all tries together [s]; None: RETRY_DELAYS_S and TIMEOUT_S alone count"""
+        self._idle_s, self._sleep = idle_s, sleep
+        self._last_byte = time.monotonic()
+
+    def bytes_came(self):
+        self._last_byte = time.monotonic()
+
+    def timeout_s(self):
+        """Of the next wait for a byte, at least a little above 0."""
+        return TIMEOUT_S if self._idle_s is None else max(0.01, min(TIMEOUT_S, self._left_s()))
+
+    def wait(self, delay_s):
+        """Before another try. @return False: there is no time for one."""
+        if self._idle_s is not None and self._left_s() <= delay_s:
+            return False
+        self._sleep(delay_s)
+        return True
+
+    def ended(self):
+        return self._idle_s is not None and self._left_s() <= 0.0
+
+    def _left_s(self):
+        return self._idle_s - (time.monotonic() - self._last_byte)
 
 
 class _Retry(Exception):
@@ -52,12 +82,12 @@ def part_of(path):
     return path.with_name(path.name + ".part")
 
 
-def _open(url, have):
+def _open(url, have, timeout_s):
     headers = {"User-Agent": "pi_detect fetch_models"}
     if have:
         headers["Range"] = f"bytes={have}-"
     try:
-        return urllib.request.urlopen(urllib.request.Request(url, headers=headers), timeout=TIMEOUT_S)
+        return urllib.request.urlopen(urllib.request.Request(url, headers=headers), timeout=timeout_s)
     except urllib.error.HTTPError as error:
         with error:
             if error.code == 416 and have:
@@ -68,7 +98,7 @@ def _open(url, have):
         raise _Retry(str(getattr(error, "reason", error)) or type(error).__name__) from error
 
 
-def _transfer(url, part, size, progress):
+def _transfer(url, part, size, progress, patience):
     """Adds what is missing to the part. Raises _Retry if it is not whole then, _GiveUp if it cannot be."""
     have = part.stat().st_size if part.exists() else 0
     if size and have == size:
@@ -77,7 +107,7 @@ def _transfer(url, part, size, progress):
         part.unlink()
         have = 0
     try:
-        response = _open(url, have)
+        response = _open(url, have, patience.timeout_s())
     except urllib.error.HTTPError as error:
         # Nothing behind what is there: the file is whole, or another one.
         if error.headers.get("Content-Range", "") == f"bytes */{have}":
@@ -100,7 +130,7 @@ def _transfer(url, part, size, progress):
         with open(part, "ab" if is_rest else "wb") as file:
             while True:
                 try:
-                    chunk = response.read(CHUNK)
+                    chunk = response.read1(CHUNK)
                 except (OSError, http.client.HTTPException) as error:
                     raise _Retry(f"cut after {have} bytes: {error}") from error
                 if not chunk:
@@ -109,6 +139,7 @@ def _transfer(url, part, size, progress):
                     raise _GiveUp(f"has more than {limit} bytes")
                 file.write(chunk)
                 have += len(chunk)
+                patience.bytes_came()
                 progress(have, total or size)
     if have < (total or size):
         raise _Retry(f"cut after {have} of {total or size} bytes")
@@ -118,39 +149,43 @@ def _size(path):
     return path.stat().st_size if path.exists() else 0
 
 
-def _get(url, part, size, progress, wait):
+def _get(url, part, size, progress, patience):
     """Transfers, again and again as long as that helps. Raises _GiveUp."""
     delays = iter(RETRY_DELAYS_S)
     while True:
         before = _size(part)
         try:
-            return _transfer(url, part, size, progress)
+            return _transfer(url, part, size, progress, patience)
         except _Retry as error:
             if _size(part) > before:
                 delays = iter(RETRY_DELAYS_S)
             delay = next(delays, None)
             if delay is None:
                 raise _GiveUp(f"{error}, tried {len(RETRY_DELAYS_S) + 1} times") from error
-            wait(delay)
+            if not patience.wait(delay):
+                raise _GiveUp(str(error)) from error
 
 
-def download(urls, path, sums, size, progress, wait):
+def download(urls, path, sums, size, progress, patience):
     """Brings a file to path: from the first address that gives one with all the sums.
 
     What came so far lies beside it with the ending .part, also after an interruption; the next call goes on there.
     @param size      bytes, 0: unknown
     @param progress  called with (bytes so far, bytes in all or 0) after every chunk
-    @param wait      called with a delay in seconds before another try
+    @param patience  with servers that send nothing
     @throws ToolError naming every address and why it did not help; a part with a wrong sum is removed
     @throws OSError   if the file cannot be written
     """
     part = part_of(path)
     reasons = []
     for url in urls:
+        if patience.ended():
+            reasons.append(f"{url}: not tried")
+            continue
         # A wrong sum may come from what an earlier run left: once more from the beginning.
         for is_resumed in (True, False) if part.exists() else (False,):
             try:
-                _get(url, part, size, progress, wait)
+                _get(url, part, size, progress, patience)
             except _GiveUp as error:
                 reasons.append(f"{url}: {error}")
                 break

@@ -1,10 +1,11 @@
-"""Fetches public SSD networks for pi_detect and describes them.
+"""Fetches public networks for pi_detect and describes them.
 
   fetch_models --list
-  fetch_models ssd_mobilenet_v2_coco face_ssd_res10
+  fetch_models fast accurate
 
 Every file is checked by its published sum before it gets its name. An interrupted download goes on at the next start.
-Beside the files of each model lies its description MODEL.yaml, which the nodes and tools of pi_detect take. Exit
+Beside the files of each model lies its description MODEL.yaml, which the nodes and tools of pi_detect take; fast and
+accurate have theirs in the package, and the nodes take them by these names. Exit
 status: 0; 1 if something could not be fetched; 2 for a wrong command line; 128 + number of the signal that ended it.
 """
 
@@ -62,42 +63,53 @@ class Progress:
             self._stream.flush()
 
 
+def _holds(folder, sums):
+    """Whether a folder has all the files of a dict file name -> sha256."""
+    try:
+        return all(not downloads.mismatch(folder / name, {"sha256": sha256}) for name, sha256 in sums.items())
+    except OSError:
+        return False
+
+
 class Fetcher:
     """Brings models to a folder."""
 
-    def __init__(self, folder, offline=None, mirror=None, progress=None, wait=time.sleep):
+    def __init__(self, folder, offline=None, mirror=None, progress=None, patience=None):
         """@param folder   where the models are kept
         @param offline  folder that has the downloads already; None: from servers
         @param mirror   address that stands for the catalogue's, with the same file names; None: the catalogue's
+        @param patience  downloads.Patience with servers
         """
         self.folder = folder
         self._offline = offline
         self._mirror = mirror
         self._progress = progress or Progress(sys.stderr)
-        self._wait = wait
+        self._patience = patience or downloads.Patience()
 
     def is_there(self, model):
         """Whether the description and all files with the sums in it are there."""
-        sums = model_catalogue.described_sums(self._description(model))
-        try:
-            return set(sums) == {file.name for file in model.files} and all(
-                downloads.sums_of(self.folder / name, ("sha256",))["sha256"] == sha256 for name, sha256 in sums.items())
-        except OSError:
-            return False
+        if model.described_in is None:
+            choices = [sums for sums in model_catalogue.described_sums(self.description(model))
+                       if set(sums) == {file.name for file in model.files}]
+            return any(_holds(self.folder, sums) for sums in choices)
+        return any(_holds(folder, sums) for sums in model_catalogue.described_sums(model.described_in)
+                   for folder in [self.folder, *model_catalogue.weights_folders()])
 
     def fetch(self, model):
         """@return path of the description @throws ToolError @throws OSError"""
         for file in model.files:
             self._fetch_file(file)
+        path = self.description(model)
+        if model.described_in is not None:
+            return path
         sums = {file.name: downloads.sums_of(self.folder / file.name, ("sha256",))["sha256"] for file in model.files}
-        path = self._description(model)
         part = downloads.part_of(path)
         part.write_text(model_catalogue.describe(model, sums), encoding="utf-8")
         os.replace(part, path)
         return path
 
-    def _description(self, model):
-        return self.folder / f"{model.name}.yaml"
+    def description(self, model):
+        return model.described_in or self.folder / f"{model.name}.yaml"
 
     def _fetch_file(self, file):
         path = self.folder / file.name
@@ -119,7 +131,7 @@ class Fetcher:
         urls = [f"{self._mirror.rstrip('/')}/{file.download_name}"] if self._mirror else file.urls
         self._progress.begin(file.download_name)
         try:
-            downloads.download(urls, path, file.sums, file.size, self._progress.update, self._wait)
+            downloads.download(urls, path, file.sums, file.size, self._progress.update, self._patience)
         finally:
             self._progress.end()
 
@@ -163,16 +175,21 @@ def default_catalogue():
     return next((path for path in candidates if path.is_file()), candidates[-1])
 
 
-def default_output():
-    home = os.environ.get("XDG_DATA_HOME") or str(Path.home() / ".local" / "share")
-    return Path(home) / "pi_detect" / "models"
-
-
 def _mirror(text):
     parts = urlsplit(text)
     if parts.scheme not in ("http", "https") or not parts.netloc:
         raise argparse.ArgumentTypeError(f"'{text}', must be an http(s) address")
     return text
+
+
+def _seconds(text):
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"'{text}', must be a number of seconds above 0")
+    return value
 
 
 def parse(arguments):
@@ -181,7 +198,8 @@ def parse(arguments):
     parser.add_argument("models", nargs="*", metavar="MODEL", help="names of --list")
     parser.add_argument("--all", action="store_true", help="all models of the catalogue")
     parser.add_argument("--list", action="store_true", help="show the models and whether they are there")
-    parser.add_argument("--output", type=Path, default=default_output(), metavar="FOLDER",
+    parser.add_argument("--missing", action="store_true", help="print those that are not there, and fetch nothing")
+    parser.add_argument("--output", type=Path, default=model_catalogue.default_output(), metavar="FOLDER",
                         help="where the models are kept; default: %(default)s")
     source = parser.add_mutually_exclusive_group()
     source.add_argument("--from", type=Path, dest="offline", metavar="FOLDER",
@@ -190,6 +208,8 @@ def parse(arguments):
                         help="get ADDRESS/FILE in place of the catalogue's addresses")
     parser.add_argument("--catalogue", type=Path, default=default_catalogue(), metavar="FILE",
                         help="list of models; default: %(default)s")
+    parser.add_argument("--patience", type=_seconds, metavar="S",
+                        help="give up after S seconds in a row without a byte; default: several tries per address")
     line = parser.parse_args(arguments)
     if not line.list and not line.all and not line.models:
         parser.error("nothing to do: name models, or give --all or --list")
@@ -210,16 +230,20 @@ def run(line):
     for name in line.models:
         if name not in catalogue:
             raise ToolError(f"{line.catalogue} has no model {name}; it has {', '.join(catalogue)}")
-    fetcher = Fetcher(line.output, line.offline, line.mirror)
+    fetcher = Fetcher(line.output, line.offline, line.mirror, patience=downloads.Patience(line.patience))
+    names = list(catalogue) if line.all else list(dict.fromkeys(line.models))
     if line.list:
         show(catalogue, fetcher)
         return 0
+    if line.missing:
+        print("".join(f"{name}\n" for name in names if not fetcher.is_there(catalogue[name])), end="")
+        return 0
     status = 0
     with claim(line.output):
-        for name in catalogue if line.all else dict.fromkeys(line.models):
+        for name in names:
             try:
                 note = "is there already" if fetcher.is_there(catalogue[name]) else ""
-                path = line.output / f"{name}.yaml" if note else fetcher.fetch(catalogue[name])
+                path = fetcher.description(catalogue[name]) if note else fetcher.fetch(catalogue[name])
                 print(f"{name}: {note or 'fetched'}: {path}")
             except ToolError as error:
                 print(f"fetch_models: {name}: {error}", file=sys.stderr)

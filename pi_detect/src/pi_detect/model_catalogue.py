@@ -1,8 +1,9 @@
 """The list of public networks that fetch_models gets, and the description that it writes beside each."""
 
+import os
 import re
 from dataclasses import dataclass
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from urllib.parse import urlsplit
 
 import yaml
@@ -38,7 +39,8 @@ class CatalogueModel:
     name: str
     title: str
     files: tuple
-    description: dict
+    description: dict    # empty: the package has it, in `described_in`
+    described_in: object = None  # path; None: fetch_models writes the description
 
 
 def _check(valid, path, place, value, bound):
@@ -104,6 +106,12 @@ def load_catalogue(path):
         _check(roles.count("weights") == 1 and roles.count("config") <= 1, path, f"{place}/files", roles,
                "one file of weights and at most one config")
         description = entry.get("description")
+        if isinstance(description, str):
+            described_in = path.with_name(description)
+            _check(_is_file_name(description) and described_in.is_file(), path, f"{place}/description", description,
+                   "a map, or the name of a description beside the catalogue")
+            models[name] = CatalogueModel(name, entry["title"], files, {}, described_in)
+            continue
         _check(isinstance(description, dict) and set(description) == set(FIELDS), path, f"{place}/description",
                description and sorted(description), f"a map of {', '.join(FIELDS)}")
         labels = description["labels"]
@@ -128,9 +136,24 @@ def describe(model, sha256):
 
 
 def described_sums(path):
-    """Dict file name -> sha256 of a description that describe() made; empty if it is none or not there."""
+    """The files that a description needs, as list of dicts file name -> sha256, any of which is enough; empty if it is
+    no description or not there."""
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
-        return {content[role]["file"]: content[role]["sha256"] for role in ROLES if role in content}
+        weights = content["weights"] if isinstance(content["weights"], list) else [content["weights"]]
+        config = [content["config"]] if "config" in content else []
+        return [{file["file"]: file["sha256"] for file in [choice, *config]} for choice in weights]
     except (OSError, UnicodeDecodeError, yaml.YAMLError, TypeError, KeyError):
-        return {}
+        return []
+
+
+def weights_folders():
+    """Where the nodes look for weights besides the description's folder, as pi_detect/model_catalogue.h."""
+    data = os.environ.get("PI_EDGE_DATA")
+    return ([Path(data) / "detect" / "models"] if data else []) + [default_output()]
+
+
+def default_output():
+    """Where fetch_models keeps what it fetches."""
+    home = os.environ.get("XDG_DATA_HOME") or str(Path.home() / ".local" / "share")
+    return Path(home) / "pi_detect" / "models"

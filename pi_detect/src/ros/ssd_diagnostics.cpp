@@ -101,6 +101,10 @@ void SsdDiagnostics::reportDetection(Status& status)
   {
     status.summary(DiagnosticStatus::WARN, now_.problem + "; goes on with " + now_.model);
   }
+  else if (!now_.notice.empty())
+  {
+    status.summary(DiagnosticStatus::WARN, now_.notice);
+  }
   else if (now_.target.used != now_.target.requested)
   {
     status.summary(DiagnosticStatus::WARN, std::string("on ") + toString(now_.target.used) + " instead of " +
@@ -116,6 +120,10 @@ void SsdDiagnostics::reportDetection(Status& status)
                                              format(", %.0f ms after their stamps", latency_ms_.quantile(0.5)));
   }
   status.add("model", now_.model);
+  if (!now_.notice.empty())
+  {
+    status.add("stands in", now_.notice);
+  }
   status.add("codelet", now_.codelet);
   status.add("target requested", toString(now_.target.requested));
   status.add("target used", toString(now_.target.used));

@@ -29,6 +29,7 @@ struct SsdFigures
   std::string codelet;  ///< of its network
   TargetInUse target;   ///< if there is a model
   std::string loading;  ///< description that is being loaded; empty: none
+  std::string notice;   ///< why the model in use stands in for another one; empty: it does not
   std::string problem;  ///< why the model asked for last is not in use; empty: it is
   int threads = 0;      ///< of OpenCV
   bool use_runtime = false;

@@ -3,6 +3,7 @@
 #include <pi_detect/Detection2DArray.h>
 #include <pi_detect/LabelArray.h>
 #include <pi_detect/Track2DArray.h>
+#include <pi_detect/model_catalogue.h>
 #include <pi_detect/ros/conversions.h>
 #include <pi_node/formatting.h>
 #include <pi_node/ros/node_options.h>
@@ -12,7 +13,7 @@
 #include <opencv2/core/utility.hpp>
 #include <utility>
 
-#include "ros/default_model.h"
+#include "ros/packaged_models.h"
 
 namespace pi_detect
 {
@@ -37,7 +38,7 @@ SsdRos::SsdRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , overlay_transport_(service_node_)
 {
   requireTransport(input_transport_, options_.image_transport, private_node.resolveName("image_transport"));
-  asked_for_ = options_.model.empty() ? defaultModel() : options_.model;
+  asked_for_ = options_.model.empty() ? DEFAULT_MODEL : options_.model;
   worker_.beginLoading(asked_for_);
 
   const auto look = [this](const ros::SingleSubscriberPublisher&) { updateSubscription(); };
@@ -86,14 +87,16 @@ void SsdRos::publish(const FoundObjects& found)
 
 // ---------------------------------------------------------------------------------------------------------- ssd_loader
 
-bool SsdRos::load(const std::string& path, std::string* message)
+bool SsdRos::load(const std::string& model, std::string* message)
 {
-  worker_.beginLoading(path);
+  worker_.beginLoading(model);
   std::shared_ptr<Detector> detector;
+  std::string notice;
   try
   {
-    const ModelDescription model = ModelDescription::load(path);
-    detector = std::make_shared<Detector>(model, options_.detectorOptions(model), runtime_);
+    const ChosenModel chosen = chooseModel(model, packagedModels());
+    notice = chosen.notice;
+    detector = std::make_shared<Detector>(chosen.description, options_.detectorOptions(chosen.description), runtime_);
   }
   catch (const std::exception& error)
   {
@@ -105,6 +108,11 @@ bool SsdRos::load(const std::string& path, std::string* message)
   }
   *message = describe(*detector);
   ROS_INFO_STREAM_NAMED("ssd", "detects with " << *message << ", " << detector->model().labels.size() << " classes");
+  if (!notice.empty())
+  {
+    *message += ": " + notice;
+    ROS_WARN_STREAM_NAMED("ssd", notice);
+  }
   const TargetInUse& target = detector->target();
   if (target.used != target.requested)
   {
@@ -113,7 +121,7 @@ bool SsdRos::load(const std::string& path, std::string* message)
   }
   LabelArray labels = toMsg(detector->model());
   labels.header.stamp = ros::Time::now();
-  worker_.use(std::move(detector));
+  worker_.use(std::move(detector), notice);
   diagnostics_.reset();
   labels_.publish(labels);
   return true;
@@ -121,10 +129,11 @@ bool SsdRos::load(const std::string& path, std::string* message)
 
 bool SsdRos::setModel(SetModel::Request& request, SetModel::Response& response)
 {
-  if (!request.description.empty() && request.description.front() != '/')
+  if (isModelPath(request.description) && request.description.front() != '/')
   {
     response.message = "description = \"" + request.description +
-                       "\", must be an absolute path: the node's working folder is not the caller's";
+                       "\", must be the name of a network or an absolute path: the node's working folder is not the "
+                       "caller's";
     return true;
   }
   if (!request.description.empty())

@@ -45,7 +45,7 @@ private:
 
   // ssd_loader
   /// @param[out] message  what is in use now, or why not.
-  bool load(const std::string& path, std::string* message);
+  bool load(const std::string& model, std::string* message);
   bool setModel(SetModel::Request& request, SetModel::Response& response);
 
   // ssd_service

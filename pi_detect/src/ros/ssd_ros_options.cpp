@@ -1,4 +1,5 @@
 #include "ros/ssd_ros_options.h"
+#include <pi_detect/model_catalogue.h>
 #include <pi_node/ros/parameter_tree.h>
 
 #include <algorithm>
@@ -56,8 +57,8 @@ static void read(const XmlRpcValue& value, Target* field)
 
 void SsdRosOptions::validate() const
 {
-  require(model.empty() || model.front() == '/', "model", "\"" + model + "\"",
-          "an absolute path, or empty for the package's own: a node's working folder is not its user's");
+  require(!isModelPath(model) || model.front() == '/', "model", "\"" + model + "\"",
+          "the name of a network or an absolute path: a node's working folder is not its user's");
   detector.validate();
   parameter_tree::validateGroup("tracker", tracker);
   require(!image_transport.empty(), "image_transport", "\"\"", "the name of a transport, as raw or compressed");

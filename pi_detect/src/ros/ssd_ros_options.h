@@ -13,7 +13,7 @@ namespace pi_detect
 /// The parameters of the ssd node; config/ssd.yaml shows each with its unit.
 struct SsdRosOptions : pi_node::NodeParameters<SsdRosOptions>
 {
-  std::string model;         ///< YAML file of the model, absolute; empty: the package's ssd_street.yaml
+  std::string model;  ///< name of a network in config/models, or absolute path of a YAML file; empty: the default
   DetectorOptions detector;  ///< its filter is that of `detections`
   bool use_runtime = true;   ///< tasks of pi_runtime::Runtime::shared(); false: plain calls
   ObjectTrackerOptions tracker;

@@ -113,18 +113,19 @@ bool SsdWorker::detect(const zero_copy::ImageHandle& picture, DetectObjects::Res
   return call.done;
 }
 
-void SsdWorker::beginLoading(const std::string& description)
+void SsdWorker::beginLoading(const std::string& model)
 {
   std::lock_guard<std::mutex> lock(mutex_);
-  figures_.loading = description;
+  figures_.loading = model;
 }
 
-void SsdWorker::use(std::shared_ptr<Detector> detector)
+void SsdWorker::use(std::shared_ptr<Detector> detector, const std::string& notice)
 {
   std::lock_guard<std::mutex> lock(mutex_);
   detector_.swap(detector);  // the old one is destroyed with the parameter, after the lock is released
   figures_.loading.clear();
   figures_.problem.clear();
+  figures_.notice = notice;
 }
 
 std::shared_ptr<const Detector> SsdWorker::failLoading(const std::string& problem)

@@ -51,8 +51,9 @@ public:
   /// @return false if the worker has stopped.
   bool detect(const pi_os_transport::zero_copy::ImageHandle& picture, DetectObjects::Response* response);
 
-  void beginLoading(const std::string& description);
-  void use(std::shared_ptr<Detector> detector);
+  void beginLoading(const std::string& model);
+  /// @param notice  why this network stands in for another one; empty: it does not.
+  void use(std::shared_ptr<Detector> detector, const std::string& notice);
   /// @return the detector that stays in use; null: none.
   std::shared_ptr<const Detector> failLoading(const std::string& problem);
 

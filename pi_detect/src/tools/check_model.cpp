@@ -1,9 +1,11 @@
-// check_model MODEL.yaml: whether OpenCV can load and run a model; tells its kind, or why not, on the standard output.
+// check_model MODEL: whether OpenCV can load and run a model; tells its kind, or why not, on the standard output.
 // The library runs it as a child process, since OpenCV can crash on a damaged file.
 
+#include <pi_detect/model_catalogue.h>
 #include <pi_detect/model_check.h>
 #include <pi_node/command_line.h>
 #include <sys/resource.h>
+#include "ros/packaged_models.h"
 
 #include <cstdlib>
 #include <iostream>
@@ -22,11 +24,11 @@ void limit(int resource, rlim_t value)
 
 int main(int argc, char** argv)
 {
-  std::string description;
+  std::string description = pi_detect::DEFAULT_MODEL;
   int memory_mb = pi_detect::ModelCheckOptions().memory_limit_mb;
-  pi_node::CommandLine options("check_model MODEL.yaml");
+  pi_node::CommandLine options("check_model [NAME_OR_YAML]");
   options.addValue("memory-mb", &memory_mb, "address space that loading may take [MB]");
-  options.addPositional("model", &description, "no description of a model is named");
+  options.addPositional("model", &description, "");
   try
   {
     if (!options.parse(argc, argv))
@@ -43,9 +45,16 @@ int main(int argc, char** argv)
   limit(RLIMIT_AS, static_cast<rlim_t>(memory_mb) << 20);
   try
   {
-    const auto model = pi_detect::ModelDescription::load(description);
-    pi_detect::checkModelHere(model);
-    std::cout << description << ": " << model.name << " is usable, output/kind " << toString(model.output_kind) << "\n";
+    // ROS is not asked for what the library calls this for.
+    const std::string models = pi_detect::isModelPath(description) ? "" : pi_detect::packagedModels();
+    const auto model = pi_detect::chooseModel(description, models);
+    pi_detect::checkModelHere(model.description);
+    std::cout << model.description.path << ": " << model.description.name << " is usable, output/kind "
+              << toString(model.description.output_kind) << "\n";
+    if (!model.notice.empty())
+    {
+      std::cout << model.notice << "\n";
+    }
     return EXIT_SUCCESS;
   }
   catch (const std::bad_alloc&)

@@ -2,13 +2,14 @@
 // master.
 
 #include <pi_detect/detector.h>
+#include <pi_detect/model_catalogue.h>
 #include <pi_node/command_line.h>
 #include <pi_node/durations.h>
 #include <pi_node/output_file.h>
 #include <pi_node/progress.h>
 #include <pi_node/stop_signal.h>
 #include "detector/draw_detections.h"
-#include "ros/default_model.h"
+#include "ros/packaged_models.h"
 
 #include <algorithm>
 #include <boost/algorithm/string.hpp>
@@ -209,11 +210,13 @@ void saveOverlay(const std::string& folder, const std::string& path, const Detec
 int run(const Arguments& line)
 {
   Pictures pictures(listFiles(line.inputs), line.every);
-  const ModelDescription model = ModelDescription::load(line.model);
+  const ChosenModel chosen = chooseModel(line.model, packagedModels());
+  const ModelDescription& model = chosen.description;
   Detector detector(model, line.detector, line.direct ? nullptr : pi_runtime::Runtime::shared());
   const TargetInUse& target = detector.target();
   std::cerr << "model " << model.name << " on " << toString(target.used)
-            << (target.device.empty() ? "" : " (" + target.device + ")") << "\n";
+            << (target.device.empty() ? "" : " (" + target.device + ")")
+            << (chosen.notice.empty() ? "" : ": " + chosen.notice) << "\n";
   if (!target.reason.empty())
   {
     std::cerr << "warning: not on " << toString(target.requested) << ": " << target.reason << "\n";
@@ -273,7 +276,8 @@ bool parse(int argc, char** argv, Arguments* line)
   std::vector<std::string> thresholds;
   DetectionFilter& filter = line->detector.filter;
   pi_node::CommandLine options("detect_images --output DETECTIONS.json [options] PICTURE_FOLDER_OR_VIDEO...");
-  options.add("model", po::value(&line->model)->default_value(defaultModel()), "description of the network, YAML");
+  options.add("model", po::value(&line->model)->default_value(DEFAULT_MODEL),
+              "network: a name in config/models, or path of a description");
   options.add("output", po::value(&line->output)->required(), "JSON list of image, class, score, x1, y1, x2, y2 [px]");
   options.addFlag(
       "name-pictures", &line->name_pictures,

@@ -195,6 +195,9 @@ TEST_F(ModelDescriptionFile, ErrorsNameFileFieldValueAndBound)
   EXPECT_TRUE(contains(errorWith(MINIMAL, "{1: person, 3: car}", "{}"), "labels = (empty)"));
   EXPECT_TRUE(contains(errorWith(MINIMAL, "{1: person", "{-1: person"), "labels: id = -1, must be at least 0"));
   EXPECT_TRUE(contains(errorWith(RAW, "0123456789abcdef0", "x"), "weights/sha256 = "));
+  EXPECT_TRUE(contains(errorWith(MINIMAL, "{file: net.onnx}", "[]"), "weights = (empty), must be a file or a list"));
+  EXPECT_TRUE(contains(errorWith(MINIMAL, "{file: net.onnx}", "[{file: a}, {file: b, sha256: x}]"), "sha256 = \"x\""));
+  EXPECT_TRUE(contains(errorWith(MINIMAL, "name: net-1", "name: net-1\nfallback: a b"), "fallback = \"a b\""));
   EXPECT_TRUE(contains(errorWith(RAW, "[1, 2, 3]", "[1, 2]"), "input/mean = 2 numbers, must be a list of 3 numbers"));
   EXPECT_TRUE(contains(errorWith(RAW, "[[0.1, 0.2], [0.3, 0.4]]", "[[0.1, 0.2, 0.3]]"), "3 numbers in an entry"));
   EXPECT_TRUE(

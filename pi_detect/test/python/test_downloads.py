@@ -5,6 +5,7 @@ import random
 import sys
 import tarfile
 import tempfile
+import time
 import unittest
 from pathlib import Path
 
@@ -37,10 +38,12 @@ class Downloads(Case):
         self.addCleanup(self.server.close)
         self.server.files["/net.pb"] = CONTENT
         self.delays, self.progress = [], []
+        self.patience = None
 
     def download(self, urls=None, sums=None, size=len(CONTENT)):
         downloads.download(urls or [self.server.url("/net.pb")], self.path, sums or SUMS, size,
-                           lambda *state: self.progress.append(state), self.delays.append)
+                           lambda *state: self.progress.append(state),
+                           self.patience or downloads.Patience(sleep=self.delays.append))
 
     def test_a_file_arrives_whole_under_its_name(self):
         self.download()
@@ -134,6 +137,25 @@ class Downloads(Case):
         self.assertEqual(self.delays, list(downloads.RETRY_DELAYS_S))
         self.assertEqual(self.names(), [])
 
+    def test_patience_limits_all_tries_and_addresses_together(self):
+        gone = LoopbackServer()
+        gone.close()
+        self.patience = downloads.Patience(0.5)
+        began = time.monotonic()
+        with self.assertRaisesRegex(ToolError, "refused.*b.pb: .*refused"):
+            self.download([gone.url("/a.pb"), gone.url("/b.pb")])  # the first pause of 1 s would be too long
+        self.assertLess(time.monotonic() - began, 0.5)
+        time.sleep(0.5)
+        with self.assertRaisesRegex(ToolError, "a.pb: not tried"):
+            self.download([gone.url("/a.pb")])
+
+    def test_patience_begins_anew_with_each_byte(self):
+        self.patience = downloads.Patience(60.0, self.delays.append)
+        self.server.faults = [cut_after(300_000), fail(503)]
+        self.download()
+        self.assertEqual(self.path.read_bytes(), CONTENT)
+        self.assertFalse(self.patience.ended())
+
     def test_a_missing_file_is_not_asked_for_again_but_elsewhere(self):
         self.download([self.server.url("/gone.pb"), self.server.url("/net.pb")])
         self.assertEqual(self.path.read_bytes(), CONTENT)
@@ -161,7 +183,8 @@ class Downloads(Case):
         def interrupt(*_):
             raise KeyboardInterrupt
         with self.assertRaises(KeyboardInterrupt):
-            downloads.download([self.server.url("/net.pb")], self.path, SUMS, 0, interrupt, self.delays.append)
+            downloads.download([self.server.url("/net.pb")], self.path, SUMS, 0, interrupt,
+                               downloads.Patience(sleep=self.delays.append))
         self.assertEqual(self.names(), ["net.pb.part"])
         have = self.part.stat().st_size
         self.assertEqual(self.part.read_bytes(), CONTENT[:have])

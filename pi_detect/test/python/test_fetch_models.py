@@ -11,6 +11,7 @@ import tarfile
 import tempfile
 import threading
 import unittest
+import unittest.mock
 from pathlib import Path
 
 import yaml
@@ -86,6 +87,28 @@ class FetchModels(unittest.TestCase):
         description = yaml.safe_load((self.output / "net.yaml").read_text())
         self.assertEqual(description["weights"], {"file": "net.pb", "sha256": sha256(GRAPH)})
         self.assertEqual(description["config"], {"file": "net.pbtxt", "sha256": sha256(CONFIG)})
+
+    def test_a_network_that_the_package_describes_is_looked_for_where_the_nodes_look(self):
+        own = self.folder / "own.yaml"
+        own.write_text(yaml.safe_dump({"weights": [{"file": "own.onnx", "sha256": sha256(GRAPH)},
+                                                   {"file": "other.onnx", "sha256": sha256(CONFIG)}]}))
+        content = yaml.safe_load(self.catalogue.read_text())
+        content["models"]["own"] = {"title": "Own", "description": "own.yaml", "files": [
+            {"name": "own.onnx", "role": "weights", "urls": [self.server.url("/own.onnx")],
+             "sums": {"sha256": sha256(GRAPH)}}]}
+        self.catalogue.write_text(yaml.safe_dump(content))
+        self.server.files["/own.onnx"] = GRAPH
+        data = self.folder / "data"
+        (data / "detect" / "models").mkdir(parents=True)
+        with unittest.mock.patch.dict(os.environ, {"PI_EDGE_DATA": str(data)}):
+            self.assertEqual(self.run_tool("--missing", "own", "net"), (0, "own\nnet\n", ""))
+            (data / "detect" / "models" / "other.onnx").write_bytes(CONFIG)
+            self.assertEqual(self.run_tool("--missing", "own", "net"), (0, "net\n", ""))
+            (data / "detect" / "models" / "other.onnx").write_bytes(b"damaged")
+            status, output, _ = self.run_tool("own")
+            self.assertEqual((status, output), (0, f"own: fetched: {own}\n"))
+            self.assertEqual(self.names(), ["own.onnx"])
+            self.assertEqual(self.run_tool("--missing", "own"), (0, "", ""))
 
     def test_what_is_there_is_not_fetched_again(self):
         self.run_tool("net")

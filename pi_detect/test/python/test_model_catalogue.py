@@ -61,13 +61,25 @@ class ModelCatalogue(unittest.TestCase):
         self.assertEqual(content["labels"], {1: "cat", 3: "dog"})
         self.assertEqual(content["output"], {"kind": "detections"})
         self.path.write_text(text)
-        self.assertEqual(described_sums(self.path), {"net.pb": "a" * 64, "net.pbtxt": "b" * 64})
+        self.assertEqual(described_sums(self.path), [{"net.pb": "a" * 64, "net.pbtxt": "b" * 64}])
+
+    def test_a_description_may_lie_beside_the_catalogue(self):
+        models = load_catalogue(SHIPPED)
+        for name in ("fast", "accurate"):
+            described_in = models[name].described_in
+            self.assertEqual(described_in, SHIPPED.with_name(f"{name}.yaml"))
+            file = models[name].files[0]
+            self.assertIn({file.name: file.sums["sha256"]}, described_sums(described_in))
+        content = copy.deepcopy(VALID)
+        content["models"]["net"]["description"] = "absent.yaml"
+        with self.assertRaisesRegex(ToolError, "models/net/description = 'absent.yaml', must be a map, or the name of"):
+            self.load(content)
 
     def test_what_is_no_description_has_no_sums(self):
-        self.assertEqual(described_sums(self.path), {})
+        self.assertEqual(described_sums(self.path), [])
         for text in ("[", "3", "weights: x"):
             self.path.write_text(text)
-            self.assertEqual(described_sums(self.path), {})
+            self.assertEqual(described_sums(self.path), [])
 
     def test_wrong_fields_are_refused_by_name_and_value(self):
         def file(field, value):

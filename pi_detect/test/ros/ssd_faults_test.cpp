@@ -1,7 +1,7 @@
 // Judge of ssd_faults.test. The tests build on each other: the node has no model before the first that gives it one.
 
-#include "ros/pictures_on_graph.h"
 #include "detector/tiny_network.h"
+#include "ros/pictures_on_graph.h"
 
 #include <gtest/gtest.h>
 #include <pi_detect/DetectObjects.h>
@@ -116,7 +116,10 @@ TEST_F(SsdFaults, ModelThatFailsLeavesTheEarlierOneInUse)
   expectWork();
   const SetModel::Response relative = setModel("models/tiny.yaml");
   EXPECT_FALSE(relative.success);
-  EXPECT_TRUE(contains(relative.message, "must be an absolute path")) << relative.message;
+  EXPECT_TRUE(contains(relative.message, "must be the name of a network or an absolute path")) << relative.message;
+  const SetModel::Response unknown = setModel("tiny");
+  EXPECT_FALSE(unknown.success);
+  EXPECT_TRUE(contains(unknown.message, "which has accurate, fast, ssd_mobilenet, street")) << unknown.message;
   EXPECT_TRUE(setModel(graph_->folder.path() + "/tiny.yaml").success);
 }
 

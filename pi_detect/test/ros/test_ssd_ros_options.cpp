@@ -57,9 +57,8 @@ TEST(SsdRosOptions, NamesUnknownParameters)
 
 TEST(SsdRosOptions, NamesParameterValueAndBound)
 {
-  EXPECT_EQ(
-      0u,
-      ssd_reader.refusal("model: models/a.yaml").find("parameter /ssd/model = \"models/a.yaml\", must be an absolute"));
+  EXPECT_EQ(0u, ssd_reader.refusal("model: models/a.yaml")
+                    .find("parameter /ssd/model = \"models/a.yaml\", must be the name of a network or an absolute"));
   EXPECT_EQ("parameter /ssd/target = \"cuda\", must be cpu, opencl or opencl_fp16", ssd_reader.refusal("target: cuda"));
   EXPECT_EQ("parameter /ssd/max_rate_hz = -1, must be in [0, 1000]", ssd_reader.refusal("max_rate_hz: -1"));
   EXPECT_EQ("parameter /ssd/always_on = 1, must be true or false", ssd_reader.refusal("always_on: 1"));

@@ -113,7 +113,12 @@ void serve(const EdgeServerRosOptions& options, const ros::NodeHandle* node, Log
   EdgeServer::Callbacks callbacks;
   callbacks.event = [&warnings](const std::string& text) { warnings.warn(text); };
   pi_offload::EdgeServerOptions server_options = options.serverOptions();
-  server_options.model = options.detectionModel();
+  std::string notice;
+  server_options.model = options.detectionModel(&notice);
+  if (!notice.empty())
+  {
+    log->warn(notice);
+  }
   EdgeServer server(server_options, options.executors(), callbacks);
   const std::unique_ptr<HealthEndpoint> health = makeHealth(options, server);
   std::unique_ptr<pi_offload::EdgeServerRos> on_graph;

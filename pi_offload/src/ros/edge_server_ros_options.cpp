@@ -1,5 +1,6 @@
 #include "ros/edge_server_ros_options.h"
 
+#include <pi_detect/model_catalogue.h>
 #include <pi_node/option_check.h>
 #include <pi_node/ros/parameter_tree.h>
 #include <pi_node/ros/yaml_parameters.h>
@@ -68,10 +69,12 @@ std::string packaged(const char* package, const char* name, const char* paramete
   return path;
 }
 
-std::string modelFile(const EdgeServerRosOptions& options)
+pi_detect::ChosenModel chosenModel(const EdgeServerRosOptions& options)
 {
-  const std::string& path = options.detector.model;
-  return path.empty() ? packaged("pi_detect", "config/models/ssd_street.yaml", "detection/model") : path;
+  const std::string& model = options.detector.model;
+  const std::string models =
+      pi_detect::isModelPath(model) ? "" : packaged("pi_detect", "config/models", "detection/model");
+  return pi_detect::chooseModel(model.empty() ? pi_detect::DEFAULT_MODEL : model, models);
 }
 
 }  // namespace
@@ -177,7 +180,8 @@ void EdgeServerRosOptions::validate() const
   parameters::require(!map_frame.empty(), "map_frame", "\"\"", "the name of a frame");
   own.range<size_t>("server/max_payload_mb", max_payload_mb, 1, 65536);
   parameters::require(detection || speech, "detection/enabled and speech/enabled", "false", "true for one at least");
-  requirePath("detection/model", detector.model);
+  parameters::require(!pi_detect::isModelPath(detector.model) || detector.model.front() == '/', "detection/model",
+                      "\"" + detector.model + "\"", "the name of a network or an absolute path");
   requirePath("speech/commands", commands);
   serverOptions().validate();
   detector.detector.validate();
@@ -221,7 +225,7 @@ std::array<ExecutorFactory, TASK_KINDS> EdgeServerRosOptions::executors() const
   if (detection)
   {
     DetectionExecutorOptions complete = detector;
-    complete.model = modelFile(*this);
+    complete.model = chosenModel(*this).description.path;
     factories[SERVED_DETECTION] = detectionExecutor(complete);
   }
   if (speech)
@@ -239,9 +243,15 @@ std::array<ExecutorFactory, TASK_KINDS> EdgeServerRosOptions::executors() const
   return factories;
 }
 
-std::string EdgeServerRosOptions::detectionModel() const
+std::string EdgeServerRosOptions::detectionModel(std::string* notice) const
 {
-  return detection ? pi_detect::ModelDescription::load(modelFile(*this)).name : "";
+  if (!detection)
+  {
+    return "";
+  }
+  pi_detect::ChosenModel chosen = chosenModel(*this);
+  *notice = std::move(chosen.notice);
+  return chosen.description.name;
 }
 
 EdgeNode EdgeServerRosOptions::announcement(uint16_t listening_port) const

@@ -28,7 +28,7 @@ struct EdgeServerRosOptions : pi_node::NodeParameters<EdgeServerRosOptions>
   size_t max_payload_mb = 256;        ///< of all tasks queued and running [MiB]
   EdgeServerOptions server;           ///< the rest; see serverOptions()
   bool detection = true;              ///< serve pictures
-  DetectionExecutorOptions detector;  ///< model: absolute path; empty: pi_detect's
+  DetectionExecutorOptions detector;  ///< model: name or absolute path; empty: pi_detect's default
   bool speech = true;                 ///< serve utterances
   SpeechExecutorOptions recognizer;
   std::string commands;                     ///< YAML file, absolute path; empty: pi_speech's
@@ -49,8 +49,9 @@ struct EdgeServerRosOptions : pi_node::NodeParameters<EdgeServerRosOptions>
   /// @throws std::invalid_argument, std::runtime_error naming the wrong file and the way out.
   std::array<ExecutorFactory, TASK_KINDS> executors() const;
   /// Name of the detector's network, for EdgeServerOptions::model; empty: pictures are not served.
+  /// @param[out] notice  why it stands in for another network; untouched: it does not.
   /// @throws as executors().
-  std::string detectionModel() const;
+  std::string detectionModel(std::string* notice) const;
   /// The announcement for vehicles. @param port  of the server.
   EdgeNode announcement(uint16_t port) const;
 

@@ -87,7 +87,7 @@ TEST(EdgeServerRosOptions, NamesParameterValueAndBound)
   EXPECT_PRED2(begins, edge_server_reader.refusal("id: a b"), "parameter /edge_server/");
   EXPECT_PRED2(begins, edge_server_reader.refusal("address: somewhere"), "parameter /edge_server/");
   EXPECT_PRED2(begins, edge_server_reader.refusal("detection: {model: m.yaml}"),
-               "parameter /edge_server/detection/model = \"m.yaml\", must be an absolute path");
+               "parameter /edge_server/detection/model = \"m.yaml\", must be the name of a network or an absolute");
   EXPECT_EQ("parameter /edge_server/detection/target = \"gpu\", must be cpu, opencl or opencl_fp16",
             edge_server_reader.refusal("detection: {target: gpu}"));
   EXPECT_EQ("parameter /edge_server/speech/mode = \"open\", must be safe or closed",
@@ -126,9 +126,16 @@ TEST(EdgeServerRosOptions, TheAnnouncementSaysWhereVehiclesConnect)
 
 TEST(EdgeServerRosOptions, TheModelsNameIsKnownBeforehand)
 {
-  EXPECT_EQ("ssd_street", edge_server_reader.load("{}").detectionModel());
-  EXPECT_EQ("", edge_server_reader.load("{detection: {enabled: false}}").detectionModel());
-  EXPECT_THROW(edge_server_reader.load("{detection: {model: /no/model.yaml}}").detectionModel(), std::runtime_error);
+  std::string notice;
+  EXPECT_EQ("ssd_street", edge_server_reader.load("{detection: {model: street}}").detectionModel(&notice));
+  EXPECT_EQ("", edge_server_reader.load("{detection: {enabled: false}}").detectionModel(&notice));
+  EXPECT_EQ("", notice);
+  for (const char* model : {"/no/model.yaml", "no_such_network"})
+  {
+    EXPECT_THROW(edge_server_reader.load(std::string("{detection: {model: ") + model + "}}").detectionModel(&notice),
+                 std::runtime_error)
+        << model;
+  }
 }
 
 TEST(EdgeServerRosOptions, AFileOfCommandsThatIsNotThereIsNamed)
