@@ -289,14 +289,7 @@ NodeAdvertisement OffloadClient::Impl::corrected(const std::string& node, const 
   {
     state.status.model = reply.model;
   }
-  state.status.other_model = !state.status.model.empty() && !model.empty() && state.status.model != model;
-  if (state.status.other_model && state.warned_model != state.status.model + "\n" + model)
-  {
-    state.warned_model = state.status.model + "\n" + model;
-    client.callbacks_.log(false, "node " + node + " detects with " + state.status.model + ", the vehicle with " +
-                                     model + "; it is not used for pictures until both have the same network");
-  }
-  if (state.status.other_model || model.empty())
+  if (!classes_known)
   {
     advertisement.of_kind[static_cast<size_t>(TaskKind::DETECTION)].served = false;
   }
@@ -323,15 +316,14 @@ void OffloadClient::Impl::onReply(const std::string& node, const OffloadReply& r
   }
   const NodeAdvertisement advertisement = corrected(node, reply);
   const bool done = reply.status == OffloadReply::Status::OK && reply.type == OffloadRequest::Type::TASK;
-  const NodeState& state = nodes[node];
-  const bool wrong_model = request.kind == TaskKind::DETECTION && (state.status.other_model || model.empty());
-  if (!done || wrong_model || !usable(reply))
+  const bool unknown_classes = request.kind == TaskKind::DETECTION && !classes_known;
+  if (!done || unknown_classes || !usable(reply))
   {
     if (reply.status == OffloadReply::Status::FAILED)
     {
       client.callbacks_.log(false, "node " + node + " failed on " + toString(request.kind) + ": " + reply.text);
     }
-    else if (done && !wrong_model)
+    else if (done && !unknown_classes)
     {
       client.callbacks_.log(true, "node " + node + ": an answer has numbers that are not finite");
     }
@@ -372,7 +364,6 @@ void OffloadClient::Impl::onLink(const std::string& node, NodeState& state, bool
   {
     state.told.clear();
     state.status.model.clear();
-    state.status.other_model = false;
     client.engine_.onLinkUp(node, now_ns);
     return;
   }

@@ -38,9 +38,8 @@ struct OffloadClient::Impl
   struct NodeState
   {
     LinkStatus status;
-    std::string told;          ///< problem logged last
-    std::string warned_model;  ///< models that were warned of
-    NodeEstimates transfer;    ///< of the link, without encoding
+    std::string told;        ///< problem logged last
+    NodeEstimates transfer;  ///< of the link, without encoding
 
     std::string address;
     uint64_t connection = 0;          ///< its number; events of a replaced one are ignored
@@ -78,7 +77,7 @@ struct OffloadClient::Impl
   void forgetOld(int64_t now_ns);
 
   OffloadClient& client;
-  std::string model;
+  bool classes_known = false;
   double eta;
   std::map<std::string, NodeState> nodes;
   uint64_t last_connection = 0;

@@ -105,9 +105,9 @@ bool OffloadClient::removeNode(const std::string& node, int64_t now_ns)
   return engine_.removeNode(node, now_ns);
 }
 
-void OffloadClient::setModel(const std::string& name)
+void OffloadClient::setClassesKnown(bool known)
 {
-  impl_->model = name;
+  impl_->classes_known = known;
 }
 
 Decision OffloadClient::submit(uint64_t task, TaskKind kind, int64_t created_ns, double deadline_s, TaskData data,

@@ -83,8 +83,9 @@ public:
   void setNode(const NodeDescription& node, int64_t now_ns);
   /// @return false if there is no such node.
   bool removeNode(const std::string& node, int64_t now_ns);
-  /// Network of the vehicle's detector. Empty: unknown, and DETECTION is not sent.
-  void setModel(const std::string& name);
+  /// Whether the classes of the vehicle's detector are known, to which those of nodes are matched. Until then DETECTION
+  /// is not sent.
+  void setClassesKnown(bool known);
   /// @return the decision. @throws std::invalid_argument as OffloadEngine::submit().
   Decision submit(uint64_t task, TaskKind kind, int64_t created_ns, double deadline_s, TaskData data, int64_t now_ns);
   /// The kill switch: while disabled, no task goes to a node and no answer is awaited.
@@ -101,7 +102,6 @@ public:
     bool up = false;
     std::string problem;  ///< why it is down
     std::string model;    ///< network of the node; empty: unknown
-    bool other_model = false;
   };
   std::map<std::string, LinkStatus> links() const;
   const PictureEncoder& encoder() const { return *encoder_; }

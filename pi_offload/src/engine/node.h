@@ -30,6 +30,7 @@ struct NodeDescription
   double range_m = 0.0;           ///< of its network; infinite: everywhere [m]
   double frequency_ghz = 10.0;    ///< f_off of the paper: clock of a worker
   double capacity_gcycles = 0.0;  ///< w_i of the paper: free cycles, until the node advertises them
+  std::string network{};          ///< of its detector, as announced; empty: not told
 
   /// @throws std::invalid_argument naming node, field, value and bound.
   void validate() const;

@@ -124,7 +124,8 @@ void serve(const EdgeServerRosOptions& options, const ros::NodeHandle* node, Log
   std::unique_ptr<pi_offload::EdgeServerRos> on_graph;
   if (node != nullptr)
   {
-    on_graph = std::make_unique<pi_offload::EdgeServerRos>(*node, ros::NodeHandle("~"), options, &server, &warnings);
+    on_graph = std::make_unique<pi_offload::EdgeServerRos>(*node, ros::NodeHandle("~"), options, &server,
+                                                           server_options.model, &warnings);
   }
   const pi_offload::EdgeNode announced = options.announcement(server.port());
   log->info(announced.id + " works at " + announced.address +

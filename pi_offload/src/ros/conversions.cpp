@@ -23,6 +23,7 @@ NodeDescription fromMsg(const EdgeNode& message)
   node.address = message.address;
   node.position = {message.x, message.y};
   node.range_m = message.range;
+  node.network = message.network;
   if (message.frequency_ghz != 0.0)
   {
     node.frequency_ghz = message.frequency_ghz;
@@ -45,6 +46,7 @@ EdgeNode toMsg(const NodeDescription& node, const std::string& frame)
   message.y = node.position.y;
   message.range = node.range_m;
   message.frequency_ghz = node.frequency_ghz;
+  message.network = node.network;
   return message;
 }
 
@@ -72,8 +74,18 @@ EdgeNodeStatus toMsg(const OffloadEngine::NodeStatus& status, const std::string&
   return message;
 }
 
-pi_detect::Detection2DArrayPtr toMsg(const std::vector<DetectedObject>& objects, uint32_t width, uint32_t height,
-                                     const std_msgs::Header& header)
+std::map<std::string, int> idsByName(const pi_detect::LabelArray& labels)
+{
+  std::map<std::string, int> ids;
+  for (size_t i = 0; i < std::min(labels.ids.size(), labels.names.size()); ++i)
+  {
+    ids.emplace(labels.names[i], static_cast<int>(labels.ids[i]));
+  }
+  return ids;
+}
+
+pi_detect::Detection2DArrayPtr toMsg(const std::vector<DetectedObject>& objects, const std::map<std::string, int>& ids,
+                                     uint32_t width, uint32_t height, const std_msgs::Header& header)
 {
   const auto right = static_cast<float>(width);
   const auto bottom = static_cast<float>(height);
@@ -81,24 +93,17 @@ pi_detect::Detection2DArrayPtr toMsg(const std::vector<DetectedObject>& objects,
   detections.reserve(objects.size());
   for (const DetectedObject& object : objects)
   {
-    const pi_detect::Box box{std::clamp(object.x1, 0.0F, right), std::clamp(object.y1, 0.0F, bottom),
-                             std::clamp(object.x2, 0.0F, right), std::clamp(object.y2, 0.0F, bottom)};
-    detections.push_back({object.class_id, object.score, box});
+    const auto id = ids.find(object.label);
+    if (id != ids.end())
+    {
+      const pi_detect::Box box{std::clamp(object.x1, 0.0F, right), std::clamp(object.y1, 0.0F, bottom),
+                               std::clamp(object.x2, 0.0F, right), std::clamp(object.y2, 0.0F, bottom)};
+      detections.push_back({id->second, object.score, box});
+    }
   }
   std::stable_sort(detections.begin(), detections.end(),
                    [](const pi_detect::Detection& a, const pi_detect::Detection& b) { return a.score > b.score; });
   return pi_detect::toMsg(detections, header);
-}
-
-std::vector<DetectedObject> fromMsg(const pi_detect::Detection2DArray& message)
-{
-  std::vector<DetectedObject> objects;
-  for (const pi_detect::Detection& detection : pi_detect::fromMsg(message))
-  {
-    objects.push_back(
-        {detection.class_id, detection.score, detection.box.x1, detection.box.y1, detection.box.x2, detection.box.y2});
-  }
-  return objects;
 }
 
 const char* toString(Outcome::How how)

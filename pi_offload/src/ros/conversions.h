@@ -3,6 +3,7 @@
 #include <nav_msgs/Odometry.h>
 #include <nav_msgs/Path.h>
 #include <pi_detect/Detection2DArray.h>
+#include <pi_detect/LabelArray.h>
 #include <pi_offload/EdgeNode.h>
 #include <pi_offload/EdgeNodeStatus.h>
 #include <pi_offload/OffloadDecision.h>
@@ -11,6 +12,7 @@
 #include <std_msgs/Header.h>
 
 #include <Eigen/Geometry>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -28,11 +30,14 @@ NodeDescription fromMsg(const EdgeNode& message);
 EdgeNode toMsg(const NodeDescription& node, const std::string& frame);
 EdgeNodeStatus toMsg(const OffloadEngine::NodeStatus& status, const std::string& frame);
 
+/// The numbers of a network's classes by their names.
+std::map<std::string, int> idsByName(const pi_detect::LabelArray& labels);
+
 /// Objects in a picture, best scores first. Boxes are cut at the border of the picture.
+/// @param ids  of the classes of the vehicle's network, by name. Objects of other classes are left out.
 /// @param width, height  of the picture [px]. @param header  of the picture.
-pi_detect::Detection2DArrayPtr toMsg(const std::vector<DetectedObject>& objects, uint32_t width, uint32_t height,
-                                     const std_msgs::Header& header);
-std::vector<DetectedObject> fromMsg(const pi_detect::Detection2DArray& message);
+pi_detect::Detection2DArrayPtr toMsg(const std::vector<DetectedObject>& objects, const std::map<std::string, int>& ids,
+                                     uint32_t width, uint32_t height, const std_msgs::Header& header);
 
 /// @param header  of the picture or utterance.
 OffloadDecision toMsg(const Outcome& outcome, const std_msgs::Header& header);

@@ -120,14 +120,11 @@ void CoordinatorDiagnostics::reportNodes(Status& status) const
     {
       text += "not connected" + (link->second.problem.empty() ? "" : ": " + link->second.problem);
     }
-    else if (link != now_.links.end() && link->second.other_model)
-    {
-      text += "another network: " + link->second.model;
-    }
     else
     {
       text += std::string(node.connected ? "connected" : "does not answer") + (node.in_range ? "" : ", out of range") +
               format(", round trip %.1f ms", 1e3 * node.round_trip_s) + format(", %.1f Mbit/s", node.uplink_mbps);
+      text += link != now_.links.end() && !link->second.model.empty() ? ", network " + link->second.model : "";
     }
     status.add(id, text + ", sent " + std::to_string(node.sent) + ", answered " + std::to_string(node.answered) +
                        ", late " + std::to_string(node.late) + ", refused " + std::to_string(node.refused) + ", lost " +

@@ -128,7 +128,6 @@ static void visitFields(CoordinatorRosOptions& options, Visitor&& visit)
   visit("speech/deadline_s", engine.needs[SPEECH].deadline_s);
   visit("speech/local_s", options.speech_local_s);
   visit("speech/max_calls", options.max_calls);
-  visit("local/model", options.local_model);
   visit("local/max_waiting", options.max_local_waiting);
   visit("local/lost_s", options.local_lost_s);
   visit("zero_copy", options.zero_copy);

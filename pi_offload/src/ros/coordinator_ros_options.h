@@ -36,7 +36,6 @@ struct CoordinatorRosOptions : pi_node::NodeParameters<CoordinatorRosOptions>
   double speech_local_s = 0.1;     ///< of an utterance on the vehicle [s]
   BatteryOptions battery;
 
-  std::string local_model;       ///< network of the vehicle's detector; empty: as on local/labels
   size_t max_local_waiting = 8;  ///< pictures waiting for the vehicle's detector
   double local_lost_s = 2.0;     ///< longest wait for the detector's answer [s]
   bool zero_copy = true;         ///< read pictures in shared memory, if the transport can

@@ -17,7 +17,8 @@ using pi_node::format;
 }  // namespace
 
 EdgeServerRos::EdgeServerRos(ros::NodeHandle node, ros::NodeHandle private_node, const EdgeServerRosOptions& options,
-                             const EdgeServer* server, const pi_node::WarningBoard* warnings)
+                             const EdgeServer* server, const std::string& network,
+                             const pi_node::WarningBoard* warnings)
   : thread_("edge_server_ros")
   , node_(thread_.handle(node))
   , options_(options)
@@ -25,7 +26,8 @@ EdgeServerRos::EdgeServerRos(ros::NodeHandle node, ros::NodeHandle private_node,
   , warnings_(warnings)
   , updater_(node_, private_node, private_node.getNamespace())
 {
-  const EdgeNode announced = options_.announcement(server_->port());
+  EdgeNode announced = options_.announcement(server_->port());
+  announced.network = network;
   updater_.setHardwareID(announced.id);
   updater_.add("edge server", [this](Status& status) { report(status); });
   announcement_ = pi_node::LatchedPublisher<EdgeNode>(node_, "edge_nodes", 1);

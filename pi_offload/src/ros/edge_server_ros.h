@@ -22,8 +22,9 @@ class EdgeServerRos
 {
 public:
   /// @param server, warnings  outlive this object.
+  /// @param network  of the detector; empty: pictures are not served.
   EdgeServerRos(ros::NodeHandle node, ros::NodeHandle private_node, const EdgeServerRosOptions& options,
-                const EdgeServer* server, const pi_node::WarningBoard* warnings);
+                const EdgeServer* server, const std::string& network, const pi_node::WarningBoard* warnings);
   ~EdgeServerRos();
   EdgeServerRos(const EdgeServerRos&) = delete;
   EdgeServerRos& operator=(const EdgeServerRos&) = delete;

@@ -62,9 +62,7 @@ PictureTasks::PictureTasks(ros::NodeHandle input_node, ros::NodeHandle service_n
   , rate_limit_(options->max_rate_hz)
   , local_queue_(options->max_local_waiting, options->local_lost_s)
   , local_work_s_(options->detection_local_s)
-  , local_model_(options->local_model)
 {
-  client_->setModel(local_model_);
   const auto look = [this](const ros::SingleSubscriberPublisher&) { updateSubscription(); };
   detections_ = service_node.advertise<pi_detect::Detection2DArray>("detections", 10, look, look);
   const auto look_local = [this](const ros::SingleSubscriberPublisher&)
@@ -168,15 +166,12 @@ void PictureTasks::onLocalDetections(const pi_detect::Detection2DArrayConstPtr& 
 
 void PictureTasks::onLocalLabels(const pi_detect::LabelArrayConstPtr& message)
 {
-  if (!options_->local_model.empty())
-  {
-    return;
-  }
   client_->post(
       [this, message](int64_t now_ns)
       {
         local_model_ = message->model;
-        client_->setModel(local_model_);
+        class_ids_ = idsByName(*message);
+        client_->setClassesKnown(!class_ids_.empty());
         giveNext(now_ns);
       });
 }
@@ -291,7 +286,7 @@ void PictureTasks::deliver(const Outcome& outcome, const OffloadReply* reply)
   const std_msgs::Header header = zero_copy::standardHeader(picture.message->header);
   if (reply != nullptr)
   {
-    publish(picture, toMsg(reply->objects, picture.message->width, picture.message->height, header));
+    publish(picture, toMsg(reply->objects, class_ids_, picture.message->width, picture.message->height, header));
   }
   else if (picture.local)
   {

@@ -93,8 +93,9 @@ private:
   ros::Time published_stamp_;
   uint64_t late_ = 0;
   LocalQueue local_queue_;
-  double local_work_s_;  ///< recent mean of the detector's time
-  std::string local_model_;
+  double local_work_s_;                   ///< recent mean of the detector's time
+  std::string local_model_;               ///< network of the vehicle's detector; empty: it has not said it
+  std::map<std::string, int> class_ids_;  ///< of its classes, by their names
 
   bool subscribed_ = false;  ///< of the service thread
   ros::Publisher detections_;

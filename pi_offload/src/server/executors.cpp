@@ -35,7 +35,8 @@ public:
     reply.objects.reserve(result.detections.size());
     for (const pi_detect::Detection& found : result.detections)
     {
-      reply.objects.push_back({found.class_id, found.score, found.box.x1, found.box.y1, found.box.x2, found.box.y2});
+      reply.objects.push_back({detector_->model().labels.at(found.class_id), found.score, found.box.x1, found.box.y1,
+                               found.box.x2, found.box.y2});
     }
     *service_s = pi_node::secondsSince(begin);
     return reply;

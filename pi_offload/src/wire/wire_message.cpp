@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <set>
 #include <type_traits>
 
 namespace pi_offload
@@ -21,6 +22,8 @@ constexpr size_t MAX_TEXT = 4096;
 constexpr size_t MAX_MODEL = 256;
 constexpr size_t MAX_OBJECTS = 10000;
 constexpr size_t OBJECT_BYTES = 24;
+constexpr size_t MAX_LABELS = 1024;
+constexpr size_t MAX_LABEL = 256;
 constexpr double INF = std::numeric_limits<double>::infinity();
 
 constexpr uint8_t FLAG_DRAINING = 1;
@@ -194,6 +197,17 @@ bool within(double value, double least)
   return value >= least && value < INF;
 }
 
+/// The names of classes, each once, in the order of their letters.
+std::vector<std::string> labelsOf(const std::vector<DetectedObject>& objects)
+{
+  std::set<std::string> labels;
+  for (const DetectedObject& object : objects)
+  {
+    labels.insert(object.label);
+  }
+  return std::vector<std::string>(labels.begin(), labels.end());
+}
+
 }  // namespace
 
 std::vector<uint8_t> encode(const OffloadRequest& request)
@@ -284,6 +298,8 @@ std::vector<uint8_t> encode(const OffloadReply& reply)
   check(std::isfinite(node.position.x) && std::isfinite(node.position.y), "position", "finite");
   check(node.range_m >= 0.0, "range_m", "at least 0");
   check(reply.objects.size() <= MAX_OBJECTS, "objects", "at most " + std::to_string(MAX_OBJECTS));
+  const std::vector<std::string> labels = labelsOf(reply.objects);
+  check(labels.size() <= MAX_LABELS, "objects", "of at most " + std::to_string(MAX_LABELS) + " classes");
   const size_t text_bytes = std::min(reply.text.size(), MAX_TEXT);
   const size_t model_bytes = std::min(reply.model.size(), MAX_MODEL);
 
@@ -320,9 +336,11 @@ std::vector<uint8_t> encode(const OffloadReply& reply)
   out.number(static_cast<uint32_t>(reply.objects.size()));
   out.number(static_cast<uint32_t>(text_bytes));
   out.number(static_cast<uint32_t>(model_bytes));
+  out.number(static_cast<uint32_t>(labels.size()));
   for (const DetectedObject& object : reply.objects)
   {
-    out.number(static_cast<uint32_t>(object.class_id));
+    const auto label = std::lower_bound(labels.begin(), labels.end(), object.label);
+    out.number(static_cast<uint32_t>(label - labels.begin()));
     for (const float value : {object.score, object.x1, object.y1, object.x2, object.y2})
     {
       check(std::isfinite(value), "objects", "of finite numbers");
@@ -331,6 +349,12 @@ std::vector<uint8_t> encode(const OffloadReply& reply)
   }
   out.bytes(reply.text.data(), text_bytes);
   out.bytes(reply.model.data(), model_bytes);
+  for (const std::string& label : labels)
+  {
+    check(label.size() <= MAX_LABEL, "label", "at most " + std::to_string(MAX_LABEL) + " bytes");
+    out.number(static_cast<uint32_t>(label.size()));
+    out.bytes(label.data(), label.size());
+  }
   return out.take();
 }
 
@@ -380,19 +404,30 @@ OffloadReply decodeReply(const uint8_t* data, size_t size)
   const size_t objects = in.length("number of objects", MAX_OBJECTS);
   const size_t text_bytes = in.length("text length", MAX_TEXT);
   const size_t model_bytes = in.length("model length", MAX_MODEL);
+  const size_t label_count = in.length("number of labels", MAX_LABELS);
   Reader object("reply", in.bytes("objects", objects * OBJECT_BYTES), objects * OBJECT_BYTES);
+  reply.text = in.text("text", text_bytes);
+  reply.model = in.text("model", model_bytes);
+  std::vector<std::string> labels(label_count);
+  for (std::string& label : labels)
+  {
+    label = in.text("label", in.length("label length", MAX_LABEL));
+  }
+  in.end();
   reply.objects.resize(objects);
   for (DetectedObject& found : reply.objects)
   {
-    found.class_id = static_cast<int32_t>(object.number<uint32_t>("class_id"));
+    const auto label = object.number<uint32_t>("label");
+    if (label >= labels.size())
+    {
+      in.fail("'label' = " + std::to_string(label) + ", there are " + std::to_string(labels.size()));
+    }
+    found.label = labels[label];
     for (float* value : {&found.score, &found.x1, &found.y1, &found.x2, &found.y2})
     {
       *value = object.real32("objects");
     }
   }
-  reply.text = in.text("text", text_bytes);
-  reply.model = in.text("model", model_bytes);
-  in.end();
   return reply;
 }
 

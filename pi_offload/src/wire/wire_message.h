@@ -20,7 +20,7 @@ public:
   using std::runtime_error::runtime_error;
 };
 
-constexpr uint16_t WIRE_VERSION = 1;
+constexpr uint16_t WIRE_VERSION = 2;        ///< 2: objects carry the name of their class
 constexpr size_t MAX_PAYLOAD = 32U << 20U;  ///< [bytes]
 
 /// Format of a picture or sound.
@@ -57,10 +57,10 @@ struct OffloadRequest
   std::vector<uint8_t> payload;
 };
 
-/// An object in a picture, as pi_detect::Detection.
+/// An object in a picture, as pi_detect::Detection. Its class has a name: numbers differ from network to network.
 struct DetectedObject
 {
-  int32_t class_id = -1;
+  std::string label;
   float score = 0.0F;
   float x1 = 0.0F;
   float y1 = 0.0F;
@@ -93,7 +93,7 @@ struct OffloadReply
 
 /// Cuts texts of replies at 4096 bytes and names of models at 256.
 /// @throws std::invalid_argument naming a field that cannot be decoded again: numbers that are not finite, a vehicle
-///   without a name, more than 64 KiB of options, MAX_PAYLOAD or 10000 objects.
+///   without a name, more than 64 KiB of options, MAX_PAYLOAD, 10000 objects, 1024 labels or 256 bytes of a label.
 std::vector<uint8_t> encode(const OffloadRequest& request);
 std::vector<uint8_t> encode(const OffloadReply& reply);
 /// @throws WireError for a short message, another kind or version, or a length beyond the end.

@@ -227,7 +227,7 @@ private:
   std::string text_ = "stop";
   float confidence_ = 0.9F;
   bool accepted_ = true;
-  std::vector<DetectedObject> objects_{{3, 0.75F, 10.0F, 20.0F, 30.0F, 40.0F}};
+  std::vector<DetectedObject> objects_{{"car", 0.75F, 10.0F, 20.0F, 30.0F, 40.0F}};
   std::vector<OffloadRequest> requests_;
   std::vector<std::pair<SpReplier::Peer, OffloadRequest>> held_;
   std::unique_ptr<SpReplier> replier_;

@@ -64,7 +64,7 @@ public:
       changed_.notify_all();
     };
     client = std::make_unique<OffloadClient>(options, callbacks);
-    client->setModel("street");
+    client->setClassesKnown(true);
     client->start();
   }
   ~Vehicle() { client->stop(); }
@@ -217,7 +217,7 @@ TEST(OffloadClient, APictureGoesToTheNodeAndItsResultComesBack)
   EXPECT_TRUE(ended.outcome.by_deadline);
   ASSERT_TRUE(ended.reply);
   ASSERT_EQ(1u, ended.reply->objects.size());
-  EXPECT_EQ(3, ended.reply->objects[0].class_id);
+  EXPECT_EQ("car", ended.reply->objects[0].label);
   const std::vector<OffloadRequest> tasks = node.requests(Type::TASK);
   ASSERT_EQ(1u, tasks.size());
   EXPECT_EQ("van", tasks[0].vehicle);
@@ -336,44 +336,22 @@ TEST(OffloadClient, ConnectsAnewToANodeThatDoesNotAnswer)
   EXPECT_EQ(How::REMOTE, vehicle.end(vehicle.show()).outcome.how);
 }
 
-TEST(OffloadClient, ANodeWithAnotherNetworkGetsNoPicture)
+TEST(OffloadClient, ANodeWithAnotherNetworkIsUsedAndNamed)
 {
   FakeEdgeNode node;
   node.setModel("coco");
   Vehicle vehicle;
   vehicle.add("lamp", node);
-  ASSERT_TRUE(vehicle.waitUntilUsed("lamp", TaskKind::SPEECH));
-  EXPECT_TRUE(vehicle.waitForLog("node lamp detects with coco, the vehicle with street; it is not used for pictures"));
-  EXPECT_EQ(How::LOCAL, vehicle.end(vehicle.show()).outcome.how);
-  EXPECT_EQ(0u, node.tasks());
-  EXPECT_EQ(How::REMOTE, vehicle.end(vehicle.say()).outcome.how);
-}
-
-TEST(OffloadClient, ANodeThatTellsItsOtherNetworkLateGetsOnePicture)
-{
-  FakeEdgeNode node;
-  node.setModel("coco", false);
-  Vehicle vehicle;
-  vehicle.add("lamp", node);
-  ASSERT_TRUE(vehicle.waitUntilUsed("lamp"));
-  const Ended ended = vehicle.end(vehicle.show());
-  EXPECT_EQ(How::FALLBACK, ended.outcome.how);
-  EXPECT_FALSE(ended.reply);
-  EXPECT_TRUE(vehicle.waitForLog("node lamp detects with coco, the vehicle with street; it is not used for pictures"));
-  EXPECT_EQ(How::LOCAL, vehicle.end(vehicle.show()).outcome.how);
-  EXPECT_EQ(1u, node.tasks());
-  ASSERT_TRUE(vehicle.waitUntilUsed("lamp", TaskKind::SPEECH));
-  EXPECT_EQ(How::REMOTE, vehicle.end(vehicle.say()).outcome.how);
-  vehicle.client->call([&](int64_t) { vehicle.client->setModel("coco"); });  // as the node
   ASSERT_TRUE(vehicle.waitUntilUsed("lamp"));
   EXPECT_EQ(How::REMOTE, vehicle.end(vehicle.show()).outcome.how);
+  EXPECT_EQ("coco", vehicle.client->call([&](int64_t) { return vehicle.client->links().at("lamp").model; }));
 }
 
-TEST(OffloadClient, WithoutANetworkOfItsOwnNoPictureIsSent)
+TEST(OffloadClient, WithoutClassesOfItsOwnNoPictureIsSent)
 {
   FakeEdgeNode node;
   Vehicle vehicle;
-  vehicle.client->call([&](int64_t) { vehicle.client->setModel(""); });
+  vehicle.client->call([&](int64_t) { vehicle.client->setClassesKnown(false); });
   vehicle.add("lamp", node);
   ASSERT_TRUE(vehicle.waitUntilUsed("lamp", TaskKind::SPEECH));
   EXPECT_EQ(How::LOCAL, vehicle.end(vehicle.show()).outcome.how);
@@ -383,7 +361,7 @@ TEST(OffloadClient, WithoutANetworkOfItsOwnNoPictureIsSent)
 TEST(OffloadClient, AnswersThatAreNoNumbersAreNotUsed)
 {
   FakeEdgeNode node;
-  node.setObjects({{3, 0.75F, std::numeric_limits<float>::quiet_NaN(), 20.0F, 30.0F, 40.0F}});
+  node.setObjects({{"car", 0.75F, std::numeric_limits<float>::quiet_NaN(), 20.0F, 30.0F, 40.0F}});
   Vehicle vehicle;
   vehicle.add("lamp", node);
   ASSERT_TRUE(vehicle.waitUntilUsed("lamp"));

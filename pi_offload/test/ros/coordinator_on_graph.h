@@ -47,6 +47,8 @@ public:
   {
     pi_detect::LabelArray labels;
     labels.model = model;
+    labels.ids = {REMOTE_CLASS, LOCAL_CLASS};
+    labels.names = {"car", "person"};
     labels_.publish(labels);
   }
   void hold(bool held)

@@ -98,6 +98,7 @@ TEST(EdgeServer, AnnouncesItselfAndWorksForVehicles)
   EXPECT_EQ("lamp", node.id);
   EXPECT_EQ("localhost:56801", node.address);
   EXPECT_EQ("map", node.frame_id);
+  EXPECT_EQ("ssd_street", node.network);
   EXPECT_EQ(12.5, node.x);
   EXPECT_TRUE(std::isinf(node.range));
   coordinator.start();
@@ -107,7 +108,7 @@ TEST(EdgeServer, AnnouncesItselfAndWorksForVehicles)
   const sensor_msgs::ImagePtr picture = coordinator.makePicture();
   coordinator.camera.publish(sensor_msgs::ImageConstPtr(picture));
   EXPECT_TRUE(coordinator.detections->waitForStamp(picture->header.stamp));
-  EXPECT_EQ("remote lamp", coordinator.end(picture->header.stamp));  // so the networks' names are the same
+  EXPECT_EQ("remote lamp", coordinator.end(picture->header.stamp));
   ASSERT_TRUE(coordinator.waitUntilUsed("lamp", "speech"));
   pi_speech::RecognizeUtterance utterance;
   utterance.request.samples.assign(16000, 0);

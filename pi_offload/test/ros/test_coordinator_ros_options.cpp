@@ -34,7 +34,6 @@ TEST(CoordinatorRosOptions, ParametersComeBackAsTheyWere)
   options.client.engine.policy.miss_cost_j = 5.0;
   options.client.engine.radio.tail_s = 0.25;
   options.keep_order = false;
-  options.local_model = "street";
   options.detection_local_s = 0.25;
   Names unknown;
   const CoordinatorRosOptions again = CoordinatorRosOptions::fromParameters(options.toParameters(), "", &unknown);

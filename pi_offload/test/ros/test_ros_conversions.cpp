@@ -5,6 +5,7 @@
 #include <map>
 #include <stdexcept>
 
+#include <pi_detect/ros/conversions.h>
 #include "ros/conversions.h"
 #include "ros/node_markers.h"
 
@@ -94,27 +95,32 @@ TEST(Conversions, StatusHasBothKindsOfTasks)
   EXPECT_EQ(2u, message.late);
 }
 
-TEST(Conversions, ObjectsComeBackBestFirstAndWithinThePicture)
+TEST(Conversions, ObjectsGetTheVehiclesClassesByNameBestFirstAndWithinThePicture)
 {
   std_msgs::Header header;
   header.stamp = ros::Time(5, 6);
   header.frame_id = "camera";
-  const std::vector<DetectedObject> objects{{2, 0.25F, 10.0F, 20.0F, 30.0F, 60.0F},
-                                            {1, 0.5F, -5.0F, 2.0F, 900.0F, 4.0F}};
-  const pi_detect::Detection2DArrayPtr message = toMsg(objects, 640, 480, header);
+  pi_detect::LabelArray labels;
+  labels.ids = {1, 2};
+  labels.names = {"car", "person"};
+  const std::vector<DetectedObject> objects{{"person", 0.25F, 10.0F, 20.0F, 30.0F, 60.0F},
+                                            {"zebra", 0.9F, 1.0F, 2.0F, 3.0F, 4.0F},  // the vehicle has no such class
+                                            {"car", 0.5F, -5.0F, 2.0F, 900.0F, 4.0F}};
+  const pi_detect::Detection2DArrayPtr message = toMsg(objects, idsByName(labels), 640, 480, header);
   EXPECT_EQ(header.stamp, message->header.stamp);
   EXPECT_EQ("camera", message->header.frame_id);
-  const std::vector<DetectedObject> again = fromMsg(*message);
+  const pi_detect::Detections again = pi_detect::fromMsg(*message);
   ASSERT_EQ(2u, again.size());
   EXPECT_EQ(1, again[0].class_id);
-  EXPECT_EQ(0.0F, again[0].x1);
-  EXPECT_EQ(640.0F, again[0].x2);
+  EXPECT_EQ(0.0F, again[0].box.x1);
+  EXPECT_EQ(640.0F, again[0].box.x2);
   EXPECT_EQ(2, again[1].class_id);
   EXPECT_EQ(0.25F, again[1].score);
-  EXPECT_EQ(10.0F, again[1].x1);
-  EXPECT_EQ(20.0F, again[1].y1);
-  EXPECT_EQ(30.0F, again[1].x2);
-  EXPECT_EQ(60.0F, again[1].y2);
+  EXPECT_EQ(10.0F, again[1].box.x1);
+  EXPECT_EQ(20.0F, again[1].box.y1);
+  EXPECT_EQ(30.0F, again[1].box.x2);
+  EXPECT_EQ(60.0F, again[1].box.y2);
+  EXPECT_TRUE(toMsg(objects, {}, 640, 480, header)->detections.empty());
 }
 
 TEST(Conversions, DecisionsAndStatisticsSayAll)

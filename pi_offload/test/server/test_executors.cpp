@@ -140,7 +140,7 @@ TEST_F(Detection, FindsTheSameInEveryEncoding)
     EXPECT_NE(reply.model, "");
     ASSERT_EQ(reply.objects.size(), 1U) << request.first;
     const DetectedObject& found = reply.objects[0];
-    EXPECT_EQ(found.class_id, 1) << request.first;
+    EXPECT_EQ(found.label, "bright") << request.first;
     EXPECT_GT(found.score, 0.9F) << request.first;
     EXPECT_NEAR(found.x1, 32.0F, 1.0F) << request.first;
     EXPECT_NEAR(found.y1, 12.0F, 1.0F) << request.first;
@@ -236,7 +236,7 @@ TEST_F(Detection, AServerDetectsForAVehicle)
   const OffloadReply reply = replies.take();
   EXPECT_EQ(reply.status, OffloadReply::Status::OK) << reply.text;
   ASSERT_EQ(reply.objects.size(), 1U);
-  EXPECT_EQ(reply.objects[0].class_id, 1);
+  EXPECT_EQ(reply.objects[0].label, "bright");
   request.payload.resize(100);
   ASSERT_TRUE(requester.send(2, encode(request)));
   EXPECT_EQ(replies.take().status, OffloadReply::Status::FAILED);

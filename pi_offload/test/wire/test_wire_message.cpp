@@ -52,7 +52,7 @@ OffloadReply someReply()
   node.position = {-3.5, 4.5};
   node.range_m = std::numeric_limits<double>::infinity();
   reply.text = "stop";
-  reply.objects = {{3, 0.75F, 1.0F, 2.0F, 3.0F, 4.0F}, {-1, 0.5F, -1.0F, 0.0F, 9.5F, 8.0F}};
+  reply.objects = {{"person", 0.75F, 1.0F, 2.0F, 3.0F, 4.0F}, {"car", 0.5F, -1.0F, 0.0F, 9.5F, 8.0F}};
   reply.model = "ssd";
   reply.confidence = 0.875F;
   reply.accepted = true;
@@ -111,8 +111,8 @@ TEST(WireMessage, RepliesComeBackAsTheyWere)
   EXPECT_EQ(back.advertisement.range_m, std::numeric_limits<double>::infinity());
   EXPECT_EQ(back.text, "stop");
   ASSERT_EQ(back.objects.size(), 2U);
-  EXPECT_EQ(back.objects[0].class_id, 3);
-  EXPECT_EQ(back.objects[1].class_id, -1);
+  EXPECT_EQ(back.objects[0].label, "person");
+  EXPECT_EQ(back.objects[1].label, "car");
   EXPECT_EQ(back.objects[1].score, 0.5F);
   EXPECT_EQ(back.objects[1].x1, -1.0F);
   EXPECT_EQ(back.objects[1].y2, 8.0F);
