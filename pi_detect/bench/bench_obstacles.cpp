@@ -1,10 +1,11 @@
 // Obstacles from stereo on recordings by pi_slam's render_sequence (with --depth --obstacle-truth), against what was
 // rendered, beside the usual recipe on the same pictures:
-//   bench_obstacles RECORDING... [--overlay DIR] [--height M] [--no-baseline] [--downscale S]
+//   bench_obstacles RECORDING...
 // The vehicle's poses are true. Time is that of the processor, on one thread. A recording without truth, as EuRoC's,
 // gives times and pictures only.
 
 #include <pi_detect/obstacle_tracker.h>
+#include <pi_node/command_line.h>
 
 #include <algorithm>
 #include <cmath>
@@ -32,7 +33,7 @@ namespace
 using namespace pi_detect;
 using namespace pi_detect::bench;
 
-struct CommandLine
+struct Arguments
 {
   std::vector<std::string> recordings;
   std::string overlay;  ///< pictures with something wrong, and every 20th, go there
@@ -61,51 +62,22 @@ std::string machineName()
   return "unknown processor";
 }
 
-CommandLine parse(int argc, char** argv)
+bool parse(int argc, char** argv, Arguments* line)
 {
-  CommandLine line;
-  for (int i = 1; i < argc; ++i)
+  namespace po = boost::program_options;
+  bool no_baseline = false;
+  pi_node::CommandLine options("bench_obstacles RECORDING... [options]");
+  options.add("overlay", po::value(&line->overlay), "folder for pictures with something wrong, and every 20th");
+  options.addValue("height", &line->height_m, "of the cameras' body above the ground [m]");
+  options.addValue("downscale", &line->options.downscale, "of the pictures");
+  options.addFlag("no-baseline", &no_baseline, "without the usual recipe");
+  options.addPositional("recordings", &line->recordings, "no recording is named; see --help");
+  if (!options.parse(argc, argv))
   {
-    const std::string word = argv[i];
-    const auto value = [&]
-    {
-      if (i + 1 >= argc)
-      {
-        throw std::invalid_argument(word + ": its value is missing");
-      }
-      return std::string(argv[++i]);
-    };
-    if (word == "--overlay")
-    {
-      line.overlay = value();
-    }
-    else if (word == "--height")
-    {
-      line.height_m = std::stod(value());
-    }
-    else if (word == "--downscale")
-    {
-      line.options.downscale = std::stod(value());
-    }
-    else if (word == "--no-baseline")
-    {
-      line.baseline = false;
-    }
-    else if (word.rfind("--", 0) == 0)
-    {
-      throw std::invalid_argument(word + ": unknown option");
-    }
-    else
-    {
-      line.recordings.push_back(word);
-    }
+    return false;
   }
-  if (line.recordings.empty())
-  {
-    throw std::invalid_argument(
-        "usage: bench_obstacles RECORDING... [--overlay DIR] [--height M] [--no-baseline] [--downscale S]");
-  }
-  return line;
+  line->baseline = !no_baseline;
+  return true;
 }
 
 double median(std::vector<double> values)
@@ -159,7 +131,7 @@ void draw(const std::string& file, const Pair& pair, const StereoObstacles& dete
   }
 }
 
-void run(const std::string& folder, const CommandLine& line)
+void run(const std::string& folder, const Arguments& line)
 {
   const Recording recording(folder);
   Eigen::Isometry3d T_base_body = Eigen::Isometry3d::Identity();
@@ -269,20 +241,17 @@ void run(const std::string& folder, const CommandLine& line)
 
 int main(int argc, char** argv)
 {
-  try
-  {
-    const CommandLine line = parse(argc, argv);
-    cv::setNumThreads(1);
-    std::printf("%s, one thread\n", machineName().c_str());
-    for (const std::string& folder : line.recordings)
-    {
-      run(folder, line);
-    }
-    return 0;
-  }
-  catch (const std::exception& exception)
-  {
-    std::fprintf(stderr, "bench_obstacles: %s\n", exception.what());
-    return 1;
-  }
+  Arguments line;
+  return pi_node::runTool(
+      "bench_obstacles", [&] { return parse(argc, argv, &line); },
+      [&]
+      {
+        cv::setNumThreads(1);
+        std::printf("%s, one thread\n", machineName().c_str());
+        for (const std::string& folder : line.recordings)
+        {
+          run(folder, line);
+        }
+        return EXIT_SUCCESS;
+      });
 }

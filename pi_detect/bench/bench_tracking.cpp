@@ -1,16 +1,9 @@
-/// How well the tracker keeps identities on a video with known tracks, beside SORT (Bewley et al. 2016) on the same
-/// detections.
-///
-///   bench_tracking VIDEO TRUTH.csv MODEL [--detections FILE] [--overlay FOLDER] [--every N] [--class LABEL]
-///                  [--suppress OVERLAP] [--frame-rate HZ] [--predicted]
-///
-/// MODEL: description of a network, YAML.
-/// --detections  kept there: written if the file does not exist, else read in place of running the network.
-/// --overlay     pictures with true boxes (white) and tracks are written there.
-/// --every       uses each N-th picture only, as a slower camera would give them.
-/// --predicted   counts tracks also where they are not seen but predicted.
+// How well the tracker keeps identities on a video with known tracks, beside SORT (Bewley et al. 2016) on the same
+// detections. bench_tracking --help shows the arguments.
+
 #include <pi_detect/detector.h>
 #include <pi_detect/object_tracker.h>
+#include <pi_node/command_line.h>
 #include "tracking/assignment.h"
 #include "tracking/mot_metrics.h"
 
@@ -54,50 +47,31 @@ struct Arguments
   bool predicted = false;
 };
 
-Arguments parse(int argc, char** argv)
+bool parse(int argc, char** argv, Arguments* arguments)
 {
-  Arguments arguments;
-  std::vector<std::string> names;
-  for (int i = 1; i < argc; ++i)
+  namespace po = boost::program_options;
+  pi_node::CommandLine options("bench_tracking VIDEO TRUTH.csv MODEL.yaml [options]");
+  options.add("detections", po::value(&arguments->detections),
+              "file of detections: written if it does not exist, else read in place of running the network");
+  options.add("overlay", po::value(&arguments->overlay), "folder for pictures with true boxes (white) and tracks");
+  options.addValue("every", &arguments->every, "use each N-th picture only, as a slower camera would give them");
+  options.addValue("class", &arguments->label, "that is followed");
+  options.addValue("suppress", &arguments->suppress,
+                   "overlap of boxes above which the better one suppresses the other");
+  options.add("frame-rate", po::value(&arguments->frame_rate)->default_value(0.0, "the video's"), "[Hz]");
+  options.addFlag("predicted", &arguments->predicted, "count tracks also where they are not seen but predicted");
+  options.addPositional("video", &arguments->video, "no video is named; see --help");
+  options.addPositional("truth", &arguments->truth, "no file of true tracks is named; see --help");
+  options.addPositional("model", &arguments->model, "no description of a network is named; see --help");
+  if (!options.parse(argc, argv))
   {
-    const std::string name = argv[i];
-    if (name.rfind("--", 0) != 0)
-    {
-      names.push_back(name);
-      continue;
-    }
-    if (name == "--predicted")
-    {
-      arguments.predicted = true;
-      continue;
-    }
-    if (i + 1 >= argc)
-    {
-      throw std::invalid_argument(name + " needs a value");
-    }
-    const std::string value = argv[++i];
-    const std::map<std::string, std::function<void()>> setters = {
-        {"--detections", [&] { arguments.detections = value; }},
-        {"--overlay", [&] { arguments.overlay = value; }},
-        {"--every", [&] { arguments.every = std::stoi(value); }},
-        {"--class", [&] { arguments.label = value; }},
-        {"--suppress", [&] { arguments.suppress = std::stod(value); }},
-        {"--frame-rate", [&] { arguments.frame_rate = std::stod(value); }}};
-    const auto setter = setters.find(name);
-    if (setter == setters.end())
-    {
-      throw std::invalid_argument("unknown option " + name);
-    }
-    setter->second();
+    return false;
   }
-  if (names.size() != 3 || arguments.every < 1)
+  if (arguments->every < 1)
   {
-    throw std::invalid_argument("usage: bench_tracking VIDEO TRUTH.csv MODEL [options], see the head of its source");
+    throw po::error("--every " + std::to_string(arguments->every) + ", must be at least 1");
   }
-  arguments.video = names[0];
-  arguments.truth = names[1];
-  arguments.model = names[2];
-  return arguments;
+  return true;
 }
 
 /// Rows "frame,class,score,x1,y1,x2,y2".
@@ -377,14 +351,12 @@ void run(const Arguments& arguments)
 
 int main(int argc, char** argv)
 {
-  try
-  {
-    run(parse(argc, argv));
-  }
-  catch (const std::exception& error)
-  {
-    std::fprintf(stderr, "bench_tracking: %s\n", error.what());
-    return 1;
-  }
-  return 0;
+  Arguments arguments;
+  return pi_node::runTool(
+      "bench_tracking", [&] { return parse(argc, argv, &arguments); },
+      [&]
+      {
+        run(arguments);
+        return EXIT_SUCCESS;
+      });
 }

@@ -1,6 +1,6 @@
 #include <pi_detect/ros/message_picture.h>
-#include <pi_os_transport/zero_copy/cv_bridge.h>
 #include <pi_node/formatting.h>
+#include <pi_os_transport/zero_copy/cv_bridge.h>
 #include <sensor_msgs/image_encodings.h>
 
 #include <boost/shared_ptr.hpp>
@@ -105,8 +105,20 @@ cv::Mat convert(const sensor_msgs::Image_<A>& message, const std::string& encodi
   }
 }
 
+/// mono16 in 8 bits.
 template <typename A>
-cv::Mat greyLevels(const sensor_msgs::Image_<A>& message)
+cv::Mat shallow(const sensor_msgs::Image_<A>& message, UsedBits* used_bits)
+{
+  const cv::Mat deep = convert(message, encodings::MONO16);
+  UsedBits own;
+  const int bits = (used_bits == nullptr ? own : *used_bits).add(deep);
+  cv::Mat grey;
+  deep.convertTo(grey, CV_8U, 255.0 / ((1 << bits) - 1));
+  return grey;
+}
+
+template <typename A>
+cv::Mat greyLevels(const sensor_msgs::Image_<A>& message, UsedBits* used_bits)
 {
   check(message);
   if (formatOf(message.encoding) == Format::MONO8)
@@ -123,16 +135,28 @@ cv::Mat greyLevels(const sensor_msgs::Image_<A>& message)
                  grey, cv::COLOR_BGR2GRAY);
     return grey;
   }
-  return convert(message, encodings::MONO8);
+  return message.encoding == encodings::MONO16 ? shallow(message, used_bits) : convert(message, encodings::MONO8);
 }
 
 }  // namespace
 
-MessagePicture::MessagePicture(const sensor_msgs::ImageConstPtr& message) : MessagePicture(zero_copy::toHandle(message))
+int UsedBits::add(const cv::Mat& deep)
+{
+  double most = 0.0;
+  cv::minMaxLoc(deep, nullptr, &most);
+  while (bits_ < 16 && most >= 1 << bits_)
+  {
+    bits_ += 2;
+  }
+  return bits_;
+}
+
+MessagePicture::MessagePicture(const sensor_msgs::ImageConstPtr& message, UsedBits* used_bits)
+  : MessagePicture(zero_copy::toHandle(message), used_bits)
 {
 }
 
-MessagePicture::MessagePicture(zero_copy::ImageHandle message) : message_(std::move(message))
+MessagePicture::MessagePicture(zero_copy::ImageHandle message, UsedBits* used_bits) : message_(std::move(message))
 {
   check(*message_);
   if (const std::optional<Format> format = formatOf(message_->encoding))
@@ -142,18 +166,18 @@ MessagePicture::MessagePicture(zero_copy::ImageHandle message) : message_(std::m
     return;
   }
   const bool grey = message_->encoding == encodings::MONO16;
-  converted_ = convert(*message_, grey ? encodings::MONO8 : encodings::BGR8);
+  converted_ = grey ? shallow(*message_, used_bits) : convert(*message_, encodings::BGR8);
   view_ = {converted_.data, converted_.cols, converted_.rows, converted_.step[0], grey ? Format::MONO8 : Format::BGR8};
 }
 
-cv::Mat toGrey(const sensor_msgs::Image& message)
+cv::Mat toGrey(const sensor_msgs::Image& message, UsedBits* used_bits)
 {
-  return greyLevels(message);
+  return greyLevels(message, used_bits);
 }
 
-cv::Mat toGrey(const zero_copy::Message<sensor_msgs::Image>& message)
+cv::Mat toGrey(const zero_copy::Message<sensor_msgs::Image>& message, UsedBits* used_bits)
 {
-  return greyLevels(message);
+  return greyLevels(message, used_bits);
 }
 
 }  // namespace pi_detect

@@ -154,7 +154,7 @@ StereoObstacles::Result ObstacleFinder::find(const StereoJob& job, PairFigures* 
   {
     const auto& message = side == LEFT ? *job.pair.left : *job.pair.right;
     pictures[side] =
-        pictureOf(topics_.pictures[side], geometry(), topics_.infos[side], [&message] { return toGrey(message); });
+        pictureOf(topics_.pictures[side], geometry(), topics_.infos[side], [this, &message] { return toGrey(message, &used_bits_); });
     if (options_.source == StereoSource::RAW)
     {
       pictures[side] = rectifiers_[side]->rectify(pictures[side]);

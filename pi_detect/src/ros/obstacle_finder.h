@@ -1,6 +1,7 @@
 #pragma once
 
 #include <pi_detect/object_tracker.h>
+#include <pi_detect/ros/message_picture.h>
 #include <pi_detect/stereo_obstacles.h>
 #include <sensor_msgs/CameraInfo.h>
 #include <stereo_msgs/DisparityImage.h>
@@ -86,6 +87,7 @@ private:
   std::unique_ptr<Rectifier> rectifiers_[2];
   Eigen::Isometry3d T_base_left_ = Eigen::Isometry3d::Identity();
   std::unique_ptr<StereoObstacles> stereo_;
+  UsedBits used_bits_;  ///< of both cameras
 };
 
 }  // namespace pi_detect

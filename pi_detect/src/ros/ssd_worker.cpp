@@ -202,7 +202,7 @@ void SsdWorker::work()
 void SsdWorker::workOn(const zero_copy::ImageHandle& message, const std::shared_ptr<Detector>& detector)
 {
   const auto begin = std::chrono::steady_clock::now();
-  const auto picture = std::make_shared<const MessagePicture>(message);
+  const auto picture = std::make_shared<const MessagePicture>(message, &used_bits_);
   DetectionResult result = detector->detect(picture->view());
   if (worked_with_.lock() != detector)
   {

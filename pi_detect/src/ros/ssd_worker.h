@@ -95,6 +95,7 @@ private:
   // Of the thread.
   ObjectTracker tracker_;
   std::weak_ptr<Detector> worked_with_;
+  UsedBits used_bits_;  ///< of the topic's camera
   pi_node::SimulationAnswers answers_;
   std::thread thread_;
 };

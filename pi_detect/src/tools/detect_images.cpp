@@ -8,6 +8,8 @@
 #include <pi_node/output_file.h>
 #include <pi_node/progress.h>
 #include <pi_node/stop_signal.h>
+#include <sys/mman.h>
+#include <unistd.h>
 #include "detector/draw_detections.h"
 #include "ros/packaged_models.h"
 
@@ -92,16 +94,56 @@ std::vector<std::string> listFiles(const std::vector<std::string>& inputs)
   return files;
 }
 
+/// What libraries print on the standard error while a function runs. They do not name the file.
+class PrintedErrors
+{
+public:
+  PrintedErrors() : kept_(dup(STDERR_FILENO)), memory_(memfd_create("errors", MFD_CLOEXEC))
+  {
+    if (kept_ >= 0 && memory_ >= 0)
+    {
+      dup2(memory_, STDERR_FILENO);
+    }
+  }
+  PrintedErrors(const PrintedErrors&) = delete;
+  PrintedErrors& operator=(const PrintedErrors&) = delete;
+  ~PrintedErrors()
+  {
+    take();
+    close(memory_);
+    close(kept_);
+  }
+
+  /// Ends this. @return the first line.
+  std::string take()
+  {
+    if (kept_ >= 0)
+    {
+      dup2(kept_, STDERR_FILENO);
+    }
+    char text[200] = "";
+    const ssize_t count = pread(memory_, text, sizeof(text) - 1, 0);
+    const std::string printed(text, static_cast<size_t>(std::max<ssize_t>(count, 0)));
+    return printed.substr(0, printed.find('\n'));
+  }
+
+private:
+  const int kept_;
+  const int memory_;
+};
+
 /// Hands out pictures one after the other; those of a video are called VIDEO#NUMBER.
 class Pictures
 {
 public:
   Pictures(std::vector<std::string> files, int every) : files_(std::move(files)), every_(every) {}
 
+  /// @param[out] fault  what the decoder says of a picture file that it could read in part; empty: nothing.
   /// @return false at the end. An empty picture: this file cannot be read.
-  bool next(std::string* name, cv::Mat* picture)
+  bool next(std::string* name, cv::Mat* picture, std::string* fault)
   {
     picture->release();
+    fault->clear();
     while (frame_ > 0 || file_ < files_.size())
     {
       if (frame_ == 0)
@@ -109,7 +151,9 @@ public:
         *name = files_[file_++];
         if (!isVideo(*name))
         {
+          PrintedErrors printed;
           *picture = cv::imread(*name, cv::IMREAD_COLOR);
+          *fault = printed.take();
           return true;
         }
         video_.open(*name);
@@ -232,14 +276,21 @@ int run(const Arguments& line)
   {
     pi_node::Progress progress("files", line.quiet);
     std::string name;
+    std::string fault;
     cv::Mat picture;
-    while (!pi_node::StopSignal::came() && pictures.next(&name, &picture))
+    while (!pi_node::StopSignal::came() && pictures.next(&name, &picture, &fault))
     {
       if (picture.cols < 2 || picture.rows < 2)
       {
-        std::cerr << "\nwarning: " << name << ": no picture that OpenCV can read; left out\n";
+        std::cerr << "\nwarning: " << name << ": no picture that OpenCV can read"
+                  << (fault.empty() ? "" : " (" + fault + ")") << "; left out\n";
         ++unreadable;
         continue;
+      }
+      if (!fault.empty())
+      {
+        std::cerr << "\nwarning: " << name << ": " << fault << "; what could be read of it is used\n";
+        ++unreadable;
       }
       const auto start = std::chrono::steady_clock::now();
       const DetectionResult result = detector.detect(

@@ -317,6 +317,28 @@ TEST(MessagePicture, ConvertsWhatTheDetectorDoesNotKnow)
   EXPECT_NEAR(130, video.view().data[0], 3);
 }
 
+TEST(MessagePicture, DeepGreyIsScaledByTheBitsThatTheCameraUses)
+{
+  const auto grey = [](uint16_t darker, uint16_t brighter, UsedBits* used_bits)
+  {
+    const auto deep = makeImage("mono16", 2, 1, 4);
+    deep->data = {static_cast<uint8_t>(darker & 0xff), static_cast<uint8_t>(darker >> 8),
+                  static_cast<uint8_t>(brighter & 0xff), static_cast<uint8_t>(brighter >> 8)};
+    const cv::Mat levels = toGrey(*deep, used_bits);
+    const MessagePicture picture(deep, used_bits);
+    EXPECT_EQ(levels.at<uint8_t>(0, 0), picture.view().data[0]);
+    EXPECT_EQ(levels.at<uint8_t>(0, 1), picture.view().data[1]);
+    return std::pair<int, int>(levels.at<uint8_t>(0, 0), levels.at<uint8_t>(0, 1));
+  };
+  EXPECT_EQ((std::pair<int, int>(128, 255)), grey(512, 1023, nullptr));     // 10 bits
+  EXPECT_EQ((std::pair<int, int>(128, 255)), grey(2048, 4095, nullptr));    // 12
+  EXPECT_EQ((std::pair<int, int>(128, 255)), grey(8192, 16383, nullptr));   // 14
+  EXPECT_EQ((std::pair<int, int>(128, 255)), grey(32768, 65535, nullptr));  // 16
+  UsedBits used_bits;
+  EXPECT_EQ((std::pair<int, int>(128, 255)), grey(2048, 4095, &used_bits));
+  EXPECT_EQ((std::pair<int, int>(32, 64)), grey(512, 1023, &used_bits));  // a dark picture of the same camera
+}
+
 TEST(MessagePicture, PicturesThatCannotBeAreNamed)
 {
   const auto text = [](const boost::shared_ptr<sensor_msgs::Image>& image)

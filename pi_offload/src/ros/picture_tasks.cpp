@@ -127,7 +127,7 @@ void PictureTasks::onImage(const zero_copy::ImageHandle& message)
   std::shared_ptr<const pi_detect::MessagePicture> picture;
   try
   {
-    picture = std::make_shared<const pi_detect::MessagePicture>(message);
+    picture = std::make_shared<const pi_detect::MessagePicture>(message, &used_bits_);
   }
   catch (const std::invalid_argument& error)
   {

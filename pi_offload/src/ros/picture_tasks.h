@@ -85,6 +85,7 @@ private:
   std::atomic<uint64_t> crowded_{0};
   std::atomic<int64_t> came_at_ns_{0};
   pi_node::RateLimit rate_limit_;  ///< of the input thread
+  pi_detect::UsedBits used_bits_;  ///< likewise
 
   // Engine thread:
   std::map<uint64_t, Picture> pictures_;

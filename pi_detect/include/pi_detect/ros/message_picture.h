@@ -9,15 +9,29 @@
 namespace pi_detect
 {
 
+/// The bits that a camera uses of mono16, which has its values in the low ones: 10, 12, 14 or 16. Drivers do not tell,
+/// but the brightest pixel so far does; so the scale of one camera, or of a pair, does not change from picture to
+/// picture. Not thread safe.
+class UsedBits
+{
+public:
+  /// @param deep  CV_16UC1. @return the bits, not less than before.
+  int add(const cv::Mat& deep);
+
+private:
+  int bits_ = 10;
+};
+
 /// The picture of a message, for the detector. mono8, 8UC1, bgr8, 8UC3 (taken as BGR) and rgb8 are used without a copy;
 /// bgra8, rgba8, mono16, bayer_* and yuv422 are converted. Keeps the message or the converted picture alive.
 class MessagePicture
 {
 public:
+  /// @param used_bits  of the camera, for mono16; null: as this picture has it.
   /// @throws std::invalid_argument for an encoding that is unknown, a size of zero, a step that is too small, and fewer
   ///         bytes than size and step ask for.
-  explicit MessagePicture(pi_os_transport::zero_copy::ImageHandle message);
-  explicit MessagePicture(const sensor_msgs::ImageConstPtr& message);
+  explicit MessagePicture(pi_os_transport::zero_copy::ImageHandle message, UsedBits* used_bits = nullptr);
+  explicit MessagePicture(const sensor_msgs::ImageConstPtr& message, UsedBits* used_bits = nullptr);
 
   const PictureView& view() const { return view_; }
   const pi_os_transport::zero_copy::Message<sensor_msgs::Image>& message() const { return *message_; }
@@ -29,8 +43,9 @@ private:
 };
 
 /// In grey levels, CV_8UC1. mono8 and 8UC1 share the message's buffer, which must live as long and is not written to.
+/// @param used_bits  as above.
 /// @throws std::invalid_argument as above.
-cv::Mat toGrey(const sensor_msgs::Image& message);
-cv::Mat toGrey(const pi_os_transport::zero_copy::Message<sensor_msgs::Image>& message);
+cv::Mat toGrey(const sensor_msgs::Image& message, UsedBits* used_bits = nullptr);
+cv::Mat toGrey(const pi_os_transport::zero_copy::Message<sensor_msgs::Image>& message, UsedBits* used_bits = nullptr);
 
 }  // namespace pi_detect
