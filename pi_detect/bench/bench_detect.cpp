@@ -1,10 +1,10 @@
-// Time of a picture through SsdDetector, directly and as tasks of the runtime, beside the usual recipe of OpenCV on the
+// Time of a picture through Detector, directly and as tasks of the runtime, beside the usual recipe of OpenCV on the
 // same network and pictures:
 //   bench_detect --model MODEL.yaml [--rounds 5] PICTURES_OR_VIDEO...
 // The three take turns picture by picture, in an order that rotates; a second network (--other) takes part likewise.
 // Wall time is what the user waits; processor time counts all threads and is disturbed less by other programs.
 
-#include <pi_detect/ssd_detector.h>
+#include <pi_detect/detector.h>
 #include <pi_node/command_line.h>
 #include "ros/default_model.h"
 
@@ -20,6 +20,7 @@
 #include <memory>
 #include <opencv2/dnn.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
 #include <string>
 #include <vector>
@@ -101,7 +102,7 @@ std::vector<cv::Mat> readPictures(const std::vector<std::string>& inputs)
   return pictures;
 }
 
-/// blobFromImage() and forward(), as OpenCV's samples do it. Raw outputs are not decoded.
+/// Resizing, blobFromImage() and forward(), as OpenCV's and the networks' samples do it. Outputs are not decoded.
 class PlainOpenCv
 {
 public:
@@ -113,12 +114,43 @@ public:
   void detect(const cv::Mat& picture)
   {
     const cv::Scalar mean(input_.mean[0], input_.mean[1], input_.mean[2]);
-    net_.setInput(
-        cv::dnn::blobFromImage(picture, input_.scale, cv::Size(input_.width, input_.height), mean, input_.rgb, false));
+    const cv::Scalar scale(input_.scale[0], input_.scale[1], input_.scale[2]);
+    const cv::Mat fitted = input_.fit == InputFit::STRETCH ? picture : boxed(picture);
+    if (scale[0] == scale[1] && scale[1] == scale[2])
+    {
+      net_.setInput(
+          cv::dnn::blobFromImage(fitted, scale[0], cv::Size(input_.width, input_.height), mean, input_.rgb, false));
+    }
+    else  // blobFromImage() has one factor for all channels
+    {
+      cv::Mat normalised;
+      cv::resize(fitted, normalised, cv::Size(input_.width, input_.height));
+      normalised.convertTo(normalised, CV_32FC3);
+      cv::subtract(normalised, mean, normalised);
+      cv::multiply(normalised, scale, normalised);
+      net_.setInput(cv::dnn::blobFromImage(normalised, 1.0, cv::Size(), cv::Scalar(), input_.rgb, false));
+    }
     net_.forward(outputs_, names_);
   }
 
 private:
+  cv::Mat boxed(const cv::Mat& picture) const
+  {
+    const double ratio = std::min(1.0 * input_.width / picture.cols, 1.0 * input_.height / picture.rows);
+    cv::Mat resized;
+    cv::resize(picture, resized,
+               cv::Size(static_cast<int>(picture.cols * ratio), static_cast<int>(picture.rows * ratio)));
+    const int right = input_.width - resized.cols;
+    const int below = input_.height - resized.rows;
+    const bool centred = input_.fit == InputFit::LETTERBOX;
+    const int left = centred ? right / 2 : 0;
+    const int above = centred ? below / 2 : 0;
+    cv::Mat square;
+    cv::copyMakeBorder(resized, square, above, below - above, left, right - left, cv::BORDER_CONSTANT,
+                       cv::Scalar::all(input_.bar_level));
+    return square;
+  }
+
   const NetworkInput input_;
   cv::dnn::Net net_;
   std::vector<std::string> names_;
@@ -143,7 +175,7 @@ double quantile(std::vector<double> values, double part)
 void addDetector(const ModelDescription& model, DetectorOptions options,
                  const std::shared_ptr<pi_runtime::Runtime>& runtime, std::vector<Contender>* contenders)
 {
-  const auto detector = std::make_shared<SsdDetector>(model, options, runtime);
+  const auto detector = std::make_shared<Detector>(model, options, runtime);
   contenders->push_back(
       {model.name + (runtime == nullptr ? ", direct" : ", tasks") +
            (detector->target().used == Target::CPU ? "" : std::string(", ") + toString(detector->target().used)),
@@ -224,7 +256,7 @@ int main(int argc, char** argv)
   pi_node::CommandLine options("bench_detect [options] PICTURE_FOLDER_OR_VIDEO...");
   options.add("model", po::value(&model)->default_value(defaultModel()), "description of the network");
   options.add("other", po::value(&other), "a second network, for comparison");
-  options.addValue("target", &target, "of SsdDetector: cpu, opencl or opencl_fp16");
+  options.addValue("target", &target, "of Detector: cpu, opencl or opencl_fp16");
   options.add("threads", po::value(&detector.threads)->default_value(0, "all cores"), "of OpenCV, for all of them");
   options.addValue("rounds", &rounds, "over the pictures");
   options.addPositional("inputs", &inputs, "no picture, folder or video is named; see --help");

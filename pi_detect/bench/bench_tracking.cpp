@@ -9,10 +9,10 @@
 /// --overlay     pictures with true boxes (white) and tracks are written there.
 /// --every       uses each N-th picture only, as a slower camera would give them.
 /// --predicted   counts tracks also where they are not seen but predicted.
+#include <pi_detect/detector.h>
+#include <pi_detect/object_tracker.h>
 #include "tracking/assignment.h"
 #include "tracking/mot_metrics.h"
-#include <pi_detect/object_tracker.h>
-#include <pi_detect/ssd_detector.h>
 
 #include <algorithm>
 #include <chrono>
@@ -165,7 +165,7 @@ std::map<int, Detections> detect(const Arguments& arguments, const std::vector<c
   options.filter.score_threshold = LEAST_SCORE;
   options.filter.classes = {arguments.label};
   options.filter.class_agnostic_overlap = static_cast<float>(arguments.suppress);
-  SsdDetector detector(ModelDescription::load(arguments.model), options, nullptr);
+  Detector detector(ModelDescription::load(arguments.model), options, nullptr);
   std::map<int, Detections> detections;
   for (size_t i = 0; i < pictures.size(); ++i)
   {

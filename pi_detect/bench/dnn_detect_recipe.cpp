@@ -34,7 +34,7 @@ private:
     cv::Mat resized;
     cv::resize(picture->image, resized, cv::Size(model_.input.width, model_.input.height));
     const auto& mean = model_.input.mean;
-    net_.setInput(cv::dnn::blobFromImage(resized, model_.input.scale, resized.size(),
+    net_.setInput(cv::dnn::blobFromImage(resized, model_.input.scale[0], resized.size(),
                                          cv::Scalar(mean[0], mean[1], mean[2]), model_.input.rgb, false));
     const cv::Mat output = net_.forward();
     const cv::Mat rows = output.reshape(1, static_cast<int>(output.total() / 7));

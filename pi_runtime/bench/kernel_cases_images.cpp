@@ -17,7 +17,7 @@ KernelCase blobCase(CodeletRunner& runner, int size)
 {
   const cv::Mat source = makePicture(640, 480, 3);
   const BlobGeometry geometry{640, 480, 640 * 3, 3, size, size, 0};
-  const BlobColours colours{{127.5F, 127.5F, 127.5F}, 1.0F / 127.5F, 1, 0};
+  const BlobColours colours{{127.5F, 127.5F, 127.5F}, {1.0F / 127.5F, 1.0F / 127.5F, 1.0F / 127.5F}, 1, 0};
   const BufferPtr destination = Buffer::allocate(static_cast<size_t>(3) * size * size * sizeof(float));
   const std::vector<Argument> arguments{Argument::in(wrapMat(source)), Argument::in(makeBlobPlan(geometry)),
                                         Argument::out(destination), Argument::value(geometry),

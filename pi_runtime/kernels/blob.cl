@@ -18,7 +18,7 @@ typedef struct
 typedef struct
 {
   float mean[3];
-  float scale;
+  float scale[3];
   int swap_rb;
   int fill;
 } BlobColours;
@@ -94,7 +94,7 @@ INLINE void levelsAt(global const uchar* source, global const int* plan, const B
 INLINE float16 normalised(const BlobColours* colours, const int16* levels, int channels, int plane)
 {
   const int channel = colours->swap_rb ? channels - 1 - plane : plane;
-  return (convert_float16(levels[channel]) - colours->mean[plane]) * colours->scale;
+  return (convert_float16(levels[channel]) - colours->mean[plane]) * colours->scale[plane];
 }
 
 #define BLOB_KERNEL(NAME, CHANNELS)                                                                                 \

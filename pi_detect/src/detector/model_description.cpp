@@ -25,6 +25,7 @@ constexpr int MOST_INPUT_PX = 4096;
 constexpr int MAX_PRIORS = 65536;     // of the codelet
 constexpr int MAX_CLASSES = 1024;     // likewise
 constexpr int MAX_DETECTIONS = 1024;  // likewise
+constexpr int MAX_BINS = 64;
 
 [[noreturn]] void refuse(const std::string& field, const std::string& value, const std::string& bound)
 {
@@ -118,15 +119,40 @@ ModelFile readFile(YamlSection section, const std::filesystem::path& folder)
   return file;
 }
 
+/// `scale` for all planes, or `std` by which each plane is divided.
+void readScale(YamlSection& section, std::array<float, 3>* scale)
+{
+  if (!section.has("std"))
+  {
+    float common = 1.0F;
+    section.read("scale", "a number", &common);
+    scale->fill(common);
+    return;
+  }
+  require(!section.has("scale"), section.name("std"), "(given)",
+          "absent where scale is given: they are two ways to say the same");
+  std::array<float, 3> deviation{};
+  readNumbers(section, "std", &deviation);
+  for (size_t i = 0; i < deviation.size(); ++i)
+  {
+    require(std::isfinite(deviation[i]) && deviation[i] > 0.0F, section.name("std"), deviation[i], "above 0");
+    (*scale)[i] = 1.0F / deviation[i];
+  }
+}
+
 NetworkInput readInput(YamlSection section)
 {
   NetworkInput input;
   input.width = section.get<int>("width", "a whole number");
   input.height = section.get<int>("height", "a whole number");
   readNumbers(section, "mean", &input.mean);
-  section.read("scale", "a number", &input.scale);
+  readScale(section, &input.scale);
   readChoice<bool>(section, "channels", {{"rgb", true}, {"bgr", false}}, &input.rgb);
-  readChoice<bool>(section, "resize", {{"letterbox", true}, {"stretch", false}}, &input.letterbox);
+  readChoice<InputFit>(section, "resize",
+                       {{"stretch", InputFit::STRETCH},
+                        {"letterbox", InputFit::LETTERBOX},
+                        {"letterbox_top_left", InputFit::LETTERBOX_TOP_LEFT}},
+                       &input.fit);
   section.read("bar_level", "a whole number", &input.bar_level);
   section.finish();
   return input;
@@ -173,6 +199,24 @@ RawOutputs readRaw(YamlSection& section)
   return raw;
 }
 
+CellOutputs readCells(YamlSection& section, OutputKind kind)
+{
+  CellOutputs cells;
+  section.read("strides", "a list of whole numbers", &cells.strides);
+  cells.offset = kind == OutputKind::DISTRIBUTION ? 0.5F : 0.0F;
+  section.read("offset", "a number", &cells.offset);
+  if (kind == OutputKind::DISTRIBUTION)
+  {
+    section.read("bins", "a whole number", &cells.bins);
+  }
+  readChoice<int>(section, "activation", {{"none", SSD_RAW}, {"sigmoid", SSD_SIGMOID}}, &cells.activation);
+  section.read("classes", "a whole number", &cells.classes);
+  section.read("overlap_threshold", "a number", &cells.overlap_threshold);
+  section.read("top_k", "a whole number", &cells.top_k);
+  section.read("keep_top_k", "a whole number", &cells.keep_top_k);
+  return cells;
+}
+
 ModelDescription read(YamlSection section, const std::filesystem::path& folder)
 {
   ModelDescription model;
@@ -184,17 +228,28 @@ ModelDescription read(YamlSection section, const std::filesystem::path& folder)
   }
   model.input = readInput(section.section("input"));
   YamlSection output = section.section("output");
-  readChoice<OutputKind>(output, "kind", {{"detections", OutputKind::DETECTIONS}, {"raw", OutputKind::RAW}},
-                         &model.output_kind);
+  std::map<std::string, OutputKind> kinds;
+  for (const OutputKind kind : {OutputKind::DETECTIONS, OutputKind::RAW, OutputKind::GRID, OutputKind::DISTRIBUTION})
+  {
+    kinds[toString(kind)] = kind;
+  }
+  readChoice<OutputKind>(output, "kind", kinds, &model.output_kind);
   if (model.output_kind == OutputKind::RAW)
   {
     model.raw = readRaw(output);
   }
+  else if (model.output_kind != OutputKind::DETECTIONS)
+  {
+    model.cells = readCells(output, model.output_kind);
+  }
   output.finish();
   model.labels = section.get<std::map<int, std::string>>("labels", "a map from class ids to names");
-  if (model.raw.classes == 0 && !model.labels.empty())
+  for (int* classes : {&model.raw.classes, &model.cells.classes})
   {
-    model.raw.classes = model.labels.rbegin()->first + 1;
+    if (*classes == 0 && !model.labels.empty())
+    {
+      *classes = model.labels.rbegin()->first + 1;
+    }
   }
   section.read("score_threshold", "a number", &model.score_threshold);
   section.read("class_agnostic_overlap", "a number", &model.class_agnostic_overlap);
@@ -216,7 +271,10 @@ void validateInput(const NetworkInput& input)
 {
   require(input.width >= 8 && input.width <= MOST_INPUT_PX, "input/width", input.width, "in [8, 4096]");
   require(input.height >= 8 && input.height <= MOST_INPUT_PX, "input/height", input.height, "in [8, 4096]");
-  require(std::isfinite(input.scale) && input.scale != 0.0F, "input/scale", input.scale, "finite and not 0");
+  for (const float scale : input.scale)
+  {
+    require(std::isfinite(scale) && scale != 0.0F, "input/scale", scale, "finite and not 0");
+  }
   for (const float mean : input.mean)
   {
     require(std::isfinite(mean), "input/mean", mean, "finite");
@@ -257,7 +315,41 @@ void validateRaw(const RawOutputs& raw)
   require(priors <= MAX_PRIORS, "output/feature_maps: priors", priors, "at most 65536");
 }
 
+void validateCells(const CellOutputs& cells, OutputKind kind)
+{
+  require(!cells.strides.empty(), "output/strides", "(empty)", "a list of whole numbers");
+  for (const int stride : cells.strides)
+  {
+    require(stride >= 1 && stride <= MOST_INPUT_PX, "output/strides", stride, "in [1, 4096]");
+  }
+  require(cells.offset >= 0.0F && cells.offset <= 1.0F, "output/offset", cells.offset, "in [0, 1]");
+  require(kind != OutputKind::DISTRIBUTION || (cells.bins >= 2 && cells.bins <= MAX_BINS), "output/bins", cells.bins,
+          "in [2, 64]");
+  require(cells.classes >= 1 && cells.classes <= MAX_CLASSES, "output/classes", cells.classes, "in [1, 1024]");
+  require(cells.overlap_threshold > 0.0F && cells.overlap_threshold <= 1.0F, "output/overlap_threshold",
+          cells.overlap_threshold, "in (0, 1]");
+  require(cells.top_k >= 1, "output/top_k", cells.top_k, "at least 1");
+  require(cells.keep_top_k >= 1 && cells.keep_top_k <= MAX_DETECTIONS, "output/keep_top_k", cells.keep_top_k,
+          "in [1, 1024]");
+}
+
 }  // namespace
+
+const char* toString(OutputKind kind)
+{
+  switch (kind)
+  {
+    case OutputKind::DETECTIONS:
+      return "detections";
+    case OutputKind::RAW:
+      return "raw";
+    case OutputKind::GRID:
+      return "grid";
+    case OutputKind::DISTRIBUTION:
+      return "distribution";
+  }
+  return "?";
+}
 
 void ModelDescription::validate() const
 {
@@ -270,6 +362,10 @@ void ModelDescription::validate() const
   {
     validateRaw(raw);
   }
+  else if (output_kind != OutputKind::DETECTIONS)
+  {
+    validateCells(cells, output_kind);
+  }
   require(!labels.empty(), "labels", "(empty)", "a map from class ids to names");
   for (const auto& [id, label] : labels)
   {
@@ -278,6 +374,10 @@ void ModelDescription::validate() const
     if (output_kind == OutputKind::RAW)
     {
       require(id < raw.classes && id != raw.background, "labels: id", id, "a column of the scores, not the background");
+    }
+    else if (output_kind != OutputKind::DETECTIONS)
+    {
+      require(id < cells.classes, "labels: id", id, "a column of the scores");
     }
   }
   require(score_threshold > 0.0F && score_threshold <= 1.0F, "score_threshold", score_threshold, "in (0, 1]");

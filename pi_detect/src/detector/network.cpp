@@ -4,14 +4,19 @@
 #include <boost/algorithm/string.hpp>
 #include <cmath>
 #include <filesystem>
+#include <fstream>
+#include <optional>
+#include <sstream>
 #include <utility>
+
+#include "detector/cell_decoder.h"
+#include "detector/onnx_floats.h"
+#include "detector/ssd_decoder.h"
 
 namespace pi_detect
 {
 namespace
 {
-
-constexpr int OUTPUT_COLUMNS = 7;
 
 /// The informative line of OpenCV's message.
 std::string reasonOf(const cv::Exception& error)
@@ -25,14 +30,16 @@ std::string extensionOf(const std::string& path)
   return boost::to_lower_copy(std::filesystem::path(path).extension().string());
 }
 
-std::string shapeOf(const cv::Mat& matrix)
+std::string contentOf(const std::string& path)
 {
-  std::string text;
-  for (int i = 0; i < matrix.dims; ++i)
+  std::ifstream file(path, std::ios::binary);
+  std::ostringstream content;
+  content << file.rdbuf();
+  if (!file)
   {
-    text += (i == 0 ? "" : " x ") + std::to_string(matrix.size[i]);
+    throw ModelError(path + ": cannot be read");
   }
-  return text;
+  return content.str();
 }
 
 void checkFile(const ModelFile& file)
@@ -70,11 +77,6 @@ void checkFiles(const ModelDescription& model)
   {
     checkFile(model.config);
   }
-}
-
-std::vector<pi_runtime::kernels::SsdPrior> priorsOf(const ModelDescription& model)
-{
-  return pi_runtime::kernels::makeSsdPriors(model.raw.feature_maps, model.raw.clip_priors);
 }
 
 Network::Network(const ModelDescription& model, const TargetInUse& target) : model_(model)
@@ -124,7 +126,8 @@ void Network::read()
   const std::string extension = extensionOf(weights);
   if (extension == ".onnx")
   {
-    net_ = cv::dnn::readNetFromONNX(weights);
+    const std::string content = withFloats(contentOf(weights));
+    net_ = cv::dnn::readNetFromONNX(content.data(), content.size());
   }
   else if (extension == ".pb")
   {
@@ -187,32 +190,82 @@ const std::vector<cv::Mat>& Network::forward(const float* blob)
   return outputs_;
 }
 
+std::vector<OutputShape> Network::shapes() const
+{
+  std::vector<OutputShape> shapes;
+  for (size_t i = 0; i < outputs_.size(); ++i)
+  {
+    const cv::Mat& output = outputs_[i];
+    const auto columns = output.dims == 0 ? size_t{0} : static_cast<size_t>(output.size[output.dims - 1]);
+    shapes.push_back({output_names_[i], columns == 0 ? 0 : output.total() / columns, columns});
+  }
+  return shapes;
+}
+
+void Network::refuseOutputs(const std::string& needed) const
+{
+  const std::optional<OutputKind> kind = kindOf(shapes(), model_);
+  throw ModelError(model_.weights.path + ": its outputs are " + toString(shapes()) + "; output/kind " +
+                   toString(model_.output_kind) + " needs " + needed +
+                   (kind && *kind != model_.output_kind
+                        ? std::string(": they look like output/kind ") + toString(*kind)
+                        : ": description and network do not belong together, or the kind is none of detections, raw, "
+                          "grid and distribution"));
+}
+
 void Network::checkOutputs()
 {
-  if (model_.output_kind == OutputKind::DETECTIONS)
+  const std::string cells = std::to_string(cellsOf(model_.input, model_.cells.strides)) + " x ";
+  switch (model_.output_kind)
   {
-    const bool is_rows =
-        outputs_.size() == 1 && outputs_[0].dims >= 2 && outputs_[0].size[outputs_[0].dims - 1] == OUTPUT_COLUMNS;
-    if (!is_rows)
-    {
-      throw ModelError(
-          model_.weights.path + ": has " + std::to_string(outputs_.size()) + " outputs, the first of " +
-          (outputs_.empty() ? "nothing" : shapeOf(outputs_[0])) +
-          "; output/kind detections needs one of N x 7, as the DetectionOutput layer gives: describe other "
-          "networks with output/kind raw");
-    }
-    return;
+    case OutputKind::DETECTIONS:
+      if (kindOf(shapes(), model_) != OutputKind::DETECTIONS)
+      {
+        refuseOutputs("one of N x 7, as the DetectionOutput layer gives");
+      }
+      return;
+    case OutputKind::RAW:
+      checkRaw();
+      return;
+    case OutputKind::GRID:
+      if (kindOf(shapes(), model_) != OutputKind::GRID)
+      {
+        refuseOutputs("one of " + cells + std::to_string(model_.cells.classes + 5) +
+                      " for the input's size, the strides and the classes");
+      }
+      return;
+    case OutputKind::DISTRIBUTION:
+      break;
   }
-  priors_ = priorsOf(model_).size();
-  const std::pair<size_t, const std::string*> expected[] = {
-      {priors_ * 4, &model_.raw.boxes}, {priors_ * static_cast<size_t>(model_.raw.classes), &model_.raw.scores}};
+  const std::vector<size_t> order = orderOfDistributions(shapes(), model_);
+  if (order.empty())
+  {
+    const std::string distances = std::to_string(4 * model_.cells.bins);
+    refuseOutputs("one of " + cells + std::to_string(model_.cells.classes + 4 * model_.cells.bins) +
+                  ", or per stride one with " + std::to_string(model_.cells.classes) + " and one with " + distances +
+                  " columns, for the input's size, the strides, the classes and the bins");
+  }
+  std::vector<std::string> names;
+  std::vector<cv::Mat> outputs;
+  for (const size_t index : order)
+  {
+    names.push_back(output_names_[index]);
+    outputs.push_back(outputs_[index]);
+  }
+  output_names_ = std::move(names);
+  outputs_ = std::move(outputs);
+}
+
+void Network::checkRaw() const
+{
+  const size_t priors = priorsOf(model_.raw).size();
+  const size_t expected[] = {priors * 4, priors * static_cast<size_t>(model_.raw.classes)};
   for (size_t i = 0; i < 2; ++i)
   {
-    if (outputs_[i].total() != expected[i].first)
+    if (outputs_[i].total() != expected[i])
     {
-      throw ModelError(model_.weights.path + ": output \"" + *expected[i].second + "\" has " + shapeOf(outputs_[i]) +
-                       " numbers, but the description's feature maps and classes make " +
-                       std::to_string(expected[i].first) + ": description and network do not belong together");
+      refuseOutputs(std::to_string(expected[i]) + " numbers in \"" + output_names_[i] +
+                    "\" for the feature maps and classes");
     }
   }
 }

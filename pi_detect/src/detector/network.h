@@ -7,6 +7,7 @@
 
 #include <pi_detect/model_description.h>
 #include <pi_detect/target.h>
+#include "detector/output_shapes.h"
 
 namespace pi_detect
 {
@@ -20,25 +21,24 @@ public:
   Network(const ModelDescription& model, const TargetInUse& target);
 
   /// @param blob  1 x 3 x height x width floats of the model's input.
-  /// @return outputs: RAW: boxes (4 per prior: x, y, width, height), scores; DETECTIONS: rows of 7. Valid until the
-  ///         next call. @throws std::runtime_error with OpenCV's words.
+  /// @return outputs: DETECTIONS: rows of 7; RAW: boxes (4 per prior: x, y, width, height), scores; GRID: rows of
+  /// cells;
+  ///         DISTRIBUTION: likewise, or scores and distances of each stride in turn. Valid until the next call.
+  /// @throws std::runtime_error with OpenCV's words.
   const std::vector<cv::Mat>& forward(const float* blob);
-
-  size_t priors() const { return priors_; }  ///< 0 for DETECTIONS
 
 private:
   void read();
+  std::vector<OutputShape> shapes() const;
   void checkOutputs();
+  void checkRaw() const;
+  [[noreturn]] void refuseOutputs(const std::string& needed) const;
 
   const ModelDescription model_;
   cv::dnn::Net net_;
   std::vector<std::string> output_names_;
   std::vector<cv::Mat> outputs_;
-  size_t priors_ = 0;
 };
-
-/// Default boxes of a model with raw outputs.
-std::vector<pi_runtime::kernels::SsdPrior> priorsOf(const ModelDescription& model);
 
 /// Files there, not empty, sums as described. @throws ModelError
 void checkFiles(const ModelDescription& model);

@@ -1,8 +1,8 @@
 #pragma once
 
+#include <pi_detect/detector.h>
 #include <pi_detect/object_tracker.h>
 #include <pi_detect/ros/message_picture.h>
-#include <pi_detect/ssd_detector.h>
 
 #include <memory>
 #include <opencv2/core/mat.hpp>
@@ -17,7 +17,7 @@ struct FoundObjects
   std::shared_ptr<const MessagePicture> picture;
   Detections detections;
   std::vector<ObjectTrack> tracks;
-  std::shared_ptr<const SsdDetector> detector;
+  std::shared_ptr<const Detector> detector;
 };
 
 /// A copy of the picture (BGR) with boxes, labels, ids of tracks, model and rate. @param rate_hz  of pictures.

@@ -1,7 +1,7 @@
 #pragma once
 
 #include <diagnostic_updater/diagnostic_updater.h>
-#include <pi_detect/ssd_detector.h>
+#include <pi_detect/detector.h>
 #include <pi_node/ros/recent_values.h>
 #include <pi_node/ros/warning_board.h>
 #include <ros/node_handle.h>

@@ -89,11 +89,11 @@ void SsdRos::publish(const FoundObjects& found)
 bool SsdRos::load(const std::string& path, std::string* message)
 {
   worker_.beginLoading(path);
-  std::shared_ptr<SsdDetector> detector;
+  std::shared_ptr<Detector> detector;
   try
   {
     const ModelDescription model = ModelDescription::load(path);
-    detector = std::make_shared<SsdDetector>(model, options_.detectorOptions(model), runtime_);
+    detector = std::make_shared<Detector>(model, options_.detectorOptions(model), runtime_);
   }
   catch (const std::exception& error)
   {

@@ -1,7 +1,7 @@
 #pragma once
 
+#include <pi_detect/detector.h>
 #include <pi_detect/object_tracker.h>
-#include <pi_detect/ssd_detector.h>
 #include <pi_node/ros/node_parameters.h>
 
 #include <string>

@@ -19,7 +19,7 @@ using pi_node::secondsSince;
 
 namespace zero_copy = pi_os_transport::zero_copy;
 
-std::string describe(const SsdDetector& detector)
+std::string describe(const Detector& detector)
 {
   const TargetInUse& target = detector.target();
   return detector.model().name + " on " + toString(target.used) +
@@ -119,7 +119,7 @@ void SsdWorker::beginLoading(const std::string& description)
   figures_.loading = description;
 }
 
-void SsdWorker::use(std::shared_ptr<SsdDetector> detector)
+void SsdWorker::use(std::shared_ptr<Detector> detector)
 {
   std::lock_guard<std::mutex> lock(mutex_);
   detector_.swap(detector);  // the old one is destroyed with the parameter, after the lock is released
@@ -127,7 +127,7 @@ void SsdWorker::use(std::shared_ptr<SsdDetector> detector)
   figures_.problem.clear();
 }
 
-std::shared_ptr<const SsdDetector> SsdWorker::failLoading(const std::string& problem)
+std::shared_ptr<const Detector> SsdWorker::failLoading(const std::string& problem)
 {
   std::lock_guard<std::mutex> lock(mutex_);
   figures_.loading.clear();
@@ -163,7 +163,7 @@ void SsdWorker::work()
       call_done_.notify_all();
       return;
     }
-    std::shared_ptr<SsdDetector> detector = detector_;
+    std::shared_ptr<Detector> detector = detector_;
     if (!calls_.empty())
     {
       Call* const call = calls_.front();
@@ -198,7 +198,7 @@ void SsdWorker::work()
   }
 }
 
-void SsdWorker::workOn(const zero_copy::ImageHandle& message, const std::shared_ptr<SsdDetector>& detector)
+void SsdWorker::workOn(const zero_copy::ImageHandle& message, const std::shared_ptr<Detector>& detector)
 {
   const auto begin = std::chrono::steady_clock::now();
   const auto picture = std::make_shared<const MessagePicture>(message);
@@ -223,7 +223,7 @@ void SsdWorker::workOn(const zero_copy::ImageHandle& message, const std::shared_
   diagnostics_->addPicture(result, stamp.isZero() ? 0.0 : (ros::Time::now() - stamp).toSec(), secondsSince(begin));
 }
 
-void SsdWorker::serve(const Call& call, SsdDetector* detector)
+void SsdWorker::serve(const Call& call, Detector* detector)
 {
   DetectObjects::Response& response = *call.response;
   try

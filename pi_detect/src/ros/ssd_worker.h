@@ -52,9 +52,9 @@ public:
   bool detect(const pi_os_transport::zero_copy::ImageHandle& picture, DetectObjects::Response* response);
 
   void beginLoading(const std::string& description);
-  void use(std::shared_ptr<SsdDetector> detector);
+  void use(std::shared_ptr<Detector> detector);
   /// @return the detector that stays in use; null: none.
-  std::shared_ptr<const SsdDetector> failLoading(const std::string& problem);
+  std::shared_ptr<const Detector> failLoading(const std::string& problem);
 
   void report(SsdFigures* figures);
 
@@ -68,8 +68,8 @@ private:
   };
 
   void work();
-  void workOn(const pi_os_transport::zero_copy::ImageHandle& message, const std::shared_ptr<SsdDetector>& detector);
-  void serve(const Call& call, SsdDetector* detector);
+  void workOn(const pi_os_transport::zero_copy::ImageHandle& message, const std::shared_ptr<Detector>& detector);
+  void serve(const Call& call, Detector* detector);
   /// Those that the filter of the options lets through.
   Detections wanted(const Detections& all, const ModelDescription& model) const;
 
@@ -84,7 +84,7 @@ private:
   std::condition_variable call_done_;
   bool stopping_ = false;
   bool ended_ = false;                               ///< and touches no call any more
-  std::shared_ptr<SsdDetector> detector_;            ///< null: none is loaded yet; used by the worker alone
+  std::shared_ptr<Detector> detector_;               ///< null: none is loaded yet; used by the worker alone
   pi_os_transport::zero_copy::ImageHandle picture_;  ///< the newest, that waits
   std::deque<Call*> calls_;
   pi_node::RateLimit rate_limit_;
@@ -93,12 +93,12 @@ private:
 
   // Of the thread.
   ObjectTracker tracker_;
-  std::weak_ptr<SsdDetector> worked_with_;
+  std::weak_ptr<Detector> worked_with_;
   pi_node::SimulationAnswers answers_;
   std::thread thread_;
 };
 
 /// "ssd_street on opencl (NVIDIA ...)"
-std::string describe(const SsdDetector& detector);
+std::string describe(const Detector& detector);
 
 }  // namespace pi_detect

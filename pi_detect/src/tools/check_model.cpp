@@ -1,5 +1,5 @@
-// check_model MODEL.yaml: whether OpenCV can load and run a model; says why not on the standard output. The library
-// runs it as a child process, since OpenCV can crash on a damaged file.
+// check_model MODEL.yaml: whether OpenCV can load and run a model; tells its kind, or why not, on the standard output.
+// The library runs it as a child process, since OpenCV can crash on a damaged file.
 
 #include <pi_detect/model_check.h>
 #include <pi_node/command_line.h>
@@ -43,7 +43,9 @@ int main(int argc, char** argv)
   limit(RLIMIT_AS, static_cast<rlim_t>(memory_mb) << 20);
   try
   {
-    pi_detect::checkModelHere(pi_detect::ModelDescription::load(description));
+    const auto model = pi_detect::ModelDescription::load(description);
+    pi_detect::checkModelHere(model);
+    std::cout << description << ": " << model.name << " is usable, output/kind " << toString(model.output_kind) << "\n";
     return EXIT_SUCCESS;
   }
   catch (const std::bad_alloc&)

@@ -1,7 +1,7 @@
 // detect_images --model M.yaml --output det.json PICTURES_OR_FOLDERS: finds objects in picture files. Needs no ROS
 // master.
 
-#include <pi_detect/ssd_detector.h>
+#include <pi_detect/detector.h>
 #include <pi_node/command_line.h>
 #include <pi_node/durations.h>
 #include <pi_node/output_file.h>
@@ -210,7 +210,7 @@ int run(const Arguments& line)
 {
   Pictures pictures(listFiles(line.inputs), line.every);
   const ModelDescription model = ModelDescription::load(line.model);
-  SsdDetector detector(model, line.detector, line.direct ? nullptr : pi_runtime::Runtime::shared());
+  Detector detector(model, line.detector, line.direct ? nullptr : pi_runtime::Runtime::shared());
   const TargetInUse& target = detector.target();
   std::cerr << "model " << model.name << " on " << toString(target.used)
             << (target.device.empty() ? "" : " (" + target.device + ")") << "\n";

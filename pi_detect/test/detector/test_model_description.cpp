@@ -46,6 +46,14 @@ origin: a test
 licence: none
 )";
 
+constexpr char GRID[] = R"(name: cells
+weights: {file: net.onnx}
+input: {width: 64, height: 64, std: [2, 4, 5], resize: letterbox_top_left}
+output:
+  {kind: grid, strides: [4, 8], offset: 0.5, activation: sigmoid, overlap_threshold: 0.6, top_k: 50, keep_top_k: 20}
+labels: {0: person, 2: car}
+)";
+
 class ModelDescriptionFile : public testing::Test
 {
 protected:
@@ -89,7 +97,7 @@ TEST_F(ModelDescriptionFile, WhatIsNotWrittenHasDefaults)
   EXPECT_TRUE(model.config.path.empty());
   EXPECT_EQ(200, model.input.height);
   EXPECT_TRUE(model.input.rgb);
-  EXPECT_FALSE(model.input.letterbox);
+  EXPECT_EQ(InputFit::STRETCH, model.input.fit);
   EXPECT_EQ(OutputKind::DETECTIONS, model.output_kind);
   EXPECT_EQ(3, model.idOf("car"));
   EXPECT_EQ(-1, model.idOf("tree"));
@@ -101,9 +109,9 @@ TEST_F(ModelDescriptionFile, AllFieldsAreRead)
   const ModelDescription model = ModelDescription::load(write(RAW));
   EXPECT_EQ("0123456789abcdef0123456789abcdef0123456789abcdef0123456789abcdef", model.weights.sha256);
   EXPECT_EQ((std::array<float, 3>{{1.0F, 2.0F, 3.0F}}), model.input.mean);
-  EXPECT_FLOAT_EQ(0.5F, model.input.scale);
+  EXPECT_EQ((std::array<float, 3>{{0.5F, 0.5F, 0.5F}}), model.input.scale);
   EXPECT_FALSE(model.input.rgb);
-  EXPECT_TRUE(model.input.letterbox);
+  EXPECT_EQ(InputFit::LETTERBOX, model.input.fit);
   EXPECT_EQ(7, model.input.bar_level);
   const RawOutputs& raw = model.raw;
   EXPECT_EQ("b", raw.boxes);
@@ -124,6 +132,28 @@ TEST_F(ModelDescriptionFile, AllFieldsAreRead)
   EXPECT_FLOAT_EQ(0.25F, model.score_threshold);
   EXPECT_FLOAT_EQ(0.5F, model.class_agnostic_overlap);
   EXPECT_EQ("a test", model.origin);
+}
+
+TEST_F(ModelDescriptionFile, OutputsPerCellAreRead)
+{
+  ModelDescription model = ModelDescription::load(write(GRID));
+  EXPECT_EQ(OutputKind::GRID, model.output_kind);
+  EXPECT_EQ((std::array<float, 3>{{0.5F, 0.25F, 0.2F}}), model.input.scale);
+  EXPECT_EQ(InputFit::LETTERBOX_TOP_LEFT, model.input.fit);
+  EXPECT_EQ((std::vector<int>{4, 8}), model.cells.strides);
+  EXPECT_FLOAT_EQ(0.5F, model.cells.offset);
+  EXPECT_EQ(pi_runtime::kernels::SSD_SIGMOID, model.cells.activation);
+  EXPECT_EQ(3, model.cells.classes);
+  EXPECT_FLOAT_EQ(0.6F, model.cells.overlap_threshold);
+  EXPECT_EQ(50, model.cells.top_k);
+  EXPECT_EQ(20, model.cells.keep_top_k);
+  model =
+      ModelDescription::load(write("name: n\nweights: {file: net.onnx}\ninput: {width: 64, height: 64}\n"
+                                   "output: {kind: distribution, bins: 16}\nlabels: {0: person}\n"));
+  EXPECT_EQ(OutputKind::DISTRIBUTION, model.output_kind);
+  EXPECT_EQ(16, model.cells.bins);
+  EXPECT_FLOAT_EQ(0.5F, model.cells.offset);
+  EXPECT_EQ((std::vector<int>{8, 16, 32}), model.cells.strides);
 }
 
 TEST_F(ModelDescriptionFile, PathsTakeVariablesOfTheEnvironment)
@@ -161,7 +191,7 @@ TEST_F(ModelDescriptionFile, ErrorsNameFileFieldValueAndBound)
   EXPECT_TRUE(contains(errorWith(MINIMAL, "width: 300", "wdth: 300"), "input/width is missing"));
   EXPECT_TRUE(contains(errorWith(MINIMAL, "height: 200", "height: 200, heigth: 1"), "input/heigth means nothing here"));
   EXPECT_TRUE(contains(errorWith(MINIMAL, "kind: detections", "kind: both"),
-                       "output/kind = \"both\", must be detections or raw"));
+                       "output/kind = \"both\", must be detections or distribution or grid or raw"));
   EXPECT_TRUE(contains(errorWith(MINIMAL, "{1: person, 3: car}", "{}"), "labels = (empty)"));
   EXPECT_TRUE(contains(errorWith(MINIMAL, "{1: person", "{-1: person"), "labels: id = -1, must be at least 0"));
   EXPECT_TRUE(contains(errorWith(RAW, "0123456789abcdef0", "x"), "weights/sha256 = "));
@@ -172,6 +202,14 @@ TEST_F(ModelDescriptionFile, ErrorsNameFileFieldValueAndBound)
   EXPECT_TRUE(contains(errorWith(RAW, "columns: 2, rows: 3", "columns: 4000, rows: 4000"), "must be at most 65536"));
   EXPECT_TRUE(contains(errorWith(RAW, "background: 0", "background: 3"), "output/background = 3"));
   EXPECT_TRUE(contains(errorWith(RAW, "{1: person", "{0: person"), "labels: id = 0"));
+  EXPECT_TRUE(contains(errorWith(GRID, "std: [2, 4, 5]", "std: [2, 0, 5]"), "input/std = 0, must be above 0"));
+  EXPECT_TRUE(contains(errorWith(GRID, "std: [2, 4, 5]", "std: [2, 4, 5], scale: 1"), "input/std = (given)"));
+  EXPECT_TRUE(contains(errorWith(GRID, "strides: [4, 8]", "strides: [4, 0]"), "output/strides = 0"));
+  EXPECT_TRUE(contains(errorWith(GRID, "strides: [4, 8]", "strides: []"), "output/strides = (empty)"));
+  EXPECT_TRUE(contains(errorWith(GRID, "offset: 0.5", "offset: 2"), "output/offset = 2, must be in [0, 1]"));
+  EXPECT_TRUE(contains(errorWith(GRID, "kind: grid", "kind: distribution, bins: 1"), "output/bins = 1"));
+  EXPECT_TRUE(contains(errorWith(GRID, "kind: grid", "kind: grid, bins: 8"), "output/bins means nothing here"));
+  EXPECT_TRUE(contains(errorWith(GRID, "kind: grid", "kind: grid, classes: 2"), "labels: id = 2"));
   EXPECT_TRUE(contains(errorWith(RAW, "score_threshold: 0.25", "score_threshold: .nan"), "score_threshold = nan"));
 }
 

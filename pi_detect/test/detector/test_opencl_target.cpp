@@ -2,9 +2,9 @@
 // allowed to use by the environment, read when it is loaded: the test starts itself again with that.
 
 #include <gtest/gtest.h>
-#include <pi_detect/ssd_detector.h>
-#include <pi_runtime/runtime.h>
+#include <pi_detect/detector.h>
 #include <pi_node/test_support/temporary_folder.h>
+#include <pi_runtime/runtime.h>
 #include <unistd.h>
 
 #include <cmath>
@@ -80,11 +80,11 @@ protected:
     const bool half = GetParam() == Target::OPENCL_FP16;
     DetectorOptions options;
     options.filter.score_threshold = least_score;
-    SsdDetector cpu(model, options, nullptr);
+    Detector cpu(model, options, nullptr);
     options.target = GetParam();
     options.require_target = true;
     const auto runtime = std::make_shared<pi_runtime::Runtime>();
-    SsdDetector device(model, options, runtime);
+    Detector device(model, options, runtime);
     EXPECT_EQ(GetParam(), device.target().used);
     EXPECT_FALSE(device.target().device.empty());
     const Detections expected = cpu.detect(viewOf(picture)).detections;

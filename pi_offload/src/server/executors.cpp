@@ -22,7 +22,7 @@ class DetectionExecutor
 {
 public:
   DetectionExecutor(const pi_detect::ModelDescription& model, const DetectionExecutorOptions& options)
-    : max_side_(options.max_side), detector_(std::make_unique<pi_detect::SsdDetector>(model, options.detector, nullptr))
+    : max_side_(options.max_side), detector_(std::make_unique<pi_detect::Detector>(model, options.detector, nullptr))
   {
   }
 
@@ -95,7 +95,7 @@ private:
   }
 
   const uint32_t max_side_;
-  std::unique_ptr<pi_detect::SsdDetector> detector_;
+  std::unique_ptr<pi_detect::Detector> detector_;
   cv::Mat picture_;
 };
 

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <pi_detect/ssd_detector.h>
+#include <pi_detect/detector.h>
 #include <pi_speech/command_recognizer.h>
 
 #include <cstdint>

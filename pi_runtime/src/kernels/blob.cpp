@@ -221,7 +221,7 @@ private:
       const int channel = colours_.swap_rb != 0 ? geometry_.channels - 1 - plane : plane;
       const uint8_t* const levels = levels_.data() + channel * columns_;
       const size_t first = (static_cast<size_t>(plane) * geometry_.height + y) * geometry_.width;
-      normalise(levels, geometry_.width, colours_.mean[plane], colours_.scale, destination + first);
+      normalise(levels, geometry_.width, colours_.mean[plane], colours_.scale[plane], destination + first);
     }
   }
 
@@ -241,20 +241,30 @@ private:
 
 BlobContent blobContent(const BlobGeometry& geometry)
 {
-  if (geometry.letterbox == 0)
+  if (geometry.letterbox == BLOB_STRETCHED)
   {
     return {0, 0, geometry.width, geometry.height};
   }
   const int64_t sw = geometry.source_width;
   const int64_t sh = geometry.source_height;
+  const bool centred = geometry.letterbox == BLOB_CENTRED;
+  const auto part = [centred](int64_t side, int64_t numerator, int64_t denominator)
+  {
+    const int64_t rounding = centred ? denominator / 2 : 0;
+    return static_cast<int32_t>(std::max<int64_t>(1, (side * numerator + rounding) / denominator));
+  };
   BlobContent content{0, 0, geometry.width, geometry.height};
   if (geometry.width * sh <= geometry.height * sw)
   {
-    content.height = static_cast<int32_t>(std::max<int64_t>(1, (sh * geometry.width + sw / 2) / sw));
+    content.height = part(sh, geometry.width, sw);
   }
   else
   {
-    content.width = static_cast<int32_t>(std::max<int64_t>(1, (sw * geometry.height + sh / 2) / sh));
+    content.width = part(sw, geometry.height, sh);
+  }
+  if (!centred)
+  {
+    return content;
   }
   content.x = (geometry.width - content.width) / 2;
   content.y = (geometry.height - content.height) / 2;

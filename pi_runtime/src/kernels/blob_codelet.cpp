@@ -25,6 +25,7 @@ BlobGeometry checkedGeometry(const TaskArguments& call)
   requireBetween(NAME, "source_stride", g.source_stride, g.source_width * g.channels, INT32_MAX / INT16_MAX);
   requireBetween(NAME, "width", g.width, 1, INT16_MAX);
   requireBetween(NAME, "height", g.height, 1, INT16_MAX);
+  requireBetween(NAME, "letterbox", g.letterbox, BLOB_STRETCHED, BLOB_AT_TOP_LEFT);
   requireBytes(call, NAME, 0, "source", imageBytes(g.source_height, g.source_stride, g.source_width * g.channels));
   requireBytes(call, NAME, 1, "plan", blobPlanBytes(g));
   requireBytes(

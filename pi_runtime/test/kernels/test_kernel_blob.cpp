@@ -11,7 +11,8 @@ namespace pi_runtime::kernels
 namespace
 {
 
-const BlobColours COLOURS{{123.7F, 116.3F, 103.5F}, 1.0F / 57.0F, 1, 114};
+constexpr float SCALE = 1.0F / 57.0F;
+const BlobColours COLOURS{{123.7F, 116.3F, 103.5F}, {SCALE, SCALE, SCALE}, 1, 114};
 
 class Blob : public testing::Test
 {
@@ -65,7 +66,7 @@ protected:
 
   static cv::Mat openCvs(const cv::Mat& source, cv::Size size, const BlobColours& colours)
   {
-    return cv::dnn::blobFromImage(source, colours.scale, size,
+    return cv::dnn::blobFromImage(source, colours.scale[0], size,
                                   cv::Scalar(colours.mean[0], colours.mean[1], colours.mean[2]), colours.swap_rb != 0,
                                   false, CV_32F);
   }
@@ -81,8 +82,7 @@ TEST_F(Blob, StretchesAndNormalisesAsBlobFromImageDoes)
     for (const cv::Size to : {cv::Size(300, 300), cv::Size(416, 257), cv::Size(17, 5)})
     {
       const BufferPtr output = run(picture, geometryOf(picture, to), COLOURS);
-      EXPECT_LT(levelsApart(output, openCvs(picture, to, COLOURS), COLOURS.scale), FLOAT_ROUNDING)
-          << from << " to " << to;
+      EXPECT_LT(levelsApart(output, openCvs(picture, to, COLOURS), SCALE), FLOAT_ROUNDING) << from << " to " << to;
     }
   }
 }
@@ -93,7 +93,7 @@ TEST_F(Blob, KeepsTheOrderOfChannelsIfAskedTo)
   colours.swap_rb = 0;
   const cv::Mat picture = makePicture(320, 200, 3);
   const BufferPtr output = run(picture, geometryOf(picture, {300, 300}), colours);
-  EXPECT_LT(levelsApart(output, openCvs(picture, {300, 300}, colours), colours.scale), FLOAT_ROUNDING);
+  EXPECT_LT(levelsApart(output, openCvs(picture, {300, 300}, colours), colours.scale[0]), FLOAT_ROUNDING);
 }
 
 TEST_F(Blob, TakesGreyImages)
@@ -102,20 +102,20 @@ TEST_F(Blob, TakesGreyImages)
   colours.swap_rb = 0;  // OpenCV would take the third mean for the only channel
   const cv::Mat picture = makePicture(321, 200, 1);
   const BufferPtr output = run(picture, geometryOf(picture, {96, 96}), colours);
-  EXPECT_LT(levelsApart(output, openCvs(picture, {96, 96}, colours), colours.scale), FLOAT_ROUNDING);
+  EXPECT_LT(levelsApart(output, openCvs(picture, {96, 96}, colours), colours.scale[0]), FLOAT_ROUNDING);
 }
 
 TEST_F(Blob, IsOneLevelFromOpenCvAtExactlyHalfTheSize)
 {
   const cv::Mat picture = makePicture(600, 600, 3);
   const BufferPtr output = run(picture, geometryOf(picture, {300, 300}), COLOURS);
-  EXPECT_LE(levelsApart(output, openCvs(picture, {300, 300}, COLOURS), COLOURS.scale), 1.0 + FLOAT_ROUNDING);
+  EXPECT_LE(levelsApart(output, openCvs(picture, {300, 300}, COLOURS), SCALE), 1.0 + FLOAT_ROUNDING);
 }
 
 TEST_F(Blob, CopiesAnImageOfTheRightSize)
 {
   const cv::Mat picture = makePicture(300, 300, 3);
-  const BufferPtr output = run(picture, geometryOf(picture, {300, 300}), {{0, 0, 0}, 1.0F, 0, 0});
+  const BufferPtr output = run(picture, geometryOf(picture, {300, 300}), {{0, 0, 0}, {1.0F, 1.0F, 1.0F}, 0, 0});
   const auto* values = output->hostAs<const float>(Access::READ);
   for (int channel = 0; channel < 3; ++channel)
   {
@@ -129,7 +129,7 @@ TEST_F(Blob, LetterboxKeepsTheAspectRatioBetweenBars)
   {
     const cv::Mat picture = makePicture(from.width, from.height, 3);
     BlobGeometry geometry = geometryOf(picture, {300, 300});
-    geometry.letterbox = 1;
+    geometry.letterbox = BLOB_CENTRED;
     const BlobContent content = blobContent(geometry);
     EXPECT_NEAR(static_cast<double>(content.width) / content.height, static_cast<double>(from.width) / from.height,
                 0.01);
@@ -139,7 +139,38 @@ TEST_F(Blob, LetterboxKeepsTheAspectRatioBetweenBars)
     cv::copyMakeBorder(resized, boxed, content.y, 300 - content.y - content.height, content.x,
                        300 - content.x - content.width, cv::BORDER_CONSTANT, cv::Scalar::all(COLOURS.fill));
     const BufferPtr output = run(picture, geometry, COLOURS);
-    EXPECT_LT(levelsApart(output, openCvs(boxed, {300, 300}, COLOURS), COLOURS.scale), FLOAT_ROUNDING) << from;
+    EXPECT_LT(levelsApart(output, openCvs(boxed, {300, 300}, COLOURS), SCALE), FLOAT_ROUNDING) << from;
+  }
+}
+
+TEST_F(Blob, LetterboxAtTheTopLeftCutsSidesToWholePixels)
+{
+  for (const cv::Size from : {cv::Size(640, 427), cv::Size(201, 480), cv::Size(300, 300)})
+  {
+    const cv::Mat picture = makePicture(from.width, from.height, 3);
+    BlobGeometry geometry = geometryOf(picture, {300, 300});
+    geometry.letterbox = BLOB_AT_TOP_LEFT;
+    const double ratio = std::min(300.0 / from.width, 300.0 / from.height);
+    const cv::Size content(static_cast<int>(from.width * ratio), static_cast<int>(from.height * ratio));
+    cv::Mat resized;
+    cv::resize(picture, resized, content);
+    cv::Mat boxed(300, 300, CV_8UC3, cv::Scalar::all(COLOURS.fill));
+    resized.copyTo(boxed(cv::Rect(cv::Point(0, 0), content)));
+    const BufferPtr output = run(picture, geometry, COLOURS);
+    EXPECT_LT(levelsApart(output, openCvs(boxed, {300, 300}, COLOURS), SCALE), FLOAT_ROUNDING) << from;
+  }
+}
+
+TEST_F(Blob, ScalesEachPlaneByItsOwnFactor)
+{
+  const BlobColours colours{{103.5F, 116.3F, 123.7F}, {1.0F / 57.4F, 1.0F / 57.1F, 1.0F / 58.4F}, 0, 0};
+  const cv::Mat picture = makePicture(300, 300, 3);
+  const BufferPtr output = run(picture, geometryOf(picture, {300, 300}), colours);
+  const auto* values = output->hostAs<const float>(Access::READ);
+  for (int plane = 0; plane < 3; ++plane)
+  {
+    const float level = picture.at<cv::Vec3b>(20, 299)[plane];
+    EXPECT_FLOAT_EQ(values[(plane * 300 + 20) * 300 + 299], (level - colours.mean[plane]) * colours.scale[plane]);
   }
 }
 
@@ -150,7 +181,7 @@ TEST_F(Blob, ReadsPaddedRowsAndTheSmallestImages)
   {
     const cv::Mat picture = frame(part);
     const BufferPtr output = run(picture, geometryOf(picture, {40, 30}), COLOURS);
-    EXPECT_LT(levelsApart(output, openCvs(picture, {40, 30}, COLOURS), COLOURS.scale), FLOAT_ROUNDING) << part;
+    EXPECT_LT(levelsApart(output, openCvs(picture, {40, 30}, COLOURS), SCALE), FLOAT_ROUNDING) << part;
   }
 }
 
@@ -187,6 +218,9 @@ TEST_F(Blob, RefusesWhatDoesNotFit)
   refuses(3, Argument::value(bad), 20);
   bad = good;
   bad.source_height = 49;
+  refuses(3, Argument::value(bad), 20);
+  bad = good;
+  bad.letterbox = 3;
   refuses(3, Argument::value(bad), 20);
   refuses(1, Argument::in(Buffer::allocate(blobPlanBytes(good) - 4)), 20);
   refuses(2, Argument::out(Buffer::allocate(30 * 20 * 3 * 4 - 1)), 20);

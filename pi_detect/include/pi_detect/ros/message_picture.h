@@ -1,6 +1,6 @@
 #pragma once
 
-#include <pi_detect/ssd_detector.h>
+#include <pi_detect/detector.h>
 #include <pi_os_transport/zero_copy/image_subscriber.h>
 #include <sensor_msgs/Image.h>
 

@@ -8,6 +8,15 @@
 namespace pi_runtime::kernels
 {
 
+/// How an image fills the network input: BlobGeometry::letterbox.
+enum BlobFit : int32_t
+{
+  BLOB_STRETCHED = 0,  ///< to the whole input
+  BLOB_CENTRED = 1,    ///< keeps its aspect ratio, between bars
+  BLOB_AT_TOP_LEFT =
+      2  ///< keeps its aspect ratio, bars at the right or below; sides are cut to whole pixels, as in YOLOX
+};
+
 /// Size and layout of an image and of the network input made of it. Argument 3 of the codelet.
 struct BlobGeometry
 {
@@ -17,14 +26,14 @@ struct BlobGeometry
   int32_t channels;       ///< 1 or 3, interleaved, 8 bit
   int32_t width;          ///< of the network input [px], 1 to 32767
   int32_t height;
-  int32_t letterbox;  ///< 0: stretched to the whole input; 1: keeps its aspect ratio, centred between bars
+  int32_t letterbox;  ///< of BlobFit
 };
 
 /// Colours of the network input. Argument 4 of the codelet.
 struct BlobColours
 {
   float mean[3];    ///< subtracted from the planes of the output, in their order
-  float scale;      ///< then multiplied
+  float scale[3];   ///< then multiplied, likewise
   int32_t swap_rb;  ///< 1: planes in the opposite order of the image's channels
   int32_t fill;     ///< grey level of the bars, 0 to 255
 };

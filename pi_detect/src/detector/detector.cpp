@@ -1,9 +1,8 @@
-#include <pi_detect/ssd_detector.h>
+#include <pi_detect/detector.h>
 
 #include <pi_node/durations.h>
 #include <pi_node/option_check.h>
 #include <pi_runtime/kernels/blob.h>
-#include <pi_runtime/kernels/ssd_postprocess.h>
 
 #include <algorithm>
 #include <chrono>
@@ -14,6 +13,7 @@
 #include <utility>
 
 #include "detector/network.h"
+#include "detector/output_decoder.h"
 
 namespace pi_detect
 {
@@ -27,13 +27,62 @@ using pi_runtime::kernels::BlobColours;
 using pi_runtime::kernels::BlobContent;
 using pi_runtime::kernels::BlobGeometry;
 using pi_runtime::kernels::SsdDetection;
-using pi_runtime::kernels::SsdShape;
-using pi_runtime::kernels::SsdVariances;
 
-constexpr int MAX_ROWS = 1024;  ///< of a network with DetectionOutput
 constexpr int MAX_PICTURE = 32767;
-constexpr size_t DETECTION_COLUMNS = 7;
-static_assert(sizeof(SsdDetection) == DETECTION_COLUMNS * sizeof(float), "a row of DetectionOutput");
+
+int32_t blobFit(InputFit fit)
+{
+  switch (fit)
+  {
+    case InputFit::LETTERBOX:
+      return pi_runtime::kernels::BLOB_CENTRED;
+    case InputFit::LETTERBOX_TOP_LEFT:
+      return pi_runtime::kernels::BLOB_AT_TOP_LEFT;
+    case InputFit::STRETCH:
+      break;
+  }
+  return pi_runtime::kernels::BLOB_STRETCHED;
+}
+
+/// From parts of the network's input to pixels of the picture, inside it.
+class ToPicture
+{
+public:
+  explicit ToPicture(const BlobGeometry& geometry)
+    : content_(blobContent(geometry))
+    , input_width_(static_cast<float>(geometry.width))
+    , input_height_(static_cast<float>(geometry.height))
+    , width_(static_cast<float>(geometry.source_width))
+    , height_(static_cast<float>(geometry.source_height))
+    , scale_x_(width_ / static_cast<float>(content_.width))
+    , scale_y_(height_ / static_cast<float>(content_.height))
+  {
+    if (geometry.letterbox == pi_runtime::kernels::BLOB_AT_TOP_LEFT)  // one scale for both, as YOLOX's own code has it
+    {
+      scale_x_ = scale_y_ = std::max(width_ / input_width_, height_ / input_height_);
+    }
+  }
+
+  Box box(const SsdDetection& row) const { return {x(row.x1), y(row.y1), x(row.x2), y(row.y2)}; }
+
+private:
+  float x(float part) const
+  {
+    return std::clamp((part * input_width_ - static_cast<float>(content_.x)) * scale_x_, 0.0F, width_);
+  }
+  float y(float part) const
+  {
+    return std::clamp((part * input_height_ - static_cast<float>(content_.y)) * scale_y_, 0.0F, height_);
+  }
+
+  const BlobContent content_;
+  const float input_width_;
+  const float input_height_;
+  const float width_;
+  const float height_;
+  float scale_x_;
+  float scale_y_;
+};
 
 }  // namespace
 
@@ -47,7 +96,7 @@ void DetectorOptions::validate() const
   filter.validate();
 }
 
-class SsdDetector::Implementation
+class Detector::Implementation
 {
 public:
   Implementation(ModelDescription model, const DetectorOptions& options, std::shared_ptr<pi_runtime::Runtime> runtime);
@@ -65,8 +114,7 @@ private:
   void runTasks(DetectionResult* result);
   pi_runtime::TaskRequest blobTask() const;
   pi_runtime::TaskRequest forwardTask() const;
-  pi_runtime::TaskRequest decodeTask() const;
-  Detections readDetections(const PictureView& picture) const;
+  Detections readDetections() const;
 
   const std::map<int, float> thresholds_;  ///< by class id; others are not wanted
   const float class_agnostic_overlap_;
@@ -81,18 +129,11 @@ private:
   cv::Mat colour_picture_;  ///< of a grey one
   BufferPtr source_;
   BufferPtr blob_;
-  BufferPtr boxes_;   ///< RAW: codes; DETECTIONS: rows
-  BufferPtr scores_;  ///< RAW: scores; DETECTIONS: the number of rows
-  BufferPtr priors_;
-  BufferPtr work_;
-  BufferPtr decoded_;
-  BufferPtr count_;
-  SsdShape shape_{};
-  SsdVariances variances_{};
+  std::unique_ptr<OutputDecoder> decoder_;
 };
 
-SsdDetector::Implementation::Implementation(ModelDescription model, const DetectorOptions& options,
-                                            std::shared_ptr<pi_runtime::Runtime> runtime)
+Detector::Implementation::Implementation(ModelDescription model, const DetectorOptions& options,
+                                         std::shared_ptr<pi_runtime::Runtime> runtime)
   : model_(std::move(model))
   , thresholds_((options.validate(), model_.validate(), options.filter.thresholds(model_)))
   , class_agnostic_overlap_(options.filter.class_agnostic_overlap < 0.0F ? model_.class_agnostic_overlap
@@ -118,68 +159,29 @@ SsdDetector::Implementation::Implementation(ModelDescription model, const Detect
     checkFiles(model_);
   }
   network_ = std::make_shared<Network>(model_, target_);
-  codelet_name_ = "ssd_forward_" + model_.name + "_" + toString(target_.used);
+  codelet_name_ = "network_" + model_.name + "_" + toString(target_.used);
   makeBuffers();
 }
 
-void SsdDetector::Implementation::makeBuffers()
+void Detector::Implementation::makeBuffers()
 {
   const NetworkInput& input = model_.input;
   blob_ = Buffer::allocate(static_cast<size_t>(3 * input.width) * static_cast<size_t>(input.height) * sizeof(float));
   std::copy(input.mean.begin(), input.mean.end(), colours_.mean);
-  colours_.scale = input.scale;
+  std::copy(input.scale.begin(), input.scale.end(), colours_.scale);
   colours_.fill = input.bar_level;
-  const bool raw = model_.output_kind == OutputKind::RAW;
-  if (raw)
+  float lowest = 1.0F;
+  for (const auto& [id, threshold] : thresholds_)
   {
-    const RawOutputs& outputs = model_.raw;
-    const auto priors = priorsOf(model_);
-    float lowest = 1.0F;
-    for (const auto& [id, threshold] : thresholds_)
-    {
-      lowest = std::min(lowest, threshold);
-    }
-    shape_ = SsdShape{static_cast<int32_t>(priors.size()),
-                      outputs.classes,
-                      outputs.background,
-                      outputs.top_k,
-                      outputs.keep_top_k,
-                      lowest,
-                      outputs.overlap_threshold,
-                      outputs.activation | pi_runtime::kernels::SSD_CLIP};
-    variances_ = SsdVariances{outputs.variances[0], outputs.variances[1], outputs.variances[2], outputs.variances[3]};
-    boxes_ = Buffer::allocate(priors.size() * 4 * sizeof(float));
-    scores_ = Buffer::allocate(priors.size() * static_cast<size_t>(outputs.classes) * sizeof(float));
-    priors_ = Buffer::allocate(priors.size() * sizeof(priors[0]));
-    std::memcpy(priors_->host(pi_runtime::Access::WRITE), priors.data(), priors_->bytes());
-    work_ = Buffer::allocate(pi_runtime::kernels::ssdWorkBytes(shape_));
-    decoded_ = Buffer::allocate(static_cast<size_t>(outputs.keep_top_k) * sizeof(SsdDetection));
-    count_ = Buffer::allocate(sizeof(int32_t));
+    lowest = std::min(lowest, threshold);
   }
-  else
-  {
-    boxes_ = Buffer::allocate(MAX_ROWS * sizeof(SsdDetection));
-    scores_ = Buffer::allocate(sizeof(int32_t));
-  }
+  decoder_ = makeOutputDecoder(model_, lowest);
 
   pi_runtime::Codelet codelet;
   codelet.name = codelet_name_;
   pi_runtime::NativeImplementation implementation;
-  implementation.function = [network = network_, raw](const pi_runtime::NativeCall& call)
-  {
-    const std::vector<cv::Mat>& outputs = network->forward(call.buffer<const float>(0));
-    if (raw)
-    {
-      for (size_t i = 0; i < 2; ++i)
-      {
-        std::memcpy(call.buffer<float>(1 + i), outputs[i].ptr<float>(), call.bufferBytes(1 + i));
-      }
-      return;
-    }
-    const size_t rows = std::min<size_t>(outputs[0].total() / DETECTION_COLUMNS, MAX_ROWS);
-    std::memcpy(call.buffer<float>(1), outputs[0].ptr<float>(), rows * sizeof(SsdDetection));
-    *call.buffer<int32_t>(2) = static_cast<int32_t>(rows);
-  };
+  implementation.function = [network = network_, store = decoder_->store()](const pi_runtime::NativeCall& call)
+  { store(network->forward(call.buffer<const float>(0)), call); };
   const auto units = runtime_ == nullptr ? std::vector<pi_runtime::UnitStatus>() : runtime_->units();
   const bool on_gpu = target_.gpu && std::any_of(units.begin(), units.end(),
                                                  [](const pi_runtime::UnitStatus& unit)
@@ -189,7 +191,7 @@ void SsdDetector::Implementation::makeBuffers()
   forward_codelet_ = pi_runtime::makeCodelet(std::move(codelet));
 }
 
-void SsdDetector::Implementation::adaptTo(const PictureView& picture)
+void Detector::Implementation::adaptTo(const PictureView& picture)
 {
   if (picture.data == nullptr || picture.width < 2 || picture.height < 2 || picture.width > MAX_PICTURE ||
       picture.height > MAX_PICTURE)
@@ -220,7 +222,7 @@ void SsdDetector::Implementation::adaptTo(const PictureView& picture)
   geometry.channels = 3;
   geometry.width = model_.input.width;
   geometry.height = model_.input.height;
-  geometry.letterbox = model_.input.letterbox ? 1 : 0;
+  geometry.letterbox = blobFit(model_.input.fit);
   if (plan_ == nullptr || std::memcmp(&geometry, &geometry_, sizeof(geometry)) != 0)
   {
     plan_ = pi_runtime::kernels::makeBlobPlan(geometry);
@@ -232,7 +234,7 @@ void SsdDetector::Implementation::adaptTo(const PictureView& picture)
   source_ = Buffer::wrap(static_cast<const void*>(data), bytes);
 }
 
-pi_runtime::TaskRequest SsdDetector::Implementation::blobTask() const
+pi_runtime::TaskRequest Detector::Implementation::blobTask() const
 {
   pi_runtime::TaskRequest task;
   task.codelet = pi_runtime::kernels::blobCodelet();
@@ -243,34 +245,32 @@ pi_runtime::TaskRequest SsdDetector::Implementation::blobTask() const
   return task;
 }
 
-pi_runtime::TaskRequest SsdDetector::Implementation::forwardTask() const
+pi_runtime::TaskRequest Detector::Implementation::forwardTask() const
 {
   pi_runtime::TaskRequest task;
   task.codelet = forward_codelet_;
-  task.arguments = {Argument::in(blob_), Argument::out(boxes_), Argument::out(scores_)};
+  task.arguments = {Argument::in(blob_)};
+  for (const BufferPtr& output : decoder_->outputs())
+  {
+    task.arguments.push_back(Argument::out(output));
+  }
   return task;
 }
 
-pi_runtime::TaskRequest SsdDetector::Implementation::decodeTask() const
-{
-  pi_runtime::TaskRequest task;
-  task.codelet = pi_runtime::kernels::ssdPostprocessCodelet();
-  task.arguments = {Argument::in(boxes_),    Argument::in(scores_),      Argument::in(priors_),
-                    Argument::out(work_),    Argument::out(decoded_),    Argument::out(count_),
-                    Argument::value(shape_), Argument::value(variances_)};
-  task.size = static_cast<double>(shape_.priors) * shape_.classes;
-  return task;
-}
-
-void SsdDetector::Implementation::runTasks(DetectionResult* result)
+void Detector::Implementation::runTasks(DetectionResult* result)
 {
   pi_runtime::GraphRequest graph;
   graph.tasks = {blobTask(), forwardTask()};
   graph.edges = {{0, 1, static_cast<double>(blob_->bytes())}};
-  if (model_.output_kind == OutputKind::RAW)
+  if (auto decoding = decoder_->task())
   {
-    graph.tasks.push_back(decodeTask());
-    graph.edges.push_back({1, 2, static_cast<double>(boxes_->bytes() + scores_->bytes())});
+    double bytes = 0.0;
+    for (const BufferPtr& output : decoder_->outputs())
+    {
+      bytes += static_cast<double>(output->bytes());
+    }
+    graph.tasks.push_back(std::move(*decoding));
+    graph.edges.push_back({1, 2, bytes});
   }
   double* seconds[] = {&result->blob_s, &result->forward_s, &result->decode_s};
   const std::vector<pi_runtime::TaskHandle> handles = runtime_->submitGraph(std::move(graph));
@@ -290,7 +290,7 @@ void SsdDetector::Implementation::runTasks(DetectionResult* result)
   result->unit = handles[1].wait().unit;
 }
 
-void SsdDetector::Implementation::runSteps(DetectionResult* result)
+void Detector::Implementation::runSteps(DetectionResult* result)
 {
   const auto run = [](const pi_runtime::TaskRequest& task, double* seconds)
   {
@@ -300,45 +300,26 @@ void SsdDetector::Implementation::runSteps(DetectionResult* result)
   };
   run(blobTask(), &result->blob_s);
   run(forwardTask(), &result->forward_s);
-  if (model_.output_kind == OutputKind::RAW)
+  if (const auto decoding = decoder_->task())
   {
-    run(decodeTask(), &result->decode_s);
+    run(*decoding, &result->decode_s);
   }
 }
 
-Detections SsdDetector::Implementation::readDetections(const PictureView& picture) const
+Detections Detector::Implementation::readDetections() const
 {
-  const bool raw = model_.output_kind == OutputKind::RAW;
-  const auto count = static_cast<size_t>(*(raw ? count_ : scores_)->hostAs<int32_t>(pi_runtime::Access::READ));
-  const auto* rows = (raw ? decoded_ : boxes_)->hostAs<SsdDetection>(pi_runtime::Access::READ);
-  const BlobContent content = blobContent(geometry_);
-  const auto width = static_cast<float>(picture.width);
-  const auto height = static_cast<float>(picture.height);
-  // From parts of the input to pixels of the picture.
-  const auto toX = [&](float x)
-  {
-    return (x * static_cast<float>(geometry_.width) - static_cast<float>(content.x)) * width /
-           static_cast<float>(content.width);
-  };
-  const auto toY = [&](float y)
-  {
-    return (y * static_cast<float>(geometry_.height) - static_cast<float>(content.y)) * height /
-           static_cast<float>(content.height);
-  };
+  const DecodedRows rows = decoder_->rows();
+  const ToPicture to_picture(geometry_);
   Detections detections;
-  for (size_t i = 0; i < count; ++i)
+  for (size_t i = 0; i < rows.count; ++i)
   {
-    const SsdDetection& row = rows[i];
+    const SsdDetection& row = rows.first[i];
     const auto threshold = thresholds_.find(static_cast<int>(std::lround(row.class_id)));
     if (threshold == thresholds_.end() || !(row.score >= threshold->second))
     {
       continue;
     }
-    Detection detection;
-    detection.class_id = threshold->first;
-    detection.score = row.score;
-    detection.box = Box{std::clamp(toX(row.x1), 0.0F, width), std::clamp(toY(row.y1), 0.0F, height),
-                        std::clamp(toX(row.x2), 0.0F, width), std::clamp(toY(row.y2), 0.0F, height)};
+    const Detection detection{threshold->first, row.score, to_picture.box(row)};
     if (detection.box.area() > 0.0F)  // false for what is not a number, too
     {
       detections.push_back(detection);
@@ -354,7 +335,7 @@ Detections SsdDetector::Implementation::readDetections(const PictureView& pictur
   return detections;
 }
 
-DetectionResult SsdDetector::Implementation::detect(const PictureView& picture)
+DetectionResult Detector::Implementation::detect(const PictureView& picture)
 {
   adaptTo(picture);
   DetectionResult result;
@@ -367,36 +348,36 @@ DetectionResult SsdDetector::Implementation::detect(const PictureView& picture)
     runSteps(&result);
   }
   const auto start = std::chrono::steady_clock::now();
-  result.detections = readDetections(picture);
+  result.detections = readDetections();
   result.decode_s += pi_node::secondsSince(start);
   source_.reset();
   return result;
 }
 
-SsdDetector::SsdDetector(const ModelDescription& model, const DetectorOptions& options,
-                         std::shared_ptr<pi_runtime::Runtime> runtime)
+Detector::Detector(const ModelDescription& model, const DetectorOptions& options,
+                   std::shared_ptr<pi_runtime::Runtime> runtime)
   : implementation_(std::make_unique<Implementation>(model, options, std::move(runtime)))
 {
 }
 
-SsdDetector::~SsdDetector() = default;
+Detector::~Detector() = default;
 
-DetectionResult SsdDetector::detect(const PictureView& picture)
+DetectionResult Detector::detect(const PictureView& picture)
 {
   return implementation_->detect(picture);
 }
 
-const ModelDescription& SsdDetector::model() const
+const ModelDescription& Detector::model() const
 {
   return implementation_->model_;
 }
 
-const TargetInUse& SsdDetector::target() const
+const TargetInUse& Detector::target() const
 {
   return implementation_->target_;
 }
 
-const std::string& SsdDetector::codeletName() const
+const std::string& Detector::codeletName() const
 {
   return implementation_->codelet_name_;
 }

@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
-#include <pi_detect/ssd_detector.h>
-#include <pi_runtime/runtime.h>
+#include <pi_detect/detector.h>
 #include <pi_node/test_support/temporary_folder.h>
+#include <pi_runtime/runtime.h>
 
 #include <algorithm>
 #include <cmath>
@@ -15,6 +15,7 @@
 #include <string>
 #include <vector>
 
+#include "contains.h"
 #include "detector/coco_reference.h"
 #include "detector/tiny_network.h"
 
@@ -50,7 +51,7 @@ protected:
 
   Detections detect(const cv::Mat& picture, const DetectorOptions& options = DetectorOptions())
   {
-    SsdDetector detector(model_, options, nullptr);
+    Detector detector(model_, options, nullptr);
     return detector
         .detect(viewOf(picture, picture.channels() == 1 ? PictureView::Format::MONO8 : PictureView::Format::BGR8))
         .detections;
@@ -83,7 +84,7 @@ TEST_P(TinyDetector, FindsNothingInTheDark)
 
 TEST_P(TinyDetector, FollowsThePictureSize)
 {
-  SsdDetector detector(model_, DetectorOptions(), nullptr);
+  Detector detector(model_, DetectorOptions(), nullptr);
   for (const int scale : {1, 3, 2, 1})
   {
     cv::Mat picture;
@@ -109,17 +110,17 @@ TEST_P(TinyDetector, PutsTheChannelsInTheNetworksOrder)
 {
   // The network looks at its first plane: red for rgb.
   cv::Mat blue(48, 64, CV_8UC3, cv::Scalar(255, 0, 0));
-  SsdDetector rgb(model_, DetectorOptions(), nullptr);
+  Detector rgb(model_, DetectorOptions(), nullptr);
   EXPECT_TRUE(rgb.detect(viewOf(blue, PictureView::Format::BGR8)).detections.empty());
   EXPECT_FALSE(rgb.detect(viewOf(blue, PictureView::Format::RGB8)).detections.empty());
   model_.input.rgb = false;
-  SsdDetector bgr(model_, with([](DetectionFilter*) {}), nullptr);
+  Detector bgr(model_, with([](DetectionFilter*) {}), nullptr);
   EXPECT_FALSE(bgr.detect(viewOf(blue, PictureView::Format::BGR8)).detections.empty());
 }
 
 TEST_P(TinyDetector, MapsBoxesBackFromALetterbox)
 {
-  model_.input.letterbox = true;
+  model_.input.fit = InputFit::LETTERBOX;
   model_.input.bar_level = 0;
   // 64 x 32 in the square input: half a cell row of bars above and below two rows of cells, 16 pixels each.
   cv::Mat picture(32, 64, CV_8UC1, cv::Scalar(0));
@@ -134,7 +135,7 @@ TEST_P(TinyDetector, MapsBoxesBackFromALetterbox)
 
 TEST_P(TinyDetector, CutsBoxesAtThePicturesEdge)
 {
-  model_.input.letterbox = true;
+  model_.input.fit = InputFit::LETTERBOX;
   model_.input.bar_level = 255;  // the bars are bright: their boxes lie outside the picture
   for (const Detection& detection :
        detect(cv::Mat::zeros(24, 64, CV_8UC1), with([](DetectionFilter* filter) { filter->score_threshold = 0.01F; })))
@@ -173,8 +174,8 @@ TEST_P(TinyDetector, KeepsTheBestDetections)
 TEST_P(TinyDetector, GivesTheSameThroughTheRuntime)
 {
   const auto runtime = std::make_shared<pi_runtime::Runtime>();
-  SsdDetector plain(model_, DetectorOptions(), nullptr);
-  SsdDetector tasks(model_, DetectorOptions(), runtime);
+  Detector plain(model_, DetectorOptions(), nullptr);
+  Detector tasks(model_, DetectorOptions(), runtime);
   for (int cell = 0; cell < 4; ++cell)
   {
     const cv::Mat picture = cellPicture(cell, 3 - cell);
@@ -189,14 +190,14 @@ TEST_P(TinyDetector, GivesTheSameThroughTheRuntime)
   bool has_entry = false;
   for (const auto& entry : runtime->etcEntries())
   {
-    has_entry = has_entry || entry.codelet == "ssd_forward_tiny_cpu";
+    has_entry = has_entry || entry.codelet == "network_tiny_cpu";
   }
   EXPECT_TRUE(has_entry) << "no entry of the network in the ETC table";
 }
 
 TEST_P(TinyDetector, RefusesPicturesThatAreNone)
 {
-  SsdDetector detector(model_, DetectorOptions(), nullptr);
+  Detector detector(model_, DetectorOptions(), nullptr);
   const cv::Mat picture = cellPicture(0, 0);
   PictureView view = viewOf(picture, PictureView::Format::MONO8);
   view.data = nullptr;
@@ -217,7 +218,7 @@ TEST_P(TinyDetector, RefusesImpossibleOptions)
     change(&options);
     try
     {
-      SsdDetector detector(model_, options, nullptr);
+      Detector detector(model_, options, nullptr);
       ADD_FAILURE() << text << " was taken";
     }
     catch (const std::invalid_argument& error)
@@ -236,7 +237,7 @@ TEST_P(TinyDetector, RefusesImpossibleOptions)
 TEST_P(TinyDetector, ADamagedFileIsAnErrorAtTheStart)
 {
   std::filesystem::resize_file(model_.weights.path, 300);
-  EXPECT_THROW(SsdDetector(model_, DetectorOptions(), nullptr), ModelError);
+  EXPECT_THROW(Detector(model_, DetectorOptions(), nullptr), ModelError);
 }
 
 /// The shared network and pictures.
@@ -268,22 +269,72 @@ protected:
   std::string folder_;
 };
 
-TEST_F(CocoDetector, FindsWhatPlainOpenCvFinds)
+/// A network of the shared data, and how OpenCV's or its authors' examples run it.
+struct CocoNetwork
 {
-  const ModelDescription model = ModelDescription::load(COCO_YAML);
+  const char* name;
+  std::unique_ptr<Reference> (*reference)(const std::string& weights);
+};
+
+template <typename Kind>
+std::unique_ptr<Reference> make(const std::string& weights)
+{
+  return std::make_unique<Kind>(weights);
+}
+
+class CocoDetectors : public CocoDetector, public testing::WithParamInterface<CocoNetwork>
+{
+};
+
+INSTANTIATE_TEST_SUITE_P(OfEachKind, CocoDetectors,
+                         testing::Values(CocoNetwork{"ssd_mobilenet_v1_075_coco", make<SsdReference>},
+                                         CocoNetwork{"yolox_nano_416", make<YoloxReference>},
+                                         CocoNetwork{"nanodet_m_320", make<NanoDetReference>}),
+                         [](const auto& parameter) { return std::string(parameter.param.name); });
+
+TEST_P(CocoDetectors, FindWhatPlainOpenCvFinds)
+{
+  ModelDescription model = ModelDescription::load(std::string(MODELS) + "/" + GetParam().name + ".yaml");
+  model.cells.top_k = 100000;  // the examples keep all
+  model.cells.keep_top_k = 1000;
   DetectorOptions options;
   options.filter.score_threshold = 0.05F;
-  SsdDetector detector(model, options, nullptr);
-  CocoReference reference(model.weights.path);
+  options.filter.max_detections = 1000;
+  Detector detector(model, options, nullptr);
+  const auto reference = GetParam().reference(model.weights.path);
   size_t compared = 0;
   for (const std::string& path : pictures(40))
   {
     const cv::Mat picture = cv::imread(path);
-    const Detections expected = reference.detect(picture, 0.05F);
+    const Detections expected = reference->detect(picture, 0.05F);
     const Detections detections = detector.detect(viewOf(picture, PictureView::Format::BGR8)).detections;
     compared += compareDetections(expected, detections, path);
   }
   EXPECT_GT(compared, 400u);
+}
+
+TEST_F(CocoDetector, NamesTheKindThatTheOutputsLookLike)
+{
+  const auto errorAs = [](const char* name, OutputKind kind)
+  {
+    ModelDescription model = ModelDescription::load(std::string(MODELS) + "/" + name + ".yaml");
+    model.output_kind = kind;
+    model.cells = CellOutputs();
+    model.cells.classes = 80;
+    try
+    {
+      checkModelHere(model);
+      return std::string();
+    }
+    catch (const ModelError& error)
+    {
+      return std::string(error.what());
+    }
+  };
+  EXPECT_TRUE(contains(errorAs("yolox_nano_416", OutputKind::DETECTIONS), "look like output/kind grid"));
+  EXPECT_TRUE(contains(errorAs("yolox_nano_416", OutputKind::DISTRIBUTION), "look like output/kind grid"));
+  EXPECT_TRUE(contains(errorAs("nanodet_m_320", OutputKind::GRID), "look like output/kind distribution"));
+  EXPECT_EQ("", errorAs("nanodet_m_320", OutputKind::DISTRIBUTION));
 }
 
 }  // namespace

@@ -55,24 +55,24 @@ struct DetectionResult
   std::string unit;        ///< of the runtime that ran the network; empty without a runtime
 };
 
-/// Finds objects in pictures with an SSD network.
+/// Finds objects in pictures with a network.
 ///
-/// The steps are "blob", "ssd_forward_<model>_<target>" and, for raw outputs, "ssd_postprocess". Each step is a task of
-/// the runtime with its own entry in the ETC table, or a plain call without a runtime. If OpenCV uses a GPU, the
-/// network's task runs on the unit of the GPU.
+/// The steps are "blob", "network_<model>_<target>" and, unless the network gives finished detections, decoding:
+/// "ssd_postprocess" for raw outputs, "decode_<model>" for a grid or distributions. Each step is a task of the runtime
+/// with its own entry in the ETC table, or a plain call without a runtime. If OpenCV uses a GPU, the network's task
+/// runs on the unit of the GPU.
 ///
 /// Not thread safe. Buffers are kept, so pictures of one size allocate nothing new.
-class SsdDetector
+class Detector
 {
 public:
   /// Loads, checks and runs the network once. With OpenCL the first time takes seconds, to compile the kernels.
   /// @param runtime  null: everything runs on the calling thread.
   /// @throws ModelError, or std::invalid_argument for options, unknown labels in the filter included.
-  SsdDetector(const ModelDescription& model, const DetectorOptions& options,
-              std::shared_ptr<pi_runtime::Runtime> runtime);
-  ~SsdDetector();
-  SsdDetector(const SsdDetector&) = delete;
-  SsdDetector& operator=(const SsdDetector&) = delete;
+  Detector(const ModelDescription& model, const DetectorOptions& options, std::shared_ptr<pi_runtime::Runtime> runtime);
+  ~Detector();
+  Detector(const Detector&) = delete;
+  Detector& operator=(const Detector&) = delete;
 
   /// @throws std::invalid_argument for a picture without pixels or smaller than 2 x 2, std::runtime_error if a task or
   ///         OpenCV fails.
