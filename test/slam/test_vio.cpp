@@ -28,11 +28,12 @@ struct Drive
   std::vector<ImuSample> imu;
   std::vector<StereoFrame> frames;
 
-  Drive(const std::vector<StampedPose>& poses, uint64_t seed) : trajectory(SplineTrajectory::fit(poses))
+  Drive(const std::vector<StampedPose>& poses, uint64_t seed, WorldKind kind = WorldKind::HALL)
+    : trajectory(SplineTrajectory::fit(poses))
   {
     imu = ImuSimulator(ImuSimulatorOptions()).simulate(trajectory, trajectory.startNs(), trajectory.endNs());
     SyntheticWorldOptions world;
-    world.kind = WorldKind::HALL;
+    world.kind = kind;
     world.seed = seed;
     StereoRendererOptions options;
     options.threads = 2;
@@ -148,7 +149,7 @@ protected:
         outcome.state = corrected->state;
         outcome.covariance = corrected->covariance;
         EXPECT_TRUE(corrected->state.isFinite());
-        outcome.error_m = (positionInWorld(outcome.state, frame.stamp_ns)).norm();
+        outcome.error_m = positionInWorld(outcome.state, frame.stamp_ns, drive).norm();
       }
       outcomes.push_back(outcome);
     }
@@ -156,9 +157,9 @@ protected:
   }
 
   /// Error of a position; odom is laid over the world where the first pose came.
-  Eigen::Vector3d positionInWorld(const NavState& state, int64_t stamp_ns)
+  Eigen::Vector3d positionInWorld(const NavState& state, int64_t stamp_ns, const Drive& drive)
   {
-    const Eigen::Isometry3d truth = Drive::instance().trajectory.at(stamp_ns).T_world_body;
+    const Eigen::Isometry3d truth = drive.trajectory.at(stamp_ns).T_world_body;
     if (!aligned_)
     {
       const Eigen::Matrix3d turn = truth.linear() * state.q.toRotationMatrix().transpose();
@@ -258,6 +259,55 @@ TEST_F(VioTest, TheSameInputGivesTheSameResult)
   {
     ASSERT_EQ(runs[0][i].known, runs[1][i].known);
     EXPECT_EQ(runs[0][i].state.p, runs[1][i].state.p);
+  }
+}
+
+/// On a straight road at a constant speed only the accelerometer tells up from down, by what is known of its bias.
+TEST_F(VioTest, KeepsUprightOnAStraightRoad)
+{
+  VehiclePathOptions path;
+  path.shape = PathShape::STRAIGHT;
+  path.duration_s = 50.0;
+  path.start_standstill_s = 3.0;
+  path.bumps = 0.0;
+  for (const uint64_t seed : {1, 3})
+  {
+    const Drive drive(makeVehiclePath(path), seed, WorldKind::CAMPUS);
+    Vio vio(drive.calibration, makeOptions());
+    double most = 0.0;
+    for (const Outcome& outcome : run(&vio, Faults(), drive))
+    {
+      if (outcome.known)
+      {
+        most = std::max(most, std::acos(std::min(1.0, (outcome.state.q * Eigen::Vector3d::UnitZ()).z())));
+      }
+    }
+    EXPECT_GT(most, 0.0);
+    EXPECT_LT(most * 180.0 / M_PI, 0.6) << "seed " << seed;
+  }
+}
+
+/// The detector of standstill looks over a window: when it notices the end, the vehicle has moved for a while.
+TEST_F(VioTest, KnowsItsSpeedWhenItHasSetOff)
+{
+  VehiclePathOptions path;
+  path.shape = PathShape::HALL_LOOP;
+  path.duration_s = 4.0;
+  path.speed = 1.5;
+  path.start_standstill_s = 3.0;
+  path.bumps = 0.0;
+  for (const uint64_t seed : {1, 2, 3})
+  {
+    const Drive drive(makeVehiclePath(path), seed);
+    Vio vio(drive.calibration, makeOptions());
+    const std::vector<Outcome> outcomes = run(&vio, Faults(), drive);
+    const auto off = std::find_if(outcomes.begin(), outcomes.end(),
+                                  [](const Outcome& outcome)
+                                  { return outcome.time_s > 2.0 && outcome.report.status == VioStatus::TRACKING; });
+    ASSERT_NE(off, outcomes.end());
+    const double speed = drive.trajectory.at(off->report.stamp_ns).v_world.norm();
+    EXPECT_GT(speed, 0.05) << "seed " << seed;
+    EXPECT_NEAR(off->state.v.norm(), speed, 0.005) << "seed " << seed;
   }
 }
 

@@ -27,7 +27,7 @@ constexpr double FIRST_TILT_RAD = 0.05;
 constexpr double FIRST_HEADING_RAD = 1e-3;
 constexpr double FIRST_SPEED_MPS = 0.5;
 constexpr double FIRST_GYRO_BIAS = 0.05;
-constexpr double FIRST_ACCEL_BIAS = 0.3;
+constexpr double FIRST_ACCEL_BIAS = 0.1;  ///< of common MEMS sensors; on a straight it alone tells tilt from bias
 /// Views of landmarks are believed up to this when they are triangulated [standard deviations].
 constexpr double TRIANGULATION_ERROR = 3.0;
 

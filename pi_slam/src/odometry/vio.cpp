@@ -193,7 +193,6 @@ void Vio::Impl::runFrontEnd(const cv::Mat& left, const cv::Mat& right, const Tra
                             int64_t stamp_ns, FrameReport* report)
 {
   TrackerReport& tracked = report->tracker;
-  still_features = features;
   features =
       tracker.process(stamp_ns, left, right, prediction, budget.features(options.tracker.max_features), &tracked);
   report->features = static_cast<int>(features.features.size());

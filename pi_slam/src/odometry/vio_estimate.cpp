@@ -118,7 +118,7 @@ void Vio::Impl::track(const ImuPreintegration& since_pair, const ImuBuffer::Qual
   const std::vector<LandmarkView> views = viewsOfKnown();
   if (standing)
   {
-    filter.holdStill(still_state, still_covariance);
+    rest();
     last_corrected_ns = stamp_ns;
     report->inliers = static_cast<int>(views.size());
     report->filter_ms = 1e3 * secondsSince(begin);
@@ -207,17 +207,31 @@ void Vio::Impl::enterStandstill()
   still_state.v.setZero();
   still_covariance = filter.covariance();
   filter.holdStill(still_state, still_covariance);
+  at_rest.fill(features);
 }
 
-/// The last pair at rest becomes a keyframe, tied to the one at which the rest began.
+void Vio::Impl::rest()
+{
+  filter.holdStill(still_state, still_covariance);
+  if (seconds(features.stamp_ns - at_rest.back().stamp_ns) >= options.standstill.window_s)
+  {
+    std::swap(at_rest.front(), at_rest.back());
+    at_rest.back() = features;
+  }
+}
+
+/// A pair at rest becomes a keyframe, tied to the one at which the rest began. Not the last pair: the detector looks
+/// over a window, so when it notices, the body has moved for a while. That while is integrated.
 /// @return false if the estimate was given up.
 bool Vio::Impl::leaveStandstill(FrameReport* report)
 {
   status = VioStatus::TRACKING;
-  NavState state = filter.state();
-  state.v.setZero();
-  if (state.stamp_ns > keyframe_ns)
+  const NavState last = filter.state();
+  if (at_rest.front().stamp_ns > keyframe_ns)
   {
+    NavState state = last;
+    state.v.setZero();
+    state.stamp_ns = at_rest.front().stamp_ns;
     ImuSample from;
     from.stamp_ns = keyframe_ns;
     from.w = state.bias.gyro;
@@ -226,17 +240,30 @@ bool Vio::Impl::leaveStandstill(FrameReport* report)
     to.stamp_ns = state.stamp_ns;
     ImuPreintegration rest(options.imu, state.bias);
     rest.append(from, to);
-    window.addKeyframe(state, still_features, rest, true);
+    window.addKeyframe(state, at_rest.front(), rest, true);
     optimize(budget.iterations(options.window.max_iterations), report);
-    const FrameFeatures now = std::exchange(features, still_features);
-    rememberKeyframe();
-    features = now;
-    const std::string wrong = failure(*report);
-    if (!wrong.empty())
+    if (status != VioStatus::TRACKING)
     {
-      giveUp(wrong, report);
       return false;
     }
+    const FrameFeatures now = std::exchange(features, at_rest.front());
+    rememberKeyframe();
+    features = now;
+  }
+  else
+  {
+    filter.reset(window.newest(), window.newestRelativeCovariance());
+  }
+  if (last.stamp_ns > keyframe_ns)
+  {
+    since_keyframe = imu.integrate(keyframe_ns, last.stamp_ns, filter.state().bias, nullptr);
+    filter.predict(since_keyframe);
+  }
+  const std::string wrong = failure(*report);
+  if (!wrong.empty())
+  {
+    giveUp(wrong, report);
+    return false;
   }
   return true;
 }

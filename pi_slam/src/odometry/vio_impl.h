@@ -57,6 +57,7 @@ struct Vio::Impl
   void track(const ImuPreintegration& since_pair, const ImuBuffer::Quality& quality, FrameReport* report);
   void noteMissingCorrection(const FilterReport& filtered, size_t views, FrameReport* report);
   void enterStandstill();
+  void rest();
   bool leaveStandstill(FrameReport* report);
   std::vector<LandmarkView> viewsOfKnown() const;
   void noteOutliers(const FilterReport& filtered);
@@ -109,8 +110,8 @@ struct Vio::Impl
   Matrix15d common_covariance = Matrix15d::Zero();  ///< of position and heading of the window as a whole
   NavState still_state;
   Matrix15d still_covariance = Matrix15d::Zero();
-  FrameFeatures still_features;
-  std::optional<NavState> last_known;  ///< where to go on from after the estimate was given up
+  std::array<FrameFeatures, 2> at_rest;  ///< of pairs at rest, standstill.window_s apart or more; the older is first
+  std::optional<NavState> last_known;    ///< where to go on from after the estimate was given up
   estimator::FrameBudget budget;
 };
 

@@ -1,5 +1,7 @@
 #include "ros/vio_pipeline.h"
 
+#include <pi_node/vehicle_clock.h>
+
 namespace pi_slam
 {
 
@@ -10,6 +12,11 @@ VioPipeline::Ptr VioPipeline::make(const VioRosOptions& options, const RuntimePt
   pipeline->cameras = calibration.cameras;
   pipeline->vio_options = options.vio;
   pipeline->vio_options.imu = calibration.imu;
+  if (pi_node::isTimeSimulated())
+  {
+    // The simulator waits for the pairs: how long one takes on this computer must not change the estimate.
+    pipeline->vio_options.frame_budget_s = 0.0;
+  }
   pipeline->T_base_body = T_base_body;
   pipeline->gyro_variance =
       calibration.imu.gyro_noise_density * calibration.imu.gyro_noise_density * calibration.imu.rate_hz;

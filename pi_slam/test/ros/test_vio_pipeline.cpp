@@ -1,0 +1,31 @@
+#include <gtest/gtest.h>
+#include <pi_node/vehicle_clock.h>
+#include "ros/vio_pipeline.h"
+
+namespace pi_slam
+{
+namespace
+{
+
+double budgetOfPipeline()
+{
+  VioRosOptions options;
+  options.mapping = false;
+  options.vio.frame_budget_s = 0.01;
+  FileCalibration calibration;
+  calibration.cameras = StereoCalibration::makeForwardPair(320, 240, 0.12);
+  return VioPipeline::make(options, nullptr, calibration, Eigen::Isometry3d::Identity())->vio_options.frame_budget_s;
+}
+
+/// A simulator waits for the pairs: a busy computer must not change the estimate.
+TEST(VioPipeline, HasABudgetOfTimeOnAVehicleOnly)
+{
+  EXPECT_EQ(budgetOfPipeline(), 0.01);
+  pi_node::simulateTime([]() -> int64_t { return 0; });
+  const double simulated = budgetOfPipeline();
+  pi_node::simulateTime(nullptr);
+  EXPECT_EQ(simulated, 0.0);
+}
+
+}  // namespace
+}  // namespace pi_slam
