@@ -1,8 +1,8 @@
 #include "ros/obstacle_finder.h"
 
-#include <pi_node/durations.h>
 #include <pi_detect/ros/conversions.h>
 #include <pi_detect/ros/message_picture.h>
+#include <pi_node/durations.h>
 #include <pi_node/formatting.h>
 #include <ros/console.h>
 
@@ -153,8 +153,8 @@ StereoObstacles::Result ObstacleFinder::find(const StereoJob& job, PairFigures* 
   for (const Side side : {LEFT, RIGHT})
   {
     const auto& message = side == LEFT ? *job.pair.left : *job.pair.right;
-    pictures[side] =
-        pictureOf(topics_.pictures[side], geometry(), topics_.infos[side], [this, &message] { return toGrey(message, &used_bits_); });
+    pictures[side] = pictureOf(topics_.pictures[side], geometry(), topics_.infos[side],
+                               [this, &message] { return toGrey(message, &used_bits_); });
     if (options_.source == StereoSource::RAW)
     {
       pictures[side] = rectifiers_[side]->rectify(pictures[side]);

@@ -14,8 +14,8 @@ TIMEOUT_S = 120
 
 def run(program, *arguments):
     """@return (exit status, both outputs)"""
-    ended = subprocess.run([PROGRAMS / program, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-                           timeout=TIMEOUT_S, check=False)
+    ended = subprocess.run([PROGRAMS / program, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+                           text=True, timeout=TIMEOUT_S, check=False)
     return ended.returncode, ended.stdout
 
 

@@ -44,7 +44,7 @@ struct TaskData
 /// The vehicle's side: runs the engine on the thread `offload_engine`, holds a connection to each node, and encodes
 /// pictures on the thread `offload_encode`.
 ///
-/// A node with another network than the vehicle's is not used for DETECTION: its classes have another meaning.
+/// A node may have another network for DETECTION than the vehicle: objects come with the names of their classes.
 class OffloadClient
 {
 public:

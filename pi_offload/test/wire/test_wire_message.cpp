@@ -137,7 +137,9 @@ TEST(WireMessage, LayoutStaysAsItIs)
   EXPECT_EQ(request[58], 640 % 256);
   EXPECT_EQ(request[74], 'c');
   const auto reply = encode(someReply());
-  ASSERT_EQ(reply.size(), 164U + 2U * 24U + 4U + 3U);
+  ASSERT_EQ(reply.size(), 168U + 2U * 24U + 4U + 3U + (4U + 3U) + (4U + 6U));
+  EXPECT_EQ(reply[164], 2);  // labels: car, person
+  EXPECT_EQ(reply[168], 1);  // the first object is a person
   EXPECT_EQ(std::string(reply.begin(), reply.begin() + 4), "PIRP");
   EXPECT_EQ(reply[6], 2);
   EXPECT_EQ(reply[8], 77);
@@ -154,7 +156,7 @@ TEST(WireMessage, NamesWhatIsWrong)
     return messageOf<WireError>([&] { decodeRequest(bytes.data(), bytes.size()); });
   };
   EXPECT_EQ(decodeChanged(0, {'X'}), "request: no message of this kind (90 bytes)");
-  EXPECT_EQ(decodeChanged(4, {9}), "request: version 9, this is version 1");
+  EXPECT_EQ(decodeChanged(4, {9}), "request: version 9, this is version 2");
   EXPECT_EQ(decodeChanged(6, {4}), "request: 'type' = 4, must be in [1, 3]");
   EXPECT_EQ(decodeChanged(7, {2}), "request: 'kind' = 2, must be at most 1");
   EXPECT_EQ(decodeChanged(56, {6}), "request: 'encoding' = 6, must be at most 5");
@@ -199,6 +201,22 @@ TEST(WireMessage, RefusesToSendWhatCannotBeReceived)
   reply.text.assign(10000, 'x');  // the text of an error is cut, never a reason to fail
   const auto bytes = encode(reply);
   EXPECT_EQ(decodeReply(bytes.data(), bytes.size()).text.size(), 4096U);
+}
+
+TEST(WireMessage, LabelsAreBoundedAndThere)
+{
+  OffloadReply reply = someReply();
+  reply.objects[0].label.assign(257, 'x');
+  EXPECT_NE(messageOf<std::invalid_argument>([&] { encode(reply); }).find("label"), std::string::npos);
+  reply.objects.resize(1025, reply.objects[1]);
+  for (size_t i = 0; i < reply.objects.size(); ++i)
+  {
+    reply.objects[i].label = std::to_string(i);
+  }
+  EXPECT_NE(messageOf<std::invalid_argument>([&] { encode(reply); }).find("1024 classes"), std::string::npos);
+  auto bytes = encode(someReply());
+  bytes[168] = 2;
+  EXPECT_EQ(messageOf<WireError>([&] { decodeReply(bytes.data(), bytes.size()); }), "reply: 'label' = 2, there are 2");
 }
 
 TEST(WireMessage, EveryShorterMessageIsAnError)
