@@ -343,6 +343,41 @@ TEST_F(VioTest, DrivesOnInTheDark)
   EXPECT_LT(outcomes.back().error_m, 0.4);
 }
 
+/// Longer than an estimate lives without pictures: where it is then is not known, how it has turned is.
+TEST_F(VioTest, KnowsItsHeadingAfterALongDarkness)
+{
+  Faults faults;
+  faults.pair = [](double time_s, cv::Mat* left, cv::Mat* right, int64_t*)
+  {
+    if (time_s > 7.0 && time_s < 11.5)
+    {
+      *left = black(*left);
+      *right = black(*right);
+    }
+    return true;
+  };
+  VioOptions options = makeOptions();
+  options.max_blind_s = 0.5;
+  Vio vio(Drive::instance().calibration, options);
+  const std::vector<Outcome> outcomes = run(&vio, faults);
+  EXPECT_TRUE(said("no pictures that help")) << allMessages();
+  EXPECT_EQ(at(outcomes, 9.0).report.status, VioStatus::LOST);
+  const Outcome& before = at(outcomes, 7.0);
+  const Outcome& after = at(outcomes, correctedAfter(outcomes, 11.5));
+  ASSERT_TRUE(after.known) << allMessages();
+  const auto turned = [](const Eigen::Matrix3d& from, const Eigen::Matrix3d& to)
+  {
+    const Eigen::Matrix3d turn = to * from.transpose();
+    return std::atan2(turn(1, 0) - turn(0, 1), turn(0, 0) + turn(1, 1)) * 180.0 / M_PI;
+  };
+  const auto truth = [](const Outcome& outcome) -> Eigen::Matrix3d
+  { return Drive::instance().trajectory.at(outcome.report.stamp_ns).T_world_body.linear(); };
+  const double really = turned(truth(at(outcomes, 7.7)), truth(after));
+  EXPECT_GT(std::abs(really), 30.0);  // without an estimate
+  EXPECT_NEAR(turned(before.state.q.toRotationMatrix(), after.state.q.toRotationMatrix()),
+              turned(truth(before), truth(after)), 1.0);
+}
+
 TEST_F(VioTest, GoesOnWithOneCamera)
 {
   for (int dark : {LEFT, RIGHT})

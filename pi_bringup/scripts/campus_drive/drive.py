@@ -121,7 +121,7 @@ class CampusDrive:
         def status(name, default="says nothing in /diagnostics"):
             return records.statuses.get(name, (None, default, {}))
 
-        need("simulator", bool(self.facts), "nothing on /scenario")
+        need("simulator", bool(self.facts) and self.observer.now() > 0.0, "nothing on /scenario or /clock")
         state = records.states[-1] if records.states else None
         need("chassis", state is not None and state[2] in CHASSIS_READY,
              "nothing on /vehicle_state" if state is None else state[3])

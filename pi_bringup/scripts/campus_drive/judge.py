@@ -15,6 +15,7 @@ BRAKING = 0.06          # [m/s] slower than at most since the command: it brakes
 HELD_S = 1.0            # a standstill of so long is one
 MET_M = 8.0             # a thing so near was met
 BRAKING_STATES = 4      # braking is the mean over so many states of 20 Hz
+WARN = 1                # level of a status
 SET_OFF_M = 1.0         # a vehicle that refuses goes no farther; one that is to stop has to
 
 
@@ -207,8 +208,13 @@ def unexpected(drive, result):
     """In what the end of the way is not what the scenario expects, as texts."""
     arrived = drive.result is not None and drive.result["success"]
     if result["expect"] == "refuse":
-        return ["the vehicle was to refuse, and drove %.1f m" % result["distance_m"]] \
-            if result["distance_m"] > SET_OFF_M else []
+        if result["distance_m"] > SET_OFF_M:
+            return ["the vehicle was to refuse, and drove %.1f m" % result["distance_m"]]
+        warnings = ["%s: %s" % (name, message)
+                    for name, (level, message, _) in sorted(drive.observer.records.statuses.items()) if level >= WARN]
+        return [] if any(drive.facts["reason"] in text for text in warnings) else \
+            ["the vehicle was to refuse, and does not say \"%s\"; it says %s" % (
+                drive.facts["reason"], "; ".join(warnings) or "nothing is wrong")]
     if result["expect"] == "stop":
         if result["distance_m"] <= SET_OFF_M:
             return ["the vehicle was to set off and to stop, and drove %.1f m" % result["distance_m"]]

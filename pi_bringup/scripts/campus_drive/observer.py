@@ -89,7 +89,7 @@ class Observer:
         self.truth = None       # (time, x, y, heading, speed)
         self.estimate = None
         self._events = events
-        self._now = rospy.get_time
+        self.now = rospy.get_time
         self._odometry_type, self._tf_type = Odometry, TFMessage
         self._counts = {}
         self._map_transform = b""
@@ -130,7 +130,7 @@ class Observer:
 
     def _callback(self, topic, callback):
         def take(message):
-            now = self._now()
+            now = self.now()
             self.records.arrivals[topic] = now
             awaited = self._awaited.get(topic)
             if awaited is not None and now > awaited[0]:
@@ -176,7 +176,7 @@ class Observer:
                 t = one.transform
                 pose = (t.translation.x, t.translation.y, heading_of(t.rotation))
                 if pose != self.map_odom:
-                    self.records.corrections.append((self._now(), *pose))
+                    self.records.corrections.append((self.now(), *pose))
                 self.map_odom = pose
 
     def _on_truth(self, message):
@@ -191,14 +191,14 @@ class Observer:
     # ----------------------------------------------------------------------------------------------------- decision
 
     def _on_motion(self, message):
-        self.records.motions.append((self._now(), message.header.stamp.to_sec(), message.speed, message.source,
+        self.records.motions.append((self.now(), message.header.stamp.to_sec(), message.speed, message.source,
                                      message.reason))
 
     def _on_state(self, message):
-        self.records.states.append((self._now(), message.speed, message.mode, message.detail))
+        self.records.states.append((self.now(), message.speed, message.mode, message.detail))
 
     def _on_command(self, message, accepted):
-        command = {"arrival": self._now(), "text": message.text, "accepted": accepted,
+        command = {"arrival": self.now(), "text": message.text, "accepted": accepted,
                    "confidence": round(message.confidence, 3), "speech_end": message.speech_end.to_sec(),
                    "latency": message.latency.to_sec(), "fast": bool(message.fast)}
         self.records.commands.append(command)
@@ -206,7 +206,7 @@ class Observer:
 
     def _on_command_state(self, message):
         self.records.command_states.append(
-            {"arrival": self._now(), "stamp": message.header.stamp.to_sec(), "stopped": bool(message.stopped),
+            {"arrival": self.now(), "stamp": message.header.stamp.to_sec(), "stopped": bool(message.stopped),
              "text": message.text, "outcome": message.outcome, "reason": message.reason})
 
     def _on_arbiter(self, message):
@@ -220,7 +220,7 @@ class Observer:
 
     def _on_feedback(self, message):
         f = message.feedback
-        self.records.feedback.append((self._now(), f.progress, f.state, f.reason))
+        self.records.feedback.append((self.now(), f.progress, f.state, f.reason))
 
     def _on_result(self, message):
         self._events.put("result", {
@@ -243,7 +243,7 @@ class Observer:
                                        "energy": message.energy})
 
     def _on_power(self, message):
-        self.records.power.append({"time": self._now(), **power_figures(message)})
+        self.records.power.append({"time": self.now(), **power_figures(message)})
 
     def _on_diagnostics(self, message):
         for status in message.status:
@@ -254,7 +254,7 @@ class Observer:
             said = (level, text_of(status.message, values) if level else "")
             if self._said.get(name, (0, "")) != said:
                 self._said[name] = said
-                self.records.reports.append({"arrival": self._now(), "name": name, "level": level, "text": said[1]})
+                self.records.reports.append({"arrival": self.now(), "name": name, "level": level, "text": said[1]})
             if status.name.strip("/") == VIO_STATUS:
                 pairs = next((pair.value for pair in status.values if pair.key == "pairs used"), None)
                 if pairs is not None:

@@ -127,14 +127,21 @@ class Judge(unittest.TestCase):
         self.assertIn("vio did not come back", texts[6])
 
     @staticmethod
-    def unexpected(expect, success=False, distance=0.0, end_speed=0.0):
-        drive = SimpleNamespace(result={"success": success}, end="given up")
+    def unexpected(expect, success=False, distance=0.0, end_speed=0.0, says="obstacles: the picture is dark"):
+        records = SimpleNamespace(statuses={"power": (0, "dark", {}), "input": (1, says, {})})
+        drive = SimpleNamespace(result={"success": success}, end="given up", facts={"reason": "dark"},
+                                observer=SimpleNamespace(records=records))
         return judge.unexpected(drive, {"expect": expect, "distance_m": distance, "goal_distance_m": 0.1,
                                         "end_speed": end_speed})
 
     def test_a_vehicle_that_has_to_refuse_must_not_set_off(self):
         self.assertEqual([], self.unexpected("refuse", distance=0.3))
         self.assertIn("drove 5.0 m", self.unexpected("refuse", distance=5.0)[0])
+
+    def test_a_vehicle_that_has_to_refuse_must_say_why(self):
+        text = self.unexpected("refuse", says="no camera")[0]
+        self.assertIn("does not say \"dark\"", text)
+        self.assertIn("input: no camera", text)
 
     def test_a_vehicle_that_has_to_stop_must_stand_and_not_arrive(self):
         self.assertEqual([], self.unexpected("stop", distance=9.0))

@@ -340,15 +340,17 @@ PlannedFault readFault(pi_node::YamlSection* section)
   return fault;
 }
 
-std::string readExpectation(pi_node::YamlSection* section)
+void readExpectation(pi_node::YamlSection* section, Scenario* scenario)
 {
-  std::string expect = "reach";
-  section->read("expect", "a text", &expect);
-  if (expect != "reach" && expect != "refuse" && expect != "stop")
+  section->read("expect", "a text", &scenario->expect);
+  if (scenario->expect != "reach" && scenario->expect != "refuse" && scenario->expect != "stop")
   {
-    section->refuse("expect", expect, "reach, refuse or stop");
+    section->refuse("expect", scenario->expect, "reach, refuse or stop");
   }
-  return expect;
+  if (scenario->expect == "refuse")
+  {
+    scenario->reason = text(section, "reason");
+  }
 }
 
 /// The sound around the vehicle: the runner of a drive reads it, and gives it to the microphone.
@@ -397,7 +399,7 @@ Scenario readScenario(pi_node::YamlSection* section, uint64_t seed)
   {
     scenario.further_goals = poses(section, "further_goals");
   }
-  scenario.expect = readExpectation(section);
+  readExpectation(section, &scenario);
   section->readNumber("light", 0.01, 1.0, &scenario.light);
   section->readNumber("picture_noise", 0.0, 50.0, &scenario.picture_noise);
   if (section->has("background"))
@@ -463,6 +465,7 @@ std::string Scenario::toJson(const pi_vehicle::Pose2& T_map_world) const
                {"goal", inMap(goal)},
                {"further_goals", Json::array()},
                {"expect", expect},
+               {"reason", reason},
                {"waypoints", Json::array()},
                {"actors", Json::array()},
                {"spoken", Json::array()},

@@ -94,6 +94,7 @@ struct Scenario
   std::vector<pi_vehicle::Pose2> further_goals;  ///< one after the other, when the goal before is reached
   std::vector<Eigen::Vector2d> waypoints;        ///< on the way to `goal`
   std::string expect = "reach";                  ///< reach (all goals), refuse (not to set off) or stop (before a goal)
+  std::string reason;                            ///< to refuse: part of what the vehicle says why
   double light = 1.0;                            ///< of the day: 0.25 dusk, 0.08 night
   double picture_noise = 1.0;                    ///< scale of the cameras' noise; 6: heavy rain
   std::vector<ActorPlan> actors;

@@ -124,6 +124,7 @@ FrameReport Vio::Impl::addPair(int64_t stamp_ns, const cv::Mat& left, const cv::
   }
   else
   {
+    turnLastKnown(stamp_ns);
     start(&report);
   }
   if (status == VioStatus::TRACKING && report.keyframe && keyframe_callback)

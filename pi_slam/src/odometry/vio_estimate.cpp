@@ -30,6 +30,21 @@ constexpr int START_ITERATIONS = 20;
 
 }  // namespace
 
+/// While there is no estimate, the gyroscope alone tells how the body turns.
+void Vio::Impl::turnLastKnown(int64_t stamp_ns)
+{
+  if (!last_known || stamp_ns <= last_known->stamp_ns)
+  {
+    return;
+  }
+  const ImuPreintegration since = imu.integrate(last_known->stamp_ns, stamp_ns, last_known->bias, nullptr);
+  if (!since.empty())
+  {
+    last_known->q = (last_known->q * since.deltaR()).normalized();
+    last_known->stamp_ns = stamp_ns;
+  }
+}
+
 /// Before the start, and after the estimate was given up.
 void Vio::Impl::start(FrameReport* report)
 {
@@ -45,9 +60,15 @@ void Vio::Impl::start(FrameReport* report)
   }
   if (last_known)
   {
-    // Continues where the estimate ended: same position and heading, the new tilt.
+    // Continues where the estimate ended, turned as the gyroscope said meanwhile, with the new tilt.
     const NavState& now = solution.states.back();
-    const Eigen::Matrix3d turn = (last_known->q * now.q.conjugate()).toRotationMatrix();
+    Eigen::Quaterniond q_now = last_known->q;
+    if (now.stamp_ns < last_known->stamp_ns)
+    {
+      const ImuPreintegration since = imu.integrate(now.stamp_ns, last_known->stamp_ns, last_known->bias, nullptr);
+      q_now = q_now * since.deltaR().conjugate();
+    }
+    const Eigen::Matrix3d turn = (q_now * now.q.conjugate()).toRotationMatrix();
     const Eigen::Quaterniond heading(
         Eigen::AngleAxisd(std::atan2(turn(1, 0) - turn(0, 1), turn(0, 0) + turn(1, 1)), Eigen::Vector3d::UnitZ()));
     const Eigen::Vector3d p_now = now.p;

@@ -54,6 +54,7 @@ struct Vio::Impl
   void runFrontEnd(const cv::Mat& left, const cv::Mat& right, const TrackerPrediction& prediction, int64_t stamp_ns,
                    FrameReport* report);
   void start(FrameReport* report);
+  void turnLastKnown(int64_t stamp_ns);
   void track(const ImuPreintegration& since_pair, const ImuBuffer::Quality& quality, FrameReport* report);
   void noteMissingCorrection(const FilterReport& filtered, size_t views, FrameReport* report);
   void enterStandstill();
