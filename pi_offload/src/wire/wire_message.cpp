@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <functional>
 #include <limits>
 #include <set>
 #include <type_traits>
@@ -414,6 +415,7 @@ OffloadReply decodeReply(const uint8_t* data, size_t size)
     label = in.text("label", in.length("label length", MAX_LABEL));
   }
   in.end();
+  std::vector<bool> used(labels.size());
   reply.objects.resize(objects);
   for (DetectedObject& found : reply.objects)
   {
@@ -423,10 +425,16 @@ OffloadReply decodeReply(const uint8_t* data, size_t size)
       in.fail("'label' = " + std::to_string(label) + ", there are " + std::to_string(labels.size()));
     }
     found.label = labels[label];
+    used[label] = true;
     for (float* value : {&found.score, &found.x1, &found.y1, &found.x2, &found.y2})
     {
       *value = object.real32("objects");
     }
+  }
+  const bool ascending = std::adjacent_find(labels.begin(), labels.end(), std::greater_equal<>()) == labels.end();
+  if (!ascending || std::find(used.begin(), used.end(), false) != used.end())
+  {
+    in.fail("labels must be in the order of their letters, each of an object");
   }
   return reply;
 }

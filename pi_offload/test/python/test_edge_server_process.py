@@ -53,7 +53,7 @@ class Vehicle:
         """A TASK with a grey picture, that has all the time in the world."""
         name = b"vehicle"
         pixels = bytes(width * height)
-        body = struct.pack("<4sHBBQQdddd", b"PIRQ", 1, 2, 0, number, 0, 3600.0, 0.0, 0.0, 0.0)
+        body = struct.pack("<4sHBBQQdddd", b"PIRQ", 2, 2, 0, number, 0, 3600.0, 0.0, 0.0, 0.0)
         body += struct.pack("<BBIIII", 3, len(name), width, height, 0, len(pixels)) + name + pixels
         self.socket.sendall(struct.pack(">QI", len(body) + 4, 0x80000000 | number) + body)
 

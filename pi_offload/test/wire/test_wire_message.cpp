@@ -217,6 +217,9 @@ TEST(WireMessage, LabelsAreBoundedAndThere)
   auto bytes = encode(someReply());
   bytes[168] = 2;
   EXPECT_EQ(messageOf<WireError>([&] { decodeReply(bytes.data(), bytes.size()); }), "reply: 'label' = 2, there are 2");
+  bytes[168] = 0;  // both objects are cars, nothing is a person
+  EXPECT_EQ(messageOf<WireError>([&] { decodeReply(bytes.data(), bytes.size()); }),
+            "reply: labels must be in the order of their letters, each of an object");
 }
 
 TEST(WireMessage, EveryShorterMessageIsAnError)
