@@ -287,9 +287,9 @@ TEST(RuntimeStreams, WhoTakesLongerThanAdmittedWaitsAndNotTheOthers)
   job.stream = first.id;
   TaskRequest other = requestOf(modest);
   other.stream = second.id;
-  const auto begin = std::chrono::steady_clock::now();
   runtime->submit(job);
   EXPECT_EQ("greedy", runtime.device(0).awaitStart().codelet);
+  const auto begin = std::chrono::steady_clock::now();
   runtime->submit(job);    // due in 10 s, were it not for the first one
   runtime->submit(other);  // due in 20 s
   while (std::chrono::steady_clock::now() - begin < 10us)
