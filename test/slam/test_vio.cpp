@@ -262,17 +262,24 @@ TEST_F(VioTest, TheSameInputGivesTheSameResult)
   }
 }
 
+/// 3 s at rest, then over a road without bumps.
+std::vector<StampedPose> levelPathFromRest(PathShape shape, double duration_s)
+{
+  VehiclePathOptions path;
+  path.shape = shape;
+  path.duration_s = duration_s;
+  path.start_standstill_s = 3.0;
+  path.bumps = 0.0;
+  return makeVehiclePath(path);
+}
+
 /// On a straight road at a constant speed only the accelerometer tells up from down, by what is known of its bias.
 TEST_F(VioTest, KeepsUprightOnAStraightRoad)
 {
-  VehiclePathOptions path;
-  path.shape = PathShape::STRAIGHT;
-  path.duration_s = 50.0;
-  path.start_standstill_s = 3.0;
-  path.bumps = 0.0;
+  const std::vector<StampedPose> path = levelPathFromRest(PathShape::STRAIGHT, 50.0);
   for (const uint64_t seed : {1, 3})
   {
-    const Drive drive(makeVehiclePath(path), seed, WorldKind::CAMPUS);
+    const Drive drive(path, seed, WorldKind::CAMPUS);
     Vio vio(drive.calibration, makeOptions());
     double most = 0.0;
     for (const Outcome& outcome : run(&vio, Faults(), drive))
@@ -290,15 +297,10 @@ TEST_F(VioTest, KeepsUprightOnAStraightRoad)
 /// The detector of standstill looks over a window: when it notices the end, the vehicle has moved for a while.
 TEST_F(VioTest, KnowsItsSpeedWhenItHasSetOff)
 {
-  VehiclePathOptions path;
-  path.shape = PathShape::HALL_LOOP;
-  path.duration_s = 4.0;
-  path.speed = 1.5;
-  path.start_standstill_s = 3.0;
-  path.bumps = 0.0;
+  const std::vector<StampedPose> path = levelPathFromRest(PathShape::HALL_LOOP, 4.0);
   for (const uint64_t seed : {1, 2, 3})
   {
-    const Drive drive(makeVehiclePath(path), seed);
+    const Drive drive(path, seed);
     Vio vio(drive.calibration, makeOptions());
     const std::vector<Outcome> outcomes = run(&vio, Faults(), drive);
     const auto off = std::find_if(outcomes.begin(), outcomes.end(),

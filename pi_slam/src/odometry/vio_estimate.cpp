@@ -139,7 +139,7 @@ void Vio::Impl::track(const ImuPreintegration& since_pair, const ImuBuffer::Qual
   const std::vector<LandmarkView> views = viewsOfKnown();
   if (standing)
   {
-    rest();
+    keepStill();
     last_corrected_ns = stamp_ns;
     report->inliers = static_cast<int>(views.size());
     report->filter_ms = 1e3 * secondsSince(begin);
@@ -231,7 +231,7 @@ void Vio::Impl::enterStandstill()
   at_rest.fill(features);
 }
 
-void Vio::Impl::rest()
+void Vio::Impl::keepStill()
 {
   filter.holdStill(still_state, still_covariance);
   if (seconds(features.stamp_ns - at_rest.back().stamp_ns) >= options.standstill.window_s)

@@ -58,7 +58,7 @@ struct Vio::Impl
   void track(const ImuPreintegration& since_pair, const ImuBuffer::Quality& quality, FrameReport* report);
   void noteMissingCorrection(const FilterReport& filtered, size_t views, FrameReport* report);
   void enterStandstill();
-  void rest();
+  void keepStill();
   bool leaveStandstill(FrameReport* report);
   std::vector<LandmarkView> viewsOfKnown() const;
   void noteOutliers(const FilterReport& filtered);
