@@ -349,6 +349,10 @@ void readExpectation(pi_node::YamlSection* section, Scenario* scenario)
   }
   if (scenario->expect == "refuse")
   {
+    if (!section->has("reason"))
+    {
+      section->refuse("reason", "(missing)", "part of what the vehicle says why, as expect = refuse asks for");
+    }
     scenario->reason = text(section, "reason");
   }
 }

@@ -156,7 +156,7 @@ TEST(Scenario, NamesWhatIsWrongAndWhatIsKnown)
   EXPECT_TRUE(contains(refusal("faults: [{time: 1, command: explode}]"), "faults/0/command = \"explode\", must be a"));
   EXPECT_TRUE(contains(refusal("faults: [{time: 1, command: radio maybe}]"), "kill NODE, or radio on|off"));
   EXPECT_TRUE(contains(refusal("expect: fly"), "expect = fly, must be reach, refuse or stop"));
-  EXPECT_TRUE(contains(refusal("expect: refuse"), "reason"));
+  EXPECT_TRUE(contains(refusal("expect: refuse"), "reason = (missing), must be part of what the vehicle says why"));
   EXPECT_TRUE(contains(refusal("reason: dark"), "reason"));
   EXPECT_TRUE(contains(refusal("light: 0"), "light = 0, must be in [0.01, 1]"));
   EXPECT_TRUE(contains(refusal("background: {level_dbfs: -30}"), "background/sound"));
