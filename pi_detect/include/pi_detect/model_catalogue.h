@@ -10,7 +10,7 @@ namespace pi_detect
 
 /// Networks by name: NAME.yaml in config/models of this package, for example "fast", "accurate", "ssd_mobilenet" and
 /// "street".
-constexpr char DEFAULT_MODEL[] = "street";
+constexpr char DEFAULT_MODEL[] = "fast";  ///< on board
 
 struct ChosenModel
 {

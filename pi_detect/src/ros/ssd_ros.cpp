@@ -38,7 +38,7 @@ SsdRos::SsdRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , overlay_transport_(service_node_)
 {
   requireTransport(input_transport_, options_.image_transport, private_node.resolveName("image_transport"));
-  asked_for_ = options_.model.empty() ? DEFAULT_MODEL : options_.model;
+  asked_for_ = options_.model;
   worker_.beginLoading(asked_for_);
 
   const auto look = [this](const ros::SingleSubscriberPublisher&) { updateSubscription(); };

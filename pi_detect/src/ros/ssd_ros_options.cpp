@@ -1,5 +1,4 @@
 #include "ros/ssd_ros_options.h"
-#include <pi_detect/model_catalogue.h>
 #include <pi_node/ros/parameter_tree.h>
 
 #include <algorithm>

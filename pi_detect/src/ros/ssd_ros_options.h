@@ -1,6 +1,7 @@
 #pragma once
 
 #include <pi_detect/detector.h>
+#include <pi_detect/model_catalogue.h>
 #include <pi_detect/object_tracker.h>
 #include <pi_node/ros/node_parameters.h>
 
@@ -13,9 +14,9 @@ namespace pi_detect
 /// The parameters of the ssd node; config/ssd.yaml shows each with its unit.
 struct SsdRosOptions : pi_node::NodeParameters<SsdRosOptions>
 {
-  std::string model;  ///< name of a network in config/models, or absolute path of a YAML file; empty: the default
-  DetectorOptions detector;  ///< its filter is that of `detections`
-  bool use_runtime = true;   ///< tasks of pi_runtime::Runtime::shared(); false: plain calls
+  std::string model = DEFAULT_MODEL;  ///< name of a network in config/models, or absolute path of a YAML file
+  DetectorOptions detector;           ///< its filter is that of `detections`
+  bool use_runtime = true;            ///< tasks of pi_runtime::Runtime::shared(); false: plain calls
   ObjectTrackerOptions tracker;
 
   bool zero_copy = true;                ///< read raw pictures in the publisher's memory, if the transport can

@@ -257,6 +257,9 @@ def parse(arguments):
                         "pocketsphinx-testdata")
     parser.add_argument("--link", choices=("tun", "netem"), default="tun", help="what makes the links slow; netem "
                         "needs a kernel with sch_netem")
+    parser.add_argument("--model", metavar="NETWORK", help="of the vehicle; default: that of config/ssd.yaml")
+    parser.add_argument("--node-model", metavar="NETWORK", help="of the nodes; default: that of "
+                        "config/edge_server.yaml")
     parser.add_argument("--json", metavar="FILE", help="write everything measured to FILE")
     # rosrun and roslaunch add remappings such as __name:=x.
     return parser.parse_args([argument for argument in arguments if ":=" not in argument])
@@ -281,7 +284,7 @@ def run(options, say):
         say("without speech: there are no sounds; set PI_EDGE_DATA or install pocketsphinx-testdata")
     try:
         with testbed.Bed(scenario, load_road(scenario), find_pictures(options.pictures_from), sounds,
-                         options.link) as bed:
+                         options.link, model=options.model, node_model=options.node_model) as bed:
             bench = Bench(bed, make_plan(options), say)
             try:
                 bench.run()

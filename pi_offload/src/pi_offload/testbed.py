@@ -95,12 +95,13 @@ LINKS = {"tun": RadioLink, "netem": NetemLink}
 class Bed:
     """Devices and processes. Everything ends with close()."""
 
-    def __init__(self, scenario, road, pictures, sounds, link="tun", deadline_s=None):
+    def __init__(self, scenario, road, pictures, sounds, link="tun", deadline_s=None, model=None, node_model=None):
         """@param scenario  path of the file that road comes from. @param pictures  their files.
         @param sounds  file or folder that is spoken; empty: no speech.
-        @param deadline_s  of a picture; None: that of config/coordinator.yaml. @throws ToolError, Unsupported"""
+        @param deadline_s  of a picture; None: that of config/coordinator.yaml.
+        @param model, node_model  networks of vehicle and nodes; None: the defaults. @throws ToolError, Unsupported"""
         self.road, self.speech = road, bool(sounds)
-        self._deadline_s = deadline_s
+        self._deadline_s, self._model, self._node_model = deadline_s, model, node_model
         self.servers = {}
         self._configs = {}
         self._loaders = []
@@ -138,6 +139,8 @@ class Bed:
             tree.update(id=node, address=f"{self.links[node].address}:{PORT}", port=PORT, has_position=True,
                         x=described.x, y=described.y, range=described.range_m)
             tree["detection"]["check_model"] = False  # it is the package's, and servers start often here
+            if self._node_model:
+                tree["detection"]["model"] = self._node_model
             tree["speech"]["enabled"] = self.speech
             self._configs[node] = Path(self._testbed.folder) / f"{node}.yaml"
             self._configs[node].write_text(yaml.safe_dump(tree), encoding="utf-8")
@@ -169,7 +172,7 @@ class Bed:
             coordinator["local"]["max_waiting"] = 64  # as many may come home at once
         self._load("detection_manager", "pi_offload/coordinator", "coordinator", coordinator)
         ssd = _parameters("pi_detect", "ssd.yaml")
-        ssd.update(max_rate_hz=0.0, input_timeout_s=3600.0, check_model=False)
+        ssd.update(max_rate_hz=0.0, input_timeout_s=3600.0, check_model=False, model=self._model or ssd["model"])
         self._load("detection_manager", "pi_detect/ssd", "ssd", ssd, "image:=local/image",
                    "detections:=local/detections", "labels:=local/labels")
         if sounds:

@@ -74,7 +74,7 @@ pi_detect::ChosenModel chosenModel(const EdgeServerRosOptions& options)
   const std::string& model = options.detector.model;
   const std::string models =
       pi_detect::isModelPath(model) ? "" : packaged("pi_detect", "config/models", "detection/model");
-  return pi_detect::chooseModel(model.empty() ? pi_detect::DEFAULT_MODEL : model, models);
+  return pi_detect::chooseModel(model, models);
 }
 
 }  // namespace
@@ -164,6 +164,7 @@ EdgeServerRosOptions::EdgeServerRosOptions()
 {
   port = PORT;
   health_port = HEALTH_PORT;
+  detector.model = "accurate";
   detector.detector.threads = 1;
 }
 

@@ -28,7 +28,7 @@ struct EdgeServerRosOptions : pi_node::NodeParameters<EdgeServerRosOptions>
   size_t max_payload_mb = 256;        ///< of all tasks queued and running [MiB]
   EdgeServerOptions server;           ///< the rest; see serverOptions()
   bool detection = true;              ///< serve pictures
-  DetectionExecutorOptions detector;  ///< model: name or absolute path; empty: pi_detect's default
+  DetectionExecutorOptions detector;  ///< model: name or absolute path
   bool speech = true;                 ///< serve utterances
   SpeechExecutorOptions recognizer;
   std::string commands;                     ///< YAML file, absolute path; empty: pi_speech's

@@ -29,7 +29,7 @@ struct ReactionRule
   double min_range = 0.0;                ///< from base_link's origin [m]
   double max_range = 0.0;                ///< [m]
   double max_bearing = M_PI;             ///< to either side of x, in (0, pi] [rad]
-  double min_score = 0.5;                ///< in [0, 1]
+  double min_score = 0.0;                ///< in [0, 1]; networks differ in what a score means
   double persistence = 0.3;              ///< time in the zone before the rule acts [s]
   double gap = 0.3;                      ///< a thing that is unseen for longer is gone [s]
   double cooldown = 0.0;  ///< least time between two actions of GREET, HORN, SAY, which also act once per stay [s]
@@ -45,8 +45,8 @@ struct ReactionRulesOptions
 
   /// @code{.yaml}
   /// rules:
-  ///   - {name: passenger, label: person, range: [0.5, 3.0], bearing: 0.6, min_score: 0.6, persistence: 1.0,
-  ///      cooldown: 20.0, action: greet}
+  ///   - {name: passenger, label: person, range: [0.5, 3.0], bearing: 0.6, persistence: 1.0, cooldown: 20.0,
+  ///      action: greet}
   ///   - {name: child ahead, label: person, polygon: [[0, -1], [4, -1], [4, 1], [0, 1]], action: slow, speed: 0.8}
   /// @endcode
   /// @throws std::invalid_argument naming rule, field, value and bound.
