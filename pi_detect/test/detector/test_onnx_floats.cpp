@@ -1,10 +1,11 @@
 #include <gtest/gtest.h>
+#include <onnx/onnx_pb.h>
 
-#include <opencv2/core/cvdef.h>
 #include <cstdint>
 #include <cstring>
 #include <fstream>
 #include <iterator>
+#include <opencv2/core.hpp>
 #include <opencv2/dnn.hpp>
 #include <string>
 #include <vector>
@@ -16,94 +17,79 @@ namespace pi_detect
 namespace
 {
 
-constexpr uint64_t FLOAT = 1;
-constexpr uint64_t HALF = 10;
+constexpr auto FLOAT = onnx::TensorProto::FLOAT;
+constexpr auto HALF = onnx::TensorProto::FLOAT16;
 
-// What onnx.proto3 calls the fields is beside each number below.
-
-std::string varint(uint64_t value)
+void addWeights(const std::string& name, const std::vector<int64_t>& dims, const std::vector<float>& values, int kind,
+                bool as_integers, onnx::GraphProto* graph)
 {
-  std::string text;
-  for (; value >= 0x80; value >>= 7)
+  onnx::TensorProto* tensor = graph->add_initializer();
+  tensor->set_name(name);
+  *tensor->mutable_dims() = {dims.begin(), dims.end()};
+  tensor->set_data_type(kind);
+  cv::Mat halves;
+  cv::Mat(values).convertTo(halves, CV_16F);
+  if (as_integers)
   {
-    text.push_back(static_cast<char>(value | 0x80));
-  }
-  text.push_back(static_cast<char>(value));
-  return text;
-}
-
-std::string number(uint64_t field, uint64_t value)
-{
-  return varint(field << 3) + varint(value);
-}
-
-std::string bytes(uint64_t field, const std::string& content)
-{
-  return varint(field << 3 | 2) + varint(content.size()) + content;
-}
-
-uint16_t halfOf(float value)
-{
-  const cv::float16_t half(value);
-  uint16_t bits;
-  std::memcpy(&bits, static_cast<const void*>(&half), sizeof(bits));
-  return bits;
-}
-
-/// Weights of a 1 x 1 convolution from 3 channels to 1, or its bias.
-std::string tensor(const std::string& name, const std::vector<uint64_t>& dims, const std::vector<float>& values,
-                   uint64_t kind, bool as_integers)
-{
-  std::string content;
-  for (const uint64_t dim : dims)
-  {
-    content += number(1, dim);  // dims
-  }
-  content += number(2, kind) + bytes(8, name);  // data_type, name
-  std::string raw;
-  for (const float value : values)
-  {
-    const uint16_t half = halfOf(value);
-    if (as_integers)
+    for (size_t i = 0; i < values.size(); ++i)
     {
-      raw += varint(half);
-    }
-    else if (kind == HALF)
-    {
-      raw.append(reinterpret_cast<const char*>(&half), sizeof(half));
-    }
-    else
-    {
-      raw.append(reinterpret_cast<const char*>(&value), sizeof(value));
+      tensor->add_int32_data(halves.ptr<uint16_t>()[i]);
     }
   }
-  return content + bytes(as_integers ? 5 : 9, raw);  // int32_data or raw_data
-}
-
-std::string valueInfo(const std::string& name, const std::vector<uint64_t>& dims, uint64_t kind)
-{
-  std::string shape;
-  for (const uint64_t dim : dims)
+  else if (kind == HALF)
   {
-    shape += bytes(1, number(1, dim));  // dim, dim_value
+    tensor->set_raw_data(halves.data, values.size() * sizeof(uint16_t));
   }
-  return bytes(1, name) + bytes(2, bytes(1, number(1, kind) + bytes(2, shape)));  // name; type: tensor: element, shape
+  else
+  {
+    tensor->set_raw_data(values.data(), values.size() * sizeof(float));
+  }
 }
 
-/// A cast, then weights and bias of the kind.
-std::string convolution(uint64_t kind, bool as_integers = false)
+void describe(const std::string& name, const std::vector<int64_t>& dims, int kind, onnx::ValueInfoProto* value)
 {
-  const std::string cast_to = bytes(1, "to") + number(3, kind) + number(20, 2);  // name, i, type: integer
-  const std::string cast = bytes(1, "image") + bytes(2, "wide") + bytes(4, "Cast") + bytes(5, cast_to);
-  const std::string kernel = bytes(1, "kernel_shape") + number(8, 1) + number(8, 1) + number(20, 7);  // ints
-  const std::string node =
-      bytes(1, "wide") + bytes(1, "weights") + bytes(1, "bias") + bytes(2, "sum") + bytes(4, "Conv") + bytes(5, kernel);
-  const std::string graph = bytes(1, cast) + bytes(1, node) + bytes(2, "graph") +
-                            bytes(5, tensor("weights", {1, 3, 1, 1}, {0.5F, -0.25F, 2.0F}, kind, as_integers)) +
-                            bytes(5, tensor("bias", {1}, {0.125F}, kind, false)) +
-                            bytes(11, valueInfo("image", {1, 3, 2, 2}, FLOAT)) +
-                            bytes(12, valueInfo("sum", {1, 1, 2, 2}, kind));
-  return number(1, 7) + bytes(8, number(2, 11)) + bytes(7, graph);  // version; operator set; graph
+  value->set_name(name);
+  onnx::TypeProto::Tensor* type = value->mutable_type()->mutable_tensor_type();
+  type->set_elem_type(kind);
+  for (const int64_t dim : dims)
+  {
+    type->mutable_shape()->add_dim()->set_dim_value(dim);
+  }
+}
+
+/// A cast, then a 1 x 1 convolution from 3 channels to 1 with weights and bias of the kind.
+std::string convolution(int kind, bool as_integers = false)
+{
+  onnx::ModelProto model;
+  model.set_ir_version(7);
+  model.add_opset_import()->set_version(11);
+  onnx::GraphProto* graph = model.mutable_graph();
+  graph->set_name("graph");
+  onnx::NodeProto* cast = graph->add_node();
+  cast->set_op_type("Cast");
+  cast->add_input("image");
+  cast->add_output("wide");
+  onnx::AttributeProto* to = cast->add_attribute();
+  to->set_name("to");
+  to->set_i(kind);
+  to->set_type(onnx::AttributeProto::INT);
+  onnx::NodeProto* node = graph->add_node();
+  node->set_op_type("Conv");
+  for (const char* input : {"wide", "weights", "bias"})
+  {
+    node->add_input(input);
+  }
+  node->add_output("sum");
+  onnx::AttributeProto* kernel = node->add_attribute();
+  kernel->set_name("kernel_shape");
+  kernel->add_ints(1);
+  kernel->add_ints(1);
+  kernel->set_type(onnx::AttributeProto::INTS);
+  addWeights("weights", {1, 3, 1, 1}, {0.5F, -0.25F, 2.0F}, kind, as_integers, graph);
+  addWeights("bias", {1}, {0.125F}, kind, false, graph);
+  describe("image", {1, 3, 2, 2}, FLOAT, graph->add_input());
+  describe("sum", {1, 1, 2, 2}, kind, graph->add_output());
+  return model.SerializeAsString();
 }
 
 cv::Mat run(const std::string& model)
@@ -149,6 +135,14 @@ TEST(OnnxFloats, RefuseWhatEndsEarlyOrIsNoModel)
     EXPECT_THROW(withFloats(model.substr(0, size)), std::runtime_error) << size;
   }
   EXPECT_THROW(withFloats(std::string(100, '\xff')), std::runtime_error);
+}
+
+TEST(OnnxFloats, RefuseWeightsInOtherFiles)
+{
+  onnx::ModelProto model;
+  ASSERT_TRUE(model.ParseFromString(convolution(HALF)));
+  model.mutable_graph()->mutable_initializer(0)->set_data_location(onnx::TensorProto::EXTERNAL);
+  EXPECT_THROW(withFloats(model.SerializeAsString()), std::runtime_error);
 }
 
 }  // namespace
