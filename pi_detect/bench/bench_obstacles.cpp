@@ -69,7 +69,6 @@ bool parse(int argc, char** argv, Arguments* line)
   pi_node::CommandLine options("bench_obstacles RECORDING... [options]");
   options.add("overlay", po::value(&line->overlay), "folder for pictures with something wrong, and every 20th");
   options.addValue("height", &line->height_m, "of the cameras' body above the ground [m]");
-  options.addValue("downscale", &line->options.downscale, "of the pictures");
   options.addFlag("no-baseline", &no_baseline, "without the usual recipe");
   options.addPositional("recordings", &line->recordings, "no recording is named; see --help");
   if (!options.parse(argc, argv))
@@ -156,8 +155,10 @@ void run(const std::string& folder, const Arguments& line)
   for (size_t i = 0; i < recording.size(); ++i)
   {
     const Pair pair = recording.read(i);
+    const Eigen::Isometry3d T_world_base = pair.T_world_body * T_base_body.inverse();
+    const auto pose = [&] { return recording.hasTruth() ? std::make_optional(T_world_base) : std::nullopt; };
     double start = processorMs();
-    const StereoObstacles::Result result = detector.detect(pair.left, pair.right);
+    const StereoObstacles::Result result = detector.detect(pair.left, pair.right, pose);
     pair_ms.push_back(processorMs() - start);
     disparity_ms.push_back(1e3 * result.disparity_s);
     ground_ms.push_back(1e3 * result.ground_s);
@@ -167,8 +168,7 @@ void run(const std::string& folder, const Arguments& line)
     std::optional<TruthCloud> truth;
     if (recording.hasTruth())
     {
-      truth.emplace(pair, recording.geometry(), T_base_body, T_base_left, line.options);
-      const Eigen::Isometry3d T_world_base = pair.T_world_body * T_base_body.inverse();
+      truth.emplace(pair, recording.geometry(), T_base_body, T_base_left, line.options, detector.minDepth());
       const Eigen::Vector3d true_normal = T_world_base.linear().transpose() * Eigen::Vector3d::UnitZ();
       ground_tilt_errors.push_back(std::acos(std::min(1.0, true_normal.dot(result.ground.normal))) * 180.0 / M_PI);
       ground_step_errors.push_back(std::abs(result.ground.offset_m + T_world_base.translation().z()));
@@ -181,8 +181,8 @@ void run(const std::string& folder, const Arguments& line)
       }
       last = {pair.stamp_ns, T_world_base.translation()};
       start = processorMs();
-      const auto obstacles =
-          tracker.update(pair.stamp_ns, vehicle, result.obstacles, {}, recording.geometry(), T_base_left);
+      const auto obstacles = tracker.update(pair.stamp_ns, vehicle, result.obstacles, {}, recording.geometry(),
+                                            T_base_left, detector.minDepth());
       tracker_ms.push_back(processorMs() - start);
       score.addMeasured(*truth, toBoxes(result.obstacles));
       score.addPublished(*truth, obstacles, pair.stamp_ns);
@@ -193,9 +193,10 @@ void run(const std::string& folder, const Arguments& line)
         const std::vector<ObstacleMeasurement> found = recipe.detect(pair.left, pair.right);
         recipe_ms.push_back(processorMs() - start);
         recipe_score.addMeasured(*truth, toBoxes(found));
-        recipe_score.addPublished(
-            *truth, recipe_tracker.update(pair.stamp_ns, vehicle, found, {}, recording.geometry(), T_base_left),
-            pair.stamp_ns);
+        recipe_score.addPublished(*truth,
+                                  recipe_tracker.update(pair.stamp_ns, vehicle, found, {}, recording.geometry(),
+                                                        T_base_left, detector.minDepth()),
+                                  pair.stamp_ns);
       }
     }
     const bool faulty = !score.missed().empty() || !score.falseBoxes().empty();
@@ -207,9 +208,9 @@ void run(const std::string& folder, const Arguments& line)
     }
   }
   const StereoGeometry& geometry = recording.geometry();
-  std::printf("\n%s: %zu pairs %dx%d, %.0f s, fx %.0f px, baseline %.3f m, disparities %d, downscale %.1f\n",
-              folder.c_str(), recording.size(), geometry.width, geometry.height, recording.seconds(), geometry.fx,
-              geometry.baseline_m, line.options.max_disparity_px, line.options.downscale);
+  std::printf("\n%s: %zu pairs %dx%d, %.0f s, fx %.0f px, baseline %.3f m, depth from %.2f m\n", folder.c_str(),
+              recording.size(), geometry.width, geometry.height, recording.seconds(), geometry.fx, geometry.baseline_m,
+              detector.minDepth());
   std::printf(
       "time of the processor, median: %.1f ms per pair, least %.1f ms (wall: disparity %.1f, ground %.1f, "
       "clusters %.1f)\n",

@@ -53,7 +53,7 @@ double toleranceOf(const FoundBox& box, double part)
 }  // namespace
 
 TruthCloud::TruthCloud(const Pair& pair, const StereoGeometry& geometry, const Eigen::Isometry3d& T_base_body,
-                       const Eigen::Isometry3d& T_base_left, const StereoObstacleOptions& options)
+                       const Eigen::Isometry3d& T_base_left, const StereoObstacleOptions& options, double min_depth_m)
 {
   const Eigen::Isometry3d T_body_base = T_base_body.inverse();
   const double fb = geometry.fx * geometry.baseline_m;
@@ -130,7 +130,7 @@ TruthCloud::TruthCloud(const Pair& pair, const StereoGeometry& geometry, const E
     seen.middle = 0.5 * (low + high);
     const Eigen::Vector3d& size = seen.object->size;
     seen.counts = size.maxCoeff() > LARGE_M && std::max(high.z() - low.z(), high.y() - low.y()) > MIN_VISIBLE_M &&
-                  seen.distance_m > fb / options.max_disparity_px + 0.2;
+                  seen.distance_m > min_depth_m + 0.2;
     // Slivers at the picture's sides are not in view.
     const Box& box = seen.object->box;
     const bool at_side = box.x1 < BORDER_PX || box.x2 > static_cast<float>(geometry.width) - BORDER_PX;

@@ -26,7 +26,7 @@ class TruthCloud
 {
 public:
   TruthCloud(const Pair& pair, const StereoGeometry& geometry, const Eigen::Isometry3d& T_base_body,
-             const Eigen::Isometry3d& T_base_left, const StereoObstacleOptions& options);
+             const Eigen::Isometry3d& T_base_left, const StereoObstacleOptions& options, double min_depth_m);
 
   struct Seen
   {

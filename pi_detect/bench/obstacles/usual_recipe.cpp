@@ -12,6 +12,7 @@ namespace
 
 constexpr double CELL_M = 0.2;
 constexpr int BLOCK_PX = 5;
+constexpr int DISPARITIES = 64;  // default of stereo_image_proc
 constexpr int MIN_PIXELS = 50;
 
 }  // namespace
@@ -21,8 +22,8 @@ UsualRecipe::UsualRecipe(const StereoGeometry& geometry, const Eigen::Isometry3d
   : geometry_(geometry)
   , T_base_left_(T_base_left)
   , options_(options)
-  , matcher_(cv::StereoSGBM::create(0, options.max_disparity_px, BLOCK_PX, 8 * BLOCK_PX * BLOCK_PX,
-                                    32 * BLOCK_PX * BLOCK_PX, 1, 63, 10, 100, 2))
+  , matcher_(cv::StereoSGBM::create(0, DISPARITIES, BLOCK_PX, 8 * BLOCK_PX * BLOCK_PX, 32 * BLOCK_PX * BLOCK_PX, 1, 63,
+                                    10, 100, 2))
 {
 }
 

@@ -20,7 +20,6 @@ struct ObstacleTrackerOptions
   int confirm_hits = 3;               ///< measurements before an obstacle is reported
   double acceleration_m_s2 = 1.0;     ///< of obstacles, standard deviation [m/s^2]
   double max_speed_m_s = 15.0;        ///< of obstacles [m/s]
-  double min_depth_m = 0.7;           ///< nearer obstacles cannot be measured (fx * baseline / max_disparity_px) [m]
   double vehicle_front_m = 1.0;       ///< outline of the vehicle in base_link, for the time to collision [m]
   double vehicle_rear_m = 0.5;        ///< behind the origin, > 0 [m]
   double vehicle_half_width_m = 0.6;  ///< [m]
@@ -70,12 +69,13 @@ public:
 
   /// @param tracks  of the left rectified picture at (about) this stamp; may be empty.
   /// @param geometry, T_base_left  of the camera, to tell which obstacles should be in view.
+  /// @param min_depth_m  along its axis; nearer obstacles cannot be measured, see StereoObstacles::minDepth().
   /// @return confirmed obstacles, nearest first. For a stamp that is not newer, the last result; if time goes back by
   ///         more than 1 s, tracking begins anew.
   std::vector<Obstacle> update(int64_t stamp_ns, const VehicleState& vehicle,
                                const std::vector<ObstacleMeasurement>& measurements,
                                const std::vector<ObjectTrack>& tracks, const StereoGeometry& geometry,
-                               const Eigen::Isometry3d& T_base_left);
+                               const Eigen::Isometry3d& T_base_left, double min_depth_m = 0.0);
 
   void clear();
 

@@ -5,6 +5,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <functional>
 #include <memory>
 #include <opencv2/core/mat.hpp>
 #include <optional>
@@ -49,8 +50,8 @@ struct StereoObstacleOptions
   double min_size_m = 0.25;         ///< smallest extent (height or width) of an obstacle [m]
   double max_ground_tilt = 0.12;    ///< between the ground and the plane that the mounting implies [rad]
   double max_ground_step_m = 0.15;  ///< height difference of both planes at base_link [m]
-  int max_disparity_px = 64;        ///< multiple of 16; what is nearer than fx * baseline / this is not seen
-  double downscale = 1.0;           ///< factor by which pictures are made smaller before matching, 1 to 4
+  double nearest_distance_m = 1.0;  ///< before the vehicle's front; obstacles are searched from there on [m]
+  double vehicle_front_m = 1.0;     ///< of the vehicle's outline in base_link [m]
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
@@ -96,10 +97,18 @@ public:
     double clusters_s = 0.0;   ///< likewise all that follows [s]
   };
 
+  /// Pose of the vehicle when the pictures were taken, T_odom_base; nothing: unknown.
+  using PoseSource = std::function<std::optional<Eigen::Isometry3d>()>;
+
   /// @param left, right  CV_8UC1, rectified, of the geometry's size. @throws std::invalid_argument otherwise.
-  Result detect(const cv::Mat& left, const cv::Mat& right);
+  /// @param pose  moves the last pair's ground to this one; called after matching, so that the pose may come meanwhile.
+  Result detect(const cv::Mat& left, const cv::Mat& right, const PoseSource& pose = {});
   /// @param disparity  CV_32FC1 [px] of the geometry's size, left reference; not above 0 or not finite: unknown.
-  Result detect(const cv::Mat& disparity);
+  Result detect(const cv::Mat& disparity, const PoseSource& pose = {});
+
+  /// Depth along the optical axis from which on pairs of pictures are measured [m]. At most that of
+  /// nearest_distance_m, unless it takes more disparities than half of the picture's width.
+  double minDepth() const;
 
   /// The last pair's disparity, CV_32FC1 [px] at the geometry's size, for display. Unknown: -1.
   const cv::Mat& disparity() const;

@@ -12,6 +12,7 @@ namespace
 
 constexpr int SAMPLE_STEP_PX = 7;  // odd: does not fall into step with patterns
 constexpr int HYPOTHESES = 60;
+constexpr double MIN_TRIANGLE = 0.02;  // of three samples, part of the picture: of a smaller one noise makes the plane
 constexpr size_t SCORED_SAMPLES = 400;
 constexpr size_t MIN_INLIERS = 80;
 constexpr double MIN_SPREAD = 1.5;  // of their disparities, in tolerances: the strip of a wall at the ground's height
@@ -20,9 +21,11 @@ constexpr double INLIER_PX = 0.6;
 constexpr double INLIER_PART = 0.02;  // of the disparity: roads are not quite planes
 constexpr int REFINEMENTS = 4;
 constexpr double SAMPLES_PER_INFORMATION = 20.0;  // blocks of matching overlap: errors of neighbours are alike
-constexpr double PRIOR_TILT = 0.012;              // of the vehicle from pair to pair, standard deviation [rad]
-constexpr double PRIOR_HEIGHT_PART = 0.03;        // likewise of the camera's height
-constexpr int FORGET_AFTER_PAIRS = 20;            // without ground, the mounting's plane counts again
+// What changes from pair to pair, standard deviations.
+constexpr double VEHICLE_TILT = 0.012;      // vehicle and road, where the vehicle's motion is unknown [rad]
+constexpr double ROAD_TILT = 0.005;         // road alone: 0.5 m of a curve with a radius of 100 m, as over a hump [rad]
+constexpr double PRIOR_HEIGHT_PART = 0.03;  // of the camera's height
+constexpr double MOUNTING_TILT = 0.02;      // of the mounting: a degree, as measured by hand [rad]
 
 double tolerance(double disparity)
 {
@@ -38,7 +41,7 @@ Eigen::Vector3d coefficients(const DisparityPlane& plane)
 
 GroundEstimator::GroundEstimator(const MatchedCamera& camera, const Eigen::Isometry3d& T_base_left,
                                  const StereoObstacleOptions& options)
-  : camera_(camera), T_base_left_(T_base_left), options_(options)
+  : camera_(camera), T_base_left_(T_base_left), options_(options), tilt_sigma_(MOUNTING_TILT)
 {
 }
 
@@ -67,8 +70,40 @@ bool GroundEstimator::toBase(const Eigen::Vector3d& abc, GroundPlane* plane) con
   const double camera_height_m = camera_.fb / length;
   plane->normal = T_base_left_.linear() * (-n / length);
   plane->offset_m = plane->normal.dot(T_base_left_.translation()) - camera_height_m;
-  return plane->normal.z() >= std::cos(options_.max_ground_tilt) &&
-         std::abs(plane->offset_m) <= options_.max_ground_step_m;
+  return isWithinMounting(*plane);
+}
+
+bool GroundEstimator::isWithinMounting(const GroundPlane& plane) const
+{
+  return plane.normal.z() >= std::cos(options_.max_ground_tilt) &&
+         std::abs(plane.offset_m) <= options_.max_ground_step_m;
+}
+
+DisparityPlane GroundEstimator::disparityPlane() const
+{
+  DisparityPlane plane = toDisparity(plane_);
+  plane.sigma_px = camera_.fb / plane.camera_height_m * tilt_sigma_;
+  return plane;
+}
+
+void GroundEstimator::carry(const std::optional<Eigen::Isometry3d>& T_odom_base)
+{
+  double change = VEHICLE_TILT;
+  if (T_odom_base && T_odom_last_ && pairs_without_ < FORGET_AFTER_PAIRS)
+  {
+    const Eigen::Isometry3d T_now_last = T_odom_base->inverse() * *T_odom_last_;
+    GroundPlane moved;
+    moved.normal = T_now_last.linear() * plane_.normal;
+    moved.offset_m = plane_.offset_m + moved.normal.dot(T_now_last.translation());
+    // Beyond the mounting's tolerance: odometry that jumps.
+    if (isWithinMounting(moved))
+    {
+      plane_ = moved;
+      change = ROAD_TILT;
+    }
+  }
+  T_odom_last_ = T_odom_base;
+  tilt_sigma_ = std::min(MOUNTING_TILT, std::hypot(tilt_sigma_, change));
 }
 
 void GroundEstimator::collect(const cv::Mat& disparity)
@@ -138,7 +173,7 @@ bool GroundEstimator::search(Eigen::Vector3d* abc)
       d(row) = s.disparity;
     }
     GroundPlane plane;
-    if (std::abs(A.determinant()) < 50.0 * camera_.width)
+    if (std::abs(A.determinant()) < 2.0 * MIN_TRIANGLE * camera_.width * camera_.height)
     {
       continue;
     }
@@ -168,7 +203,7 @@ bool GroundEstimator::refine(const Eigen::Vector3d& prior, Eigen::Vector3d* abc)
       sum += weight * disparity * row;
     };
     // The last plane counts as if it was seen at four points.
-    const double tilt_px = camera_.fb / last.camera_height_m * PRIOR_TILT;
+    const double tilt_px = camera_.fb / last.camera_height_m * tilt_sigma_;
     for (const double u : {0.0, static_cast<double>(camera_.width)})
     {
       for (const double v : {0.55 * camera_.height, static_cast<double>(camera_.height)})
@@ -208,8 +243,9 @@ bool GroundEstimator::refine(const Eigen::Vector3d& prior, Eigen::Vector3d* abc)
   return inliers >= MIN_INLIERS && spread >= MIN_SPREAD && 4 * below < 3 * inliers;
 }
 
-GroundPlane GroundEstimator::update(const cv::Mat& disparity)
+GroundPlane GroundEstimator::update(const cv::Mat& disparity, const std::optional<Eigen::Isometry3d>& T_odom_base)
 {
+  carry(T_odom_base);
   collect(disparity);
   Eigen::Vector3d abc;
   GroundPlane found;
@@ -218,6 +254,7 @@ GroundPlane GroundEstimator::update(const cv::Mat& disparity)
   {
     found.measured = true;
     plane_ = found;
+    tilt_sigma_ = 0.0;
     pairs_without_ = 0;
     return plane_;
   }
@@ -225,6 +262,7 @@ GroundPlane GroundEstimator::update(const cv::Mat& disparity)
   if (++pairs_without_ >= FORGET_AFTER_PAIRS)
   {
     plane_ = GroundPlane();
+    tilt_sigma_ = MOUNTING_TILT;
   }
   return plane_;
 }

@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <cstdint>
 #include <opencv2/core/mat.hpp>
+#include <optional>
 #include <random>
 #include <vector>
 
@@ -18,25 +19,29 @@ struct DisparityPlane
   double b = 0.0;
   double c = 0.0;
   double camera_height_m = 1.0;  ///< of the camera above the plane
+  double sigma_px = 0.0;         ///< error of its disparities, standard deviation [px]
 
   double at(double u, double v) const { return a * u + b * v + c; }
 };
 
 /// Fits the ground plane to disparity pictures: a robust fit close to the plane that the mounting implies. The plane of
-/// the last pair stabilises it where little ground is seen.
+/// the last pair, moved by the vehicle's motion where that is known, stabilises it where little ground is seen.
 class GroundEstimator
 {
 public:
   GroundEstimator(const MatchedCamera& camera, const Eigen::Isometry3d& T_base_left,
                   const StereoObstacleOptions& options);
 
-  /// @param disparity  CV_32FC1 of the camera's size.
-  GroundPlane update(const cv::Mat& disparity);
+  /// @param disparity    CV_32FC1 of the camera's size.
+  /// @param T_odom_base  pose of the vehicle at this pair, if known.
+  GroundPlane update(const cv::Mat& disparity, const std::optional<Eigen::Isometry3d>& T_odom_base);
 
   /// The plane of the last update, for the disparity picture.
-  DisparityPlane disparityPlane() const { return toDisparity(plane_); }
+  DisparityPlane disparityPlane() const;
 
 private:
+  static constexpr int FORGET_AFTER_PAIRS = 20;  ///< without ground, the mounting's plane counts again
+
   struct Sample
   {
     float u;
@@ -47,6 +52,9 @@ private:
   DisparityPlane toDisparity(const GroundPlane& plane) const;
   /// @return false if the plane is too far from that of the mounting.
   bool toBase(const Eigen::Vector3d& abc, GroundPlane* plane) const;
+  bool isWithinMounting(const GroundPlane& plane) const;
+  /// Moves the plane of the last pair to the pose of this one.
+  void carry(const std::optional<Eigen::Isometry3d>& T_odom_base);
   /// Samples pixels that could be ground: not further from the mounting's plane than the options allow.
   void collect(const cv::Mat& disparity);
   bool search(Eigen::Vector3d* abc);
@@ -56,8 +64,10 @@ private:
   MatchedCamera camera_;
   Eigen::Isometry3d T_base_left_;
   StereoObstacleOptions options_;
-  GroundPlane plane_;
-  int pairs_without_ = 0;
+  GroundPlane plane_;  ///< of the last pair; until ground is seen, that of the mounting
+  double tilt_sigma_;  ///< of the plane [rad]
+  int pairs_without_ = FORGET_AFTER_PAIRS;
+  std::optional<Eigen::Isometry3d> T_odom_last_;
   std::vector<Sample> samples_;
   std::mt19937 random_{1};
 };

@@ -48,7 +48,6 @@ void ObstacleTrackerOptions::validate() const
   check.range("confirm_hits", confirm_hits, 1, 100);
   check.range("acceleration_m_s2", acceleration_m_s2, 0.01, 50.0);
   check.range("max_speed_m_s", max_speed_m_s, 0.1, 100.0);
-  check.range("min_depth_m", min_depth_m, 0.0, 20.0);
   check.range("vehicle_front_m", vehicle_front_m, 0.0, 20.0);
   check.range("vehicle_rear_m", vehicle_rear_m, 0.0, 20.0);
   check.range("vehicle_half_width_m", vehicle_half_width_m, 0.05, 10.0);
@@ -62,7 +61,7 @@ public:
 
   std::vector<Obstacle> update(int64_t stamp_ns, const VehicleState& vehicle,
                                const std::vector<ObstacleMeasurement>& seen, const std::vector<ObjectTrack>& tracks,
-                               const StereoGeometry& geometry, const Eigen::Isometry3d& T_base_left)
+                               const StereoGeometry& geometry, const Eigen::Isometry3d& T_base_left, double min_depth_m)
   {
     if (last_ns_ && stamp_ns <= *last_ns_)
     {
@@ -94,7 +93,7 @@ public:
         begin(stamp_ns, measurements[i], track);
       }
     }
-    forget(stamp_ns, measurements, geometry, T_base_left);
+    forget(stamp_ns, obstacles::ObstacleView(measurements, geometry, T_base_left, min_depth_m));
     last_result_ = report(vehicle);
     return last_result_;
   }
@@ -357,10 +356,8 @@ private:
            scale_sigma * scale_sigma.transpose();
   }
 
-  void forget(int64_t stamp_ns, const std::vector<ObstacleMeasurement>& measurements, const StereoGeometry& geometry,
-              const Eigen::Isometry3d& T_base_left)
+  void forget(int64_t stamp_ns, const obstacles::ObstacleView& view)
   {
-    const obstacles::ObstacleView view(measurements, geometry, T_base_left, options_.min_depth_m);
     const auto isOver = [&](Known& known)
     {
       if (known.last_seen_ns == stamp_ns)
@@ -467,9 +464,9 @@ ObstacleTracker::~ObstacleTracker() = default;
 std::vector<Obstacle> ObstacleTracker::update(int64_t stamp_ns, const VehicleState& vehicle,
                                               const std::vector<ObstacleMeasurement>& measurements,
                                               const std::vector<ObjectTrack>& tracks, const StereoGeometry& geometry,
-                                              const Eigen::Isometry3d& T_base_left)
+                                              const Eigen::Isometry3d& T_base_left, double min_depth_m)
 {
-  return implementation_->update(stamp_ns, vehicle, measurements, tracks, geometry, T_base_left);
+  return implementation_->update(stamp_ns, vehicle, measurements, tracks, geometry, T_base_left, min_depth_m);
 }
 
 void ObstacleTracker::clear()

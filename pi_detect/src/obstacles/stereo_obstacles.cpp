@@ -25,6 +25,8 @@ using pi_node::secondsSince;
 
 using Clock = std::chrono::steady_clock;
 
+constexpr double LEAST_DEPTH_M = 0.1;  // of what matching reaches, for a camera before the vehicle's front
+
 void checkPicture(const char* name, const cv::Mat& picture, int type, const char* type_name,
                   const StereoGeometry& geometry)
 {
@@ -59,6 +61,19 @@ const StereoObstacleOptions& validated(const StereoGeometry& geometry, const Eig
   return options;
 }
 
+/// Along the optical axis nothing within range is further away than this.
+double maxDepth(const Eigen::Isometry3d& T_ground_left, const StereoObstacleOptions& options)
+{
+  return options.max_range_m / T_ground_left.linear()(0, 2) + T_ground_left.translation().norm();
+}
+
+/// Depth along the optical axis of what is nearest_distance_m before the vehicle's front.
+double minDepthWanted(const Eigen::Isometry3d& T_base_left, const StereoObstacleOptions& options)
+{
+  const double ahead_m = options.vehicle_front_m + options.nearest_distance_m - T_base_left.translation().x();
+  return std::max(LEAST_DEPTH_M, ahead_m / T_base_left.linear()(0, 2));
+}
+
 }  // namespace
 
 void StereoGeometry::validate() const
@@ -84,13 +99,8 @@ void StereoObstacleOptions::validate() const
   check.range("min_size_m", min_size_m, 0.02, 5.0);
   check.range("max_ground_tilt", max_ground_tilt, 0.0, 0.5);
   check.range("max_ground_step_m", max_ground_step_m, 0.0, 1.0);
-  check.range("max_disparity_px", max_disparity_px, 16, 512);
-  check.range("downscale", downscale, 1.0, 4.0);
-  if (max_disparity_px % 16 != 0)
-  {
-    throw std::invalid_argument("max_disparity_px = " + std::to_string(max_disparity_px) +
-                                ", must be a multiple of 16");
-  }
+  check.range("nearest_distance_m", nearest_distance_m, 0.0, 20.0);
+  check.range("vehicle_front_m", vehicle_front_m, 0.0, 20.0);
   if (min_height_m >= max_height_m)
   {
     throw std::invalid_argument("min_height_m = " + std::to_string(min_height_m) +
@@ -106,20 +116,20 @@ public:
     : geometry_(geometry)
     , options_(validated(geometry, T_base_left, options))
     , T_ground_left_(Eigen::Translation3d(0.0, 0.0, -options.ground_z_m) * T_base_left)
-    , matcher_(geometry, options.max_disparity_px, options.downscale)
+    , matcher_(geometry, minDepthWanted(T_base_left, options), maxDepth(T_ground_left_, options))
     , matched_(matcher_.camera(), geometry, T_ground_left_, options)
     , given_(obstacles::MatchedCamera(geometry, geometry.width, geometry.height), geometry, T_ground_left_, options)
   {
   }
 
-  Result detect(const cv::Mat& left, const cv::Mat& right)
+  Result detect(const cv::Mat& left, const cv::Mat& right, const PoseSource& pose)
   {
     checkPicture("left picture", left, CV_8UC1, "CV_8UC1", geometry_);
     checkPicture("right picture", right, CV_8UC1, "CV_8UC1", geometry_);
     const Clock::time_point start = Clock::now();
     const cv::Mat& disparity = matcher_.compute(left, right);
     const double disparity_s = secondsSince(start);
-    Result result = find(disparity, &matched_);
+    Result result = find(disparity, pose, &matched_);
     result.disparity_s = disparity_s;
     if (disparity.size() == left.size())
     {
@@ -134,7 +144,7 @@ public:
     return result;
   }
 
-  Result detect(const cv::Mat& disparity)
+  Result detect(const cv::Mat& disparity, const PoseSource& pose)
   {
     checkPicture("disparity", disparity, CV_32FC1, "CV_32FC1", geometry_);
     disparity.copyTo(disparity_);
@@ -144,8 +154,10 @@ public:
       std::replace_if(
           row, row + disparity_.cols, [](float d) { return !(d > 0.0F && std::isfinite(d)); }, -1.0F);
     }
-    return find(disparity_, &given_);
+    return find(disparity_, pose, &given_);
   }
+
+  double minDepth() const { return matcher_.minDepth(); }
 
   const cv::Mat& disparity() const { return disparity_; }
 
@@ -163,19 +175,21 @@ private:
     obstacles::SurfaceMeter meter;
   };
 
-  Result find(const cv::Mat& disparity, Stages* stages) const
+  Result find(const cv::Mat& disparity, const PoseSource& pose, Stages* stages) const
   {
     Result result;
+    std::optional<Eigen::Isometry3d> T_odom_ground = pose ? pose() : std::nullopt;
+    if (T_odom_ground)
+    {
+      *T_odom_ground = *T_odom_ground * Eigen::Translation3d(0.0, 0.0, options_.ground_z_m);
+    }
     const Clock::time_point start = Clock::now();
     result.coverage = static_cast<double>(cv::countNonZero(disparity > 0.0F)) / static_cast<double>(disparity.total());
-    result.ground = stages->ground.update(disparity);
+    result.ground = stages->ground.update(disparity, T_odom_ground);
     result.ground_s = secondsSince(start);
     const Clock::time_point ground_end = Clock::now();
-    // Along the optical axis nothing within range is further away than this.
-    const double max_depth_m =
-        options_.max_range_m / T_ground_left_.linear()(0, 2) + T_ground_left_.translation().norm();
     for (const obstacles::Surface& surface :
-         stages->surfaces.find(disparity, stages->ground.disparityPlane(), max_depth_m))
+         stages->surfaces.find(disparity, stages->ground.disparityPlane(), maxDepth(T_ground_left_, options_)))
     {
       stages->meter.add(surface, &result.obstacles, &result.points);
     }
@@ -220,14 +234,19 @@ StereoObstacles::StereoObstacles(const StereoGeometry& geometry, const Eigen::Is
 
 StereoObstacles::~StereoObstacles() = default;
 
-StereoObstacles::Result StereoObstacles::detect(const cv::Mat& left, const cv::Mat& right)
+StereoObstacles::Result StereoObstacles::detect(const cv::Mat& left, const cv::Mat& right, const PoseSource& pose)
 {
-  return implementation_->detect(left, right);
+  return implementation_->detect(left, right, pose);
 }
 
-StereoObstacles::Result StereoObstacles::detect(const cv::Mat& disparity)
+StereoObstacles::Result StereoObstacles::detect(const cv::Mat& disparity, const PoseSource& pose)
 {
-  return implementation_->detect(disparity);
+  return implementation_->detect(disparity, pose);
+}
+
+double StereoObstacles::minDepth() const
+{
+  return implementation_->minDepth();
 }
 
 const cv::Mat& StereoObstacles::disparity() const

@@ -36,7 +36,7 @@ void SurfaceFinder::markCells(const cv::Mat& disparity, const DisparityPlane& gr
   const auto H = static_cast<float>(ground.camera_height_m);
   const float below_min = H - static_cast<float>(options_.min_height_m);
   const float below_max = H - static_cast<float>(options_.max_height_m);
-  const auto clear = static_cast<float>(GROUND_SIGMAS * DISPARITY_SIGMA_PX);
+  const auto clear = static_cast<float>(GROUND_SIGMAS * std::hypot(DISPARITY_SIGMA_PX, ground.sigma_px));
   const auto least = static_cast<float>(camera_.fb / max_depth_m);
   for (int row = 0; row < rows_; ++row)
   {

@@ -273,14 +273,15 @@ sensor_msgs::PointCloud2Ptr toPointCloud(const std::vector<Eigen::Vector3f>& poi
 }
 
 stereo_msgs::DisparityImagePtr toDisparityImage(const cv::Mat& disparity, const StereoGeometry& geometry,
-                                                int max_disparity_px, const std_msgs::Header& header)
+                                                double min_depth_m, const std_msgs::Header& header)
 {
   const auto message = boost::make_shared<stereo_msgs::DisparityImage>();
   message->header = header;
   message->f = static_cast<float>(geometry.fx);
   message->T = static_cast<float>(geometry.baseline_m);
   message->min_disparity = 0.0F;
-  message->max_disparity = static_cast<float>(max_disparity_px - geometry.cx_difference);
+  message->max_disparity =
+      static_cast<float>(min_depth_m > 0.0 ? geometry.fx * geometry.baseline_m / min_depth_m : 0.0);
   message->delta_d = 1.0F / 16.0F;
   message->valid_window.width = static_cast<uint32_t>(disparity.cols);
   message->valid_window.height = static_cast<uint32_t>(disparity.rows);

@@ -125,34 +125,47 @@ ObstacleProblem ObstacleFinder::prepare(const StereoJob& job)
   {
     camera_ = camera;
     T_base_left_ = T_base_left;
-    stereo_ = std::make_unique<StereoObstacles>(camera.geometry, T_base_left, options_.stereo);
-    const StereoGeometry& geometry = camera.geometry;
-    ROS_INFO_STREAM_NAMED(
-        "obstacles", "stereo camera: " << sizeText(geometry.width, geometry.height) << " px, baseline "
-                                       << geometry.baseline_m << " m, nearest "
-                                       << geometry.fx * geometry.baseline_m / options_.stereo.max_disparity_px << " m");
+    StereoObstacleOptions stereo = options_.stereo;
+    stereo.vehicle_front_m = options_.tracker.vehicle_front_m;
+    stereo_ = std::make_unique<StereoObstacles>(camera.geometry, T_base_left, stereo);
+    ROS_INFO_STREAM_NAMED("obstacles", "stereo camera: " << sizeText(camera.geometry.width, camera.geometry.height)
+                                                         << " px, baseline " << camera.geometry.baseline_m << " m");
   }
   infos_[LEFT] = job.infos[LEFT];
   infos_[RIGHT] = job.infos[RIGHT];
   return {};
 }
 
-StereoObstacles::Result ObstacleFinder::find(const StereoJob& job, PairFigures* figures)
+StereoObstacles::Result ObstacleFinder::find(const StereoJob& job, const StereoObstacles::PoseSource& pose,
+                                             PairFigures* figures)
 {
-  using Clock = std::chrono::steady_clock;
-  Clock::time_point begin = Clock::now();
-  StereoObstacles::Result result;
-  if (job.disparity)
-  {
-    result = stereo_->detect(
-        pictureOf(topics_.disparity, geometry(), topics_.infos[LEFT], [&job] { return fromMsg(*job.disparity); }));
-    figures->stereo_s = secondsSince(begin);
-    return result;
-  }
+  const StereoObstacles::Result result = job.disparity ? findIn(*job.disparity, pose) : findIn(job.pair, pose, figures);
+  const double forward = T_base_left_.linear()(0, 2);
+  figures->nearest_visible_m =
+      std::max(0.0, min_depth_m_ * forward + T_base_left_.translation().x() - options_.tracker.vehicle_front_m);
+  figures->stereo_s = result.disparity_s + result.ground_s + result.clusters_s;
+  figures->coverage = result.coverage;
+  figures->ground_measured = result.ground.measured;
+  return result;
+}
+
+StereoObstacles::Result ObstacleFinder::findIn(const stereo_msgs::DisparityImage& disparity,
+                                               const StereoObstacles::PoseSource& pose)
+{
+  min_depth_m_ = disparity.max_disparity > 0.0F ? disparity.f * disparity.T / disparity.max_disparity : 0.0;
+  return stereo_->detect(
+      pictureOf(topics_.disparity, geometry(), topics_.infos[LEFT], [&disparity] { return fromMsg(disparity); }), pose);
+}
+
+StereoObstacles::Result ObstacleFinder::findIn(const StereoPair& pair, const StereoObstacles::PoseSource& pose,
+                                               PairFigures* figures)
+{
+  const auto begin = std::chrono::steady_clock::now();
+  min_depth_m_ = stereo_->minDepth();
   cv::Mat pictures[2];
   for (const Side side : {LEFT, RIGHT})
   {
-    const auto& message = side == LEFT ? *job.pair.left : *job.pair.right;
+    const auto& message = side == LEFT ? *pair.left : *pair.right;
     pictures[side] = pictureOf(topics_.pictures[side], geometry(), topics_.infos[side],
                                [this, &message] { return toGrey(message, &used_bits_); });
     if (options_.source == StereoSource::RAW)
@@ -161,10 +174,7 @@ StereoObstacles::Result ObstacleFinder::find(const StereoJob& job, PairFigures* 
     }
   }
   figures->rectify_s = secondsSince(begin);
-  begin = Clock::now();
-  result = stereo_->detect(pictures[LEFT], pictures[RIGHT]);
-  figures->stereo_s = secondsSince(begin);
-  return result;
+  return stereo_->detect(pictures[LEFT], pictures[RIGHT], pose);
 }
 
 }  // namespace pi_detect

@@ -64,12 +64,13 @@ public:
   /// Takes calibration and mounting of the cameras over. @return the problem if they are not known or not usable.
   ObstacleProblem prepare(const StereoJob& job);
   /// After prepare() without problem. @throws std::invalid_argument naming the topic whose picture cannot be used.
-  StereoObstacles::Result find(const StereoJob& job, PairFigures* figures);
+  StereoObstacles::Result find(const StereoJob& job, const StereoObstacles::PoseSource& pose, PairFigures* figures);
 
   // After prepare() without problem:
   const StereoGeometry& geometry() const { return camera_->geometry; }
   const Eigen::Isometry3d& T_base_left() const { return T_base_left_; }  ///< left rectified optical frame
   const cv::Mat& disparity() const { return stereo_->disparity(); }      ///< of the last pair
+  double minDepth() const { return min_depth_m_; }  ///< from which on the last pair was measured, along the axis [m]
   /// A box of the left raw picture in the rectified one. Only without tracks_rectified.
   Box rectify(const Box& raw) const { return rectifiers_[LEFT]->rectify(raw); }
 
@@ -78,6 +79,8 @@ private:
   bool hasChanged(Side side, const StereoJob& job) const;
   /// @throws std::invalid_argument for a wrong calibration.
   StereoCamera cameraOf(const StereoJob& job);
+  StereoObstacles::Result findIn(const stereo_msgs::DisparityImage& disparity, const StereoObstacles::PoseSource& pose);
+  StereoObstacles::Result findIn(const StereoPair& pair, const StereoObstacles::PoseSource& pose, PairFigures* figures);
 
   const ObstaclesRosOptions& options_;
   const StereoTopics topics_;
@@ -87,6 +90,7 @@ private:
   std::unique_ptr<Rectifier> rectifiers_[2];
   Eigen::Isometry3d T_base_left_ = Eigen::Isometry3d::Identity();
   std::unique_ptr<StereoObstacles> stereo_;
+  double min_depth_m_ = 0.0;
   UsedBits used_bits_;  ///< of both cameras
 };
 

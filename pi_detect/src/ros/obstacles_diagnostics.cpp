@@ -17,12 +17,25 @@ using pi_node::format;
 
 using diagnostic_msgs::DiagnosticStatus;
 
+constexpr double NEAR_ENOUGH_M = 2.0;
+
 std::string finite(const char* pattern, double value)
 {
   return std::isfinite(value) ? format(pattern, value) : "none";
 }
 
 }  // namespace
+
+std::string nearLimitText(double nearest_visible_m)
+{
+  if (nearest_visible_m <= NEAR_ENOUGH_M)
+  {
+    return "";
+  }
+  return "obstacles nearer than " + format("%.1f", nearest_visible_m) +
+         " m before the vehicle are not measured: lower stereo/nearest_distance_m; with source: disparity, let its "
+         "matcher search more disparities; else the baseline is too long for the picture's width";
+}
 
 ObstaclesDiagnostics::ObstaclesDiagnostics(const ros::NodeHandle& node, const ros::NodeHandle& private_node,
                                            const pi_node::WarningBoard* warnings, double input_timeout_s,
@@ -83,6 +96,10 @@ void ObstaclesDiagnostics::reportObstacles(Status& status)
                                                ": dark, covered or dirty lenses, or another pair's calibration; " +
                                                "no obstacles are published");
   }
+  else if (const std::string limit = nearLimitText(pair_->nearest_visible_m); !limit.empty())
+  {
+    status.summary(DiagnosticStatus::WARN, limit);
+  }
   else
   {
     status.summary(DiagnosticStatus::OK, std::to_string(pair_->obstacles) + " obstacles, nearest " +
@@ -98,6 +115,7 @@ void ObstaclesDiagnostics::reportObstacles(Status& status)
   if (pair_)
   {
     status.add("coverage [%]", format("%.1f", 100.0 * pair_->coverage));
+    status.add("nearest visible [m]", format("%.2f", pair_->nearest_visible_m));
     status.add("ground measured", pair_->ground_measured ? "yes" : "no");
     status.add("obstacles", pair_->obstacles);
     status.add("nearest [m]", finite("%.2f", pair_->nearest_m));

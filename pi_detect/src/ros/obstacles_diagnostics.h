@@ -45,11 +45,15 @@ struct PairFigures
   double track_s = 0.0;
   double coverage = 0.0;
   bool ground_measured = false;
+  double nearest_visible_m = 0.0;  ///< distance before the vehicle's front from which on obstacles are measured [m]
   size_t obstacles = 0;
   double nearest_m = 0.0;             ///< infinite: none
   double time_to_collision_s = 0.0;   ///< smallest; infinite: none
   std::optional<double> track_age_s;  ///< of the labels' tracks; nullopt: none
 };
+
+/// What limits the view near the vehicle; empty if obstacles are measured from 2 m before its front on, or nearer.
+std::string nearLimitText(double nearest_visible_m);
 
 /// Publishes the diagnostics of the obstacles node: results and speed, inputs and their faults, motion of the vehicle.
 class ObstaclesDiagnostics

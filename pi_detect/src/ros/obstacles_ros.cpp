@@ -116,8 +116,8 @@ void ObstaclesRos::publish(const ObstaclesWorker::Found& found)
   }
   if (disparity_.getNumSubscribers() > 0)
   {
-    disparity_.publish(toDisparityImage(found.finder.disparity(), found.finder.geometry(),
-                                        options_.stereo.max_disparity_px, found.job.header()));
+    disparity_.publish(toDisparityImage(found.finder.disparity(), found.finder.geometry(), found.finder.minDepth(),
+                                        found.job.header()));
   }
 }
 

@@ -46,14 +46,12 @@ static void visitFields(ObstaclesRosOptions& options, Visitor&& visit)
   visit("stereo/min_size_m", stereo.min_size_m);
   visit("stereo/max_ground_tilt", stereo.max_ground_tilt);
   visit("stereo/max_ground_step_m", stereo.max_ground_step_m);
-  visit("stereo/max_disparity_px", stereo.max_disparity_px);
-  visit("stereo/downscale", stereo.downscale);
+  visit("stereo/nearest_distance_m", stereo.nearest_distance_m);
   visit("tracker/time_to_live_s", tracker.time_to_live_s);
   visit("tracker/memory_s", tracker.memory_s);
   visit("tracker/confirm_hits", tracker.confirm_hits);
   visit("tracker/acceleration_m_s2", tracker.acceleration_m_s2);
   visit("tracker/max_speed_m_s", tracker.max_speed_m_s);
-  visit("tracker/min_depth_m", tracker.min_depth_m);
   visit("tracker/vehicle_front_m", tracker.vehicle_front_m);
   visit("tracker/vehicle_rear_m", tracker.vehicle_rear_m);
   visit("tracker/vehicle_half_width_m", tracker.vehicle_half_width_m);

@@ -167,22 +167,32 @@ void ObstaclesWorker::workOn(const StereoJob& job)
     setProblem(problem);
     return;
   }
+  const ros::Time stamp = job.header().stamp;
+  std::optional<VehicleState> vehicle;
   PairFigures figures;
-  const StereoObstacles::Result result = finder_.find(job, &figures);
-  figures.coverage = result.coverage;
-  figures.ground_measured = result.ground.measured;
+  const StereoObstacles::Result result = finder_.find(
+      job,
+      [&]() -> std::optional<Eigen::Isometry3d>
+      {
+        vehicle = motionAt(stamp, answers_.waits(options_.tf_wait_s));
+        return vehicle ? std::make_optional(vehicle->T_odom_base) : std::nullopt;
+      },
+      &figures);
   setProblem({});
+  if (const std::string limit = nearLimitText(figures.nearest_visible_m); !limit.empty())
+  {
+    warnings_->warn(limit);
+  }
   if (result.coverage < options_.min_coverage)
   {
     diagnostics_->addPair(figures);  // publishing nothing, not "no obstacles": the way may be blocked
     return;
   }
-  const ros::Time stamp = job.header().stamp;
-  const VehicleState vehicle = motionAt(stamp, answers_.waits(options_.tf_wait_s));
   const Clock::time_point begin = Clock::now();
   const std::vector<ObjectTrack> tracks = tracksAt(stamp, &figures.track_age_s);
   const std::vector<Obstacle> obstacles =
-      tracker_.update(fromMsg(stamp), vehicle, result.obstacles, tracks, finder_.geometry(), finder_.T_base_left());
+      tracker_.update(fromMsg(stamp), vehicle.value_or(VehicleState()), result.obstacles, tracks, finder_.geometry(),
+                      finder_.T_base_left(), finder_.minDepth());
   figures.track_s = pi_node::secondsSince(begin);
   publish_({job, result, obstacles, labels_, finder_});
 
@@ -251,10 +261,10 @@ std::vector<ObjectTrack> ObstaclesWorker::tracksAt(const ros::Time& stamp, std::
   return tracks;
 }
 
-VehicleState ObstaclesWorker::motionAt(const ros::Time& stamp, int64_t until_ns)
+std::optional<VehicleState> ObstaclesWorker::motionAt(const ros::Time& stamp, int64_t until_ns)
 {
   std::string problem;
-  const std::optional<VehicleState> state = motion_.at(stamp, until_ns, &problem);
+  std::optional<VehicleState> state = motion_.at(stamp, until_ns, &problem);
   if (!problem.empty())
   {
     warnings_->warn(state ? problem
@@ -272,7 +282,7 @@ VehicleState ObstaclesWorker::motionAt(const ros::Time& stamp, int64_t until_ns)
     figures_.motion_problem = problem;
     figures_.motion_known = state.has_value();
   }
-  return state.value_or(VehicleState());
+  return state;
 }
 
 }  // namespace pi_detect

@@ -66,7 +66,7 @@ private:
   void workOn(const StereoJob& job);
   void setProblem(const ObstacleProblem& problem);
   std::vector<ObjectTrack> tracksAt(const ros::Time& stamp, std::optional<double>* age_s);
-  VehicleState motionAt(const ros::Time& stamp, int64_t until_ns);
+  std::optional<VehicleState> motionAt(const ros::Time& stamp, int64_t until_ns);
 
   const ObstaclesRosOptions& options_;
   pi_node::WarningBoard* const warnings_;

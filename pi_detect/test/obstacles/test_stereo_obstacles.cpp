@@ -28,6 +28,7 @@ struct Block
 /// Depth of a plane with a slope along x, and of fronts of blocks.
 struct Scene
 {
+  StereoGeometry geometry = makeGeometry();
   double slope = 0.0;   ///< dz / dx of the ground
   double step_m = 0.0;  ///< its height at base_link
   std::vector<Block> blocks;
@@ -35,7 +36,6 @@ struct Scene
   /// Along the optical axis; 0: nothing.
   double depth(double u, double v) const
   {
-    const StereoGeometry geometry = makeGeometry();
     const double side = -(u - geometry.cx) / geometry.fx;  // y and z per metre of x
     const double rise = -(v - geometry.cy) / geometry.fy;
     double nearest = std::numeric_limits<double>::infinity();
@@ -58,7 +58,6 @@ struct Scene
 
   cv::Mat disparity() const
   {
-    const StereoGeometry geometry = makeGeometry();
     cv::Mat picture(geometry.height, geometry.width, CV_32FC1, cv::Scalar(-1.0));
     for (int v = 0; v < picture.rows; ++v)
     {
@@ -197,20 +196,67 @@ TEST(StereoObstacles, FindsBlocksInAPairNearestFirst)
   EXPECT_GT(result.disparity_s, 0.0);
 }
 
-TEST(StereoObstacles, FindsThemInSmallerPicturesToo)
+TEST(StereoObstacles, MatchesAWideBaselineAtHalfSize)
 {
   Scene scene;
+  scene.geometry.baseline_m = 0.6;  // 192 px m: 10 px at 18 m
   scene.blocks = {{5.0, -0.5, 0.5, 0.0, 1.2}};
   const Pair pair = makePair(scene);
-  StereoObstacleOptions options;
-  options.downscale = 2.0;
-  StereoObstacles detector = makeDetector(options);
+  StereoObstacles detector(scene.geometry, makeMounting(), StereoObstacleOptions());
   const auto result = detector.detect(pair.left, pair.right);
   ASSERT_EQ(result.obstacles.size(), 1U);
-  EXPECT_NEAR(result.obstacles[0].nearest.x(), 5.0, 0.4);
-  EXPECT_NEAR(result.obstacles[0].box.x1, 319.5 - 0.5 * 64.0, 20.0) << "in pixels of the whole picture";
+  EXPECT_NEAR(result.obstacles[0].nearest.x(), 5.0, 0.1);
+  EXPECT_NEAR(result.obstacles[0].box.x1, 319.5 - 0.5 * 64.0, 10.0) << "in pixels of the whole picture";
   ASSERT_EQ(detector.disparity().size(), pair.left.size());
-  EXPECT_NEAR(detector.disparity().at<float>(250, 320), 38.4 / 5.0, 0.5);
+  EXPECT_NEAR(detector.disparity().at<float>(250, 320), 192.0 / 5.0, 0.5);
+}
+
+TEST(StereoObstacles, MeasuresFromTheWantedDistanceBeforeTheVehicleOn)
+{
+  Eigen::Isometry3d T_base_left = makeMounting();
+  T_base_left.translation().x() = 0.7;
+  StereoObstacleOptions options;
+  options.nearest_distance_m = 0.8;
+  options.vehicle_front_m = 0.9;
+  const double wanted_m = 0.8 + 0.9 - 0.7;
+  for (const double baseline_m : {0.05, 0.12, 0.3})
+  {
+    StereoGeometry geometry = makeGeometry();
+    geometry.baseline_m = baseline_m;
+    const double min_depth_m = StereoObstacles(geometry, T_base_left, options).minDepth();
+    EXPECT_LE(min_depth_m, wanted_m) << baseline_m;
+    // The search has a multiple of 32 px of the whole picture, at least 64.
+    EXPECT_LE(geometry.fx * baseline_m / min_depth_m, std::max(64.0, geometry.fx * baseline_m / wanted_m + 32.0))
+        << baseline_m;
+  }
+  StereoGeometry wide = makeGeometry();
+  wide.baseline_m = 2.0;
+  EXPECT_NEAR(StereoObstacles(wide, T_base_left, options).minDepth(), 2.0, 1e-9)
+      << "half of the picture's width: 320 px";
+}
+
+TEST(StereoObstacles, FindsWhatStandsAtTheWantedDistance)
+{
+  Scene scene;
+  scene.blocks = {{2.0, -0.4, 0.4, 0.0, 1.2}};  // 1 m before the vehicle's front
+  const Pair pair = makePair(scene);
+  const auto result = makeDetector().detect(pair.left, pair.right);
+  ASSERT_EQ(result.obstacles.size(), 1U);
+  EXPECT_NEAR(result.obstacles[0].nearest.x(), 2.0, 0.05);
+}
+
+TEST(StereoObstacles, FillsSurfacesWithoutTexture)
+{
+  Scene scene;
+  scene.blocks = {{3.0, -1.0, 1.0, 0.0, 1.6}};
+  Pair pair = makePair(scene);
+  // A car door: inside of its edges all is even. The disparity is 12.8 px.
+  const cv::Rect door(250, 250, 120, 60);
+  pair.left(door).setTo(120);
+  pair.right(door - cv::Point(13, 0)).setTo(120);
+  StereoObstacles detector = makeDetector();
+  detector.detect(pair.left, pair.right);
+  EXPECT_GT(cv::countNonZero(cv::abs(detector.disparity()(door) - 12.8F) < 1.0F), 0.9 * door.area());
 }
 
 TEST(StereoObstacles, FindsNothingOnAnEmptyRoad)
@@ -284,6 +330,44 @@ TEST(StereoObstacles, KeepsTheGroundOfTheLastPairWhileNoneIsSeen)
   EXPECT_TRUE(kept.normal.isApprox(Eigen::Vector3d::UnitZ())) << "after a while, the mounting counts";
 }
 
+TEST(StereoObstacles, MovesTheGroundWithTheVehicleWhileNoneIsSeen)
+{
+  Scene road;
+  Scene wall;
+  wall.blocks = {{1.2, -20.0, 20.0, -5.0, 20.0}};
+  StereoObstacles detector = makeDetector();
+  Eigen::Isometry3d T_odom_base = Eigen::Isometry3d::Identity();
+  const auto pose = [&T_odom_base] { return std::make_optional(T_odom_base); };
+  for (int i = 0; i < 5; ++i)
+  {
+    detector.detect(road.disparity(), pose);
+  }
+  // The vehicle brakes before the wall and pitches forward.
+  T_odom_base.linear() = Eigen::AngleAxisd(0.04, Eigen::Vector3d::UnitY()).toRotationMatrix();
+  T_odom_base.translation() = Eigen::Vector3d(0.3, 0.0, -0.02);
+  const GroundPlane moved = detector.detect(wall.disparity(), pose).ground;
+  EXPECT_FALSE(moved.measured);
+  EXPECT_NEAR(std::atan2(-moved.normal.x(), moved.normal.z()), 0.04, 0.005);
+  EXPECT_NEAR(moved.offset_m, 0.02, 0.01);
+  // Odometry that jumps is not followed.
+  T_odom_base.translation().z() = 5.0;
+  const GroundPlane kept = detector.detect(wall.disparity(), pose).ground;
+  EXPECT_TRUE(kept.normal.isApprox(moved.normal));
+}
+
+TEST(StereoObstacles, AllowsForTheMountingWhileNoGroundIsSeen)
+{
+  // Only a strip 10 m ahead is seen, of a road that rises by 1.5 degrees: 0.26 m at this distance.
+  Scene scene;
+  scene.slope = 0.026;
+  cv::Mat disparity = scene.disparity();
+  disparity.rowRange(0, 260).setTo(-1.0F);
+  disparity.rowRange(264, disparity.rows).setTo(-1.0F);
+  const auto result = makeDetector().detect(disparity);
+  EXPECT_FALSE(result.ground.measured);
+  EXPECT_TRUE(result.obstacles.empty());
+}
+
 TEST(StereoObstacles, LetsThingsHangAboveTheVehicle)
 {
   Scene scene;
@@ -351,6 +435,19 @@ TEST(StereoObstacles, SeesNothingInDarkPictures)
   EXPECT_FALSE(result.ground.measured);
 }
 
+TEST(StereoObstacles, SeesNothingInNoise)
+{
+  // Covered lenses: only the noise of both sensors.
+  cv::Mat pictures[2];
+  cv::RNG random(3);
+  for (cv::Mat& picture : pictures)
+  {
+    picture = cv::Mat(480, 640, CV_8UC1);
+    random.fill(picture, cv::RNG::NORMAL, 20, 6);
+  }
+  EXPECT_LT(makeDetector().detect(pictures[0], pictures[1]).coverage, 0.1);
+}
+
 TEST(StereoObstacles, TakesUnknownDisparitiesInEveryForm)
 {
   Scene scene;
@@ -407,9 +504,8 @@ void expectRefused(const std::function<void(StereoObstacleOptions*)>& change, co
 
 TEST(StereoObstacles, RefusesOptionsOutOfRange)
 {
-  expectRefused([](StereoObstacleOptions* options) { options->max_disparity_px = 50; },
-                "max_disparity_px = 50, must be a multiple of 16");
-  expectRefused([](StereoObstacleOptions* options) { options->downscale = 0.5; }, "downscale = 0.5, must be in [1, 4]");
+  expectRefused([](StereoObstacleOptions* options) { options->nearest_distance_m = -1.0; },
+                "nearest_distance_m = -1, must be in [0, 20]");
   expectRefused([](StereoObstacleOptions* options) { options->max_range_m = std::nan(""); },
                 "max_range_m = nan, must be in [1, 200]");
   expectRefused([](StereoObstacleOptions* options) { options->min_height_m = 1.9, options->max_height_m = 1.0; },

@@ -132,6 +132,19 @@ TEST_F(ObstaclesNodelet, SaysTheSameFromADisparityImage)
   EXPECT_EQ(0u, graph_.listeners());
 }
 
+TEST_F(ObstaclesNodelet, WarnsIfNearThingsAreNotMeasured)
+{
+  load("disparity");
+  ASSERT_TRUE(graph_.waitForDisparityListeners());
+  ASSERT_TRUE(showUntil([this] { return graph_.showDisparity(street_, 3.5); }, hasBox));
+  // The vehicle's front is 1 m before the camera.
+  EXPECT_TRUE(diagnostics_.waitForSummary("obstacles: obstacles", WARN, "nearer than 2.5 m before the vehicle"))
+      << text();
+  EXPECT_TRUE(log_.waitForText("nearer than 2.5 m before the vehicle are not measured")) << text();
+  ASSERT_TRUE(showUntil([this] { return graph_.showDisparity(street_); }, hasBox));
+  EXPECT_TRUE(diagnostics_.waitForSummary("obstacles: obstacles", OK, "nearest 5.0 m")) << text();
+}
+
 TEST_F(ObstaclesNodelet, WorksWithoutOdometryAndSaysSo)
 {
   load();

@@ -190,14 +190,14 @@ ros::Time StreetOnGraph::showSwapped(const RenderedStreet& street)
   return stamp;
 }
 
-ros::Time StreetOnGraph::showDisparity(const RenderedStreet& street)
+ros::Time StreetOnGraph::showDisparity(const RenderedStreet& street, double min_depth_m)
 {
   const ros::Time stamp = nextStamp();
   StereoGeometry geometry;
   geometry.fx = RenderedStreet::FOCAL_PX;
   geometry.baseline_m = RenderedStreet::BASELINE_M;
   infos_[0].publish(makeInfo(false, stamp));
-  disparity_.publish(toDisparityImage(street.disparity, geometry, 96, makeHeader(0, stamp)));
+  disparity_.publish(toDisparityImage(street.disparity, geometry, min_depth_m, makeHeader(0, stamp)));
   return stamp;
 }
 

@@ -35,7 +35,7 @@ public:
 
   /// @return the stamp; they grow by 0.1 s from pair to pair, in all tests of a program.
   ros::Time showPair(const RenderedStreet& street);
-  ros::Time showDisparity(const RenderedStreet& street);
+  ros::Time showDisparity(const RenderedStreet& street, double min_depth_m = 1.0);
   /// The same with P of both cameras exchanged.
   ros::Time showSwapped(const RenderedStreet& street);
 

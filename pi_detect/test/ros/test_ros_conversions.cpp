@@ -207,9 +207,10 @@ TEST(RosConversions, DisparityComesBackWithoutTheShiftOfThePrincipalPoints)
   geometry.baseline_m = 0.2;
   geometry.cx_difference = 2.0;
   const cv::Mat disparity = (cv::Mat_<float>(1, 3) << 18.0F, -1.0F, 34.5F);
-  const auto message = toDisparityImage(disparity, geometry, 96, makeHeader());
+  const auto message = toDisparityImage(disparity, geometry, 0.8, makeHeader());
   EXPECT_EQ(400.0F, message->f);
   EXPECT_EQ(0.2F, message->T);
+  EXPECT_FLOAT_EQ(100.0F, message->max_disparity);
   const cv::Mat again = fromMsg(*message);
   EXPECT_EQ(16.0F, again.at<float>(0, 0));
   EXPECT_EQ(-1.0F, again.at<float>(0, 1));
@@ -222,7 +223,7 @@ TEST(RosConversions, DisparitiesBelowTheSmallestAreUnknown)
   geometry.fx = 400.0;
   geometry.baseline_m = 0.2;
   const cv::Mat disparity = (cv::Mat_<float>(1, 3) << 15.0F, 16.0F, std::nanf(""));
-  const auto message = toDisparityImage(disparity, geometry, 96, makeHeader());
+  const auto message = toDisparityImage(disparity, geometry, 0.8, makeHeader());
   reinterpret_cast<float*>(message->image.data.data())[2] = std::nanf("");
   message->min_disparity = 16.0F;
   const cv::Mat again = fromMsg(*message);
@@ -236,7 +237,7 @@ TEST(RosConversions, DisparityThatCannotBeIsNamed)
   StereoGeometry geometry;
   geometry.fx = 400.0;
   geometry.baseline_m = 0.2;
-  const auto message = toDisparityImage(cv::Mat::ones(2, 3, CV_32FC1), geometry, 96, makeHeader());
+  const auto message = toDisparityImage(cv::Mat::ones(2, 3, CV_32FC1), geometry, 0.8, makeHeader());
   stereo_msgs::DisparityImage wrong = *message;
   wrong.image.encoding = "16SC1";
   EXPECT_TRUE(contains(messageOf<std::invalid_argument>([&] { fromMsg(wrong); }), "encoding \"16SC1\""));

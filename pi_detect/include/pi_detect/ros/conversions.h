@@ -59,8 +59,9 @@ sensor_msgs::PointCloud2Ptr toPointCloud(const std::vector<Eigen::Vector3f>& poi
 
 /// @param disparity  as StereoObstacles::disparity() returns it. In the message unknown pixels are -1, and depth is
 ///        f * T / disparity even if the principal points differ.
+/// @param min_depth_m  from which on depths are measured; 0: unknown [m].
 stereo_msgs::DisparityImagePtr toDisparityImage(const cv::Mat& disparity, const StereoGeometry& geometry,
-                                                int max_disparity_px, const std_msgs::Header& header);
+                                                double min_depth_m, const std_msgs::Header& header);
 /// CV_32FC1 [px], unknown pixels -1. @throws std::invalid_argument for an inconsistent message.
 cv::Mat fromMsg(const stereo_msgs::DisparityImage& message);
 
