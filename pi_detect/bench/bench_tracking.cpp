@@ -4,8 +4,10 @@
 #include <pi_detect/detector.h>
 #include <pi_detect/object_tracker.h>
 #include <pi_node/command_line.h>
-#include "tracking/assignment.h"
+#include <pi_node/formatting.h>
+#include "tracking/film.h"
 #include "tracking/mot_metrics.h"
+#include "tracking/sort.h"
 
 #include <algorithm>
 #include <chrono>
@@ -18,13 +20,10 @@
 #include <map>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
-#include <opencv2/videoio.hpp>
 #include <sstream>
 #include <stdexcept>
 #include <string>
 #include <vector>
-
-#include "tracking/box_filter.h"
 
 namespace
 {
@@ -44,7 +43,12 @@ struct Arguments
   std::string label = "person";
   double suppress = 0.45;
   double frame_rate = 0.0;  ///< 0: that of the video
+  Window window;
+  std::string motion = "flow";
+  bool no_looks = false;
   bool predicted = false;
+  int threads = 0;
+  std::string json;
 };
 
 bool parse(int argc, char** argv, Arguments* arguments)
@@ -59,6 +63,16 @@ bool parse(int argc, char** argv, Arguments* arguments)
   options.addValue("suppress", &arguments->suppress,
                    "overlap of boxes above which the better one suppresses the other");
   options.add("frame-rate", po::value(&arguments->frame_rate)->default_value(0.0, "the video's"), "[Hz]");
+  options.addValue("window", &arguments->window.width, "width of the part of the picture that is used [px]; 0: all");
+  options.addValue("start", &arguments->window.start, "left edge of the window in the first picture [px]");
+  options.addValue(
+      "pan", &arguments->window.speed,
+      "speed of the window, which turns back at the picture's edges; below 0: to the left at first [px/s]");
+  options.addValue("motion", &arguments->motion,
+                   "what the tracker knows of the pan: flow (of the pictures), known (as from tf) or none");
+  options.addFlag("no-looks", &arguments->no_looks, "objects are told apart by their places alone");
+  options.addValue("threads", &arguments->threads, "of OpenCV; 0: as many as cores");
+  options.add("json", po::value(&arguments->json), "file for the figures of ObjectTracker");
   options.addFlag("predicted", &arguments->predicted, "count tracks also where they are not seen but predicted");
   options.addPositional("video", &arguments->video, "no video is named; see --help");
   options.addPositional("truth", &arguments->truth, "no file of true tracks is named; see --help");
@@ -70,6 +84,10 @@ bool parse(int argc, char** argv, Arguments* arguments)
   if (arguments->every < 1)
   {
     throw po::error("--every " + std::to_string(arguments->every) + ", must be at least 1");
+  }
+  if (arguments->motion != "flow" && arguments->motion != "known" && arguments->motion != "none")
+  {
+    throw po::error("--motion " + arguments->motion + ", must be flow, known or none");
   }
   return true;
 }
@@ -113,121 +131,26 @@ void writeDetections(const std::string& path, const std::map<int, Detections>& d
   }
 }
 
-std::vector<cv::Mat> readPictures(const Arguments& arguments, const TruthTracks& truth)
+PictureView viewOf(const cv::Mat& picture)
 {
-  cv::VideoCapture video(arguments.video);
-  std::vector<cv::Mat> pictures;
-  cv::Mat picture;
-  const int end = truth.first_frame + static_cast<int>(truth.pictures.size());
-  for (int frame = 0; frame < end && video.read(picture); ++frame)
-  {
-    if (frame >= truth.first_frame)
-    {
-      pictures.push_back(picture.clone());
-    }
-  }
-  if (pictures.size() != truth.pictures.size())
-  {
-    throw std::runtime_error(arguments.video + ": cannot be read up to frame " + std::to_string(end - 1));
-  }
-  return pictures;
+  return {picture.data, picture.cols, picture.rows, picture.step, PictureView::Format::BGR8};
 }
 
-std::map<int, Detections> detect(const Arguments& arguments, const std::vector<cv::Mat>& pictures, int first_frame)
+std::map<int, Detections> detect(const Arguments& arguments, const ModelDescription& model, const Film& film)
 {
   DetectorOptions options;
+  options.threads = arguments.threads;
   options.filter.score_threshold = LEAST_SCORE;
   options.filter.classes = {arguments.label};
   options.filter.class_agnostic_overlap = static_cast<float>(arguments.suppress);
-  Detector detector(ModelDescription::load(arguments.model), options, nullptr);
+  Detector detector(model, options, nullptr);
   std::map<int, Detections> detections;
-  for (size_t i = 0; i < pictures.size(); ++i)
+  for (size_t i = 0; i < film.pictures.size(); ++i)
   {
-    const cv::Mat& picture = pictures[i];
-    detections[first_frame + static_cast<int>(i)] =
-        detector.detect({picture.data, picture.cols, picture.rows, picture.step, PictureView::Format::BGR8}).detections;
+    detections[film.truth.first_frame + static_cast<int>(i)] = detector.detect(viewOf(film.pictures[i])).detections;
   }
   return detections;
 }
-
-/// SORT: one round of detections from a score on, predicted boxes must overlap by 0.3, tracks end after more than some
-/// pictures without detection. Boxes are filtered as by ObjectTracker.
-class Sort
-{
-public:
-  Sort(double score, int max_misses) : score_(score), max_misses_(max_misses) {}
-
-  std::vector<ObjectTrack> update(int64_t stamp_ns, const Detections& all)
-  {
-    constexpr double FORBIDDEN = 2.0;
-    const double dt_s = 1e-9 * static_cast<double>(stamp_ns - last_stamp_ns_);
-    last_stamp_ns_ = stamp_ns;
-    Detections detections;
-    std::copy_if(all.begin(), all.end(), std::back_inserter(detections),
-                 [this](const Detection& detection) { return detection.score >= score_; });
-    Eigen::MatrixXd cost(static_cast<Eigen::Index>(tracks_.size()), static_cast<Eigen::Index>(detections.size()));
-    for (size_t i = 0; i < tracks_.size(); ++i)
-    {
-      tracks_[i].filter.predict(dt_s);
-      ++tracks_[i].misses;
-      for (size_t j = 0; j < detections.size(); ++j)
-      {
-        const double common = overlap(tracks_[i].filter.box(), detections[j].box);
-        cost(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) = common >= 0.3 ? 1.0 - common : FORBIDDEN;
-      }
-    }
-    const std::vector<int> assigned = assign(cost, FORBIDDEN);
-    std::vector<bool> taken(detections.size(), false);
-    for (size_t i = 0; i < assigned.size(); ++i)
-    {
-      if (assigned[i] >= 0)
-      {
-        taken[static_cast<size_t>(assigned[i])] = true;
-        tracks_[i].filter.correct(detections[static_cast<size_t>(assigned[i])].box);
-        tracks_[i].misses = 0;
-        ++tracks_[i].track.hits;
-        tracks_[i].track.last_seen_ns = stamp_ns;
-      }
-    }
-    for (size_t j = 0; j < detections.size(); ++j)
-    {
-      if (!taken[j])
-      {
-        tracks_.push_back({BoxFilter(detections[j].box, BoxFilterNoise()), {}, 0});
-        tracks_.back().track.id = ++last_id_;
-        tracks_.back().track.hits = 1;
-        tracks_.back().track.last_seen_ns = stamp_ns;
-      }
-    }
-    tracks_.erase(std::remove_if(tracks_.begin(), tracks_.end(),
-                                 [this](const Followed& followed) { return followed.misses > max_misses_; }),
-                  tracks_.end());
-    std::vector<ObjectTrack> result;
-    for (Followed& followed : tracks_)
-    {
-      followed.track.box = followed.filter.box();
-      if (followed.track.hits >= 3)
-      {
-        result.push_back(followed.track);
-      }
-    }
-    return result;
-  }
-
-private:
-  struct Followed
-  {
-    BoxFilter filter;
-    ObjectTrack track;
-    int misses;
-  };
-
-  const double score_;
-  const int max_misses_;
-  std::vector<Followed> tracks_;
-  int64_t last_stamp_ns_ = 0;
-  int64_t last_id_ = 0;
-};
 
 void draw(const std::string& path, const cv::Mat& picture, const TruthTracks::Picture& truth,
           const std::vector<ObjectTrack>& tracks, int64_t stamp_ns)
@@ -253,28 +176,27 @@ void draw(const std::string& path, const cv::Mat& picture, const TruthTracks::Pi
   }
 }
 
-using Update = std::function<std::vector<ObjectTrack>(int64_t, const Detections&)>;
+/// @param picture  number within the film.
+using Update = std::function<std::vector<ObjectTrack>(size_t picture, int64_t stamp_ns, const Detections&)>;
 
 struct Run
 {
   const Arguments& arguments;
-  const TruthTracks& truth;
-  const std::vector<cv::Mat>& pictures;  ///< empty: nothing is drawn
+  const Film& film;
   const std::map<int, Detections>& detections;
-  double frame_rate;
 
-  void print(const char* name, const Update& update, bool overlay) const
+  MotMetrics measure(const std::string& name, const Update& update, bool overlay) const
   {
     MotEvaluation evaluation;
     double seconds = 0.0;
-    for (size_t i = 0; i < truth.pictures.size(); i += static_cast<size_t>(arguments.every))
+    for (size_t i = 0; i < film.pictures.size(); i += static_cast<size_t>(arguments.every))
     {
-      const int frame = truth.first_frame + static_cast<int>(i);
-      const int64_t stamp_ns = static_cast<int64_t>(1e9 * (1.0 + frame / frame_rate));
+      const int frame = film.truth.first_frame + static_cast<int>(i);
+      const int64_t stamp_ns = static_cast<int64_t>(1e9 * (1.0 + frame / film.frame_rate));
       const auto found = detections.find(frame);
       const Detections rows = found == detections.end() ? Detections() : found->second;
       const auto start = std::chrono::steady_clock::now();
-      const std::vector<ObjectTrack> tracks = update(stamp_ns, rows);
+      const std::vector<ObjectTrack> tracks = update(i, stamp_ns, rows);
       seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
       std::vector<IdentifiedBox> boxes;
       for (const ObjectTrack& track : tracks)
@@ -284,38 +206,93 @@ struct Run
           boxes.push_back({track.id, track.box});
         }
       }
-      evaluation.add(truth.pictures[i].boxes, boxes, truth.pictures[i].ignored);
+      evaluation.add(film.truth.pictures[i].boxes, boxes, film.truth.pictures[i].ignored);
       if (overlay && !arguments.overlay.empty())
       {
-        draw(arguments.overlay + "/" + std::to_string(frame) + ".png", pictures[i], truth.pictures[i], tracks,
+        draw(arguments.overlay + "/" + std::to_string(frame) + ".png", film.pictures[i], film.truth.pictures[i], tracks,
              stamp_ns);
       }
     }
     const MotMetrics metrics = evaluation.metrics();
-    const double minutes = static_cast<double>(truth.pictures.size()) / frame_rate / 60.0;
-    std::printf("%-22s %6.3f %6.3f %6.3f %8d %8.1f %9d %7d %7d %9.1f\n", name, metrics.mota, metrics.motp, metrics.idf1,
-                metrics.switches, metrics.switches / minutes, metrics.fragments, metrics.misses,
-                metrics.false_positives, 1e6 * seconds / metrics.pictures);
+    std::printf("%-18s %6.3f %6.3f %6.3f %6.3f %6.3f %8d %7.1f %9d %6d %6d %9.1f\n", name.c_str(), metrics.precision,
+                metrics.recall, metrics.mota, metrics.motp, metrics.idf1, metrics.switches, perMinute(metrics),
+                metrics.fragments, metrics.misses, metrics.false_positives, 1e6 * seconds / metrics.pictures);
+    return metrics;
+  }
+
+  double perMinute(const MotMetrics& metrics) const
+  {
+    return 60.0 * metrics.switches * film.frame_rate / static_cast<double>(film.pictures.size());
   }
 };
 
-void run(const Arguments& arguments)
+/// The tracker as the ssd node runs it.
+class Product
 {
-  const TruthTracks truth = TruthTracks::load(arguments.truth);
-  const double frame_rate =
-      arguments.frame_rate > 0.0 ? arguments.frame_rate : cv::VideoCapture(arguments.video).get(cv::CAP_PROP_FPS);
-  if (!(frame_rate > 0.0))
+public:
+  Product(const Film& film, const TrackerScores& scores, const std::string& motion, bool looks)
+    : film_(film), motion_(motion), looks_(looks), tracker_(optionsOf(scores))
   {
-    throw std::runtime_error(arguments.video + ": has no frame rate, give --frame-rate");
   }
+
+  std::vector<ObjectTrack> update(size_t picture, int64_t stamp_ns, const Detections& detections)
+  {
+    const PictureView pixels = viewOf(film_.pictures[picture]);
+    TrackerView view;
+    view.picture = looks_ ? &pixels : nullptr;
+    if (motion_ == "flow")
+    {
+      view.motion = estimator_.update(pixels, boxes_);
+      boxes_.clear();
+      for (const Detection& detection : detections)
+      {
+        boxes_.push_back(detection.box);
+      }
+    }
+    else if (motion_ == "known")
+    {
+      view.motion = film_.motion(last_, picture);
+    }
+    last_ = picture;
+    return tracker_.update(stamp_ns, detections, view);
+  }
+
+private:
+  static ObjectTrackerOptions optionsOf(const TrackerScores& scores)
+  {
+    ObjectTrackerOptions options;
+    options.scores = scores;
+    return options;
+  }
+
+  const Film& film_;
+  const std::string motion_;
+  const bool looks_;
+  ObjectTracker tracker_;
+  PictureMotionEstimator estimator_;
+  std::vector<Box> boxes_;
+  size_t last_ = 0;
+};
+
+void writeFigures(const std::string& path, const MotMetrics& metrics, double switches_per_minute)
+{
+  std::ofstream file(path);
+  file << "{\"precision\": " << metrics.precision << ", \"recall\": " << metrics.recall
+       << ", \"mota\": " << metrics.mota << ", \"idf1\": " << metrics.idf1
+       << ", \"switches_per_minute\": " << switches_per_minute << "}\n";
+  if (!file.flush())
+  {
+    throw std::runtime_error(path + ": cannot be written");
+  }
+}
+
+int run(const Arguments& arguments)
+{
+  const Film film = Film::load(arguments.video, arguments.truth, arguments.frame_rate, arguments.window);
+  const ModelDescription model = ModelDescription::load(arguments.model);
   const bool known = !arguments.detections.empty() && std::filesystem::exists(arguments.detections);
-  std::vector<cv::Mat> pictures;
-  if (!known || !arguments.overlay.empty())
-  {
-    pictures = readPictures(arguments, truth);
-  }
   const std::map<int, Detections> detections =
-      known ? readDetections(arguments.detections) : detect(arguments, pictures, truth.first_frame);
+      known ? readDetections(arguments.detections) : detect(arguments, model, film);
   if (!known && !arguments.detections.empty())
   {
     writeDetections(arguments.detections, detections);
@@ -324,27 +301,34 @@ void run(const Arguments& arguments)
   {
     std::filesystem::create_directories(arguments.overlay);
   }
-  std::printf("%s: frames %d to %zu, every %d at %.1f Hz, class %s\n", arguments.video.c_str(), truth.first_frame,
-              static_cast<size_t>(truth.first_frame) + truth.pictures.size() - 1, arguments.every, frame_rate,
-              arguments.label.c_str());
-  std::printf("%-22s %6s %6s %6s %8s %8s %9s %7s %7s %9s\n", "", "MOTA", "MOTP", "IDF1", "switches", "per min",
-              "fragments", "misses", "false", "us/update");
-  const Run bench{arguments, truth, pictures, detections, frame_rate};
-  const ObjectTrackerOptions options;
-  ObjectTracker tracker(options);
-  bench.print(
-      "ObjectTracker", [&](int64_t stamp, const Detections& rows) { return tracker.update(stamp, rows); }, true);
-  for (const double score : {0.5, options.high_score})
+  std::printf("%s: frames %d to %zu, every %d at %.1f Hz, class %s; network %s, scores %.2f and %.2f\n",
+              arguments.video.c_str(), film.truth.first_frame,
+              static_cast<size_t>(film.truth.first_frame) + film.pictures.size() - 1, arguments.every, film.frame_rate,
+              arguments.label.c_str(), model.name.c_str(), model.tracker.high, model.tracker.low);
+  std::printf("%-18s %6s %6s %6s %6s %6s %8s %7s %9s %6s %6s %9s\n", "tracks", "prec.", "recall", "MOTA", "MOTP",
+              "IDF1", "switches", "per min", "fragments", "misses", "false", "us/update");
+  const Run bench{arguments, film, detections};
+  Product product(film, model.tracker, arguments.motion, !arguments.no_looks);
+  const MotMetrics metrics = bench.measure(
+      "ObjectTracker",
+      [&product](size_t picture, int64_t stamp_ns, const Detections& rows)
+      { return product.update(picture, stamp_ns, rows); },
+      true);
+  if (!arguments.json.empty())
+  {
+    writeFigures(arguments.json, metrics, bench.perMinute(metrics));
+  }
+  for (const double score : {model.tracker.low, model.tracker.high})
   {
     for (const int misses : {1, 3})
     {
-      char name[40];
-      std::snprintf(name, sizeof(name), "SORT, %.1f, %d missed", score, misses);
       Sort sort(score, misses);
-      bench.print(
-          name, [&](int64_t stamp, const Detections& rows) { return sort.update(stamp, rows); }, false);
+      bench.measure(
+          pi_node::format("SORT, %.2f", score) + pi_node::format(", %.0f missed", misses),
+          [&sort](size_t, int64_t stamp_ns, const Detections& rows) { return sort.update(stamp_ns, rows); }, false);
     }
   }
+  return EXIT_SUCCESS;
 }
 
 }  // namespace
@@ -353,10 +337,5 @@ int main(int argc, char** argv)
 {
   Arguments arguments;
   return pi_node::runTool(
-      "bench_tracking", [&] { return parse(argc, argv, &arguments); },
-      [&]
-      {
-        run(arguments);
-        return EXIT_SUCCESS;
-      });
+      "bench_tracking", [&] { return parse(argc, argv, &arguments); }, [&] { return run(arguments); });
 }

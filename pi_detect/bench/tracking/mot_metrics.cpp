@@ -78,6 +78,11 @@ public:
     if (sum_.truth_boxes > 0)
     {
       result.mota = 1.0 - static_cast<double>(sum_.misses + sum_.false_positives + sum_.switches) / sum_.truth_boxes;
+      result.recall = static_cast<double>(sum_.matches) / sum_.truth_boxes;
+    }
+    if (sum_.track_boxes > 0)
+    {
+      result.precision = static_cast<double>(sum_.matches) / sum_.track_boxes;
     }
     if (sum_.matches > 0)
     {

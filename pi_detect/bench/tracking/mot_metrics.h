@@ -31,6 +31,8 @@ struct MotMetrics
   double mota = 0.0;        ///< 1 - (misses + false positives + switches) / true boxes; 1 is perfect, may be negative
   double motp = 0.0;        ///< mean overlap of the matches, 0 to 1 (1 is perfect; the paper states a distance)
   double idf1 = 0.0;        ///< 2 IDTP / (true boxes + track boxes), 0 to 1
+  double precision = 0.0;   ///< matches / tracks that count
+  double recall = 0.0;      ///< matches / true boxes
 };
 
 /// Measures a tracker by CLEAR MOT (Bernardin and Stiefelhagen 2008) and IDF1 (Ristani et al. 2016). In each picture a

@@ -44,6 +44,14 @@ struct Detection
 };
 using Detections = std::vector<Detection>;
 
+/// Scores of a network's detections for tracking (ByteTrack, Zhang et al. 2022). They belong to the network: the same
+/// score means a different chance to be right in each.
+struct TrackerScores
+{
+  double high = 0.6;  ///< of a detection that may begin a track; others only continue one. Default: ByteTrack's
+  double low = 0.4;   ///< detections below are ignored. Default: where one of ten is right with the COCO SSD
+};
+
 /// Greedy non-maximum suppression across all classes, for networks that give one object two labels: of boxes that
 /// overlap more than the threshold, the one with the best score stays. Sorts by score, best first.
 void suppressAcrossClasses(float overlap_threshold, Detections* detections);

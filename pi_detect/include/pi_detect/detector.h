@@ -3,32 +3,16 @@
 #include <pi_detect/detection_filter.h>
 #include <pi_detect/model_check.h>
 #include <pi_detect/model_description.h>
+#include <pi_detect/picture_view.h>
 #include <pi_detect/target.h>
 #include <pi_runtime/runtime.h>
 
-#include <cstdint>
 #include <memory>
 #include <string>
 #include <vector>
 
 namespace pi_detect
 {
-
-/// A picture owned by the caller.
-struct PictureView
-{
-  enum class Format
-  {
-    BGR8,
-    RGB8,
-    MONO8,
-  };
-  const uint8_t* data = nullptr;
-  int width = 0;      ///< [px]
-  int height = 0;     ///< [px]
-  size_t stride = 0;  ///< from row to row [bytes]
-  Format format = Format::BGR8;
-};
 
 struct DetectorOptions
 {

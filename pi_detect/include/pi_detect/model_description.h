@@ -1,5 +1,6 @@
 #pragma once
 
+#include <pi_detect/detection.h>
 #include <pi_runtime/kernels/ssd_postprocess.h>
 
 #include <array>
@@ -109,6 +110,7 @@ struct ModelDescription
   /// Class id (but for DETECTIONS: column of the scores) to name; detections of other ids are dropped.
   std::map<int, std::string> labels;
   float score_threshold = 0.5F;         ///< for users who set none
+  TrackerScores tracker;                ///< likewise
   float class_agnostic_overlap = 0.0F;  ///< likewise; 0: no suppression across classes
   std::string fallback;                 ///< name of the network in its place without weights; empty: none
   std::string origin;                   ///< source of the model, for people

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <pi_detect/detection.h>
+#include <pi_detect/picture_motion.h>
+#include <pi_detect/picture_view.h>
 
 #include <cstdint>
 #include <memory>
@@ -11,8 +13,7 @@ namespace pi_detect
 
 struct ObjectTrackerOptions
 {
-  double high_score = 0.6;      ///< of a detection that may begin a track; others only continue one
-  double low_score = 0.4;       ///< detections below are ignored
+  TrackerScores scores;         ///< of the network
   double min_overlap = 0.2;     ///< of detection and predicted box, both grown by margin, to continue a track
   double margin = 0.3;          ///< growth of boxes at each side before they are compared, in parts of width and height
   double time_to_live_s = 1.0;  ///< a track that was not detected for longer ends [s]
@@ -31,11 +32,18 @@ struct ObjectTrack
   int class_id = -1;
   float score = 0.0F;       ///< of the last detection
   Box box;                  ///< estimate for the time of the update; may reach beyond the picture
-  float velocity_x = 0.0F;  ///< of the centre [px/s]
+  float velocity_x = 0.0F;  ///< of the centre in the picture, own motion of the camera included [px/s]
   float velocity_y = 0.0F;  ///< likewise
   int64_t first_seen_ns = 0;
   int64_t last_seen_ns = 0;
   int hits = 0;  ///< detections so far
+};
+
+/// What the tracker may know of a picture beside its detections.
+struct TrackerView
+{
+  PictureMotion motion;                  ///< since the picture of the last update; empty: the camera stood still
+  const PictureView* picture = nullptr;  ///< to tell objects apart by their colours; null: places alone decide
 };
 
 /// Tracks objects through the pictures of one camera. Each box has a Kalman filter with constant velocity. Detections
@@ -56,10 +64,12 @@ public:
   /// than the last one is ignored. If time goes back by more than max_gap_s, all tracks end; ids are still not used
   /// again.
   /// @return confirmed tracks, by id; those not detected in this picture are predicted.
-  std::vector<ObjectTrack> update(int64_t stamp_ns, const Detections& detections);
+  std::vector<ObjectTrack> update(int64_t stamp_ns, const Detections& detections,
+                                  const TrackerView& view = TrackerView());
 
-  /// Ends all tracks.
-  void clear();
+  /// Ends all tracks, for another network or place. Ids are not used again.
+  /// @throws std::invalid_argument for options out of range.
+  void restart(const ObjectTrackerOptions& options);
 
 private:
   class Implementation;

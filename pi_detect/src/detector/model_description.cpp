@@ -300,6 +300,13 @@ ModelDescription read(YamlSection section, const std::filesystem::path& folder)
     }
   }
   section.read("score_threshold", "a number", &model.score_threshold);
+  if (section.has("tracker"))
+  {
+    YamlSection tracker = section.section("tracker");
+    tracker.read("high_score", "a number", &model.tracker.high);
+    tracker.read("low_score", "a number", &model.tracker.low);
+    tracker.finish();
+  }
   section.read("class_agnostic_overlap", "a number", &model.class_agnostic_overlap);
   section.read("fallback", "a word", &model.fallback);
   section.read("origin", "a text", &model.origin);
@@ -423,6 +430,8 @@ void ModelDescription::validate() const
     }
   }
   require(score_threshold > 0.0F && score_threshold <= 1.0F, "score_threshold", score_threshold, "in (0, 1]");
+  require(tracker.high > 0.0 && tracker.high <= 1.0, "tracker/high_score", tracker.high, "in (0, 1]");
+  require(tracker.low > 0.0 && tracker.low <= tracker.high, "tracker/low_score", tracker.low, "in (0, high_score]");
   require(class_agnostic_overlap >= 0.0F && class_agnostic_overlap < 1.0F, "class_agnostic_overlap",
           class_agnostic_overlap, "in [0, 1)");
 }

@@ -11,6 +11,8 @@ from pi_detect.errors import ToolError
 IOU_THRESHOLDS = np.linspace(0.5, 0.95, 10)  # of AP@.5:.95; the first is that of AP@0.5, of precision and of recall
 MAX_DETECTIONS = 100                         # per picture and class, best first, as COCO's evaluation counts
 SCORES = np.linspace(0.1, 0.9, 9)            # of the table of precision and recall
+CHANCES = {"low": 1 / 3, "high": 4 / 5}      # of a detection to be right that continues a track, that begins one
+NEWTON_STEPS = 25
 NO_BOXES = np.zeros((0, 4))
 
 
@@ -30,6 +32,25 @@ class Judged:
         recall = hits / self.boxes if self.boxes else float("nan")
         total = len(kept) + self.boxes
         return precision, recall, 2 * hits / total if total else float("nan")
+
+    def score_of(self, chance):
+        """The score at which a detection is right with a chance; nan where the scores do not tell.
+
+        Logistic regression over the detections from score 0.1 on (Platt 1999). The chance at a score, not the precision
+        from it on: the better detections would pay for the worse ones.
+        """
+        kept = self.scores >= SCORES[0]
+        rows, right = np.column_stack([self.scores[kept], np.ones(kept.sum())]), self.labels[kept]
+        if len(set(right)) < 2:
+            return float("nan")
+        weights = np.zeros(2)
+        for _ in range(NEWTON_STEPS):
+            chances = 1 / (1 + np.exp(-np.clip(rows @ weights, -30, 30)))
+            # A little ridge: scores that part right from wrong without a rest would need an endless slope.
+            curvature = (rows * (chances * (1 - chances))[:, None]).T @ rows + 1e-3 * np.eye(2)
+            weights += np.linalg.solve(curvature, rows.T @ (right - chances) - 1e-3 * weights)
+        score = (np.log(chance / (1 - chance)) - weights[1]) / weights[0] if weights[0] > 0 else float("nan")
+        return float(score) if 0 < score <= 1 else float("nan")
 
     def curve(self):
         """(precisions, recalls) over falling score; needs a box."""

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from pi_detect.errors import ToolError
-from pi_detect.evaluation import IOU_THRESHOLDS, SCORES
+from pi_detect.evaluation import CHANCES, IOU_THRESHOLDS, SCORES
 
 PLOTTED_CLASSES = 8  # the most frequent ones
 
@@ -33,7 +33,9 @@ def table(result, score):
         precision, recall, f1 = result.pooled.at(threshold)
         found = int((result.pooled.scores >= threshold).sum())
         lines.append(f"{threshold:5.1f} {found:6d}  {_cell(precision, 9)} {_cell(recall, 7)} {_cell(f1, 6)}")
-    return "\n".join(lines)
+    scores = ", ".join(f"{name}_score {_cell(result.pooled.score_of(chance), 4, 2)} (right: {chance:.2f})"
+                       for name, chance in CHANCES.items())
+    return "\n".join(lines + ["", f"for a tracker: {scores}"])
 
 
 def _plain(value):
@@ -59,6 +61,7 @@ def as_json(result, score, model):
         "classes": {name: {"boxes": judged.boxes, "detections": len(judged.scores), "ap_50": _plain(ap_50),
                            "ap": _plain(ap), "at": point(judged, score)}
                     for name, (judged, ap_50, ap) in result.classes.items()},
+        "tracker": {f"{name}_score": _plain(result.pooled.score_of(chance)) for name, chance in CHANCES.items()},
         "pooled": [point(result.pooled, threshold) for threshold in SCORES],
     }
 

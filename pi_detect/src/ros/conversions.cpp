@@ -232,6 +232,8 @@ LabelArray toMsg(const ModelDescription& model)
 {
   LabelArray message;
   message.model = model.name;
+  message.high_score = model.tracker.high;
+  message.low_score = model.tracker.low;
   for (const auto& [id, name] : model.labels)
   {
     message.ids.push_back(id);
@@ -253,6 +255,17 @@ Labels fromMsg(const LabelArray& message)
     labels[static_cast<int>(message.ids[i])] = message.names[i];
   }
   return labels;
+}
+
+TrackerScores scoresOf(const LabelArray& message)
+{
+  TrackerScores scores;
+  if (message.high_score > 0.0 && message.low_score > 0.0)
+  {
+    scores.high = std::min(message.high_score, 1.0);
+    scores.low = std::min(message.low_score, scores.high);
+  }
+  return scores;
 }
 
 sensor_msgs::PointCloud2Ptr toPointCloud(const std::vector<Eigen::Vector3f>& points, const std_msgs::Header& header)

@@ -33,7 +33,8 @@ SsdRos::SsdRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , runtime_(options_.use_runtime ? pi_runtime::Runtime::shared() : nullptr)
   , warnings_(options_.warning_period_s, pi_node::warningLog<SsdRosOptions>("ssd"))
   , diagnostics_(service_node_, private_node, &warnings_, options_.input_timeout_s)
-  , worker_(options_, topic_, &warnings_, &diagnostics_, [this](const FoundObjects& found) { publish(found); })
+  , turn_(input_node_, options_.tracker.odom_frame, infoTopicOf(topic_), isRectified(topic_))
+  , worker_(options_, topic_, &warnings_, &diagnostics_, turn_, [this](const FoundObjects& found) { publish(found); })
   , input_transport_(input_node_)
   , overlay_transport_(service_node_)
 {
@@ -71,6 +72,7 @@ SsdRos::~SsdRos()
   service_thread_.stop();
   loader_thread_.stop();
   image_.shutdown();
+  turn_.listen(false);
   services_.clear();
 }
 
@@ -156,8 +158,10 @@ bool SsdRos::detect(DetectObjects::Request& request, DetectObjects::Response& re
 
 void SsdRos::updateSubscription()
 {
-  const bool wanted = options_.always_on || detections_.getNumSubscribers() > 0 || tracks_.getNumSubscribers() > 0 ||
-                      overlay_.getNumSubscribers() > 0;
+  const bool followed = options_.always_on || tracks_.getNumSubscribers() > 0 || overlay_.getNumSubscribers() > 0;
+  const bool wanted = followed || detections_.getNumSubscribers() > 0;
+  worker_.follow(followed);
+  turn_.listen(followed);
   if (wanted == subscribed_)
   {
     return;

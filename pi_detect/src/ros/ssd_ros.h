@@ -15,6 +15,7 @@
 #include <string>
 #include <vector>
 
+#include "ros/camera_turn.h"
 #include "ros/picture_subscription.h"
 #include "ros/ssd_diagnostics.h"
 #include "ros/ssd_ros_options.h"
@@ -66,6 +67,7 @@ private:
   std::shared_ptr<pi_runtime::Runtime> runtime_;  ///< null: not used
   pi_node::WarningBoard warnings_;
   SsdDiagnostics diagnostics_;
+  CameraTurn turn_;
   SsdWorker worker_;
   std::atomic<bool> drawing_{false};
 

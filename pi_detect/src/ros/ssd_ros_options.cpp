@@ -3,22 +3,12 @@
 
 #include <algorithm>
 
-#include "ros/tracker_fields.h"
-
 namespace pi_detect
 {
 
 namespace parameter_tree = pi_node::parameter_tree;
 using pi_node::parameters::require;
 using XmlRpc::XmlRpcValue;
-
-namespace
-{
-
-/// Of the detector where the tracker takes everything: 0 would mean the model's own threshold.
-constexpr float MIN_THRESHOLD = 1e-3F;
-
-}  // namespace
 
 /// Every parameter by the path of its name, with its field.
 template <typename Visitor>
@@ -40,6 +30,7 @@ static void visitFields(SsdRosOptions& options, Visitor&& visit)
   visit("class_agnostic_overlap", filter.class_agnostic_overlap);
   visit("max_detections", filter.max_detections);
   visitTrackerFields(options.tracker, visit);
+  visit("tracker/picture_motion", options.picture_motion);
   visit("zero_copy", options.zero_copy);
   visit("image_transport", options.image_transport);
   visit("always_on", options.always_on);
@@ -70,7 +61,7 @@ void SsdRosOptions::validate() const
 DetectorOptions SsdRosOptions::detectorOptions(const ModelDescription& model) const
 {
   DetectorOptions lowered = detector;
-  const auto low_score = std::max(MIN_THRESHOLD, static_cast<float>(tracker.low_score));
+  const auto low_score = static_cast<float>(tracker.forNetwork(model.tracker).scores.low);
   DetectionFilter& filter = lowered.filter;
   filter.score_threshold =
       std::min(low_score, filter.score_threshold > 0.0F ? filter.score_threshold : model.score_threshold);

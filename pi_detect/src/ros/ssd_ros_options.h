@@ -2,11 +2,12 @@
 
 #include <pi_detect/detector.h>
 #include <pi_detect/model_catalogue.h>
-#include <pi_detect/object_tracker.h>
 #include <pi_node/ros/node_parameters.h>
 
 #include <string>
 #include <vector>
+
+#include "ros/tracker_parameters.h"
 
 namespace pi_detect
 {
@@ -17,7 +18,8 @@ struct SsdRosOptions : pi_node::NodeParameters<SsdRosOptions>
   std::string model = DEFAULT_MODEL;  ///< name of a network in config/models, or absolute path of a YAML file
   DetectorOptions detector;           ///< its filter is that of `detections`
   bool use_runtime = true;            ///< tasks of pi_runtime::Runtime::shared(); false: plain calls
-  ObjectTrackerOptions tracker;
+  TrackerParameters tracker;
+  bool picture_motion = true;  ///< where tf does not tell how the camera turned, pictures do
 
   bool zero_copy = true;                ///< read raw pictures in the publisher's memory, if the transport can
   std::string image_transport = "raw";  ///< of `image`

@@ -27,14 +27,15 @@ std::string describe(const Detector& detector)
 }
 
 SsdWorker::SsdWorker(const SsdRosOptions& options, const std::string& topic, pi_node::WarningBoard* warnings,
-                     SsdDiagnostics* diagnostics, std::function<void(const FoundObjects&)> publish)
+                     SsdDiagnostics* diagnostics, const CameraTurn& turn,
+                     std::function<void(const FoundObjects&)> publish)
   : options_(options)
   , topic_(topic)
   , warnings_(warnings)
   , diagnostics_(diagnostics)
+  , turn_(turn)
   , publish_(std::move(publish))
   , rate_limit_(options.max_rate_hz)
-  , tracker_(options.tracker)
   , answers_("detection", "ssd", topic)
 {
 }
@@ -206,7 +207,7 @@ void SsdWorker::workOn(const zero_copy::ImageHandle& message, const std::shared_
   DetectionResult result = detector->detect(picture->view());
   if (worked_with_.lock() != detector)
   {
-    tracker_.clear();  // ids of classes mean something else now
+    tracker_.restart(options_.tracker.forNetwork(detector->model().tracker));  // ids of classes mean something else
     worked_with_ = detector;
   }
   std::vector<ObjectTrack> tracks;
@@ -215,13 +216,34 @@ void SsdWorker::workOn(const zero_copy::ImageHandle& message, const std::shared_
   {
     warnings_->warn(topic_ + ": stamp is 0, so nothing can be followed; the driver must stamp its messages");
   }
-  else
+  else if (following_)
   {
-    tracks = tracker_.update(fromMsg(stamp), result.detections);
+    tracks = follow(*picture, result.detections);
   }
   result.detections = wanted(result.detections, detector->model());
   publish_({picture, result.detections, tracks, detector});
   diagnostics_->addPicture(result, stamp.isZero() ? 0.0 : (ros::Time::now() - stamp).toSec(), secondsSince(begin));
+}
+
+std::vector<ObjectTrack> SsdWorker::follow(const MessagePicture& picture, const Detections& detections)
+{
+  const ros::Time stamp = picture.message().header.stamp;
+  const std::string frame = picture.message().header.frame_id;
+  TrackerView view;
+  view.picture = &picture.view();
+  view.motion = turn_.between(last_followed_, stamp, frame);
+  if (options_.picture_motion)
+  {
+    const PictureMotion seen = picture_motion_.update(picture.view(), boxes_, !view.motion);
+    view.motion = view.motion ? view.motion : seen;
+  }
+  boxes_.clear();
+  for (const Detection& detection : detections)
+  {
+    boxes_.push_back(detection.box);
+  }
+  last_followed_ = stamp;
+  return tracker_.update(fromMsg(stamp), detections, view);
 }
 
 void SsdWorker::serve(const Call& call, Detector* detector)

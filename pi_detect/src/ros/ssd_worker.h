@@ -2,11 +2,13 @@
 
 #include <pi_detect/DetectObjects.h>
 #include <pi_detect/object_tracker.h>
+#include <pi_detect/picture_motion.h>
 #include <pi_detect/ros/message_picture.h>
 #include <pi_node/rate_limit.h>
 #include <pi_node/ros/vehicle_time.h>
 #include <pi_node/ros/warning_board.h>
 
+#include <atomic>
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
@@ -16,7 +18,9 @@
 #include <mutex>
 #include <string>
 #include <thread>
+#include <vector>
 
+#include "ros/camera_turn.h"
 #include "ros/overlay.h"
 #include "ros/ssd_diagnostics.h"
 #include "ros/ssd_ros_options.h"
@@ -31,10 +35,10 @@ namespace pi_detect
 class SsdWorker
 {
 public:
-  /// @param options, warnings, diagnostics  outlive it.
+  /// @param options, warnings, diagnostics, turn  outlive it.
   /// @param publish  gets what was found in each picture of the topic, on the thread of the worker.
   SsdWorker(const SsdRosOptions& options, const std::string& topic, pi_node::WarningBoard* warnings,
-            SsdDiagnostics* diagnostics, std::function<void(const FoundObjects&)> publish);
+            SsdDiagnostics* diagnostics, const CameraTurn& turn, std::function<void(const FoundObjects&)> publish);
   SsdWorker(const SsdWorker&) = delete;
   SsdWorker& operator=(const SsdWorker&) = delete;
 
@@ -44,6 +48,8 @@ public:
 
   /// A picture of the topic. It waits until the worker is free or a newer one comes.
   void add(const pi_os_transport::zero_copy::ImageHandle& picture);
+  /// Whether somebody wants tracks.
+  void follow(bool wanted) { following_ = wanted; }
   /// Silence on the topic is counted from now on.
   void awaitPictures();
   /// The topic is not subscribed any more.
@@ -71,6 +77,7 @@ private:
   void work();
   void workOn(const pi_os_transport::zero_copy::ImageHandle& message, const std::shared_ptr<Detector>& detector);
   void serve(const Call& call, Detector* detector);
+  std::vector<ObjectTrack> follow(const MessagePicture& picture, const Detections& detections);
   /// Those that the filter of the options lets through.
   Detections wanted(const Detections& all, const ModelDescription& model) const;
 
@@ -78,8 +85,10 @@ private:
   const std::string topic_;
   pi_node::WarningBoard* const warnings_;
   SsdDiagnostics* const diagnostics_;
+  const CameraTurn& turn_;
   const std::function<void(const FoundObjects&)> publish_;
 
+  std::atomic<bool> following_{false};
   std::mutex mutex_;  ///< of all below; held briefly
   std::condition_variable work_changed_;
   std::condition_variable call_done_;
@@ -94,6 +103,9 @@ private:
 
   // Of the thread.
   ObjectTracker tracker_;
+  PictureMotionEstimator picture_motion_;
+  std::vector<Box> boxes_;   ///< of the last picture that was followed
+  ros::Time last_followed_;  ///< its stamp
   std::weak_ptr<Detector> worked_with_;
   UsedBits used_bits_;  ///< of the topic's camera
   pi_node::SimulationAnswers answers_;

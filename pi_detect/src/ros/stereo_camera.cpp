@@ -46,19 +46,6 @@ cv::Size sizeOf(const sensor_msgs::CameraInfo& info, const std::string& name)
           static_cast<int>((whole ? info.height : info.roi.height) / std::max(info.binning_y, 1U))};
 }
 
-/// K or the first columns of P for the pictures as they come.
-cv::Matx33d adjusted(cv::Matx33d matrix, const sensor_msgs::CameraInfo& info)
-{
-  const bool whole = info.roi.width == 0 || info.roi.height == 0;
-  const double binning_x = std::max(info.binning_x, 1U);
-  const double binning_y = std::max(info.binning_y, 1U);
-  matrix(0, 0) /= binning_x;
-  matrix(1, 1) /= binning_y;
-  matrix(0, 2) = (matrix(0, 2) - (whole ? 0.0 : info.roi.x_offset)) / binning_x;
-  matrix(1, 2) = (matrix(1, 2) - (whole ? 0.0 : info.roi.y_offset)) / binning_y;
-  return matrix;
-}
-
 cv::Matx33d projection(const sensor_msgs::CameraInfo& info, const std::string& name)
 {
   const auto& P = info.P;
@@ -179,40 +166,17 @@ bool sameCamera(sensor_msgs::CameraInfo a, const sensor_msgs::CameraInfo& b)
 // ----------------------------------------------------------------------------------------------------------- Rectifier
 
 Rectifier::Rectifier(const sensor_msgs::CameraInfo& info, const std::string& name)
+  : lens_(info, name), P_(projection(info, name))
 {
-  const std::string& lens = info.distortion_model;
-  const bool zero = std::all_of(info.D.begin(), info.D.end(), [](double value) { return value == 0.0; });
-  equidistant_ = lens == "equidistant" || lens == "fisheye";
-  if (!equidistant_ && !zero && lens != "plumb_bob" && lens != "rational_polynomial")
-  {
-    fail(name + ": distortion_model = \"" + lens + "\", must be plumb_bob, rational_polynomial or equidistant");
-  }
-  const size_t coefficients = info.D.size();
-  if (equidistant_ ? coefficients != 4
-                   : coefficients != 0 && coefficients != 4 && coefficients != 5 && coefficients != 8 &&
-                         coefficients != 12 && coefficients != 14)
-  {
-    fail(name + ": D has " + std::to_string(coefficients) + " values, must have " +
-         (equidistant_ ? "4" : "4, 5, 8, 12 or 14") + " for " + lens);
-  }
-  if (!(info.K[0] > 0.0) || !(info.K[4] > 0.0))
-  {
-    fail(name + ": K[0] = " + format("%g", info.K[0]) + ", must be a focal length [px]: the camera is not calibrated");
-  }
-  K_ = adjusted(cv::Matx33d(info.K.data()), info);
-  P_ = projection(info, name);
   cv::eigen2cv(rotation(info, name), R_);
-  D_ = coefficients == 0
-           ? cv::Mat::zeros(4, 1, CV_64F)
-           : cv::Mat(static_cast<int>(coefficients), 1, CV_64F, const_cast<double*>(info.D.data())).clone();
   const cv::Size size = sizeOf(info, name);
-  if (equidistant_)
+  if (lens_.equidistant)
   {
-    cv::fisheye::initUndistortRectifyMap(K_, D_, R_, P_, size, CV_16SC2, map_xy_, map_fraction_);
+    cv::fisheye::initUndistortRectifyMap(lens_.K, lens_.D, R_, P_, size, CV_16SC2, map_xy_, map_fraction_);
   }
   else
   {
-    cv::initUndistortRectifyMap(K_, D_, R_, P_, size, CV_16SC2, map_xy_, map_fraction_);
+    cv::initUndistortRectifyMap(lens_.K, lens_.D, R_, P_, size, CV_16SC2, map_xy_, map_fraction_);
   }
 }
 
@@ -234,13 +198,13 @@ Box Rectifier::rectify(const Box& raw) const
     outline.insert(outline.end(), {{x, raw.y1}, {x, raw.y2}, {raw.x1, y}, {raw.x2, y}});
   }
   std::vector<cv::Point2f> straight;
-  if (equidistant_)
+  if (lens_.equidistant)
   {
-    cv::fisheye::undistortPoints(outline, straight, K_, D_, R_, P_);
+    cv::fisheye::undistortPoints(outline, straight, lens_.K, lens_.D, R_, P_);
   }
   else
   {
-    cv::undistortPoints(outline, straight, K_, D_, R_, P_);
+    cv::undistortPoints(outline, straight, lens_.K, lens_.D, R_, P_);
   }
   Box box{straight[0].x, straight[0].y, straight[0].x, straight[0].y};
   for (const cv::Point2f& point : straight)

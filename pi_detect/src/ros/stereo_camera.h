@@ -13,6 +13,8 @@
 #include <optional>
 #include <string>
 
+#include "ros/lens.h"
+
 namespace pi_detect
 {
 
@@ -49,11 +51,9 @@ public:
   Box rectify(const Box& raw) const;
 
 private:
-  cv::Matx33d K_;
-  cv::Mat D_;
+  Lens lens_;
   cv::Matx33d R_;
-  cv::Matx33d P_;  ///< its first three columns
-  bool equidistant_ = false;
+  cv::Matx33d P_;   ///< its first three columns
   cv::Mat map_xy_;  ///< fixed point, as cv::remap() likes it
   cv::Mat map_fraction_;
 };

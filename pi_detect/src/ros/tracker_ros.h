@@ -9,6 +9,7 @@
 #include <ros/node_handle.h>
 #include <ros/publisher.h>
 #include <ros/subscriber.h>
+#include "ros/camera_turn.h"
 #include "ros/tracker_ros_options.h"
 
 #include <mutex>
@@ -18,8 +19,8 @@ namespace pi_detect
 {
 
 /// Tracks the objects of `detections` and publishes `tracks`. The ssd node does this for its own detections; this node
-/// is for detections of other nodes, for example on another computer. Names come from `labels`. All callbacks run on
-/// one own thread.
+/// is for detections of other nodes, for example on another computer. Names and the network's scores come from
+/// `labels`, the camera's calibration from `camera_info`, its turn from tf. All callbacks run on one own thread.
 class TrackerRos
 {
 public:
@@ -39,8 +40,11 @@ private:
   const TrackerRosOptions options_;
   const std::string topic_;
   pi_node::WarningBoard warnings_;
+  CameraTurn turn_;
   ObjectTracker tracker_;
+  ros::Time last_followed_;
   Labels labels_;
+  TrackerScores scores_;
   std::mutex subscription_mutex_;  // callbacks of advertise() may come while it is called
   ros::Publisher tracks_;
   ros::Subscriber detections_;

@@ -1,8 +1,6 @@
 #include "ros/tracker_ros_options.h"
 #include <pi_node/ros/parameter_tree.h>
 
-#include "ros/tracker_fields.h"
-
 namespace pi_detect
 {
 
@@ -13,6 +11,7 @@ template <typename Visitor>
 static void visitFields(TrackerRosOptions& options, Visitor&& visit)
 {
   visitTrackerFields(options.tracker, visit);
+  visit("rectified", options.rectified);
   visit("always_on", options.always_on);
   visit("warning_period_s", options.warning_period_s);
 }

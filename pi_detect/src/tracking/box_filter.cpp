@@ -71,6 +71,18 @@ void BoxFilter::predict(double dt_s)
   }
 }
 
+void BoxFilter::shift(const Eigen::Vector2d& way, double growth)
+{
+  axes_[0].x += way.x();
+  axes_[1].x += way.y();
+  axes_[2].x *= growth;
+  axes_[3].x *= growth;
+  for (AxisFilter& axis : axes_)
+  {
+    axis.v *= growth;
+  }
+}
+
 void BoxFilter::correct(const Box& box)
 {
   const std::array<double, 4> measured = measure(box);

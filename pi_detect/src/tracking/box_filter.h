@@ -2,6 +2,7 @@
 
 #include <pi_detect/detection.h>
 
+#include <Eigen/Core>
 #include <array>
 
 namespace pi_detect
@@ -40,6 +41,8 @@ public:
   BoxFilter(const Box& box, const BoxFilterNoise& noise);
 
   void predict(double dt_s);
+  /// The camera moved: the box is shifted [px] and grows by a factor.
+  void shift(const Eigen::Vector2d& way, double growth);
   void correct(const Box& box);
 
   Box box() const;

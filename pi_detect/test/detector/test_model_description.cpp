@@ -41,6 +41,7 @@ output:
     - {columns: 2, rows: 3, boxes: [[0.1, 0.2], [0.3, 0.4]], offset: 0.4, step_x: 0.45, step_y: 0.3}
 labels: {1: person, 2: car}
 score_threshold: 0.25
+tracker: {high_score: 0.35, low_score: 0.2}
 class_agnostic_overlap: 0.5
 origin: a test
 licence: none
@@ -102,6 +103,7 @@ TEST_F(ModelDescriptionFile, WhatIsNotWrittenHasDefaults)
   EXPECT_EQ(3, model.idOf("car"));
   EXPECT_EQ(-1, model.idOf("tree"));
   EXPECT_FLOAT_EQ(0.5F, model.score_threshold);
+  EXPECT_EQ(TrackerScores().high, model.tracker.high);
 }
 
 TEST_F(ModelDescriptionFile, AllFieldsAreRead)
@@ -130,6 +132,8 @@ TEST_F(ModelDescriptionFile, AllFieldsAreRead)
   EXPECT_FLOAT_EQ(0.4F, raw.feature_maps[0].offset);
   EXPECT_FLOAT_EQ(0.3F, raw.feature_maps[0].step_y);
   EXPECT_FLOAT_EQ(0.25F, model.score_threshold);
+  EXPECT_EQ(0.35, model.tracker.high);
+  EXPECT_EQ(0.2, model.tracker.low);
   EXPECT_FLOAT_EQ(0.5F, model.class_agnostic_overlap);
   EXPECT_EQ("a test", model.origin);
 }
@@ -214,6 +218,8 @@ TEST_F(ModelDescriptionFile, ErrorsNameFileFieldValueAndBound)
   EXPECT_TRUE(contains(errorWith(GRID, "kind: grid", "kind: grid, bins: 8"), "output/bins means nothing here"));
   EXPECT_TRUE(contains(errorWith(GRID, "kind: grid", "kind: grid, classes: 2"), "labels: id = 2"));
   EXPECT_TRUE(contains(errorWith(RAW, "score_threshold: 0.25", "score_threshold: .nan"), "score_threshold = nan"));
+  EXPECT_TRUE(contains(errorWith(RAW, "low_score: 0.2", "low_score: 0.4"), "tracker/low_score = 0.4"));
+  EXPECT_TRUE(contains(errorWith(RAW, "high_score: 0.35", "high_score: 1.1"), "tracker/high_score = 1.1"));
 }
 
 TEST(Sha256, IsThatOfTheStandardsExample)

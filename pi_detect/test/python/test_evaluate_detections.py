@@ -78,6 +78,22 @@ class EvaluateDetections(unittest.TestCase):
                          (5, 0.4, round(2 / 3, 6)))
         self.assertEqual((pooled[0.9]["found"], pooled[0.9]["precision"], pooled[0.9]["f1"]), (1, 1.0, 0.5))
 
+    def test_scores_for_a_tracker_are_those_with_a_chance_to_be_right(self):
+        # Of ten detections at each score, as many are right as the score says.
+        boxes, detections = [], []
+        for tenths in range(1, 10):
+            for number in range(10):
+                name = f"{tenths}_{number}.png"
+                boxes.append({"image": name, "width": 100, "height": 100, "boxes": [["cat", 0, 0, 10, 10]]})
+                left = 0 if number < tenths else 50
+                detections.append(found(name, "cat", tenths / 10, left, 0, left + 10, 10))
+        self.boxes.write_text(json.dumps(boxes))
+        self.write(detections)
+        tracker = self.figures()["tracker"]
+        self.assertAlmostEqual(tracker["low_score"], 1 / 3, delta=0.05)
+        self.assertAlmostEqual(tracker["high_score"], 4 / 5, delta=0.05)
+        self.assertRegex(self.run_tool()[1], r"(?m)^for a tracker: low_score 0\.3\d \(right: 0\.33\), high_score 0\.")
+
     def test_interpolation_classes_and_score_can_be_chosen(self):
         area = self.figures("--interpolation", "area")["classes"]["cat"]
         self.assertAlmostEqual(area["ap"], (3 * 1.0 + 4 * (0.5 + 0.5 * 2 / 3) + 3 * 0.5) / 10, places=5)

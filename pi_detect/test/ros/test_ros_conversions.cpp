@@ -182,10 +182,14 @@ TEST(RosConversions, LabelsAreThoseOfTheModel)
   ModelDescription model;
   model.name = "made";
   model.labels = {{1, "person"}, {44, "bottle"}};
+  model.tracker = {0.5, 0.25};
   const LabelArray labels = toMsg(model);
   EXPECT_EQ("made", labels.model);
   EXPECT_EQ((std::vector<int64_t>{1, 44}), labels.ids);
   EXPECT_EQ((std::vector<std::string>{"person", "bottle"}), labels.names);
+  EXPECT_EQ(0.5, scoresOf(labels).high);
+  EXPECT_EQ(0.25, scoresOf(labels).low);
+  EXPECT_EQ(TrackerScores().high, scoresOf(LabelArray()).high) << "of a publisher that does not know them";
 }
 
 TEST(RosConversions, CloudHasThePoints)

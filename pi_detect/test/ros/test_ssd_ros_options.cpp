@@ -93,8 +93,21 @@ TEST(SsdRosOptions, DetectorRunsWithTheTrackersThresholdIfThatIsLower)
   EXPECT_FLOAT_EQ(0.2F, filter.score_threshold);
   EXPECT_FLOAT_EQ(0.1F, filter.class_thresholds.at("person"));
   EXPECT_FLOAT_EQ(0.2F, filter.class_thresholds.at("traffic light"));
-  // 0 would be the model's own threshold.
-  EXPECT_GT(ssd_reader.load("tracker: {low_score: 0}").detectorOptions(makeModel()).filter.score_threshold, 0.0F);
+}
+
+TEST(SsdRosOptions, ScoresOfTheTrackerAreTheUsersThenTheModels)
+{
+  ModelDescription model = makeModel();
+  model.tracker = {0.5, 0.3};
+  EXPECT_FLOAT_EQ(0.3F, ssd_reader.load("{}").detectorOptions(model).filter.score_threshold);
+  const auto scores = [&model](const char* parameters)
+  { return ssd_reader.load(parameters).tracker.forNetwork(model.tracker).scores; };
+  EXPECT_EQ(0.5, scores("{}").high);
+  EXPECT_EQ(0.3, scores("{}").low);
+  EXPECT_EQ(0.7, scores("tracker: {high_score: 0.7}").high);
+  // The two stay in their order.
+  EXPECT_EQ(0.2, scores("tracker: {high_score: 0.2}").low);
+  EXPECT_EQ(0.6, scores("tracker: {low_score: 0.6}").high);
 }
 
 }  // namespace

@@ -25,6 +25,9 @@ TEST(TrackerRosOptions, NamesWhatIsWrong)
   EXPECT_EQ((Names{"/tracker/always", "/tracker/tracker/high"}), unknown);
   EXPECT_EQ("parameter /tracker/warning_period_s = 0, must be in (0, 3600]",
             tracker_reader.refusal("warning_period_s: 0"));
+  EXPECT_EQ("parameter /tracker/tracker/low_score = 0.6, must be in [0, 0.5]",
+            tracker_reader.refusal("tracker: {high_score: 0.5, low_score: 0.6}"));
+  EXPECT_EQ("", tracker_reader.refusal("tracker: {low_score: 0.6}")) << "the network's high score may be above";
   EXPECT_TRUE(
       begins(tracker_reader.refusal("tracker: {confirm_hits: 0}"), "parameter /tracker/tracker/confirm_hits = 0"))
       << tracker_reader.refusal("tracker: {confirm_hits: 0}");

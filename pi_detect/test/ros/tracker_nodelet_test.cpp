@@ -6,7 +6,10 @@
 #include <pi_detect/Track2DArray.h>
 #include <pi_detect/ros/conversions.h>
 #include <pi_node/test_support/on_graph.h>
+#include <sensor_msgs/CameraInfo.h>
+#include <tf2_ros/transform_broadcaster.h>
 
+#include <cmath>
 #include <memory>
 
 namespace pi_detect
@@ -33,16 +36,18 @@ protected:
   }
 
   /// A person who walks to the right.
-  void publish(double time_s)
+  void publish(double time_s) { publishPerson(1000.0 + time_s, 120.0 + 50.0 * time_s, "left_optical"); }
+
+  void publishPerson(double stamp_s, double x, const char* frame)
   {
     Detection person;
     person.class_id = PERSON;
     person.score = 0.9F;
-    const auto left = static_cast<float>(100.0 + 50.0 * time_s);
+    const auto left = static_cast<float>(x - 20.0);
     person.box = Box{left, 50.0F, left + 40.0F, 150.0F};
     std_msgs::Header header;
-    header.stamp = ros::Time(1000.0 + time_s);
-    header.frame_id = "left_optical";
+    header.stamp = ros::Time(stamp_s);
+    header.frame_id = frame;
     detections_.publish(toMsg(Detections{person}, header));
   }
 
@@ -77,6 +82,56 @@ TEST_F(TrackerNodelet, FollowsWhatComesFromElsewhere)
     EXPECT_GT(last->tracks[0].velocity_x, 0.0);
   }
   EXPECT_TRUE(listens(0));
+}
+
+TEST_F(TrackerNodelet, KnowsHowTheCameraTurned)
+{
+  // From picture to picture the camera turns 5 degrees to the left, so who stands still moves 52 px to the right.
+  constexpr double TURN = 0.0873;
+  constexpr double FOCAL_PX = 600.0;
+  tf2_ros::TransformBroadcaster tf;
+  ros::Publisher infos = node_.advertise<sensor_msgs::CameraInfo>("camera_info", 1, true);
+  sensor_msgs::CameraInfo info;
+  info.distortion_model = "plumb_bob";
+  info.K = {FOCAL_PX, 0.0, 320.0, 0.0, FOCAL_PX, 240.0, 0.0, 0.0, 1.0};
+  infos.publish(info);
+  const Collector<Track2DArray> tracks("tracks");
+  ASSERT_TRUE(listens(1));
+  ASSERT_TRUE(until(TIMEOUT_S, [&infos] { return infos.getNumSubscribers() == 1; }));
+  double yaw = 0.0;
+  const auto turnTo = [&tf, &yaw](double time_s)
+  {
+    geometry_msgs::TransformStamped transform;
+    transform.header.stamp = ros::Time(2000.0 + time_s);
+    transform.header.frame_id = "odom";
+    transform.child_frame_id = "turning_optical";
+    // z forward, x right, y down: to the left is about -y.
+    transform.transform.rotation.y = -std::sin(0.5 * yaw);
+    transform.transform.rotation.w = std::cos(0.5 * yaw);
+    tf.sendTransform(transform);
+  };
+  // tf comes over a link of its own: the person stands still until the node has it, then the camera begins to turn.
+  int followed = 0;
+  double time_s = 0.0;
+  Track2D last;
+  ASSERT_TRUE(until(TIMEOUT_S,
+                    [&]
+                    {
+                      time_s += 0.1;
+                      yaw += followed > 20 ? TURN : 0.0;
+                      turnTo(time_s);
+                      ros::Duration(0.02).sleep();
+                      publishPerson(2000.0 + time_s, 320.0 + FOCAL_PX * std::tan(yaw - 0.4), "turning_optical");
+                      const auto array = tracks.last();
+                      ++followed;
+                      if (array && array->header.frame_id == "turning_optical" && !array->tracks.empty())
+                      {
+                        last = array->tracks.front();
+                      }
+                      return yaw > 0.8;
+                    }));
+  EXPECT_GT(last.age.toSec(), 2.5) << "one track from the start";
+  EXPECT_GT(last.velocity_x, 200.0) << "in the picture";
 }
 
 TEST_F(TrackerNodelet, SaysWhatIsWrongWithMessages)

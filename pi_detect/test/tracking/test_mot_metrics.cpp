@@ -45,6 +45,8 @@ TEST(MotMetrics, CountMissesFalsePositivesAndFragments)
   EXPECT_EQ(metrics.false_positives, 1);
   EXPECT_EQ(metrics.fragments, 1);
   EXPECT_EQ(metrics.switches, 0);
+  EXPECT_DOUBLE_EQ(metrics.precision, 3.0 / 4.0);
+  EXPECT_DOUBLE_EQ(metrics.recall, 3.0 / 4.0);
   EXPECT_DOUBLE_EQ(metrics.mota, 1.0 - 2.0 / 4.0);
   EXPECT_DOUBLE_EQ(metrics.idf1, 2.0 * 3.0 / (4.0 + 4.0));
 }

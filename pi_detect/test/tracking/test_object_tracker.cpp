@@ -161,7 +161,7 @@ TEST_F(StandingPerson, BeginsAnewWithANewIdWhenTimeGoesBackFar)
 TEST_F(StandingPerson, EndsWhenClearedAndComesBackWithANewId)
 {
   show(5);
-  tracker_.clear();
+  tracker_.restart(ObjectTrackerOptions());
   EXPECT_TRUE(tracker_.update(stamp_, {}).empty());
   EXPECT_EQ(show(3).at(0).id, 2);
 }
@@ -309,6 +309,109 @@ TEST(ObjectTracker, FollowsBoxesThatDoNotOverlapFromPictureToPictureByTheirMargi
   }
 }
 
+/// People who stand 60 px apart before a camera that looks around: 45 px to the left or right from picture to picture.
+class LookingAround : public ::testing::Test
+{
+protected:
+  /// @return the tracks of the last of 12 pictures.
+  std::vector<ObjectTrack> look(ObjectTracker* tracker, bool known) const
+  {
+    std::vector<ObjectTrack> tracks;
+    double pan = 0.0;
+    for (int i = 0; i < 12; ++i)
+    {
+      const double way = i % 4 < 2 ? 45.0 : -45.0;
+      pan += way;
+      TrackerView view;
+      if (known)
+      {
+        view.motion = [way](const Eigen::Vector2d& point) -> Eigen::Vector2d
+        { return point + Eigen::Vector2d(way, 0.0); };
+      }
+      tracks = tracker->update(START + i * STEP, {person(200.0 + pan, 200.0), person(260.0 + pan, 200.0)}, view);
+    }
+    return tracks;
+  }
+};
+
+TEST_F(LookingAround, KeepsIdsIfTheTrackerKnows)
+{
+  ObjectTracker tracker;
+  const std::vector<ObjectTrack> tracks = look(&tracker, true);
+  ASSERT_EQ(tracks.size(), 2U);
+  EXPECT_EQ(tracks[0].hits, 12);
+  EXPECT_EQ(tracks[1].hits, 12);
+  EXPECT_NEAR(centreX(tracks[0]), 200.0, 1.0);
+  EXPECT_NEAR(tracks[0].velocity_x, -450.0, 5.0) << "velocity is that in the picture";
+
+  ObjectTracker ignorant;
+  const std::vector<ObjectTrack> lost = look(&ignorant, false);
+  EXPECT_TRUE(lost.size() != 2U || lost[0].hits < 12 || lost[1].hits < 12) << "else this test shows nothing";
+}
+
+TEST_F(LookingAround, PlacesOfLostObjectsTurnAsWell)
+{
+  ObjectTracker tracker;
+  int i = 0;
+  for (; i < 5; ++i)
+  {
+    tracker.update(START + i * STEP, {person(200.0, 200.0)});
+  }
+  TrackerView view;
+  view.motion = [](const Eigen::Vector2d& point) -> Eigen::Vector2d { return point + Eigen::Vector2d(80.0, 0.0); };
+  for (; i < 10; ++i)
+  {
+    tracker.update(START + i * STEP, {}, view);
+  }
+  const std::vector<ObjectTrack> tracks = tracker.update(START + i * STEP, {person(600.0, 200.0)});
+  ASSERT_EQ(tracks.size(), 1U);
+  EXPECT_EQ(tracks[0].last_seen_ns, START + i * STEP);
+}
+
+TEST_F(LookingAround, IsNotDisturbedByAMotionThatIsNotFinite)
+{
+  ObjectTracker tracker;
+  TrackerView view;
+  view.motion = [](const Eigen::Vector2d&) -> Eigen::Vector2d
+  { return Eigen::Vector2d::Constant(std::numeric_limits<double>::quiet_NaN()); };
+  std::vector<ObjectTrack> tracks;
+  for (int i = 0; i < 5; ++i)
+  {
+    tracks = tracker.update(START + i * STEP, {person(200.0, 200.0)}, view);
+  }
+  ASSERT_EQ(tracks.size(), 1U);
+  EXPECT_EQ(tracks[0].hits, 5);
+}
+
+TEST(ObjectTracker, TellsObjectsThatMeetApartByTheirColours)
+{
+  // A dark and a bright one stand 25 px apart and change places from one picture to the next.
+  for (const bool looks : {false, true})
+  {
+    std::vector<uint8_t> pixels(400 * 400);
+    PictureView picture{pixels.data(), 400, 400, 400, PictureView::Format::MONO8};
+    TrackerView view;
+    view.picture = looks ? &picture : nullptr;
+    ObjectTracker tracker;
+    std::vector<ObjectTrack> tracks;
+    for (int i = 0; i < 10; ++i)
+    {
+      const bool changed = i >= 5;
+      for (size_t at = 0; at < pixels.size(); ++at)
+      {
+        pixels[at] = (at % 400 < 200) == changed ? 200 : 40;
+      }
+      Detection left = person(187.5, 200.0);
+      Detection right = person(212.5, 200.0);
+      left.box.x1 -= 5.0F;
+      right.box.x2 += 5.0F;
+      tracks = tracker.update(START + i * STEP, {left, right}, view);
+    }
+    ASSERT_EQ(tracks.size(), 2U);
+    EXPECT_EQ(centreX(tracks[0]) > 200.0, looks) << "the dark one came first";
+  }
+}
+
 TEST(ObjectTracker, NeverUsesAnIdAgainAndSortsById)
 {
   ObjectTracker tracker;
@@ -382,7 +485,7 @@ TEST(ObjectTracker, RefusesOptionsOutOfRange)
   options.confirm_hits = 0;
   EXPECT_EQ(refusal(options), "confirm_hits = 0, must be in [1, 100]");
   options = ObjectTrackerOptions();
-  options.low_score = 0.7;
+  options.scores.low = 0.7;
   EXPECT_EQ(refusal(options), "low_score = 0.7, must be in [0, 0.6]");
   options = ObjectTrackerOptions();
   options.time_to_live_s = std::numeric_limits<double>::quiet_NaN();

@@ -53,6 +53,8 @@ std::vector<Obstacle> fromMsg(const ObstacleArray& message);
 LabelArray toMsg(const ModelDescription& model);
 /// @throws std::invalid_argument if there are not as many names as ids.
 Labels fromMsg(const LabelArray& message);
+/// The default where the message has none.
+TrackerScores scoresOf(const LabelArray& message);
 
 /// Fields x, y, z, float32.
 sensor_msgs::PointCloud2Ptr toPointCloud(const std::vector<Eigen::Vector3f>& points, const std_msgs::Header& header);
