@@ -20,7 +20,27 @@ namespace pi_detect
 
 namespace zero_copy = pi_os_transport::zero_copy;
 
-SsdRos::SsdRos(ros::NodeHandle node, ros::NodeHandle private_node)
+namespace
+{
+
+std::shared_ptr<pi_runtime::Runtime> runtimeFor(const SsdRosOptions& options, bool alone)
+{
+  if (!options.use_runtime)
+  {
+    return nullptr;
+  }
+  pi_runtime::RuntimeOptions runtime;
+  if (alone && options.detector.target == Target::CPU)
+  {
+    runtime.opencl_cpu = false;
+    runtime.opencl_gpu = false;
+  }
+  return pi_runtime::Runtime::shared(runtime);
+}
+
+}  // namespace
+
+SsdRos::SsdRos(ros::NodeHandle node, ros::NodeHandle private_node, bool alone)
   : input_thread_("ssd_input")
   , loader_thread_("ssd_loader")
   , service_thread_("ssd_service")
@@ -30,7 +50,7 @@ SsdRos::SsdRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , private_node_(private_node)
   , options_(pi_node::loadNodeOptions<SsdRosOptions>(private_node, "ssd"))
   , topic_(node.resolveName("image"))
-  , runtime_(options_.use_runtime ? pi_runtime::Runtime::shared() : nullptr)
+  , runtime_(runtimeFor(options_, alone))
   , warnings_(options_.warning_period_s, pi_node::warningLog<SsdRosOptions>("ssd"))
   , diagnostics_(service_node_, private_node, &warnings_, options_.input_timeout_s)
   , turn_(input_node_, options_.tracker.odom_frame, infoTopicOf(topic_), isRectified(topic_))
