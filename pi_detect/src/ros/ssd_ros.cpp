@@ -1,6 +1,5 @@
 #include "ros/ssd_ros.h"
 
-#include <pi_detect/Detection2DArray.h>
 #include <pi_detect/LabelArray.h>
 #include <pi_detect/Track2DArray.h>
 #include <pi_detect/model_catalogue.h>
@@ -57,13 +56,14 @@ SsdRos::SsdRos(ros::NodeHandle node, ros::NodeHandle private_node, bool alone)
   , worker_(options_, topic_, &warnings_, &diagnostics_, turn_, [this](const FoundObjects& found) { publish(found); })
   , input_transport_(input_node_)
   , overlay_transport_(service_node_)
+  , vision_info_(service_node_, private_node)
 {
   requireTransport(input_transport_, options_.image_transport, private_node.resolveName("image_transport"));
   asked_for_ = options_.model;
   worker_.beginLoading(asked_for_);
 
   const auto look = [this](const ros::SingleSubscriberPublisher&) { updateSubscription(); };
-  detections_ = service_node_.advertise<Detection2DArray>("detections", 2, look, look);
+  detections_ = DetectionPublisher(service_node_, 2, look);
   tracks_ = service_node_.advertise<Track2DArray>("tracks", 2, look, look);
   labels_ = pi_node::LatchedPublisher<LabelArray>(service_node_, "labels", 1);
   const auto look_at_overlay = [this](const image_transport::SingleSubscriberPublisher&) { updateSubscription(); };
@@ -143,6 +143,7 @@ bool SsdRos::load(const std::string& model, std::string* message)
   }
   LabelArray labels = toMsg(detector->model());
   labels.header.stamp = ros::Time::now();
+  vision_info_.publish(detector->model());
   worker_.use(std::move(detector), notice);
   diagnostics_.reset();
   labels_.publish(labels);

@@ -4,6 +4,7 @@
 #include <pi_detect/DetectObjects.h>
 #include <pi_detect/LabelArray.h>
 #include <pi_detect/SetModel.h>
+#include <pi_detect/ros/detection_publisher.h>
 #include <pi_node/ros/callback_thread.h>
 #include <pi_node/ros/latched_publisher.h>
 #include <pi_node/ros/vehicle_time.h>
@@ -79,9 +80,10 @@ private:
 
   image_transport::ImageTransport input_transport_;
   image_transport::ImageTransport overlay_transport_;
-  ros::Publisher detections_;
+  DetectionPublisher detections_;
   ros::Publisher tracks_;
   pi_node::LatchedPublisher<LabelArray> labels_;
+  VisionInfoPublisher vision_info_;
   image_transport::Publisher overlay_;
   std::vector<ros::ServiceServer> services_;
   pi_node::VehicleTimer timer_;

@@ -64,7 +64,7 @@ PictureTasks::PictureTasks(ros::NodeHandle input_node, ros::NodeHandle service_n
   , local_work_s_(options->detection_local_s)
 {
   const auto look = [this](const ros::SingleSubscriberPublisher&) { updateSubscription(); };
-  detections_ = service_node.advertise<pi_detect::Detection2DArray>("detections", 10, look, look);
+  detections_ = pi_detect::DetectionPublisher(service_node, 10, look);
   const auto look_local = [this](const ros::SingleSubscriberPublisher&)
   { client_->post([this](int64_t now_ns) { giveNext(now_ns); }); };
   local_image_ = service_node.advertise<sensor_msgs::Image>("local/image", 2, look_local, look_local);

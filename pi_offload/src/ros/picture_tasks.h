@@ -2,6 +2,7 @@
 
 #include <pi_detect/Detection2DArray.h>
 #include <pi_detect/LabelArray.h>
+#include <pi_detect/ros/detection_publisher.h>
 #include <pi_detect/ros/message_picture.h>
 #include <pi_node/rate_limit.h>
 #include <pi_node/ros/warning_board.h>
@@ -99,7 +100,7 @@ private:
   std::map<std::string, int> class_ids_;  ///< of its classes, by their names
 
   bool subscribed_ = false;  ///< of the service thread
-  ros::Publisher detections_;
+  pi_detect::DetectionPublisher detections_;
   ros::Subscriber image_;
   ros::Subscriber local_detections_;
   ros::Publisher local_image_;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <ros/advertise_options.h>
 #include <ros/node_handle.h>
 #include <ros/publisher.h>
 
@@ -22,6 +23,12 @@ public:
   LatchedPublisher(ros::NodeHandle node, const std::string& topic, uint32_t queue_size)
     : publisher_(node.advertise<Message>(topic, queue_size, true))
   {
+  }
+  /// @param options  of a message by another name.
+  LatchedPublisher(ros::NodeHandle node, ros::AdvertiseOptions options)
+  {
+    options.latch = true;
+    publisher_ = node.advertise(options);
   }
 
   void publish(const Message& message) const
