@@ -1,6 +1,6 @@
 #include <pi_node/ros/node_main.h>
 
-#include "ros/obstacles_ros.h"
+#include "ros/obstacles/obstacles_ros.h"
 
 int main(int argc, char** argv)
 {

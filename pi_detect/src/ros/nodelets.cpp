@@ -1,7 +1,7 @@
 #include <pi_node/ros/adapter_nodelet.h>
 #include <pluginlib/class_list_macros.hpp>
 
-#include "ros/obstacles_ros.h"
+#include "ros/obstacles/obstacles_ros.h"
 #include "ros/ssd_ros.h"
 #include "ros/tracker_ros.h"
 

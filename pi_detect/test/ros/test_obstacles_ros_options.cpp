@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 #include <pi_node/test_support/options_reader.h>
-#include "ros/obstacles_ros_options.h"
+#include "ros/obstacles/obstacles_ros_options.h"
 
 #include <string>
 

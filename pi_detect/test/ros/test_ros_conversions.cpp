@@ -3,7 +3,7 @@
 #include <pi_detect/ros/message_picture.h>
 #include <pi_node/test_support/message_of.h>
 #include <sensor_msgs/point_cloud2_iterator.h>
-#include "ros/obstacle_markers.h"
+#include "ros/obstacles/obstacle_markers.h"
 
 #include <boost/make_shared.hpp>
 #include <boost/weak_ptr.hpp>

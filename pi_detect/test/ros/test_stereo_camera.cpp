@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
 #include <pi_node/test_support/message_of.h>
-#include "ros/stereo_camera.h"
+#include "ros/obstacles/stereo_camera.h"
 
 #include <boost/make_shared.hpp>
 #include <cmath>

@@ -17,7 +17,7 @@
 #include <thread>
 #include <vector>
 
-#include "ros/obstacle_finder.h"
+#include "ros/obstacles/obstacle_finder.h"
 
 namespace pi_detect
 {

@@ -11,10 +11,10 @@
 #include <string>
 #include <vector>
 
-#include "ros/obstacle_markers.h"
-#include "ros/obstacles_diagnostics.h"
-#include "ros/obstacles_ros_options.h"
-#include "ros/obstacles_worker.h"
+#include "ros/obstacles/obstacle_markers.h"
+#include "ros/obstacles/obstacles_diagnostics.h"
+#include "ros/obstacles/obstacles_ros_options.h"
+#include "ros/obstacles/obstacles_worker.h"
 #include "ros/picture_subscription.h"
 
 namespace pi_detect

@@ -1,4 +1,4 @@
-#include "ros/obstacles_ros.h"
+#include "ros/obstacles/obstacles_ros.h"
 
 #include <pi_detect/ObstacleArray.h>
 #include <pi_node/formatting.h>

@@ -1,4 +1,4 @@
-#include "ros/obstacle_finder.h"
+#include "ros/obstacles/obstacle_finder.h"
 
 #include <pi_detect/ros/conversions.h>
 #include <pi_detect/ros/message_picture.h>

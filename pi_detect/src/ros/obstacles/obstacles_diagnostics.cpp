@@ -1,4 +1,4 @@
-#include "ros/obstacles_diagnostics.h"
+#include "ros/obstacles/obstacles_diagnostics.h"
 #include <diagnostic_msgs/DiagnosticStatus.h>
 #include <pi_node/durations.h>
 #include <pi_node/formatting.h>

@@ -1,4 +1,4 @@
-#include "ros/vehicle_motion.h"
+#include "ros/obstacles/vehicle_motion.h"
 #include <pi_detect/ros/conversions.h>
 #include <pi_node/formatting.h>
 #include <pi_node/vehicle_clock.h>

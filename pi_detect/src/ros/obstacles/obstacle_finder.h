@@ -11,10 +11,10 @@
 #include <optional>
 #include <string>
 
-#include "ros/obstacles_diagnostics.h"
-#include "ros/obstacles_ros_options.h"
-#include "ros/stereo_camera.h"
-#include "ros/vehicle_motion.h"
+#include "ros/obstacles/obstacles_diagnostics.h"
+#include "ros/obstacles/obstacles_ros_options.h"
+#include "ros/obstacles/stereo_camera.h"
+#include "ros/obstacles/vehicle_motion.h"
 
 namespace pi_detect
 {

@@ -1,6 +1,6 @@
-#include "detector/draw_detections.h"
-#include "ros/obstacle_markers.h"
+#include "ros/obstacles/obstacle_markers.h"
 #include <pi_node/formatting.h>
+#include "detector/draw_detections.h"
 
 #include <algorithm>
 #include <boost/make_shared.hpp>

@@ -1,4 +1,4 @@
-#include "ros/obstacles_ros_options.h"
+#include "ros/obstacles/obstacles_ros_options.h"
 #include <pi_node/ros/parameter_tree.h>
 
 namespace pi_detect

@@ -1,4 +1,4 @@
-#include "ros/stereo_camera.h"
+#include "ros/obstacles/stereo_camera.h"
 #include <pi_detect/ros/conversions.h>
 #include <pi_node/formatting.h>
 

@@ -1,4 +1,4 @@
-#include "ros/obstacles_worker.h"
+#include "ros/obstacles/obstacles_worker.h"
 
 #include <pi_node/durations.h>
 #include <pthread.h>
