@@ -6,7 +6,7 @@ import yaml
 
 OVERLAP_THRESHOLD = 0.6
 TOP_K, KEEP_TOP_K = 300, 100
-SCORE_THRESHOLD = 0.4  # best F1 on the validation split
+SCORE_THRESHOLD = 0.3  # best F1 on the validation split
 ORIGIN = ("trained with pi_detect/training on street photographs, {epochs} epochs; teacher YOLOX-nano; see the README "
           "there")
 LICENCE = "weights for research use: several sources of the training pictures are for research only"
