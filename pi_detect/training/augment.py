@@ -1,11 +1,13 @@
-"""Random training pictures: SSD crops and zoom-out (Liu et al. 2016, section 2.2), mosaics, mirroring, colours."""
+"""Random training pictures: mosaics of four (Bochkovskiy et al. 2020), crops and zoom-out as SSD (Liu et al. 2016),
+mirroring, colours."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from PIL import Image, ImageEnhance
 
-from box_coding import area
+import package_path  # noqa: F401  (leads to the next one)
+from pi_detect.boxes import area
 
 MIN_VISIBLE = 0.5      # a box keeps its label if at least this part of it is in the crop
 MIN_REMAINDER = 0.1    # smaller remainders are forgotten, those between become ignored regions
@@ -27,7 +29,9 @@ class Sample:
 
 @dataclass(frozen=True)
 class AugmentOptions:
-    mosaic: float = 0.35       # probability of four pictures in one
+    mosaic: float = 0.6        # probability of four pictures in one
+    min_scale: float = 0.3     # of a picture in a mosaic; 1: as large as the input
+    max_scale: float = 1.7
     crop: float = 0.5          # else: of a zoom-in,
     expand: float = 0.25       # of a zoom-out; the rest are whole pictures
     min_crop_area: float = 0.15
@@ -49,15 +53,14 @@ def _resize(rng, image, source, width, height):
     return image.resize((width, height), RESAMPLING[rng.integers(len(RESAMPLING))], source)
 
 
-def random_crop(rng, record, min_area):
-    """A rectangle inside the picture of min_area..1 of its area and 0.6..1.67 of its aspect ratio that shows the centre
-    of a box, where the picture has boxes."""
+def random_crop(rng, record, draw_size):
+    """A rectangle inside the picture that shows the centre of a box, where the picture has boxes.
+
+    @param draw_size  function that draws width and height of the rectangle in parts of the picture's
+    """
     crop = (0.0, 0.0, float(record.width), float(record.height))
     for _ in range(20):
-        side = np.sqrt(rng.uniform(min_area, 1.0))
-        ratio = np.exp(rng.uniform(-0.5, 0.5)) ** 0.5
-        width = record.width * min(side * ratio, 1.0)
-        height = record.height * min(side / ratio, 1.0)
+        width, height = (side * min(part, 1.0) for side, part in zip((record.width, record.height), draw_size()))
         left = rng.uniform(0, record.width - width)
         top = rng.uniform(0, record.height - height)
         crop = (left, top, left + width, top + height)
@@ -96,13 +99,26 @@ def paste(rng, canvas, store, record, source, target):
                   np.concatenate([ignored[ignored_visible > 0], boxes[cut_away]]))
 
 
+def place_in_tile(rng, record, tile, size, options):
+    """A random crop of the picture and the part of the tile (integer rectangle) that it fills at a random scale."""
+    scale = np.exp(rng.uniform(np.log(options.min_scale), np.log(options.max_scale)))
+    ratio = np.exp(rng.uniform(-0.25, 0.25))
+    full = size * scale * ratio, size * scale / ratio  # pixels of the whole picture
+    side = tile[2] - tile[0], tile[3] - tile[1]
+    source = random_crop(rng, record, lambda: (side[0] / full[0], side[1] / full[1]))
+    width, height = (max(1, min(s, round(f))) for s, f in zip(side, full))
+    left, top = tile[0] + rng.integers(side[0] - width + 1), tile[1] + rng.integers(side[1] - height + 1)
+    return source, (left, top, left + width, top + height)
+
+
 def mosaic(rng, store, records, size, options):
-    """Four random crops around a random centre."""
+    """Four pictures around a random centre."""
     canvas = np.empty((size, size, 3), np.uint8)
+    canvas[:] = rng.integers(60, 190, 3, dtype=np.uint8)
     x, y = (int(rng.uniform(0.3, 0.7) * size) for _ in range(2))
-    targets = [(0, 0, x, y), (x, 0, size, y), (0, y, x, size), (x, y, size, size)]
-    parts = [paste(rng, canvas, store, record, random_crop(rng, record, max(options.min_crop_area, 0.3)), target)
-             for record, target in zip(records, targets)]
+    tiles = [(0, 0, x, y), (x, 0, size, y), (0, y, x, size), (x, y, size, size)]
+    parts = [paste(rng, canvas, store, record, *place_in_tile(rng, record, tile, size, options))
+             for record, tile in zip(records, tiles)]
     return Sample(canvas, *[np.concatenate([getattr(part, name) for part in parts])
                             for name in ("boxes", "classes", "scores", "ignored_boxes")])
 
@@ -113,7 +129,10 @@ def zoom(rng, store, record, size, options):
     source, target = (0.0, 0.0, float(record.width), float(record.height)), (0, 0, size, size)
     choice = rng.random()
     if choice < options.crop:
-        source = random_crop(rng, record, options.min_crop_area)
+        def draw_size():
+            side, ratio = np.sqrt(rng.uniform(options.min_crop_area, 1.0)), np.exp(rng.uniform(-0.25, 0.25))
+            return side * ratio, side / ratio
+        source = random_crop(rng, record, draw_size)
     elif choice < options.crop + options.expand:
         canvas[:] = rng.integers(60, 190, 3, dtype=np.uint8)
         side = rng.uniform(1.0, options.max_expand)

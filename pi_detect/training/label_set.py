@@ -8,7 +8,15 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+import package_path  # noqa: F401  (leads to the next one)
+from pi_detect.boxes import iou
+
 CLASSES = ("person", "bicycle", "car", "motorcycle", "bus", "truck", "traffic light", "stop sign", "dog")
+VEHICLES = {CLASSES.index(name) for name in ("car", "bus", "truck")}
+# Sources whose people left out boxes of the classes that they labelled, and drew the others without the heads.
+INCOMPLETE = ("pedestrian_behaviour",)
+LEAST_SCORE = 0.3                       # of a teacher's box that is a training target
+SURE_SCORE = 0.5                        # of a teacher's box that validation asks for
 
 
 @dataclass
@@ -34,20 +42,61 @@ def _rows(boxes):
     return np.asarray(rows, np.float32).reshape(-1, 6)
 
 
-def load_records(folder, split):
-    """Records of one split ("train" or "val") in the order of labels.json."""
+def _complete(human, teacher):
+    """People's boxes without heads, replaced by the teacher's of the same person or, if there is none, ignored.
+
+    @return rows with people's score, ignored boxes
+    """
+    if not len(human) or not len(teacher):
+        return human[:0], human[:, 1:5]
+    overlaps = iou(human[:, 1:5], teacher[:, 1:5]) * (human[:, :1] == teacher[None, :, 0])
+    completed, is_known = human.copy(), overlaps.max(1) >= 0.4
+    completed[:, 1:5] = teacher[overlaps.argmax(1), 1:5]
+    return completed[is_known], human[~is_known, 1:5]
+
+
+def _merge(human, teacher, human_classes, is_complete):
+    """Training targets and ignored regions of one picture, from people's boxes and the teacher's (rows of _rows()).
+
+    The teacher serves for the classes that people did not label. Where they did, a box that only the teacher has is
+    ignored, or, where people are known to have left out many (is_complete is false), a target. Uncertain boxes are
+    ignored. Of several vehicles in one place the best remains.
+    """
+    targets, ignored = list(human), []
+    for row in sorted(teacher, key=lambda row: -row[5]):
+        rivals = [other for other in targets if other[0] == row[0] or {other[0], row[0]} <= VEHICLES]
+        overlaps = iou(row[None, 1:5], np.asarray(rivals)[:, 1:5])[0] if rivals else np.zeros(0)
+        if any(overlap > (0.7 if other[0] != row[0] and other[5] < 1 else 0.45)
+               for overlap, other in zip(overlaps, rivals)):
+            continue
+        is_certain = row[5] >= LEAST_SCORE and (row[0] not in human_classes or not is_complete)
+        (targets if is_certain else ignored).append(row)
+    return np.asarray(targets, np.float32).reshape(-1, 6), np.asarray(ignored, np.float32).reshape(-1, 6)[:, 1:5]
+
+
+def load_records(folder, split, teacher_boxes):
+    """Records of one split ("train" or "val") in the order of labels.json.
+
+    @param teacher_boxes  as teacher.py writes them: picture -> [[name, x1, y1, x2, y2, score]]
+    """
     path = Path(folder) / "labels.json"
     records = []
     for entry in json.loads(path.read_text()):
         if entry["split"] != split:
             continue
-        rows = _rows(entry["train_boxes"])
         human = _rows(entry["boxes"]) if entry["labels"] == "human" else np.zeros((0, 6), np.float32)
+        human_classes = tuple(CLASSES.index(name) for name in entry["human_classes"] if name in CLASSES)
+        teacher, is_complete = _rows(teacher_boxes[entry["image"]]), entry["source"] not in INCOMPLETE
+        ignored = np.asarray(entry["ignore_boxes"], np.float32).reshape(-1, 4)
+        if not is_complete:
+            human, unknown = _complete(human, teacher)
+            ignored = np.concatenate([ignored, unknown])
+        rows, uncertain = _merge(human, teacher, human_classes, is_complete)
+        if len(rows):  # a region that the set leaves open may hold a target now
+            ignored = ignored[iou(ignored, rows[:, 1:5]).max(1) < 0.5]
         records.append(Record(
-            entry["image"], entry["width"], entry["height"], entry["source"],
-            tuple(CLASSES.index(name) for name in entry["human_classes"] if name in CLASSES),
-            rows[:, 1:5], rows[:, 0].astype(np.int64), rows[:, 5],
-            np.asarray(entry["ignore_boxes"], np.float32).reshape(-1, 4), human[:, :5]))
+            entry["image"], entry["width"], entry["height"], entry["source"], human_classes,
+            rows[:, 1:5], rows[:, 0].astype(np.int64), rows[:, 5], np.concatenate([ignored, uncertain]), human[:, :5]))
     if not records:
         raise ValueError(f"{path} has no picture of split '{split}', expected 'train' or 'val'")
     return records
@@ -67,8 +116,10 @@ def human_truth(record):
 
 
 def target_truth(record):
-    """Truth for average_precision.evaluate() from the training targets: people's boxes, elsewhere the teacher's."""
-    return {label: (record.boxes[record.classes == label], record.ignored_boxes) for label in range(len(CLASSES))}
+    """Truth for average_precision.evaluate() from people's boxes and elsewhere the teacher's certain ones."""
+    sure = record.scores >= SURE_SCORE
+    return {label: (record.boxes[sure & (record.classes == label)],
+                    np.concatenate([record.ignored_boxes, record.boxes[~sure]])) for label in range(len(CLASSES))}
 
 
 class PictureStore:

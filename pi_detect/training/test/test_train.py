@@ -6,7 +6,6 @@ import csv
 import hashlib
 import io
 import json
-import shutil
 import sys
 import tempfile
 import unittest
@@ -15,26 +14,28 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path[:0] = [str(Path(__file__).resolve().parent), str(Path(__file__).resolve().parents[1])]
 
 try:
+    import cv2
     import onnx
     import torch
+    import yaml
 except ImportError:
-    raise unittest.SkipTest("PyTorch or ONNX is not installed (Debian: python3-torch, python3-onnx)")
+    raise unittest.SkipTest("PyTorch, ONNX or OpenCV is not installed (Debian: python3-torch, python3-onnx, "
+                            "python3-opencv)")
 
-import dnn_forward
-import evaluate
 import export
-import model_description
+import tiny_teacher
 import train
 from label_set import CLASSES
 
 CONFIG = {
     "seed": 1, "epochs": 3, "batch": 4, "learning_rate": 0.005, "weight_decay": 0.01, "warm_up_steps": 2,
-    "average_decay": 0.9, "box_weight": 2.0, "input_sizes": [[0, 160], [2, 192]], "validate_every": 2,
-    "source_weights": {}, "priors": {}, "augment": {"mosaic": 0.2},
-    "network": {"stem": [4, 8], "channels": [8, 12, 16], "blocks": [1, 1, 1], "head_channels": 8}}
+    "average_decay": 0.9, "box_weight": 2.0, "distribution_weight": 0.5, "distillation_weight": 0.1,
+    "input_sizes": [[0, 160], [2, 192]], "epochs_without_mosaics": 1, "validate_every": 2, "source_weights": {},
+    "augment": {"mosaic": 0.2},
+    "network": {"bins": 8, "stem": [4, 8], "channels": [8, 12, 16], "blocks": [1, 1, 1], "head_channels": 8}}
 
 
 def make_set(folder, count):
@@ -48,10 +49,9 @@ def make_set(folder, count):
         name, colour = (("person", (250, 20, 20)), ("car", (20, 20, 250)))[i % 2]
         pixels[y:y + 36, x:x + 30] = colour
         Image.fromarray(pixels).save(folder / "images" / f"{i}.png")
-        boxes = [[name, x, y, x + 30, y + 36, 1.0]]
         entries.append({"image": f"images/{i}.png", "width": 100, "height": 80, "source": "made", "labels": "human",
                         "split": "train" if i < count // 2 else "val", "human_classes": ["person", "car"],
-                        "boxes": boxes, "train_boxes": boxes, "ignore_boxes": []})
+                        "boxes": [[name, x, y, x + 30, y + 36, 1.0]], "ignore_boxes": []})
     (folder / "labels.json").write_text(json.dumps(entries))
 
 
@@ -62,12 +62,13 @@ class Training(unittest.TestCase):
         self.folder = Path(folder.name)
         self.data = self.folder / "data"
         make_set(self.data, 32)
+        tiny_teacher.write(self.folder / "teacher.onnx")
 
     def train(self, name, epochs):
         work = self.folder / name
         work.mkdir(exist_ok=True)
         with contextlib.redirect_stdout(io.StringIO()):
-            train.train({**CONFIG, "epochs": epochs}, self.data, work, 1)
+            train.train({**CONFIG, "epochs": epochs}, self.data, work, self.folder / "teacher.onnx", 1)
         return work
 
     def log(self, work):
@@ -78,6 +79,7 @@ class Training(unittest.TestCase):
         work = self.train("run", 2)
         self.assertEqual([row["epoch"] for row in self.log(work)], ["0", "1"])
         self.assertNotEqual(self.log(work)[1]["ap_human_person"], "")
+        self.assertEqual(len(json.loads((work / "teacher.json").read_text())), 32)
         self.train("run", 3)
         rows = self.log(work)
         self.assertEqual([row["epoch"] for row in rows], ["0", "1", "2"])
@@ -94,42 +96,23 @@ class Training(unittest.TestCase):
         train.claim(self.folder).close()
 
     def test_the_exported_network_answers_alike_in_opencv(self):
-        if not shutil.which("g++"):
-            self.skipTest("g++ is not installed")
         work = self.train("run", 1)
         sys.argv = ["export.py", "--data", str(self.data), "--work", str(work), "--output", str(work / "net.onnx")]
         with contextlib.redirect_stdout(io.StringIO()) as output:
             export.main()
         self.assertIn("largest difference to PyTorch", output.getvalue())
-        description = model_description.read(work / "net.yaml")
+        description = yaml.safe_load((work / "net.yaml").read_text())
         self.assertEqual(description["labels"], dict(enumerate(CLASSES)))
         self.assertEqual(description["weights"],
                          {"file": "net.onnx", "sha256": hashlib.sha256((work / "net.onnx").read_bytes()).hexdigest()})
         operators = {node.op_type for node in onnx.load(str(work / "net.onnx")).graph.node}
         self.assertNotIn("BatchNormalization", operators)
         self.assertNotIn("Identity", operators)
-        outputs, times = dnn_forward.forward(dnn_forward.build(work), work / "net.onnx",
-                                             [self.data / "images/0.png"], description["input"]["width"])
-        self.assertEqual(outputs["scores"].shape[-2:], (len(model_description.priors(description)), len(CLASSES)))
-        self.assertGreater(times["median_ms"], 0)
-
-        sys.argv = ["evaluate.py", "--data", str(self.data), "--work", str(work), "--network", str(work / "net.onnx"),
-                    "--output", str(work / "figures.json")]
-        with contextlib.redirect_stdout(io.StringIO()):
-            evaluate.main()
-        own = json.loads((work / "figures.json").read_text())["own"]["precision"]["human"]
-        logged = self.log(work)[0]
-        for name in ("person", "car"):
-            self.assertEqual(own[name]["boxes"], 8)
-            self.assertAlmostEqual(own[name]["ap"], float(logged[f"ap_human_{name}"]), delta=0.1)
-
-    def test_a_network_that_is_no_network_is_reported(self):
-        if not shutil.which("g++"):
-            self.skipTest("g++ is not installed")
-        broken = self.folder / "broken.onnx"
-        broken.write_bytes(b"not a network")
-        with self.assertRaisesRegex(RuntimeError, "broken.onnx"):
-            dnn_forward.forward(dnn_forward.build(self.folder), broken, [self.data / "images/0.png"], 64)
+        size = description["input"]["width"]
+        network = cv2.dnn.readNet(str(work / "net.onnx"))
+        network.setInput(np.zeros((1, 3, size, size), np.float32))
+        rows = sum((size // stride) ** 2 for stride in description["output"]["strides"])
+        self.assertEqual(network.forward().shape[-2:], (rows, len(CLASSES) + 4 * description["output"]["bins"]))
 
 
 if __name__ == "__main__":
