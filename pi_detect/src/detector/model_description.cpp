@@ -27,6 +27,7 @@ constexpr int MAX_PRIORS = 65536;     // of the codelet
 constexpr int MAX_CLASSES = 1024;     // likewise
 constexpr int MAX_DETECTIONS = 1024;  // likewise
 constexpr int MAX_BINS = 64;
+constexpr int MAX_CLASS_ID = 65535;  // vision_info has a list of all up to the largest
 
 [[noreturn]] void refuse(const std::string& field, const std::string& value, const std::string& bound)
 {
@@ -419,6 +420,7 @@ void ModelDescription::validate() const
   for (const auto& [id, label] : labels)
   {
     require(id >= 0, "labels: id", id, "at least 0");
+    require(id <= MAX_CLASS_ID, "labels: id", id, "at most " + std::to_string(MAX_CLASS_ID));
     require(!label.empty(), "labels/" + std::to_string(id), "\"\"", "a name");
     if (output_kind == OutputKind::RAW)
     {

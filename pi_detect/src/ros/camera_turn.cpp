@@ -1,11 +1,11 @@
 #include "ros/camera_turn.h"
 
-#include <image_transport/camera_common.h>
 #include <pi_detect/ros/conversions.h>
 #include <tf2/exceptions.h>
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <optional>
 #include <stdexcept>
 
 namespace pi_detect
@@ -39,11 +39,6 @@ std::optional<Eigen::Matrix3d> rotationBetween(const tf2_ros::Buffer& buffer, co
 }
 
 }  // namespace
-
-std::string infoTopicOf(const std::string& image_topic)
-{
-  return image_transport::getCameraInfoTopic(image_topic);
-}
 
 bool isRectified(const std::string& image_topic)
 {
@@ -83,19 +78,9 @@ void CameraTurn::onInfo(const sensor_msgs::CameraInfoConstPtr& info)
   auto camera = std::make_shared<Camera>();
   try
   {
-    camera->lens = Lens(*info, info_topic_);
-    if (rectified_)
-    {
-      const auto& P = info->P;
-      camera->lens.K = adjusted(cv::Matx33d(P[0], P[1], P[2], P[4], P[5], P[6], P[8], P[9], P[10]), *info);
-      camera->lens.D = cv::Mat::zeros(4, 1, CV_64F);
-      camera->lens.equidistant = false;
-      if (!(P[0] > 0.0 && P[5] > 0.0))
-      {
-        throw std::invalid_argument("P is empty");
-      }
-    }
-    camera->size = Eigen::Vector2d(2.0 * camera->lens.K(0, 2), 2.0 * camera->lens.K(1, 2));
+    camera->lens = rectified_ ? Lens::rectified(*info, info_topic_) : Lens(*info, info_topic_);
+    const cv::Size size = pictureSize(*info, info_topic_);
+    camera->size = Eigen::Vector2d(size.width, size.height);
   }
   catch (const std::invalid_argument&)
   {

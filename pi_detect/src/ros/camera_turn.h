@@ -1,7 +1,6 @@
 #pragma once
 
 #include <pi_detect/picture_motion.h>
-#include <pi_os_transport/zero_copy/image_subscriber.h>
 #include <ros/node_handle.h>
 #include <ros/subscriber.h>
 #include <ros/time.h>
@@ -9,10 +8,8 @@
 #include <tf2_ros/buffer.h>
 #include <tf2_ros/transform_listener.h>
 
-#include <cstdint>
 #include <memory>
 #include <mutex>
-#include <optional>
 #include <string>
 
 #include "ros/lens.h"
@@ -60,8 +57,7 @@ private:
   std::shared_ptr<const Camera> camera_;  ///< null: unknown
 };
 
-/// The topic of a camera's calibration beside its pictures, and whether those are rectified, by image_pipeline's names.
-std::string infoTopicOf(const std::string& image_topic);
+/// Whether the pictures of a topic are rectified, by image_pipeline's names.
 bool isRectified(const std::string& image_topic);
 
 }  // namespace pi_detect

@@ -305,14 +305,7 @@ stereo_msgs::DisparityImagePtr toDisparityImage(const cv::Mat& disparity, const 
   image.encoding = encodings::TYPE_32FC1;
   image.step = static_cast<uint32_t>(sizeof(float)) * image.width;
   image.data.resize(static_cast<size_t>(image.step) * image.height);
-  cv::Mat out(disparity.rows, disparity.cols, CV_32FC1, image.data.data(), image.step);
-  const auto shift = static_cast<float>(geometry.cx_difference);
-  for (int y = 0; y < disparity.rows; ++y)
-  {
-    const float* from = disparity.ptr<float>(y);
-    std::transform(from, from + disparity.cols, out.ptr<float>(y),
-                   [shift](float value) { return value > 0.0F ? std::max(0.0F, value - shift) : -1.0F; });
-  }
+  disparity.copyTo(cv::Mat(disparity.rows, disparity.cols, CV_32FC1, image.data.data(), image.step));
   return message;
 }
 

@@ -2,6 +2,7 @@
 #include <pi_node/formatting.h>
 
 #include <algorithm>
+#include <cmath>
 #include <opencv2/calib3d.hpp>
 #include <stdexcept>
 #include <vector>
@@ -10,7 +11,14 @@ namespace pi_detect
 {
 
 using pi_node::format;
+using pi_node::sizeText;
 
+namespace
+{
+
+constexpr uint32_t MAX_PICTURE_SIDE_PX = 16384;
+
+/// K or the first columns of P for the pictures as they come, with binning and region of interest.
 cv::Matx33d adjusted(cv::Matx33d matrix, const sensor_msgs::CameraInfo& info)
 {
   const bool whole = info.roi.width == 0 || info.roi.height == 0;
@@ -21,6 +29,39 @@ cv::Matx33d adjusted(cv::Matx33d matrix, const sensor_msgs::CameraInfo& info)
   matrix(0, 2) = (matrix(0, 2) - (whole ? 0.0 : info.roi.x_offset)) / binning_x;
   matrix(1, 2) = (matrix(1, 2) - (whole ? 0.0 : info.roi.y_offset)) / binning_y;
   return matrix;
+}
+
+}  // namespace
+
+cv::Size pictureSize(const sensor_msgs::CameraInfo& info, const std::string& name)
+{
+  if (info.width == 0 || info.height == 0 || info.width > MAX_PICTURE_SIDE_PX || info.height > MAX_PICTURE_SIDE_PX)
+  {
+    throw std::invalid_argument(name + ": size is " + sizeText(info.width, info.height) +
+                                ": the camera is not calibrated");
+  }
+  const bool whole = info.roi.width == 0 || info.roi.height == 0;
+  return {static_cast<int>((whole ? info.width : info.roi.width) / std::max(info.binning_x, 1U)),
+          static_cast<int>((whole ? info.height : info.roi.height) / std::max(info.binning_y, 1U))};
+}
+
+cv::Matx33d projection(const sensor_msgs::CameraInfo& info, const std::string& name)
+{
+  const auto& P = info.P;
+  if (!(P[0] > 0.0) || !(P[5] > 0.0) || !std::isfinite(P[0] + P[2] + P[5] + P[6]))
+  {
+    throw std::invalid_argument(name + ": P[0] = " + format("%g", P[0]) +
+                                ", must be a focal length [px]: the camera is not calibrated");
+  }
+  return adjusted(cv::Matx33d(P[0], P[1], P[2], P[4], P[5], P[6], P[8], P[9], P[10]), info);
+}
+
+Lens Lens::rectified(const sensor_msgs::CameraInfo& info, const std::string& name)
+{
+  Lens lens;
+  lens.K = projection(info, name);
+  lens.D = cv::Mat::zeros(4, 1, CV_64F);
+  return lens;
 }
 
 Lens::Lens(const sensor_msgs::CameraInfo& info, const std::string& name)

@@ -10,8 +10,13 @@
 namespace pi_detect
 {
 
-/// K or the first columns of P for the pictures as they come, with binning and region of interest.
-cv::Matx33d adjusted(cv::Matx33d matrix, const sensor_msgs::CameraInfo& info);
+// A camera's calibration, for the pictures as they come: with binning and region of interest.
+// name: of its topic. All throw std::invalid_argument naming topic, field and value.
+
+/// [px]
+cv::Size pictureSize(const sensor_msgs::CameraInfo& info, const std::string& name);
+/// The first three columns of P: of rectified pictures.
+cv::Matx33d projection(const sensor_msgs::CameraInfo& info, const std::string& name);
 
 /// The lens of a camera's raw pictures: plumb_bob, rational_polynomial or equidistant.
 struct Lens
@@ -21,8 +26,10 @@ struct Lens
   bool equidistant = false;
 
   Lens() = default;
-  /// @param name  of the topic. @throws std::invalid_argument naming topic, field and value.
   Lens(const sensor_msgs::CameraInfo& info, const std::string& name);
+
+  /// Of its rectified pictures: none.
+  static Lens rectified(const sensor_msgs::CameraInfo& info, const std::string& name);
 
   /// The direction that a pixel sees, with z = 1.
   Eigen::Vector3d ray(const Eigen::Vector2d& pixel) const;

@@ -1,5 +1,6 @@
 #include "ros/ssd_ros.h"
 
+#include <image_transport/camera_common.h>
 #include <pi_detect/LabelArray.h>
 #include <pi_detect/Track2DArray.h>
 #include <pi_detect/model_catalogue.h>
@@ -52,7 +53,7 @@ SsdRos::SsdRos(ros::NodeHandle node, ros::NodeHandle private_node, bool alone)
   , runtime_(runtimeFor(options_, alone))
   , warnings_(options_.warning_period_s, pi_node::warningLog<SsdRosOptions>("ssd"))
   , diagnostics_(service_node_, private_node, &warnings_, options_.input_timeout_s)
-  , turn_(input_node_, options_.tracker.odom_frame, infoTopicOf(topic_), isRectified(topic_))
+  , turn_(input_node_, options_.tracker.odom_frame, image_transport::getCameraInfoTopic(topic_), isRectified(topic_))
   , worker_(options_, topic_, &warnings_, &diagnostics_, turn_, [this](const FoundObjects& found) { publish(found); })
   , input_transport_(input_node_)
   , overlay_transport_(service_node_)

@@ -23,11 +23,10 @@ constexpr double AGREEMENT = 1.5;   // with the motion of the others; the rest o
 constexpr int LEAST_AGREEING = 12;  // three times as many as the motion has parameters
 constexpr double LEAST_PART = 0.5;  // of the corners: most of what is seen
 
-cv::Mat toGrey(const PictureView& picture)
+cv::Mat toGrey(const PictureView& picture, double scale)
 {
   const int type = picture.format == PictureView::Format::MONO8 ? CV_8UC1 : CV_8UC3;
   const cv::Mat whole(picture.height, picture.width, type, const_cast<uint8_t*>(picture.data), picture.stride);
-  const double scale = std::min(1.0, static_cast<double>(REDUCED_WIDTH) / picture.width);
   cv::Mat reduced;
   cv::resize(whole, reduced, cv::Size(), scale, scale, cv::INTER_AREA);
   if (type == CV_8UC1)
@@ -45,7 +44,7 @@ PictureMotion PictureMotionEstimator::update(const PictureView& picture, const s
 {
   const cv::Mat before = last_;
   const double scale = std::min(1.0, static_cast<double>(REDUCED_WIDTH) / picture.width);
-  last_ = toGrey(picture);
+  last_ = toGrey(picture, scale);
   const bool same_camera = before.size() == last_.size() && scale == scale_;
   scale_ = scale;
   if (!wanted || before.empty() || !same_camera)

@@ -198,6 +198,7 @@ TEST_F(ModelDescriptionFile, ErrorsNameFileFieldValueAndBound)
                        "output/kind = \"both\", must be detections or distribution or grid or raw"));
   EXPECT_TRUE(contains(errorWith(MINIMAL, "{1: person, 3: car}", "{}"), "labels = (empty)"));
   EXPECT_TRUE(contains(errorWith(MINIMAL, "{1: person", "{-1: person"), "labels: id = -1, must be at least 0"));
+  EXPECT_TRUE(contains(errorWith(MINIMAL, "3: car}", "2000000000: car}"), "labels: id = 2000000000, must be at most"));
   EXPECT_TRUE(contains(errorWith(RAW, "0123456789abcdef0", "x"), "weights/sha256 = "));
   EXPECT_TRUE(contains(errorWith(MINIMAL, "{file: net.onnx}", "[]"), "weights = (empty), must be a file or a list"));
   EXPECT_TRUE(contains(errorWith(MINIMAL, "{file: net.onnx}", "[{file: a}, {file: b, sha256: x}]"), "sha256 = \"x\""));

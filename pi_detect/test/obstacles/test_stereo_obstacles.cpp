@@ -211,6 +211,24 @@ TEST(StereoObstacles, MatchesAWideBaselineAtHalfSize)
   EXPECT_NEAR(detector.disparity().at<float>(250, 320), 192.0 / 5.0, 0.5);
 }
 
+TEST(StereoObstacles, SubtractsWhatThePrincipalPointsDifferBy)
+{
+  Scene scene;
+  scene.blocks = {{4.0, -0.5, 0.5, 0.0, 1.2}};
+  Pair pair = makePair(scene);
+  constexpr int SHIFT_PX = 4;
+  cv::Mat shifted;
+  cv::copyMakeBorder(pair.right, shifted, 0, 0, 0, SHIFT_PX, cv::BORDER_REPLICATE);
+  pair.right = shifted.colRange(SHIFT_PX, SHIFT_PX + pair.left.cols).clone();
+  StereoGeometry geometry = makeGeometry();
+  geometry.cx_difference = SHIFT_PX;
+  StereoObstacles detector(geometry, makeMounting(), StereoObstacleOptions());
+  const auto result = detector.detect(pair.left, pair.right);
+  ASSERT_EQ(result.obstacles.size(), 1U);
+  EXPECT_NEAR(result.obstacles[0].nearest.x(), 4.0, 0.2);
+  EXPECT_NEAR(detector.disparity().at<float>(250, 320), 320.0 * 0.12 / 4.0, 0.5);
+}
+
 TEST(StereoObstacles, MeasuresFromTheWantedDistanceBeforeTheVehicleOn)
 {
   Eigen::Isometry3d T_base_left = makeMounting();

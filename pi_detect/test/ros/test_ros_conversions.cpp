@@ -204,21 +204,21 @@ TEST(RosConversions, CloudHasThePoints)
   EXPECT_EQ(0u, toPointCloud({}, makeHeader())->width);
 }
 
-TEST(RosConversions, DisparityComesBackWithoutTheShiftOfThePrincipalPoints)
+TEST(RosConversions, DisparityComesBackAsItWas)
 {
   StereoGeometry geometry;
   geometry.fx = 400.0;
   geometry.baseline_m = 0.2;
-  geometry.cx_difference = 2.0;
+  geometry.cx_difference = 2.0;  // StereoObstacles has subtracted it
   const cv::Mat disparity = (cv::Mat_<float>(1, 3) << 18.0F, -1.0F, 34.5F);
   const auto message = toDisparityImage(disparity, geometry, 0.8, makeHeader());
   EXPECT_EQ(400.0F, message->f);
   EXPECT_EQ(0.2F, message->T);
   EXPECT_FLOAT_EQ(100.0F, message->max_disparity);
   const cv::Mat again = fromMsg(*message);
-  EXPECT_EQ(16.0F, again.at<float>(0, 0));
+  EXPECT_EQ(18.0F, again.at<float>(0, 0));
   EXPECT_EQ(-1.0F, again.at<float>(0, 1));
-  EXPECT_EQ(32.5F, again.at<float>(0, 2));
+  EXPECT_EQ(34.5F, again.at<float>(0, 2));
 }
 
 TEST(RosConversions, DisparitiesBelowTheSmallestAreUnknown)

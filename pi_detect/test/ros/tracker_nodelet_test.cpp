@@ -7,8 +7,9 @@
 #include <pi_detect/ros/conversions.h>
 #include <pi_node/test_support/on_graph.h>
 #include <sensor_msgs/CameraInfo.h>
-#include <tf2_ros/transform_broadcaster.h>
+#include <tf2_msgs/TFMessage.h>
 
+#include <algorithm>
 #include <cmath>
 #include <memory>
 
@@ -89,47 +90,43 @@ TEST_F(TrackerNodelet, KnowsHowTheCameraTurned)
   // From picture to picture the camera turns 5 degrees to the left, so who stands still moves 52 px to the right.
   constexpr double TURN = 0.0873;
   constexpr double FOCAL_PX = 600.0;
-  tf2_ros::TransformBroadcaster tf;
+  constexpr int STANDING = 20;  // pictures
+  constexpr int TURNING = 10;
+  constexpr double PERIOD_S = 0.1;
+  ros::Publisher tf = node_.advertise<tf2_msgs::TFMessage>("/tf", 1);
   ros::Publisher infos = node_.advertise<sensor_msgs::CameraInfo>("camera_info", 1, true);
   sensor_msgs::CameraInfo info;
+  info.width = 640;
+  info.height = 480;
   info.distortion_model = "plumb_bob";
   info.K = {FOCAL_PX, 0.0, 320.0, 0.0, FOCAL_PX, 240.0, 0.0, 0.0, 1.0};
   infos.publish(info);
   const Collector<Track2DArray> tracks("tracks");
   ASSERT_TRUE(listens(1));
-  ASSERT_TRUE(until(TIMEOUT_S, [&infos] { return infos.getNumSubscribers() == 1; }));
-  double yaw = 0.0;
-  const auto turnTo = [&tf, &yaw](double time_s)
+  ASSERT_TRUE(until(TIMEOUT_S, [&] { return infos.getNumSubscribers() == 1 && tf.getNumSubscribers() == 1; }));
+  // tf comes over a link of its own: all of it goes before the pictures, and in the first ones the camera stands.
+  const auto yawAt = [](int picture) { return TURN * std::max(0, picture - STANDING); };
+  tf2_msgs::TFMessage way;
+  for (int picture = 0; picture <= STANDING + TURNING; ++picture)
   {
     geometry_msgs::TransformStamped transform;
-    transform.header.stamp = ros::Time(2000.0 + time_s);
+    transform.header.stamp = ros::Time(2000.0 + PERIOD_S * picture);
     transform.header.frame_id = "odom";
     transform.child_frame_id = "turning_optical";
     // z forward, x right, y down: to the left is about -y.
-    transform.transform.rotation.y = -std::sin(0.5 * yaw);
-    transform.transform.rotation.w = std::cos(0.5 * yaw);
-    tf.sendTransform(transform);
-  };
-  // tf comes over a link of its own: the person stands still until the node has it, then the camera begins to turn.
-  int followed = 0;
-  double time_s = 0.0;
-  Track2D last;
-  ASSERT_TRUE(until(TIMEOUT_S,
-                    [&]
-                    {
-                      time_s += 0.1;
-                      yaw += followed > 20 ? TURN : 0.0;
-                      turnTo(time_s);
-                      ros::Duration(0.02).sleep();
-                      publishPerson(2000.0 + time_s, 320.0 + FOCAL_PX * std::tan(yaw - 0.4), "turning_optical");
-                      const auto array = tracks.last();
-                      ++followed;
-                      if (array && array->header.frame_id == "turning_optical" && !array->tracks.empty())
-                      {
-                        last = array->tracks.front();
-                      }
-                      return yaw > 0.8;
-                    }));
+    transform.transform.rotation.y = -std::sin(0.5 * yawAt(picture));
+    transform.transform.rotation.w = std::cos(0.5 * yawAt(picture));
+    way.transforms.push_back(transform);
+  }
+  tf.publish(way);
+  for (int picture = 0; picture <= STANDING + TURNING; ++picture)
+  {
+    const double stamp_s = 2000.0 + PERIOD_S * picture;
+    publishPerson(stamp_s, 320.0 + FOCAL_PX * std::tan(yawAt(picture) - 0.4), "turning_optical");
+    ASSERT_TRUE(tracks.waitForStamp(ros::Time(stamp_s)));
+  }
+  ASSERT_EQ(1u, tracks.last()->tracks.size());
+  const Track2D last = tracks.last()->tracks.front();
   EXPECT_GT(last.age.toSec(), 2.5) << "one track from the start";
   EXPECT_GT(last.velocity_x, 200.0) << "in the picture";
 }

@@ -59,8 +59,7 @@ TrackerScores scoresOf(const LabelArray& message);
 /// Fields x, y, z, float32.
 sensor_msgs::PointCloud2Ptr toPointCloud(const std::vector<Eigen::Vector3f>& points, const std_msgs::Header& header);
 
-/// @param disparity  as StereoObstacles::disparity() returns it. In the message unknown pixels are -1, and depth is
-///        f * T / disparity even if the principal points differ.
+/// @param disparity  as StereoObstacles::disparity() returns it.
 /// @param min_depth_m  from which on depths are measured; 0: unknown [m].
 stereo_msgs::DisparityImagePtr toDisparityImage(const cv::Mat& disparity, const StereoGeometry& geometry,
                                                 double min_depth_m, const std_msgs::Header& header);

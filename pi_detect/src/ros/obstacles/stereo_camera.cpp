@@ -22,7 +22,6 @@ using pi_node::format;
 using pi_node::sizeText;
 using pi_os_transport::zero_copy::ImageHandle;
 
-constexpr uint32_t MAX_PICTURE_SIDE_PX = 16384;
 constexpr double MIN_BASELINE_M = 0.01;
 constexpr double MAX_BASELINE_M = 3.0;
 /// Pictures of one camera that wait for a partner.
@@ -32,28 +31,6 @@ constexpr int POINTS_PER_SIDE = 5;  ///< of a box's outline, which a lens bends
 [[noreturn]] void fail(const std::string& text)
 {
   throw std::invalid_argument(text);
-}
-
-/// Of the pictures as they come [px].
-cv::Size sizeOf(const sensor_msgs::CameraInfo& info, const std::string& name)
-{
-  if (info.width == 0 || info.height == 0 || info.width > MAX_PICTURE_SIDE_PX || info.height > MAX_PICTURE_SIDE_PX)
-  {
-    fail(name + ": size is " + sizeText(info.width, info.height) + ": the camera is not calibrated");
-  }
-  const bool whole = info.roi.width == 0 || info.roi.height == 0;
-  return {static_cast<int>((whole ? info.width : info.roi.width) / std::max(info.binning_x, 1U)),
-          static_cast<int>((whole ? info.height : info.roi.height) / std::max(info.binning_y, 1U))};
-}
-
-cv::Matx33d projection(const sensor_msgs::CameraInfo& info, const std::string& name)
-{
-  const auto& P = info.P;
-  if (!(P[0] > 0.0) || !(P[5] > 0.0) || !std::isfinite(P[0] + P[2] + P[5] + P[6]))
-  {
-    fail(name + ": P[0] = " + format("%g", P[0]) + ", must be a focal length [px]: the camera is not calibrated");
-  }
-  return adjusted(cv::Matx33d(P[0], P[1], P[2], P[4], P[5], P[6], P[8], P[9], P[10]), info);
 }
 
 Eigen::Matrix3d rotation(const sensor_msgs::CameraInfo& info, const std::string& name)
@@ -69,7 +46,7 @@ Eigen::Matrix3d rotation(const sensor_msgs::CameraInfo& info, const std::string&
 
 StereoGeometry geometryOf(const sensor_msgs::CameraInfo& left, const std::string& name)
 {
-  const cv::Size size = sizeOf(left, name);
+  const cv::Size size = pictureSize(left, name);
   const cv::Matx33d P = projection(left, name);
   StereoGeometry geometry;
   geometry.width = size.width;
@@ -104,7 +81,7 @@ StereoCamera StereoCamera::fromMsg(const sensor_msgs::CameraInfo& left, const se
   camera.geometry = geometryOf(left, left_name);
   camera.R_rectified_left = rotation(left, left_name);
   const cv::Matx33d P_right = projection(right, right_name);
-  const cv::Size size = sizeOf(right, right_name);
+  const cv::Size size = pictureSize(right, right_name);
   StereoGeometry& geometry = camera.geometry;
   if (size.width != geometry.width || size.height != geometry.height)
   {
@@ -169,7 +146,7 @@ Rectifier::Rectifier(const sensor_msgs::CameraInfo& info, const std::string& nam
   : lens_(info, name), P_(projection(info, name))
 {
   cv::eigen2cv(rotation(info, name), R_);
-  const cv::Size size = sizeOf(info, name);
+  const cv::Size size = pictureSize(info, name);
   if (lens_.equidistant)
   {
     cv::fisheye::initUndistortRectifyMap(lens_.K, lens_.D, R_, P_, size, CV_16SC2, map_xy_, map_fraction_);
