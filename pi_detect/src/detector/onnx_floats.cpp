@@ -101,7 +101,7 @@ std::string withFloats(const std::string& model)
   onnx::ModelProto parsed;
   if (!parsed.ParseFromString(model))
   {
-    throw std::runtime_error("it is no ONNX model, or damaged");
+    throw std::runtime_error("it is no ONNX model, or damaged: get it again");
   }
   return widen(parsed.mutable_graph()) ? parsed.SerializeAsString() : model;
 }
