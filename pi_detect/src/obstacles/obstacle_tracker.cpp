@@ -26,17 +26,22 @@ constexpr double GATE = 11.8;       // of the squared Mahalanobis distance, 2 de
 constexpr double SAME_PLACE = 0.5;  // part of the smaller box inside the other: the same, whatever its middle does
 constexpr double START_SPEED_SIGMA = 1.5;  // [m/s]
 constexpr double SIZE_GAIN = 0.2;          // of a new measurement of the size and of its place's error
+constexpr double NARROW_GAIN = 0.1;        // likewise of its width, where one end is not seen
 constexpr double STEADY_M = 0.25;          // by which the width of one thing that moves may change on average, ...
 constexpr double STEADY_PART = 0.1;        // and this part of it
 constexpr double GATE_EDGE_M = 0.3;        // of the middle's uncertainty, counts to tell one obstacle from the next
 constexpr double SCALE_ERROR = 0.04;       // of depth: what stands seems to move by this part of the vehicle's speed
-constexpr double MOVING_SIGMAS2 = 9.0;     // squared
 constexpr double MOVING_SPEED = 0.4;       // [m/s]
-constexpr int MOVING_HITS = 3;             // measurements one after the other that say so
-constexpr double MOVING_AFTER_S = 0.2;     // without a class, of being followed: what appears may be a piece of another
-constexpr double SAME_ERROR_S = 1.0;       // for which errors of a place stay about the same: they look like motion
-constexpr double GAP_S = 0.3;              // after which what is seen there may be another piece: nothing about motion
-constexpr double BORDER_PX = 12.0;         // at the picture's sides
+constexpr double MOVING_SIGMAS2 = 9.0;     // squared; slow, low or unsteady things have to be this clear, ...
+constexpr double FAST_SPEED = 0.8;         // ... others do not: to know late that a person runs costs more [m/s]
+constexpr double FAST_SIGMAS2 = 4.0;
+constexpr double PERSON_M = 0.8;        // height of a small child
+constexpr int MOVING_HITS = 2;          // measurements one after the other that say so
+constexpr double MOVING_AFTER_S = 0.2;  // without a class, of being followed: what appears may be a piece of another
+constexpr double SAME_ERROR_S = 1.0;    // for which errors of a place stay about the same: they look like motion
+constexpr double GAP_S = 0.3;           // after which what is seen there may be another piece: nothing about motion
+constexpr double CROSSING_S = 1.5;      // of somebody who runs across the way at the side of the picture
+constexpr double BORDER_PX = 12.0;      // at the picture's sides
 
 }  // namespace
 
@@ -161,13 +166,16 @@ private:
     return 1e-9 * static_cast<double>(known.last_seen_ns - known.followed_since_ns);
   }
 
-  bool isSignificant(const Known& known) const
+  bool isSignificant(const Known& known, double sigmas2 = FAST_SIGMAS2) const
   {
     const Eigen::Vector2d v = known.filter.velocity();
-    return v.norm() > MOVING_SPEED && v.dot(velocityCovariance(known).inverse() * v) > MOVING_SIGMAS2;
+    const bool runs = v.norm() > FAST_SPEED && known.z_high > PERSON_M;
+    const double clear = runs ? sigmas2 : MOVING_SIGMAS2;
+    return v.norm() > MOVING_SPEED && v.dot(velocityCovariance(known).inverse() * v) > clear;
   }
 
-  /// An obstacle that is not seen keeps moving if its motion is significant, but not longer than it was tracked. Others
+  /// An obstacle that is not seen keeps moving if its motion is significant, but not longer than it was tracked or
+  /// crossing the way takes. Others
   /// stay where they were seen last: with an uncertain velocity they could be anywhere after memory_s, and would be
   /// associated with other obstacles.
   void predict(int64_t stamp_ns, double dt_s, Known* known) const
@@ -178,7 +186,8 @@ private:
     }
     known->filter.predict(dt_s, options_.acceleration_m_s2, options_.max_speed_m_s);
     const double unseen_s = 1e-9 * static_cast<double>(stamp_ns - known->last_seen_ns);
-    const bool goes_on = isMoving(*known) && isSignificant(*known) && unseen_s <= followedS(*known);
+    const bool goes_on =
+        isMoving(*known) && isSignificant(*known) && unseen_s <= std::max(CROSSING_S, followedS(*known));
     if (unseen_s > GAP_S && !goes_on)
     {
       const bool moved = isMoving(*known);
@@ -262,11 +271,13 @@ private:
     return measurements;
   }
 
-  /// What becomes wider behind the one end that is seen has its middle elsewhere, but has not moved.
+  /// What becomes wider behind the one end that is seen has its middle elsewhere, but has not moved. Nor has what was
+  /// taken for wider than it is, as a piece of its neighbour was seen with it.
   /// @return by how much, in odom.
   Eigen::Vector2d widen(const ObstacleMeasurement& measurement, Known* known) const
   {
-    const double more = std::max(0.0, measurement.max.y() - measurement.min.y() - known->size.y());
+    const double wider = measurement.max.y() - measurement.min.y() - known->size.y();
+    const double more = wider > 0.0 ? wider : NARROW_GAIN * wider;
     const Eigen::Vector2d by =
         vehicle_.R_odom_base * Eigen::Vector2d(0.0, measurement.cut_left ? 0.5 * more : -0.5 * more);
     known->filter.shift(by);
@@ -316,10 +327,10 @@ private:
       known->outline.correct(stamp_ns, measurement.outline, vehicle_, position, moved, cut);
     }
     const Eigen::Vector3d size = measurement.max - measurement.min;
-    known->unsteady_m += SIZE_GAIN * (std::abs(size.y() - known->size.y()) - known->unsteady_m);
     known->size.x() += SIZE_GAIN * (size.x() - known->size.x());
     if (!one_end)
     {
+      known->unsteady_m += SIZE_GAIN * (std::abs(size.y() - known->size.y()) - known->unsteady_m);
       const double gain_y = cut && size.y() < known->size.y() ? 0.25 * SIZE_GAIN : SIZE_GAIN;
       known->size.y() += gain_y * (size.y() - known->size.y());
     }
@@ -328,7 +339,8 @@ private:
     known->seen_at = known->filter.position();
     known->seen_covariance = narrow.covariance;
     see(stamp_ns, track, known);
-    const bool steady = known->unsteady_m < STEADY_M + STEADY_PART * known->size.y();
+    const bool steady =
+        known->unsteady_m < STEADY_M + STEADY_PART * known->size.y() || isSignificant(*known, MOVING_SIGMAS2);
     const bool long_enough = known->class_id >= 0 || followedS(*known) > MOVING_AFTER_S;
     const bool tells = isMoving(*known) || (long_enough && !measurement.piece);
     known->moving_hits = steady && tells && isSignificant(*known) ? known->moving_hits + 1 : 0;

@@ -15,17 +15,18 @@ using pi_node::seconds;
 namespace
 {
 
-constexpr double TIME_STEP = 0.1;        // of predictions [s]
-constexpr double SPEED_STEP = 0.1;       // between speeds that are tried [m/s]
-constexpr double WAY_STEP = 0.1;         // of the arc, if no way is given [m]
-constexpr double TRACK_S = 3.0;          // dead reckoning is kept for so long [s]
-constexpr double LEAST_MARGIN = 0.05;    // of an obstacle that is already closer than the margin [m]
-constexpr double EMERGENCY_GAP = 0.15;   // left after emergency braking, on top of the least margin [m]
-constexpr double LEAST_HALF_SIZE = 0.1;  // of an obstacle's box [m]
-constexpr double STANDING_S = 1.0;       // the place of the stop must stay free for this time [s]
-constexpr double ROLLING_S = 0.3;        // clear_persistence of a vehicle that has not come to a stop yet
-constexpr double MAX_UPDATE_S = 1.0;     // a longer pause resets the governor
-constexpr double REACH_STEP = 0.5;       // along the way, to see which obstacles are far from it [m]
+constexpr double TIME_STEP = 0.1;         // of predictions [s]
+constexpr double SPEED_STEP = 0.1;        // between speeds that are tried [m/s]
+constexpr double WAY_STEP = 0.1;          // of the arc, if no way is given [m]
+constexpr double TRACK_S = 3.0;           // dead reckoning is kept for so long [s]
+constexpr double LEAST_MARGIN = 0.05;     // of an obstacle that is already closer than the margin [m]
+constexpr double EMERGENCY_GAP = 0.15;    // left after emergency braking, on top of the least margin [m]
+constexpr double LEAST_HALF_SIZE = 0.1;   // of an obstacle's box [m]
+constexpr double STANDING_S = 1.0;        // the place of the stop must stay free for this time [s]
+constexpr double ROLLING_S = 0.3;         // clear_persistence of a vehicle that has not come to a stop yet
+constexpr double MAX_UPDATE_S = 1.0;      // a longer pause resets the governor
+constexpr double HIDING_SEEN_FROM = 4.0;  // nearer, outlines grow, as they keep what has left the picture [m]
+constexpr double REACH_STEP = 0.5;        // along the way, to see which obstacles are far from it [m]
 
 /// Distance covered within `t` by driving `speed` for `reaction` and then braking.
 double brakingDistance(double speed, double deceleration, double reaction, double t)
@@ -59,6 +60,9 @@ void SpeedGovernorOptions::validate() const
   check.range("resume_speed", resume_speed, min_speed, max_speed);
   check.range("rise", rise, 0.05, 100.0);
   check.range("obstacles_timeout", obstacles_timeout, 0.02, 60.0);
+  check.range("step_out_speed", step_out_speed, 0.0, 10.0);
+  check.range("child_speed", child_speed, 0.0, 10.0);
+  check.range("step_out_reaction_time", step_out_reaction_time, 0.0, 3.0);
 }
 
 SpeedGovernor::SpeedGovernor(const SpeedGovernorOptions& options) : options_(options)
@@ -133,6 +137,8 @@ bool SpeedGovernor::setObstacles(int64_t stamp_ns, const std::vector<ObstacleBox
       known.outline = GroundPolygon::box({p.x(), p.y(), pose.heading}, (0.5 * box.size).cwiseMax(LEAST_HALF_SIZE));
     }
     known.moving = box.moving;
+    known.hidden = hidden_people::behind(known.outline, pose.position(), box.top);
+    const bool near = (known.outline.middle() - pose.position()).norm() < HIDING_SEEN_FROM;
     known.velocity = Pose2{0.0, 0.0, pose.heading} * box.velocity;
     const auto same =
         std::find_if(known_.begin(), known_.end(), [&box](const Known& other) { return other.id == box.id; });
@@ -142,6 +148,7 @@ bool SpeedGovernor::setObstacles(int64_t stamp_ns, const std::vector<ObstacleBox
     }
     else
     {
+      known.hidden = near ? same->hidden : known.hidden;
       *same = known;
     }
   }
@@ -307,6 +314,22 @@ double SpeedGovernor::clearance(const Local& obstacle) const
   return options_.margin;
 }
 
+double SpeedGovernor::speedBeside(const Local& obstacle) const
+{
+  if (obstacle.hidden == hidden_people::Who::NOBODY)
+  {
+    return options_.max_speed;
+  }
+  hidden_people::Vehicle vehicle;
+  vehicle.front = options_.vehicle_front;
+  vehicle.deceleration = options_.deceleration;
+  vehicle.emergency_deceleration = options_.emergency_deceleration;
+  vehicle.reaction_time = options_.step_out_reaction_time;
+  const hidden_people::Edge edge = hidden_people::edgeOf(obstacle.outline, way_, options_.vehicle_half_width);
+  const bool adult = obstacle.hidden == hidden_people::Who::ADULT;
+  return hidden_people::allowedSpeed(edge, adult ? options_.step_out_speed : options_.child_speed, vehicle);
+}
+
 double SpeedGovernor::timeGap(const Local& obstacle, double speed) const
 {
   return options_.stop_gap + (obstacle.moving ? options_.headway * speed : 0.0);
@@ -379,6 +402,7 @@ std::vector<SpeedGovernor::Local> SpeedGovernor::nearTheWay(int64_t now_ns) cons
     Local local;
     local.id = known.id;
     local.moving = known.moving && known.velocity.norm() >= options_.min_moving_speed;
+    local.hidden = local.moving ? hidden_people::Who::NOBODY : known.hidden;
     local.velocity = Pose2{0.0, 0.0, T_base_reckoned.heading} * known.velocity;
     const double age = std::max(0.0, seconds(now_ns - known.seen_ns));
     if (!local.moving)
@@ -433,6 +457,18 @@ SpeedGovernor::Bound SpeedGovernor::boundBy(const std::vector<Local>& obstacles,
     {
       bound.speed = own;
       bound.by_moving = obstacle.moving;
+      bound.obstacle_id = obstacle.id;
+    }
+  }
+  // Only now: a lower bound would hide emergencies.
+  for (const Local& obstacle : obstacles)
+  {
+    const double beside = speedBeside(obstacle);
+    if (beside < bound.speed)
+    {
+      bound.speed = beside;
+      bound.by_moving = false;
+      bound.by_hidden = true;
       bound.obstacle_id = obstacle.id;
     }
   }
@@ -517,7 +553,8 @@ GovernorOutput SpeedGovernor::update(const GovernorInput& input)
   output.speed_limit = limit_;
   if (output.obstacle_id >= 0)
   {
-    output.reason = "slowing for obstacle " + id;
+    output.reason =
+        bound.by_hidden ? "slowing beside obstacle " + id + ", which may hide a person" : "slowing for obstacle " + id;
   }
   return output;
 }

@@ -1,5 +1,7 @@
 #pragma once
 
+#include "decision/hidden_people.h"
+
 #include <pi_vehicle/decision/ground_polygon.h>
 #include <pi_vehicle/decision/pose2.h>
 
@@ -34,6 +36,9 @@ struct SpeedGovernorOptions
   double min_speed = 0.15;          ///< a lower limit becomes a stop [m/s]
   double rise = 1.0;                ///< fastest rise of the limit [m/s^2]
   double obstacles_timeout = 0.5;   ///< the vehicle stops after this time without a report [s]
+  double step_out_speed = 2.0;      ///< of adults who may come from behind what hides them; 0: none do [m/s]
+  double child_speed = 1.4;         ///< likewise of children, whom lower things hide [m/s]
+  double step_out_reaction_time = 0.5;  ///< from where they can be seen until the brakes act [s]
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
@@ -62,6 +67,9 @@ auto visitFields(Options& o, Visit&& visit) -> decltype(o.pass_time_margin, o.cl
   visit("min_speed", o.min_speed);
   visit("rise", o.rise);
   visit("obstacles_timeout", o.obstacles_timeout);
+  visit("step_out_speed", o.step_out_speed);
+  visit("child_speed", o.child_speed);
+  visit("step_out_reaction_time", o.step_out_reaction_time);
 }
 
 /// A pi_detect/Obstacle3D on the ground plane.
@@ -71,6 +79,7 @@ struct ObstacleBox
   Eigen::Vector2d position = Eigen::Vector2d::Zero();  ///< centre, in base_link at the stamp [m]
   Eigen::Vector2d size = Eigen::Vector2d::Zero();      ///< along the axes of base_link [m]
   Eigen::Vector2d velocity = Eigen::Vector2d::Zero();  ///< over the ground, in the axes of base_link [m/s]
+  double top = 0.0;                                    ///< height of its upper end above the ground [m]
   bool moving = true;                                  ///< false: counts as standing, whatever its velocity
   /// Its outline, valid by GroundPolygon::isOutline(), in base_link at the stamp [m]; empty: the box counts.
   std::vector<Eigen::Vector2d> outline;
@@ -102,7 +111,8 @@ struct GovernorOutput
 /// - driving it for the reaction time and then braking comfortably touches no obstacle, with a gap ahead that grows
 ///   with the speed. So the vehicle stops before standing obstacles, follows slower ones, lets crossing ones pass and
 ///   waits for oncoming ones; and
-/// - emergency braking suffices if a moving obstacle stops at once.
+/// - emergency braking suffices if a moving obstacle stops at once; and
+/// - a person who comes from behind a standing obstacle is not hit: see hidden_people.h.
 /// If the present speed is not allowed, the vehicle keeps it where it passes all obstacles with pass_time_margin. An
 /// emergency is when comfortable braking would end in contact. Obstacles that are wholly behind the vehicle do not
 /// count, as it only drives forwards.
@@ -131,6 +141,7 @@ private:
     GroundPolygon outline;
     Eigen::Vector2d velocity;
     bool moving;
+    hidden_people::Who hidden;  // can stand behind it unseen
   };
   struct Placed  // a pose of the vehicle
   {
@@ -143,12 +154,14 @@ private:
     GroundPolygon outline;
     Eigen::Vector2d velocity;
     bool moving;
+    hidden_people::Who hidden;
     double margin;
   };
   struct Bound  // of the speed, by all obstacles
   {
     double speed;
     bool by_moving = false;  // the obstacle that sets the bound moves
+    bool by_hidden = false;  // by a person who may be behind the obstacle
     int64_t obstacle_id = -1;
     bool emergency = false;
     double time_to_collision = std::numeric_limits<double>::infinity();
@@ -181,6 +194,8 @@ private:
   GovernorOutput stop(const std::string& reason, GovernorOutput output);
   void setWay(const GovernorInput& input);
   double clearance(const Local& obstacle) const;
+  /// The largest speed for which nobody from behind the obstacle is hit.
+  double speedBeside(const Local& obstacle) const;
   void reset();
 
   const SpeedGovernorOptions options_;

@@ -27,6 +27,8 @@ struct Mover
   Eigen::Vector2d size{0.5, 0.5};
   double change_s = std::numeric_limits<double>::infinity();
   Eigen::Vector2d then = Eigen::Vector2d::Zero();  ///< velocity from change_s on
+  double top = 0.0;                                ///< [m]
+  double seen_from_s = 0.0;                        ///< hidden before
 };
 
 /// Drive with dead time and lag along a constant curvature.
@@ -80,7 +82,8 @@ struct World
   int64_t now_ns = 1000 * MS;
   double time = 0.0;
   GovernorOutput output;
-  bool collided = false;  ///< while the vehicle moved
+  bool collided = false;       ///< while the vehicle moved
+  double contact_speed = 0.0;  ///< of the vehicle, when something touched it first
   double least_speed = 100.0;
   double top_speed = 0.0;
   double hardest = 0.0;  ///< braking
@@ -111,7 +114,7 @@ struct World
         const Eigen::Vector2d error_v(normal(random), normal(random));
         const bool missed = uniform(random) < miss;
         const Eigen::Vector2d local = vehicle.pose.inverse() * movers[i].position;
-        if (missed || local.x() < 0.0 || local.norm() > 15.0)
+        if (missed || time < movers[i].seen_from_s || local.x() < 0.0 || local.norm() > 15.0)
         {
           continue;
         }
@@ -119,6 +122,7 @@ struct World
         box.id = static_cast<int64_t>(i) + 1;
         box.position = local + noise * error;
         box.size = movers[i].size;
+        box.top = movers[i].top;
         const Eigen::Vector2d v = time >= movers[i].change_s ? movers[i].then : movers[i].velocity;
         box.velocity = Pose2{0.0, 0.0, -vehicle.pose.heading} * v + 3.0 * noise * error_v;
         box.moving = v.norm() > 0.1;
@@ -162,7 +166,11 @@ struct World
     stops += before > 0.05 && vehicle.speed <= 0.05 ? 1 : 0;
     for (const Mover& mover : movers)
     {
-      collided = collided || (vehicle.speed > 0.05 && contact(vehicle, mover));
+      if (!collided && vehicle.speed > 0.05 && contact(vehicle, mover))
+      {
+        collided = true;
+        contact_speed = vehicle.speed;
+      }
     }
   }
 
@@ -235,6 +243,75 @@ TEST(SpeedGovernor, DoesNotStandForAShortAlarm)
   EXPECT_EQ(world.stops, 0);
   EXPECT_GT(world.least_speed, 0.8);
   EXPECT_GT(world.vehicle.speed, 2.0);
+}
+
+/// A box beside the way, and somebody who comes from behind its far end when the vehicle's front is `ahead` before it.
+World passHidingBox(double gap, double speed, double ahead)
+{
+  constexpr double FAR_END = 12.8;
+  World world = cruising();
+  const double side = 0.6 + gap;
+  Mover box{{FAR_END - 0.8, -(side + 0.5)}};
+  box.size = {1.6, 1.0};
+  box.top = 1.8;
+  world.movers.push_back(box);
+  while (world.vehicle.pose.x + 1.0 < FAR_END - ahead && world.time < 60.0)
+  {
+    world.step();
+  }
+  Mover person{{FAR_END + 0.3, -(side + 0.25)}, {0.0, speed}};
+  person.top = 1.7;
+  person.seen_from_s = world.time;
+  world.movers.push_back(person);
+  world.run(5.0);
+  return world;
+}
+
+TEST(SpeedGovernor, HitsNobodyWhoStepsOutFromBehindABox)
+{
+  for (const double gap : {1.0, 1.5, 2.0})
+  {
+    for (double ahead = 0.1; ahead < 6.0; ahead += 0.3)
+    {
+      const World world = passHidingBox(gap, 2.0, ahead);
+      EXPECT_LE(world.contact_speed, 0.5) << gap << " m beside the way, " << ahead << " m ahead";
+    }
+  }
+}
+
+TEST(SpeedGovernor, SaysThatItSlowsDownForWhatMayBeHidden)
+{
+  World world = passHidingBox(1.0, 2.0, 3.0);
+  EXPECT_LT(world.least_speed, 1.0);
+  World before = cruising();
+  Mover box{{8.0, -2.1}};
+  box.size = {1.6, 1.0};
+  box.top = 1.8;
+  before.movers.push_back(box);
+  before.run(1.3);
+  EXPECT_EQ("slowing beside obstacle 1, which may hide a person", before.output.reason);
+  before.run(10.0);
+  EXPECT_EQ("", before.output.reason);
+  EXPECT_EQ(0, before.stops);
+  EXPECT_GT(before.least_speed, 0.4);
+}
+
+TEST(SpeedGovernor, DrivesOnBesideWhatHidesNobody)
+{
+  const auto leastSpeed = [](const Eigen::Vector2d& middle, const Eigen::Vector2d& size, double top)
+  {
+    World world = cruising();
+    Mover box{middle};
+    box.size = size;
+    box.top = top;
+    world.movers.push_back(box);
+    world.run(6.0);
+    return world.least_speed;
+  };
+  EXPECT_LT(leastSpeed({10.0, -2.6}, {4.0, 1.8}, 1.4), 2.0) << "a car";
+  EXPECT_GT(leastSpeed({10.0, -2.6}, {0.4, 0.4}, 3.0), 2.9) << "a pole";
+  EXPECT_GT(leastSpeed({10.0, -2.6}, {4.0, 1.8}, 0.6), 2.9) << "a bench";
+  EXPECT_GT(leastSpeed({10.0, -5.0}, {4.0, 1.8}, 1.4), 2.9) << "a car far from the way";
 }
 
 TEST(SpeedGovernor, LetsAPedestrianCross)

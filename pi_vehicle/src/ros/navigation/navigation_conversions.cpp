@@ -166,6 +166,7 @@ std::vector<ObstacleBox> toObstacleBoxes(const pi_detect::ObstacleArray& obstacl
     box.position = {obstacle.position.x, obstacle.position.y};
     box.size = {obstacle.size.x, obstacle.size.y};
     box.velocity = {obstacle.velocity.x, obstacle.velocity.y};
+    box.top = obstacle.position.z + 0.5 * obstacle.size.z;
     box.moving = obstacle.moving != 0;
     for (const geometry_msgs::Point32& corner : obstacle.outline)
     {

@@ -1,0 +1,48 @@
+#pragma once
+
+#include <pi_vehicle/decision/ground_polygon.h>
+#include <pi_vehicle/decision/pose2.h>
+
+#include <vector>
+
+namespace pi_vehicle::hidden_people
+{
+
+/// Where a person comes into view from behind an obstacle beside the way.
+struct Edge
+{
+  double distance = 0.0;  ///< along the way, from the vehicle's origin to the obstacle's far end; negative: behind [m]
+  double gap = 0.0;       ///< between the obstacle and the strip that the vehicle drives over; negative: inside [m]
+};
+
+struct Vehicle
+{
+  double front = 1.0;                   ///< ahead of its origin [m]
+  double deceleration = 1.0;            ///< to slow down for the edge [m/s^2]
+  double emergency_deceleration = 2.5;  ///< once the person is seen [m/s^2]
+  double reaction_time = 0.5;           ///< from where the person can be seen until the brakes act [s]
+};
+
+enum class Who
+{
+  NOBODY,
+  CHILD,
+  ADULT  ///< or child
+};
+
+/// Who can stand unseen behind an obstacle.
+/// @param eye  place of the vehicle, in the frame of the outline. @param top  height above the ground [m].
+Who behind(const GroundPolygon& outline, const Eigen::Vector2d& eye, double top);
+
+/// @param way  poses that the vehicle will take, not empty, in the frame of the outline.
+Edge edgeOf(const GroundPolygon& outline, const std::vector<Pose2>& way, double half_width);
+
+/// The largest speed at which a person who steps out at `step_out_speed` when it is worst is not hit: the vehicle
+/// either stops before the edge, or has slowed down to a walking person's touch (CONTACT_SPEED) when the person
+/// reaches its strip,
+///   v <= CONTACT_SPEED + emergency_deceleration * max(0, gap / step_out_speed - reaction_time).
+/// Farther away it is the speed from which braking comfortably ends in that one in time. Infinite beside and behind
+/// the edge: who steps out there walks into the vehicle's side.
+double allowedSpeed(const Edge& edge, double step_out_speed, const Vehicle& vehicle);
+
+}  // namespace pi_vehicle::hidden_people
