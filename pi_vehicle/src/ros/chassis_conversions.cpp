@@ -61,7 +61,7 @@ VehicleState toVehicleState(const chassis::HostState& state, const ros::Time& st
 }
 
 nav_msgs::Odometry toOdometry(const chassis::WheelOdometry& odometry, const ros::Time& stamp,
-                              const ChassisRosOptions& options)
+                              const WheelOdometryOptions& options)
 {
   nav_msgs::Odometry message;
   message.header.stamp = stamp;
@@ -70,7 +70,7 @@ nav_msgs::Odometry toOdometry(const chassis::WheelOdometry& odometry, const ros:
   message.pose.pose = toPose(odometry.pose);
   message.twist.twist.linear.x = odometry.speed;
   message.twist.twist.angular.z = odometry.yaw_rate;
-  const OdometryErrors& errors = options.odometry;
+  const OdometryErrors& errors = options.errors;
   const double heading = squared(errors.heading_error * odometry.distance);
   // A wrong heading moves the position sideways by at most the way driven.
   const double position =
@@ -79,6 +79,17 @@ nav_msgs::Odometry toOdometry(const chassis::WheelOdometry& odometry, const ros:
   setDiagonal(&message.twist.covariance, squared(errors.speed_error) + LEAST_VARIANCE,
               squared(errors.yaw_rate_error) + LEAST_VARIANCE, IMPOSSIBLE_VARIANCE);
   return message;
+}
+
+geometry_msgs::TransformStamped toTransform(const nav_msgs::Odometry& odometry)
+{
+  geometry_msgs::TransformStamped transform;
+  transform.header = odometry.header;
+  transform.child_frame_id = odometry.child_frame_id;
+  transform.transform.translation.x = odometry.pose.pose.position.x;
+  transform.transform.translation.y = odometry.pose.pose.position.y;
+  transform.transform.rotation = odometry.pose.pose.orientation;
+  return transform;
 }
 
 sensor_msgs::BatteryState toBatteryState(const chassis::HostState& state, const ros::Time& stamp,

@@ -1,7 +1,8 @@
 #pragma once
 
-#include "ros/chassis_ros_options.h"
+#include "ros/base_options.h"
 
+#include <geometry_msgs/TransformStamped.h>
 #include <nav_msgs/Odometry.h>
 #include <pi_vehicle/MotionCommand.h>
 #include <pi_vehicle/VehicleState.h>
@@ -20,7 +21,8 @@ VehicleState toVehicleState(const chassis::HostState& state, const ros::Time& st
 /// Pose in odom_frame, twist in base_link_frame. Variances of the pose grow with the square of the distance driven. z,
 /// roll, pitch and sideways speed have variance 1e-6, as the vehicle cannot move so.
 nav_msgs::Odometry toOdometry(const chassis::WheelOdometry& odometry, const ros::Time& stamp,
-                              const ChassisRosOptions& options);
+                              const WheelOdometryOptions& options);
+geometry_msgs::TransformStamped toTransform(const nav_msgs::Odometry& odometry);
 
 /// Unknown values are NaN.
 sensor_msgs::BatteryState toBatteryState(const chassis::HostState& state, const ros::Time& stamp,

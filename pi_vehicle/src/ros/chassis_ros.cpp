@@ -3,7 +3,6 @@
 #include "ros/chassis_conversions.h"
 
 #include <diagnostic_msgs/DiagnosticStatus.h>
-#include <geometry_msgs/TransformStamped.h>
 #include <pi_node/formatting.h>
 #include <pi_node/ros/node_options.h>
 #include <pi_node/vehicle_clock.h>
@@ -31,13 +30,6 @@ ros::Time rosTime(int64_t vehicle_ns)
   return now.toSec() > age.toSec() ? now - age : now;
 }
 
-const char* modeText(HostMode mode)
-{
-  static constexpr const char* NAMES[] = {"ready",          "driving", "stopped by a watchdog",
-                                          "emergency stop", "fault",   "disconnected"};
-  return NAMES[static_cast<size_t>(mode)];
-}
-
 }  // namespace
 
 ChassisRos::ChassisRos(ros::NodeHandle node, ros::NodeHandle private_node)
@@ -50,7 +42,7 @@ ChassisRos::ChassisRos(ros::NodeHandle node, ros::NodeHandle private_node)
   state_publisher_ = service_node_.advertise<VehicleState>("vehicle_state", CHASSIS_QUEUE);
   odometry_publisher_ = service_node_.advertise<nav_msgs::Odometry>("wheel_odometry", CHASSIS_QUEUE);
   battery_publisher_ = service_node_.advertise<sensor_msgs::BatteryState>("battery", 1, true);
-  if (options_.publish_tf)
+  if (options_.wheels.publish_tf)
   {
     broadcaster_ = std::make_unique<tf2_ros::TransformBroadcaster>();
   }
@@ -66,10 +58,12 @@ ChassisRos::ChassisRos(ros::NodeHandle node, ros::NodeHandle private_node)
   { ROS_ERROR_STREAM_NAMED("chassis", problem << "; tried again until it is there"); };
   driver_ = std::make_unique<chassis::ChassisDriver>(options_.driver, std::move(events));
 
-  // The newest command is the one that counts.
-  motion_ = service_node_.subscribe("motion", 1, &ChassisRos::onMotion, this, ros::TransportHints().tcpNoDelay());
-  emergency_stop_ = service_node_.advertiseService("emergency_stop", &ChassisRos::onEmergencyStop, this);
-  release_ = service_node_.advertiseService("release_emergency_stop", &ChassisRos::onRelease, this);
+  BaseCommands::Events commands;
+  commands.motion = [this](const chassis::Motion& motion) { return driver_->setMotion(motion); };
+  commands.emergency_stop = [this](const std::string& reason) { driver_->emergencyStop(reason); };
+  commands.release = [this] { driver_->release(); };
+  commands_ =
+      std::make_unique<BaseCommands>(service_node_, options_.driver.host.motion_timeout_s, &warnings_, commands);
   timer_ = pi_node::VehicleTimer(service_node_, options_.diagnostic_period, [this] { publishDiagnostics(); });
   service_thread_.start();
 }
@@ -85,87 +79,26 @@ ChassisRos::~ChassisRos()
 void ChassisRos::onState(const chassis::DriverState& state)
 {
   const chassis::HostState& host = state.host;
-  logMode(host);
-  state_publisher_.publish(toVehicleState(host, ros::Time::now(), options_.base_link_frame));
+  mode_log_.log(host);
+  state_publisher_.publish(toVehicleState(host, ros::Time::now(), options_.wheels.base_link_frame));
   if (host.odometry.count != odometry_count_)
   {
     odometry_count_ = host.odometry.count;
-    const nav_msgs::Odometry odometry = toOdometry(host.odometry, rosTime(host.odometry.stamp_ns), options_);
+    const nav_msgs::Odometry odometry = toOdometry(host.odometry, rosTime(host.odometry.stamp_ns), options_.wheels);
     odometry_publisher_.publish(odometry);
     if (broadcaster_)
     {
-      geometry_msgs::TransformStamped transform;
-      transform.header = odometry.header;
-      transform.child_frame_id = odometry.child_frame_id;
-      transform.transform.translation.x = odometry.pose.pose.position.x;
-      transform.transform.translation.y = odometry.pose.pose.position.y;
-      transform.transform.rotation = odometry.pose.pose.orientation;
-      broadcaster_->sendTransform(transform);
+      broadcaster_->sendTransform(toTransform(odometry));
     }
   }
   if (const int64_t now_ns = pi_node::vehicleNs(); now_ns - battery_ns_ >= BATTERY_PERIOD_NS)
   {
     battery_ns_ = now_ns;
-    battery_publisher_.publish(toBatteryState(host, ros::Time::now(), options_.base_link_frame));
-  }
-}
-
-void ChassisRos::logMode(const chassis::HostState& state)
-{
-  if (state.mode == logged_mode_)
-  {
-    return;
-  }
-  logged_mode_ = state.mode;
-  const std::string text = modeText(state.mode) + (state.detail.empty() ? std::string() : ": " + state.detail);
-  if (state.mode == HostMode::READY || state.mode == HostMode::DRIVING)
-  {
-    ROS_INFO_STREAM_NAMED("chassis", text);
-  }
-  else if (state.mode == HostMode::FAULT)
-  {
-    ROS_ERROR_STREAM_NAMED("chassis", text);
-  }
-  else
-  {
-    ROS_WARN_STREAM_NAMED("chassis", text);
+    battery_publisher_.publish(toBatteryState(host, ros::Time::now(), options_.wheels.base_link_frame));
   }
 }
 
 // -------------------------------------------------------------------------------------------------------- chassis_ros
-
-void ChassisRos::onMotion(const MotionCommand& message)
-{
-  const double age_s = message.header.stamp.isZero() ? 0.0 : (ros::Time::now() - message.header.stamp).toSec();
-  if (age_s > options_.driver.host.motion_timeout_s)
-  {
-    warnings_.warn("a motion command was " + format("%.2f", age_s) +
-                   " s old and refused; are the clocks of this computer and of " +
-                   (message.source.empty() ? "its source" : message.source) + " the same?");
-    return;
-  }
-  if (!driver_->setMotion(fromMsg(message)))
-  {
-    warnings_.warn("a motion command of " + (message.source.empty() ? "an unnamed source" : message.source) +
-                   " was refused: speed, curvature and max_deceleration must be finite, the last not negative");
-  }
-}
-
-bool ChassisRos::onEmergencyStop(std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response)
-{
-  driver_->emergencyStop("asked by service emergency_stop");
-  response.success = true;
-  response.message = "stops; call release_emergency_stop to drive again";
-  return true;
-}
-
-bool ChassisRos::onRelease(std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response)
-{
-  driver_->release();
-  response.success = true;
-  response.message = "released; drives at the next motion command";
-  return true;
-}
 
 void ChassisRos::publishDiagnostics()
 {
@@ -181,10 +114,9 @@ void ChassisRos::reportChassis(Status& status) const
 {
   const chassis::HostState& host = report_.host;
   const std::vector<pi_node::WarningBoard::Entry> warnings = warnings_.recent();
-  const std::string text = modeText(host.mode) + (host.detail.empty() ? std::string() : ": " + host.detail);
   const bool error = host.mode == HostMode::FAULT || host.mode == HostMode::DISCONNECTED;
   const bool well = (host.mode == HostMode::READY || host.mode == HostMode::DRIVING) && host.detail.empty();
-  status.summary(error ? DiagnosticStatus::ERROR : well ? DiagnosticStatus::OK : DiagnosticStatus::WARN, text);
+  status.summary(error ? DiagnosticStatus::ERROR : well ? DiagnosticStatus::OK : DiagnosticStatus::WARN, toText(host));
   if (well && !warnings.empty())
   {
     status.summary(DiagnosticStatus::WARN, warnings.front().text);

@@ -1,15 +1,14 @@
 #pragma once
 
+#include "ros/base_commands.h"
 #include "ros/chassis_ros_options.h"
 
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <pi_node/ros/callback_thread.h>
 #include <pi_node/ros/vehicle_time.h>
 #include <pi_node/ros/warning_board.h>
-#include <pi_vehicle/MotionCommand.h>
 #include <pi_vehicle/chassis/chassis_driver.h>
 #include <ros/ros.h>
-#include <std_srvs/Trigger.h>
 #include <tf2_ros/transform_broadcaster.h>
 
 #include <cstdint>
@@ -43,12 +42,8 @@ private:
 
   // chassis
   void onState(const chassis::DriverState& state);
-  void logMode(const chassis::HostState& state);
 
   // chassis_ros
-  void onMotion(const MotionCommand& message);
-  bool onEmergencyStop(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
-  bool onRelease(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
   void publishDiagnostics();
   void reportChassis(Status& status) const;
   void reportLine(Status& status) const;
@@ -62,16 +57,13 @@ private:
   ros::Publisher state_publisher_;
   ros::Publisher odometry_publisher_;
   ros::Publisher battery_publisher_;
-  ros::Subscriber motion_;
-  ros::ServiceServer emergency_stop_;
-  ros::ServiceServer release_;
   pi_node::VehicleTimer timer_;
 
   // chassis
   std::unique_ptr<tf2_ros::TransformBroadcaster> broadcaster_;  ///< none: no tf
   uint64_t odometry_count_ = 0;
   int64_t battery_ns_ = 0;
-  chassis::HostMode logged_mode_ = chassis::HostMode::READY;
+  ModeLog mode_log_;
 
   // chassis_ros
   chassis::DriverState report_;  ///< at this update
@@ -79,6 +71,7 @@ private:
   uint64_t garbage_lately_ = 0;
 
   std::unique_ptr<chassis::ChassisDriver> driver_;
+  std::unique_ptr<BaseCommands> commands_;
 };
 
 }  // namespace pi_vehicle

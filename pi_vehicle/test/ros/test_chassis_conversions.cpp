@@ -69,7 +69,7 @@ TEST(ChassisConversions, StateSaysWhatIsKnown)
 
 TEST(ChassisConversions, OdometryHasPoseTwistAndGrowingVariance)
 {
-  const ChassisRosOptions options;
+  const WheelOdometryOptions options;
   chassis::WheelOdometry odometry;
   odometry.pose = Pose2{1.0, 2.0, 0.5 * std::acos(-1.0)};
   odometry.speed = 0.5;

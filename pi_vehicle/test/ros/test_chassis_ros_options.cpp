@@ -1,6 +1,8 @@
-// config/chassis.yaml and the defaults in the code must be the same, and impossible values must be named.
+// config/chassis.yaml, twist_base.yaml and the defaults in the code must be the same, and impossible values must be
+// named.
 
 #include "ros/chassis_ros_options.h"
+#include "ros/twist_base_ros_options.h"
 
 #include <gtest/gtest.h>
 #include <pi_node/test_support/options_reader.h>
@@ -15,6 +17,7 @@ namespace
 {
 
 const OptionsReader<ChassisRosOptions> chassis_reader("/chassis/");
+const OptionsReader<TwistBaseRosOptions> twist_reader("/chassis/");
 
 TEST(ChassisRosOptions, DefaultsAreThoseOfTheYamlFile)
 {
@@ -28,7 +31,7 @@ TEST(ChassisRosOptions, ParametersComeBackAsTheyWere)
   options.driver.baud_rate = 921600;
   options.driver.host.motion_timeout_s = 0.5;
   options.driver.host.limits.speed = 1.5;
-  options.publish_tf = true;
+  options.wheels.publish_tf = true;
   Names unknown;
   const ChassisRosOptions again = ChassisRosOptions::fromParameters(options.toParameters(), "", &unknown);
   EXPECT_EQ(options.toText(), again.toText());
@@ -55,6 +58,19 @@ TEST(ChassisRosOptions, NamesParameterValueAndBound)
   EXPECT_EQ("parameter /chassis/odometry/speed_error = -1, must be in [0, 10]",
             chassis_reader.refusal("odometry: {speed_error: -1}"));
   EXPECT_EQ("parameter /chassis/odom_frame = \"\", must be a name", chassis_reader.refusal("odom_frame: \"\""));
+}
+
+TEST(TwistBaseRosOptions, DefaultsAreThoseOfTheYamlFile)
+{
+  twist_reader.expectDefaultsOf(TWIST_BASE_YAML);
+}
+
+TEST(TwistBaseRosOptions, NamesParameterValueAndBound)
+{
+  EXPECT_EQ("parameter /chassis/wheelbase = 0, must be in [0.05, 10]", twist_reader.refusal("wheelbase: 0"));
+  EXPECT_EQ("parameter /chassis/limits/speed = 0, must be in [0.01, 30]", twist_reader.refusal("limits: {speed: 0}"));
+  EXPECT_EQ("parameter /chassis/odometry/speed_error = -1, must be in [0, 10]",
+            twist_reader.refusal("odometry: {speed_error: -1}"));
 }
 
 }  // namespace
