@@ -7,6 +7,7 @@
 #include <geometry_msgs/PoseStamped.h>
 #include <geometry_msgs/PoseWithCovarianceStamped.h>
 #include <gtest/gtest.h>
+#include <move_base_msgs/MoveBaseAction.h>
 #include <nav_msgs/Odometry.h>
 #include <nav_msgs/Path.h>
 #include <pi_detect/ObstacleArray.h>
@@ -514,6 +515,63 @@ TEST_F(NavigationNode, ALaterGoalReplacesTheOneBefore)
   ASSERT_TRUE(until(DRIVE_S, [&] { return vehicle_.stands() && vehicle_.distanceTo(T_map_goal.position()) < 0.5; }))
       << text();
   EXPECT_NEAR(0.8, vehicle_.car().pose().heading, 0.2);
+}
+
+TEST_F(NavigationNode, ServesClientsOfMoveBase)
+{
+  actionlib::SimpleActionClient<move_base_msgs::MoveBaseAction> client("move_base", false);
+  ASSERT_TRUE(client.waitForServer(ros::Duration(TIMEOUT_S)));
+  std::mutex mutex;
+  std::vector<geometry_msgs::PoseStamped> places;
+  const auto drive = [&](const Pose2& pose, const std::string& frame)
+  {
+    move_base_msgs::MoveBaseGoal goal;
+    goal.target_pose.header.frame_id = frame;
+    goal.target_pose.pose = toPose(pose);
+    client.sendGoal(goal, decltype(client)::SimpleDoneCallback(), decltype(client)::SimpleActiveCallback(),
+                    [&](const move_base_msgs::MoveBaseFeedbackConstPtr& feedback)
+                    {
+                      const std::lock_guard<std::mutex> lock(mutex);
+                      places.push_back(feedback->base_position);
+                    });
+  };
+  const auto ends = [&](State::StateEnum state)
+  { return client.waitForResult(ros::Duration(DRIVE_S)) && client.getState().state_ == state; };
+
+  drive({15.0, 3.0, 0.0}, "map");
+  ASSERT_TRUE(ends(State::SUCCEEDED)) << text();
+  EXPECT_LE(vehicle_.distanceTo({15.0, 3.0}), 0.5);
+  {
+    const std::lock_guard<std::mutex> lock(mutex);
+    ASSERT_GT(places.size(), 5u);
+    EXPECT_EQ("map", places.back().header.frame_id);
+    EXPECT_LT(std::hypot(places.back().pose.position.x - 15.0, places.back().pose.position.y - 3.0), 2.0);
+  }
+  drive({60.0, 0.0, 0.0}, "map");
+  ASSERT_TRUE(vehicle_.waitForSpeed(0.5)) << text();
+  client.cancelGoal();
+  ASSERT_TRUE(ends(State::PREEMPTED)) << text();
+
+  drive({60.0, 0.0, 0.0}, "moon");
+  ASSERT_TRUE(ends(State::REJECTED)) << text();
+  EXPECT_EQ("tf has no map -> moon; give the goal in a frame that tf knows", client.getState().getText());
+
+  drive({60.0, 0.0, 0.0}, "map");
+  ASSERT_TRUE(vehicle_.waitForSpeed(0.5)) << text();
+  ros::Publisher simple = ros::NodeHandle().advertise<geometry_msgs::PoseStamped>("move_base_simple/goal", 1);
+  ASSERT_TRUE(until(TIMEOUT_S, [&] { return simple.getNumSubscribers() > 0; }));
+  geometry_msgs::PoseStamped later;
+  later.header.frame_id = "map";
+  later.pose = toPose({50.0, 2.0, 0.0});
+  simple.publish(later);
+  ASSERT_TRUE(ends(State::PREEMPTED)) << text();
+  EXPECT_EQ("replaced by a later goal on /move_base_simple/goal", client.getState().getText());
+
+  drive({70.0, 0.0, 0.0}, "map");
+  ASSERT_TRUE(vehicle_.waitForSpeed(0.5)) << text();
+  ASSERT_TRUE(unloadNodelet("/navigation"));
+  ASSERT_TRUE(ends(State::ABORTED)) << text();
+  start();
 }
 
 TEST_F(NavigationNode, SaysWhyTheVehicleStandsAndGivesUpWhereAsked)

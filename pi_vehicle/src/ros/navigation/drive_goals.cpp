@@ -5,6 +5,7 @@
 
 #include "ros/navigation/kept_goal.h"
 #include "ros/navigation/navigation_conversions.h"
+#include "ros/pose_conversions.h"
 
 namespace pi_vehicle
 {
@@ -46,12 +47,36 @@ DriveGoals::DriveGoals(ros::NodeHandle node, ros::NodeHandle private_node, const
 
 void DriveGoals::start()
 {
-  goal_subscriber_ = node_.subscribe("goal", 2, &DriveGoals::onGoal, this);
+  const auto subscribe = [this](const std::string& topic)
+  {
+    return node_.subscribe<geometry_msgs::PoseStamped>(
+        topic, 2, [this, topic](const geometry_msgs::PoseStampedConstPtr& pose) { onGoal(*pose, topic); });
+  };
+  goal_subscriber_ = subscribe("goal");
+  simple_goal_subscriber_ = subscribe("move_base_simple/goal");
   cancel_ = private_node_.advertiseService("cancel", &DriveGoals::onCancelService, this);
   server_ = std::make_unique<ActionServer>(
-      node_, "drive", [this](GoalHandle handle) { onDrive(handle); }, [this](GoalHandle handle) { onCancel(handle); },
+      node_, "drive", [this](GoalHandle handle) { onDrive(handle); },
+      [this](const GoalHandle& handle)
+      {
+        if (action_ && *action_ == handle)
+        {
+          onCancel();
+        }
+      },
+      false);
+  move_base_server_ = std::make_unique<MoveBaseServer>(
+      node_, "move_base", [this](MoveBaseHandle handle) { onMoveBase(handle); },
+      [this](const MoveBaseHandle& handle)
+      {
+        if (move_base_ && *move_base_ == handle)
+        {
+          onCancel();
+        }
+      },
       false);
   server_->start();
+  move_base_server_->start();
   resumeGoal();
 }
 
@@ -195,13 +220,31 @@ void DriveGoals::onDrive(GoalHandle handle)
   action_ = handle;
 }
 
-void DriveGoals::onGoal(const geometry_msgs::PoseStampedConstPtr& message)
+void DriveGoals::onMoveBase(MoveBaseHandle handle)
 {
   NavigationGoal goal;
-  std::string problem = addPose(*message, &goal);
+  std::string problem = addPose(handle.getGoal()->target_pose, &goal);
   if (problem.empty())
   {
-    problem = begin(goal, "on " + goal_subscriber_.getTopic());
+    problem = begin(goal, "of the action " + node_.resolveName("move_base"));
+  }
+  if (!problem.empty())
+  {
+    refuse(problem);
+    handle.setRejected(move_base_msgs::MoveBaseResult(), problem);
+    return;
+  }
+  handle.setAccepted();
+  move_base_ = handle;
+}
+
+void DriveGoals::onGoal(const geometry_msgs::PoseStamped& pose, const std::string& topic)
+{
+  NavigationGoal goal;
+  std::string problem = addPose(pose, &goal);
+  if (problem.empty())
+  {
+    problem = begin(goal, "on " + node_.resolveName(topic));
   }
   if (!problem.empty())
   {
@@ -209,12 +252,9 @@ void DriveGoals::onGoal(const geometry_msgs::PoseStampedConstPtr& message)
   }
 }
 
-void DriveGoals::onCancel(GoalHandle handle)
+void DriveGoals::onCancel()
 {
-  if (action_ && *action_ == handle)
-  {
-    navigator_->cancel("cancelled by the client of the action");
-  }
+  navigator_->cancel("cancelled by the client of the action");
 }
 
 bool DriveGoals::onCancelService(std_srvs::Trigger::Request&, std_srvs::Trigger::Response& response)
@@ -247,6 +287,18 @@ void DriveGoals::publishFeedback(const NavigatorOutput& output)
   {
     action_->publishFeedback(toFeedback(output, inputs_.vehicleSpeed()));
   }
+  if (!move_base_)
+  {
+    return;
+  }
+  if (const std::optional<Pose2> pose = inputs_.at(ros::Time::now()).pose)
+  {
+    move_base_msgs::MoveBaseFeedback feedback;
+    feedback.base_position.header.stamp = ros::Time::now();
+    feedback.base_position.header.frame_id = options_.map_frame;
+    feedback.base_position.pose = toPose(*pose);
+    move_base_->publishFeedback(feedback);
+  }
 }
 
 void DriveGoals::abort(const std::string& message)
@@ -257,28 +309,36 @@ void DriveGoals::abort(const std::string& message)
 
 void DriveGoals::endAction(DriveEnd end, const std::string& message)
 {
-  if (!action_)
+  const auto tell = [end, &message](auto* handle, const auto& result)
   {
-    return;
-  }
-  DriveResult ended;
-  ended.success = static_cast<uint8_t>(end == DriveEnd::ARRIVED);
-  ended.message = message;
-  ended.distance = distance_;
-  ended.duration = ros::Duration(duration_s_);
-  switch (end)
+    switch (end)
+    {
+      case DriveEnd::ARRIVED:
+        handle->setSucceeded(result, message);
+        break;
+      case DriveEnd::CANCELLED:
+        handle->setCanceled(result, message);
+        break;
+      default:
+        handle->setAborted(result, message);
+        break;
+    }
+  };
+  if (action_)
   {
-    case DriveEnd::ARRIVED:
-      action_->setSucceeded(ended, message);
-      break;
-    case DriveEnd::CANCELLED:
-      action_->setCanceled(ended, message);
-      break;
-    default:
-      action_->setAborted(ended, message);
-      break;
+    DriveResult ended;
+    ended.success = static_cast<uint8_t>(end == DriveEnd::ARRIVED);
+    ended.message = message;
+    ended.distance = distance_;
+    ended.duration = ros::Duration(duration_s_);
+    tell(&*action_, ended);
+    action_.reset();
   }
-  action_.reset();
+  if (move_base_)
+  {
+    tell(&*move_base_, move_base_msgs::MoveBaseResult());
+    move_base_.reset();
+  }
 }
 
 }  // namespace pi_vehicle

@@ -7,6 +7,7 @@
 
 #include <actionlib/server/action_server.h>
 #include <geometry_msgs/PoseStamped.h>
+#include <move_base_msgs/MoveBaseAction.h>
 #include <pi_node/ros/warning_board.h>
 #include <pi_vehicle/DriveAction.h>
 #include <ros/ros.h>
@@ -19,9 +20,9 @@
 namespace pi_vehicle
 {
 
-/// Brings goals to the Navigator: from the action `drive`, the topic `goal` and the parameter server, and tells their
-/// clients how they ended. The latest goal counts; the service `~cancel` ends it. Not thread safe, like
-/// NavigationInputs.
+/// Brings goals to the Navigator: from the actions `drive` and `move_base`, the topics `goal` and
+/// `move_base_simple/goal` and the parameter server, and tells their clients how they ended. The latest goal counts;
+/// the service `~cancel` ends it. Not thread safe, like NavigationInputs.
 class DriveGoals
 {
 public:
@@ -43,9 +44,13 @@ private:
   using ActionServer = actionlib::ActionServer<DriveAction>;
   using GoalHandle = ActionServer::GoalHandle;
 
+  using MoveBaseServer = actionlib::ActionServer<move_base_msgs::MoveBaseAction>;
+  using MoveBaseHandle = MoveBaseServer::GoalHandle;
+
   void onDrive(GoalHandle handle);
-  void onCancel(GoalHandle handle);
-  void onGoal(const geometry_msgs::PoseStampedConstPtr& message);
+  void onMoveBase(MoveBaseHandle handle);
+  void onCancel();
+  void onGoal(const geometry_msgs::PoseStamped& pose, const std::string& topic);
   bool onCancelService(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
   /// @return why the place cannot be used, and the way out; empty: done.
   std::string addPlace(const std::string& name, NavigationGoal* goal) const;
@@ -55,7 +60,7 @@ private:
   void refuse(const std::string& problem);
   void resumeGoal();
   void keepGoal(const ros::Time& now);
-  /// Does nothing if the goal came on the topic.
+  /// Does nothing if the goal came on a topic.
   void endAction(DriveEnd end, const std::string& message);
 
   ros::NodeHandle node_;
@@ -67,13 +72,17 @@ private:
   KeptParameters kept_;
   std::optional<int64_t> kept_at_ns_;
   size_t kept_passed_ = 0;
-  std::optional<GoalHandle> action_;  ///< of the goal that is driven to; none: it came on the topic
+  // Of the goal that is driven to; none: it came on a topic.
+  std::optional<GoalHandle> action_;
+  std::optional<MoveBaseHandle> move_base_;
   std::string last_end_;
   double distance_ = 0.0;    ///< driven to the goal [m]
   double duration_s_ = 0.0;  ///< likewise
   ros::Subscriber goal_subscriber_;
+  ros::Subscriber simple_goal_subscriber_;
   ros::ServiceServer cancel_;
   std::unique_ptr<ActionServer> server_;
+  std::unique_ptr<MoveBaseServer> move_base_server_;
 };
 
 }  // namespace pi_vehicle
