@@ -18,7 +18,7 @@ using pi_node::format;
 
 constexpr uint32_t MOTION_QUEUE = 50;
 constexpr char KEPT_LATCH[] = "latched";  // the parameter that outlives the node
-constexpr char REMOTE[] = "remote";       // the source that cmd_vel is
+constexpr char REMOTE[] = "remote";       // the source that remote/cmd_vel is
 
 }  // namespace
 
@@ -58,7 +58,7 @@ ArbiterRos::ArbiterRos(ros::NodeHandle node, ros::NodeHandle private_node)
     if (name == REMOTE)
     {
       cmd_vel_ = node_.subscribe<geometry_msgs::Twist>(
-          "cmd_vel", 1, [this, i](const geometry_msgs::Twist::ConstPtr& message) { onTwist(i, *message); },
+          "remote/cmd_vel", 1, [this, i](const geometry_msgs::Twist::ConstPtr& message) { onTwist(i, *message); },
           ros::VoidConstPtr(), hints);
     }
   }

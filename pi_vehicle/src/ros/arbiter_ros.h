@@ -24,7 +24,7 @@ namespace pi_vehicle
 {
 
 /// Runs the Arbiter on the graph. Only this node publishes `motion` (pi_vehicle/MotionCommand, at a steady rate), from
-/// `motion/<source>` of every source in sources_file and, if there is a source `remote`, from `cmd_vel`
+/// `motion/<source>` of every source in sources_file and, if there is a source `remote`, from `remote/cmd_vel`
 /// (geometry_msgs/Twist). `vehicle_state` gives the measured speed. Publishes `arbiter/state`
 /// (pi_vehicle/ArbiterState, latched, when it changes) and diagnostics. Private services `emergency_stop` and
 /// `release_emergency_stop` (std_srvs/Trigger); the latch is kept in the private parameter `latched` (its reason) and

@@ -34,7 +34,7 @@ DriveCommand toDriveCommand(const geometry_msgs::Twist& message, const std::stri
   // A yaw rate that is no number stays one, so that the command is refused.
   command.curvature = std::abs(command.speed) >= STANDING ? message.angular.z / command.speed : 0.0 * message.angular.z;
   command.source = source;
-  command.reason = "cmd_vel";
+  command.reason = "remote/cmd_vel";
   return command;
 }
 

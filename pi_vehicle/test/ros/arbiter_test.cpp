@@ -177,7 +177,7 @@ protected:
     ros::param::set("/arbiter/diagnostic_period", 0.1);
     ros::param::set("/arbiter/warning_period_s", 3.0);
     vehicle_ = ros::NodeHandle().advertise<VehicleState>("vehicle_state", 1, true);
-    twist_ = ros::NodeHandle().advertise<geometry_msgs::Twist>("cmd_vel", 1);
+    twist_ = ros::NodeHandle().advertise<geometry_msgs::Twist>("remote/cmd_vel", 1);
     load();
   }
   void TearDown() override { EXPECT_TRUE(unloadNodelet("/arbiter")); }
