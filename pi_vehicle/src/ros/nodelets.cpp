@@ -1,6 +1,7 @@
 #include "ros/arbiter_ros.h"
 #include "ros/chassis_ros.h"
 #include "ros/command_ros.h"
+#include "ros/joystick_ros.h"
 #include "ros/navigation/navigation_ros.h"
 #include "ros/pose_keeper_ros.h"
 #include "ros/power_ros.h"
@@ -17,6 +18,7 @@ namespace pi_vehicle
 using ArbiterNodelet = pi_node::AdapterNodelet<ArbiterRos>;
 using ChassisNodelet = pi_node::AdapterNodelet<ChassisRos>;
 using CommandNodelet = pi_node::AdapterNodelet<CommandRos>;
+using JoystickNodelet = pi_node::AdapterNodelet<JoystickRos>;
 using NavigationNodelet = pi_node::AdapterNodelet<NavigationRos>;
 using PoseKeeperNodelet = pi_node::AdapterNodelet<PoseKeeperRos>;
 using PowerNodelet = pi_node::AdapterNodelet<PowerRos>;
@@ -28,6 +30,7 @@ using TwistBaseNodelet = pi_node::AdapterNodelet<TwistBaseRos>;
 PLUGINLIB_EXPORT_CLASS(pi_vehicle::ArbiterNodelet, nodelet::Nodelet)
 PLUGINLIB_EXPORT_CLASS(pi_vehicle::ChassisNodelet, nodelet::Nodelet)
 PLUGINLIB_EXPORT_CLASS(pi_vehicle::CommandNodelet, nodelet::Nodelet)
+PLUGINLIB_EXPORT_CLASS(pi_vehicle::JoystickNodelet, nodelet::Nodelet)
 PLUGINLIB_EXPORT_CLASS(pi_vehicle::NavigationNodelet, nodelet::Nodelet)
 PLUGINLIB_EXPORT_CLASS(pi_vehicle::PoseKeeperNodelet, nodelet::Nodelet)
 PLUGINLIB_EXPORT_CLASS(pi_vehicle::PowerNodelet, nodelet::Nodelet)
