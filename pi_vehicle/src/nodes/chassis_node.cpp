@@ -1,4 +1,4 @@
-#include "ros/chassis_ros.h"
+#include "ros/base/chassis_ros.h"
 
 #include <pi_node/ros/node_main.h>
 

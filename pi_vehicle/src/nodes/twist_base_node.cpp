@@ -1,4 +1,4 @@
-#include "ros/twist_base_ros.h"
+#include "ros/base/twist_base_ros.h"
 
 #include <pi_node/ros/node_main.h>
 

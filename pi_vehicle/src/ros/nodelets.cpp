@@ -1,12 +1,12 @@
 #include "ros/arbiter_ros.h"
-#include "ros/chassis_ros.h"
+#include "ros/base/chassis_ros.h"
+#include "ros/base/twist_base_ros.h"
 #include "ros/command_ros.h"
 #include "ros/joystick_ros.h"
 #include "ros/navigation/navigation_ros.h"
 #include "ros/pose_keeper_ros.h"
 #include "ros/power_ros.h"
 #include "ros/reaction_ros.h"
-#include "ros/twist_base_ros.h"
 
 #include <pi_node/ros/adapter_nodelet.h>
 

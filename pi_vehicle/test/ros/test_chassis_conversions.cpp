@@ -1,6 +1,6 @@
 // Messages of the chassis driver.
 
-#include "ros/chassis_conversions.h"
+#include "ros/base/chassis_conversions.h"
 
 #include <gtest/gtest.h>
 

@@ -1,8 +1,8 @@
 // config/chassis.yaml, twist_base.yaml and the defaults in the code must be the same, and impossible values must be
 // named.
 
-#include "ros/chassis_ros_options.h"
-#include "ros/twist_base_ros_options.h"
+#include "ros/base/chassis_ros_options.h"
+#include "ros/base/twist_base_ros_options.h"
 
 #include <gtest/gtest.h>
 #include <pi_node/test_support/options_reader.h>

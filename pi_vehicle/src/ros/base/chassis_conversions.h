@@ -1,6 +1,6 @@
 #pragma once
 
-#include "ros/base_options.h"
+#include "ros/base/base_options.h"
 
 #include <geometry_msgs/TransformStamped.h>
 #include <nav_msgs/Odometry.h>

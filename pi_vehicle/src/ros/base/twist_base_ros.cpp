@@ -1,6 +1,6 @@
-#include "ros/twist_base_ros.h"
+#include "ros/base/twist_base_ros.h"
 
-#include "ros/chassis_conversions.h"
+#include "ros/base/chassis_conversions.h"
 
 #include <geometry_msgs/Twist.h>
 #include <pi_node/formatting.h>

@@ -1,4 +1,4 @@
-#include "ros/chassis_ros_options.h"
+#include "ros/base/chassis_ros_options.h"
 
 #include <pi_node/ros/parameter_tree.h>
 

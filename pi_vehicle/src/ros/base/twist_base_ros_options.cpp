@@ -1,4 +1,4 @@
-#include "ros/twist_base_ros_options.h"
+#include "ros/base/twist_base_ros_options.h"
 
 #include <pi_node/ros/parameter_tree.h>
 

@@ -1,7 +1,7 @@
 #pragma once
 
-#include "ros/base_commands.h"
-#include "ros/chassis_ros_options.h"
+#include "ros/base/base_commands.h"
+#include "ros/base/chassis_ros_options.h"
 
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <pi_node/ros/callback_thread.h>

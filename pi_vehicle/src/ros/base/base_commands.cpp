@@ -1,6 +1,6 @@
-#include "ros/base_commands.h"
+#include "ros/base/base_commands.h"
 
-#include "ros/chassis_conversions.h"
+#include "ros/base/chassis_conversions.h"
 
 #include <pi_node/formatting.h>
 

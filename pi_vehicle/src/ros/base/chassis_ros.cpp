@@ -1,6 +1,6 @@
-#include "ros/chassis_ros.h"
+#include "ros/base/chassis_ros.h"
 
-#include "ros/chassis_conversions.h"
+#include "ros/base/chassis_conversions.h"
 
 #include <diagnostic_msgs/DiagnosticStatus.h>
 #include <pi_node/formatting.h>

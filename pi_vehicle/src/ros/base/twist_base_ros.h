@@ -1,8 +1,8 @@
 #pragma once
 
 #include "chassis/twist_base.h"
-#include "ros/base_commands.h"
-#include "ros/twist_base_ros_options.h"
+#include "ros/base/base_commands.h"
+#include "ros/base/twist_base_ros_options.h"
 
 #include <diagnostic_updater/diagnostic_updater.h>
 #include <nav_msgs/Odometry.h>

@@ -1,4 +1,4 @@
-#include "ros/chassis_conversions.h"
+#include "ros/base/chassis_conversions.h"
 
 #include "ros/pose_conversions.h"
 

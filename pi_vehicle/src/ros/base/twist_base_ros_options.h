@@ -1,7 +1,7 @@
 #pragma once
 
 #include "chassis/twist_base.h"
-#include "ros/base_options.h"
+#include "ros/base/base_options.h"
 
 #include <pi_node/ros/node_parameters.h>
 

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "ros/base_options.h"
+#include "ros/base/base_options.h"
 
 #include <pi_node/ros/node_parameters.h>
 #include <pi_vehicle/chassis/chassis_driver.h>
