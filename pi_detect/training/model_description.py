@@ -7,6 +7,7 @@ import yaml
 OVERLAP_THRESHOLD = 0.6
 TOP_K, KEEP_TOP_K = 300, 100
 SCORE_THRESHOLD = 0.3  # best F1 on the validation split
+TRACKER_SCORES = {"high_score": 0.46, "low_score": 0.33}  # there right: 4 of 5 and 1 of 3
 ORIGIN = ("trained with pi_detect/training on street photographs, {epochs} epochs; teacher YOLOX-nano; see the README "
           "there")
 LICENCE = "weights for research use: several sources of the training pictures are for research only"
@@ -40,6 +41,7 @@ def describe(weights, size, strides, bins, classes, epochs):
                    "keep_top_k": KEEP_TOP_K},
         "labels": dict(enumerate(classes)),
         "score_threshold": SCORE_THRESHOLD,
+        "tracker": TRACKER_SCORES,
         "class_agnostic_overlap": 0.0,
         "origin": ORIGIN.format(epochs=epochs),
         "licence": LICENCE,

@@ -112,7 +112,7 @@ private:
   std::thread thread_;
 };
 
-/// "ssd_street on opencl (NVIDIA ...)"
+/// "street on opencl (NVIDIA ...)"
 std::string describe(const Detector& detector);
 
 }  // namespace pi_detect

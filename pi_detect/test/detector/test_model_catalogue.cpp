@@ -135,7 +135,7 @@ TEST_F(ModelCatalogue, TheShippedNamesHaveDescriptions)
     EXPECT_NO_THROW(ModelDescription::load(std::string(MODELS) + "/" + name + ".yaml")) << name;
   }
   EXPECT_EQ("", chooseModel("street", MODELS).notice);
-  EXPECT_TRUE(contains(chooseModel("accurate", MODELS).notice, "ssd_street stands in for yolox_nano_416"));
+  EXPECT_TRUE(contains(chooseModel("accurate", MODELS).notice, "street stands in for yolox_nano_416"));
 }
 
 }  // namespace

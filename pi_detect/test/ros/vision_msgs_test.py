@@ -141,7 +141,7 @@ class VisionMessages(unittest.TestCase):
     def test_names_of_classes_are_where_vision_info_says(self):
         info = Collector("vision_info", upstream("VisionInfo", INFO)).wait()
         self.assertIsNotNone(info)
-        self.assertEqual((info.method, info.database_version), ("ssd_street", 1))
+        self.assertEqual((info.method, info.database_version), ("street", 1))
         self.assertEqual(rospy.get_param(info.database_location)[:3], ["person", "bicycle", "car"])
 
 

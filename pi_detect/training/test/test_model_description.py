@@ -25,6 +25,7 @@ class ModelDescription(unittest.TestCase):
         output = description["output"]
         self.assertEqual((output["kind"], output["strides"], output["bins"]), ("distribution", [8, 16], 7))
         self.assertEqual(description["labels"], {0: "cat", 1: "dog"})
+        self.assertLess(description["tracker"]["low_score"], description["tracker"]["high_score"])
         self.assertIn("30 epochs", description["origin"])
         self.assertAlmostEqual(description["input"]["scale"] * 127.5, 1.0, places=7)
 

@@ -89,7 +89,7 @@ constexpr char SPEECH_ONLY[] =
 
 TEST(EdgeServer, AnnouncesItselfAndWorksForVehicles)
 {
-  FakeDetector detector("served", "ssd_street");
+  FakeDetector detector("served", "street");
   CoordinatorOnGraph coordinator("served");
   // Announcements are of the graph, not of a namespace.
   const Collector<EdgeNode> announced("/edge_nodes");
@@ -98,7 +98,7 @@ TEST(EdgeServer, AnnouncesItselfAndWorksForVehicles)
   EXPECT_EQ("lamp", node.id);
   EXPECT_EQ("localhost:56801", node.address);
   EXPECT_EQ("map", node.frame_id);
-  EXPECT_EQ("ssd_street", node.network);
+  EXPECT_EQ("street", node.network);
   EXPECT_EQ(12.5, node.x);
   EXPECT_TRUE(std::isinf(node.range));
   coordinator.start();

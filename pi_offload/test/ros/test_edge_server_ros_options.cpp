@@ -127,7 +127,7 @@ TEST(EdgeServerRosOptions, TheAnnouncementSaysWhereVehiclesConnect)
 TEST(EdgeServerRosOptions, TheModelsNameIsKnownBeforehand)
 {
   std::string notice;
-  EXPECT_EQ("ssd_street", edge_server_reader.load("{detection: {model: street}}").detectionModel(&notice));
+  EXPECT_EQ("street", edge_server_reader.load("{detection: {model: street}}").detectionModel(&notice));
   EXPECT_EQ("", edge_server_reader.load("{detection: {enabled: false}}").detectionModel(&notice));
   EXPECT_EQ("", notice);
   for (const char* model : {"/no/model.yaml", "no_such_network"})
