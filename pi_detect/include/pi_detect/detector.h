@@ -41,10 +41,9 @@ struct DetectionResult
 
 /// Finds objects in pictures with a network.
 ///
-/// The steps are "blob", "network_<model>_<target>" and, unless the network gives finished detections, decoding:
-/// "ssd_postprocess" for raw outputs, "decode_<model>" for a grid or distributions. Each step is a task of the runtime
-/// with its own entry in the ETC table, or a plain call without a runtime. If OpenCV uses a GPU, the network's task
-/// runs on the unit of the GPU.
+/// The steps are "blob", "network_<model>_<target>" and, unless the network gives finished detections,
+/// "decode_<model>". Each step is a task of the runtime with its own entry in the ETC table, or a plain call without a
+/// runtime. If OpenCV uses a GPU, the network's task runs on the unit of the GPU.
 ///
 /// Not thread safe. Buffers are kept, so pictures of one size allocate nothing new.
 class Detector

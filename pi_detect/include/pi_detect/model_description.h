@@ -1,7 +1,6 @@
 #pragma once
 
 #include <pi_detect/detection.h>
-#include <pi_runtime/kernels/ssd_postprocess.h>
 
 #include <array>
 #include <map>
@@ -49,28 +48,10 @@ struct NetworkInput
 enum class OutputKind
 {
   DETECTIONS,  ///< rows [image, class, score, x1, y1, x2, y2] of a DetectionOutput layer, corners in parts of the input
-  RAW,         ///< box codes and scores per prior, decoded by pi_runtime's "ssd_postprocess"
   GRID,        ///< per cell: centre, logarithm of the size, objectness, scores (YOLOX)
   DISTRIBUTION,  ///< per cell: scores, and a distribution of the distance to each side of the box (NanoDet, PicoDet)
 };
-const char* toString(OutputKind kind);  ///< "detections", "raw", "grid", "distribution"
-
-/// Outputs of kind RAW. Priors are in the order of the outputs: by feature map, row, column, box.
-struct RawOutputs
-{
-  std::string boxes = "boxes";    ///< name of the layer with 4 codes per prior
-  std::string scores = "scores";  ///< name of the layer with one confidence per prior and class
-  bool yxhw = false;              ///< codes are y, x, height, width (TensorFlow); false: x, y, width, height
-  int activation = pi_runtime::kernels::SSD_RAW;             ///< SSD_RAW, SSD_SOFTMAX or SSD_SIGMOID
-  int classes = 0;                                           ///< columns of the scores
-  int background = -1;                                       ///< column that is no object; -1: none
-  std::array<float, 4> variances{{0.1F, 0.1F, 0.2F, 0.2F}};  ///< of x, y, width, height
-  std::vector<pi_runtime::kernels::SsdFeatureMap> feature_maps;
-  bool clip_priors = false;
-  float overlap_threshold = 0.5F;  ///< of suppression per class
-  int top_k = 200;                 ///< candidates per class
-  int keep_top_k = 100;            ///< detections at most
-};
+const char* toString(OutputKind kind);  ///< "detections", "grid", "distribution"
 
 /// Outputs of kinds GRID and DISTRIBUTION: at most one box per cell, that of its best class. Each stride has a feature
 /// map with cells of stride x stride [px of the input]. Cells are in the order: stride, row, column.
@@ -86,9 +67,9 @@ struct RawOutputs
 struct CellOutputs
 {
   std::vector<int> strides{8, 16, 32};
-  float offset = 0.0F;                            ///< [cells]; usual: 0 for GRID, 0.5 for DISTRIBUTION
-  int bins = 8;                                   ///< of DISTRIBUTION
-  int activation = pi_runtime::kernels::SSD_RAW;  ///< of objectness and scores: SSD_RAW or SSD_SIGMOID
+  float offset = 0.0F;   ///< [cells]; usual: 0 for GRID, 0.5 for DISTRIBUTION
+  int bins = 8;          ///< of DISTRIBUTION
+  bool sigmoid = false;  ///< objectness and scores are logits; false: the network has applied the sigmoid
   int classes = 0;
   float overlap_threshold = 0.5F;  ///< of suppression per class
   int top_k = 1000;                ///< candidates of all classes
@@ -105,7 +86,6 @@ struct ModelDescription
   ModelFile config;   ///< .prototxt or .pbtxt, where the format has one
   NetworkInput input;
   OutputKind output_kind = OutputKind::DETECTIONS;
-  RawOutputs raw;
   CellOutputs cells;
   /// Class id (but for DETECTIONS: column of the scores) to name; detections of other ids are dropped.
   std::map<int, std::string> labels;

@@ -15,7 +15,6 @@ namespace
 
 using pi_runtime::Argument;
 using pi_runtime::Buffer;
-using pi_runtime::kernels::SsdDetection;
 
 constexpr size_t GRID_BOX_COLUMNS = 4;  ///< x, y, width, height; then the objectness
 constexpr size_t SIDES = 4;             ///< left, top, right, bottom
@@ -100,10 +99,9 @@ public:
   }
 
   /// @return number of rows made.
-  size_t run(const float* outputs, SsdDetection* rows) const
+  size_t run(const float* outputs, DecodedRow* rows) const
   {
-    std::vector<Candidate> candidates =
-        shape_.activation == pi_runtime::kernels::SSD_SIGMOID ? collect(outputs, sigmoid) : collect(outputs, identity);
+    std::vector<Candidate> candidates = shape_.sigmoid ? collect(outputs, sigmoid) : collect(outputs, identity);
     const auto better = [](const Candidate& a, const Candidate& b)
     { return a.score > b.score || (a.score == b.score && a.cell < b.cell); };
     const size_t most = std::min(candidates.size(), static_cast<size_t>(shape_.top_k));
@@ -205,7 +203,7 @@ size_t cellsOf(const NetworkInput& input, const std::vector<int>& strides)
 CellDecoder::CellDecoder(const ModelDescription& model, float score_threshold)
   : columns_(columnsOf(model))
   , outputs_(Buffer::allocate(cellsOf(model.input, model.cells.strides) * columns_ * sizeof(float)))
-  , decoded_(Buffer::allocate(static_cast<size_t>(model.cells.keep_top_k) * sizeof(SsdDetection)))
+  , decoded_(Buffer::allocate(static_cast<size_t>(model.cells.keep_top_k) * sizeof(DecodedRow)))
   , count_(Buffer::allocate(sizeof(int32_t)))
 {
   pi_runtime::Codelet codelet;
@@ -213,7 +211,7 @@ CellDecoder::CellDecoder(const ModelDescription& model, float score_threshold)
   pi_runtime::NativeImplementation implementation;
   implementation.function = [decoding = CellDecoding(model, score_threshold)](const pi_runtime::NativeCall& call)
   {
-    const size_t count = decoding.run(call.buffer<const float>(0), call.buffer<SsdDetection>(1));
+    const size_t count = decoding.run(call.buffer<const float>(0), call.buffer<DecodedRow>(1));
     *call.buffer<int32_t>(2) = static_cast<int32_t>(count);
   };
   codelet.native = {std::move(implementation)};
@@ -258,7 +256,7 @@ std::optional<pi_runtime::TaskRequest> CellDecoder::task() const
 DecodedRows CellDecoder::rows() const
 {
   const auto count = static_cast<size_t>(*count_->hostAs<int32_t>(pi_runtime::Access::READ));
-  return {decoded_->hostAs<SsdDetection>(pi_runtime::Access::READ), count};
+  return {decoded_->hostAs<DecodedRow>(pi_runtime::Access::READ), count};
 }
 
 }  // namespace pi_detect

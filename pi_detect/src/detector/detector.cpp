@@ -26,7 +26,6 @@ using pi_runtime::BufferPtr;
 using pi_runtime::kernels::BlobColours;
 using pi_runtime::kernels::BlobContent;
 using pi_runtime::kernels::BlobGeometry;
-using pi_runtime::kernels::SsdDetection;
 
 constexpr int MAX_PICTURE = 32767;
 
@@ -63,7 +62,7 @@ public:
     }
   }
 
-  Box box(const SsdDetection& row) const { return {x(row.x1), y(row.y1), x(row.x2), y(row.y2)}; }
+  Box box(const DecodedRow& row) const { return {x(row.x1), y(row.y1), x(row.x2), y(row.y2)}; }
 
 private:
   float x(float part) const
@@ -313,7 +312,7 @@ Detections Detector::Implementation::readDetections() const
   Detections detections;
   for (size_t i = 0; i < rows.count; ++i)
   {
-    const SsdDetection& row = rows.first[i];
+    const DecodedRow& row = rows.first[i];
     const auto threshold = thresholds_.find(static_cast<int>(std::lround(row.class_id)));
     if (threshold == thresholds_.end() || !(row.score >= threshold->second))
     {

@@ -16,16 +16,10 @@ namespace
 {
 
 using pi_node::YamlSection;
-using pi_runtime::kernels::SSD_RAW;
-using pi_runtime::kernels::SSD_SIGMOID;
-using pi_runtime::kernels::SSD_SOFTMAX;
-using pi_runtime::kernels::SsdBoxSize;
-using pi_runtime::kernels::SsdFeatureMap;
 
 constexpr int MOST_INPUT_PX = 4096;
-constexpr int MAX_PRIORS = 65536;     // of the codelet
-constexpr int MAX_CLASSES = 1024;     // likewise
-constexpr int MAX_DETECTIONS = 1024;  // likewise
+constexpr int MAX_CLASSES = 1024;
+constexpr int MAX_DETECTIONS = 1024;
 constexpr int MAX_BINS = 64;
 constexpr int MAX_CLASS_ID = 65535;  // vision_info has a list of all up to the largest
 
@@ -207,47 +201,6 @@ NetworkInput readInput(YamlSection section)
   return input;
 }
 
-SsdFeatureMap readFeatureMap(YamlSection section)
-{
-  SsdFeatureMap map{};
-  map.columns = section.get<int>("columns", "a whole number");
-  map.rows = section.get<int>("rows", "a whole number");
-  for (const auto& size : section.get<std::vector<std::vector<float>>>("boxes", "a list of [width, height]"))
-  {
-    require(size.size() == 2, section.name("boxes"), std::to_string(size.size()) + " numbers in an entry",
-            "a list of [width, height]");
-    map.boxes.push_back(SsdBoxSize{size[0], size[1]});
-  }
-  map.offset = 0.5F;
-  section.read("offset", "a number", &map.offset);
-  section.read("step_x", "a number", &map.step_x);
-  section.read("step_y", "a number", &map.step_y);
-  section.finish();
-  return map;
-}
-
-RawOutputs readRaw(YamlSection& section)
-{
-  RawOutputs raw;
-  section.read("boxes", "a word", &raw.boxes);
-  section.read("scores", "a word", &raw.scores);
-  readChoice<bool>(section, "box_order", {{"yxhw", true}, {"xywh", false}}, &raw.yxhw);
-  readChoice<int>(section, "activation", {{"none", SSD_RAW}, {"softmax", SSD_SOFTMAX}, {"sigmoid", SSD_SIGMOID}},
-                  &raw.activation);
-  section.read("classes", "a whole number", &raw.classes);
-  section.read("background", "a whole number", &raw.background);
-  readNumbers(section, "variances", &raw.variances);
-  section.read("overlap_threshold", "a number", &raw.overlap_threshold);
-  section.read("top_k", "a whole number", &raw.top_k);
-  section.read("keep_top_k", "a whole number", &raw.keep_top_k);
-  section.read("clip_priors", "true or false", &raw.clip_priors);
-  for (const YamlSection& map : section.list("feature_maps"))
-  {
-    raw.feature_maps.push_back(readFeatureMap(map));
-  }
-  return raw;
-}
-
 CellOutputs readCells(YamlSection& section, OutputKind kind)
 {
   CellOutputs cells;
@@ -258,7 +211,7 @@ CellOutputs readCells(YamlSection& section, OutputKind kind)
   {
     section.read("bins", "a whole number", &cells.bins);
   }
-  readChoice<int>(section, "activation", {{"none", SSD_RAW}, {"sigmoid", SSD_SIGMOID}}, &cells.activation);
+  readChoice<bool>(section, "activation", {{"none", false}, {"sigmoid", true}}, &cells.sigmoid);
   section.read("classes", "a whole number", &cells.classes);
   section.read("overlap_threshold", "a number", &cells.overlap_threshold);
   section.read("top_k", "a whole number", &cells.top_k);
@@ -278,27 +231,20 @@ ModelDescription read(YamlSection section, const std::filesystem::path& folder)
   model.input = readInput(section.section("input"));
   YamlSection output = section.section("output");
   std::map<std::string, OutputKind> kinds;
-  for (const OutputKind kind : {OutputKind::DETECTIONS, OutputKind::RAW, OutputKind::GRID, OutputKind::DISTRIBUTION})
+  for (const OutputKind kind : {OutputKind::DETECTIONS, OutputKind::GRID, OutputKind::DISTRIBUTION})
   {
     kinds[toString(kind)] = kind;
   }
   readChoice<OutputKind>(output, "kind", kinds, &model.output_kind);
-  if (model.output_kind == OutputKind::RAW)
-  {
-    model.raw = readRaw(output);
-  }
-  else if (model.output_kind != OutputKind::DETECTIONS)
+  if (model.output_kind != OutputKind::DETECTIONS)
   {
     model.cells = readCells(output, model.output_kind);
   }
   output.finish();
   model.labels = section.get<std::map<int, std::string>>("labels", "a map from class ids to names");
-  for (int* classes : {&model.raw.classes, &model.cells.classes})
+  if (model.cells.classes == 0 && !model.labels.empty())
   {
-    if (*classes == 0 && !model.labels.empty())
-    {
-      *classes = model.labels.rbegin()->first + 1;
-    }
+    model.cells.classes = model.labels.rbegin()->first + 1;
   }
   section.read("score_threshold", "a number", &model.score_threshold);
   if (section.has("tracker"))
@@ -331,39 +277,6 @@ void validateInput(const NetworkInput& input)
   require(input.bar_level >= 0 && input.bar_level <= 255, "input/bar_level", input.bar_level, "in [0, 255]");
 }
 
-void validateRaw(const RawOutputs& raw)
-{
-  require(!raw.boxes.empty(), "output/boxes", "\"\"", "the name of a layer");
-  require(!raw.scores.empty(), "output/scores", "\"\"", "the name of a layer");
-  require(raw.classes >= 1 && raw.classes <= MAX_CLASSES, "output/classes", raw.classes, "in [1, 1024]");
-  require(raw.background >= -1 && raw.background < raw.classes, "output/background", raw.background,
-          "a column of the scores, or -1 for none");
-  for (const float variance : raw.variances)
-  {
-    require(std::isfinite(variance) && variance > 0.0F, "output/variances", variance, "above 0");
-  }
-  require(raw.overlap_threshold > 0.0F && raw.overlap_threshold <= 1.0F, "output/overlap_threshold",
-          raw.overlap_threshold, "in (0, 1]");
-  require(raw.top_k >= 1, "output/top_k", raw.top_k, "at least 1");
-  require(raw.keep_top_k >= 1 && raw.keep_top_k <= MAX_DETECTIONS, "output/keep_top_k", raw.keep_top_k, "in [1, 1024]");
-  require(!raw.feature_maps.empty(), "output/feature_maps", "(empty)", "a list with the network's feature maps");
-  int64_t priors = 0;
-  for (const SsdFeatureMap& map : raw.feature_maps)
-  {
-    require(map.columns >= 1 && map.columns <= MOST_INPUT_PX, "output/feature_maps/columns", map.columns,
-            "in [1, 4096]");
-    require(map.rows >= 1 && map.rows <= MOST_INPUT_PX, "output/feature_maps/rows", map.rows, "in [1, 4096]");
-    require(!map.boxes.empty(), "output/feature_maps/boxes", "(empty)", "a list of [width, height]");
-    for (const SsdBoxSize& box : map.boxes)
-    {
-      require(box.width > 0.0F && std::isfinite(box.width), "output/feature_maps/boxes", box.width, "above 0");
-      require(box.height > 0.0F && std::isfinite(box.height), "output/feature_maps/boxes", box.height, "above 0");
-    }
-    priors += int64_t{map.columns} * map.rows * static_cast<int64_t>(map.boxes.size());
-  }
-  require(priors <= MAX_PRIORS, "output/feature_maps: priors", priors, "at most 65536");
-}
-
 void validateCells(const CellOutputs& cells, OutputKind kind)
 {
   require(!cells.strides.empty(), "output/strides", "(empty)", "a list of whole numbers");
@@ -390,8 +303,6 @@ const char* toString(OutputKind kind)
   {
     case OutputKind::DETECTIONS:
       return "detections";
-    case OutputKind::RAW:
-      return "raw";
     case OutputKind::GRID:
       return "grid";
     case OutputKind::DISTRIBUTION:
@@ -407,11 +318,7 @@ void ModelDescription::validate() const
   validateSum("weights/sha256", weights.sha256);
   validateSum("config/sha256", config.sha256);
   validateInput(input);
-  if (output_kind == OutputKind::RAW)
-  {
-    validateRaw(raw);
-  }
-  else if (output_kind != OutputKind::DETECTIONS)
+  if (output_kind != OutputKind::DETECTIONS)
   {
     validateCells(cells, output_kind);
   }
@@ -422,11 +329,7 @@ void ModelDescription::validate() const
     require(id >= 0, "labels: id", id, "at least 0");
     require(id <= MAX_CLASS_ID, "labels: id", id, "at most " + std::to_string(MAX_CLASS_ID));
     require(!label.empty(), "labels/" + std::to_string(id), "\"\"", "a name");
-    if (output_kind == OutputKind::RAW)
-    {
-      require(id < raw.classes && id != raw.background, "labels: id", id, "a column of the scores, not the background");
-    }
-    else if (output_kind != OutputKind::DETECTIONS)
+    if (output_kind != OutputKind::DETECTIONS)
     {
       require(id < cells.classes, "labels: id", id, "a column of the scores");
     }

@@ -2,9 +2,7 @@
 
 #include <pi_detect/model_catalogue.h>
 
-#include <algorithm>
 #include <boost/algorithm/string.hpp>
-#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <optional>
@@ -13,7 +11,6 @@
 
 #include "detector/cell_decoder.h"
 #include "detector/onnx_floats.h"
-#include "detector/ssd_decoder.h"
 
 namespace pi_detect
 {
@@ -90,18 +87,7 @@ Network::Network(const ModelDescription& model, const TargetInUse& target) : mod
     net_.setPreferableTarget(target.used == Target::CPU      ? cv::dnn::DNN_TARGET_CPU
                              : target.used == Target::OPENCL ? cv::dnn::DNN_TARGET_OPENCL
                                                              : cv::dnn::DNN_TARGET_OPENCL_FP16);
-    output_names_ = model_.output_kind == OutputKind::RAW
-                        ? std::vector<std::string>{model_.raw.boxes, model_.raw.scores}
-                        : net_.getUnconnectedOutLayersNames();
-    const std::vector<std::string> layers = net_.getLayerNames();
-    for (const std::string& name : output_names_)
-    {
-      if (std::find(layers.begin(), layers.end(), name) == layers.end())
-      {
-        throw ModelError(model_.weights.path + ": the network has no layer \"" + name + "\"; its outputs are " +
-                         boost::join(net_.getUnconnectedOutLayersNames(), ", "));
-      }
-    }
+    output_names_ = net_.getUnconnectedOutLayersNames();
     const std::vector<float> blank(static_cast<size_t>(3) * static_cast<size_t>(model_.input.width) *
                                    static_cast<size_t>(model_.input.height));
     forward(blank.data());
@@ -180,15 +166,6 @@ const std::vector<cv::Mat>& Network::forward(const float* blob)
       output = copy;
     }
   }
-  if (model_.output_kind == OutputKind::RAW && model_.raw.yxhw)
-  {
-    auto* code = outputs_[0].ptr<float>();
-    for (size_t i = 0; i + 4 <= outputs_[0].total(); i += 4)
-    {
-      std::swap(code[i], code[i + 1]);
-      std::swap(code[i + 2], code[i + 3]);
-    }
-  }
   return outputs_;
 }
 
@@ -211,8 +188,8 @@ void Network::refuseOutputs(const std::string& needed) const
                    toString(model_.output_kind) + " needs " + needed +
                    (kind && *kind != model_.output_kind
                         ? std::string(": they look like output/kind ") + toString(*kind)
-                        : ": description and network do not belong together, or the kind is none of detections, raw, "
-                          "grid and distribution"));
+                        : ": description and network do not belong together, or the kind is none of detections, grid "
+                          "and distribution"));
 }
 
 void Network::checkOutputs()
@@ -225,9 +202,6 @@ void Network::checkOutputs()
       {
         refuseOutputs("one of N x 7, as the DetectionOutput layer gives");
       }
-      return;
-    case OutputKind::RAW:
-      checkRaw();
       return;
     case OutputKind::GRID:
       if (kindOf(shapes(), model_) != OutputKind::GRID)
@@ -256,20 +230,6 @@ void Network::checkOutputs()
   }
   output_names_ = std::move(names);
   outputs_ = std::move(outputs);
-}
-
-void Network::checkRaw() const
-{
-  const size_t priors = priorsOf(model_.raw).size();
-  const size_t expected[] = {priors * 4, priors * static_cast<size_t>(model_.raw.classes)};
-  for (size_t i = 0; i < 2; ++i)
-  {
-    if (outputs_[i].total() != expected[i])
-    {
-      refuseOutputs(std::to_string(expected[i]) + " numbers in \"" + output_names_[i] +
-                    "\" for the feature maps and classes");
-    }
-  }
 }
 
 }  // namespace pi_detect

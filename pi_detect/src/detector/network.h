@@ -21,9 +21,8 @@ public:
   Network(const ModelDescription& model, const TargetInUse& target);
 
   /// @param blob  1 x 3 x height x width floats of the model's input.
-  /// @return outputs: DETECTIONS: rows of 7; RAW: boxes (4 per prior: x, y, width, height), scores; GRID: rows of
-  /// cells;
-  ///         DISTRIBUTION: likewise, or scores and distances of each stride in turn. Valid until the next call.
+  /// @return outputs: DETECTIONS: rows of 7; GRID: rows of cells; DISTRIBUTION: likewise, or scores and distances of
+  /// each stride in turn. Valid until the next call.
   /// @throws std::runtime_error with OpenCV's words.
   const std::vector<cv::Mat>& forward(const float* blob);
 
@@ -31,7 +30,6 @@ private:
   void read();
   std::vector<OutputShape> shapes() const;
   void checkOutputs();
-  void checkRaw() const;
   [[noreturn]] void refuseOutputs(const std::string& needed) const;
 
   const ModelDescription model_;

@@ -1,7 +1,7 @@
 #include "detector/output_decoder.h"
 
 #include "detector/cell_decoder.h"
-#include "detector/ssd_decoder.h"
+#include "detector/detection_rows.h"
 
 namespace pi_detect
 {
@@ -12,8 +12,6 @@ std::unique_ptr<OutputDecoder> makeOutputDecoder(const ModelDescription& model, 
   {
     case OutputKind::DETECTIONS:
       return std::make_unique<DetectionRows>();
-    case OutputKind::RAW:
-      return std::make_unique<SsdDecoder>(model.raw, score_threshold);
     case OutputKind::GRID:
     case OutputKind::DISTRIBUTION:
       break;

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <pi_detect/model_description.h>
-#include <pi_runtime/kernels/ssd_postprocess.h>
 #include <pi_runtime/task.h>
 
 #include <functional>
@@ -13,10 +12,21 @@
 namespace pi_detect
 {
 
-/// Detections in parts of the network's input.
+/// A detection, as a row of OpenCV's DetectionOutput has it.
+struct DecodedRow
+{
+  float image;  ///< 0
+  float class_id;
+  float score;
+  float x1;  ///< corners in parts of the network's input
+  float y1;
+  float x2;
+  float y2;
+};
+
 struct DecodedRows
 {
-  const pi_runtime::kernels::SsdDetection* first = nullptr;
+  const DecodedRow* first = nullptr;
   size_t count = 0;
 };
 

@@ -53,13 +53,6 @@ bool isDistribution(const std::vector<OutputShape>& outputs, ModelDescription mo
   return false;
 }
 
-bool isRaw(const std::vector<OutputShape>& outputs)
-{
-  return outputs.size() == 2 &&
-         std::any_of(outputs.begin(), outputs.end(),
-                     [](const OutputShape& output) { return output.rows * output.columns % BOX_CODE == 0; });
-}
-
 }  // namespace
 
 std::optional<OutputKind> kindOf(const std::vector<OutputShape>& outputs, const ModelDescription& model)
@@ -75,10 +68,6 @@ std::optional<OutputKind> kindOf(const std::vector<OutputShape>& outputs, const 
   if (outputs.size() == 1 && outputs[0].columns == DETECTION_ROW)
   {
     return OutputKind::DETECTIONS;
-  }
-  if (isRaw(outputs))
-  {
-    return OutputKind::RAW;
   }
   return std::nullopt;
 }

@@ -17,8 +17,7 @@ struct OutputShape
   size_t columns = 0;
 };
 
-/// The kind of outputs that these shapes fit, for the input and labels of a model; nullopt: none. With `raw` a fitting
-/// pair of outputs counts, whatever its priors.
+/// The kind of outputs that these shapes fit, for the input and labels of a model; nullopt: none.
 std::optional<OutputKind> kindOf(const std::vector<OutputShape>& outputs, const ModelDescription& model);
 
 /// "scores 2100 x 80, boxes 2100 x 32"

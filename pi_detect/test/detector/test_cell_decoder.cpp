@@ -14,8 +14,6 @@ namespace pi_detect
 namespace
 {
 
-using pi_runtime::kernels::SsdDetection;
-
 /// Two strides of 16 and 32 on 64 x 32 pixels: 4 x 2 and 2 x 1 cells.
 constexpr size_t CELLS = 10;
 constexpr size_t GRID_COLUMNS = 5 + 2;
@@ -36,8 +34,8 @@ ModelDescription modelOf(OutputKind kind)
   return model;
 }
 
-std::vector<SsdDetection> decode(const ModelDescription& model, const std::vector<cv::Mat>& outputs,
-                                 float score_threshold = 0.3F)
+std::vector<DecodedRow> decode(const ModelDescription& model, const std::vector<cv::Mat>& outputs,
+                               float score_threshold = 0.3F)
 {
   const CellDecoder decoder(model, score_threshold);
   std::vector<pi_runtime::Argument> arguments = {pi_runtime::Argument::value(0)};
@@ -49,7 +47,7 @@ std::vector<SsdDetection> decode(const ModelDescription& model, const std::vecto
   const auto task = decoder.task();
   task->codelet->native[0].function(pi_runtime::NativeCall(task->arguments, 0, 1, 1, nullptr));
   const DecodedRows rows = decoder.rows();
-  return std::vector<SsdDetection>(rows.first, rows.first + rows.count);
+  return std::vector<DecodedRow>(rows.first, rows.first + rows.count);
 }
 
 /// A grid without objects.
@@ -63,7 +61,7 @@ void setCell(int cell, const std::vector<float>& values, cv::Mat* grid)
   std::copy(values.begin(), values.end(), grid->ptr<float>(cell));
 }
 
-void expectBox(const SsdDetection& row, float x1, float y1, float x2, float y2)
+void expectBox(const DecodedRow& row, float x1, float y1, float x2, float y2)
 {
   EXPECT_NEAR(x1 / 64.0F, row.x1, 1e-6);
   EXPECT_NEAR(y1 / 32.0F, row.y1, 1e-6);
@@ -89,7 +87,7 @@ TEST(GridDecoder, PlacesBoxesByCellAndStride)
 TEST(GridDecoder, AppliesTheSigmoidWhereTheNetworkDoesNot)
 {
   ModelDescription model = modelOf(OutputKind::GRID);
-  model.cells.activation = pi_runtime::kernels::SSD_SIGMOID;
+  model.cells.sigmoid = true;
   cv::Mat grid = cv::Mat(static_cast<int>(CELLS), static_cast<int>(GRID_COLUMNS), CV_32F, cv::Scalar(-10.0));
   setCell(0, {0.0F, 0.0F, 0.0F, 0.0F, 2.0F, 1.0F, 0.0F}, &grid);
   const auto rows = decode(model, {grid});
@@ -194,7 +192,7 @@ TEST(OutputShapes, TellTheKind)
   EXPECT_EQ(OutputKind::DETECTIONS, kindOf({{"detections", 100, 7}}, model));
   EXPECT_EQ(OutputKind::DISTRIBUTION, kindOf({{"output", CELLS, 2 + 4 * 8}}, model));
   EXPECT_EQ(OutputKind::DISTRIBUTION, kindOf({{"a", 2, 2}, {"b", 8, 16}, {"c", 2, 16}, {"d", 8, 2}}, model));
-  EXPECT_EQ(OutputKind::RAW, kindOf({{"boxes", 30, 4}, {"scores", 30, 3}}, model));
+  EXPECT_EQ(std::nullopt, kindOf({{"boxes", 30, 4}, {"scores", 30, 3}}, model));
   EXPECT_EQ(std::nullopt, kindOf({{"output", 1, 1000}}, model));
   EXPECT_EQ(std::nullopt, kindOf({}, model));
 }

@@ -61,9 +61,14 @@ protected:
   ModelDescription model_ = ModelDescription::load(writeTinyNetwork(folder_.path(), GetParam()));
 };
 
-INSTANTIATE_TEST_SUITE_P(OfEachKind, TinyDetector, testing::Values(TinyOutput::DETECTIONS, TinyOutput::RAW),
+INSTANTIATE_TEST_SUITE_P(OfEachKind, TinyDetector,
+                         testing::Values(TinyOutput::DETECTIONS, TinyOutput::GRID, TinyOutput::DISTRIBUTION),
                          [](const auto& parameter)
-                         { return parameter.param == TinyOutput::RAW ? "Raw" : "Detections"; });
+                         {
+                           return parameter.param == TinyOutput::DETECTIONS ? "Detections"
+                                  : parameter.param == TinyOutput::GRID     ? "Grid"
+                                                                            : "Distribution";
+                         });
 
 TEST_P(TinyDetector, FindsWhatIsBrightInPixelsOfThePicture)
 {

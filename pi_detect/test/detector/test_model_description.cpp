@@ -22,23 +22,10 @@ output: {kind: detections}
 labels: {1: person, 3: car}
 )";
 
-constexpr char RAW[] = R"(name: raw
+constexpr char FULL[] = R"(name: full
 weights: {file: net.onnx, sha256: 0123456789abcdef0123456789abcdef0123456789abcdef0123456789abcdef}
 input: {width: 64, height: 64, mean: [1, 2, 3], scale: 0.5, channels: bgr, resize: letterbox, bar_level: 7}
-output:
-  kind: raw
-  boxes: b
-  scores: s
-  box_order: yxhw
-  activation: sigmoid
-  background: 0
-  variances: [0.1, 0.1, 0.2, 0.2]
-  overlap_threshold: 0.6
-  top_k: 50
-  keep_top_k: 20
-  clip_priors: true
-  feature_maps:
-    - {columns: 2, rows: 3, boxes: [[0.1, 0.2], [0.3, 0.4]], offset: 0.4, step_x: 0.45, step_y: 0.3}
+output: {kind: detections}
 labels: {1: person, 2: car}
 score_threshold: 0.25
 tracker: {high_score: 0.35, low_score: 0.2}
@@ -108,29 +95,13 @@ TEST_F(ModelDescriptionFile, WhatIsNotWrittenHasDefaults)
 
 TEST_F(ModelDescriptionFile, AllFieldsAreRead)
 {
-  const ModelDescription model = ModelDescription::load(write(RAW));
+  const ModelDescription model = ModelDescription::load(write(FULL));
   EXPECT_EQ("0123456789abcdef0123456789abcdef0123456789abcdef0123456789abcdef", model.weights.sha256);
   EXPECT_EQ((std::array<float, 3>{{1.0F, 2.0F, 3.0F}}), model.input.mean);
   EXPECT_EQ((std::array<float, 3>{{0.5F, 0.5F, 0.5F}}), model.input.scale);
   EXPECT_FALSE(model.input.rgb);
   EXPECT_EQ(InputFit::LETTERBOX, model.input.fit);
   EXPECT_EQ(7, model.input.bar_level);
-  const RawOutputs& raw = model.raw;
-  EXPECT_EQ("b", raw.boxes);
-  EXPECT_EQ("s", raw.scores);
-  EXPECT_TRUE(raw.yxhw);
-  EXPECT_EQ(pi_runtime::kernels::SSD_SIGMOID, raw.activation);
-  EXPECT_EQ(3, raw.classes);
-  EXPECT_EQ(0, raw.background);
-  EXPECT_FLOAT_EQ(0.6F, raw.overlap_threshold);
-  EXPECT_EQ(50, raw.top_k);
-  EXPECT_EQ(20, raw.keep_top_k);
-  EXPECT_TRUE(raw.clip_priors);
-  ASSERT_EQ(1u, raw.feature_maps.size());
-  ASSERT_EQ(2u, raw.feature_maps[0].boxes.size());
-  EXPECT_FLOAT_EQ(0.4F, raw.feature_maps[0].boxes[1].height);
-  EXPECT_FLOAT_EQ(0.4F, raw.feature_maps[0].offset);
-  EXPECT_FLOAT_EQ(0.3F, raw.feature_maps[0].step_y);
   EXPECT_FLOAT_EQ(0.25F, model.score_threshold);
   EXPECT_EQ(0.35, model.tracker.high);
   EXPECT_EQ(0.2, model.tracker.low);
@@ -146,7 +117,7 @@ TEST_F(ModelDescriptionFile, OutputsPerCellAreRead)
   EXPECT_EQ(InputFit::LETTERBOX_TOP_LEFT, model.input.fit);
   EXPECT_EQ((std::vector<int>{4, 8}), model.cells.strides);
   EXPECT_FLOAT_EQ(0.5F, model.cells.offset);
-  EXPECT_EQ(pi_runtime::kernels::SSD_SIGMOID, model.cells.activation);
+  EXPECT_TRUE(model.cells.sigmoid);
   EXPECT_EQ(3, model.cells.classes);
   EXPECT_FLOAT_EQ(0.6F, model.cells.overlap_threshold);
   EXPECT_EQ(50, model.cells.top_k);
@@ -194,22 +165,16 @@ TEST_F(ModelDescriptionFile, ErrorsNameFileFieldValueAndBound)
       contains(errorWith(MINIMAL, "width: 300", "width: wide"), "input/width = \"wide\", must be a whole number"));
   EXPECT_TRUE(contains(errorWith(MINIMAL, "width: 300", "wdth: 300"), "input/width is missing"));
   EXPECT_TRUE(contains(errorWith(MINIMAL, "height: 200", "height: 200, heigth: 1"), "input/heigth means nothing here"));
-  EXPECT_TRUE(contains(errorWith(MINIMAL, "kind: detections", "kind: both"),
-                       "output/kind = \"both\", must be detections or distribution or grid or raw"));
+  EXPECT_TRUE(contains(errorWith(MINIMAL, "kind: detections", "kind: raw"),
+                       "output/kind = \"raw\", must be detections or distribution or grid"));
   EXPECT_TRUE(contains(errorWith(MINIMAL, "{1: person, 3: car}", "{}"), "labels = (empty)"));
   EXPECT_TRUE(contains(errorWith(MINIMAL, "{1: person", "{-1: person"), "labels: id = -1, must be at least 0"));
   EXPECT_TRUE(contains(errorWith(MINIMAL, "3: car}", "2000000000: car}"), "labels: id = 2000000000, must be at most"));
-  EXPECT_TRUE(contains(errorWith(RAW, "0123456789abcdef0", "x"), "weights/sha256 = "));
+  EXPECT_TRUE(contains(errorWith(FULL, "0123456789abcdef0", "x"), "weights/sha256 = "));
   EXPECT_TRUE(contains(errorWith(MINIMAL, "{file: net.onnx}", "[]"), "weights = (empty), must be a file or a list"));
   EXPECT_TRUE(contains(errorWith(MINIMAL, "{file: net.onnx}", "[{file: a}, {file: b, sha256: x}]"), "sha256 = \"x\""));
   EXPECT_TRUE(contains(errorWith(MINIMAL, "name: net-1", "name: net-1\nfallback: a b"), "fallback = \"a b\""));
-  EXPECT_TRUE(contains(errorWith(RAW, "[1, 2, 3]", "[1, 2]"), "input/mean = 2 numbers, must be a list of 3 numbers"));
-  EXPECT_TRUE(contains(errorWith(RAW, "[[0.1, 0.2], [0.3, 0.4]]", "[[0.1, 0.2, 0.3]]"), "3 numbers in an entry"));
-  EXPECT_TRUE(
-      contains(errorWith(RAW, "[0.3, 0.4]", "[0.3, -0.4]"), "output/feature_maps/boxes = -0.4, must be above 0"));
-  EXPECT_TRUE(contains(errorWith(RAW, "columns: 2, rows: 3", "columns: 4000, rows: 4000"), "must be at most 65536"));
-  EXPECT_TRUE(contains(errorWith(RAW, "background: 0", "background: 3"), "output/background = 3"));
-  EXPECT_TRUE(contains(errorWith(RAW, "{1: person", "{0: person"), "labels: id = 0"));
+  EXPECT_TRUE(contains(errorWith(FULL, "[1, 2, 3]", "[1, 2]"), "input/mean = 2 numbers, must be a list of 3 numbers"));
   EXPECT_TRUE(contains(errorWith(GRID, "std: [2, 4, 5]", "std: [2, 0, 5]"), "input/std = 0, must be above 0"));
   EXPECT_TRUE(contains(errorWith(GRID, "std: [2, 4, 5]", "std: [2, 4, 5], scale: 1"), "input/std = (given)"));
   EXPECT_TRUE(contains(errorWith(GRID, "strides: [4, 8]", "strides: [4, 0]"), "output/strides = 0"));
@@ -218,9 +183,9 @@ TEST_F(ModelDescriptionFile, ErrorsNameFileFieldValueAndBound)
   EXPECT_TRUE(contains(errorWith(GRID, "kind: grid", "kind: distribution, bins: 1"), "output/bins = 1"));
   EXPECT_TRUE(contains(errorWith(GRID, "kind: grid", "kind: grid, bins: 8"), "output/bins means nothing here"));
   EXPECT_TRUE(contains(errorWith(GRID, "kind: grid", "kind: grid, classes: 2"), "labels: id = 2"));
-  EXPECT_TRUE(contains(errorWith(RAW, "score_threshold: 0.25", "score_threshold: .nan"), "score_threshold = nan"));
-  EXPECT_TRUE(contains(errorWith(RAW, "low_score: 0.2", "low_score: 0.4"), "tracker/low_score = 0.4"));
-  EXPECT_TRUE(contains(errorWith(RAW, "high_score: 0.35", "high_score: 1.1"), "tracker/high_score = 1.1"));
+  EXPECT_TRUE(contains(errorWith(FULL, "score_threshold: 0.25", "score_threshold: .nan"), "score_threshold = nan"));
+  EXPECT_TRUE(contains(errorWith(FULL, "low_score: 0.2", "low_score: 0.4"), "tracker/low_score = 0.4"));
+  EXPECT_TRUE(contains(errorWith(FULL, "high_score: 0.35", "high_score: 1.1"), "tracker/high_score = 1.1"));
 }
 
 TEST(Sha256, IsThatOfTheStandardsExample)

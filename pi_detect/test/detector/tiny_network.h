@@ -7,8 +7,9 @@ namespace pi_detect
 
 enum class TinyOutput
 {
-  DETECTIONS,  ///< with a DetectionOutput layer
-  RAW,         ///< box codes and confidences
+  DETECTIONS,    ///< with a DetectionOutput layer
+  GRID,          ///< per cell a box, objectness and scores
+  DISTRIBUTION,  ///< per cell scores and distributions of distances
 };
 
 /// Writes a detector without learned weights into a folder: tiny.prototxt and tiny.yaml. It divides a picture into 4 x

@@ -5,7 +5,6 @@
 #include <pi_runtime/kernels/hamming.h>
 #include <pi_runtime/kernels/lucas_kanade.h>
 #include <pi_runtime/kernels/pyramid.h>
-#include <pi_runtime/kernels/ssd_postprocess.h>
 
 namespace pi_runtime::kernels
 {
@@ -32,12 +31,6 @@ void registerBuiltinCodelets(CodeletRegistry& registry)
   registry.add({pyramidDownCodelet(), "the next smaller level of the Gaussian pyramid of an 8-bit image",
                 "0 in uint8[height * source_stride]; 1 out uint8[(height + 1) / 2 * destination_stride]; "
                 "2 value {width, height, source_stride, destination_stride, levels}; range: (height + 1) / 2"});
-  registry.add(
-      {ssdPostprocessCodelet(), "detections from the output of an SSD network",
-       "0 in float locations[priors * 4]; 1 in float confidences[priors * classes]; 2 in SsdPrior[priors]; "
-       "3 out working memory of ssdWorkBytes(); 4 out {float image, class, score, x1, y1, x2, y2}[keep_top_k]; "
-       "5 out int32 number of detections; 6 value {priors, classes, background, top_k, keep_top_k, float "
-       "score_threshold, float overlap_threshold, flags}; 7 value {float x, y, width, height}; range: 1"});
   registry.add({trackPointsCodelet(), "tracks points from one image to the next (pyramidal Lucas-Kanade)",
                 "0 in previous pyramid of image_pyramid; 1 in next pyramid; 2 in float x, y per point; "
                 "3 in/out float x, y per point: guesses, then results; 4 out uint8 status per point; "
