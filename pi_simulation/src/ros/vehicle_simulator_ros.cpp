@@ -84,6 +84,7 @@ void VehicleSimulatorRos::advertise()
   imu_ = service_node_.advertise<sensor_msgs::Imu>("imu/data", IMU_QUEUE);
   odometry_ = service_node_.advertise<nav_msgs::Odometry>("ground_truth/odometry", IMU_QUEUE);
   obstacles_ = service_node_.advertise<pi_detect::ObstacleArray>("ground_truth/obstacles", OBSTACLES_QUEUE);
+  collision_ = service_node_.advertise<std_msgs::String>("collision", OBSTACLES_QUEUE);
   static_tf_ = pi_node::LatchedPublisher<tf2_msgs::TFMessage>(service_node_, "/tf_static", 1);
   scenario_publisher_ = pi_node::LatchedPublisher<std_msgs::String>(service_node_, "scenario", 1);
 }
@@ -125,6 +126,12 @@ SimulationOutputs VehicleSimulatorRos::outputs()
   };
   outputs.obstacles = [this](int64_t stamp_ns, const std::vector<TrueObstacle>& obstacles)
   { publishObstacles(stamp_ns, obstacles); };
+  outputs.collision = [this](const std::string& with)
+  {
+    std_msgs::String message;
+    message.data = with;
+    collision_.publish(message);
+  };
   if (log_.is_open())
   {
     outputs.log = [this](const std::string& line)

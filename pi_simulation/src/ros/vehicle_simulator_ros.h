@@ -75,6 +75,7 @@ private:
   ros::Publisher odometry_;
   ros::Publisher obstacles_;
   pi_node::LatchedPublisher<std_msgs::String> scenario_publisher_;
+  ros::Publisher collision_;
   ros::ServiceServer command_;
   ros::Subscriber command_topic_;
   pi_node::VehicleTimer timer_;

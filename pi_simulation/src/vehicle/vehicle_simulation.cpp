@@ -288,6 +288,10 @@ void VehicleSimulation::judge()
     if (touching_.count(obstacle.id) == 0)
     {
       ++collisions_;
+      if (outputs_.collision)
+      {
+        outputs_.collision(obstacle.name.empty() ? obstacle.class_name : obstacle.name);
+      }
       log("collision", {{"speed", rounded(chassis_.model().groundSpeed())}, {"with", describe(obstacle)}});
     }
   }

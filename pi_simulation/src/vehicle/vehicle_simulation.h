@@ -82,7 +82,8 @@ struct SimulationOutputs
   std::function<void(const Exposure&)> exposure;                                      ///< frame_rate_hz
   std::function<void(const TruePose&)> pose;                                          ///< 50 Hz
   std::function<void(int64_t stamp_ns, const std::vector<TrueObstacle>&)> obstacles;  ///< 20 Hz, nearest first
-  std::function<void(const std::string&)> log;  ///< lines of JSON, see docs/design/vehicle_simulator.md
+  std::function<void(const std::string& with)> collision;  ///< the outline begins to overlap a thing
+  std::function<void(const std::string&)> log;             ///< lines of JSON, see docs/design/vehicle_simulator.md
 };
 
 /// Simulates the vehicle in its world: chassis on a pseudo-terminal, motion over an uneven road, IMU, actors, faults,

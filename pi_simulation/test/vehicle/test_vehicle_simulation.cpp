@@ -87,6 +87,7 @@ public:
   std::vector<TruePose> poses;
   std::vector<TrueObstacle> obstacles;
   std::vector<std::string> log;
+  std::vector<std::string> collisions;
   VehicleSimulation simulation;
   pi_vehicle::chassis::ChassisHost host;
   pi_vehicle::chassis::SerialPort port;
@@ -100,6 +101,7 @@ private:
     all.exposure = [this](const Exposure& exposure) { exposures.push_back(exposure); };
     all.pose = [this](const TruePose& pose) { poses.push_back(pose); };
     all.obstacles = [this](int64_t, const std::vector<TrueObstacle>& now) { obstacles = now; };
+    all.collision = [this](const std::string& with) { collisions.push_back(with); };
     all.log = [this](const std::string& line) { log.push_back(line); };
     return all;
   }
@@ -206,6 +208,7 @@ TEST(VehicleSimulation, JudgesDistanceAndCollision)
   EXPECT_EQ("", drive.simulation.command("pose 20 0 0"));
   drive.run(4.0, 1.5);
   EXPECT_EQ(1u, drive.simulation.collisions());
+  EXPECT_EQ(std::vector<std::string>{"wall"}, drive.collisions);
   const std::string line = drive.lineWith("\"collision\"");
   EXPECT_NE(std::string::npos, line.find("\"actor\":\"wall\",\"class\":\"box\"")) << line;
 }
