@@ -72,6 +72,7 @@ std::vector<ServiceDescription> defaultServices()
       {"runtime", {"runtime", "vehicle_manager"}, {"pi_cpu*", "pi_gpu*", "pi_watch"}, true},
       {"sensors", {"player", "left_camera", "right_camera", "imu"}, {"playback", "prefetch"}, true},
       {"power", {"power", "vehicle_manager"}, {"power*"}, true},
+      {"recording", {"recorder", "vehicle_manager"}, {"recorder*"}, true},
   };
 }
 
