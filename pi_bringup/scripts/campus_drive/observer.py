@@ -69,7 +69,8 @@ class Observer:
     """Subscribes by `events`; what drives the one who drives becomes events: truth, result, feedback, diagnostics,
     played, command. Its callbacks are those of rospy's threads."""
 
-    def __init__(self, events):
+    def __init__(self, events, subscribe=None, now=None, odometry_every=ODOMETRY_EVERY):
+        """@param subscribe  as rospy.Subscriber, for what does not come from the graph. @param now  its time [s]"""
         # Here, not above: they import rospy.
         import rospy
         from actionlib_msgs.msg import GoalStatusArray
@@ -89,9 +90,11 @@ class Observer:
         self.truth = None       # (time, x, y, heading, speed)
         self.estimate = None
         self._events = events
-        self.now = rospy.get_time
+        self.now = now or rospy.get_time
+        subscribe = subscribe or rospy.Subscriber
         self._odometry_type, self._tf_type = Odometry, TFMessage
         self._counts = {}
+        self._odometry_every = odometry_every
         self._map_transform = b""
         self._links = {}
         self._awaited = {}      # topic: (time, mark)
@@ -120,10 +123,10 @@ class Observer:
                 ("/drive/feedback", DriveActionFeedback, self._on_feedback),
                 ("/drive/result", DriveActionResult, self._on_result),
                 ("/drive/status", GoalStatusArray, None), ("/rosout_agg", Log, self._on_log)):
-            self._links[topic] = rospy.Subscriber(topic, kind, self._callback(topic, callback), tcp_nodelay=True)
+            self._links[topic] = subscribe(topic, kind, self._callback(topic, callback), tcp_nodelay=True)
         try:
             from pi_offload.msg import OffloadDecision
-            self._links["/coordinator/decisions"] = rospy.Subscriber(
+            self._links["/coordinator/decisions"] = subscribe(
                 "/coordinator/decisions", OffloadDecision, self._callback("/coordinator/decisions", self._on_decision))
         except ImportError:
             pass  # without pi_offload nothing is offloaded
@@ -155,7 +158,7 @@ class Observer:
     # ------------------------------------------------------------------------------------------------- localisation
 
     def _on_odometry(self, message):
-        if self.map_odom is None or not self._every("odometry", ODOMETRY_EVERY):
+        if self.map_odom is None or not self._every("odometry", self._odometry_every):
             return
         odometry = self._odometry_type().deserialize(message._buff)
         p = odometry.pose.pose.position

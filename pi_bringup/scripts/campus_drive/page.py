@@ -34,21 +34,32 @@ def rows_of(rows):
 
 def picture(path, caption):
     content = base64.b64encode(path.read_bytes()).decode("ascii")
-    return "<figure><img alt='%s' src='data:image/png;base64,%s'><figcaption>%s</figcaption></figure>" % (
-        html.escape(caption, quote=True), content, html.escape(caption))
+    kind = "jpeg" if path.suffix == ".jpg" else "png"
+    return "<figure><img alt='%s' src='data:image/%s;base64,%s'><figcaption>%s</figcaption></figure>" % (
+        html.escape(caption, quote=True), kind, content, html.escape(caption))
+
+
+def document(title, subtitle, verdict, is_good, parts, path):
+    """@param parts  of HTML. @return path. @throws OSError"""
+    lines = ["<!doctype html><html lang='en'><meta charset='utf-8'><title>%s</title>" % html.escape(title),
+             "<meta name='viewport' content='width=device-width'><style>%s</style>" % STYLE,
+             "<h1>%s</h1><p>%s</p>" % (html.escape(title), html.escape(subtitle)),
+             "<p class='verdict%s'>%s</p>" % ("" if is_good else " bad", html.escape(verdict)), *parts]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def happened(tree):
+    return "<h2>What happened</h2><pre>%s</pre>" % html.escape("\n".join(report.happened(tree)))
 
 
 def write(tree, pictures, path):
     """@param pictures  [(path, caption)]; those that are not there are left out. @return path. @throws OSError"""
     drive = tree["drive"]
-    parts = ["<!doctype html><html lang='en'><meta charset='utf-8'><title>%s</title>" % html.escape(tree["scenario"]),
-             "<meta name='viewport' content='width=device-width'><style>%s</style>" % STYLE,
-             "<h1>%s</h1><p>%.0f m in %.0f s, seed %d</p>" % (
-                 html.escape(tree["scenario"]), drive["distance_m"], drive["seconds"], tree["seed"]),
-             "<p class='verdict%s'>%s</p>" % ("" if tree["passed"] else " bad", html.escape(demo.verdict(tree))),
-             rows_of(demo.first_rows(tree))]
+    parts = [rows_of(demo.first_rows(tree))]
     parts += ["<p>%s</p>" % html.escape(text) for text in demo.notes(tree)]
     parts += ["<h2>Pictures</h2>"] + [picture(*one) for one in pictures if one[0].is_file()]
-    parts += ["<h2>What happened</h2><pre>%s</pre>" % html.escape("\n".join(report.happened(drive)))]
-    path.write_text("\n".join(parts) + "\n", encoding="utf-8")
-    return path
+    parts += [happened(drive)]
+    return document(tree["scenario"], "%.0f m in %.0f s, seed %d" % (drive["distance_m"], drive["seconds"],
+                                                                     tree["seed"]),
+                    demo.verdict(tree), tree["passed"], parts, path)

@@ -12,22 +12,30 @@ ACTOR_EVERY = 10  # of 20 Hz
 ZOOM_S = 3.0
 
 
-def draw(drive, tree, output):
-    """@return paths. @throws OSError"""
+def draw_way(drive, tree, states, title, output):
+    """Way and speed. @return paths. @throws OSError"""
     import matplotlib  # takes a second, which only the end of a drive needs
     matplotlib.use("Agg")
     from matplotlib import pyplot
-    states = [one for one in read_log(drive.simulator_log).get("state", [])
-              if drive.began - 1.0 <= one["stamp"] <= drive.ended + 1.0]
     paths = []
     for name, draw_one, size in (("campus_route.png", route, route_size(states)), ("campus_speed.png", speed, (13, 5.5))):
         figure, axes = pyplot.subplots(figsize=size)
         draw_one(axes, drive, tree, states)
-        figure.suptitle("%s, seed %d, %s: %s" % (tree["scenario"], tree["seed"], tree["transport"], tree["end"]))
+        figure.suptitle(title)
         figure.tight_layout()
         figure.savefig(output / name, dpi=110)
         pyplot.close(figure)
         paths.append(output / name)
+    return paths
+
+
+def draw(drive, tree, output):
+    """@return paths. @throws OSError"""
+    states = [one for one in read_log(drive.simulator_log).get("state", [])
+              if drive.began - 1.0 <= one["stamp"] <= drive.ended + 1.0]
+    paths = draw_way(drive, tree, states, "%s, seed %d, %s: %s" % (tree["scenario"], tree["seed"], tree["transport"],
+                                                                   tree["end"]), output)
+    from matplotlib import pyplot
     tasks = [one for one in drive.observer.records.decisions if drive.began <= one["stamp"] <= drive.ended]
     if tasks:
         figure, axes = pyplot.subplots(2, 1, figsize=(13, 5.5))
@@ -122,13 +130,16 @@ def actor_places(states):
 
 
 def route(axes, drive, tree, states):
-    points = drive.facts["waypoints"] + [drive.facts["goal"]] + drive.facts["further_goals"]
+    """@param states  with stamp, t, pose, speed: of the simulator, or as measured (tree["measured"])"""
+    goal = [drive.facts["goal"]] if "goal" in drive.facts else []  # an incident may have none
+    points = drive.facts["waypoints"] + goal + drive.facts["further_goals"]
     axes.plot([one[0] for one in points], [one[1] for one in points], "o--", color=COLOURS["route"], label="waypoints")
     axes.plot([one["pose"][0] for one in states], [one["pose"][1] for one in states], color=COLOURS["true"],
-              linewidth=2.5, label="true path")
+              linewidth=2.5, label="path" if tree.get("measured") else "true path")
     estimates = [one for one in drive.observer.records.estimates if drive.began <= one[0] <= drive.ended]
-    axes.plot([one[1] for one in estimates], [one[2] for one in estimates], color=COLOURS["estimated"],
-              linewidth=1.2, label="estimated path")
+    if not tree.get("measured"):
+        axes.plot([one[1] for one in estimates], [one[2] for one in estimates], color=COLOURS["estimated"],
+                  linewidth=1.2, label="estimated path")
     places = actor_places(states)
     for spots in places.values():
         axes.plot([one[0] for one in spots], [one[1] for one in spots], ".", color=COLOURS["actor"], markersize=4)
@@ -161,14 +172,15 @@ def route(axes, drive, tree, states):
 def speed(axes, drive, tree, states):
     begin = drive.began
     axes.plot([one["stamp"] - begin for one in states], [one["speed"] for one in states], color=COLOURS["true"],
-              label="true speed")
+              label="measured speed" if tree.get("measured") else "true speed")
     motions = [one for one in drive.observer.records.motions if drive.began - 1.0 <= one[0] <= drive.ended + 1.0]
     axes.plot([one[0] - begin for one in motions], [one[2] for one in motions], color=COLOURS["estimated"],
               linewidth=0.9, label="commanded by the arbiter")
     near = [(one["stamp"] - begin, one["nearest_actor"]["distance"]) for one in states if one.get("nearest_actor")]
     top = axes.twinx()
     top.plot([one[0] for one in near], [one[1] for one in near], ".", markersize=1.5, color=COLOURS["actor"])
-    top.set_ylabel("distance of the nearest actor [m]", color=COLOURS["actor"])
+    top.set_ylabel("distance of the nearest %s [m]" % ("obstacle" if tree.get("measured") else "actor"),
+                   color=COLOURS["actor"])
     top.set_ylim(0, 30)
     for sound, text in zip(tree["played"], tree["said"]):
         axes.axvspan(sound["begin"] - begin, sound["speech_end"] - begin, color=COLOURS["spoken"], alpha=0.4)
@@ -181,6 +193,9 @@ def speed(axes, drive, tree, states):
             continue  # it goes from the start of the world on
         axes.axvline(one["stamp"] - begin, color=COLOURS["actor"], linestyle="--", linewidth=0.8)
         axes.annotate(" %s goes" % one["actor"], (one["stamp"] - begin, 0.1), color=COLOURS["actor"], fontsize=8)
+    for one in tree.get("incidents", []):
+        axes.axvline(one["stamp"] - begin, color="red", linewidth=1)
+        axes.annotate(" " + one["cause"], (one["stamp"] - begin, 1.5), color="red", fontsize=8, rotation=90)
     for kill in tree["kills"]:
         axes.axvline(kill["time"] - begin, color="red", linewidth=1)
         axes.annotate(" %s killed" % kill["node"], (kill["time"] - begin, 1.5), color="red", fontsize=8, rotation=90)

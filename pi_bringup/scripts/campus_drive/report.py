@@ -155,8 +155,8 @@ def print_speed(tree):
         print("  error of %s: %s" % (node, text))
 
 
-def happened(tree):
-    """Lines of text."""
+def run_lines(tree):
+    """What only a whole drive beside the simulator has: transports, truth, rendering."""
     local = tree["localisation"]
     by_tcp = sorted({link["topic"] for link in tree["links"] if link["transport"] == "TCPROS"
                      and "/drive_campus" not in (link["publisher"], link["subscriber"])})
@@ -169,6 +169,12 @@ def happened(tree):
              "pictures: %s pairs rendered, %s skipped, p50 %s ms late" % (
                  tree["cameras"].get("pairs", "?"), tree["cameras"].get("skipped pairs", "?"),
                  tree["cameras"].get("delay of pictures p50 [ms]", "?"))]
+    return lines
+
+
+def happened(tree):
+    """Lines of text."""
+    lines = run_lines(tree) if "links" in tree else []
     lines += ["localisation was lost: %s" % one[2] for one in tree["losses"]]
     lines += ["met %s: nearest %.2f m after %.1f s, at %.1f m/s" % (name, one["distance"], one["t"], one["speed"])
               for name, one in sorted(tree["met"].items(), key=lambda pair: pair[1]["t"]) if one["actor"]]
@@ -177,11 +183,7 @@ def happened(tree):
                                           one["first_s"], 100.0 * one["reported"] / one["in_view"]))
               for name, one in sorted(tree["sightings"].items())]
     lines += ["collisions: %d" % len(tree["collisions"])]
-    lines += ["stood %.1f s at (%.1f, %.1f), %s: %s; truly nearest: %s%s" % (
-        one["seconds"], *one["pose"][:2], "for " + one["cause"] if one["cause"] else "WITHOUT A CAUSE",
-        one["reason"] or "no reason given", one["nearest"],
-        ", of the actors %s %.1f m" % (one["who"], one["nearest_actor"]) if one["who"] else "")
-        for one in tree["standstills"]]
+    lines += [standstill_line(one) for one in tree["standstills"]]
     lines += list(stop_lines(tree)) + list(heard_lines(tree))
     for kind, one in tree["offloading"].items():
         lines.append("%s: %d tasks, %s; %d late; response p50 %s ms, p99 %s ms" % (
@@ -203,6 +205,17 @@ def happened(tree):
         lines.append("unplugged for %.1f s and plugged in again:" % unplugs.UNPLUGGED_S)
         lines += list(unplugs.lines(tree["unplugs"]))
     return lines
+
+
+def standstill_line(one):
+    text = "stood %.1f s at (%.1f, %.1f)" % (one["seconds"], *one["pose"][:2])
+    if "cause" in one:  # judged by the truth
+        text += ", for " + one["cause"] if one["cause"] else ", WITHOUT A CAUSE"
+    text += ": " + (one["reason"] or "no reason given")
+    if "cause" in one:
+        text += "; truly nearest: %s%s" % (
+            one["nearest"], ", of the actors %s %.1f m" % (one["who"], one["nearest_actor"]) if one["who"] else "")
+    return text
 
 
 def print_happened(tree):

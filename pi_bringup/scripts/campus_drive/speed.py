@@ -50,7 +50,8 @@ class SpeedRun:
         self._subscribe(events)
         print("  starting the nodes")
         launch = started.launch(["pi_bringup", "speed.launch", "bag:=%s" % self._bag,
-                                 "preload:=%s" % (self._preload or "")], log)
+                                 "preload:=%s" % (self._preload or ""),
+                                 "recordings:=%s" % (self._output / "recordings")], log)
         monitor = None
         try:
             events.follow(launch)

@@ -178,6 +178,7 @@ class Replay:
         launch = started.launch(
             ["pi_bringup", "vehicle.launch", "preload:=%s" % (self._preload or ""), "decision:=false",
              "chassis:=false", "microphone:=false", "rviz:=false", "announce:=false",
+             "recordings:=%s" % (self._output / "recordings"),
              "together:=%s" % str(options.together).lower(), "output:=screen"], self._log)
         events.follow(launch)
         subscribers = ["imu/data /topic_monitor"] + ["%s %s" % pair for pair in (

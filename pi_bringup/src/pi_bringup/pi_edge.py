@@ -9,7 +9,7 @@ import json
 import os
 import sys
 
-from pi_bringup import new_service
+from pi_bringup import incidents, new_service
 from pi_bringup.doctor import calibration, computer, devices, live, network, software
 from pi_bringup.doctor.result import FAIL, run_check, worst
 
@@ -70,7 +70,8 @@ def checks(options):
 
 
 def parse(arguments):
-    parser = argparse.ArgumentParser(prog="pi_edge", description="Looks after the vehicle's computer; begins new services.")
+    parser = argparse.ArgumentParser(prog="pi_edge", description="Looks after the vehicle's computer and its recordings; "
+                                     "begins new services.")
     commands = parser.add_subparsers(dest="command", required=True)
     doctor = commands.add_parser("doctor", help="checks sensors, clocks, rights, models, network, and says what to do",
                                  description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -93,6 +94,7 @@ def parse(arguments):
                              description=new_service.__doc__)
     service.add_argument("name", metavar="NAME", help="of the package, as lane_keeper")
     service.add_argument("--folder", default=".", metavar="DIR", help="gets the folder NAME; default: here")
+    incidents.add_to(commands)
     # rosrun and roslaunch add remappings such as __name:=x.
     options = parser.parse_args([argument for argument in arguments if ":=" not in argument])
     options.parser = doctor
@@ -124,6 +126,8 @@ def main():
     sys.stdout.reconfigure(line_buffering=True, errors="replace")
     if options.command == "new":
         leave(new_service.main(options, find_package()))
+    if options.command == "incidents":
+        leave(incidents.main(options))
     try:
         results = doctor(options, lambda result: None if options.json else print(result.line()))
     except KeyboardInterrupt:

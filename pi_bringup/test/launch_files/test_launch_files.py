@@ -20,6 +20,7 @@ class LaunchFiles(unittest.TestCase):
                  "reaction_rules": ("/reaction/rules_file", "/my/rules.yaml"),
                  "map_file": ("/vio/map_file", "/my/place.map"), "pose_file": ("/pose_keeper/file", "/my/pose"),
                  "scenario": ("/vehicle_simulator/scenario", "/my/scenario.yaml"),
+                 "recordings": ("/recorder/folder", "/my/recordings"),
                  "seed": ("/vehicle_simulator/scenario_seed", 7),
                  "background": ("/microphone/background", "/my/wind.wav"),
                  "background_level": ("/microphone/background_level_dbfs", -35.5)}
@@ -28,6 +29,11 @@ class LaunchFiles(unittest.TestCase):
         parameters = yaml.safe_load(result.stdout)
         self.assertEqual(dict(given.values()), {name: parameters.get(name) for name, _ in given.values()},
                          result.stderr)
+
+    def test_the_black_box_is_on_unless_it_is_switched_off(self):
+        for arguments, is_on in ((), True), (("together:=true",), True), (("record:=false",), False):
+            result = roslaunch("--dump-params", "pi_bringup", "vehicle.launch", *arguments)
+            self.assertEqual(is_on, "/recorder/folder" in yaml.safe_load(result.stdout), result.stderr)
 
     def test_replay_of_a_bag_that_is_not_there_is_an_error_that_names_it(self):
         result = roslaunch("pi_bringup", "replay.launch", "bag:=/nowhere/drive.bag")
