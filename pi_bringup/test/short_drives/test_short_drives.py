@@ -26,6 +26,7 @@ class ShortDrives(unittest.TestCase):
             except subprocess.TimeoutExpired:
                 suite.send_signal(signal.SIGINT)  # ends its drive, and the nodes of that
                 said, _ = suite.communicate(timeout=60)
+            said += "\n".join(one.read_text() for one in sorted(Path(folder).glob("drives/*/report.txt")))
             self.assertEqual(0, suite.returncode, said)
             cases = ElementTree.parse(results).getroot().iter("testcase")
             bad = [[one.tag for one in case if one.tag in ("failure", "error")] for case in cases]

@@ -48,7 +48,8 @@ TwistBaseRos::TwistBaseRos(ros::NodeHandle node, ros::NodeHandle private_node)
     broadcaster_ = std::make_unique<tf2_ros::TransformBroadcaster>();
   }
   updater_.setHardwareID("cmd_vel");
-  updater_.add("chassis", [this](Status& status) { report(status); });
+  updater_.add("chassis", [this](Status& status) { reportChassis(status); });
+  updater_.add("line", [this](Status& status) { reportLine(status); });
   odometry_ =
       service_node_.subscribe("odom", QUEUE, &TwistBaseRos::onOdometry, this, ros::TransportHints().tcpNoDelay());
   BaseCommands::Events events;
@@ -96,7 +97,7 @@ void TwistBaseRos::command()
   state_publisher_.publish(toVehicleState(state, ros::Time::now(), options_.wheels.base_link_frame));
 }
 
-void TwistBaseRos::report(Status& status) const
+void TwistBaseRos::reportChassis(Status& status) const
 {
   const chassis::HostState state = base_.state(pi_node::vehicleNs());
   const std::vector<pi_node::WarningBoard::Entry> warnings = warnings_.recent();
@@ -105,23 +106,37 @@ void TwistBaseRos::report(Status& status) const
                  : well                               ? DiagnosticStatus::OK
                                                       : DiagnosticStatus::WARN,
                  toText(state));
-  if (well && twist_publisher_.getNumSubscribers() == 0)
-  {
-    status.summary(DiagnosticStatus::WARN, "nobody listens to " + twist_publisher_.getTopic() +
-                                               "; is the base's driver running, and does it take this topic?");
-  }
-  else if (well && !warnings.empty())
+  if (well && !warnings.empty())
   {
     status.summary(DiagnosticStatus::WARN, warnings.front().text);
   }
   status.add("speed [m/s]", format("%.2f", state.status.speed));
   status.add("odometer [m]", format("%.1f", state.odometry.distance));
-  status.add("odometries", state.counters.statuses);
-  status.add("odometries refused", state.counters.refused_frames);
-  status.add("jumps of the odometry", state.counters.restarts);
   status.add("motions cut to the limits", state.counters.limited_motions);
   status.add("motions refused", state.counters.refused_motions);
   pi_node::addWarnings(warnings, &status);
+}
+
+void TwistBaseRos::reportLine(Status& status) const
+{
+  const chassis::HostState state = base_.state(pi_node::vehicleNs());
+  if (twist_publisher_.getNumSubscribers() == 0)
+  {
+    status.summary(DiagnosticStatus::ERROR, "nobody listens to " + twist_publisher_.getTopic() +
+                                                "; is the base's driver running, and does it take this topic?");
+  }
+  else if (state.mode == HostMode::DISCONNECTED)
+  {
+    status.summary(DiagnosticStatus::ERROR, state.detail);
+  }
+  else
+  {
+    status.summary(DiagnosticStatus::OK, twist_publisher_.getTopic() + ", " + odometry_.getTopic());
+  }
+  status.add("twists", state.counters.commands);
+  status.add("odometries", state.counters.statuses);
+  status.add("odometries refused", state.counters.refused_frames);
+  status.add("jumps of the odometry", state.counters.restarts);
 }
 
 }  // namespace pi_vehicle

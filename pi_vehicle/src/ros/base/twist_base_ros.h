@@ -35,7 +35,8 @@ private:
 
   void onOdometry(const nav_msgs::Odometry& message);
   void command();
-  void report(Status& status) const;
+  void reportChassis(Status& status) const;
+  void reportLine(Status& status) const;
 
   pi_node::CallbackThread service_thread_;
   ros::NodeHandle service_node_;

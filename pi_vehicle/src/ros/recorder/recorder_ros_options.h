@@ -28,11 +28,11 @@ struct RecorderRosOptions : pi_node::NodeParameters<RecorderRosOptions>
   struct Slim
   {
     std::vector<std::string> topics = {
-        "odometry",          "map_pose",        "localisation",    "wheel_odometry", "vehicle_state",  "motion",
-        "motion/navigation", "motion/reaction", "motion/command",  "cmd_vel",        "emergency_stop", "arbiter/state",
-        "command",           "command/state",   "reaction/events", "obstacles",      "goal",           "drive/goal",
-        "drive/feedback",    "drive/result",    "battery",         "power",          "collision",      "/diagnostics",
-        "/rosout_agg"};
+        "odometry",          "map_pose",        "localisation",   "wheel_odometry",  "vehicle_state",  "motion",
+        "motion/navigation", "motion/reaction", "motion/command", "cmd_vel",         "remote/cmd_vel", "emergency_stop",
+        "arbiter/state",     "command",         "command/state",  "reaction/events", "obstacles",      "goal",
+        "drive/goal",        "drive/feedback",  "drive/result",   "battery",         "power",          "collision",
+        "/diagnostics",      "/rosout_agg"};
     std::vector<std::string> thinned_topics = {"odometry", "map_pose", "wheel_odometry", "vehicle_state", "motion"};
     double thinned_hz = 20.0;  ///< of each of thinned_topics in the slim files
     double file_s = 600.0;     ///< duration of a file [s]
