@@ -215,16 +215,20 @@ class CampusDrive:
 
     def _drive(self, events, launch, started, screen, edge):
         rospy = events.rospy
+        from actionlib_msgs.msg import GoalStatusArray
         from pi_vehicle.msg import DriveActionGoal
         from std_msgs.msg import String
         goals = rospy.Publisher("/drive/goal", DriveActionGoal, queue_size=1)
         mouth = rospy.Publisher("/microphone/play", String, queue_size=10)
+        servers = set()  # the recorder, too, subscribes goals: it is the one who tells their status that must be there
+        status = rospy.Subscriber("/drive/status", GoalStatusArray,
+                                  lambda message: servers.add(message._connection_header["callerid"]))
         limit = time.monotonic() + READY_S
-        while not (goals.get_num_connections() and mouth.get_num_connections()):
+        while not (any(goals.impl.has_connection(one) for one in list(servers)) and mouth.get_num_connections()):
             events.next(lambda kind, _: kind == "truth", "navigation and microphone to connect")
             if time.monotonic() > limit:
-                raise DemoError("nobody subscribes %s" % ("drive/goal" if not goals.get_num_connections()
-                                                          else "microphone/play"))
+                raise DemoError("navigation does not subscribe drive/goal, or nobody microphone/play")
+        status.unregister()
         speaker = Speaker(self.facts["spoken"], self.output, self.observer.records,
                           lambda path: mouth.publish(String(data=str(path))))
         ways = [self.facts["waypoints"] + [self.facts["goal"]]] + [[one] for one in self.facts["further_goals"]]
