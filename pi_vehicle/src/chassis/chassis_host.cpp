@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <stdexcept>
 
 namespace pi_vehicle::chassis
 {
@@ -32,14 +31,23 @@ void HostOptions::validate() const
   check.range("status_timeout_s", status_timeout_s, 0.02, 10.0);
   check.range("motion_timeout_s", motion_timeout_s, 0.02, 10.0);
   check.range("stop_deceleration", stop_deceleration, 0.01, 30.0);
-  try
+  limits.validate("limits");
+}
+
+bool isUsable(const Motion& motion, const Limits& limits, HostCounters* counters, bool* cut)
+{
+  if (!std::isfinite(motion.speed) || !std::isfinite(motion.curvature) || !std::isfinite(motion.deceleration))
   {
-    limits.validate();
+    ++counters->refused_motions;
+    return false;
   }
-  catch (const std::invalid_argument& error)
-  {
-    throw std::invalid_argument(std::string("limits/") + error.what());
-  }
+  Command wanted;
+  wanted.speed = motion.speed;
+  wanted.curvature = motion.curvature;
+  wanted.deceleration = motion.deceleration;
+  withinLimits(wanted, limits, cut);
+  counters->limited_motions += *cut ? 1 : 0;
+  return true;
 }
 
 ChassisHost::ChassisHost(const HostOptions& options) : options_(options), limits_(options.limits)
@@ -152,17 +160,10 @@ void ChassisHost::onStatus(const Status& status, int64_t now_ns)
 
 bool ChassisHost::setMotion(const Motion& motion, int64_t now_ns)
 {
-  if (!std::isfinite(motion.speed) || !std::isfinite(motion.curvature) || !std::isfinite(motion.deceleration))
+  if (!isUsable(motion, limits_, &counters_, &motion_cut_))
   {
-    ++counters_.refused_motions;
     return false;
   }
-  Command wanted;
-  wanted.speed = motion.speed;
-  wanted.curvature = motion.curvature;
-  wanted.deceleration = motion.deceleration;
-  withinLimits(wanted, limits_, &motion_cut_);
-  counters_.limited_motions += motion_cut_ ? 1 : 0;
   motion_ = motion;
   motion_ns_ = now_ns;
   return true;

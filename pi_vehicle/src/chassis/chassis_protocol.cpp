@@ -237,9 +237,9 @@ const char* modeText(Mode mode)
   return NAMES.at(static_cast<size_t>(mode));
 }
 
-void Limits::validate() const
+void Limits::validate(const std::string& group) const
 {
-  const pi_node::OptionCheck check("");
+  const pi_node::OptionCheck check(group);
   check.range("speed", speed, 0.01, 30.0);
   check.range("reverse_speed", reverse_speed, 0.0, 30.0);
   check.range("curvature", curvature, 0.001, 3.0);

@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <stdexcept>
 
 namespace pi_vehicle::chassis
 {
@@ -30,14 +29,7 @@ void TwistBaseOptions::validate() const
   check.range("motion_timeout_s", motion_timeout_s, 0.02, 10.0);
   check.range("stop_deceleration", stop_deceleration, 0.01, 30.0);
   check.range("wheelbase", wheelbase, 0.05, 10.0);
-  try
-  {
-    limits.validate();
-  }
-  catch (const std::invalid_argument& error)
-  {
-    throw std::invalid_argument(std::string("limits/") + error.what());
-  }
+  limits.validate("limits");
 }
 
 TwistBase::TwistBase(const TwistBaseOptions& options) : options_(options)
@@ -79,17 +71,10 @@ bool TwistBase::onOdometry(const Pose2& pose, double speed, double yaw_rate, int
 
 bool TwistBase::setMotion(const Motion& motion, int64_t now_ns)
 {
-  if (!std::isfinite(motion.speed) || !std::isfinite(motion.curvature) || !std::isfinite(motion.deceleration))
+  if (!isUsable(motion, options_.limits, &counters_, &motion_cut_))
   {
-    ++counters_.refused_motions;
     return false;
   }
-  Command wanted;
-  wanted.speed = motion.speed;
-  wanted.curvature = motion.curvature;
-  wanted.deceleration = motion.deceleration;
-  withinLimits(wanted, options_.limits, &motion_cut_);
-  counters_.limited_motions += motion_cut_ ? 1 : 0;
   motion_ = motion;
   motion_ns_ = now_ns;
   return true;

@@ -15,8 +15,8 @@ struct DriverOptions
   std::string port = "/dev/ttyUSB0";  ///< path, name in /dev, or part of a name in /dev/serial/by-id
   uint32_t baud_rate = 115200;
   double start_patience_s = 10.0;  ///< after the start a port may be missing so long [s], in [0, 600]
-  double first_pause_s = 0.1;    ///< before a port that is gone is opened again [s], in [0.01, 10]; doubles each time
-  double longest_pause_s = 1.0;  ///< up to this [s], in [first_pause_s, 60]
+  double first_pause_s = 0.1;      ///< before a port that is gone is opened again [s], in [0.01, 10]; doubles each time
+  double longest_pause_s = 1.0;    ///< up to this [s], in [first_pause_s, 60]
   HostOptions host;
 
   /// @throws std::invalid_argument naming field, value and bound.

@@ -64,6 +64,10 @@ struct HostCounters
   uint64_t status_timeouts = 0;  ///< times that statuses ceased on an open line
 };
 
+/// Whether a motion's numbers are finite; counts those that are not, and those beyond the limits.
+/// @param[out] cut  whether it is beyond the limits.
+bool isUsable(const Motion& motion, const Limits& limits, HostCounters* counters, bool* cut);
+
 struct HostState
 {
   HostMode mode = HostMode::DISCONNECTED;

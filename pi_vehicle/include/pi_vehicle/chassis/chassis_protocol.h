@@ -142,8 +142,8 @@ struct Limits
   double usual_deceleration = 1.0;    ///< where a command says 0 [m/s^2]
   double lateral_acceleration = 2.0;  ///< speed is cut to it in bends [m/s^2]
 
-  /// @throws std::invalid_argument naming field, value and bound.
-  void validate() const;
+  /// @param group  in front of the field's name. @throws std::invalid_argument naming field, value and bound.
+  void validate(const std::string& group = "") const;
 };
 
 /// The smaller of each.
