@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 from first_drive.errors import DemoError
 from first_drive.report import number
-from pi_bringup.incidents import triggers_in
+from pi_bringup.incidents import errors_of_bags, triggers_in
 
 from . import judge, page, plots
 from .observer import Observer
@@ -156,7 +156,7 @@ def write_report(file, output):
     import rosbag
     try:
         bag = rosbag.Bag(str(file))
-    except (rosbag.ROSBagException, OSError) as error:
+    except errors_of_bags() as error:
         raise DemoError("%s is not readable as a bag: %s" % (file, error)) from error
     with bag, tempfile.TemporaryDirectory() as folder:
         if not bag.get_message_count():

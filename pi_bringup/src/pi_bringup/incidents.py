@@ -25,6 +25,13 @@ def triggers_in(bag):
                    for _, message, _ in bag.read_messages(topics)}) if topics else []
 
 
+def errors_of_bags():
+    """What rosbag raises for files that are no bags, or damaged."""
+    import struct
+    import rosbag
+    return (rosbag.ROSBagException, OSError, ValueError, struct.error)
+
+
 def describe(path):
     """A row of the list: when, cause, duration, size, path."""
     import rosbag  # here: doctor must start where ROS is broken
@@ -36,7 +43,7 @@ def describe(path):
             causes = list(dict.fromkeys(cause for _, cause, _ in triggers_in(bag)))
             return [path.name.split("_")[1], ", ".join(causes) or "unknown",
                     "%.1f s" % (bag.get_end_time() - bag.get_start_time()), size, str(path)]
-    except (rosbag.ROSBagException, OSError) as error:
+    except errors_of_bags() as error:
         return [path.name.split("_")[1], "not readable: %s" % error, "", size, str(path)]
 
 

@@ -94,9 +94,13 @@ class IncidentTest(unittest.TestCase):
 
     def test_no_bag_is_an_error_that_names_it(self):
         path = self.folder / "incident_x.bag"
-        path.write_text("no bag")
-        with self.assertRaisesRegex(DemoError, "incident_x.bag is not readable as a bag"):
-            incident.write_report(path, self.folder / "page.html")
+        write_bag(self.folder / NAME)
+        whole = (self.folder / NAME).read_bytes()
+        for damaged in (b"no bag", b"\xaf\xfe" * 1000, b"", whole[:len(whole) // 2], whole[:20]):
+            path.write_bytes(damaged)
+            with self.assertRaisesRegex(DemoError, "incident_x.bag is not readable as a bag"):
+                incident.write_report(path, self.folder / "page.html")
+            self.assertRegex(incidents.describe(path)[1], "^not readable: ")
         with self.assertRaisesRegex(DemoError, "gone.bag is not readable as a bag"):
             incident.write_report(self.folder / "gone.bag", self.folder / "page.html")
 
