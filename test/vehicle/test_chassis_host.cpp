@@ -22,7 +22,7 @@ TEST(ChassisHost, DrivesAndKnowsTheChassis)
   line.run(0.1);
   EXPECT_EQ(HostMode::READY, line.state().mode);
   ASSERT_TRUE(line.state().hello);
-  EXPECT_NEAR(1.2, line.state().hello->wheelbase, 1e-9);
+  EXPECT_NEAR(0.75, line.state().hello->wheelbase, 1e-9);
   line.drive(3.0, 1.0);
   const HostState state = line.state();
   EXPECT_EQ(HostMode::DRIVING, state.mode) << state.detail;

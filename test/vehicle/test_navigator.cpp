@@ -521,9 +521,6 @@ TEST(NavigatorOptions, NamesFieldValueAndBound)
   EXPECT_EQ("", refusal(options));
   options.abort_after_s = -1.0;
   EXPECT_EQ("abort_after_s = -1, must be in [0, 86400]", refusal(options));
-  options = NavigatorOptions();
-  options.route.min_radius = 1.0;
-  EXPECT_EQ("route/min_radius = 1, must be at least 2.22222 (1 / follower/max_curvature)", refusal(options));
 }
 
 }  // namespace

@@ -56,8 +56,8 @@ def load(path, package):
     """@throws DemoError. The simulator judges the file in full; here only what is read counts."""
     try:
         tree = yaml.safe_load(path.read_text(encoding="utf-8"))
-        simulator = yaml.safe_load((simulation_config(package) / "vehicle_simulator.yaml").read_text(encoding="utf-8"))
-        mount = (simulator["imu_in_base"]["x"], simulator["imu_in_base"]["y"])
+        described = yaml.safe_load((package.parent / "pi_node" / "config" / "vehicle.yaml").read_text(encoding="utf-8"))
+        mount = described["mounts"]["imu_link"]
         nodes = [EdgeNode(one["id"], *to_map(tree["start"], mount, (one["x"], one["y"])), float(one["range"]))
                  for one in tree.get("edge_nodes") or []]
         return Scenario(path, str(tree["name"]), float(tree.get("duration", 60.0)), nodes,

@@ -3,6 +3,7 @@
 #include <pi_detect/object_tracker.h>
 #include <pi_detect/outline.h>
 #include <pi_detect/stereo_obstacles.h>
+#include <pi_node/vehicle_description.h>
 
 #include <Eigen/Geometry>
 #include <cstdint>
@@ -20,9 +21,7 @@ struct ObstacleTrackerOptions
   int confirm_hits = 3;               ///< measurements before an obstacle is reported
   double acceleration_m_s2 = 1.0;     ///< of obstacles, standard deviation [m/s^2]
   double max_speed_m_s = 15.0;        ///< of obstacles [m/s]
-  double vehicle_front_m = 1.0;       ///< outline of the vehicle in base_link, for the time to collision [m]
-  double vehicle_rear_m = 0.5;        ///< behind the origin, > 0 [m]
-  double vehicle_half_width_m = 0.6;  ///< [m]
+  pi_node::Footprint footprint;       ///< of the vehicle, for the time to collision
   double min_label_overlap = 0.5;     ///< part of the obstacle's picture box inside a track's box, to take its label
 
   /// @throws std::invalid_argument naming field, value and bound.

@@ -2,6 +2,7 @@
 
 #include <pi_detect/detection.h>
 #include <pi_detect/outline.h>
+#include <pi_node/vehicle_description.h>
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -51,7 +52,7 @@ struct StereoObstacleOptions
   double max_ground_tilt = 0.12;    ///< between the ground and the plane that the mounting implies [rad]
   double max_ground_step_m = 0.15;  ///< height difference of both planes at base_link [m]
   double nearest_distance_m = 1.0;  ///< before the vehicle's front; obstacles are searched from there on [m]
-  double vehicle_front_m = 1.0;     ///< of the vehicle's outline in base_link [m]
+  pi_node::Footprint footprint;     ///< of the vehicle
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;

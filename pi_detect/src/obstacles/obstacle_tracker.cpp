@@ -53,9 +53,7 @@ void ObstacleTrackerOptions::validate() const
   check.range("confirm_hits", confirm_hits, 1, 100);
   check.range("acceleration_m_s2", acceleration_m_s2, 0.01, 50.0);
   check.range("max_speed_m_s", max_speed_m_s, 0.1, 100.0);
-  check.range("vehicle_front_m", vehicle_front_m, 0.0, 20.0);
-  check.range("vehicle_rear_m", vehicle_rear_m, 0.0, 20.0);
-  check.range("vehicle_half_width_m", vehicle_half_width_m, 0.05, 10.0);
+  footprint.validate();
   check.range("min_label_overlap", min_label_overlap, 0.0, 1.0);
 }
 

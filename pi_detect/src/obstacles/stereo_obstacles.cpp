@@ -70,7 +70,7 @@ double maxDepth(const Eigen::Isometry3d& T_ground_left, const StereoObstacleOpti
 /// Depth along the optical axis of what is nearest_distance_m before the vehicle's front.
 double minDepthWanted(const Eigen::Isometry3d& T_base_left, const StereoObstacleOptions& options)
 {
-  const double ahead_m = options.vehicle_front_m + options.nearest_distance_m - T_base_left.translation().x();
+  const double ahead_m = options.footprint.front + options.nearest_distance_m - T_base_left.translation().x();
   return std::max(LEAST_DEPTH_M, ahead_m / T_base_left.linear()(0, 2));
 }
 
@@ -100,7 +100,7 @@ void StereoObstacleOptions::validate() const
   check.range("max_ground_tilt", max_ground_tilt, 0.0, 0.5);
   check.range("max_ground_step_m", max_ground_step_m, 0.0, 1.0);
   check.range("nearest_distance_m", nearest_distance_m, 0.0, 20.0);
-  check.range("vehicle_front_m", vehicle_front_m, 0.0, 20.0);
+  footprint.validate();
   if (min_height_m >= max_height_m)
   {
     throw std::invalid_argument("min_height_m = " + std::to_string(min_height_m) +

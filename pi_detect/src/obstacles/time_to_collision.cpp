@@ -13,8 +13,8 @@ double timeToCollision(const Eigen::Vector2d& p, const Eigen::Vector2d& v, const
                        const ObstacleTrackerOptions& options)
 {
   constexpr double NEVER = std::numeric_limits<double>::infinity();
-  const Eigen::Vector2d low(-options.vehicle_rear_m - half_size.x(), -options.vehicle_half_width_m - half_size.y());
-  const Eigen::Vector2d high(options.vehicle_front_m + half_size.x(), options.vehicle_half_width_m + half_size.y());
+  const Eigen::Vector2d low(-options.footprint.rear - half_size.x(), -options.footprint.half_width - half_size.y());
+  const Eigen::Vector2d high(options.footprint.front + half_size.x(), options.footprint.half_width + half_size.y());
   double enters = 0.0;
   double leaves = NEVER;
   for (int axis = 0; axis < 2; ++axis)

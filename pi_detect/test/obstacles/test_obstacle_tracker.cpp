@@ -553,16 +553,16 @@ TEST(ObstacleTracker, RefusesOptionsOutOfRange)
   options.confirm_hits = 0;
   EXPECT_THROW(options.validate(), std::invalid_argument);
   options = ObstacleTrackerOptions();
-  options.vehicle_half_width_m = std::nan("");
+  options.footprint.half_width = std::nan("");
   EXPECT_THROW(options.validate(), std::invalid_argument);
 }
 
 TEST(TimeToCollision, FollowsFromTheGapAndTheSpeed)
 {
   ObstacleTrackerOptions options;
-  options.vehicle_front_m = 1.0;
-  options.vehicle_rear_m = 0.5;
-  options.vehicle_half_width_m = 0.6;
+  options.footprint.front = 1.0;
+  options.footprint.rear = 0.5;
+  options.footprint.half_width = 0.6;
   const Eigen::Vector2d half(0.5, 0.4);
   // From ahead: 10 - 1 - 0.5 m at 2 m/s.
   EXPECT_NEAR(timeToCollision({10.0, 0.0}, {-2.0, 0.0}, half, options), 4.25, 1e-9);

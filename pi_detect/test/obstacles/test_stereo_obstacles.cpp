@@ -235,7 +235,7 @@ TEST(StereoObstacles, MeasuresFromTheWantedDistanceBeforeTheVehicleOn)
   T_base_left.translation().x() = 0.7;
   StereoObstacleOptions options;
   options.nearest_distance_m = 0.8;
-  options.vehicle_front_m = 0.9;
+  options.footprint.front = 0.9;
   const double wanted_m = 0.8 + 0.9 - 0.7;
   for (const double baseline_m : {0.05, 0.12, 0.3})
   {

@@ -15,15 +15,16 @@ class OptionCheck
 public:
   explicit OptionCheck(std::string group) : group_(std::move(group)) {}
 
+  /// @param source  of the bound, for the message; empty: it is fixed.
   /// @throws std::invalid_argument if value is outside of [least, most] or not finite.
   template <typename T>
-  void range(const char* field, T value, T least, T most) const
+  void range(const char* field, T value, T least, T most, const std::string& source = "") const
   {
     if (!(value >= least && value <= most))
     {
       std::ostringstream text;
       text << group_ << (group_.empty() ? "" : "/") << field << " = " << value << ", must be in [" << least << ", "
-           << most << "]";
+           << most << "]" << (source.empty() ? "" : " (" + source + ")");
       throw std::invalid_argument(text.str());
     }
   }

@@ -13,9 +13,9 @@ namespace pi_simulation
 struct ModelOptions
 {
   chassis::Kind kind = chassis::Kind::CAR_LIKE;
-  double wheelbase = 1.2;          ///< [m]; of a differential one: between its wheels
-  double max_steering = 0.5;       ///< [rad], car-like only
-  double max_steering_rate = 1.0;  ///< [rad/s], car-like only
+  double wheelbase = 0.75;         ///< [m]; of a differential one: between its wheels
+  double max_steering = 0.33;      ///< [rad], car-like only
+  double max_steering_rate = 0.6;  ///< [rad/s], car-like only
   double speed_lag_s = 0.15;       ///< time constant of the drive
   double steering_lag_s = 0.1;     ///< time constant of the steering
   double dead_time_s = 0.05;       ///< from setpoint to any effect

@@ -47,6 +47,19 @@ std::optional<bool> flag(const std::string& word)
 
 }  // namespace
 
+void SimulationOptions::setVehicle(const pi_node::VehicleDescription& vehicle)
+{
+  const bool is_car = vehicle.kind == pi_node::VehicleKind::ACKERMANN;
+  model.kind = is_car ? chassis::Kind::CAR_LIKE : chassis::Kind::DIFFERENTIAL;
+  model.wheelbase = is_car ? vehicle.wheelbase : vehicle.track;
+  if (is_car)
+  {
+    model.max_steering = std::atan(vehicle.limits.curvature * vehicle.wheelbase);
+    model.max_steering_rate = vehicle.limits.curvature_rate * vehicle.wheelbase;
+  }
+  limits = chassis::limitsOf(vehicle.limits);
+}
+
 void SimulationOptions::validate() const
 {
   model.validate();

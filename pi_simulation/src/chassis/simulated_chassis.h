@@ -26,6 +26,8 @@ struct SimulationOptions
   std::string link;   ///< symbolic link to the pseudo-terminal; empty: none
   uint64_t seed = 1;  ///< of the garbage
 
+  /// Kind, wheels, steering and limits.
+  void setVehicle(const pi_node::VehicleDescription& vehicle);
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
 };

@@ -5,6 +5,8 @@
 
 #include <fcntl.h>
 #include <pi_node/durations.h>
+#include <pi_node/ros/vehicle_parameters.h>
+#include <pi_node/ros/yaml_parameters.h>
 #include <pi_node/stop_signal.h>
 #include <poll.h>
 #include <unistd.h>
@@ -34,11 +36,23 @@ constexpr size_t MAX_LINE = 4096;
 struct Arguments
 {
   SimulationOptions simulation;
-  std::string kind = "car";
+  std::string vehicle;
   std::string truth;
   double truth_rate = 50.0;
   std::vector<std::string> commands;
 };
+
+pi_node::VehicleDescription vehicleOf(const std::string& file)
+{
+  try
+  {
+    return pi_node::vehicleFromParameters(pi_node::fromYaml(YAML::LoadFile(file)), file);
+  }
+  catch (const YAML::Exception& error)
+  {
+    throw std::invalid_argument("--vehicle " + file + ": " + error.what());
+  }
+}
 
 bool parse(int argc, char** argv, Arguments* arguments)
 {
@@ -51,7 +65,7 @@ bool parse(int argc, char** argv, Arguments* arguments)
   auto add = options.add_options();
   add("help,h", "this text");
   add("link", po::value<std::string>(&simulation.link), "symbolic link to the pseudo-terminal");
-  add("kind", po::value<std::string>(&arguments->kind)->default_value("car"), "car or differential");
+  add("vehicle", po::value<std::string>(&arguments->vehicle), "its description, a file as config/vehicle.yaml of pi_node");
   add("truth", po::value<std::string>(&arguments->truth),
       "file or FIFO that gets the true pose as lines of JSON; - for stdout");
   add("truth-rate", number(&arguments->truth_rate), "[Hz]");
@@ -59,11 +73,6 @@ bool parse(int argc, char** argv, Arguments* arguments)
   add("x", number(&simulation.start.x), "start [m]");
   add("y", number(&simulation.start.y), "start [m]");
   add("yaw", number(&simulation.start.heading), "start [rad]");
-  add("wheelbase", number(&simulation.model.wheelbase), "[m]");
-  add("max-steering", number(&simulation.model.max_steering), "[rad]");
-  add("max-speed", number(&simulation.limits.speed), "[m/s]");
-  add("max-acceleration", number(&simulation.limits.acceleration), "[m/s^2]");
-  add("max-deceleration", number(&simulation.limits.deceleration), "[m/s^2]");
   add("speed-lag", number(&simulation.model.speed_lag_s), "[s]");
   add("steering-lag", number(&simulation.model.steering_lag_s), "[s]");
   add("dead-time", number(&simulation.model.dead_time_s), "[s]");
@@ -88,15 +97,11 @@ bool parse(int argc, char** argv, Arguments* arguments)
     std::cout << options;
     return false;
   }
-  if (arguments->kind != "car" && arguments->kind != "differential")
-  {
-    throw std::invalid_argument("--kind " + arguments->kind + ", must be car or differential");
-  }
   if (!(arguments->truth_rate > 0.0 && arguments->truth_rate <= 200.0))
   {
     throw std::invalid_argument("--truth-rate " + std::to_string(arguments->truth_rate) + ", must be in (0, 200]");
   }
-  simulation.model.kind = arguments->kind == "car" ? chassis::Kind::CAR_LIKE : chassis::Kind::DIFFERENTIAL;
+  simulation.setVehicle(arguments->vehicle.empty() ? pi_node::VehicleDescription() : vehicleOf(arguments->vehicle));
   return true;
 }
 

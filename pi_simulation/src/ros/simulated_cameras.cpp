@@ -134,12 +134,13 @@ void SimulatedCameras::render(const Exposure& exposure, StereoRenderer* renderer
     toImage(state == CameraState::DARK ? black : picture, stamp, frame_id, image.get());
     return image;
   };
+  const double baseline =
+      calibration_.left.T_body_camera.translation().y() - calibration_.right.T_body_camera.translation().y();
   // Both are published together, so a subscriber waits only a little for the second one.
   StereoCamera left{makeImage(exposure.left, frame.left, calibration_.left.model, options_.left_frame),
                     toCameraInfo(calibration_.left.model, 0.0), exposure.left, &left_, &left_info_};
   StereoCamera right{makeImage(exposure.right, frame.right, calibration_.right.model, options_.right_frame),
-                     toCameraInfo(calibration_.right.model, options_.cameras.baseline), exposure.right, &right_,
-                     &right_info_};
+                     toCameraInfo(calibration_.right.model, baseline), exposure.right, &right_, &right_info_};
   for (StereoCamera* camera : {&left, &right})
   {
     if (camera->state != CameraState::OFF)

@@ -152,22 +152,4 @@ sensor_msgs::CameraInfo toCameraInfo(const pi_slam::CameraModel& camera, double 
   return info;
 }
 
-geometry_msgs::TransformStamped toTransform(const Eigen::Isometry3d& T_parent_child, const std::string& parent,
-                                            const std::string& child)
-{
-  geometry_msgs::TransformStamped transform;
-  transform.header.stamp = ros::Time::now();
-  transform.header.frame_id = parent;
-  transform.child_frame_id = child;
-  const Eigen::Quaterniond q(T_parent_child.linear());
-  transform.transform.translation.x = T_parent_child.translation().x();
-  transform.transform.translation.y = T_parent_child.translation().y();
-  transform.transform.translation.z = T_parent_child.translation().z();
-  transform.transform.rotation.w = q.w();
-  transform.transform.rotation.x = q.x();
-  transform.transform.rotation.y = q.y();
-  transform.transform.rotation.z = q.z();
-  return transform;
-}
-
 }  // namespace pi_simulation

@@ -2,7 +2,6 @@
 
 #include "vehicle/vehicle_simulation.h"
 
-#include <geometry_msgs/TransformStamped.h>
 #include <nav_msgs/Odometry.h>
 #include <pi_detect/ObstacleArray.h>
 #include <pi_os_transport/zero_copy/message.h>
@@ -39,9 +38,5 @@ void toImage(const cv::Mat& picture, const ros::Time& stamp, const std::string& 
 /// Of a camera without distortion in a rectified pair. Header left empty.
 /// @param baseline  0: the left one [m].
 sensor_msgs::CameraInfo toCameraInfo(const pi_slam::CameraModel& camera, double baseline);
-
-/// Of frame `child` in frame `parent`, with the stamp of now.
-geometry_msgs::TransformStamped toTransform(const Eigen::Isometry3d& T_parent_child, const std::string& parent,
-                                            const std::string& child);
 
 }  // namespace pi_simulation

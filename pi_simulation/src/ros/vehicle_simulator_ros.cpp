@@ -85,13 +85,11 @@ void VehicleSimulatorRos::advertise()
   odometry_ = service_node_.advertise<nav_msgs::Odometry>("ground_truth/odometry", IMU_QUEUE);
   obstacles_ = service_node_.advertise<pi_detect::ObstacleArray>("ground_truth/obstacles", OBSTACLES_QUEUE);
   collision_ = service_node_.advertise<std_msgs::String>("collision", OBSTACLES_QUEUE);
-  static_tf_ = pi_node::LatchedPublisher<tf2_msgs::TFMessage>(service_node_, "/tf_static", 1);
   scenario_publisher_ = pi_node::LatchedPublisher<std_msgs::String>(service_node_, "scenario", 1);
 }
 
 void VehicleSimulatorRos::publishStatic()
 {
-  static_tf_.publish(options_.staticTransforms());
   std_msgs::String text;
   text.data = scenario_.toJson(simulation_->mapInWorld().inverse());
   scenario_publisher_.publish(text);
@@ -185,7 +183,7 @@ void VehicleSimulatorRos::publishObstacles(int64_t stamp_ns, const std::vector<T
   {
     return;
   }
-  const VehicleSimulatorRosOptions::Outline& o = options_.outline;
+  const pi_node::Footprint& o = options_.vehicle.footprint;
   const OrientedBox outline{{0.5 * (o.front - o.rear), 0.0}, 0.0, {0.5 * (o.front + o.rear), o.half_width}};
   obstacles_.publish(toObstacles(obstacles, outline, velocity_, pi_node::toTime(stamp_ns), options_.base_link_frame));
 }

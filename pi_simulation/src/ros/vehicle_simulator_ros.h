@@ -12,7 +12,6 @@
 #include <pi_simulation/SimulatorCommand.h>
 #include <ros/ros.h>
 #include <std_msgs/String.h>
-#include <tf2_msgs/TFMessage.h>
 
 #include <cstdint>
 #include <fstream>
@@ -70,7 +69,6 @@ private:
   diagnostic_updater::Updater updater_;
   SimulatedTime time_;
   SimulatedCameras cameras_;  ///< its threads tell time_
-  pi_node::LatchedPublisher<tf2_msgs::TFMessage> static_tf_;
   ros::Publisher imu_;
   ros::Publisher odometry_;
   ros::Publisher obstacles_;

@@ -1,7 +1,5 @@
 #include "ros/vehicle_simulator_ros_options.h"
 
-#include "ros/simulation_conversions.h"
-
 #include <pi_node/option_check.h>
 #include <pi_node/ros/parameter_tree.h>
 
@@ -20,9 +18,6 @@ static void visitFields(VehicleSimulatorRosOptions& options, Visitor&& visit)
   visit("scenario_seed", options.scenario_seed);
   visit("link", options.link);
   visit("log", options.log);
-  visit("cameras/width", options.cameras.width);
-  visit("cameras/height", options.cameras.height);
-  visit("cameras/baseline", options.cameras.baseline);
   visit("cameras/frame_rate", options.cameras.frame_rate);
   visit("cameras/threads", options.cameras.threads);
   visit("cameras/nice", options.cameras.nice);
@@ -40,13 +35,6 @@ static void visitFields(VehicleSimulatorRosOptions& options, Visitor&& visit)
   visit("pace/chassis", options.pace.chassis);
   visit("patience_s", options.patience_s);
   visit("imu_noise", options.imu_noise);
-  visit("imu_in_base/x", options.imu_in_base.x);
-  visit("imu_in_base/y", options.imu_in_base.y);
-  visit("imu_in_base/z", options.imu_in_base.z);
-  visit("outline/front", options.outline.front);
-  visit("outline/rear", options.outline.rear);
-  visit("outline/half_width", options.outline.half_width);
-  visit("outline/height", options.outline.height);
   visit("map_frame", options.map_frame);
   visit("base_link_frame", options.base_link_frame);
   visit("imu_frame", options.imu_frame);
@@ -56,13 +44,15 @@ static void visitFields(VehicleSimulatorRosOptions& options, Visitor&& visit)
   visit("warning_period_s", options.warning_period_s);
 }
 
+static Eigen::Vector3d positionOf(const pi_node::Mount& mount)
+{
+  return {mount.x, mount.y, mount.z};
+}
+
 void VehicleSimulatorRosOptions::validate() const
 {
   const pi_node::OptionCheck check("");
   check.range("scenario_seed", scenario_seed, 0, 2147483647);
-  check.range("cameras/width", cameras.width, 64, 4096);
-  check.range("cameras/height", cameras.height, 64, 4096);
-  check.range("cameras/baseline", cameras.baseline, 0.01, 2.0);
   check.range("cameras/frame_rate", cameras.frame_rate, 0.5, 100.0);
   check.range("cameras/threads", cameras.threads, 1, 64);
   check.range("cameras/nice", cameras.nice, 0, 19);
@@ -72,19 +62,24 @@ void VehicleSimulatorRosOptions::validate() const
   pace.validate();
   check.range("patience_s", patience_s, 0.1, 3600.0);
   check.range("imu_noise", imu_noise, 0.0, 100.0);
-  check.range("imu_in_base/x", imu_in_base.x, -5.0, 5.0);
-  check.range("imu_in_base/y", imu_in_base.y, -5.0, 5.0);
-  check.range("imu_in_base/z", imu_in_base.z, 0.1, 5.0);
-  check.range("outline/front", outline.front, 0.05, 10.0);
-  check.range("outline/rear", outline.rear, 0.05, 10.0);
-  check.range("outline/half_width", outline.half_width, 0.05, 5.0);
-  check.range("outline/height", outline.height, 0.1, 5.0);
   const std::string frames[] = {map_frame, base_link_frame, imu_frame, left_frame, right_frame};
   const char* const names[] = {"map_frame", "base_link_frame", "imu_frame", "left_frame", "right_frame"};
   for (size_t i = 0; i < 5; ++i)
   {
     pi_node::parameters::require(!frames[i].empty(), names[i], "\"\"", "a name");
   }
+  const pi_node::Mount& left = vehicle.mount(left_frame);
+  const pi_node::Mount& right = vehicle.mount(right_frame);
+  for (const std::string& frame : {imu_frame, left_frame, right_frame})
+  {
+    const pi_node::Mount& mount = vehicle.mount(frame);
+    pi_node::parameters::require(mount.roll == 0.0 && mount.pitch == 0.0 && mount.yaw == 0.0,
+                                 ("vehicle/mounts/" + frame).c_str(), "(turned)",
+                                 "without roll, pitch and yaw to be simulated");
+  }
+  pi_node::parameters::require(left.x == right.x && left.z == right.z && left.y > right.y,
+                               ("vehicle/mounts/" + right_frame).c_str(), "(elsewhere)",
+                               ("to the right of " + left_frame + " to be simulated").c_str());
   parameter_tree::requireDuration("diagnostic_period", diagnostic_period);
   parameter_tree::requireDuration("warning_period_s", warning_period_s);
   simulationOptions().validate();
@@ -120,11 +115,9 @@ VehicleSimulationOptions VehicleSimulatorRosOptions::simulationOptions() const
   options.imu.accel_random_walk *= imu_noise;
   options.imu.gyro_bias *= imu_noise;
   options.imu.accel_bias *= imu_noise;
-  options.imu_in_base = {imu_in_base.x, imu_in_base.y, imu_in_base.z};
-  options.front = outline.front;
-  options.rear = outline.rear;
-  options.half_width = outline.half_width;
-  options.height = outline.height;
+  options.chassis.setVehicle(vehicle);
+  options.imu_in_base = positionOf(vehicle.mount(imu_frame));
+  options.footprint = vehicle.footprint;
   options.frame_rate_hz = cameras.frame_rate;
   return options;
 }
@@ -145,19 +138,14 @@ StereoRendererOptions VehicleSimulatorRosOptions::rendererOptions() const
 
 pi_slam::StereoCalibration VehicleSimulatorRosOptions::calibration() const
 {
-  return pi_slam::StereoCalibration::makeForwardPair(cameras.width, cameras.height, cameras.baseline);
-}
-
-tf2_msgs::TFMessage VehicleSimulatorRosOptions::staticTransforms() const
-{
-  Eigen::Isometry3d T_base_body = Eigen::Isometry3d::Identity();
-  T_base_body.translation() << imu_in_base.x, imu_in_base.y, imu_in_base.z;
-  const pi_slam::StereoCalibration cameras = calibration();
-  tf2_msgs::TFMessage message;
-  message.transforms = {toTransform(T_base_body, base_link_frame, imu_frame),
-                        toTransform(T_base_body * cameras.left.T_body_camera, base_link_frame, left_frame),
-                        toTransform(T_base_body * cameras.right.T_body_camera, base_link_frame, right_frame)};
-  return message;
+  const Eigen::Vector3d left = positionOf(vehicle.mount(left_frame));
+  const Eigen::Vector3d right = positionOf(vehicle.mount(right_frame));
+  const Eigen::Vector3d imu = positionOf(vehicle.mount(imu_frame));
+  pi_slam::StereoCalibration pair = pi_slam::StereoCalibration::makeForwardPair(
+      vehicle.picture_width, vehicle.picture_height, left.y() - right.y());
+  pair.left.T_body_camera.translation() = left - imu;
+  pair.right.T_body_camera.translation() = right - imu;
+  return pair;
 }
 
 }  // namespace pi_simulation

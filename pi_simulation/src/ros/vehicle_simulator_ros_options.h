@@ -7,7 +7,6 @@
 #include <pi_node/ros/node_parameters.h>
 #include <pi_slam/stereo_calibration.h>
 #include <ros/node_handle.h>
-#include <tf2_msgs/TFMessage.h>
 #include <xmlrpcpp/XmlRpcValue.h>
 
 #include <string>
@@ -26,9 +25,6 @@ struct VehicleSimulatorRosOptions : pi_node::NodeParameters<VehicleSimulatorRosO
 
   struct Cameras
   {
-    int width = 640;            ///< [px]
-    int height = 480;           ///< [px]
-    double baseline = 0.12;     ///< [m]
     double frame_rate = 20.0;   ///< [Hz]
     int threads = 1;            ///< of the renderer
     int nice = 10;              ///< priority of these threads, 0 (normal) to 19 (lowest)
@@ -42,20 +38,7 @@ struct VehicleSimulatorRosOptions : pi_node::NodeParameters<VehicleSimulatorRosO
   double patience_s = 20.0;      ///< in simulated time: by the clock on the wall, for an answer of the vehicle
   double imu_noise = 1.0;        ///< scale of the IMU's noise and biases; 0: ideal
 
-  struct Mount
-  {
-    double x = 0.8;  ///< of the IMU, which is in the middle between the cameras, in base_link [m]
-    double y = 0.0;
-    double z = 1.0;
-  } imu_in_base;
-
-  struct Outline
-  {
-    double front = 1.0;       ///< ahead of base_link [m]
-    double rear = 0.5;        ///< behind it [m]
-    double half_width = 0.6;  ///< [m]
-    double height = 1.6;      ///< [m]
-  } outline;
+  pi_node::VehicleDescription vehicle;  ///< IMU and cameras must not be turned
 
   std::string map_frame = "map";
   std::string base_link_frame = "base_link";
@@ -65,6 +48,7 @@ struct VehicleSimulatorRosOptions : pi_node::NodeParameters<VehicleSimulatorRosO
   double diagnostic_period = 1.0;  ///< [s]; the name is that of diagnostic_updater
   double warning_period_s = 5.0;   ///< between two log lines of one warning [s]
 
+  void setVehicle(const pi_node::VehicleDescription& description) { vehicle = description; }
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
   /// Reads the private parameters of a node, and validates.
@@ -76,7 +60,6 @@ struct VehicleSimulatorRosOptions : pi_node::NodeParameters<VehicleSimulatorRosO
   VehicleSimulationOptions simulationOptions() const;
   StereoRendererOptions rendererOptions() const;
   pi_slam::StereoCalibration calibration() const;
-  tf2_msgs::TFMessage staticTransforms() const;  ///< of the IMU and the cameras, with the stamp of now
 };
 
 }  // namespace pi_simulation

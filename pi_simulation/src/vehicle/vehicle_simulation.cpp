@@ -66,15 +66,12 @@ void VehicleSimulationOptions::validate() const
 {
   chassis.validate();
   imu.validate();
+  footprint.validate();
   const pi_node::OptionCheck check("");
   check.range("imu/rate_hz", imu.rate_hz, 200.0, 200.0);
   check.range("imu_in_base/x", imu_in_base.x(), -5.0, 5.0);
   check.range("imu_in_base/y", imu_in_base.y(), -5.0, 5.0);
   check.range("imu_in_base/z", imu_in_base.z(), 0.1, 5.0);
-  check.range("front", front, 0.05, 10.0);
-  check.range("rear", rear, 0.05, 10.0);
-  check.range("half_width", half_width, 0.05, 5.0);
-  check.range("height", height, 0.1, 5.0);
   check.range("frame_rate_hz", frame_rate_hz, 0.5, 100.0);
 }
 
@@ -197,9 +194,9 @@ std::vector<ActorState> VehicleSimulation::actorStates() const
 
 OrientedBox VehicleSimulation::outline() const
 {
-  return {{0.5 * (options_.front - options_.rear), 0.0},
+  return {{0.5 * (options_.footprint.front - options_.footprint.rear), 0.0},
           0.0,
-          {0.5 * (options_.front + options_.rear), options_.half_width}};
+          {0.5 * (options_.footprint.front + options_.footprint.rear), options_.footprint.half_width}};
 }
 
 std::vector<TrueObstacle> VehicleSimulation::obstacles() const
@@ -213,7 +210,7 @@ std::vector<TrueObstacle> VehicleSimulation::obstacles() const
     const Eigen::Vector2d in_base = T_base_world * Eigen::Vector2d(center.head<2>());
     const Eigen::Vector2d half = 0.5 * state.size.head<2>();
     const bool hangs =
-        state.class_name == "lamp" || state.class_name == "pipe" || center.z() - 0.5 * state.size.z() > options_.height;
+        state.class_name == "lamp" || state.class_name == "pipe" || center.z() - 0.5 * state.size.z() > options_.footprint.height;
     if (hangs || in_base.norm() - half.norm() > OBSTACLE_RANGE_M)
     {
       continue;

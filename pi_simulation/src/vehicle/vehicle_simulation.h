@@ -27,10 +27,7 @@ struct VehicleSimulationOptions
   SimulationOptions chassis;                                     ///< its start comes from the scenario
   pi_slam::ImuSimulatorOptions imu;                              ///< rate_hz must be 200
   Eigen::Vector3d imu_in_base = Eigen::Vector3d(0.8, 0.0, 1.0);  ///< also the middle between the cameras [m]
-  double front = 1.0;                                            ///< outline of the vehicle, ahead of base_link [m]
-  double rear = 0.5;                                             ///< behind it [m]
-  double half_width = 0.6;                                       ///< [m]
-  double height = 1.6;                                           ///< objects that hang higher are no obstacles [m]
+  pi_node::Footprint footprint;                                  ///< for collisions
   double frame_rate_hz = 20.0;
 
   /// @throws std::invalid_argument naming field, value and bound.

@@ -59,10 +59,10 @@ TEST(ChassisModel, SteeringAngleIsThatOfTheBicycleAndNoGreaterThanItsLimit)
 {
   ChassisModel model((ModelOptions()));
   drive(&model, setpoint(0.0, 0.25), 3.0);
-  EXPECT_NEAR(std::atan(1.2 * 0.25), model.measurement().steering, 1e-6);
+  EXPECT_NEAR(std::atan(0.75 * 0.25), model.measurement().steering, 1e-6);
   drive(&model, setpoint(0.0, 5.0), 3.0);
-  EXPECT_NEAR(0.5, model.measurement().steering, 1e-6);
-  EXPECT_NEAR(std::tan(0.5) / 1.2, model.measurement().curvature, 1e-6);
+  EXPECT_NEAR(0.33, model.measurement().steering, 1e-6);
+  EXPECT_NEAR(std::tan(0.33) / 0.75, model.measurement().curvature, 1e-6);
 }
 
 TEST(ChassisModel, SteeringIsNoFasterThanItsRate)

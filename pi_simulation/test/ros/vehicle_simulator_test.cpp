@@ -49,8 +49,8 @@ protected:
     ros::param::set("/simulator/scenario", folder()->file("test.yaml", SCENARIO));
     ros::param::set("/simulator/link", link);
     ros::param::set("/simulator/log", folder()->path() + "/log.jsonl");
-    ros::param::set("/simulator/cameras/width", 320);
-    ros::param::set("/simulator/cameras/height", 240);
+    ros::param::set("/vehicle/pictures/width", 320);
+    ros::param::set("/vehicle/pictures/height", 240);
     ros::param::set("/simulator/diagnostic_period", 0.2);
     ros::param::set("/chassis/port", link);
     ros::param::set("/chassis/longest_pause_s", 0.2);

@@ -260,7 +260,7 @@ TEST(VehicleSimulation, CommandsThatMeanNothingAreRefusedWithTheGoodOnes)
 TEST(VehicleSimulation, RefusesImpossibleOptions)
 {
   VehicleSimulationOptions options;
-  options.half_width = 0.0;
+  options.footprint.half_width = 0.0;
   EXPECT_THROW(options.validate(), std::invalid_argument);
 }
 

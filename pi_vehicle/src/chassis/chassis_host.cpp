@@ -30,8 +30,9 @@ void HostOptions::validate() const
   check.range("command_period_s", command_period_s, 0.002, 0.05);
   check.range("status_timeout_s", status_timeout_s, 0.02, 10.0);
   check.range("motion_timeout_s", motion_timeout_s, 0.02, 10.0);
-  check.range("stop_deceleration", stop_deceleration, 0.01, 30.0);
   limits.validate("limits");
+  check.range("stop_deceleration", stop_deceleration, 0.01, limits.deceleration,
+              "vehicle/limits/emergency_deceleration");
 }
 
 bool isUsable(const Motion& motion, const Limits& limits, HostCounters* counters, bool* cut)

@@ -249,6 +249,17 @@ void Limits::validate(const std::string& group) const
   check.range("lateral_acceleration", lateral_acceleration, 0.01, 30.0);
 }
 
+Limits limitsOf(const pi_node::MotionLimits& vehicle)
+{
+  return {vehicle.speed,
+          vehicle.reverse_speed,
+          vehicle.curvature,
+          vehicle.acceleration,
+          vehicle.emergency_deceleration,
+          vehicle.deceleration,
+          vehicle.lateral_acceleration};
+}
+
 Limits intersection(const Limits& a, const Limits& b)
 {
   Limits both;

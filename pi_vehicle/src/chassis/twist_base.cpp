@@ -27,9 +27,13 @@ void TwistBaseOptions::validate() const
   check.range("command_period_s", command_period_s, 0.005, 0.5);
   check.range("odometry_timeout_s", odometry_timeout_s, 0.02, 10.0);
   check.range("motion_timeout_s", motion_timeout_s, 0.02, 10.0);
-  check.range("stop_deceleration", stop_deceleration, 0.01, 30.0);
-  check.range("wheelbase", wheelbase, 0.05, 10.0);
   limits.validate("limits");
+  check.range("stop_deceleration", stop_deceleration, 0.01, limits.deceleration,
+              "vehicle/limits/emergency_deceleration");
+  if (steering_angle && !(wheelbase > 0.0))
+  {
+    throw std::invalid_argument("steering_angle = true, must be false for a vehicle without a wheelbase");
+  }
 }
 
 TwistBase::TwistBase(const TwistBaseOptions& options) : options_(options)

@@ -14,12 +14,12 @@ struct TwistBaseOptions
   double command_period_s = 0.05;   ///< between twists [s], in [0.005, 0.5]
   double odometry_timeout_s = 0.5;  ///< without odometry, after which the base counts as gone [s], in [0.02, 10]
   double motion_timeout_s = 0.3;    ///< a motion holds so long [s], in [0.02, 10]
-  double stop_deceleration = 1.5;   ///< where motions cease [m/s^2], in [0.01, 30]
+  double stop_deceleration = 1.5;   ///< where motions cease [m/s^2], in [0.01, limits.deceleration]
   Limits limits;
   /// Of the front wheels [rad] in the twist's angular.z, as some drivers of Ackermann steering want it. Without, it is
   /// the yaw rate [rad/s], as differential drives and all others do.
   bool steering_angle = false;
-  double wheelbase = 1.2;  ///< for the steering angle [m], in [0.05, 10]
+  double wheelbase = 0.75;  ///< of the vehicle, for the steering angle [m]
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;

@@ -26,9 +26,10 @@ bool finite(const DriveCommand& command)
          command.max_deceleration >= 0.0;
 }
 
-ArbiterOptions readArbiter(pi_node::YamlSection top)
+ArbiterOptions readArbiter(pi_node::YamlSection top, const pi_node::MotionLimits& vehicle)
 {
   ArbiterOptions options;
+  options.vehicle = vehicle;
   if (top.has("limits"))
   {
     top.section("limits").readFields(&options);
@@ -40,7 +41,10 @@ ArbiterOptions readArbiter(pi_node::YamlSection top)
     entry.read("drives", "true or false", &source.drives);
     entry.read("priority", "a whole number", &source.priority);
     entry.read("timeout", "a number", &source.timeout);
-    entry.read("max_speed", "a number", &source.max_speed);
+    if (entry.has("max_speed"))
+    {
+      source.max_speed = entry.get<double>("max_speed", "a number");
+    }
     entry.read("required", "true or false", &source.required);
     entry.finish();
     options.sources.push_back(source);
@@ -50,29 +54,25 @@ ArbiterOptions readArbiter(pi_node::YamlSection top)
 
 }  // namespace
 
-ArbiterOptions ArbiterOptions::load(const std::string& path)
+ArbiterOptions ArbiterOptions::load(const std::string& path, const pi_node::MotionLimits& vehicle)
 {
-  return readArbiter(pi_node::YamlSection::load(path));
+  return readArbiter(pi_node::YamlSection::load(path), vehicle);
 }
 
-ArbiterOptions ArbiterOptions::parse(const std::string& yaml, const std::string& name)
+ArbiterOptions ArbiterOptions::parse(const std::string& yaml, const std::string& name,
+                                     const pi_node::MotionLimits& vehicle)
 {
-  return readArbiter(pi_node::YamlSection::parse(yaml, name));
+  return readArbiter(pi_node::YamlSection::parse(yaml, name), vehicle);
 }
 
 void ArbiterOptions::validate() const
 {
   const pi_node::OptionCheck check("limits");
-  check.range("max_speed", max_speed, 0.05, 10.0);
-  check.range("max_reverse_speed", max_reverse_speed, 0.0, 10.0);
-  check.range("acceleration", acceleration, 0.05, 20.0);
-  check.range("deceleration", deceleration, 0.05, 20.0);
-  check.range("emergency_deceleration", emergency_deceleration, deceleration, 20.0);
+  check.range("max_reverse_speed", max_reverse_speed, 0.0, vehicle.reverse_speed, "vehicle/limits/reverse_speed");
   check.range("jerk", jerk, 0.1, 1000.0);
   check.range("emergency_jerk", emergency_jerk, jerk, 1000.0);
-  check.range("max_curvature", max_curvature, 0.001, 100.0);
-  check.range("max_curvature_rate", max_curvature_rate, 0.001, 1000.0);
-  check.range("max_lateral_acceleration", max_lateral_acceleration, 0.05, 20.0);
+  check.range("max_lateral_acceleration", max_lateral_acceleration, 0.05, vehicle.lateral_acceleration,
+              "vehicle/limits/lateral_acceleration");
   if (sources.empty())
   {
     throw std::invalid_argument("sources is empty, must name at least one");
@@ -86,7 +86,7 @@ void ArbiterOptions::validate() const
     }
     const pi_node::OptionCheck own("sources/" + source.name);
     own.range("timeout", source.timeout, 0.02, 60.0);
-    own.range("max_speed", source.max_speed, 0.0, 10.0);
+    own.range("max_speed", source.max_speed.value_or(0.0), 0.0, vehicle.speed, "vehicle/limits/speed");
     for (size_t other = 0; other < i; ++other)
     {
       if (sources[other].name == source.name)
@@ -190,8 +190,8 @@ bool Arbiter::releaseEmergencyStop()
 void Arbiter::shape(const Demand& demand, double dt)
 {
   const double deceleration = demand.deceleration;
-  const double turn = options_.max_curvature_rate * dt;
-  const double curvature = std::clamp(demand.curvature, -options_.max_curvature, options_.max_curvature);
+  const double turn = options_.vehicle.curvature_rate * dt;
+  const double curvature = std::clamp(demand.curvature, -options_.vehicle.curvature, options_.vehicle.curvature);
   curvature_ += std::clamp(curvature - curvature_, -turn, turn);
   const double bend = std::sqrt(options_.max_lateral_acceleration / std::max(std::abs(curvature_), 1e-6));
   double target = std::clamp(demand.speed, -bend, bend);
@@ -201,15 +201,15 @@ void Arbiter::shape(const Demand& demand, double dt)
   }
   const double difference = target - speed_;
   const bool slower = std::abs(target) < std::abs(speed_);
-  const double most = slower ? deceleration : options_.acceleration;
-  const double jerk = slower && deceleration > options_.deceleration ? options_.emergency_jerk : options_.jerk;
+  const double most = slower ? deceleration : options_.vehicle.acceleration;
+  const double jerk = slower && deceleration > options_.vehicle.deceleration ? options_.emergency_jerk : options_.jerk;
   // The acceleration that a bounded jerk brings to zero as the target is reached, one step early.
   const double step = jerk * dt;
   const double reach = std::sqrt(2.0 * jerk * std::abs(difference) + 0.25 * step * step) - 0.5 * step;
   const double wanted = std::copysign(std::min(most, std::max(0.0, reach)), difference);
   acceleration_ += std::clamp(wanted - acceleration_, -step, step);
-  acceleration_ = std::clamp(acceleration_, -std::max(options_.acceleration, deceleration),
-                             std::max(options_.acceleration, deceleration));
+  acceleration_ = std::clamp(acceleration_, -std::max(options_.vehicle.acceleration, deceleration),
+                             std::max(options_.vehicle.acceleration, deceleration));
   const double next = speed_ + acceleration_ * dt;
   if ((target - next) * difference <= 0.0 && std::abs(acceleration_) <= 2.0 * step)
   {
@@ -297,7 +297,7 @@ void Arbiter::chooseDriver()
 
 Arbiter::Demand Arbiter::demandOfDriver(ArbiterOutput* output) const
 {
-  Demand demand{0.0, curvature_, options_.deceleration};
+  Demand demand{0.0, curvature_, options_.vehicle.deceleration};
   if (driver_ < 0)
   {
     output->command.reason = stopping_ ? dead_ + " fell silent" : "nobody drives";
@@ -305,8 +305,8 @@ Arbiter::Demand Arbiter::demandOfDriver(ArbiterOutput* output) const
   }
   const ArbiterSource& source = options_.sources[static_cast<size_t>(driver_)];
   const DriveCommand& command = sources_[static_cast<size_t>(driver_)].command;
-  demand.speed = std::clamp(command.speed, -std::min(options_.max_reverse_speed, source.max_speed),
-                            std::min(options_.max_speed, source.max_speed));
+  const double most = source.max_speed.value_or(options_.vehicle.speed);
+  demand.speed = std::clamp(command.speed, -std::min(options_.max_reverse_speed, most), most);
   demand.curvature = command.curvature;
   brakeHarder(command.max_deceleration, &demand);
   output->command.source = source.name;
@@ -317,7 +317,7 @@ Arbiter::Demand Arbiter::demandOfDriver(ArbiterOutput* output) const
 
 void Arbiter::brakeHarder(double deceleration, Demand* demand) const
 {
-  demand->deceleration = std::max(demand->deceleration, std::min(deceleration, options_.emergency_deceleration));
+  demand->deceleration = std::max(demand->deceleration, std::min(deceleration, options_.vehicle.emergency_deceleration));
 }
 
 void Arbiter::applySpeedLimits(Demand* demand, ArbiterOutput* output) const
@@ -372,13 +372,13 @@ ArbiterOutput Arbiter::update(int64_t now_ns, std::optional<double> measured_spe
   if (emergency_)
   {
     hold(emergency_reason_, &demand, &output);
-    demand.deceleration = options_.emergency_deceleration;
+    demand.deceleration = options_.vehicle.emergency_deceleration;
     output.emergency_stop = true;
   }
   shape(demand, dt);
   output.command.speed = speed_;
   output.command.curvature = curvature_;
-  output.command.max_deceleration = demand.deceleration > options_.deceleration ? demand.deceleration : 0.0;
+  output.command.max_deceleration = demand.deceleration > options_.vehicle.deceleration ? demand.deceleration : 0.0;
   output.acceleration = acceleration_;
   return output;
 }

@@ -2,6 +2,8 @@
 
 #include "decision/drive_command.h"
 
+#include <pi_node/vehicle_description.h>
+
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -17,48 +19,37 @@ struct ArbiterSource
   bool drives = true;      ///< false: only limits the speed of the driving source
   int priority = 0;        ///< the live source with the highest priority drives
   double timeout = 0.3;    ///< a source that is silent for longer is dead [s]
-  double max_speed = 3.0;  ///< of this source's commands [m/s]
+  std::optional<double> max_speed;  ///< of this source's commands [m/s]; none: the vehicle's
   bool required = false;   ///< the vehicle stops while this source is dead
 };
 
 struct ArbiterOptions
 {
-  double max_speed = 3.0;                 ///< forwards [m/s]
+  pi_node::MotionLimits vehicle;
   double max_reverse_speed = 0.0;         ///< backwards [m/s]; 0: not allowed
-  double acceleration = 1.0;              ///< [m/s^2]
-  double deceleration = 1.0;              ///< usual [m/s^2]
-  double emergency_deceleration = 2.5;    ///< [m/s^2]
   double jerk = 4.0;                      ///< [m/s^3]
   double emergency_jerk = 25.0;           ///< when braking harder than usual [m/s^3]
-  double max_curvature = 0.45;            ///< [1/m]
-  double max_curvature_rate = 0.8;        ///< [1/(m s)]
   double max_lateral_acceleration = 1.5;  ///< speed is bounded in bends [m/s^2]
   std::vector<ArbiterSource> sources;
 
   /// @code{.yaml}
-  /// limits: {max_speed: 3.0, ...}
+  /// limits: {jerk: 4.0, ...}
   /// sources:
   ///   - {name: remote, priority: 100, timeout: 0.3, max_speed: 1.5}
   ///   - {name: reaction, drives: false, timeout: 0.5, required: true}
   /// @endcode
   /// @throws std::invalid_argument naming source, field, value and bound.
-  static ArbiterOptions load(const std::string& path);
-  static ArbiterOptions parse(const std::string& yaml, const std::string& name);
+  static ArbiterOptions load(const std::string& path, const pi_node::MotionLimits& vehicle);
+  static ArbiterOptions parse(const std::string& yaml, const std::string& name, const pi_node::MotionLimits& vehicle);
   void validate() const;
 };
 
 template <typename Options, typename Visit>
 auto visitFields(Options& o, Visit&& visit) -> decltype(o.emergency_jerk, o.max_reverse_speed, void())
 {
-  visit("max_speed", o.max_speed);
   visit("max_reverse_speed", o.max_reverse_speed);
-  visit("acceleration", o.acceleration);
-  visit("deceleration", o.deceleration);
-  visit("emergency_deceleration", o.emergency_deceleration);
   visit("jerk", o.jerk);
   visit("emergency_jerk", o.emergency_jerk);
-  visit("max_curvature", o.max_curvature);
-  visit("max_curvature_rate", o.max_curvature_rate);
   visit("max_lateral_acceleration", o.max_lateral_acceleration);
 }
 

@@ -44,16 +44,19 @@ void NavigatorOptions::validate() const
   route.validate();
   follower.validate();
   governor.validate();
-  if (route.min_radius * follower.max_curvature < 1.0 - 1e-9)
-  {
-    throw std::invalid_argument(format("route/min_radius = %g, must be at least %g (1 / follower/max_curvature)",
-                                       route.min_radius, 1.0 / follower.max_curvature));
-  }
   const pi_node::OptionCheck check("");
   check.range("max_position_deviation", max_position_deviation, 0.01, 100.0);
   check.range("vehicle_timeout_s", vehicle_timeout_s, 0.02, 60.0);
   check.range("abort_after_s", abort_after_s, 0.0, 86400.0);
   check.range("max_route_length", max_route_length, 1.0, 50000.0);
+}
+
+void NavigatorOptions::setVehicle(const pi_node::VehicleDescription& vehicle)
+{
+  route.min_radius = 1.0 / vehicle.limits.curvature;
+  follower.limits = vehicle.limits;
+  governor.limits = vehicle.limits;
+  governor.footprint = vehicle.footprint;
 }
 
 Navigator::Navigator(const NavigatorOptions& options)
@@ -467,7 +470,7 @@ NavigatorOutput Navigator::update(const NavigatorInput& input)
   const std::string plan_problem = planWaitingGoal(usablePose(input, &pose_problem), input.speed);
   const FollowerOutput followed = follow(input);
   way_ = follower_.wayAhead(
-      options_.governor.horizon * std::min(options_.governor.max_speed, options_.follower.max_speed), AHEAD_STEP);
+      options_.governor.horizon * options_.governor.limits.speed, AHEAD_STEP);
   const GovernorOutput governed = govern(input);
   findLookAhead(followed, input.speed);
 

@@ -25,6 +25,8 @@ struct NavigatorOptions
   double abort_after_s = 0.0;           ///< a goal that stands still for so long is given up; 0: never [s]
   double max_route_length = 2000.0;     ///< of the straight legs [m]
 
+  /// Its outline, its limits, its turning circle.
+  void setVehicle(const pi_node::VehicleDescription& vehicle);
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
 };

@@ -30,19 +30,19 @@ constexpr double SCAN_STEP = 0.2;   // of the planned speed, along the path [m]
 
 void PathFollowerOptions::validate() const
 {
+  limits.validate();
   const pi_node::OptionCheck check("follower");
-  check.range("max_speed", max_speed, 0.1, 10.0);
-  check.range("acceleration", acceleration, 0.05, 10.0);
-  check.range("deceleration", deceleration, 0.05, 10.0);
-  check.range("stop_deceleration", stop_deceleration, 0.05, 10.0);
-  check.range("max_lateral_acceleration", max_lateral_acceleration, 0.05, 10.0);
-  check.range("max_curvature", max_curvature, 0.01, 100.0);
-  check.range("max_curvature_rate", max_curvature_rate, 0.01, 1000.0);
+  check.range("acceleration", acceleration, 0.05, limits.acceleration, "vehicle/limits/acceleration");
+  check.range("deceleration", deceleration, 0.05, limits.deceleration, "vehicle/limits/deceleration");
+  check.range("stop_deceleration", stop_deceleration, 0.05, limits.emergency_deceleration,
+              "vehicle/limits/emergency_deceleration");
+  check.range("max_lateral_acceleration", max_lateral_acceleration, 0.05, limits.lateral_acceleration,
+              "vehicle/limits/lateral_acceleration");
   check.range("look_ahead_min", look_ahead_min, 0.1, 10.0);
   check.range("look_ahead_time", look_ahead_time, 0.0, 10.0);
   check.range("look_ahead_max", look_ahead_max, look_ahead_min, 50.0);
   check.range("actuation_delay", actuation_delay, 0.0, 2.0);
-  check.range("rejoin_speed", rejoin_speed, 0.05, max_speed);
+  check.range("rejoin_speed", rejoin_speed, 0.05, limits.speed, "vehicle/limits/speed");
   check.range("rejoin_offset", rejoin_offset, 0.05, 10.0);
   check.range("rejoin_heading", rejoin_heading, 0.05, M_PI);
   check.range("max_offset", max_offset, rejoin_offset, 50.0);
@@ -175,14 +175,14 @@ double PathFollower::pursuit(const Pose2& pose, double s, double cross_track, do
   double curvature = 2.0 * local.y() / squared;
   if (local.x() < 0.0)
   {
-    curvature = std::copysign(options_.max_curvature, local.y());  // behind: turn round
+    curvature = std::copysign(options_.limits.curvature, local.y());  // behind: turn round
   }
-  return std::clamp(curvature, -options_.max_curvature, options_.max_curvature);
+  return std::clamp(curvature, -options_.limits.curvature, options_.limits.curvature);
 }
 
 double PathFollower::plannedSpeed(double s, double speed) const
 {
-  double planned = options_.max_speed;
+  double planned = options_.limits.speed;
   const double reach = speed * speed / (2.0 * options_.deceleration) + 2.0 * speed + 1.0;
   const double end = path_.closed() ? s + reach : std::min(s + reach, path_.length());
   for (double at = s; at < end; at += SCAN_STEP)
@@ -290,7 +290,7 @@ void PathFollower::drive(const FollowerInput& input, const PathProjection& proje
                          FollowerOutput* output)
 {
   const double wanted = pursuit(output->pose, s_, projection.cross_track, std::abs(input.speed));
-  const double turn = options_.max_curvature_rate * dt;
+  const double turn = options_.limits.curvature_rate * dt;
   curvature_ = std::clamp(wanted, curvature_ - turn, curvature_ + turn);
 
   double limit = plannedSpeed(s_, std::abs(input.speed));

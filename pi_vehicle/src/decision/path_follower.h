@@ -3,6 +3,8 @@
 #include "decision/drive_command.h"
 #include "decision/path.h"
 
+#include <pi_node/vehicle_description.h>
+
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -13,13 +15,11 @@ namespace pi_vehicle
 
 struct PathFollowerOptions
 {
-  double max_speed = 3.0;                 ///< [m/s]
+  pi_node::MotionLimits limits;           ///< of the vehicle
   double acceleration = 0.8;              ///< [m/s^2]
   double deceleration = 0.8;              ///< planned, before corners and the goal; below the usual 1.0 [m/s^2]
   double stop_deceleration = 1.5;         ///< when the follower must stop [m/s^2]
   double max_lateral_acceleration = 1.2;  ///< limits the speed in bends [m/s^2]
-  double max_curvature = 0.45;            ///< tan(0.5 rad) / 1.2 m = 0.455 for the example car [1/m]
-  double max_curvature_rate = 0.8;        ///< [1/(m s)]
   double look_ahead_min = 0.8;            ///< [m]
   double look_ahead_time = 0.45;          ///< look-ahead = min + time * speed + |cross-track error| [s]
   double look_ahead_max = 4.0;            ///< [m]
@@ -43,13 +43,10 @@ struct PathFollowerOptions
 template <typename Options, typename Visit>
 auto visitFields(Options& o, Visit&& visit) -> decltype(o.look_ahead_min, o.jump_settle_time, void())
 {
-  visit("max_speed", o.max_speed);
   visit("acceleration", o.acceleration);
   visit("deceleration", o.deceleration);
   visit("stop_deceleration", o.stop_deceleration);
   visit("max_lateral_acceleration", o.max_lateral_acceleration);
-  visit("max_curvature", o.max_curvature);
-  visit("max_curvature_rate", o.max_curvature_rate);
   visit("look_ahead_min", o.look_ahead_min);
   visit("look_ahead_time", o.look_ahead_time);
   visit("look_ahead_max", o.look_ahead_max);

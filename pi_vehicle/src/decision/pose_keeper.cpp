@@ -84,8 +84,6 @@ void PoseKeeperOptions::validate() const
   check.range("heading_error", heading_error, 0.0, 1.0);
   check.range("wheel_timeout_s", wheel_timeout_s, 0.05, 5.0);
   check.range("wheel_disagreement", wheel_disagreement, 0.01, 1.0);
-  check.range("max_speed", max_speed, 0.1, 50.0);
-  check.range("stop_deceleration", stop_deceleration, 0.1, 10.0);
 }
 
 const char* toString(KeeperState state)
@@ -95,7 +93,7 @@ const char* toString(KeeperState state)
 }
 
 PoseKeeper::PoseKeeper(const PoseKeeperOptions& options)
-  : options_((options.validate(), options)), wheels_(options.max_speed, WHEELS_KEPT_S)
+  : options_((options.validate(), options)), wheels_(options.fastest(), WHEELS_KEPT_S)
 {
 }
 
@@ -163,7 +161,7 @@ bool PoseKeeper::isJump(const Eigen::Isometry3d& moved, int64_t from_ns, int64_t
            headingBetween(moved, lifted(rolled)) > options_.jump_heading + more;
   }
   // Since then the vehicle may have kept its speed, braked or accelerated.
-  const double possible = std::max(std::abs(speed), options_.max_speed) * seconds(to_ns - from_ns);
+  const double possible = std::max(std::abs(speed), options_.fastest()) * seconds(to_ns - from_ns);
   return moved.translation().head<2>().norm() > options_.jump_distance + possible;
 }
 
@@ -275,7 +273,7 @@ void PoseKeeper::followFirst()
   const SavedPose saved = *saved_;
   saved_.reset();
   // Whether odometry went on since then: by its count, else by where the vehicle can have come meanwhile.
-  const double reach = options_.jump_distance + options_.max_speed * saved.age_s;
+  const double reach = options_.jump_distance + options_.fastest() * saved.age_s;
   const bool counted = last_->count > 0 && saved.count > 0;
   const bool same_life = counted
                              ? static_cast<double>(last_->count) >= saved.count + LEAST_RATE_HZ * saved.age_s
@@ -286,7 +284,7 @@ void PoseKeeper::followFirst()
     return;
   }
   Anchor anchor;
-  const double braking = squared(saved.speed) / (2.0 * options_.stop_deceleration);
+  const double braking = squared(saved.speed) / (2.0 * options_.limits.deceleration);
   const double driven = std::abs(saved.speed) < STANDS ? 0.0 : std::abs(saved.speed) * LONGEST_DRIVE_ON_S + braking;
   anchor.pose = {last_->stamp_ns, saved.T_map_base, options_.position_deviation + driven,
                  options_.heading_deviation + options_.jump_per_m * driven};
@@ -413,7 +411,7 @@ KeptPose PoseKeeper::carried(int64_t stamp_ns) const
   if (unknown_s > 0.0 && std::abs(speed) >= STANDS)
   {
     const double driven = std::abs(speed) * std::min(unknown_s, LONGEST_DRIVE_ON_S) +
-                          (unknown_s > LONGEST_DRIVE_ON_S ? squared(speed) / (2.0 * options_.stop_deceleration) : 0.0);
+                          (unknown_s > LONGEST_DRIVE_ON_S ? squared(speed) / (2.0 * options_.limits.deceleration) : 0.0);
     kept.position_deviation += driven;
     kept.heading_deviation += options_.jump_per_m * driven;
   }

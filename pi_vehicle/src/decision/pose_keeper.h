@@ -27,8 +27,10 @@ struct PoseKeeperOptions
   double heading_error = 0.01;       ///< likewise [rad/m]
   double wheel_timeout_s = 0.3;      ///< silence of the wheels after which they do not know [s]
   double wheel_disagreement = 0.2;   ///< with odometry, of the way, beyond which the wheels are not believed
-  double max_speed = 4.0;            ///< of the vehicle; faster is a jump [m/s]
-  double stop_deceleration = 1.0;    ///< of a vehicle whose odometry and wheels are silent [m/s^2]
+  pi_node::MotionLimits limits;      ///< of the vehicle; a vehicle of which nothing is heard brakes as usual
+
+  /// What is faster is a jump [m/s].
+  double fastest() const { return limits.speed + 1.0; }
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;

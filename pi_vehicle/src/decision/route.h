@@ -2,6 +2,8 @@
 
 #include "decision/path.h"
 
+#include <pi_node/vehicle_description.h>
+
 #include <optional>
 #include <string>
 #include <vector>
@@ -11,7 +13,7 @@ namespace pi_vehicle
 
 struct RouteOptions
 {
-  double min_radius = 2.25;  ///< 1.2 m / tan(0.5 rad) = 2.2 m for the example car; small for differential drives [m]
+  double min_radius = 1.0 / pi_node::MotionLimits().curvature;  ///< of the vehicle [m]
   double preferred_radius = 3.0;  ///< of corners, where the legs and the corridor allow it [m]
   double corridor = 1.5;          ///< largest distance between a corner and the path [m]
   double transition = 1.0;        ///< length over which curvature changes at the ends of an arc [m]
@@ -22,9 +24,8 @@ struct RouteOptions
 };
 
 template <typename Options, typename Visit>
-auto visitFields(Options& o, Visit&& visit) -> decltype(o.min_radius, o.transition, void())
+auto visitFields(Options& o, Visit&& visit) -> decltype(o.preferred_radius, o.transition, void())
 {
-  visit("min_radius", o.min_radius);
   visit("preferred_radius", o.preferred_radius);
   visit("corridor", o.corridor);
   visit("transition", o.transition);

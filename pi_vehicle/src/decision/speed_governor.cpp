@@ -39,14 +39,10 @@ double brakingDistance(double speed, double deceleration, double reaction, doubl
 
 void SpeedGovernorOptions::validate() const
 {
+  footprint.validate();
+  limits.validate();
   const pi_node::OptionCheck check("governor");
-  check.range("max_speed", max_speed, 0.1, 10.0);
-  check.range("deceleration", deceleration, 0.1, 10.0);
-  check.range("emergency_deceleration", emergency_deceleration, deceleration, 20.0);
   check.range("reaction_time", reaction_time, 0.0, 3.0);
-  check.range("vehicle_front", vehicle_front, 0.0, 10.0);
-  check.range("vehicle_rear", vehicle_rear, 0.0, 10.0);
-  check.range("vehicle_half_width", vehicle_half_width, 0.05, 5.0);
   check.range("margin", margin, 0.05, 5.0);
   check.range("stop_gap", stop_gap, 0.0, 10.0);
   check.range("headway", headway, 0.0, 10.0);
@@ -56,8 +52,8 @@ void SpeedGovernorOptions::validate() const
   check.range("close_speed", close_speed, 0.0, 10.0);
   check.range("memory", memory, 0.0, 10.0);
   check.range("clear_persistence", clear_persistence, 0.0, 60.0);
-  check.range("min_speed", min_speed, 0.0, max_speed);
-  check.range("resume_speed", resume_speed, min_speed, max_speed);
+  check.range("min_speed", min_speed, 0.0, limits.speed, "vehicle/limits/speed");
+  check.range("resume_speed", resume_speed, min_speed, limits.speed, "vehicle/limits/speed");
   check.range("rise", rise, 0.05, 100.0);
   check.range("obstacles_timeout", obstacles_timeout, 0.02, 60.0);
   check.range("step_out_speed", step_out_speed, 0.0, 10.0);
@@ -179,7 +175,7 @@ void SpeedGovernor::setWay(const GovernorInput& input)
   if (way_.size() < 2)
   {
     way_.clear();
-    for (double s = 0.0; s < options_.max_speed * options_.horizon; s += WAY_STEP)
+    for (double s = 0.0; s < options_.limits.speed * options_.horizon; s += WAY_STEP)
     {
       way_.push_back(Pose2().moved(s, input.curvature));
     }
@@ -195,15 +191,15 @@ void SpeedGovernor::setWay(const GovernorInput& input)
   {
     at_speed_.push_back(alongWay(speed * t));
   }
-  const double fastest = std::max(speed, options_.max_speed);
+  const double fastest = std::max(speed, options_.limits.speed);
   const double most = std::max(speed * options_.horizon,
-                               fastest * options_.reaction_time + 0.5 * fastest * fastest / options_.deceleration);
+                               fastest * options_.reaction_time + 0.5 * fastest * fastest / options_.limits.deceleration);
   reach_.clear();
   for (double s = 0.0; s < most + REACH_STEP; s += REACH_STEP)
   {
     reach_.push_back(alongWay(s));
   }
-  const auto steps = static_cast<size_t>(options_.max_speed / SPEED_STEP) + 2;
+  const auto steps = static_cast<size_t>(options_.limits.speed / SPEED_STEP) + 2;
   comfortable_.assign(steps, {});
   emergency_.assign(steps, {});
 }
@@ -225,7 +221,7 @@ const std::vector<SpeedGovernor::Placed>& SpeedGovernor::brakingPlaces(size_t sp
   if (places.empty())
   {
     places = makeBrakingPlaces(SPEED_STEP * static_cast<double>(speed_steps),
-                               emergency ? options_.emergency_deceleration : options_.deceleration);
+                               emergency ? options_.limits.emergency_deceleration : options_.limits.deceleration);
   }
   return places;
 }
@@ -233,10 +229,10 @@ const std::vector<SpeedGovernor::Placed>& SpeedGovernor::brakingPlaces(size_t sp
 bool SpeedGovernor::isFar(const Local& obstacle) const
 {
   const double ahead =
-      std::max(options_.vehicle_front + options_.margin + options_.stop_gap + options_.headway * options_.max_speed,
-               options_.vehicle_rear + LEAST_MARGIN);
-  const double vehicle = std::hypot(std::max(ahead, options_.vehicle_front + options_.margin + EMERGENCY_GAP),
-                                    options_.vehicle_half_width + options_.margin);
+      std::max(options_.footprint.front + options_.margin + options_.stop_gap + options_.headway * options_.limits.speed,
+               options_.footprint.rear + LEAST_MARGIN);
+  const double vehicle = std::hypot(std::max(ahead, options_.footprint.front + options_.margin + EMERGENCY_GAP),
+                                    options_.footprint.half_width + options_.margin);
   const double moves = obstacle.velocity.norm() * (options_.horizon + options_.pass_time_margin);
   const double reach = vehicle + moves + obstacle.outline.radius() + 0.5 * REACH_STEP;
   return std::all_of(reach_.begin(), reach_.end(),
@@ -247,11 +243,11 @@ bool SpeedGovernor::isFar(const Local& obstacle) const
 bool SpeedGovernor::touches(const Local& obstacle, double t, const Placed& vehicle, double extra_front,
                             double margin) const
 {
-  const double front = options_.vehicle_front + margin + extra_front;
-  const double rear = options_.vehicle_rear + LEAST_MARGIN;
+  const double front = options_.footprint.front + margin + extra_front;
+  const double rear = options_.footprint.rear + LEAST_MARGIN;
   const GroundRectangle rectangle{vehicle.position + 0.5 * (front - rear) * vehicle.along,
                                   vehicle.along,
-                                  {0.5 * (front + rear), options_.vehicle_half_width + margin}};
+                                  {0.5 * (front + rear), options_.footprint.half_width + margin}};
   return obstacle.outline.overlaps(rectangle, t * obstacle.velocity);
 }
 
@@ -318,14 +314,14 @@ double SpeedGovernor::speedBeside(const Local& obstacle) const
 {
   if (obstacle.hidden == hidden_people::Who::NOBODY)
   {
-    return options_.max_speed;
+    return options_.limits.speed;
   }
   hidden_people::Vehicle vehicle;
-  vehicle.front = options_.vehicle_front;
-  vehicle.deceleration = options_.deceleration;
-  vehicle.emergency_deceleration = options_.emergency_deceleration;
+  vehicle.front = options_.footprint.front;
+  vehicle.deceleration = options_.limits.deceleration;
+  vehicle.emergency_deceleration = options_.limits.emergency_deceleration;
   vehicle.reaction_time = options_.step_out_reaction_time;
-  const hidden_people::Edge edge = hidden_people::edgeOf(obstacle.outline, way_, options_.vehicle_half_width);
+  const hidden_people::Edge edge = hidden_people::edgeOf(obstacle.outline, way_, options_.footprint.half_width);
   const bool adult = obstacle.hidden == hidden_people::Who::ADULT;
   return hidden_people::allowedSpeed(edge, adult ? options_.step_out_speed : options_.child_speed, vehicle);
 }
@@ -339,11 +335,11 @@ bool SpeedGovernor::stopsInTime(const Local& obstacle, size_t speed_steps)
 {
   const double speed = SPEED_STEP * static_cast<double>(speed_steps);
   const double reaction = options_.reaction_time;
-  const bool comfortably = brakes(obstacle, brakingPlaces(speed_steps, false), reaction + speed / options_.deceleration,
+  const bool comfortably = brakes(obstacle, brakingPlaces(speed_steps, false), reaction + speed / options_.limits.deceleration,
                                   timeGap(obstacle, speed), obstacle.margin, false);
   return comfortably && (!obstacle.moving ||
                          brakes(obstacle, brakingPlaces(speed_steps, true),
-                                reaction + speed / options_.emergency_deceleration, 0.0, leastMargin(obstacle), true));
+                                reaction + speed / options_.limits.emergency_deceleration, 0.0, leastMargin(obstacle), true));
 }
 
 double SpeedGovernor::leastMargin(const Local& obstacle) const
@@ -410,7 +406,7 @@ std::vector<SpeedGovernor::Local> SpeedGovernor::nearTheWay(int64_t now_ns) cons
       local.velocity.setZero();
     }
     local.outline = known.outline.in(T_base_reckoned, age * local.velocity);
-    const bool behind = local.outline.mostX() < -options_.vehicle_rear;
+    const bool behind = local.outline.mostX() < -options_.footprint.rear;
     if (behind || isFar(local))
     {
       continue;
@@ -428,9 +424,9 @@ std::vector<SpeedGovernor::Local> SpeedGovernor::nearTheWay(int64_t now_ns) cons
 
 SpeedGovernor::Bound SpeedGovernor::boundBy(const std::vector<Local>& obstacles, double speed)
 {
-  const std::vector<Placed> braking_now = makeBrakingPlaces(speed, options_.deceleration);
+  const std::vector<Placed> braking_now = makeBrakingPlaces(speed, options_.limits.deceleration);
   Bound bound;
-  bound.speed = options_.max_speed;
+  bound.speed = options_.limits.speed;
   for (const Local& obstacle : obstacles)
   {
     double own = stoppableSpeed(obstacle, bound.speed);
@@ -448,7 +444,7 @@ SpeedGovernor::Bound SpeedGovernor::boundBy(const std::vector<Local>& obstacles,
       own = std::min(speed, bound.speed);
     }
     else if (speed > options_.min_speed && own < speed &&
-             !brakes(obstacle, braking_now, options_.reaction_time + speed / options_.deceleration, EMERGENCY_GAP,
+             !brakes(obstacle, braking_now, options_.reaction_time + speed / options_.limits.deceleration, EMERGENCY_GAP,
                      leastMargin(obstacle), false))
     {
       bound.emergency = true;
@@ -508,7 +504,7 @@ GovernorOutput SpeedGovernor::stop(const std::string& reason, GovernorOutput out
 GovernorOutput SpeedGovernor::update(const GovernorInput& input)
 {
   GovernorOutput output;
-  output.max_deceleration = options_.deceleration;
+  output.max_deceleration = options_.limits.deceleration;
   if (!std::isfinite(input.speed) || !std::isfinite(input.curvature) ||
       !std::all_of(input.way.begin(), input.way.end(), [](const Pose2& pose) { return pose.finite(); }))
   {
@@ -528,7 +524,7 @@ GovernorOutput SpeedGovernor::update(const GovernorInput& input)
   const std::string id = std::to_string(bound.obstacle_id);
   if (bound.emergency)
   {
-    output.max_deceleration = options_.emergency_deceleration;
+    output.max_deceleration = options_.limits.emergency_deceleration;
     output.emergency = true;
     return stop("emergency braking for obstacle " + id + ", time to collision " +
                     pi_node::format("%.1f s", bound.time_to_collision),

@@ -2,6 +2,7 @@
 
 #include "decision/hidden_people.h"
 
+#include <pi_node/vehicle_description.h>
 #include <pi_vehicle/decision/ground_polygon.h>
 #include <pi_vehicle/decision/pose2.h>
 
@@ -16,13 +17,9 @@ namespace pi_vehicle
 
 struct SpeedGovernorOptions
 {
-  double max_speed = 3.0;               ///< [m/s]
-  double deceleration = 1.0;            ///< comfortable [m/s^2]
-  double emergency_deceleration = 2.5;  ///< [m/s^2]
+  pi_node::Footprint footprint;  ///< of the vehicle
+  pi_node::MotionLimits limits;  ///< of the vehicle: speed, usual and emergency deceleration count
   double reaction_time = 0.35;      ///< from an obstacle report until the brakes act, period of update() included [s]
-  double vehicle_front = 1.0;       ///< outline in base_link: ahead of the origin [m]
-  double vehicle_rear = 0.5;        ///< behind it [m]
-  double vehicle_half_width = 0.6;  ///< [m]
   double margin = 0.3;              ///< kept free on the sides and ahead [m]
   double stop_gap = 0.7;            ///< kept free ahead when stopping, on top of the margin [m]
   double headway = 0.4;             ///< time gap to a moving obstacle, on top of stop_gap [s]
@@ -47,13 +44,7 @@ struct SpeedGovernorOptions
 template <typename Options, typename Visit>
 auto visitFields(Options& o, Visit&& visit) -> decltype(o.pass_time_margin, o.clear_persistence, void())
 {
-  visit("max_speed", o.max_speed);
-  visit("deceleration", o.deceleration);
-  visit("emergency_deceleration", o.emergency_deceleration);
   visit("reaction_time", o.reaction_time);
-  visit("vehicle_front", o.vehicle_front);
-  visit("vehicle_rear", o.vehicle_rear);
-  visit("vehicle_half_width", o.vehicle_half_width);
   visit("margin", o.margin);
   visit("stop_gap", o.stop_gap);
   visit("headway", o.headway);

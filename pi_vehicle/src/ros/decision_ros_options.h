@@ -15,7 +15,9 @@ struct ArbiterRosOptions : pi_node::NodeParameters<ArbiterRosOptions>
   double vehicle_state_timeout = 0.3;         ///< an older measured speed does not count [s]
   double diagnostic_period = 1.0;             ///< [s]; the name is that of diagnostic_updater
   double warning_period_s = 5.0;              ///< between two log lines of one warning [s]
+  pi_node::MotionLimits limits;               ///< of the vehicle
 
+  void setVehicle(const pi_node::VehicleDescription& vehicle) { limits = vehicle.limits; }
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
 };

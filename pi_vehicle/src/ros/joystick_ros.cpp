@@ -31,7 +31,6 @@ static void visitFields(JoystickRosOptions& options, Visitor&& visit)
   visit("speed_axis", options.speed_axis);
   visit("steering_axis", options.steering_axis);
   visit("max_speed", options.max_speed);
-  visit("max_curvature", options.max_curvature);
   visit("dead_zone", options.dead_zone);
   visit("diagnostic_period", options.diagnostic_period);
   visit("warning_period_s", options.warning_period_s);
@@ -46,8 +45,7 @@ void JoystickRosOptions::validate() const
   check.range("emergency_button", emergency_button, 0, 255);
   check.range("speed_axis", speed_axis, 0, 255);
   check.range("steering_axis", steering_axis, 0, 255);
-  check.range("max_speed", max_speed, 0.05, 10.0);
-  check.range("max_curvature", max_curvature, 0.01, 10.0);
+  check.range("max_speed", max_speed, 0.05, limits.speed, "vehicle/limits/speed");
   check.range("dead_zone", dead_zone, 0.0, 0.9);
   pi_node::parameters::require(emergency_button != dead_man_button, "emergency_button",
                                std::to_string(emergency_button), "another button than dead_man_button");
@@ -180,7 +178,7 @@ void JoystickRos::drive(const sensor_msgs::Joy& joy)
   held_ = true;
   geometry_msgs::Twist twist;
   twist.linear.x = options_.max_speed * axis(joy, options_.speed_axis);
-  twist.angular.z = twist.linear.x * options_.max_curvature * axis(joy, options_.steering_axis);
+  twist.angular.z = twist.linear.x * options_.limits.curvature * axis(joy, options_.steering_axis);
   twist_.publish(twist);
 }
 

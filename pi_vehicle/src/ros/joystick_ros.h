@@ -28,11 +28,12 @@ struct JoystickRosOptions : pi_node::NodeParameters<JoystickRosOptions>
   int speed_axis = 1;
   int steering_axis = 0;
   double max_speed = 1.5;          ///< at the end of the axis [m/s]
-  double max_curvature = 0.45;     ///< likewise [1/m]
   double dead_zone = 0.1;          ///< of an axis around its middle
   double diagnostic_period = 1.0;  ///< [s]
   double warning_period_s = 5.0;   ///< [s]
+  pi_node::MotionLimits limits;    ///< of the vehicle: its curvature is at the end of the steering axis
 
+  void setVehicle(const pi_node::VehicleDescription& vehicle) { limits = vehicle.limits; }
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
 };

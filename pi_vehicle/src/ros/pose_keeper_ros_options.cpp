@@ -32,8 +32,6 @@ static void visitFields(PoseKeeperRosOptions& options, Visitor&& visit)
   visit("heading_error", keeper.heading_error);
   visit("wheel_timeout_s", keeper.wheel_timeout_s);
   visit("wheel_disagreement", keeper.wheel_disagreement);
-  visit("max_speed", keeper.max_speed);
-  visit("stop_deceleration", keeper.stop_deceleration);
   visit("diagnostic_period", options.diagnostic_period);
   visit("warning_period_s", options.warning_period_s);
 }

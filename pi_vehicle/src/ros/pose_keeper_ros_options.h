@@ -21,6 +21,7 @@ struct PoseKeeperRosOptions : pi_node::NodeParameters<PoseKeeperRosOptions>
   double diagnostic_period = 1.0;   ///< [s]; the name is that of diagnostic_updater
   double warning_period_s = 5.0;    ///< between two log lines of one warning [s]
 
+  void setVehicle(const pi_node::VehicleDescription& vehicle) { keeper.limits = vehicle.limits; }
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
 };

@@ -161,6 +161,8 @@ TEST(TwistBaseOptions, NamesFieldValueAndBound)
 {
   TwistBaseOptions options;
   options.wheelbase = 0.0;
+  EXPECT_NO_THROW(options.validate());
+  options.steering_angle = true;
   EXPECT_THROW(options.validate(), std::invalid_argument);
   options = TwistBaseOptions();
   options.limits.speed = -1.0;

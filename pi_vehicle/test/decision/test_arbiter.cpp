@@ -46,10 +46,10 @@ struct Bench
     output = arbiter.update(now);
     const ArbiterOptions& o = arbiter.options();
     const double change = (output.command.speed - before.command.speed) / 0.02;
-    EXPECT_LE(change, o.acceleration + 1e-6);
-    EXPECT_GE(change, -o.emergency_deceleration - 1e-6);
-    EXPECT_LE(std::abs(output.command.curvature), o.max_curvature + 1e-9);
-    EXPECT_LE(std::abs(output.command.curvature - before.command.curvature), o.max_curvature_rate * 0.02 + 1e-9);
+    EXPECT_LE(change, o.vehicle.acceleration + 1e-6);
+    EXPECT_GE(change, -o.vehicle.emergency_deceleration - 1e-6);
+    EXPECT_LE(std::abs(output.command.curvature), o.vehicle.curvature + 1e-9);
+    EXPECT_LE(std::abs(output.command.curvature - before.command.curvature), o.vehicle.curvature_rate * 0.02 + 1e-9);
     EXPECT_LE(std::abs(output.acceleration - before.acceleration), 2.0 * o.emergency_jerk * 0.02 + 1e-6);
     lowest_acceleration = std::min(lowest_acceleration, output.acceleration);
   }
@@ -333,7 +333,7 @@ TEST(Arbiter, ClockJumpsKillAllSources)
 
 TEST(ArbiterOptions, FileAndCodeAreEqual)
 {
-  const ArbiterOptions file = ArbiterOptions::load(CONFIG_DIR "/arbiter.yaml");
+  const ArbiterOptions file = ArbiterOptions::load(CONFIG_DIR "/arbiter.yaml", pi_node::MotionLimits());
   const ArbiterOptions code;
   std::vector<double> left;
   visitFields(file, [&left](const char*, double value) { left.push_back(value); });
@@ -346,7 +346,8 @@ TEST(ArbiterOptions, FileAndCodeAreEqual)
 
 std::string errorOfSources(const std::string& yaml)
 {
-  return pi_node::test_support::messageOf<std::invalid_argument>([&] { ArbiterOptions::parse(yaml, "arbiter.yaml"); });
+  return pi_node::test_support::messageOf<std::invalid_argument>(
+      [&] { ArbiterOptions::parse(yaml, "arbiter.yaml", pi_node::MotionLimits()); });
 }
 
 TEST(ArbiterOptions, ErrorsNameSourceFieldValueAndBound)
@@ -363,6 +364,11 @@ TEST(ArbiterOptions, ErrorsNameSourceFieldValueAndBound)
   EXPECT_EQ(errorOfSources("{sources: [{name: a, prio: 1}]}")
                 .find("arbiter.yaml: sources/0/prio means nothing here; known are drives"),
             0U);
+  EXPECT_EQ(errorOfSources("{sources: [{name: a, max_speed: 4}]}"),
+            "arbiter.yaml: sources/a/max_speed = 4, must be in [0, 3] (vehicle/limits/speed)");
+  EXPECT_EQ(errorOfSources("{limits: {max_lateral_acceleration: 2.5}, sources: [{name: a}]}"),
+            "arbiter.yaml: limits/max_lateral_acceleration = 2.5, must be in [0.05, 2] "
+            "(vehicle/limits/lateral_acceleration)");
   EXPECT_EQ(errorOfSources("[").find("arbiter.yaml: no YAML: "), 0U);
 }
 

@@ -57,7 +57,7 @@ bool contact(const Vehicle& vehicle, const Mover& mover)
     for (int j = 0; j <= 12; ++j)
     {
       const Eigen::Vector2d p =
-          vehicle.pose * Eigen::Vector2d(-o.vehicle_rear + 0.1 * i, -o.vehicle_half_width + 0.1 * j);
+          vehicle.pose * Eigen::Vector2d(-o.footprint.rear + 0.1 * i, -o.footprint.half_width + 0.1 * j);
       const Eigen::Vector2d d = (p - mover.position).cwiseAbs();
       if (d.x() < half.x() && d.y() < half.y())
       {

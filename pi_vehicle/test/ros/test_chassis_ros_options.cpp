@@ -30,7 +30,6 @@ TEST(ChassisRosOptions, ParametersComeBackAsTheyWere)
   options.driver.port = "usb-FTDI";
   options.driver.baud_rate = 921600;
   options.driver.host.motion_timeout_s = 0.5;
-  options.driver.host.limits.speed = 1.5;
   options.wheels.publish_tf = true;
   Names unknown;
   const ChassisRosOptions again = ChassisRosOptions::fromParameters(options.toParameters(), "", &unknown);
@@ -49,7 +48,8 @@ TEST(ChassisRosOptions, NamesParameterValueAndBound)
 {
   EXPECT_EQ("parameter /chassis/command_period_s = 0.1, must be in [0.002, 0.05]",
             chassis_reader.refusal("command_period_s: 0.1"));
-  EXPECT_EQ("parameter /chassis/limits/speed = 0, must be in [0.01, 30]", chassis_reader.refusal("limits: {speed: 0}"));
+  EXPECT_EQ("parameter /chassis/stop_deceleration = 3, must be in [0.01, 2.5] (vehicle/limits/emergency_deceleration)",
+            chassis_reader.refusal("stop_deceleration: 3"));
   EXPECT_EQ("parameter /chassis/motion_timeout_s = soon, must be a number",
             chassis_reader.refusal("motion_timeout_s: soon"));
   EXPECT_EQ(0u,
@@ -65,10 +65,24 @@ TEST(TwistBaseRosOptions, DefaultsAreThoseOfTheYamlFile)
   twist_reader.expectDefaultsOf(TWIST_BASE_YAML);
 }
 
+TEST(TwistBaseRosOptions, TakeTheVehicle)
+{
+  pi_node::VehicleDescription vehicle;
+  vehicle.kind = pi_node::VehicleKind::DIFFERENTIAL;
+  vehicle.wheelbase = 0.0;
+  vehicle.limits.emergency_deceleration = 4.0;
+  Names unknown;
+  const auto load = [&](const std::string& yaml)
+  { return TwistBaseRosOptions::fromParameters(fromYaml(YAML::Load(yaml)), "", vehicle, &unknown).base; };
+  EXPECT_EQ(4.0, load("stop_deceleration: 3").limits.deceleration);
+  EXPECT_EQ(1.0, load("stop_deceleration: 3").limits.usual_deceleration);
+  EXPECT_THROW(load("steering_angle: true"), std::invalid_argument);
+}
+
 TEST(TwistBaseRosOptions, NamesParameterValueAndBound)
 {
-  EXPECT_EQ("parameter /chassis/wheelbase = 0, must be in [0.05, 10]", twist_reader.refusal("wheelbase: 0"));
-  EXPECT_EQ("parameter /chassis/limits/speed = 0, must be in [0.01, 30]", twist_reader.refusal("limits: {speed: 0}"));
+  EXPECT_EQ("parameter /chassis/stop_deceleration = 3, must be in [0.01, 2.5] (vehicle/limits/emergency_deceleration)",
+            twist_reader.refusal("stop_deceleration: 3"));
   EXPECT_EQ("parameter /chassis/odometry/speed_error = -1, must be in [0, 10]",
             twist_reader.refusal("odometry: {speed_error: -1}"));
 }

@@ -28,7 +28,7 @@ TEST(PoseKeeperRosOptions, ParametersComeBackAsTheyWere)
   options.resume = true;
   options.max_file_age_s = 60.0;
   options.keeper.silence_s = 0.5;
-  options.keeper.stop_deceleration = 2.0;
+  options.keeper.retry_s = 2.0;
   Names unknown;
   const PoseKeeperRosOptions again = PoseKeeperRosOptions::fromParameters(options.toParameters(), "", &unknown);
   EXPECT_EQ(Names(), unknown);

@@ -125,9 +125,7 @@ ObstacleProblem ObstacleFinder::prepare(const StereoJob& job)
   {
     camera_ = camera;
     T_base_left_ = T_base_left;
-    StereoObstacleOptions stereo = options_.stereo;
-    stereo.vehicle_front_m = options_.tracker.vehicle_front_m;
-    stereo_ = std::make_unique<StereoObstacles>(camera.geometry, T_base_left, stereo);
+    stereo_ = std::make_unique<StereoObstacles>(camera.geometry, T_base_left, options_.stereo);
     ROS_INFO_STREAM_NAMED("obstacles", "stereo camera: " << sizeText(camera.geometry.width, camera.geometry.height)
                                                          << " px, baseline " << camera.geometry.baseline_m << " m");
   }
@@ -142,7 +140,7 @@ StereoObstacles::Result ObstacleFinder::find(const StereoJob& job, const StereoO
   const StereoObstacles::Result result = job.disparity ? findIn(*job.disparity, pose) : findIn(job.pair, pose, figures);
   const double forward = T_base_left_.linear()(0, 2);
   figures->nearest_visible_m =
-      std::max(0.0, min_depth_m_ * forward + T_base_left_.translation().x() - options_.tracker.vehicle_front_m);
+      std::max(0.0, min_depth_m_ * forward + T_base_left_.translation().x() - options_.stereo.footprint.front);
   figures->stereo_s = result.disparity_s + result.ground_s + result.clusters_s;
   figures->coverage = result.coverage;
   figures->ground_measured = result.ground.measured;

@@ -52,9 +52,6 @@ static void visitFields(ObstaclesRosOptions& options, Visitor&& visit)
   visit("tracker/confirm_hits", tracker.confirm_hits);
   visit("tracker/acceleration_m_s2", tracker.acceleration_m_s2);
   visit("tracker/max_speed_m_s", tracker.max_speed_m_s);
-  visit("tracker/vehicle_front_m", tracker.vehicle_front_m);
-  visit("tracker/vehicle_rear_m", tracker.vehicle_rear_m);
-  visit("tracker/vehicle_half_width_m", tracker.vehicle_half_width_m);
   visit("tracker/min_label_overlap", tracker.min_label_overlap);
   visit("min_coverage", options.min_coverage);
   visit("marker_lifetime_s", options.marker_lifetime_s);
@@ -87,6 +84,8 @@ void ObstaclesRosOptions::validate() const
           "true with source = disparity");
   parameter_tree::validateGroup("stereo", stereo);
   parameter_tree::validateGroup("tracker", tracker);
+  require(stereo.max_height_m >= stereo.footprint.height, "stereo/max_height_m", stereo.max_height_m,
+          "at least vehicle/footprint/height");
   require(min_coverage >= 0.0 && min_coverage <= 1.0, "min_coverage", min_coverage, "in [0, 1]");
   parameter_tree::requireDuration("marker_lifetime_s", marker_lifetime_s);
   parameter_tree::requireDuration("input_timeout_s", input_timeout_s);

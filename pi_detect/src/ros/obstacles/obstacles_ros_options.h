@@ -44,6 +44,11 @@ struct ObstaclesRosOptions : pi_node::NodeParameters<ObstaclesRosOptions>
   double diagnostic_period = 1.0;  ///< [s]; the name is that of diagnostic_updater
   double warning_period_s = 5.0;   ///< between two log lines of one warning [s]
 
+  void setVehicle(const pi_node::VehicleDescription& vehicle)
+  {
+    stereo.footprint = vehicle.footprint;
+    tracker.footprint = vehicle.footprint;
+  }
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
 };

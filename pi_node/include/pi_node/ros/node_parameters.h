@@ -1,5 +1,6 @@
 #pragma once
 
+#include <pi_node/vehicle_description.h>
 #include <ros/node_handle.h>
 #include <xmlrpcpp/XmlRpcValue.h>
 
@@ -14,6 +15,9 @@ namespace pi_node
 /// The .cpp of the options includes parameter_tree.h, defines visitFields(options, visit) in the namespace of the
 /// options, and instantiates this base: `template struct pi_node::NodeParameters<pi_slam::VioRosOptions>;`. The header
 /// of the options declares that with `extern`.
+///
+/// Options with a method setVehicle(const VehicleDescription&) get the description of the vehicle (vehicle_parameters.h)
+/// before their parameters are read and validated.
 template <typename Options>
 struct NodeParameters
 {
@@ -24,6 +28,8 @@ struct NodeParameters
   /// The same from a tree of parameters. @param path  in front of names in messages.
   static Options fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path,
                                 std::vector<std::string>* unknown);
+  static Options fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path,
+                                const VehicleDescription& vehicle, std::vector<std::string>* unknown);
   XmlRpc::XmlRpcValue toParameters() const;
   /// All parameters in one line, for the log.
   std::string toText() const;

@@ -2,12 +2,15 @@
 
 #include <pi_node/ros/node_parameters.h>
 #include <pi_node/ros/parameter_values.h>
+#include <pi_node/ros/vehicle_parameters.h>
 #include <xmlrpcpp/XmlRpcValue.h>
 
+#include <algorithm>
 #include <map>
 #include <stdexcept>
 #include <string>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 namespace pi_node
@@ -64,14 +67,25 @@ inline void take(const std::string& name, std::map<std::string, XmlRpcValue>* le
   }
 }
 
+template <typename Options, typename = void>
+struct TakesVehicle : std::false_type
+{
+};
+template <typename Options>
+struct TakesVehicle<Options, std::void_t<decltype(std::declval<Options&>().setVehicle(VehicleDescription()))>>
+  : std::true_type
+{
+};
+
 /// @param tree     of the parameter server.
 /// @param path     in front of names in messages.
 /// @param unknown  gets the names of unknown parameters.
+/// @param options  with the values of parameters that are not set.
 /// @throws std::invalid_argument "parameter path name = value, must be bound".
 template <typename Options>
-Options load(const XmlRpcValue& tree, const std::string& path, std::vector<std::string>* unknown)
+Options load(const XmlRpcValue& tree, const std::string& path, std::vector<std::string>* unknown,
+             Options options = Options())
 {
-  Options options;
   std::map<std::string, XmlRpcValue> leaves;
   if (tree.getType() == XmlRpcValue::TypeStruct)
   {
@@ -147,7 +161,29 @@ Options NodeParameters<Options>::load(const ros::NodeHandle& private_node, std::
   XmlRpc::XmlRpcValue tree;
   const std::string& path = private_node.getNamespace();
   private_node.getParam(path, tree);
-  return Options::fromParameters(tree, path + "/", unknown);  // which the options may have replaced
+  if constexpr (parameter_tree::TakesVehicle<Options>::value)
+  {
+    const Options options = Options::fromParameters(tree, path + "/", loadVehicle(private_node), unknown);
+    const auto described = [&](const std::string& name) { return name.rfind(path + "/vehicle/", 0) == 0; };
+    unknown->erase(std::remove_if(unknown->begin(), unknown->end(), described), unknown->end());
+    return options;
+  }
+  else
+  {
+    return Options::fromParameters(tree, path + "/", unknown);  // which the options may have replaced
+  }
+}
+
+template <typename Options>
+Options NodeParameters<Options>::fromParameters(const XmlRpc::XmlRpcValue& tree, const std::string& path,
+                                                const VehicleDescription& vehicle, std::vector<std::string>* unknown)
+{
+  Options options;
+  if constexpr (parameter_tree::TakesVehicle<Options>::value)
+  {
+    options.setVehicle(vehicle);
+  }
+  return parameter_tree::load<Options>(tree, path, unknown, std::move(options));
 }
 
 template <typename Options>

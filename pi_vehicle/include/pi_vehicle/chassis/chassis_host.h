@@ -16,7 +16,7 @@ struct HostOptions
   double command_period_s = 0.02;  ///< between commands to the chassis [s], in [0.002, 0.05]: 20 Hz or faster
   double status_timeout_s = 0.2;   ///< without a status, after which the chassis counts as gone [s], in [0.02, 10]
   double motion_timeout_s = 0.3;   ///< a motion holds so long [s], in [0.02, 10]
-  double stop_deceleration = 1.5;  ///< where motions cease [m/s^2], in [0.01, 30]
+  double stop_deceleration = 1.5;  ///< where motions cease [m/s^2], in [0.01, limits.deceleration]
   Limits limits;                   ///< of the host; those of the chassis hold as well
 
   /// @throws std::invalid_argument naming field, value and bound.

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <pi_node/vehicle_description.h>
+
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -145,6 +147,9 @@ struct Limits
   /// @param group  in front of the field's name. @throws std::invalid_argument naming field, value and bound.
   void validate(const std::string& group = "") const;
 };
+
+/// Those of the vehicle's description.
+Limits limitsOf(const pi_node::MotionLimits& vehicle);
 
 /// The smaller of each.
 Limits intersection(const Limits& a, const Limits& b);

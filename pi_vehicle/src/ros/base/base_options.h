@@ -2,7 +2,6 @@
 
 #include <pi_node/option_check.h>
 #include <pi_node/ros/parameter_tree.h>
-#include <pi_vehicle/chassis/chassis_protocol.h>
 
 #include <string>
 
@@ -51,18 +50,6 @@ void visitFields(WheelOdometryOptions& options, Visitor&& visit)
   visit("odometry/heading_error", options.errors.heading_error);
   visit("odometry/speed_error", options.errors.speed_error);
   visit("odometry/yaw_rate_error", options.errors.yaw_rate_error);
-}
-
-template <typename Visitor>
-void visitLimits(chassis::Limits& limits, Visitor&& visit)
-{
-  visit("limits/speed", limits.speed);
-  visit("limits/reverse_speed", limits.reverse_speed);
-  visit("limits/curvature", limits.curvature);
-  visit("limits/acceleration", limits.acceleration);
-  visit("limits/deceleration", limits.deceleration);
-  visit("limits/usual_deceleration", limits.usual_deceleration);
-  visit("limits/lateral_acceleration", limits.lateral_acceleration);
 }
 
 }  // namespace pi_vehicle

@@ -21,7 +21,6 @@ static void visitFields(ChassisRosOptions& options, Visitor&& visit)
   visit("status_timeout_s", driver.host.status_timeout_s);
   visit("motion_timeout_s", driver.host.motion_timeout_s);
   visit("stop_deceleration", driver.host.stop_deceleration);
-  visitLimits(driver.host.limits, visit);
   visitFields(options.wheels, visit);
   visit("diagnostic_period", options.diagnostic_period);
   visit("warning_period_s", options.warning_period_s);

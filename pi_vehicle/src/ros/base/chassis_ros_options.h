@@ -18,6 +18,10 @@ struct ChassisRosOptions : pi_node::NodeParameters<ChassisRosOptions>
   double diagnostic_period = 1.0;  ///< [s]; the name is that of diagnostic_updater
   double warning_period_s = 5.0;   ///< between two log lines of one warning [s]
 
+  void setVehicle(const pi_node::VehicleDescription& vehicle)
+  {
+    driver.host.limits = chassis::limitsOf(vehicle.limits);
+  }
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
 };

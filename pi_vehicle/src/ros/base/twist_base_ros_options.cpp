@@ -17,8 +17,6 @@ static void visitFields(TwistBaseRosOptions& options, Visitor&& visit)
   visit("motion_timeout_s", base.motion_timeout_s);
   visit("stop_deceleration", base.stop_deceleration);
   visit("steering_angle", base.steering_angle);
-  visit("wheelbase", base.wheelbase);
-  visitLimits(base.limits, visit);
   visitFields(options.wheels, visit);
   visit("diagnostic_period", options.diagnostic_period);
   visit("warning_period_s", options.warning_period_s);

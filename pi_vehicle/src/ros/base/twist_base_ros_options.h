@@ -16,6 +16,11 @@ struct TwistBaseRosOptions : pi_node::NodeParameters<TwistBaseRosOptions>
   double diagnostic_period = 1.0;  ///< [s]; the name is that of diagnostic_updater
   double warning_period_s = 5.0;   ///< between two log lines of one warning [s]
 
+  void setVehicle(const pi_node::VehicleDescription& vehicle)
+  {
+    base.limits = chassis::limitsOf(vehicle.limits);
+    base.wheelbase = vehicle.wheelbase;
+  }
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
 };

@@ -49,6 +49,21 @@ TEST(NavigationRosOptions, PlacesHaveAHeadingOrNone)
   EXPECT_TRUE(navigation_reader.load("places: {}").places.empty());
 }
 
+TEST(NavigationRosOptions, TakeTheVehicleBeforeTheyAreJudged)
+{
+  pi_node::VehicleDescription vehicle;
+  vehicle.footprint.front = 2.0;
+  vehicle.limits.deceleration = 2.0;
+  vehicle.limits.curvature = 0.5;
+  Names unknown;
+  const XmlRpc::XmlRpcValue tree = fromYaml(YAML::Load("follower: {deceleration: 1.5}"));
+  const auto& navigator = NavigationRosOptions::fromParameters(tree, "", vehicle, &unknown).navigator;
+  EXPECT_EQ(1.5, navigator.follower.deceleration);
+  EXPECT_EQ(2.0, navigator.governor.footprint.front);
+  EXPECT_EQ(2.0, navigator.governor.limits.deceleration);
+  EXPECT_EQ(2.0, navigator.route.min_radius);
+}
+
 TEST(NavigationRosOptions, NamesUnknownParameters)
 {
   Names unknown;
@@ -60,8 +75,8 @@ TEST(NavigationRosOptions, NamesUnknownParameters)
 TEST(NavigationRosOptions, NamesParameterValueAndBound)
 {
   EXPECT_EQ("parameter /navigation/rate_hz = 1, must be in [10, 100]", navigation_reader.refusal("rate_hz: 1"));
-  EXPECT_EQ("parameter /navigation/follower/max_speed = 0, must be in [0.1, 10]",
-            navigation_reader.refusal("follower: {max_speed: 0}"));
+  EXPECT_EQ("parameter /navigation/follower/deceleration = 2, must be in [0.05, 1] (vehicle/limits/deceleration)",
+            navigation_reader.refusal("follower: {deceleration: 2}"));
   EXPECT_EQ("parameter /navigation/governor/rise = fast, must be a number",
             navigation_reader.refusal("governor: {rise: fast}"));
   EXPECT_EQ("parameter /navigation/max_position_deviation = 0, must be in [0.01, 100]",
