@@ -37,8 +37,8 @@ void MotionLimits::validate() const
 
 void VehicleDescription::validate() const
 {
-  if (name.empty() || name.find_first_not_of("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_") !=
-                          std::string::npos)
+  if (name.empty() ||
+      name.find_first_not_of("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_") != std::string::npos)
   {
     throw std::invalid_argument("name = \"" + name + "\", must be letters, digits and underscores");
   }

@@ -176,7 +176,7 @@ class Replay:
         from diagnostic_msgs.msg import DiagnosticArray
         events.subscribe("/diagnostics", DiagnosticArray, self._on_diagnostics)
         launch = started.launch(
-            ["pi_bringup", "vehicle.launch", "preload:=%s" % (self._preload or ""), "decision:=false",
+            ["pi_bringup", "vehicle.launch", "preload:=%s" % (self._preload or ""), "mounts:=false", "decision:=false",
              "chassis:=false", "microphone:=false", "rviz:=false", "announce:=false",
              "recordings:=%s" % (self._output / "recordings"),
              "together:=%s" % str(options.together).lower(), "output:=screen"], self._log)

@@ -10,7 +10,7 @@ import os
 import sys
 
 from pi_bringup import incidents, new_service
-from pi_bringup.doctor import calibration, computer, devices, live, network, software
+from pi_bringup.doctor import calibration, computer, devices, live, network, software, vehicle
 from pi_bringup.doctor.result import FAIL, run_check, worst
 
 QUICK_S = 20.0
@@ -55,6 +55,7 @@ def checks(options):
         ("cameras", devices.check_cameras, QUICK_S),
         ("microphones", devices.check_microphones, QUICK_S),
         ("calibration", functools.partial(calibration.check_calibration, options.calibration), QUICK_S),
+        ("vehicle", functools.partial(vehicle.check_file, options.vehicle), QUICK_S),
         ("OpenCL", software.check_opencl, CHILD_S),
         ("detector model", functools.partial(software.check_detector, options.detector_model), CHILD_S),
         ("speech model", functools.partial(software.check_speech, options.speech_model), CHILD_S),
@@ -77,6 +78,7 @@ def parse(arguments):
                                  description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     doctor.add_argument("--calibration", default="", metavar="FILE",
                         help="Kalibr's camchain, camera_info, or the folder of a EuRoC recording")
+    doctor.add_argument("--vehicle", default="", metavar="FILE", help="its description; default: the example")
     doctor.add_argument("--serial", default="", metavar="PORT", help="of the chassis, as /dev/ttyUSB0")
     doctor.add_argument("--detector-model", default="", metavar="NETWORK",
                         help="name of a network of pi_detect, or its description; default: that of the nodes")
@@ -84,7 +86,8 @@ def parse(arguments):
     doctor.add_argument("--bridge-port", type=port, default=network.BRIDGE_PORT, help="default: %(default)s")
     doctor.add_argument("--node", action="append", default=[], metavar="HOST:PORT", help="edge node; may be repeated")
     doctor.add_argument("--health-port", type=port, help="of the edge nodes; default: the one behind their own")
-    doctor.add_argument("--live", action="store_true", help="also the graph that runs: rates, stamps, tf, diagnostics")
+    doctor.add_argument("--live", action="store_true", help="also the graph that runs: rates, stamps, tf, diagnostics, "
+                        "its vehicle")
     doctor.add_argument("--topic", action="append", type=rate, metavar="TOPIC:HZ", help="of --live, in place of the "
                         "vehicle's sensors; may be repeated")
     doctor.add_argument("--only", action="append", metavar="NAME", help="checks whose name holds this; may be repeated")

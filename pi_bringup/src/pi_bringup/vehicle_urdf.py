@@ -11,7 +11,7 @@ from pi_bringup import vehicle
 CAMERA_M = (0.03, 0.05, 0.04)  # along the camera's view, to its left, up
 SENSOR_M = (0.04, 0.04, 0.02)
 CLEARANCE_M = 0.1              # of the body above the ground
-COLOURS = {"body": (0.2, 0.45, 0.8, 0.4), "wheel": (0.1, 0.1, 0.1, 1.0), "sensor": (0.9, 0.5, 0.1, 1.0)}
+COLOURS = {"body": (0.5, 0.7, 1.0, 0.4), "wheel": (0.35, 0.35, 0.4, 1.0), "sensor": (0.9, 0.5, 0.1, 1.0)}
 
 
 def _text(numbers):

@@ -30,6 +30,26 @@ class LaunchFiles(unittest.TestCase):
         self.assertEqual(dict(given.values()), {name: parameters.get(name) for name, _ in given.values()},
                          result.stderr)
 
+    def test_the_vehicle_is_described_once(self):
+        for launched in ("vehicle.launch", "simulation.launch"):
+            parameters = yaml.safe_load(roslaunch("--dump-params", "pi_bringup", launched).stdout)
+            self.assertEqual([1.0, 3.0], [parameters.get("/vehicle/" + name) for name in ("footprint/front", "limits/speed")])
+            self.assertIn('<robot name="example">', parameters["/robot_description"])
+            self.assertEqual([], [name for name in parameters if "/vehicle/" in name[1:]])
+        alone = yaml.safe_load(roslaunch("--dump-params", "pi_detect", "obstacles.launch").stdout)
+        self.assertEqual(1.0, alone.get("/obstacles/vehicle/footprint/front"))
+
+    def test_frames_of_the_sensors_are_published_but_for_recordings(self):
+        for arguments, published in ((["vehicle.launch"], True), (["replay.launch", "bag:=/etc/hostname"], False),
+                                     (["drive.launch"], True), (["drive.launch", "data:=/etc"], False)):
+            nodes = roslaunch("--nodes", "pi_bringup", *arguments).stdout.split()
+            self.assertEqual(published, "/robot_state_publisher" in nodes, arguments)
+
+    def test_a_wrong_description_is_one_error_that_names_it(self):
+        result = roslaunch("pi_bringup", "vehicle.launch", "vehicle:=/nowhere/vehicle.yaml")
+        self.assertEqual(1, result.returncode)
+        self.assertIn("vehicle_urdf: /nowhere/vehicle.yaml cannot be read", result.stderr)
+
     def test_the_black_box_is_on_unless_it_is_switched_off(self):
         for arguments, is_on in ((), True), (("together:=true",), True), (("record:=false",), False):
             result = roslaunch("--dump-params", "pi_bringup", "vehicle.launch", *arguments)

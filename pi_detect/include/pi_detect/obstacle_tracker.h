@@ -16,13 +16,13 @@ namespace pi_detect
 
 struct ObstacleTrackerOptions
 {
-  double time_to_live_s = 0.6;        ///< an obstacle in view that was not measured for longer ends [s]
-  double memory_s = 3.0;              ///< an obstacle that left the view is kept for this time [s]
-  int confirm_hits = 3;               ///< measurements before an obstacle is reported
-  double acceleration_m_s2 = 1.0;     ///< of obstacles, standard deviation [m/s^2]
-  double max_speed_m_s = 15.0;        ///< of obstacles [m/s]
-  pi_node::Footprint footprint;       ///< of the vehicle, for the time to collision
-  double min_label_overlap = 0.5;     ///< part of the obstacle's picture box inside a track's box, to take its label
+  double time_to_live_s = 0.6;     ///< an obstacle in view that was not measured for longer ends [s]
+  double memory_s = 3.0;           ///< an obstacle that left the view is kept for this time [s]
+  int confirm_hits = 3;            ///< measurements before an obstacle is reported
+  double acceleration_m_s2 = 1.0;  ///< of obstacles, standard deviation [m/s^2]
+  double max_speed_m_s = 15.0;     ///< of obstacles [m/s]
+  pi_node::Footprint footprint;    ///< of the vehicle, for the time to collision
+  double min_label_overlap = 0.5;  ///< part of the obstacle's picture box inside a track's box, to take its label
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;

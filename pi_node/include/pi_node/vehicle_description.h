@@ -59,10 +59,10 @@ struct VehicleDescription
 {
   std::string name = "example";
   VehicleKind kind = VehicleKind::ACKERMANN;
-  double wheelbase = 0.75;     ///< [m] between the axles; 0 for a differential vehicle
-  double track = 0.9;          ///< between the wheels of an axle [m]
-  double wheel_radius = 0.2;   ///< [m]
-  double wheel_width = 0.1;    ///< [m]
+  double wheelbase = 0.75;    ///< [m] between the axles; 0 for a differential vehicle
+  double track = 0.9;         ///< between the wheels of an axle [m]
+  double wheel_radius = 0.2;  ///< [m]
+  double wheel_width = 0.1;   ///< [m]
   Footprint footprint;
   MotionLimits limits;
   int picture_width = 640;   ///< of the cameras [px]

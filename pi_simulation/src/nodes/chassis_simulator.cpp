@@ -65,7 +65,8 @@ bool parse(int argc, char** argv, Arguments* arguments)
   auto add = options.add_options();
   add("help,h", "this text");
   add("link", po::value<std::string>(&simulation.link), "symbolic link to the pseudo-terminal");
-  add("vehicle", po::value<std::string>(&arguments->vehicle), "its description, a file as config/vehicle.yaml of pi_node");
+  add("vehicle", po::value<std::string>(&arguments->vehicle),
+      "its description, a file as config/vehicle.yaml of pi_node");
   add("truth", po::value<std::string>(&arguments->truth),
       "file or FIFO that gets the true pose as lines of JSON; - for stdout");
   add("truth-rate", number(&arguments->truth_rate), "[Hz]");

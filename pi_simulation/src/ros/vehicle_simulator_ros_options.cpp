@@ -141,8 +141,8 @@ pi_slam::StereoCalibration VehicleSimulatorRosOptions::calibration() const
   const Eigen::Vector3d left = positionOf(vehicle.mount(left_frame));
   const Eigen::Vector3d right = positionOf(vehicle.mount(right_frame));
   const Eigen::Vector3d imu = positionOf(vehicle.mount(imu_frame));
-  pi_slam::StereoCalibration pair = pi_slam::StereoCalibration::makeForwardPair(
-      vehicle.picture_width, vehicle.picture_height, left.y() - right.y());
+  pi_slam::StereoCalibration pair =
+      pi_slam::StereoCalibration::makeForwardPair(vehicle.picture_width, vehicle.picture_height, left.y() - right.y());
   pair.left.T_body_camera.translation() = left - imu;
   pair.right.T_body_camera.translation() = right - imu;
   return pair;

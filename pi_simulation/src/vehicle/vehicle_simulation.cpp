@@ -209,8 +209,8 @@ std::vector<TrueObstacle> VehicleSimulation::obstacles() const
     const Eigen::Vector3d center = state.T_world_object.translation();
     const Eigen::Vector2d in_base = T_base_world * Eigen::Vector2d(center.head<2>());
     const Eigen::Vector2d half = 0.5 * state.size.head<2>();
-    const bool hangs =
-        state.class_name == "lamp" || state.class_name == "pipe" || center.z() - 0.5 * state.size.z() > options_.footprint.height;
+    const bool hangs = state.class_name == "lamp" || state.class_name == "pipe" ||
+                       center.z() - 0.5 * state.size.z() > options_.footprint.height;
     if (hangs || in_base.norm() - half.norm() > OBSTACLE_RANGE_M)
     {
       continue;

@@ -317,7 +317,8 @@ Arbiter::Demand Arbiter::demandOfDriver(ArbiterOutput* output) const
 
 void Arbiter::brakeHarder(double deceleration, Demand* demand) const
 {
-  demand->deceleration = std::max(demand->deceleration, std::min(deceleration, options_.vehicle.emergency_deceleration));
+  demand->deceleration =
+      std::max(demand->deceleration, std::min(deceleration, options_.vehicle.emergency_deceleration));
 }
 
 void Arbiter::applySpeedLimits(Demand* demand, ArbiterOutput* output) const

@@ -16,11 +16,11 @@ namespace pi_vehicle
 struct ArbiterSource
 {
   std::string name;
-  bool drives = true;      ///< false: only limits the speed of the driving source
-  int priority = 0;        ///< the live source with the highest priority drives
-  double timeout = 0.3;    ///< a source that is silent for longer is dead [s]
+  bool drives = true;               ///< false: only limits the speed of the driving source
+  int priority = 0;                 ///< the live source with the highest priority drives
+  double timeout = 0.3;             ///< a source that is silent for longer is dead [s]
   std::optional<double> max_speed;  ///< of this source's commands [m/s]; none: the vehicle's
-  bool required = false;   ///< the vehicle stops while this source is dead
+  bool required = false;            ///< the vehicle stops while this source is dead
 };
 
 struct ArbiterOptions

@@ -469,8 +469,7 @@ NavigatorOutput Navigator::update(const NavigatorInput& input)
   std::string pose_problem;
   const std::string plan_problem = planWaitingGoal(usablePose(input, &pose_problem), input.speed);
   const FollowerOutput followed = follow(input);
-  way_ = follower_.wayAhead(
-      options_.governor.horizon * options_.governor.limits.speed, AHEAD_STEP);
+  way_ = follower_.wayAhead(options_.governor.horizon * options_.governor.limits.speed, AHEAD_STEP);
   const GovernorOutput governed = govern(input);
   findLookAhead(followed, input.speed);
 

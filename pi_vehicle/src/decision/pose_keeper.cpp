@@ -410,8 +410,9 @@ KeptPose PoseKeeper::carried(int64_t stamp_ns) const
   }
   if (unknown_s > 0.0 && std::abs(speed) >= STANDS)
   {
-    const double driven = std::abs(speed) * std::min(unknown_s, LONGEST_DRIVE_ON_S) +
-                          (unknown_s > LONGEST_DRIVE_ON_S ? squared(speed) / (2.0 * options_.limits.deceleration) : 0.0);
+    const double driven =
+        std::abs(speed) * std::min(unknown_s, LONGEST_DRIVE_ON_S) +
+        (unknown_s > LONGEST_DRIVE_ON_S ? squared(speed) / (2.0 * options_.limits.deceleration) : 0.0);
     kept.position_deviation += driven;
     kept.heading_deviation += options_.jump_per_m * driven;
   }

@@ -2,6 +2,7 @@
 
 #include "decision/wheel_track.h"
 
+#include <pi_node/vehicle_description.h>
 #include <Eigen/Geometry>
 #include <cstdint>
 #include <optional>

@@ -192,8 +192,8 @@ void SpeedGovernor::setWay(const GovernorInput& input)
     at_speed_.push_back(alongWay(speed * t));
   }
   const double fastest = std::max(speed, options_.limits.speed);
-  const double most = std::max(speed * options_.horizon,
-                               fastest * options_.reaction_time + 0.5 * fastest * fastest / options_.limits.deceleration);
+  const double most = std::max(speed * options_.horizon, fastest * options_.reaction_time +
+                                                             0.5 * fastest * fastest / options_.limits.deceleration);
   reach_.clear();
   for (double s = 0.0; s < most + REACH_STEP; s += REACH_STEP)
   {
@@ -228,9 +228,9 @@ const std::vector<SpeedGovernor::Placed>& SpeedGovernor::brakingPlaces(size_t sp
 
 bool SpeedGovernor::isFar(const Local& obstacle) const
 {
-  const double ahead =
-      std::max(options_.footprint.front + options_.margin + options_.stop_gap + options_.headway * options_.limits.speed,
-               options_.footprint.rear + LEAST_MARGIN);
+  const double ahead = std::max(
+      options_.footprint.front + options_.margin + options_.stop_gap + options_.headway * options_.limits.speed,
+      options_.footprint.rear + LEAST_MARGIN);
   const double vehicle = std::hypot(std::max(ahead, options_.footprint.front + options_.margin + EMERGENCY_GAP),
                                     options_.footprint.half_width + options_.margin);
   const double moves = obstacle.velocity.norm() * (options_.horizon + options_.pass_time_margin);
@@ -335,11 +335,12 @@ bool SpeedGovernor::stopsInTime(const Local& obstacle, size_t speed_steps)
 {
   const double speed = SPEED_STEP * static_cast<double>(speed_steps);
   const double reaction = options_.reaction_time;
-  const bool comfortably = brakes(obstacle, brakingPlaces(speed_steps, false), reaction + speed / options_.limits.deceleration,
-                                  timeGap(obstacle, speed), obstacle.margin, false);
-  return comfortably && (!obstacle.moving ||
-                         brakes(obstacle, brakingPlaces(speed_steps, true),
-                                reaction + speed / options_.limits.emergency_deceleration, 0.0, leastMargin(obstacle), true));
+  const bool comfortably =
+      brakes(obstacle, brakingPlaces(speed_steps, false), reaction + speed / options_.limits.deceleration,
+             timeGap(obstacle, speed), obstacle.margin, false);
+  return comfortably && (!obstacle.moving || brakes(obstacle, brakingPlaces(speed_steps, true),
+                                                    reaction + speed / options_.limits.emergency_deceleration, 0.0,
+                                                    leastMargin(obstacle), true));
 }
 
 double SpeedGovernor::leastMargin(const Local& obstacle) const
@@ -444,8 +445,8 @@ SpeedGovernor::Bound SpeedGovernor::boundBy(const std::vector<Local>& obstacles,
       own = std::min(speed, bound.speed);
     }
     else if (speed > options_.min_speed && own < speed &&
-             !brakes(obstacle, braking_now, options_.reaction_time + speed / options_.limits.deceleration, EMERGENCY_GAP,
-                     leastMargin(obstacle), false))
+             !brakes(obstacle, braking_now, options_.reaction_time + speed / options_.limits.deceleration,
+                     EMERGENCY_GAP, leastMargin(obstacle), false))
     {
       bound.emergency = true;
     }

@@ -17,24 +17,24 @@ namespace pi_vehicle
 
 struct SpeedGovernorOptions
 {
-  pi_node::Footprint footprint;  ///< of the vehicle
-  pi_node::MotionLimits limits;  ///< of the vehicle: speed, usual and emergency deceleration count
-  double reaction_time = 0.35;      ///< from an obstacle report until the brakes act, period of update() included [s]
-  double margin = 0.3;              ///< kept free on the sides and ahead [m]
-  double stop_gap = 0.7;            ///< kept free ahead when stopping, on top of the margin [m]
-  double headway = 0.4;             ///< time gap to a moving obstacle, on top of stop_gap [s]
-  double min_moving_speed = 0.15;   ///< slower obstacles count as standing [m/s]
-  double horizon = 4.5;             ///< prediction time [s]
-  double pass_time_margin = 0.7;    ///< time between the vehicle and a moving obstacle that passes the same place [s]
-  double close_speed = 0.6;         ///< limit while an obstacle is inside the margin [m/s]
-  double memory = 0.8;              ///< an obstacle stays known for this time after its last report [s]
-  double clear_persistence = 1.0;   ///< after a stop the way must be clear for this time [s]
-  double resume_speed = 0.5;        ///< the way is clear if at least this speed is allowed [m/s]
-  double min_speed = 0.15;          ///< a lower limit becomes a stop [m/s]
-  double rise = 1.0;                ///< fastest rise of the limit [m/s^2]
-  double obstacles_timeout = 0.5;   ///< the vehicle stops after this time without a report [s]
-  double step_out_speed = 2.0;      ///< of adults who may come from behind what hides them; 0: none do [m/s]
-  double child_speed = 1.4;         ///< likewise of children, whom lower things hide [m/s]
+  pi_node::Footprint footprint;    ///< of the vehicle
+  pi_node::MotionLimits limits;    ///< of the vehicle: speed, usual and emergency deceleration count
+  double reaction_time = 0.35;     ///< from an obstacle report until the brakes act, period of update() included [s]
+  double margin = 0.3;             ///< kept free on the sides and ahead [m]
+  double stop_gap = 0.7;           ///< kept free ahead when stopping, on top of the margin [m]
+  double headway = 0.4;            ///< time gap to a moving obstacle, on top of stop_gap [s]
+  double min_moving_speed = 0.15;  ///< slower obstacles count as standing [m/s]
+  double horizon = 4.5;            ///< prediction time [s]
+  double pass_time_margin = 0.7;   ///< time between the vehicle and a moving obstacle that passes the same place [s]
+  double close_speed = 0.6;        ///< limit while an obstacle is inside the margin [m/s]
+  double memory = 0.8;             ///< an obstacle stays known for this time after its last report [s]
+  double clear_persistence = 1.0;  ///< after a stop the way must be clear for this time [s]
+  double resume_speed = 0.5;       ///< the way is clear if at least this speed is allowed [m/s]
+  double min_speed = 0.15;         ///< a lower limit becomes a stop [m/s]
+  double rise = 1.0;               ///< fastest rise of the limit [m/s^2]
+  double obstacles_timeout = 0.5;  ///< the vehicle stops after this time without a report [s]
+  double step_out_speed = 2.0;     ///< of adults who may come from behind what hides them; 0: none do [m/s]
+  double child_speed = 1.4;        ///< likewise of children, whom lower things hide [m/s]
   double step_out_reaction_time = 0.5;  ///< from where they can be seen until the brakes act [s]
 
   /// @throws std::invalid_argument naming field, value and bound.

@@ -1,10 +1,14 @@
-"""Checks of a graph that runs: rates and stamps of the sensors' topics, tf, diagnostics."""
+"""Checks of a graph that runs: rates and stamps of the sensors' topics, tf, diagnostics, the vehicle's description."""
 
 import struct
 import threading
 import time
 from dataclasses import dataclass, field
 
+import numpy
+
+from pi_bringup import vehicle as description
+from pi_bringup.doctor import vehicle
 from pi_bringup.doctor.result import fail, ok, warn
 
 LISTEN_S = 3.0
@@ -83,7 +87,7 @@ def judge_tf(edges, frames=FRAMES):
     missing = [frame for frame in frames if frame not in known]
     if missing:
         return warn(name, f"there is no {', '.join(missing)}", "map and odom come from localisation, the others from "
-                    "the static transforms of the vehicle's launch file")
+                    "the mounts of the vehicle's description, by robot_state_publisher")
     roots = sorted({root(frame) for frame in frames})
     if len(roots) > 1:
         return fail(name, f"the tree is in {len(roots)} parts: {', '.join(roots)}",
@@ -107,17 +111,44 @@ def judge_diagnostics(levels):
     return ok(name, f"{len(levels)} statuses, all are well")
 
 
+def matrix_of(transform):
+    """4x4 of a geometry_msgs/Transform."""
+    x, y, z, w = transform.rotation.x, transform.rotation.y, transform.rotation.z, transform.rotation.w
+    matrix = numpy.eye(4)
+    matrix[:3, :3] = [[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                      [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                      [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]]
+    matrix[:3, 3] = transform.translation.x, transform.translation.y, transform.translation.z
+    return matrix
+
+
+def poses_in(base, edges, transforms):
+    """@param edges  as of judge_tf(). @param transforms  {child: 4x4 in its parent}
+    @return {frame: 4x4 in base} of the frames below base"""
+    poses = {}
+    for frame in transforms:
+        pose, above, seen = numpy.eye(4), frame, set()
+        while above in transforms and above != base and above not in seen:
+            seen.add(above)
+            pose = transforms[above] @ pose
+            above = next(iter(edges[above]))
+        if above == base and frame != base:
+            poses[frame] = pose
+    return poses
+
+
 class Listener:
     """Everything that is heard of a graph for a while. rospy's node of this process must be initialised."""
 
     def __init__(self, topics):
         import diagnostic_msgs.msg
         import rospy
+        import sensor_msgs.msg
         import tf2_msgs.msg
         self._rospy = rospy
         self._lock = threading.Lock()
         self.heard = {topic: Heard() for topic in topics}
-        self.edges, self.levels = {}, {}
+        self.edges, self.transforms, self.infos, self.levels = {}, {}, {}, {}
         published = {topic for topic, _ in rospy.get_published_topics()}
         for topic, one in self.heard.items():
             one.published = rospy.resolve_name(topic) in published
@@ -127,6 +158,8 @@ class Listener:
             rospy.Subscriber("/tf", tf2_msgs.msg.TFMessage, self._on_tf),
             rospy.Subscriber("/tf_static", tf2_msgs.msg.TFMessage, self._on_tf),
             rospy.Subscriber("/diagnostics", diagnostic_msgs.msg.DiagnosticArray, self._on_diagnostics)]
+        self._subscribers += [rospy.Subscriber(side + "/camera_info", sensor_msgs.msg.CameraInfo, self._on_info, side)
+                              for side in ("left", "right")]
 
     def _on_message(self, message, topic):
         now, at = time.monotonic(), self._rospy.Time.now().to_sec()
@@ -147,6 +180,11 @@ class Listener:
             for transform in message.transforms:
                 child, parent = transform.child_frame_id.lstrip("/"), transform.header.frame_id.lstrip("/")
                 self.edges.setdefault(child, set()).add(parent)
+                self.transforms[child] = matrix_of(transform.transform)
+
+    def _on_info(self, message, side):
+        with self._lock:
+            self.infos[side] = (message.width, message.height, message.P)
 
     def _on_diagnostics(self, message):
         with self._lock:
@@ -156,7 +194,14 @@ class Listener:
 
     def results(self, expected):
         with self._lock:
-            return [*judge_topics(self.heard, expected), judge_tf(self.edges), judge_diagnostics(self.levels)]
+            found = [*judge_topics(self.heard, expected), judge_tf(self.edges), judge_diagnostics(self.levels)]
+            try:
+                about = description.check(self._rospy.get_param("vehicle", None))
+            except description.VehicleError as error:
+                return found + [fail("vehicle of the graph", f"parameter vehicle: {error}",
+                                     "vehicle.launch loads the description; vehicle:=FILE names another one")]
+            poses = poses_in("base_link", self.edges, self.transforms)
+            return found + [vehicle.judge_mounts(about, poses), vehicle.judge_camera_info(about, self.infos)]
 
 
 def check_live(expected=None, listen_s=LISTEN_S):

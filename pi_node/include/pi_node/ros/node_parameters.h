@@ -16,8 +16,8 @@ namespace pi_node
 /// options, and instantiates this base: `template struct pi_node::NodeParameters<pi_slam::VioRosOptions>;`. The header
 /// of the options declares that with `extern`.
 ///
-/// Options with a method setVehicle(const VehicleDescription&) get the description of the vehicle (vehicle_parameters.h)
-/// before their parameters are read and validated.
+/// Options with a method setVehicle(const VehicleDescription&) get the description of the vehicle
+/// (vehicle_parameters.h) before their parameters are read and validated.
 template <typename Options>
 struct NodeParameters
 {
