@@ -59,7 +59,7 @@ struct VehicleDescription
 {
   std::string name = "example";
   VehicleKind kind = VehicleKind::ACKERMANN;
-  double wheelbase = 0.75;    ///< [m] between the axles; 0 for a differential vehicle
+  double wheelbase = 0.75;    ///< between the axles [m]; 0 for a differential vehicle
   double track = 0.9;         ///< between the wheels of an axle [m]
   double wheel_radius = 0.2;  ///< [m]
   double wheel_width = 0.1;   ///< [m]

@@ -95,5 +95,22 @@ TEST(ChassisConversions, OdometryHasPoseTwistAndGrowingVariance)
   }
 }
 
+TEST(ChassisConversions, AChassisThatIsNotTheDescribedOneIsNamed)
+{
+  pi_node::VehicleDescription vehicle;
+  chassis::Hello hello;
+  hello.wheelbase = 0.74;
+  EXPECT_EQ("", contradictionOf(hello, vehicle));
+  hello.wheelbase = 1.2;
+  EXPECT_EQ(
+      "the chassis is ackermann with 1.20 m between its wheels, the vehicle's description says ackermann with 0.75",
+      contradictionOf(hello, vehicle));
+  vehicle.kind = pi_node::VehicleKind::DIFFERENTIAL;
+  vehicle.track = 1.2;
+  EXPECT_NE("", contradictionOf(hello, vehicle));
+  hello.kind = chassis::Kind::DIFFERENTIAL;
+  EXPECT_EQ("", contradictionOf(hello, vehicle));
+}
+
 }  // namespace
 }  // namespace pi_vehicle

@@ -163,7 +163,7 @@ Options NodeParameters<Options>::load(const ros::NodeHandle& private_node, std::
   private_node.getParam(path, tree);
   if constexpr (parameter_tree::TakesVehicle<Options>::value)
   {
-    const Options options = Options::fromParameters(tree, path + "/", loadVehicle(private_node), unknown);
+    Options options = Options::fromParameters(tree, path + "/", loadVehicle(private_node), unknown);
     const auto described = [&](const std::string& name) { return name.rfind(path + "/vehicle/", 0) == 0; };
     unknown->erase(std::remove_if(unknown->begin(), unknown->end(), described), unknown->end());
     return options;

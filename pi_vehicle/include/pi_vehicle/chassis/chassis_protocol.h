@@ -138,7 +138,7 @@ struct Limits
 {
   double speed = 3.0;                 ///< forwards [m/s]
   double reverse_speed = 1.0;         ///< backwards [m/s]; 0: never
-  double curvature = 0.45;            ///< [1/m]; tan(0.5 rad) / 1.2 m = 0.455
+  double curvature = 0.45;            ///< [1/m]
   double acceleration = 1.0;          ///< [m/s^2]
   double deceleration = 2.5;          ///< the hardest, as in an emergency [m/s^2]
   double usual_deceleration = 1.0;    ///< where a command says 0 [m/s^2]
@@ -166,7 +166,7 @@ struct Hello
 {
   uint8_t protocol_version = PROTOCOL_VERSION;
   Kind kind = Kind::CAR_LIKE;
-  double wheelbase = 1.2;         ///< [m]; of a differential one: between its wheels
+  double wheelbase = 0.75;        ///< [m]; of a differential one: between its wheels
   Limits limits;                  ///< steps of 0.001, curvature of 0.0001
   double watchdog_s = 0.25;       ///< it stops when no valid command came for so long, steps of 0.001
   double status_period_s = 0.02;  ///< steps of 0.001

@@ -2,6 +2,9 @@
 
 #include "ros/pose_conversions.h"
 
+#include <pi_node/formatting.h>
+
+#include <cmath>
 #include <limits>
 
 namespace pi_vehicle
@@ -12,6 +15,7 @@ namespace
 constexpr double UNKNOWN = std::numeric_limits<double>::quiet_NaN();
 constexpr double IMPOSSIBLE_VARIANCE = 1e-6;
 constexpr double LEAST_VARIANCE = 1e-9;
+constexpr double SAME_WHEELS_M = 0.02;
 constexpr size_t ROW = 6;
 
 double squared(double value)
@@ -90,6 +94,20 @@ geometry_msgs::TransformStamped toTransform(const nav_msgs::Odometry& odometry)
   transform.transform.translation.y = odometry.pose.pose.position.y;
   transform.transform.rotation = odometry.pose.pose.orientation;
   return transform;
+}
+
+std::string contradictionOf(const chassis::Hello& hello, const pi_node::VehicleDescription& vehicle)
+{
+  const auto kind =
+      hello.kind == chassis::Kind::CAR_LIKE ? pi_node::VehicleKind::ACKERMANN : pi_node::VehicleKind::DIFFERENTIAL;
+  const double wheels = vehicle.kind == pi_node::VehicleKind::ACKERMANN ? vehicle.wheelbase : vehicle.track;
+  if (kind == vehicle.kind && std::abs(hello.wheelbase - wheels) <= SAME_WHEELS_M)
+  {
+    return "";
+  }
+  return std::string("the chassis is ") + toString(kind) +
+         pi_node::format(" with %.2f m between its wheels, the vehicle's description says ", hello.wheelbase) +
+         toString(vehicle.kind) + pi_node::format(" with %.2f", wheels);
 }
 
 sensor_msgs::BatteryState toBatteryState(const chassis::HostState& state, const ros::Time& stamp,

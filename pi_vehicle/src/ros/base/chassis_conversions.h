@@ -10,6 +10,8 @@
 #include <ros/time.h>
 #include <sensor_msgs/BatteryState.h>
 
+#include <string>
+
 namespace pi_vehicle
 {
 
@@ -23,6 +25,9 @@ VehicleState toVehicleState(const chassis::HostState& state, const ros::Time& st
 nav_msgs::Odometry toOdometry(const chassis::WheelOdometry& odometry, const ros::Time& stamp,
                               const WheelOdometryOptions& options);
 geometry_msgs::TransformStamped toTransform(const nav_msgs::Odometry& odometry);
+
+/// What the chassis says of its kind and wheels against the vehicle's description; empty: they agree.
+std::string contradictionOf(const chassis::Hello& hello, const pi_node::VehicleDescription& vehicle);
 
 /// Unknown values are NaN.
 sensor_msgs::BatteryState toBatteryState(const chassis::HostState& state, const ros::Time& stamp,

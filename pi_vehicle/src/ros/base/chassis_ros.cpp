@@ -106,6 +106,10 @@ void ChassisRos::publishDiagnostics()
   garbage_lately_ = report_.host.decoder.garbage_bytes - garbage_before_;
   garbage_before_ = report_.host.decoder.garbage_bytes;
   const auto& hello = report_.host.hello;
+  if (const std::string problem = hello ? contradictionOf(*hello, options_.vehicle) : ""; !problem.empty())
+  {
+    warnings_.warn(problem);
+  }
   updater_.setHardwareID(hello && !hello->name.empty() ? hello->name : options_.driver.port);
   updater_.force_update();
 }

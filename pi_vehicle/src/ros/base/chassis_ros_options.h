@@ -17,9 +17,11 @@ struct ChassisRosOptions : pi_node::NodeParameters<ChassisRosOptions>
   WheelOdometryOptions wheels;
   double diagnostic_period = 1.0;  ///< [s]; the name is that of diagnostic_updater
   double warning_period_s = 5.0;   ///< between two log lines of one warning [s]
+  pi_node::VehicleDescription vehicle;
 
-  void setVehicle(const pi_node::VehicleDescription& vehicle)
+  void setVehicle(const pi_node::VehicleDescription& description)
   {
+    vehicle = description;
     driver.host.limits = chassis::limitsOf(vehicle.limits);
   }
   /// @throws std::invalid_argument naming field, value and bound.
