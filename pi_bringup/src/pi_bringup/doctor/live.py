@@ -159,6 +159,13 @@ class Listener:
             return [*judge_topics(self.heard, expected), judge_tf(self.edges), judge_diagnostics(self.levels)]
 
 
+def join_graph():
+    """Makes this process a node, once."""
+    import rospy
+    if not rospy.core.is_initialized():
+        rospy.init_node("pi_edge_doctor", anonymous=True, disable_signals=True)
+
+
 def check_live(expected=None, listen_s=LISTEN_S):
     """@param expected  {topic: Hz}"""
     from pi_bringup.doctor import software
@@ -166,8 +173,7 @@ def check_live(expected=None, listen_s=LISTEN_S):
     master = software.check_master()
     if master.level != "OK":
         return fail(name, "there is none: the ROS master " + master.text, "start the vehicle first")
-    import rospy
-    rospy.init_node("pi_edge_doctor", anonymous=True, disable_signals=True)
+    join_graph()
     expected = RATES if expected is None else expected
     listener = Listener(expected)
     time.sleep(listen_s)  # how long it listens is what the rates are measured by
