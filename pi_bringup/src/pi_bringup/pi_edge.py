@@ -9,7 +9,7 @@ import json
 import os
 import sys
 
-from pi_bringup import incidents, new_service
+from pi_bringup import incidents, new_service, service
 from pi_bringup.doctor import calibration, computer, devices, live, network, sensors, software
 from pi_bringup.doctor.result import FAIL, run_check, worst
 
@@ -99,6 +99,7 @@ def parse(arguments):
     package.add_argument("name", metavar="NAME", help="of the package, as lane_keeper")
     package.add_argument("--folder", default=".", metavar="DIR", help="gets the folder NAME; default: here")
     incidents.add_to(commands)
+    service.add_to(commands)
     # rosrun and roslaunch add remappings such as __name:=x.
     options = parser.parse_args([argument for argument in arguments if not argument.startswith("__")])
     options.parser = doctor
@@ -132,6 +133,8 @@ def main():
         leave(new_service.main(options, find_package()))
     if options.command == "incidents":
         leave(incidents.main(options))
+    if options.command.endswith("-service"):
+        leave(service.main(options))
     try:
         results = doctor(options, lambda result: None if options.json else print(result.line()))
     except KeyboardInterrupt:
