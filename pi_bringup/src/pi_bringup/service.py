@@ -170,21 +170,19 @@ def uninstall(_):
 # ----------------------------------------------------------------------------------------------------------- readiness
 
 def leaves(statuses):
-    """{name: (level, message)} of a tree of diagnostic_aggregator, without its groups."""
-    return {name: found for name, found in statuses.items()
-            if not any(other.startswith(name + "/") for other in statuses)}
+    """{name: (level, message)} of a tree of diagnostic_aggregator, "/Vehicle/GROUP/STATUS", without its groups: those
+    without any status, as Edge without edge nodes, count as stale there."""
+    return {name: found for name, found in statuses.items() if name.count("/") >= 3}
 
 
-def reasons(statuses, toplevel, missing_nodes):
-    """Why the vehicle is not ready, in words; [] if it is. @param toplevel  level of the whole tree, None: unknown"""
+def reasons(statuses, missing_nodes):
+    """Why the vehicle is not ready, in words; [] if it is."""
     found = [f"{node.strip('/')} does not run" for node in sorted(missing_nodes)]
     bad = sorted((name, level, message) for name, (level, message) in leaves(statuses).items() if level >= ERROR)
     found += [f"{name.rsplit('/', 1)[-1]}: {'says nothing' if level == STALE else message}"
               for name, level, message in bad]
-    if not found and toplevel is None:
+    if not found and not leaves(statuses):
         found.append("nothing in the diagnostics")
-    elif not found and toplevel >= ERROR:
-        found.append("a group of the diagnostics has an error")
     return found
 
 
@@ -217,12 +215,12 @@ class Announcer(threading.Thread):
         super().__init__(daemon=True)
         self._nodes, self._limit_s = nodes, limit_s
         self._lock = threading.Lock()
-        self._statuses, self._toplevel = {}, None
+        self._statuses = {}
 
     def run(self):
         import rosgraph
         import rospy
-        from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+        from diagnostic_msgs.msg import DiagnosticArray
         from std_msgs.msg import String
         readiness = Readiness(self._limit_s, time.monotonic())
         master = rosgraph.Master("/pi_edge_service")
@@ -231,7 +229,6 @@ class Announcer(threading.Thread):
         rospy.init_node("pi_edge_service", disable_signals=True)
         say = rospy.Publisher("say", String, queue_size=5, latch=True)
         rospy.Subscriber("/diagnostics_agg", DiagnosticArray, self._on_tree)
-        rospy.Subscriber("/diagnostics_toplevel_state", DiagnosticStatus, self._on_toplevel)
         done = False
         while not done:
             time.sleep(0.5)
@@ -240,7 +237,7 @@ class Announcer(threading.Thread):
             except (OSError, rosgraph.MasterException):
                 continue  # ends, or begins again
             with self._lock:
-                why_not = reasons(self._statuses, self._toplevel, set(self._nodes) - running)
+                why_not = reasons(self._statuses, set(self._nodes) - running)
             text, done = readiness.look(why_not, time.monotonic())
             if text:
                 print(f"pi_edge: {text}", flush=True)
@@ -253,15 +250,8 @@ class Announcer(threading.Thread):
 
     def _on_tree(self, message):
         with self._lock:
-            self._statuses = {status.name: (level_of(status), status.message) for status in message.status}
-
-    def _on_toplevel(self, message):
-        with self._lock:
-            self._toplevel = level_of(message)
-
-
-def level_of(status):
-    return status.level[0] if isinstance(status.level, bytes) else status.level
+            self._statuses = {status.name: (ord(status.level) if isinstance(status.level, bytes) else status.level,
+                                            status.message) for status in message.status}
 
 
 # ----------------------------------------------------------------------------------------------------------------- run
