@@ -259,6 +259,7 @@ class Announcer(threading.Thread):
 def run(options):
     """@return 0 after SIGINT or SIGTERM, 1 if roslaunch ended by itself: systemd then starts it again"""
     import first_drive
+    del sys.argv[1:]  # rospy would take the value of --args for a remapping
     words = [*([options.launch] if Path(options.launch).is_absolute() else options.launch.split()),
              *shlex.split(options.args)]
     (Path.home() / STATE).mkdir(parents=True, exist_ok=True)
