@@ -9,8 +9,8 @@ import json
 import os
 import sys
 
-from pi_bringup import incidents, new_service
-from pi_bringup.doctor import calibration, computer, devices, live, network, software, vehicle
+from pi_bringup import incidents, new_service, service
+from pi_bringup.doctor import calibration, computer, devices, live, network, sensors, software, vehicle
 from pi_bringup.doctor.result import FAIL, run_check, worst
 
 QUICK_S = 20.0
@@ -64,6 +64,8 @@ def checks(options):
     ]
     found += [(f"edge node {address}", functools.partial(network.check_node, address, options.health_port), QUICK_S)
               for address in options.node]
+    if options.sensors:
+        found.append(("cameras and IMU", sensors.check_sensors, CHILD_S))
     if options.live:
         expected = dict(options.topic) if options.topic else None
         found.append(("live graph", functools.partial(live.check_live, expected), CHILD_S))
@@ -71,8 +73,8 @@ def checks(options):
 
 
 def parse(arguments):
-    parser = argparse.ArgumentParser(prog="pi_edge", description="Looks after the vehicle's computer and its recordings; "
-                                     "begins new services.")
+    parser = argparse.ArgumentParser(prog="pi_edge", description="Looks after the vehicle's computer and recordings; "
+                                     "begins new services; starts the vehicle with the computer.")
     commands = parser.add_subparsers(dest="command", required=True)
     doctor = commands.add_parser("doctor", help="checks sensors, clocks, rights, models, network, and says what to do",
                                  description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -86,6 +88,8 @@ def parse(arguments):
     doctor.add_argument("--bridge-port", type=port, default=network.BRIDGE_PORT, help="default: %(default)s")
     doctor.add_argument("--node", action="append", default=[], metavar="HOST:PORT", help="edge node; may be repeated")
     doctor.add_argument("--health-port", type=port, help="of the edge nodes; default: the one behind their own")
+    doctor.add_argument("--sensors", action="store_true", help="also cameras and IMU of the graph that runs: rates, "
+                        "stamps, gaps, camera_info, time between left and right, what the IMU measures")
     doctor.add_argument("--live", action="store_true", help="also the graph that runs: rates, stamps, tf, diagnostics, "
                         "its vehicle")
     doctor.add_argument("--topic", action="append", type=rate, metavar="TOPIC:HZ", help="of --live, in place of the "
@@ -93,13 +97,14 @@ def parse(arguments):
     doctor.add_argument("--only", action="append", metavar="NAME", help="checks whose name holds this; may be repeated")
     doctor.add_argument("--json", action="store_true", help="a JSON object in place of lines")
     new = commands.add_parser("new", help="begins a package").add_subparsers(dest="what", required=True)
-    service = new.add_parser("service", help="a working package outside the suite, which vehicle.launch can start",
+    package = new.add_parser("service", help="a working package outside the suite, which vehicle.launch can start",
                              description=new_service.__doc__)
-    service.add_argument("name", metavar="NAME", help="of the package, as lane_keeper")
-    service.add_argument("--folder", default=".", metavar="DIR", help="gets the folder NAME; default: here")
+    package.add_argument("name", metavar="NAME", help="of the package, as lane_keeper")
+    package.add_argument("--folder", default=".", metavar="DIR", help="gets the folder NAME; default: here")
     incidents.add_to(commands)
+    service.add_to(commands)
     # rosrun and roslaunch add remappings such as __name:=x.
-    options = parser.parse_args([argument for argument in arguments if ":=" not in argument])
+    options = parser.parse_args([argument for argument in arguments if not argument.startswith("__")])
     options.parser = doctor
     return options
 
@@ -131,6 +136,8 @@ def main():
         leave(new_service.main(options, find_package()))
     if options.command == "incidents":
         leave(incidents.main(options))
+    if options.command.endswith("-service"):
+        leave(service.main(options))
     try:
         results = doctor(options, lambda result: None if options.json else print(result.line()))
     except KeyboardInterrupt:

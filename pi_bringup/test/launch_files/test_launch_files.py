@@ -2,6 +2,7 @@
 
 import subprocess
 import unittest
+from pathlib import Path
 
 import yaml
 
@@ -18,7 +19,8 @@ class LaunchFiles(unittest.TestCase):
         given = {"model": ("/ssd/model", "/my/model.yaml"), "commands": ("/recognizer/commands", "/my/commands.yaml"),
                  "command_actions": ("/command/actions_file", "/my/actions.yaml"),
                  "reaction_rules": ("/reaction/rules_file", "/my/rules.yaml"),
-                 "map_file": ("/vio/map_file", "/my/place.map"), "pose_file": ("/pose_keeper/file", "/my/pose"),
+                 "map_file": ("/vio/map_file", "/my/place.map"), "save_map": ("/vio/save_map", True),
+                 "pose_file": ("/pose_keeper/file", "/my/pose"),
                  "scenario": ("/vehicle_simulator/scenario", "/my/scenario.yaml"),
                  "recordings": ("/recorder/folder", "/my/recordings"),
                  "seed": ("/vehicle_simulator/scenario_seed", 7),
@@ -54,6 +56,16 @@ class LaunchFiles(unittest.TestCase):
         for arguments, is_on in ((), True), (("together:=true",), True), (("record:=false",), False):
             result = roslaunch("--dump-params", "pi_bringup", "vehicle.launch", *arguments)
             self.assertEqual(is_on, "/recorder/folder" in yaml.safe_load(result.stdout), result.stderr)
+
+    def test_sensors_are_switched_on_by_one_argument(self):
+        file = Path(__file__).resolve().parents[2] / "launch" / "sensors.launch"
+        result = roslaunch("--dump-params", "pi_bringup", "vehicle.launch", f"sensors:={file}")
+        parameters = yaml.safe_load(result.stdout)
+        for name, value in (("/camera/device", "/dev/video0"), ("/camera/right_device", ""), ("/camera/frame_rate", 60.0),
+                            ("/imu/port", "/dev/ttyUSB1"), ("/imu/imu_frame", "imu_link")):
+            self.assertEqual(value, parameters.get(name), result.stderr)
+        nodes = roslaunch("--nodes", str(file), "imu:=false", "mounts:=false").stdout.split()
+        self.assertEqual(["/camera"], nodes)
 
     def test_replay_of_a_bag_that_is_not_there_is_an_error_that_names_it(self):
         result = roslaunch("pi_bringup", "replay.launch", "bag:=/nowhere/drive.bag")

@@ -45,6 +45,13 @@ void followRosTime()
   }
 }
 
+ros::Time rosTime(int64_t vehicle_ns)
+{
+  const ros::Time now = ros::Time::now();
+  const ros::Duration age = ros::Duration().fromNSec(vehicleNs() - vehicle_ns);
+  return now.toSec() > age.toSec() ? now - age : now;
+}
+
 SimulationAnswers::SimulationAnswers(const std::string& kind, const std::string& service, const std::string& topic)
   : name_(kind + " " + service + " " + ros::this_node::getName() + (topic.empty() ? "" : " " + topic))
 {

@@ -7,7 +7,7 @@
 #include <gtest/gtest.h>
 #include <pi_node/durations.h>
 #include <pi_node/test_support/temporary_folder.h>
-#include <pi_vehicle/chassis/serial_port.h>
+#include <pi_vehicle/serial/serial_port.h>
 
 #include <atomic>
 #include <condition_variable>
@@ -24,6 +24,8 @@ namespace
 {
 
 using namespace pi_vehicle::chassis;
+using pi_vehicle::SerialError;
+using pi_vehicle::SerialPort;
 
 using pi_node::test_support::TemporaryFolder;
 
@@ -251,10 +253,10 @@ TEST_F(ChassisDriverTest, EmergencyStopStaysWhenTheDriverEnds)
 
 TEST_F(ChassisDriverTest, SecondDriverOnOnePortIsRefusedByTheLock)
 {
-  const SerialPort first(link_, 115200);
+  const SerialPort first(link_, 115200, "the chassis");
   try
   {
-    const SerialPort second(link_, 115200);
+    const SerialPort second(link_, 115200, "the chassis");
     FAIL();
   }
   catch (const SerialError& error)
@@ -274,7 +276,7 @@ std::string openError(const std::string& path)
 {
   try
   {
-    const SerialPort port(path, 115200);
+    const SerialPort port(path, 115200, "the chassis");
   }
   catch (const SerialError& error)
   {

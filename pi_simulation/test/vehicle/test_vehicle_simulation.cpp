@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 #include <pi_vehicle/chassis/chassis_host.h>
-#include <pi_vehicle/chassis/serial_port.h>
+#include <pi_vehicle/serial/serial_port.h>
 
 #include <algorithm>
 #include <array>
@@ -44,7 +44,7 @@ public:
   explicit Drive(const std::string& scenario = SCENARIO, VehicleSimulationOptions options = VehicleSimulationOptions())
     : simulation(Scenario::parse(scenario, "test", 1), options, outputs(), START_NS)
     , host(pi_vehicle::chassis::HostOptions())
-    , port(simulation.chassis().path(), 115200)
+    , port(simulation.chassis().path(), 115200, "the chassis")
     , now_ns(START_NS)
   {
     host.onLineOpen(now_ns);
@@ -90,7 +90,7 @@ public:
   std::vector<std::string> collisions;
   VehicleSimulation simulation;
   pi_vehicle::chassis::ChassisHost host;
-  pi_vehicle::chassis::SerialPort port;
+  pi_vehicle::SerialPort port;
   int64_t now_ns;
 
 private:

@@ -5,6 +5,7 @@
 #include <tf2/exceptions.h>
 
 #include <exception>
+#include <filesystem>
 #include <stdexcept>
 
 #include "ros/conversions.h"
@@ -222,6 +223,11 @@ void VioCalibrator::build(const FileCalibration& calibration, const Eigen::Isome
 
 void VioCalibrator::loadMap(Mapper* mapper) const
 {
+  if (options_.save_map && !std::filesystem::exists(options_.map_file))
+  {
+    ROS_INFO_STREAM_NAMED("vio", "map_file: there is no " << options_.map_file << " yet; it is written at the end");
+    return;
+  }
   try
   {
     mapper->load(options_.map_file);

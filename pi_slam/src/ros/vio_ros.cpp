@@ -59,6 +59,7 @@ VioRos::~VioRos()
   input_thread_.stop();
   output_thread_.stop();
   service_thread_.stop();
+  services_.saveAtEnd();
 }
 
 void VioRos::watchInputs()

@@ -54,6 +54,7 @@ static void visitFields(VioRosOptions& options, Visitor&& visit)
   visit("tf_rate_hz", options.tf_rate_hz);
   visit("mapping", options.mapping);
   visit("map_file", options.map_file);
+  visit("save_map", options.save_map);
   visit("zero_copy", options.zero_copy);
   visit("queue_size", options.queue_size);
   visit("imu_queue_size", options.imu_queue_size);
@@ -89,6 +90,7 @@ void VioRosOptions::validate() const
           "\"" + odom_frame + "\"", "another frame than map_frame and base_link_frame, which differ too");
   require(tf_rate_hz >= 0.0 && tf_rate_hz <= MAX_TF_RATE_HZ, "tf_rate_hz", tf_rate_hz, "in [0, 4000]");
   require(mapping || map_file.empty(), "map_file", "\"" + map_file + "\"", "empty with mapping = false");
+  require(!save_map || !map_file.empty(), "save_map", "true", "false without map_file");
   require(queue_size >= 1 && queue_size <= 1000, "queue_size", queue_size, "in [1, 1000]");
   require(imu_queue_size >= 1 && imu_queue_size <= 100000, "imu_queue_size", imu_queue_size, "in [1, 100000]");
   require(pair_tolerance_s >= 0.0 && pair_tolerance_s <= 0.1, "pair_tolerance_s", pair_tolerance_s, "in [0, 0.1]");

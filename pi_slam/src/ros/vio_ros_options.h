@@ -1,9 +1,9 @@
 #pragma once
 
-#include "map/mapper.h"
-#include "ros/calibration_loader.h"
-#include "odometry/vio.h"
 #include <pi_node/ros/node_parameters.h>
+#include "map/mapper.h"
+#include "odometry/vio.h"
+#include "ros/calibration_loader.h"
 
 #include <string>
 
@@ -25,8 +25,9 @@ struct VioRosOptions : pi_node::NodeParameters<VioRosOptions>
   bool publish_map_tf = true;  ///< map -> odom
   double tf_rate_hz = 50.0;    ///< of both; 0: with every IMU sample. Consumers interpolate, 200 Hz would be wasted
 
-  bool mapping = true;   ///< false: odometry alone, map and odom are the same
-  std::string map_file;  ///< map to begin with, as save_map wrote it; empty: none
+  bool mapping = true;    ///< false: odometry alone, map and odom are the same
+  std::string map_file;   ///< map to begin with, as save_map wrote it; empty: none
+  bool save_map = false;  ///< write the map to map_file when the node ends; the one before becomes map_file.before
 
   bool zero_copy = true;            ///< pictures are read where their publisher wrote them, if the transport can
   int queue_size = 4;               ///< pairs that wait for the worker; the oldest go when it falls behind

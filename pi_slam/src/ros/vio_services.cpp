@@ -1,6 +1,9 @@
 #include "ros/vio_services.h"
 
+#include <ros/console.h>
+
 #include <exception>
+#include <filesystem>
 
 namespace pi_slam
 {
@@ -12,6 +15,45 @@ VioServices::VioServices(const VioRosOptions& options, ros::NodeHandle private_n
   , load_map_(private_node.advertiseService("load_map", &VioServices::loadMap, this))
   , reset_(private_node.advertiseService("reset", &VioServices::reset, this))
 {
+}
+
+namespace
+{
+
+std::string writeMap(Mapper* mapper, const std::string& file)
+{
+  mapper->flush();
+  const MapStatistics statistics = mapper->statistics();
+  mapper->save(file);
+  return std::to_string(statistics.keyframes) + " keyframes with " + std::to_string(statistics.landmarks) +
+         " landmarks written to " + file;
+}
+
+}  // namespace
+
+void VioServices::saveAtEnd() const
+{
+  const std::string& file = options_.map_file;
+  std::string problem;
+  try
+  {
+    if (const std::shared_ptr<Mapper> mapper = options_.save_map ? mapperFor(file, &problem) : nullptr)
+    {
+      if (std::filesystem::exists(file))
+      {
+        std::filesystem::copy_file(file, file + ".before", std::filesystem::copy_options::overwrite_existing);
+      }
+      ROS_INFO_STREAM_NAMED("vio", "map: " << writeMap(mapper.get(), file));
+    }
+  }
+  catch (const std::exception& error)
+  {
+    problem = error.what();
+  }
+  if (!problem.empty())
+  {
+    ROS_ERROR_STREAM_NAMED("vio", "the map is not saved: " << problem);
+  }
 }
 
 std::shared_ptr<Mapper> VioServices::mapperFor(const std::string& file, std::string* problem) const
@@ -55,15 +97,7 @@ bool VioServices::answer(const std::string& file, Response* response,
 
 bool VioServices::saveMap(SaveMap::Request& request, SaveMap::Response& response)
 {
-  return answer(request.file, &response,
-                [&request](Mapper& mapper)
-                {
-                  mapper.flush();
-                  const MapStatistics statistics = mapper.statistics();
-                  mapper.save(request.file);
-                  return std::to_string(statistics.keyframes) + " keyframes with " +
-                         std::to_string(statistics.landmarks) + " landmarks written to " + request.file;
-                });
+  return answer(request.file, &response, [&request](Mapper& mapper) { return writeMap(&mapper, request.file); });
 }
 
 bool VioServices::loadMap(LoadMap::Request& request, LoadMap::Response& response)

@@ -21,6 +21,9 @@ public:
   /// Calls come on the queue of the handle. The other arguments outlive it.
   VioServices(const VioRosOptions& options, ros::NodeHandle private_node, VioSession* session);
 
+  /// With save_map: writes the map to map_file. Call when no more pictures come, and no calls.
+  void saveAtEnd() const;
+
 private:
   bool saveMap(SaveMap::Request& request, SaveMap::Response& response);
   bool loadMap(LoadMap::Request& request, LoadMap::Response& response);

@@ -68,6 +68,7 @@ TEST(VioRosOptions, NamesParameterValueAndBound)
             reader.refusal("calibration: {source: yaml}"));
   EXPECT_EQ("parameter /vio/map_file = \"/a.map\", must be empty with mapping = false",
             reader.refusal("{map_file: /a.map, mapping: false}"));
+  EXPECT_EQ("parameter /vio/save_map = true, must be false without map_file", reader.refusal("save_map: true"));
   EXPECT_EQ("parameter /vio/map/max_keyframes = -5, must be at least 0", reader.refusal("map: {max_keyframes: -5}"));
   // Bounds of the core come under their names as well.
   EXPECT_EQ(0u, reader.refusal("tracker: {levels: 0}").find("parameter /vio/tracker/levels = 0"))

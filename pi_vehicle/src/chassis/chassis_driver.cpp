@@ -2,7 +2,7 @@
 
 #include <pi_node/option_check.h>
 #include <pi_node/vehicle_clock.h>
-#include <pi_vehicle/chassis/serial_port.h>
+#include <pi_vehicle/serial/serial_port.h>
 #include <poll.h>
 #include <pthread.h>
 #include <sys/eventfd.h>
@@ -155,7 +155,7 @@ private:
   {
     try
     {
-      port_.emplace(SerialPort::findPath(options_.port), options_.baud_rate);
+      port_.emplace(SerialPort::findPath(options_.port), options_.baud_rate, "the chassis");
     }
     catch (const std::runtime_error& error)
     {
@@ -272,7 +272,7 @@ private:
         receive();
         if ((waiting[1].revents & (POLLHUP | POLLERR | POLLNVAL)) != 0)
         {
-          throw SerialError("serial port " + port_->path() + " is gone; is the chassis unplugged?");
+          port_->throwGone();
         }
       }
     }

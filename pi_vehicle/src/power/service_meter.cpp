@@ -70,7 +70,7 @@ std::vector<ServiceDescription> defaultServices()
        false},
       {"chassis", {"chassis", "vehicle_manager"}, {"chassis*"}, false},
       {"runtime", {"runtime", "vehicle_manager"}, {"pi_cpu*", "pi_gpu*", "pi_watch"}, true},
-      {"sensors", {"player", "left_camera", "right_camera", "imu"}, {"playback", "prefetch"}, true},
+      {"sensors", {"player", "camera", "left_camera", "right_camera", "imu"}, {"playback", "prefetch"}, true},
       {"power", {"power", "vehicle_manager"}, {"power*"}, true},
       {"recording", {"recorder", "vehicle_manager"}, {"recorder*"}, true},
   };

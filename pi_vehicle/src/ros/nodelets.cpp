@@ -7,6 +7,7 @@
 #include "ros/pose_keeper_ros.h"
 #include "ros/power_ros.h"
 #include "ros/reaction_ros.h"
+#include "ros/sensors/serial_imu_ros.h"
 
 #include <pi_node/ros/adapter_nodelet.h>
 
@@ -23,6 +24,7 @@ using NavigationNodelet = pi_node::AdapterNodelet<NavigationRos>;
 using PoseKeeperNodelet = pi_node::AdapterNodelet<PoseKeeperRos>;
 using PowerNodelet = pi_node::AdapterNodelet<PowerRos>;
 using ReactionNodelet = pi_node::AdapterNodelet<ReactionRos>;
+using SerialImuNodelet = pi_node::AdapterNodelet<SerialImuRos>;
 using TwistBaseNodelet = pi_node::AdapterNodelet<TwistBaseRos>;
 
 }  // namespace pi_vehicle
@@ -35,4 +37,5 @@ PLUGINLIB_EXPORT_CLASS(pi_vehicle::NavigationNodelet, nodelet::Nodelet)
 PLUGINLIB_EXPORT_CLASS(pi_vehicle::PoseKeeperNodelet, nodelet::Nodelet)
 PLUGINLIB_EXPORT_CLASS(pi_vehicle::PowerNodelet, nodelet::Nodelet)
 PLUGINLIB_EXPORT_CLASS(pi_vehicle::ReactionNodelet, nodelet::Nodelet)
+PLUGINLIB_EXPORT_CLASS(pi_vehicle::SerialImuNodelet, nodelet::Nodelet)
 PLUGINLIB_EXPORT_CLASS(pi_vehicle::TwistBaseNodelet, nodelet::Nodelet)

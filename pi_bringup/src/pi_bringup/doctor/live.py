@@ -204,6 +204,13 @@ class Listener:
             return found + [vehicle.judge_mounts(about, poses), vehicle.judge_camera_info(about, self.infos)]
 
 
+def join_graph():
+    """Makes this process a node, once."""
+    import rospy
+    if not rospy.core.is_initialized():
+        rospy.init_node("pi_edge_doctor", anonymous=True, disable_signals=True)
+
+
 def check_live(expected=None, listen_s=LISTEN_S):
     """@param expected  {topic: Hz}"""
     from pi_bringup.doctor import software
@@ -211,8 +218,7 @@ def check_live(expected=None, listen_s=LISTEN_S):
     master = software.check_master()
     if master.level != "OK":
         return fail(name, "there is none: the ROS master " + master.text, "start the vehicle first")
-    import rospy
-    rospy.init_node("pi_edge_doctor", anonymous=True, disable_signals=True)
+    join_graph()
     expected = RATES if expected is None else expected
     listener = Listener(expected)
     time.sleep(listen_s)  # how long it listens is what the rates are measured by

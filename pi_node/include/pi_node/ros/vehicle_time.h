@@ -3,6 +3,7 @@
 #include <pi_node/worked_off.h>
 #include <ros/node_handle.h>
 #include <ros/steady_timer.h>
+#include <ros/time.h>
 #include <ros/timer.h>
 
 #include <cstdint>
@@ -16,6 +17,9 @@ namespace pi_node
 /// Makes vehicleNs() the time of ROS if that is simulated (/use_sim_time). Call once roscpp has started; runNode() and
 /// AdapterNodelet do.
 void followRosTime();
+
+/// A time of vehicleNs() by the clock of ROS, as far as that goes back. Any thread.
+ros::Time rosTime(int64_t vehicle_ns);
 
 /// Tells a simulator how far the inputs of a service are worked off, whatever came of them, so that it does not run
 /// away from a busy computer: on the topic /simulation/answers (std_msgs/Header: `frame_id` is "KIND SERVICE NODE";

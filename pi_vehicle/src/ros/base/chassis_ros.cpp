@@ -22,14 +22,6 @@ using pi_node::format;
 constexpr uint32_t CHASSIS_QUEUE = 50;
 constexpr int64_t BATTERY_PERIOD_NS = 1'000'000'000;
 
-/// A time of the driver by the clock of ROS.
-ros::Time rosTime(int64_t vehicle_ns)
-{
-  const ros::Time now = ros::Time::now();
-  const ros::Duration age = ros::Duration().fromNSec(pi_node::vehicleNs() - vehicle_ns);
-  return now.toSec() > age.toSec() ? now - age : now;
-}
-
 }  // namespace
 
 ChassisRos::ChassisRos(ros::NodeHandle node, ros::NodeHandle private_node)
@@ -84,7 +76,8 @@ void ChassisRos::onState(const chassis::DriverState& state)
   if (host.odometry.count != odometry_count_)
   {
     odometry_count_ = host.odometry.count;
-    const nav_msgs::Odometry odometry = toOdometry(host.odometry, rosTime(host.odometry.stamp_ns), options_.wheels);
+    const nav_msgs::Odometry odometry =
+        toOdometry(host.odometry, pi_node::rosTime(host.odometry.stamp_ns), options_.wheels);
     odometry_publisher_.publish(odometry);
     if (broadcaster_)
     {

@@ -1,4 +1,4 @@
-#include <pi_vehicle/chassis/serial_port.h>
+#include <pi_vehicle/serial/serial_port.h>
 
 #include <fcntl.h>
 #include <sys/file.h>
@@ -12,7 +12,7 @@
 #include <map>
 #include <vector>
 
-namespace pi_vehicle::chassis
+namespace pi_vehicle
 {
 namespace
 {
@@ -27,14 +27,14 @@ const std::map<uint32_t, speed_t>& rates()
   return RATES;
 }
 
-std::string reason(const std::string& path, int error)
+std::string reason(const std::string& path, const std::string& device, int error)
 {
   switch (error)
   {
     case ENOENT:
     case ENXIO:
     case ENODEV:
-      return "serial port " + path + " is not there; is the chassis plugged in and switched on?";
+      return "serial port " + path + " is not there; is " + device + " plugged in and switched on?";
     case EACCES:
     case EPERM:
       return "serial port " + path +
@@ -45,11 +45,6 @@ std::string reason(const std::string& path, int error)
     default:
       return "serial port " + path + ": " + std::strerror(error);
   }
-}
-
-std::string gone(const std::string& path)
-{
-  return "serial port " + path + " is gone; is the chassis unplugged?";
 }
 
 }  // namespace
@@ -98,14 +93,15 @@ std::string SerialPort::findPath(const std::string& name, const std::string& by_
                     name + "; there are: " + (list.empty() ? "none" : list) + "; give more of the name, or a path");
 }
 
-SerialPort::SerialPort(const std::string& path, uint32_t baud_rate) : path_(path)
+SerialPort::SerialPort(const std::string& path, uint32_t baud_rate, const std::string& device)
+  : path_(path), device_(device)
 {
   checkBaudRate(baud_rate);
   // Without O_NONBLOCK the open would wait for the carrier of a modem.
   descriptor_ = ::open(path.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
   if (descriptor_ < 0)
   {
-    throw SerialError(reason(path_, errno));
+    throw SerialError(reason(path_, device_, errno));
   }
   try
   {
@@ -127,12 +123,12 @@ void SerialPort::configure(uint32_t baud_rate)
   // The lock is seen by all that lock; TIOCEXCL keeps others but root from opening it.
   if (::flock(descriptor_, LOCK_EX | LOCK_NB) != 0 || ::ioctl(descriptor_, TIOCEXCL) != 0)
   {
-    throw SerialError(reason(path_, errno));
+    throw SerialError(reason(path_, device_, errno));
   }
   termios settings = {};
   if (::tcgetattr(descriptor_, &settings) != 0)
   {
-    throw SerialError(reason(path_, errno));
+    throw SerialError(reason(path_, device_, errno));
   }
   ::cfmakeraw(&settings);
   settings.c_cflag &= ~static_cast<tcflag_t>(CSTOPB | CRTSCTS);
@@ -143,7 +139,7 @@ void SerialPort::configure(uint32_t baud_rate)
   if (::cfsetispeed(&settings, rate) != 0 || ::cfsetospeed(&settings, rate) != 0 ||
       ::tcsetattr(descriptor_, TCSANOW, &settings) != 0)
   {
-    throw SerialError(reason(path_, errno));
+    throw SerialError(reason(path_, device_, errno));
   }
   termios taken = {};  // tcsetattr succeeds where any of the settings was taken
   if (::tcgetattr(descriptor_, &taken) != 0 || ::cfgetospeed(&taken) != rate)
@@ -160,6 +156,11 @@ SerialPort::~SerialPort()
   ::close(descriptor_);
 }
 
+void SerialPort::throwGone() const
+{
+  throw SerialError("serial port " + path_ + " is gone; is " + device_ + " unplugged?");
+}
+
 size_t SerialPort::read(uint8_t* bytes, size_t size)
 {
   const ssize_t count = ::read(descriptor_, bytes, size);
@@ -169,7 +170,7 @@ size_t SerialPort::read(uint8_t* bytes, size_t size)
   }
   if (count < 0 && errno != EAGAIN && errno != EINTR)
   {
-    throw SerialError(gone(path_));
+    throwGone();
   }
   return 0;  // with VMIN 0 this may also be a line without bytes; poll() tells whether it hung up
 }
@@ -179,9 +180,9 @@ size_t SerialPort::write(const uint8_t* bytes, size_t size)
   const ssize_t count = ::write(descriptor_, bytes, size);
   if (count < 0 && errno != EAGAIN && errno != EINTR)
   {
-    throw SerialError(gone(path_));
+    throwGone();
   }
   return count > 0 ? static_cast<size_t>(count) : 0;
 }
 
-}  // namespace pi_vehicle::chassis
+}  // namespace pi_vehicle
