@@ -23,6 +23,7 @@
 #include <string>
 #include <vector>
 
+#include "obstacles/grid_score.h"
 #include "obstacles/recording.h"
 #include "obstacles/truth.h"
 #include "obstacles/usual_recipe.h"
@@ -148,6 +149,7 @@ void run(const std::string& folder, const Arguments& line)
   ObstacleTracker recipe_tracker;
   Score score;
   Score recipe_score;
+  GridScore grid;
   std::vector<double> pair_ms, disparity_ms, ground_ms, clusters_ms, tracker_ms, recipe_ms, coverage;
   std::vector<double> ground_tilt_errors, ground_step_errors;
   size_t ground_measured = 0;
@@ -187,6 +189,7 @@ void run(const std::string& folder, const Arguments& line)
       score.addMeasured(*truth, toBoxes(result.obstacles));
       score.addPublished(*truth, obstacles, pair.stamp_ns);
       score.addShapes(*truth, obstacles);
+      grid.add(pair.stamp_ns, T_world_base, result, obstacles, *truth);
       if (line.baseline)
       {
         start = processorMs();
@@ -231,6 +234,9 @@ void run(const std::string& folder, const Arguments& line)
       ground_step_errors[ground_step_errors.size() / 2], ground_step_errors[p95]);
   const double minutes = recording.seconds() / 60.0;
   score.print("here", minutes);
+  grid.print();
+  const std::string name = std::filesystem::path(folder).filename().string();
+  grid.draw(line.overlay.empty() ? "" : line.overlay + "/" + name + "_grid.png");
   if (line.baseline)
   {
     recipe_score.print(

@@ -39,6 +39,9 @@ public:
   };
   const std::vector<Seen>& objects() const { return objects_; }
 
+  /// Points of every surface above the ground, as high as a bit more than the vehicle.
+  const std::vector<Eigen::Vector3d>& raised() const { return raised_; }
+
   /// Part of an object's points inside a box (with tolerance).
   static double covered(const Seen& seen, const FoundBox& box);
   /// Whether there is a surface above the ground at the box's place.

@@ -6,6 +6,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <array>
 #include <functional>
 #include <memory>
 #include <opencv2/core/mat.hpp>
@@ -74,6 +75,31 @@ struct ObstacleMeasurement
   bool piece = false;      ///< of a surface that was split: its ends move with the view
 };
 
+/// What one column of cells of a stereo pair shows of the ground: a narrow beam that begins below the camera.
+struct GroundBeam
+{
+  struct Hit
+  {
+    float distance = 0.0F;  ///< of the middle of what was measured, from the camera [m]
+    float sigma = 0.0F;     ///< standard deviation of the distance [m]
+  };
+  static constexpr size_t MOST_HITS = 3;
+
+  float bearing = 0.0F;    ///< of its middle in base_link, left positive [rad]
+  float free_from = 0.0F;  ///< between these distances the ground is seen, and nothing on it [m]; equal: nowhere
+  float free_to = 0.0F;
+  std::array<Hit, MOST_HITS> hits;  ///< nearest first
+  size_t hit_count = 0;
+};
+
+/// Free ground and what stands on it, as seen from one place.
+struct GroundView
+{
+  Eigen::Vector2d camera = Eigen::Vector2d::Zero();  ///< the left camera's place in base_link [m]
+  double beam_rad = 0.0;                             ///< width of a beam [rad]
+  std::vector<GroundBeam> beams;                     ///< from left to right
+};
+
 /// Finds obstacles in stereo pairs, without classes: matches disparities, fits the ground plane, and clusters what
 /// stands above it. Keeps the ground plane from pair to pair. Not thread safe.
 class StereoObstacles
@@ -92,6 +118,7 @@ public:
     std::vector<ObstacleMeasurement> obstacles;  ///< nearest first
     GroundPlane ground;
     std::vector<Eigen::Vector3f> points;  ///< of the obstacles, in base_link, thinned out [m]
+    GroundView view;
     double coverage = 0.0;     ///< part of the pixels that have a disparity; low in the dark or with a covered lens
     double disparity_s = 0.0;  ///< time that matching took; 0 if the disparity was given [s]
     double ground_s = 0.0;     ///< likewise the ground plane [s]

@@ -29,6 +29,11 @@ public:
   /// @return CV_32FC1 of the camera's size: fb / depth [px], not above 0: unknown. Valid until the next call.
   const cv::Mat& compute(const cv::Mat& left, const cv::Mat& right);
 
+  /// The last pair at half size alone, without the holes of full size but with twice the noise. CV_32FC1, not above 0:
+  /// unknown. Times coarseScale() it is in pixels of camera().
+  const cv::Mat& coarse() const { return near_.disparity(); }
+  double coarseScale() const { return camera_.fb / near_.camera().fb; }
+
 private:
   /// Matching at one size.
   class Level
@@ -41,6 +46,7 @@ private:
     double maxDisparity() const;
     /// @return CV_32FC1, as above. Valid until the next call.
     const cv::Mat& match(const cv::Mat& left, const cv::Mat& right);
+    const cv::Mat& disparity() const { return disparity_; }  ///< of the last match
 
   private:
     MatchedCamera camera_;

@@ -12,6 +12,7 @@
 #include <pi_node/option_check.h>
 #include "obstacles/disparity_matcher.h"
 #include "obstacles/ground_estimator.h"
+#include "obstacles/ground_viewer.h"
 #include "obstacles/measure_surface.h"
 #include "obstacles/surfaces.h"
 
@@ -129,7 +130,7 @@ public:
     const Clock::time_point start = Clock::now();
     const cv::Mat& disparity = matcher_.compute(left, right);
     const double disparity_s = secondsSince(start);
-    Result result = find(disparity, pose, &matched_);
+    Result result = find(disparity, matcher_.coarse(), pose, &matched_);
     result.disparity_s = disparity_s;
     if (disparity.size() == left.size())
     {
@@ -154,7 +155,7 @@ public:
       std::replace_if(
           row, row + disparity_.cols, [](float d) { return !(d > 0.0F && std::isfinite(d)); }, -1.0F);
     }
-    return find(disparity_, pose, &given_);
+    return find(disparity_, cv::Mat(), pose, &given_);
   }
 
   double minDepth() const { return matcher_.minDepth(); }
@@ -167,15 +168,19 @@ private:
   {
     Stages(const obstacles::MatchedCamera& camera, const StereoGeometry& geometry, const Eigen::Isometry3d& T_base_left,
            const StereoObstacleOptions& options)
-      : ground(camera, T_base_left, options), surfaces(camera, options), meter(camera, geometry, T_base_left, options)
+      : ground(camera, T_base_left, options)
+      , surfaces(camera, options)
+      , meter(camera, geometry, T_base_left, options)
+      , viewer(camera, T_base_left, options)
     {
     }
     obstacles::GroundEstimator ground;
     obstacles::SurfaceFinder surfaces;
     obstacles::SurfaceMeter meter;
+    obstacles::GroundViewer viewer;
   };
 
-  Result find(const cv::Mat& disparity, const PoseSource& pose, Stages* stages) const
+  Result find(const cv::Mat& disparity, const cv::Mat& coarse, const PoseSource& pose, Stages* stages) const
   {
     Result result;
     std::optional<Eigen::Isometry3d> T_odom_ground = pose ? pose() : std::nullopt;
@@ -193,6 +198,8 @@ private:
     {
       stages->meter.add(surface, &result.obstacles, &result.points);
     }
+    result.view =
+        stages->viewer.look(disparity, coarse, matcher_.coarseScale(), stages->ground.disparityPlane(), result.points);
     std::sort(result.obstacles.begin(), result.obstacles.end(),
               [](const ObstacleMeasurement& a, const ObstacleMeasurement& b)
               { return a.nearest.head<2>().squaredNorm() < b.nearest.head<2>().squaredNorm(); });

@@ -160,6 +160,51 @@ TEST(StereoObstacles, FindsABlockInADisparityPicture)
   EXPECT_EQ(result.disparity_s, 0.0);
 }
 
+/// Of the beam that looks in this direction.
+const GroundBeam& beamAt(const GroundView& view, double bearing)
+{
+  return *std::min_element(view.beams.begin(), view.beams.end(),
+                           [bearing](const GroundBeam& a, const GroundBeam& b)
+                           { return std::abs(a.bearing - bearing) < std::abs(b.bearing - bearing); });
+}
+
+TEST(StereoObstacles, TellsHowFarTheGroundIsFreeAndWhatStandsOnIt)
+{
+  Scene scene;
+  scene.blocks = {{6.0, -0.4, 0.4, 0.0, 0.6}, {9.0, -3.0, 3.0, 0.0, 2.0}};
+  StereoObstacles detector = makeDetector();
+  const GroundView view = detector.detect(scene.disparity()).view;
+  const GroundBeam& ahead = beamAt(view, 0.0);
+  EXPECT_NEAR(ahead.free_from, 1.4, 0.15);
+  EXPECT_NEAR(ahead.free_to, 6.0, 0.4);
+  EXPECT_LE(ahead.free_to, 6.0);
+  ASSERT_EQ(2u, ahead.hit_count) << "the wall is seen above the block";
+  EXPECT_NEAR(ahead.hits[0].distance, 6.0, 0.1);
+  EXPECT_NEAR(ahead.hits[1].distance, 9.0, 0.2);
+  EXPECT_GT(ahead.hits[1].sigma, ahead.hits[0].sigma);
+  const GroundBeam& beside = beamAt(view, 0.2);
+  ASSERT_EQ(1u, beside.hit_count);
+  EXPECT_NEAR(beside.hits[0].distance, 9.0 / std::cos(0.2), 0.2);
+  EXPECT_GT(beside.free_to, 7.5);
+  const GroundBeam& far = beamAt(view, 0.6);
+  EXPECT_EQ(0u, far.hit_count);
+  EXPECT_GT(far.free_to, 12.0);
+  EXPECT_NEAR(view.beams.front().bearing, M_PI_4, 0.02);
+  EXPECT_NEAR(view.beams.back().bearing, -M_PI_4, 0.02);
+}
+
+TEST(StereoObstacles, GroundThatIsNotMeasuredIsNotFree)
+{
+  Scene scene;
+  cv::Mat disparity = scene.disparity();
+  disparity.rowRange(320, 480).colRange(280, 360).setTo(-1.0F);
+  disparity.rowRange(260, 300).colRange(280, 360).setTo(-1.0F);
+  StereoObstacles detector = makeDetector();
+  const GroundBeam& ahead = beamAt(detector.detect(disparity).view, 0.0);
+  EXPECT_GE(ahead.free_from, 3.5);
+  EXPECT_LE(ahead.free_to, 5.7);
+}
+
 TEST(StereoObstacles, TheGroundMayLieBelowTheOriginOfBaseLink)
 {
   Scene scene;

@@ -1,12 +1,16 @@
 #include "ros/obstacles/obstacles_ros.h"
 
+#include <nav_msgs/OccupancyGrid.h>
 #include <pi_detect/ObstacleArray.h>
 #include <pi_node/formatting.h>
 #include <pi_node/ros/node_options.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <visualization_msgs/MarkerArray.h>
 
+#include <algorithm>
 #include <exception>
+
+#include "ros/obstacles/grid_conversions.h"
 
 namespace pi_detect
 {
@@ -51,6 +55,8 @@ ObstaclesRos::ObstaclesRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , worker_(node, options_, topics_, &warnings_, &diagnostics_,
             [this](const ObstaclesWorker::Found& found) { publish(found); })
   , marker_maker_(options_.marker_lifetime_s)
+  , grid_(options_.grid)
+  , grid_rate_(options_.grid.rate_hz)
   , transport_(input_node_)
 {
   requireTransport(transport_, options_.image_transport, private_node.resolveName("image_transport"));
@@ -73,6 +79,7 @@ ObstaclesRos::ObstaclesRos(ros::NodeHandle node, ros::NodeHandle private_node)
   markers_ = output_node_.advertise<visualization_msgs::MarkerArray>("markers", 2, look, look);
   points_ = output_node_.advertise<sensor_msgs::PointCloud2>("points", 2, look, look);
   disparity_ = output_node_.advertise<stereo_msgs::DisparityImage>("disparity_image", 1, look, look);
+  grid_publisher_ = output_node_.advertise<nav_msgs::OccupancyGrid>("grid", 1, look, look);
   timer_ = pi_node::VehicleTimer(output_node_, options_.diagnostic_period, [this] { publishDiagnostics(); });
   output_thread_.post([this] { updateSubscription(); });
 
@@ -110,6 +117,7 @@ void ObstaclesRos::publish(const ObstaclesWorker::Found& found)
   const ObstacleArrayPtr message = toMsg(found.obstacles, found.labels, header);
   obstacles_.publish(message);
   markers_.publish(marker_maker_.update(*message));
+  updateGrid(found);
   if (points_.getNumSubscribers() > 0)
   {
     points_.publish(toPointCloud(found.result.points, header));
@@ -121,12 +129,46 @@ void ObstaclesRos::publish(const ObstaclesWorker::Found& found)
   }
 }
 
+void ObstaclesRos::updateGrid(const ObstaclesWorker::Found& found)
+{
+  if (!found.vehicle)
+  {
+    grid_.clear();  // without its motion, nothing says how cells stay where they are
+    return;
+  }
+  std::vector<Outline> left_out;
+  for (const Obstacle& obstacle : found.obstacles)
+  {
+    const auto label = found.labels.find(obstacle.class_id);
+    const std::string name = label == found.labels.end() ? std::string() : label->second;
+    const auto& names = options_.grid_leaves_out;
+    if (!obstacle.outline.empty() && (obstacle.moving || std::find(names.begin(), names.end(), name) != names.end()))
+    {
+      left_out.push_back(obstacle.outline);
+    }
+  }
+  const pi_node::Footprint& o = options_.tracker.footprint;
+  const Outline vehicle = {
+      {-o.rear, -o.half_width}, {o.front, -o.half_width}, {o.front, o.half_width}, {-o.rear, o.half_width}};
+  const ros::Time stamp = found.job.header().stamp;
+  grid_.add(fromMsg(stamp), found.vehicle->T_odom_base, found.result.view, left_out, vehicle);
+  if (grid_rate_.take(fromMsg(stamp)) && grid_publisher_.getNumSubscribers() > 0)
+  {
+    std_msgs::Header header;
+    header.stamp = stamp;
+    header.frame_id = options_.odom_frame;
+    grid_publisher_.publish(
+        toMsg(grid_, found.vehicle->T_odom_base.translation().z() + options_.stereo.ground_z_m, header));
+  }
+}
+
 // ---------------------------------------------------------------------------------------------------------- obs_output
 
 void ObstaclesRos::updateSubscription()
 {
   const bool wanted = options_.always_on || obstacles_.getNumSubscribers() > 0 || markers_.getNumSubscribers() > 0 ||
-                      points_.getNumSubscribers() > 0 || disparity_.getNumSubscribers() > 0;
+                      points_.getNumSubscribers() > 0 || disparity_.getNumSubscribers() > 0 ||
+                      grid_publisher_.getNumSubscribers() > 0;
   if (wanted == subscribed_)
   {
     return;

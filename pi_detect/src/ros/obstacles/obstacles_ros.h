@@ -2,6 +2,7 @@
 
 #include <image_transport/image_transport.h>
 #include <pi_node/input_topic.h>
+#include <pi_node/rate_limit.h>
 #include <pi_node/ros/callback_thread.h>
 #include <pi_node/ros/vehicle_time.h>
 #include <pi_node/ros/warning_board.h>
@@ -11,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "obstacles/occupancy_grid.h"
 #include "ros/obstacles/obstacle_markers.h"
 #include "ros/obstacles/obstacles_diagnostics.h"
 #include "ros/obstacles/obstacles_ros_options.h"
@@ -46,6 +48,7 @@ private:
 
   // obs_worker
   void publish(const ObstaclesWorker::Found& found);
+  void updateGrid(const ObstaclesWorker::Found& found);
 
   // obs_output
   void updateSubscription();
@@ -69,8 +72,10 @@ private:
   Input disparity_input_;
   Input track_input_;
 
-  ObstacleMarkers marker_maker_;  ///< used on obs_worker
-  bool subscribed_ = false;       ///< these are used on obs_output
+  ObstacleMarkers marker_maker_;  ///< these are used on obs_worker
+  OccupancyGrid grid_;
+  pi_node::RateLimit grid_rate_;
+  bool subscribed_ = false;  ///< these are used on obs_output
   PictureSubscription images_[2];
   std::vector<ros::Subscriber> subscribers_;
 
@@ -79,6 +84,7 @@ private:
   ros::Publisher markers_;
   ros::Publisher points_;
   ros::Publisher disparity_;
+  ros::Publisher grid_publisher_;
   pi_node::VehicleTimer timer_;
 };
 

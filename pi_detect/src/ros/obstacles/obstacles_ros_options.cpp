@@ -53,6 +53,12 @@ static void visitFields(ObstaclesRosOptions& options, Visitor&& visit)
   visit("tracker/acceleration_m_s2", tracker.acceleration_m_s2);
   visit("tracker/max_speed_m_s", tracker.max_speed_m_s);
   visit("tracker/min_label_overlap", tracker.min_label_overlap);
+  visit("grid/cell_m", options.grid.cell_m);
+  visit("grid/size_m", options.grid.size_m);
+  visit("grid/memory_s", options.grid.memory_s);
+  visit("grid/max_sigma_m", options.grid.max_sigma_m);
+  visit("grid/rate_hz", options.grid.rate_hz);
+  visit("grid/leaves_out", options.grid_leaves_out);
   visit("min_coverage", options.min_coverage);
   visit("marker_lifetime_s", options.marker_lifetime_s);
   visit("input_timeout_s", options.input_timeout_s);
@@ -84,6 +90,7 @@ void ObstaclesRosOptions::validate() const
           "true with source = disparity");
   parameter_tree::validateGroup("stereo", stereo);
   parameter_tree::validateGroup("tracker", tracker);
+  parameter_tree::validateGroup("grid", grid);
   require(stereo.max_height_m >= stereo.footprint.height, "stereo/max_height_m", stereo.max_height_m,
           "at least vehicle/footprint/height");
   require(min_coverage >= 0.0 && min_coverage <= 1.0, "min_coverage", min_coverage, "in [0, 1]");

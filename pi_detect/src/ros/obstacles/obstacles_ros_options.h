@@ -7,6 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "obstacles/occupancy_grid.h"
+
 namespace pi_detect
 {
 
@@ -37,6 +39,9 @@ struct ObstaclesRosOptions : pi_node::NodeParameters<ObstaclesRosOptions>
 
   StereoObstacleOptions stereo;
   ObstacleTrackerOptions tracker;
+  OccupancyGridOptions grid;
+  /// Labels of what does not stay: never occupied in the grid, as everything that moves.
+  std::vector<std::string> grid_leaves_out = {"person", "bicycle", "cat", "dog"};
 
   double min_coverage = 0.1;       ///< part of the pixels with a disparity, below which nothing is published
   double marker_lifetime_s = 0.5;  ///< after which rviz removes markers when no more come [s]

@@ -194,7 +194,7 @@ void ObstaclesWorker::workOn(const StereoJob& job)
       tracker_.update(fromMsg(stamp), vehicle.value_or(VehicleState()), result.obstacles, tracks, finder_.geometry(),
                       finder_.T_base_left(), finder_.minDepth());
   figures.track_s = pi_node::secondsSince(begin);
-  publish_({job, result, obstacles, labels_, finder_});
+  publish_({job, result, obstacles, labels_, finder_, vehicle});
 
   figures.latency_s = (ros::Time::now() - stamp).toSec();
   figures.obstacles = obstacles.size();

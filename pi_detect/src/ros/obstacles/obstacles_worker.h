@@ -35,6 +35,7 @@ public:
     const std::vector<Obstacle>& obstacles;
     const Labels& labels;  ///< of the classes that tracks had
     const ObstacleFinder& finder;
+    const std::optional<VehicleState>& vehicle;  ///< nullopt: its motion is not known
   };
 
   /// @param options, warnings, diagnostics  outlive it.
