@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "map/feature_set.h"
+#include "map/occupancy_cells.h"
 
 namespace pi_slam::map
 {
@@ -47,10 +48,20 @@ struct MapEdge
   double heading_deviation = 1.0;   ///< [rad]
 };
 
+/// Cells of a grid as seen at a place, in odom of its segment. They stand in map as the segment's node does whose way
+/// is nearest.
+struct GridPatch
+{
+  uint32_t segment = 0;
+  double travelled_m = 0.0;  ///< way of the segment up to the middle of the patch
+  OccupancyCells cells;      ///< in odom
+};
+
 struct MapData
 {
   std::vector<MapNode> nodes;  ///< in the order in which they were made
   std::vector<MapEdge> edges;
+  std::vector<GridPatch> patches;  ///< oldest first
 };
 
 /// How odometry drifts: a random walk over the way, so that errors of position and heading grow with its root.

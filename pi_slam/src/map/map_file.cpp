@@ -5,6 +5,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <boost/crc.hpp>
 #include <cerrno>
 #include <cmath>
@@ -19,7 +20,8 @@ namespace
 {
 
 constexpr char MAGIC[8] = "PISLMAP";
-constexpr uint32_t VERSION = 1;
+constexpr uint32_t VERSION = 2;
+constexpr uint32_t OLDEST_VERSION = 1;  ///< without patches of the grid
 constexpr size_t HEADER_BYTES = 24;
 constexpr size_t CHECKSUM_BYTES = 8;
 constexpr uint64_t MOST_BYTES = 8ULL << 30;
@@ -129,6 +131,7 @@ private:
 constexpr size_t FEATURE_BYTES = 5 * 4 + 2 + DESCRIPTOR_BYTES;
 constexpr size_t NODE_BYTES = 8 + 4 + 8 + 7 * 8 + 4 * 8 + 4 + 3 * 4;
 constexpr size_t EDGE_BYTES = 4 + 4 + 1 + 6 * 8;
+constexpr size_t PATCH_BYTES = 4 + 4 * 8 + 4 + 4;
 
 void putCamera(const MountedCamera& camera, Writer* writer)
 {
@@ -275,6 +278,46 @@ MapEdge getEdge(uint32_t nodes, Reader* reader)
   return edge;
 }
 
+void putPatch(const GridPatch& patch, Writer* writer)
+{
+  writer->put(patch.segment);
+  writer->put(patch.travelled_m);
+  writer->putMatrix(patch.cells.origin);
+  writer->put(patch.cells.cell_m);
+  writer->put(static_cast<uint32_t>(patch.cells.width));
+  writer->put(static_cast<uint32_t>(patch.cells.height));
+  writer->bytes.insert(writer->bytes.end(), patch.cells.cells.begin(), patch.cells.cells.end());
+}
+
+GridPatch getPatch(Reader* reader)
+{
+  GridPatch patch;
+  patch.segment = reader->getBetween<uint32_t>("segment of a grid", 0, 1U << 30);
+  patch.travelled_m = reader->getBetween("way of a grid", 0.0, 1e9);
+  for (int i = 0; i < 2; ++i)
+  {
+    patch.cells.origin(i) = reader->getBetween("corner of a grid", -FARTHEST, FARTHEST);
+  }
+  patch.cells.cell_m = reader->getBetween("cell of a grid", 0.01, 10.0);
+  const auto width = reader->getBetween<uint32_t>("width of a grid", 1, 1U << 15);
+  const auto height = reader->getBetween<uint32_t>("height of a grid", 1, 1U << 15);
+  patch.cells.width = static_cast<int>(width);
+  patch.cells.height = static_cast<int>(height);
+  const size_t count = static_cast<size_t>(width) * height;
+  if (count > reader->left())
+  {
+    reader->refuse("a grid of " + std::to_string(count) + " cells goes beyond its end");
+  }
+  patch.cells.cells.resize(count);
+  reader->copy(patch.cells.cells.data(), count);
+  if (std::any_of(patch.cells.cells.begin(), patch.cells.cells.end(),
+                  [](int8_t cell) { return cell < -1 || cell > 100; }))
+  {
+    reader->refuse("a cell of a grid is not in [-1, 100]");
+  }
+  return patch;
+}
+
 [[noreturn]] void failed(const std::string& file, const char* action)
 {
   throw MapError("map " + file + ": cannot " + action + ": " + std::strerror(errno));
@@ -315,6 +358,11 @@ std::vector<uint8_t> encodeMap(const MapData& map, const StereoCalibration& cali
   {
     putEdge(edge, &writer);
   }
+  writer.put<uint64_t>(map.patches.size());
+  for (const GridPatch& patch : map.patches)
+  {
+    putPatch(patch, &writer);
+  }
   const uint64_t length = writer.bytes.size() + CHECKSUM_BYTES;
   std::memcpy(writer.bytes.data() + HEADER_BYTES - sizeof(length), &length, sizeof(length));
   writer.put(crc64(writer.bytes.data(), writer.bytes.size()));
@@ -337,9 +385,10 @@ MapData decodeMap(const std::vector<uint8_t>& bytes, const StereoCalibration& ca
   const auto version = header.get<uint32_t>();
   header.get<uint32_t>();
   const auto length = header.get<uint64_t>();
-  if (version != VERSION)
+  if (version < OLDEST_VERSION || version > VERSION)
   {
-    header.refuse("it is of version " + std::to_string(version) + ", only " + std::to_string(VERSION) + " can be read");
+    header.refuse("it is of version " + std::to_string(version) + ", only " + std::to_string(OLDEST_VERSION) + " to " +
+                  std::to_string(VERSION) + " can be read");
   }
   if (length != size)
   {
@@ -371,6 +420,11 @@ MapData decodeMap(const std::vector<uint8_t>& bytes, const StereoCalibration& ca
   for (uint64_t i = 0; i < edges; ++i)
   {
     map.edges.push_back(getEdge(static_cast<uint32_t>(nodes), &reader));
+  }
+  const auto patches = version >= VERSION ? reader.getCount("number of grids", PATCH_BYTES) : 0;
+  for (uint64_t i = 0; i < patches; ++i)
+  {
+    map.patches.push_back(getPatch(&reader));
   }
   if (reader.left() != 0)
   {

@@ -17,6 +17,8 @@ namespace pi_slam::map
 ///   calibration, per camera: width, height (i32), fx, fy, cx, cy (f64), distortion (i32), 4 coefficients (f64),
 ///     position and quaternion x, y, z, w of T_body_camera (7 f64)
 ///   number of nodes and edges (u64), then nodes and edges one after the other
+///   from version 2 on: number of patches of the grid (u64), then each: segment (u32), way, corner and cell (4 f64),
+///     width and height (u32), cells (i8)
 ///   CRC-64 (ECMA-182, reflected, as in XZ) of all bytes before (u64)
 std::vector<uint8_t> encodeMap(const MapData& map, const StereoCalibration& calibration);
 

@@ -101,6 +101,7 @@ void Mapper::Impl::reset()
 {
   recognizer.clear();
   data = MapData();
+  last_grid = OccupancyCells();
   next_serial = 0;
   part_of_segment.clear();
   segment_begun = false;
@@ -130,6 +131,10 @@ void Mapper::Impl::publish()
       statistics.landmarks += node.features->size();
       statistics.bytes += node.features->bytes();
     }
+  }
+  for (const GridPatch& patch : data.patches)
+  {
+    statistics.bytes += sizeof(GridPatch) + patch.cells.cells.capacity();
   }
   statistics.loops = loops;
   statistics.loaded = loaded;
@@ -314,6 +319,15 @@ void Mapper::save(const std::string& file) const
     {
       largest = selected(impl_->data,
                          [&](const MapNode& node) { return impl_->part_of_segment[node.segment] == most->first; });
+      largest.patches = impl_->data.patches;
+      if (std::optional<GridPatch> newest = impl_->newestGrid())
+      {
+        largest.patches.push_back(std::move(*newest));
+      }
+      largest.patches.erase(
+          std::remove_if(largest.patches.begin(), largest.patches.end(),
+                         [&](const GridPatch& patch) { return impl_->part_of_segment[patch.segment] != most->first; }),
+          largest.patches.end());
     }
   }
   if (countKeyframes(largest) == 0)
@@ -334,6 +348,12 @@ void Mapper::load(const std::string& file)
   for (MapNode& node : loaded.nodes)
   {
     node.segment = segments.emplace(node.segment, static_cast<uint32_t>(segments.size())).first->second;
+  }
+  const auto lost = [&](const GridPatch& patch) { return segments.count(patch.segment) == 0; };
+  loaded.patches.erase(std::remove_if(loaded.patches.begin(), loaded.patches.end(), lost), loaded.patches.end());
+  for (GridPatch& patch : loaded.patches)
+  {
+    patch.segment = segments.at(patch.segment);
   }
   impl_->dropWaiting();
   std::lock_guard<std::mutex> lock(impl_->map_mutex);

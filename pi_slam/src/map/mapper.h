@@ -2,6 +2,7 @@
 
 #include <pi_slam/stereo_calibration.h>
 #include "map/map_frame.h"
+#include "map/occupancy_cells.h"
 
 #include <Eigen/Geometry>
 #include <cstdint>
@@ -106,6 +107,15 @@ public:
 
   /// Landmarks in the map frame, voxel-filtered (PCL).
   std::vector<MapPoint> cloud() const;
+
+  /// Takes the grid around the vehicle, in odom as it is now. Of places that were left behind, a part is kept with the
+  /// map: it moves with the keyframes, and is saved and loaded. Waits for the frame in work.
+  /// @throws std::invalid_argument for a grid whose numbers do not agree.
+  void addGrid(const OccupancyCells& grid);
+
+  /// What is free and what is occupied, in map: the parts that were kept, and around the vehicle the last grid.
+  /// nullopt: nothing is known, or the map is too large for one grid (MOST_CELLS). Waits for the frame in work.
+  std::optional<OccupancyCells> grid() const;
 
   MapStatistics statistics() const;
 

@@ -7,6 +7,7 @@
 #include <future>
 #include <utility>
 
+#include "map/map_grid.h"
 #include "map/pose_graph.h"
 #include "map/redundancy.h"
 
@@ -26,7 +27,10 @@ constexpr double AT_REST_RAD = 0.01;
 constexpr int64_t AT_REST_NS = 300000000;  ///< only so often
 constexpr int MAX_PER_PLACE = 3;           ///< keyframes that look the same way
 constexpr double WELL_KNOWN = 2.0;         ///< times the least inliers: needs no further keyframe
-constexpr size_t PLAIN_NODES = 100;        ///< without features, that any map may have; else as many as keyframes
+constexpr double GRID_STEP_M = 5.0;        ///< way between patches of the grid
+constexpr double GRID_BEHIND_M = 6.0;  ///< when a patch is cut out, its middle is so far behind: nothing nearer comes
+constexpr double GRID_REACH_M = 12.0;  ///< of a patch to each side
+constexpr size_t PLAIN_NODES = 100;    ///< without features, that any map may have; else as many as keyframes
 
 }  // namespace
 
@@ -38,6 +42,8 @@ void Mapper::Impl::beginSegment(const MapFrame& frame)
   travelled_m = 0.0;
   recognized_at_m = 0.0;
   recognized_any = false;
+  last_grid = OccupancyCells();
+  gridded_m = 0.0;
   odometry_factor = 1.0;
   last_node = -1;
   witnesses.clear();
@@ -216,6 +222,67 @@ void Mapper::Impl::correct()
   nodes_since_correction = 0;
   loops_pending = false;
   large_correction = false;
+}
+
+/// Cuts a patch out of the last grid if the vehicle went far enough. @param behind_m  of its middle.
+void Mapper::Impl::keepGrid(double behind_m)
+{
+  const double middle_m = travelled_m - behind_m;
+  if (last_grid.cells.empty() || last_node < 0 || middle_m < gridded_m)
+  {
+    return;
+  }
+  GridPatch patch;
+  patch.segment = segment;
+  patch.travelled_m = middle_m;
+  const MapNode* middle = nodeOf(data, patch);
+  patch.travelled_m = middle->travelled_m;
+  patch.cells = cutOut(last_grid, middle->T_odom_body.translation().head<2>(), GRID_REACH_M);
+  if (!patch.cells.cells.empty())
+  {
+    addPatch(&data, std::move(patch));
+  }
+  gridded_m = middle_m + GRID_STEP_M;
+}
+
+std::optional<GridPatch> Mapper::Impl::newestGrid() const
+{
+  if (last_grid.cells.empty() || last_node < 0)
+  {
+    return std::nullopt;
+  }
+  return GridPatch{segment, travelled_m, cutOut(last_grid, T_odom_last.translation().head<2>(), GRID_REACH_M)};
+}
+
+void Mapper::addGrid(const OccupancyCells& grid)
+{
+  if (grid.width <= 0 || grid.height <= 0 || !(grid.cell_m >= 0.01 && grid.cell_m <= 10.0) ||
+      !grid.origin.allFinite() ||
+      grid.cells.size() != static_cast<size_t>(grid.width) * static_cast<size_t>(grid.height))
+  {
+    throw std::invalid_argument("grid: " + std::to_string(grid.width) + " x " + std::to_string(grid.height) +
+                                " cells of " + std::to_string(grid.cell_m) + " m, but " +
+                                std::to_string(grid.cells.size()) + " values; give one per cell, of 0.01 to 10 m");
+  }
+  std::lock_guard<std::mutex> lock(impl_->map_mutex);
+  if (impl_->segment_begun && !impl_->isWaiting())
+  {
+    impl_->last_grid = grid;
+    impl_->keepGrid(GRID_BEHIND_M);
+  }
+}
+
+std::optional<OccupancyCells> Mapper::grid() const
+{
+  MapData copy;
+  std::optional<GridPatch> newest;
+  {
+    std::lock_guard<std::mutex> lock(impl_->map_mutex);
+    copy.nodes = impl_->data.nodes;
+    copy.patches = impl_->data.patches;
+    newest = impl_->newestGrid();
+  }
+  return composeGrid(copy, newest ? &*newest : nullptr);
 }
 
 void Mapper::Impl::boundMap()

@@ -85,6 +85,8 @@ struct Mapper::Impl
   void addLoop(uint32_t to, const RecognizedPlace& place);
   void correct();
   void boundMap();
+  void keepGrid(double behind_m);
+  std::optional<GridPatch> newestGrid() const;
   void reset();
   void publish();
   bool isCorrectionDue() const;
@@ -119,6 +121,8 @@ struct Mapper::Impl
   size_t nodes_since_correction = 0;
   bool loops_pending = false;
   bool large_correction = false;
+  OccupancyCells last_grid;      ///< around the vehicle, in odom; empty: none of this segment
+  double gridded_m = 0.0;        ///< way of the segment up to its last patch of a grid
   double odometry_factor = 1.0;  ///< on the deviations of the next edge of odometry
   struct Witness
   {

@@ -317,6 +317,38 @@ sensor_msgs::PointCloud2Ptr toPointCloud(const std::vector<MapPoint>& points, co
   return cloud;
 }
 
+OccupancyCells fromMsg(const nav_msgs::OccupancyGrid& message)
+{
+  const geometry_msgs::Quaternion& q = message.info.origin.orientation;
+  if (std::hypot(q.x, std::hypot(q.y, q.z)) > 1e-3)
+  {
+    throw std::invalid_argument("info.origin is turned, must lie along the axes of its frame");
+  }
+  OccupancyCells grid;
+  grid.origin = {message.info.origin.position.x, message.info.origin.position.y};
+  grid.cell_m = static_cast<double>(message.info.resolution);
+  grid.width = static_cast<int>(message.info.width);
+  grid.height = static_cast<int>(message.info.height);
+  grid.cells = message.data;
+  return grid;
+}
+
+nav_msgs::OccupancyGridPtr toMsg(const OccupancyCells& grid, const ros::Time& stamp, const std::string& frame)
+{
+  const auto message = boost::make_shared<nav_msgs::OccupancyGrid>();
+  message->header.stamp = stamp;
+  message->header.frame_id = frame;
+  message->info.map_load_time = stamp;
+  message->info.resolution = static_cast<float>(grid.cell_m);
+  message->info.width = static_cast<uint32_t>(grid.width);
+  message->info.height = static_cast<uint32_t>(grid.height);
+  message->info.origin.position.x = grid.origin.x();
+  message->info.origin.position.y = grid.origin.y();
+  message->info.origin.orientation.w = 1.0;
+  message->data = grid.cells;
+  return message;
+}
+
 sensor_msgs::ImagePtr toImage(const cv::Mat& picture, const ros::Time& stamp, const std::string& frame)
 {
   std_msgs::Header header;

@@ -3,6 +3,7 @@
 #include <geometry_msgs/Pose.h>
 #include <geometry_msgs/PoseWithCovarianceStamped.h>
 #include <geometry_msgs/TransformStamped.h>
+#include <nav_msgs/OccupancyGrid.h>
 #include <nav_msgs/Odometry.h>
 #include <pi_node/ros/time.h>
 #include <pi_os_transport/zero_copy/image_subscriber.h>
@@ -70,6 +71,11 @@ geometry_msgs::PoseWithCovarianceStamped toMapPose(const nav_msgs::Odometry& odo
 /// Fields x, y, z [m] and intensity (grey level, 0 to 255), each a float.
 sensor_msgs::PointCloud2Ptr toPointCloud(const std::vector<MapPoint>& points, const ros::Time& stamp,
                                          const std::string& frame);
+
+/// Its cells must lie along the axes of the frame.
+/// @throws std::invalid_argument for an origin that is turned, or another number of cells than the size says.
+OccupancyCells fromMsg(const nav_msgs::OccupancyGrid& message);
+nav_msgs::OccupancyGridPtr toMsg(const OccupancyCells& grid, const ros::Time& stamp, const std::string& frame);
 
 /// @param picture  CV_8UC1 (mono8) or CV_8UC3 (bgr8); copied.
 sensor_msgs::ImagePtr toImage(const cv::Mat& picture, const ros::Time& stamp, const std::string& frame);

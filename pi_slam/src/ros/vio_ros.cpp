@@ -30,6 +30,7 @@ VioRos::VioRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , inputs_(options_, imu_thread_.handle(node), input_thread_.handle(node), &topics_, &session_, &calibrator_,
             &outputs_, &warnings_, &diagnostics_)
   , services_(options_, service_thread_.handle(private_node), &session_)
+  , grid_(options_, service_thread_.handle(node), &session_, &warnings_)
   , initial_pose_(options_, service_thread_.handle(node), &session_, &warnings_)
 {
   const auto repeat = [this](double period_s, auto&& function)
@@ -43,6 +44,8 @@ VioRos::VioRos(ros::NodeHandle node, ros::NodeHandle private_node)
   repeat(options_.path_period_s, [this] { outputs_.publishPath(); });
   repeat(options_.points_period_s, [this] { outputs_.publishPoints(); });
   repeat(options_.diagnostic_period, [this] { publishDiagnostics(); });
+  timers_.push_back(
+      pi_node::VehicleTimer(service_thread_.handle(node), options_.map_period_s, [this] { grid_.publish(); }));
 
   calibrator_.prepare();  // with everything from files there is nothing to wait for
   worker_.start();

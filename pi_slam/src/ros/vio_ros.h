@@ -9,6 +9,7 @@
 
 #include "ros/vio_calibrator.h"
 #include "ros/vio_diagnostics.h"
+#include "ros/vio_grid.h"
 #include "ros/vio_initial_pose.h"
 #include "ros/vio_inputs.h"
 #include "ros/vio_outputs.h"
@@ -58,6 +59,7 @@ private:
   VioWorker worker_;
   VioInputs inputs_;
   VioServices services_;
+  VioGrid grid_;
   VioInitialPose initial_pose_;
   std::vector<pi_node::VehicleTimer> timers_;
 };

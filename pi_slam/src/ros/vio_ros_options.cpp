@@ -68,6 +68,7 @@ static void visitFields(VioRosOptions& options, Visitor&& visit)
   visit("path_length", options.path_length);
   visit("path_period_s", options.path_period_s);
   visit("points_period_s", options.points_period_s);
+  visit("map_period_s", options.map_period_s);
   visit("diagnostic_period", options.diagnostic_period);
   visit("warning_period_s", options.warning_period_s);
 }
@@ -104,6 +105,7 @@ void VioRosOptions::validate() const
   require(path_length >= 2 && path_length <= 1000000, "path_length", path_length, "in [2, 1000000]");
   requireDuration("path_period_s", path_period_s);
   requireDuration("points_period_s", points_period_s);
+  requireDuration("map_period_s", map_period_s);
   requireDuration("diagnostic_period", diagnostic_period);
   requireDuration("warning_period_s", warning_period_s);
 }

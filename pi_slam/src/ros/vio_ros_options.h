@@ -43,6 +43,7 @@ struct VioRosOptions : pi_node::NodeParameters<VioRosOptions>
   int path_length = 5000;          ///< poses of `path` at most
   double path_period_s = 0.5;      ///< between messages, while somebody listens [s]
   double points_period_s = 1.0;    ///< likewise of `points` [s]
+  double map_period_s = 2.0;       ///< likewise of `map` [s]
   double diagnostic_period = 1.0;  ///< [s]; the name is that of diagnostic_updater
   double warning_period_s = 5.0;   ///< between two log lines of one warning [s]
 

@@ -64,6 +64,11 @@ MapData makeMap()
   edge.position_deviation = 0.02;
   edge.heading_deviation = 0.004;
   map.edges.push_back(edge);
+  GridPatch patch;
+  patch.segment = 1;
+  patch.travelled_m = 1.5;
+  patch.cells = {{-3.0, 4.0}, 0.1, 3, 2, {-1, 0, 100, 50, 7, -1}};
+  map.patches.push_back(patch);
   return map;
 }
 
@@ -123,6 +128,27 @@ TEST(MapFile, GivesBackWhatWasWritten)
   EXPECT_TRUE(back.edges[0].loop);
   EXPECT_EQ(map.edges[0].shift, back.edges[0].shift);
   EXPECT_EQ(0.25, back.edges[0].turn);
+  ASSERT_EQ(1u, back.patches.size());
+  EXPECT_EQ(1u, back.patches[0].segment);
+  EXPECT_EQ(1.5, back.patches[0].travelled_m);
+  EXPECT_EQ(map.patches[0].cells.origin, back.patches[0].cells.origin);
+  EXPECT_EQ(0.1, back.patches[0].cells.cell_m);
+  EXPECT_EQ(3, back.patches[0].cells.width);
+  EXPECT_EQ(2, back.patches[0].cells.height);
+  EXPECT_EQ(map.patches[0].cells.cells, back.patches[0].cells.cells);
+}
+
+TEST(MapFile, ReadsVersionOneWhichHasNoGrid)
+{
+  const StereoCalibration calibration = StereoCalibration::makeForwardPair();
+  MapData map = makeMap();
+  map.patches.clear();
+  std::vector<uint8_t> bytes = encodeMap(map, calibration);
+  bytes.erase(bytes.end() - 16, bytes.end() - 8);  // the number of patches
+  bytes[8] = 1;
+  const MapData back = decodeMap(sealed(bytes), calibration, "file");
+  EXPECT_EQ(map.nodes.size(), back.nodes.size());
+  EXPECT_TRUE(back.patches.empty());
 }
 
 TEST(MapFile, RefusesEveryTruncation)
@@ -202,7 +228,7 @@ TEST(MapFile, SaysWhatIsWrong)
   bytes[100] ^= 1;
   EXPECT_EQ("map a.map: its checksum is wrong, the file is damaged; make the map anew", decode(bytes, calibration));
   bytes[8] = 9;
-  EXPECT_EQ("map a.map: it is of version 9, only 1 can be read; make the map anew", decode(bytes, calibration));
+  EXPECT_EQ("map a.map: it is of version 9, only 1 to 2 can be read; make the map anew", decode(bytes, calibration));
   bytes[0] = 'X';
   EXPECT_EQ("map a.map: it is no map of this program; make the map anew", decode(bytes, calibration));
 }
