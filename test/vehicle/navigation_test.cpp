@@ -8,6 +8,7 @@
 #include <geometry_msgs/PoseWithCovarianceStamped.h>
 #include <gtest/gtest.h>
 #include <move_base_msgs/MoveBaseAction.h>
+#include <nav_msgs/OccupancyGrid.h>
 #include <nav_msgs/Odometry.h>
 #include <nav_msgs/Path.h>
 #include <pi_detect/ObstacleArray.h>
@@ -66,6 +67,7 @@ public:
     uint8_t mode = VehicleState::READY;
     std::string detail;
     std::optional<Eigen::Vector2d> obstacle;  // in the map
+    bool sees_ground = false;                 // all of it free, where the obstacle is not
   };
 
   Vehicle()
@@ -75,6 +77,7 @@ public:
     odometry_ = node.advertise<nav_msgs::Odometry>("odometry", 10);
     state_ = node.advertise<VehicleState>("vehicle_state", 10);
     obstacles_ = node.advertise<pi_detect::ObstacleArray>("obstacles", 10);
+    grid_ = node.advertise<nav_msgs::OccupancyGrid>("grid", 1);
     motion_ = node.subscribe<MotionCommand>(
         "motion/navigation", 1,
         [this](const MotionCommandConstPtr& message)
@@ -199,6 +202,17 @@ private:
         obstacles.obstacles.push_back(obstacle);
       }
       obstacles_.publish(obstacles);
+      if (world.sees_ground)
+      {
+        nav_msgs::OccupancyGrid grid;
+        grid.header.stamp = stamp;
+        grid.header.frame_id = "odom";
+        grid.info.resolution = 0.2F;
+        grid.info.width = grid.info.height = 200;
+        grid.info.origin = toPose(T_MAP_ODOM.inverse() * Pose2{car.pose().x - 20.0, -20.0, 0.0});
+        grid.data.assign(200 * 200, 0);
+        grid_.publish(grid);
+      }
     }
   }
 
@@ -206,6 +220,7 @@ private:
   ros::Publisher odometry_;
   ros::Publisher state_;
   ros::Publisher obstacles_;
+  ros::Publisher grid_;
   ros::Subscriber motion_;
   tf2_ros::TransformBroadcaster broadcaster_;
   mutable std::mutex mutex_;
@@ -402,6 +417,64 @@ TEST_F(NavigationNode, StopsBeforeAnObstacleAndGoesOnWhenItIsGone)
   EXPECT_LE(vehicle_.distanceTo({20.0, 0.0}), 0.5);
 }
 
+TEST_F(NavigationNode, PassesAnObstacleWhereTheGroundIsSeenToBeFree)
+{
+  DriveGoal goal;
+  goal.waypoints.resize(1);
+  goal.waypoints[0].pose.position.x = 40.0;
+  vehicle_.set(
+      [](Vehicle::World& world)
+      {
+        world.obstacle = Eigen::Vector2d(20.0, 0.0);
+        world.sees_ground = true;
+      });
+  send(goal);
+  ASSERT_TRUE(waitForFeedback("driving", "on the left")) << text();
+  ASSERT_TRUE(until(60.0, [this] { return vehicle_.car().pose().x > 20.0; })) << text();
+  EXPECT_GE(vehicle_.car().pose().y, 1.2) << text();
+  ASSERT_TRUE(waitForEnd(State::SUCCEEDED)) << text();
+  EXPECT_LE(vehicle_.distanceTo({40.0, 0.0}), 0.5);
+}
+
+TEST_F(NavigationNode, AGoalBehindAWallIsDrivenToRoundTheWallOfTheMap)
+{
+  ros::Publisher map = ros::NodeHandle().advertise<nav_msgs::OccupancyGrid>("map", 1, true);
+  nav_msgs::OccupancyGrid grid;
+  grid.header.frame_id = "map";
+  grid.info.resolution = 0.2F;
+  grid.info.width = grid.info.height = 200;
+  grid.info.origin = toPose({-10.0, -20.0, 0.0});
+  grid.data.assign(200 * 200, 0);
+  for (int row = 60; row < 130; ++row)  // y from -8 to 6, x = 10
+  {
+    grid.data[static_cast<size_t>(row * 200 + 100)] = 100;
+  }
+  map.publish(grid);
+  ros::Publisher simple = ros::NodeHandle().advertise<geometry_msgs::PoseStamped>("goal", 1);
+  ASSERT_TRUE(until(TIMEOUT_S, [&] { return simple.getNumSubscribers() > 0 && map.getNumSubscribers() > 0; }));
+  geometry_msgs::PoseStamped behind;
+  behind.header.frame_id = "map";
+  behind.pose.position.x = 22.0;
+  simple.publish(behind);  // the map is latched, and of the same queue: it may come later than the goal
+  ASSERT_TRUE(until(TIMEOUT_S,
+                    [&]
+                    {
+                      if (vehicle_.car().pose().y > 1.0)
+                      {
+                        return true;
+                      }
+                      if (vehicle_.car().pose().x < 1.0)
+                      {
+                        simple.publish(behind);
+                      }
+                      return false;
+                    }))
+      << text();
+  ASSERT_TRUE(until(60.0, [this] { return vehicle_.car().pose().x > 10.0; })) << text();
+  EXPECT_GE(vehicle_.car().pose().y, 6.5) << text();
+  ASSERT_TRUE(until(60.0, [this] { return vehicle_.distanceTo({22.0, 0.0}) < 0.5; })) << text();
+}
+
 TEST_F(NavigationNode, StopsWhenLocalisationIsLostAndGoesOn)
 {
   send("far");
@@ -596,12 +669,14 @@ TEST_F(NavigationNode, SaysWhyTheVehicleStandsAndGivesUpWhereAsked)
       << text();
   client_.stopTrackingGoal();
 
-  ros::param::set("/navigation/abort_after_s", 1.0);
-  vehicle_.set(hold);
+  ros::param::set("/navigation/blocked_after_s", 1.0);
+  const double x = vehicle_.car().pose().x + 4.0;
+  vehicle_.set([x](Vehicle::World& world) { world.obstacle = Eigen::Vector2d(x, 0.0); });
   start();
   send("far");
   ASSERT_TRUE(waitForEnd(State::ABORTED)) << text();
-  EXPECT_EQ("stood still for 1 s: vehicle: emergency stop: the button", message());
+  EXPECT_EQ(0u, message().find("blocked at (")) << message();
+  EXPECT_NE(std::string::npos, message().find("(obstacle 5) blocks the way")) << message();
 }
 
 }  // namespace

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <memory>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -389,18 +390,40 @@ TEST(Navigator, ANewGoalReplacesTheOldOneOnTheMove)
   EXPECT_LE(sim.distanceTo({20.0, 12.0}), 0.2);
 }
 
-TEST(Navigator, GivesUpAfterStandingForLong)
+TEST(Navigator, GivesUpWhereTheWayIsBlockedForLong)
 {
   NavigatorOptions options;
-  options.abort_after_s = 10.0;
+  options.blocked_after_s = 10.0;
   Simulation sim(options);
   sim.obstacles = {{6.0, 0.0}};
   ASSERT_EQ("", sim.navigator.start(to({{20.0, 0.0}}), sim.input()));
   ASSERT_TRUE(sim.runToEnd(DriveEnd::FAILED)) << sim.text();
-  EXPECT_EQ(0u, sim.output.command.reason.find("stood still for 10 s: ")) << sim.text();
+  EXPECT_EQ(0u, sim.output.command.reason.find("blocked at (3.7, 0.0) for 10 s: ")) << sim.text();
+  EXPECT_NE(std::string::npos, sim.output.command.reason.find("something 0.5 m wide (obstacle 7) blocks the way"))
+      << sim.text();
   EXPECT_EQ(0.0, sim.output.command.speed);
   sim.runFor(20.0);  // idle is no reason to give up
   EXPECT_EQ(DriveEnd::NONE, sim.output.end);
+}
+
+TEST(Navigator, FindsAWayRoundTheWallsOfTheMapWhereItMay)
+{
+  Simulation sim;
+  const auto cells = std::make_shared<std::vector<int8_t>>(200 * 200, 0);
+  for (size_t row = 60; row < 130; ++row)  // y from -8 to 6 at x = 10
+  {
+    (*cells)[row * 200 + 100] = 100;
+  }
+  sim.navigator.setMap({0, {-10.0, -20.0, 0.0}, 0.2, 200, 200, cells});
+  NavigationGoal goal = to({{22.0, 0.0}});
+  goal.find_way = true;
+  ASSERT_EQ("", sim.navigator.start(goal, sim.input()));
+  ASSERT_TRUE(sim.runUntil([&] { return sim.car.pose().x > 10.0; })) << sim.text();
+  EXPECT_GT(sim.car.pose().y, 6.7) << sim.text();
+  ASSERT_TRUE(sim.runToEnd(DriveEnd::ARRIVED)) << sim.text();
+  goal.waypoints[0].position = {10.1, 0.0};
+  EXPECT_EQ("the map's grid has no free way to the point (10.1, 0.0) of the goal: is it on the grid, and free?",
+            sim.navigator.start(goal, sim.input()));
 }
 
 TEST(Navigator, RefusesWhatCannotBeDrivenAndGoesOnWithTheGoalBefore)
@@ -519,8 +542,8 @@ TEST(NavigatorOptions, NamesFieldValueAndBound)
   };
   NavigatorOptions options;
   EXPECT_EQ("", refusal(options));
-  options.abort_after_s = -1.0;
-  EXPECT_EQ("abort_after_s = -1, must be in [0, 86400]", refusal(options));
+  options.blocked_after_s = -1.0;
+  EXPECT_EQ("blocked_after_s = -1, must be in [0, 86400]", refusal(options));
 }
 
 }  // namespace

@@ -21,10 +21,14 @@ constexpr double STANDING_MPS = 0.05;    // [m/s]
 constexpr double LEAST_MAX_SPEED = 0.1;  // of a goal [m/s]
 constexpr double ARRIVAL_HEADING = 0.3;  // largest heading error of a vehicle that already stands at the goal [rad]
 constexpr double AHEAD_STEP = 0.15;      // between poses of the way ahead [m]
+constexpr double GROUND_AGE_S = 1.0;     // of the grid around the vehicle, at most
 constexpr double LONGEST_STEP_S = 1.0;   // longest time step that counts for the distance [s]
 constexpr double STAMP_AHEAD_S = 0.1;    // tolerated stamp in the future [s]
 constexpr double DETOUR = 0.5;  // tolerated difference between a leg of the path and the straight leg, as a fraction
 constexpr double JOINED = 0.2;  // the vehicle is on the loop within this distance [m] and heading error [rad]
+constexpr double BESIDE_MARGIN = 0.2;  // kept from what the map's grid has [m]
+constexpr double WIDE = 1.5;           // times that, and the vehicle's half width, where there is room
+constexpr double START_FREE = 1.5;     // where the vehicle stands, whatever the grid says [m]
 constexpr double REJOIN_AHEAD = 15.0;  // farthest place of a loop to join, ahead of the nearest one [m]
 
 double legLength(const std::vector<Eigen::Vector2d>& points, bool loop)
@@ -44,10 +48,11 @@ void NavigatorOptions::validate() const
   route.validate();
   follower.validate();
   governor.validate();
+  passing.validate();
   const pi_node::OptionCheck check("");
   check.range("max_position_deviation", max_position_deviation, 0.01, 100.0);
   check.range("vehicle_timeout_s", vehicle_timeout_s, 0.02, 60.0);
-  check.range("abort_after_s", abort_after_s, 0.0, 86400.0);
+  check.range("blocked_after_s", blocked_after_s, 0.0, 86400.0);
   check.range("max_route_length", max_route_length, 1.0, 50000.0);
 }
 
@@ -60,7 +65,10 @@ void NavigatorOptions::setVehicle(const pi_node::VehicleDescription& vehicle)
 }
 
 Navigator::Navigator(const NavigatorOptions& options)
-  : options_((options.validate(), options)), follower_(options.follower), governor_(options.governor)
+  : options_((options.validate(), options))
+  , follower_(options.follower)
+  , governor_(options.governor)
+  , passing_(options.passing, options.governor.footprint, options.governor.limits)
 {
 }
 
@@ -116,6 +124,14 @@ Navigator::Plan Navigator::plan(const NavigationGoal& goal, const Pose2& pose, d
                           options_.max_route_length);
     return plan;
   }
+  if (goal.find_way)
+  {
+    plan.problem = goRound(&request);
+    if (!plan.problem.empty())
+    {
+      return plan;
+    }
+  }
   RouteResult result = planRoute(request, options_.route);
   if (!result.path)
   {
@@ -148,8 +164,64 @@ void Navigator::take(const Plan& plan)
   arrived_ = plan.arrived;
   loop_ = plan.loop;
   follower_.setPath(plan.path);
+  passing_.setRoute(plan.path);
   path_changed_ = true;
   findPoints();
+}
+
+std::optional<Eigen::Vector2d> Navigator::firstOccupied(const Path& path) const
+{
+  const double reach = options_.governor.footprint.half_width + BESIDE_MARGIN;
+  for (double s = START_FREE; s <= path.length(); s += AHEAD_STEP)
+  {
+    for (double across = -reach; across <= reach; across += 0.5 * AHEAD_STEP)
+    {
+      const Eigen::Vector2d p = path.at(s).pose() * Eigen::Vector2d(0.0, across);
+      if (map_->at(p) >= GroundGrid::OCCUPIED)
+      {
+        return p;
+      }
+    }
+  }
+  return std::nullopt;
+}
+
+std::string Navigator::goRound(RouteRequest* request) const
+{
+  if (!map_)
+  {
+    return "";
+  }
+  const RouteResult straight = planRoute(*request, options_.route);
+  if (straight.path && !firstOccupied(*straight.path))
+  {
+    return "";
+  }
+  const double radius = options_.governor.footprint.half_width + BESIDE_MARGIN;
+  std::vector<Eigen::Vector2d> points{request->points.front()};
+  for (size_t i = 1; i < request->points.size(); ++i)
+  {
+    const Eigen::Vector2d& to = request->points[i];
+    auto corners = findWay(*map_, points.back(), to, WIDE * radius);
+    corners = corners ? corners : findWay(*map_, points.back(), to, radius);
+    if (!corners)
+    {
+      return format("the map's grid has no free way to the point (%.1f,", to.x()) +
+             format(" %.1f) of the goal: is it on the grid, and free?", to.y());
+    }
+    points.insert(points.end(), corners->begin(), corners->end());
+  }
+  request->points = points;
+  const RouteResult round = planRoute(*request, options_.route);
+  if (round.path)
+  {
+    if (const std::optional<Eigen::Vector2d> p = firstOccupied(*round.path))
+    {
+      return format("the way to the goal leads over (%.1f,", p->x()) +
+             format(" %.1f), which is occupied on the map's grid: give waypoints", p->y());
+    }
+  }
+  return "";
 }
 
 void Navigator::findPoints()
@@ -193,7 +265,7 @@ std::string Navigator::start(const NavigationGoal& goal, const NavigatorInput& i
   }
   goal_ = goal;
   begin_ns_ = input.now_ns;
-  moved_ns_ = input.now_ns;
+  free_ns_ = input.now_ns;
   distance_ = 0.0;
   take(planned);
   if (!pose)
@@ -279,15 +351,11 @@ void Navigator::keepBooks(const NavigatorInput& input)
   if (dt < 0.0)  // the clock went back
   {
     begin_ns_ = input.now_ns;
-    moved_ns_ = input.now_ns;
+    free_ns_ = input.now_ns;
     obstacles_heard_ = false;
     dt = 0.0;
   }
   const bool known = std::isfinite(input.speed);
-  if (phase_ == Phase::IDLE || (known && std::abs(input.speed) > STANDING_MPS))
-  {
-    moved_ns_ = input.now_ns;
-  }
   if (phase_ != Phase::IDLE && known)
   {
     distance_ += std::abs(input.speed) * std::min(dt, LONGEST_STEP_S);
@@ -316,6 +384,7 @@ void Navigator::finish(DriveEnd end, const std::string& reason, NavigatorOutput*
   output->command.speed = 0.0;
   output->command.reason = reason;
   follower_.clear();
+  passing_.clear();
   loop_ = Path();
   path_changed_ = true;
   phase_ = Phase::IDLE;
@@ -332,6 +401,7 @@ void Navigator::changeToLoop(const FollowerOutput& followed)
   if (followed.state == FollowerState::DONE || (offset < JOINED && std::abs(projection.heading_error) < JOINED))
   {
     follower_.setPath(loop_);
+    passing_.setRoute(loop_);
     loop_ = Path();
     path_changed_ = true;
   }
@@ -350,7 +420,7 @@ void Navigator::findLookAhead(const FollowerOutput& followed, double speed)
 }
 
 void Navigator::drive(const NavigatorInput& input, const FollowerOutput& followed, const GovernorOutput& governed,
-                      const std::string& pose_problem, NavigatorOutput* output)
+                      const PassingOutput& passing, const std::string& pose_problem, NavigatorOutput* output)
 {
   output->state = NavigatorState::DRIVING;
   DriveCommand& command = output->command;
@@ -362,11 +432,23 @@ void Navigator::drive(const NavigatorInput& input, const FollowerOutput& followe
     command.reason += ", as fast as the goal allows";
     output->limited_by = "goal";
   }
+  if (passing.speed_limit < command.speed)
+  {
+    command.speed = passing.speed_limit < options_.governor.min_speed ? 0.0 : passing.speed_limit;
+    command.reason = passing.reason;
+    command.max_deceleration = std::max(command.max_deceleration, options_.governor.limits.deceleration);
+    output->limited_by = "obstacles";
+    output->obstacle_id = passing.obstacle_id;
+  }
   if (governed.speed_limit < command.speed)
   {
     command.speed = governed.speed_limit;
     command.max_deceleration = std::max(command.max_deceleration, governed.max_deceleration);
     command.reason = governed.reason.empty() ? command.reason : governed.reason;
+    if (passing.obstacle_id == governed.obstacle_id && !passing.reason.empty())
+    {
+      command.reason += ": " + passing.reason;
+    }
     output->limited_by = "obstacles";
     output->obstacle_id = governed.obstacle_id;
   }
@@ -390,7 +472,7 @@ void Navigator::drive(const NavigatorInput& input, const FollowerOutput& followe
       command.reason += "; send the goal again";
     }
   }
-  else if (governed.speed_limit <= 0.0)
+  else if (governed.speed_limit <= 0.0 || (command.speed <= 0.0 && output->limited_by == "obstacles"))
   {
     output->state =
         options_.need_obstacles && obstaclesSilent(input.now_ns) ? NavigatorState::STOPPED : NavigatorState::HELD_UP;
@@ -427,7 +509,7 @@ std::string Navigator::planWaitingGoal(const std::optional<Pose2>& pose, double 
 }
 
 void Navigator::driveOn(const NavigatorInput& input, const FollowerOutput& followed, const GovernorOutput& governed,
-                        const std::string& pose_problem, NavigatorOutput* output)
+                        const PassingOutput& passing, const std::string& pose_problem, NavigatorOutput* output)
 {
   changeToLoop(followed);
   if (arrived_ || (followed.state == FollowerState::DONE && !goal_.loop))
@@ -446,7 +528,31 @@ void Navigator::driveOn(const NavigatorInput& input, const FollowerOutput& follo
   {
     ++passed_;
   }
-  drive(input, followed, governed, pose_problem, output);
+  drive(input, followed, governed, passing, pose_problem, output);
+}
+
+PassingOutput Navigator::pass(const NavigatorInput& input, const FollowerOutput& followed)
+{
+  if (phase_ != Phase::DRIVING || followed.state != FollowerState::FOLLOWING)
+  {
+    return {};
+  }
+  PassingInput in;
+  in.now_ns = input.now_ns;
+  const double age = std::max(0.0, seconds(input.now_ns - input.pose_stamp_ns));
+  in.pose = input.pose->moved(input.speed * age, input.curvature);
+  in.speed = input.speed;
+  in.obstacles = governor_.obstacles();
+  const bool fresh = ground_ && std::abs(seconds(input.now_ns - ground_->stamp_ns)) <= GROUND_AGE_S;
+  in.ground = fresh ? &*ground_ : nullptr;
+  PassingOutput output = passing_.update(in);
+  if (output.path)
+  {
+    follower_.setPath(*output.path);
+    path_changed_ = true;
+    findPoints();
+  }
+  return output;
 }
 
 void Navigator::brakeToStandstill(const NavigatorInput& input, const FollowerOutput& followed,
@@ -471,6 +577,7 @@ NavigatorOutput Navigator::update(const NavigatorInput& input)
   const FollowerOutput followed = follow(input);
   way_ = follower_.wayAhead(options_.governor.horizon * options_.governor.limits.speed, AHEAD_STEP);
   const GovernorOutput governed = govern(input);
+  const PassingOutput passing = pass(input, followed);
   findLookAhead(followed, input.speed);
 
   output.progress = followed.progress;
@@ -494,13 +601,13 @@ NavigatorOutput Navigator::update(const NavigatorInput& input)
       }
       break;
     case Phase::DRIVING:
-      driveOn(input, followed, governed, pose_problem, &output);
+      driveOn(input, followed, governed, passing, pose_problem, &output);
       break;
     case Phase::STOPPING:
       brakeToStandstill(input, followed, governed, &output);
       break;
   }
-  giveUpIfStuck(input.now_ns, &output);
+  giveUpIfBlocked(input, &output);
   if (phase_ == Phase::IDLE)
   {
     way_.clear();
@@ -512,12 +619,19 @@ NavigatorOutput Navigator::update(const NavigatorInput& input)
   return output;
 }
 
-void Navigator::giveUpIfStuck(int64_t now_ns, NavigatorOutput* output)
+void Navigator::giveUpIfBlocked(const NavigatorInput& input, NavigatorOutput* output)
 {
-  if ((phase_ == Phase::WAITING || phase_ == Phase::DRIVING) && options_.abort_after_s > 0.0 &&
-      seconds(now_ns - moved_ns_) >= options_.abort_after_s)
+  if (output->state != NavigatorState::HELD_UP || std::abs(input.speed) > STANDING_MPS)
   {
-    finish(DriveEnd::FAILED, format("stood still for %g s: ", options_.abort_after_s) + output->command.reason, output);
+    free_ns_ = input.now_ns;
+  }
+  else if (options_.blocked_after_s > 0.0 && seconds(input.now_ns - free_ns_) >= options_.blocked_after_s)
+  {
+    const Pose2 pose = input.pose.value_or(Pose2());
+    finish(DriveEnd::FAILED,
+           format("blocked at (%.1f,", pose.x) + format(" %.1f)", pose.y) +
+               format(" for %g s: ", options_.blocked_after_s) + output->command.reason,
+           output);
   }
 }
 

@@ -1,6 +1,8 @@
 #pragma once
 
 #include "decision/drive_command.h"
+#include "decision/ground_grid.h"
+#include "decision/passing.h"
 #include "decision/path_follower.h"
 #include "decision/route.h"
 #include "decision/speed_governor.h"
@@ -19,10 +21,11 @@ struct NavigatorOptions
   RouteOptions route;
   PathFollowerOptions follower;
   SpeedGovernorOptions governor;
+  PassingOptions passing;
   bool need_obstacles = true;           ///< false: drives without reports of obstacles; heeds them where they come
   double max_position_deviation = 1.0;  ///< one sigma of the position beyond which localisation is lost [m]
   double vehicle_timeout_s = 0.5;       ///< silence of the vehicle after which it stops [s]
-  double abort_after_s = 0.0;           ///< a goal that stands still for so long is given up; 0: never [s]
+  double blocked_after_s = 30.0;        ///< a goal whose way is blocked for so long is given up; 0: never [s]
   double max_route_length = 2000.0;     ///< of the straight legs [m]
 
   /// Its outline, its limits, its turning circle.
@@ -43,6 +46,7 @@ struct NavigationGoal
   std::vector<Waypoint> waypoints;
   double max_speed = 0.0;  ///< [m/s]; 0: none
   bool loop = false;       ///< round and round
+  bool find_way = false;   ///< where the straight line is not free on the map's grid, round what stands there
 };
 
 struct NavigatorInput
@@ -115,6 +119,11 @@ public:
   /// As SpeedGovernor::setObstacles(). @return what was left out, with the remedy; empty: nothing.
   std::string setObstacles(int64_t stamp_ns, const std::vector<ObstacleBox>& obstacles, int64_t now_ns);
 
+  /// The ground around the vehicle as it was seen last, for ways round obstacles.
+  void setGround(const GroundGrid& grid) { ground_ = grid; }
+  /// The grid of the whole map, for goals with find_way.
+  void setMap(const GroundGrid& grid) { map_ = grid; }
+
   /// Call at 10 to 100 Hz.
   NavigatorOutput update(const NavigatorInput& input);
 
@@ -148,6 +157,10 @@ private:
   /// @return what is wrong with the goal alone, without a pose; empty: nothing.
   std::string check(const NavigationGoal& goal) const;
   Plan plan(const NavigationGoal& goal, const Pose2& pose, double speed) const;
+  /// Corners of a free way over the map's grid are put before the goal, if the straight path is not free there.
+  /// @return the problem with its remedy; empty: none.
+  std::string goRound(RouteRequest* request) const;
+  std::optional<Eigen::Vector2d> firstOccupied(const Path& path) const;
   void take(const Plan& plan);
   void finish(DriveEnd end, const std::string& reason, NavigatorOutput* output);
   std::optional<Pose2> usablePose(const NavigatorInput& input, std::string* problem) const;
@@ -156,15 +169,16 @@ private:
   bool obstaclesSilent(int64_t now_ns) const;
   GovernorOutput govern(const NavigatorInput& input);
   void drive(const NavigatorInput& input, const FollowerOutput& followed, const GovernorOutput& governed,
-             const std::string& pose_problem, NavigatorOutput* output);
+             const PassingOutput& passing, const std::string& pose_problem, NavigatorOutput* output);
   FollowerOutput follow(const NavigatorInput& input);
   /// @return why there is no plan; empty: planned, or nothing to plan yet.
   std::string planWaitingGoal(const std::optional<Pose2>& pose, double speed);
   void driveOn(const NavigatorInput& input, const FollowerOutput& followed, const GovernorOutput& governed,
-               const std::string& pose_problem, NavigatorOutput* output);
+               const PassingOutput& passing, const std::string& pose_problem, NavigatorOutput* output);
   void brakeToStandstill(const NavigatorInput& input, const FollowerOutput& followed, const GovernorOutput& governed,
                          NavigatorOutput* output);
-  void giveUpIfStuck(int64_t now_ns, NavigatorOutput* output);
+  PassingOutput pass(const NavigatorInput& input, const FollowerOutput& followed);
+  void giveUpIfBlocked(const NavigatorInput& input, NavigatorOutput* output);
   void changeToLoop(const FollowerOutput& followed);
   void findPoints();
   void findLookAhead(const FollowerOutput& followed, double speed);
@@ -172,6 +186,9 @@ private:
   const NavigatorOptions options_;
   PathFollower follower_;
   SpeedGovernor governor_;
+  Passing passing_;
+  std::optional<GroundGrid> ground_;
+  std::optional<GroundGrid> map_;
   Phase phase_ = Phase::IDLE;
   NavigationGoal goal_;
   bool arrived_ = false;  ///< stood at the goal when it came
@@ -188,7 +205,7 @@ private:
   bool have_now_ = false;
   int64_t last_now_ns_ = 0;
   int64_t begin_ns_ = 0;
-  int64_t moved_ns_ = 0;
+  int64_t free_ns_ = 0;  ///< when it was not held up, or moved, last
   double distance_ = 0.0;
   std::vector<Pose2> way_;
   std::optional<Eigen::Vector2d> look_ahead_;

@@ -133,6 +133,9 @@ bool SpeedGovernor::setObstacles(int64_t stamp_ns, const std::vector<ObstacleBox
       known.outline = GroundPolygon::box({p.x(), p.y(), pose.heading}, (0.5 * box.size).cwiseMax(LEAST_HALF_SIZE));
     }
     known.moving = box.moving;
+    known.label = box.label;
+    known.top = box.top;
+    known.standing_since_ns = stamp_ns;
     known.hidden = hidden_people::behind(known.outline, pose.position(), box.top);
     const bool near = (known.outline.middle() - pose.position()).norm() < HIDING_SEEN_FROM;
     known.velocity = Pose2{0.0, 0.0, pose.heading} * box.velocity;
@@ -145,6 +148,7 @@ bool SpeedGovernor::setObstacles(int64_t stamp_ns, const std::vector<ObstacleBox
     else
     {
       known.hidden = near ? same->hidden : known.hidden;
+      known.standing_since_ns = isMoving(known) ? stamp_ns : same->standing_since_ns;
       *same = known;
     }
   }
@@ -390,6 +394,34 @@ void SpeedGovernor::forgetUnseen(int64_t now_ns)
                known_.end());
 }
 
+bool SpeedGovernor::isMoving(const Known& known) const
+{
+  return known.moving && known.velocity.norm() >= options_.min_moving_speed;
+}
+
+Eigen::Vector2d SpeedGovernor::velocityOf(const Known& known, const Pose2& T_base_reckoned) const
+{
+  return isMoving(known) ? Pose2{0.0, 0.0, T_base_reckoned.heading} * known.velocity : Eigen::Vector2d(0.0, 0.0);
+}
+
+GroundPolygon SpeedGovernor::outlineNow(const Known& known, const Pose2& T_base_reckoned, int64_t now_ns) const
+{
+  const double age = std::max(0.0, seconds(now_ns - known.seen_ns));
+  return known.outline.in(T_base_reckoned, age * velocityOf(known, T_base_reckoned));
+}
+
+std::vector<KnownObstacle> SpeedGovernor::obstacles() const
+{
+  std::vector<KnownObstacle> obstacles;
+  const Pose2 T_base_reckoned = track_.empty() ? Pose2() : track_.back().second.inverse();
+  for (const Known& known : known_)
+  {
+    obstacles.push_back({known.id, outlineNow(known, T_base_reckoned, last_ns_), velocityOf(known, T_base_reckoned),
+                         isMoving(known), seconds(last_ns_ - known.standing_since_ns), known.top, known.label});
+  }
+  return obstacles;
+}
+
 std::vector<SpeedGovernor::Local> SpeedGovernor::nearTheWay(int64_t now_ns) const
 {
   const Pose2 T_base_reckoned = track_.back().second.inverse();
@@ -398,15 +430,10 @@ std::vector<SpeedGovernor::Local> SpeedGovernor::nearTheWay(int64_t now_ns) cons
   {
     Local local;
     local.id = known.id;
-    local.moving = known.moving && known.velocity.norm() >= options_.min_moving_speed;
+    local.moving = isMoving(known);
     local.hidden = local.moving ? hidden_people::Who::NOBODY : known.hidden;
-    local.velocity = Pose2{0.0, 0.0, T_base_reckoned.heading} * known.velocity;
-    const double age = std::max(0.0, seconds(now_ns - known.seen_ns));
-    if (!local.moving)
-    {
-      local.velocity.setZero();
-    }
-    local.outline = known.outline.in(T_base_reckoned, age * local.velocity);
+    local.velocity = velocityOf(known, T_base_reckoned);
+    local.outline = outlineNow(known, T_base_reckoned, now_ns);
     const bool behind = local.outline.mostX() < -options_.footprint.rear;
     if (behind || isFar(local))
     {

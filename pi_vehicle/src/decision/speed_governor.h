@@ -70,10 +70,23 @@ struct ObstacleBox
   Eigen::Vector2d position = Eigen::Vector2d::Zero();  ///< centre, in base_link at the stamp [m]
   Eigen::Vector2d size = Eigen::Vector2d::Zero();      ///< along the axes of base_link [m]
   Eigen::Vector2d velocity = Eigen::Vector2d::Zero();  ///< over the ground, in the axes of base_link [m/s]
+  std::string label;                                   ///< class; empty: unknown
   double top = 0.0;                                    ///< height of its upper end above the ground [m]
   bool moving = true;                                  ///< false: counts as standing, whatever its velocity
   /// Its outline, valid by GroundPolygon::isOutline(), in base_link at the stamp [m]; empty: the box counts.
   std::vector<Eigen::Vector2d> outline;
+};
+
+/// An obstacle as the governor knows it, in base_link.
+struct KnownObstacle
+{
+  int64_t id = 0;
+  GroundPolygon outline;
+  Eigen::Vector2d velocity = Eigen::Vector2d::Zero();  ///< over the ground; 0 unless `moving` [m/s]
+  bool moving = false;
+  double standing_s = 0.0;  ///< for so long it was seen not to move [s]
+  double top = 0.0;         ///< height of its upper end above the ground [m]
+  std::string label;        ///< class; empty: unknown
 };
 
 struct GovernorInput
@@ -124,6 +137,9 @@ public:
   /// Call at 10 to 50 Hz. A clock that goes back resets the governor: the limit is 0 until the next report.
   GovernorOutput update(const GovernorInput& input);
 
+  /// All obstacles that are known, where they are at the time of the last update().
+  std::vector<KnownObstacle> obstacles() const;
+
 private:
   struct Known  // in the frame of dead reckoning
   {
@@ -133,6 +149,9 @@ private:
     Eigen::Vector2d velocity;
     bool moving;
     hidden_people::Who hidden;  // can stand behind it unseen
+    std::string label;
+    double top;
+    int64_t standing_since_ns;
   };
   struct Placed  // a pose of the vehicle
   {
@@ -179,6 +198,10 @@ private:
   /// @return time since the last update; 0 after a clock that jumped [s].
   double deadReckon(const GovernorInput& input);
   void forgetUnseen(int64_t now_ns);
+  bool isMoving(const Known& known) const;
+  /// Velocity over the ground in base_link now; 0 of what stands.
+  Eigen::Vector2d velocityOf(const Known& known, const Pose2& T_base_reckoned) const;
+  GroundPolygon outlineNow(const Known& known, const Pose2& T_base_reckoned, int64_t now_ns) const;
   std::vector<Local> nearTheWay(int64_t now_ns) const;
   Bound boundBy(const std::vector<Local>& obstacles, double speed);
   bool mayResume(const Bound& bound, double speed, int64_t now_ns, std::string* reason);

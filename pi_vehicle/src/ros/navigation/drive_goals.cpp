@@ -142,9 +142,14 @@ void DriveGoals::resumeGoal()
   {
     server_->goalCallback(toActionGoal(*kept, options_.map_frame));
   }
-  else if (const std::string problem = begin(kept->goal, "of an earlier life"); !problem.empty())
+  else
   {
-    warnings_->warn("the goal of an earlier life cannot be driven to: " + problem);
+    NavigationGoal goal = kept->goal;
+    goal.find_way = true;
+    if (const std::string problem = begin(goal, "of an earlier life"); !problem.empty())
+    {
+      warnings_->warn("the goal of an earlier life cannot be driven to: " + problem);
+    }
   }
 }
 
@@ -223,6 +228,7 @@ void DriveGoals::onDrive(GoalHandle handle)
 void DriveGoals::onMoveBase(MoveBaseHandle handle)
 {
   NavigationGoal goal;
+  goal.find_way = true;
   std::string problem = addPose(handle.getGoal()->target_pose, &goal);
   if (problem.empty())
   {
@@ -241,6 +247,7 @@ void DriveGoals::onMoveBase(MoveBaseHandle handle)
 void DriveGoals::onGoal(const geometry_msgs::PoseStamped& pose, const std::string& topic)
 {
   NavigationGoal goal;
+  goal.find_way = true;
   std::string problem = addPose(pose, &goal);
   if (problem.empty())
   {

@@ -1,5 +1,6 @@
 #include "ros/navigation/navigation_conversions.h"
 
+#include "ros/decision_conversions.h"
 #include "ros/pose_conversions.h"
 
 #include <algorithm>
@@ -167,6 +168,7 @@ std::vector<ObstacleBox> toObstacleBoxes(const pi_detect::ObstacleArray& obstacl
     box.size = {obstacle.size.x, obstacle.size.y};
     box.velocity = {obstacle.velocity.x, obstacle.velocity.y};
     box.top = obstacle.position.z + 0.5 * obstacle.size.z;
+    box.label = obstacle.label;
     box.moving = obstacle.moving != 0;
     for (const geometry_msgs::Point32& corner : obstacle.outline)
     {
@@ -175,6 +177,26 @@ std::vector<ObstacleBox> toObstacleBoxes(const pi_detect::ObstacleArray& obstacl
     boxes.push_back(box);
   }
   return boxes;
+}
+
+std::optional<GroundGrid> toGroundGrid(const nav_msgs::OccupancyGridConstPtr& message,
+                                       const Eigen::Isometry3d& T_map_frame)
+{
+  const nav_msgs::MapMetaData& info = message->info;
+  GroundGrid grid;
+  grid.T_map_grid = toPose2(T_map_frame * toIsometry(info.origin));
+  grid.stamp_ns = toNs(message->header.stamp);
+  grid.cell_m = static_cast<double>(info.resolution);
+  if (!(grid.cell_m > 0.0) || !grid.T_map_grid.finite() ||
+      message->data.size() != static_cast<size_t>(info.width) * static_cast<size_t>(info.height) ||
+      message->data.empty())
+  {
+    return std::nullopt;
+  }
+  grid.width = static_cast<int>(info.width);
+  grid.height = static_cast<int>(info.height);
+  grid.cells = std::shared_ptr<const std::vector<int8_t>>(&message->data, [message](const auto*) {});
+  return grid;
 }
 
 nav_msgs::Path toMsg(const Path& path, double step, const ros::Time& stamp, const std::string& map_frame)

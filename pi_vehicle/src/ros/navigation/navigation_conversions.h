@@ -6,6 +6,7 @@
 #include <geometry_msgs/PoseStamped.h>
 #include <geometry_msgs/PoseWithCovariance.h>
 #include <geometry_msgs/Transform.h>
+#include <nav_msgs/OccupancyGrid.h>
 #include <nav_msgs/Odometry.h>
 #include <nav_msgs/Path.h>
 #include <pi_detect/ObstacleArray.h>
@@ -40,6 +41,10 @@ double positionDeviation(const geometry_msgs::PoseWithCovariance& pose);
 std::string vehicleProblem(const VehicleState& state);
 /// With their outlines, where they have one.
 std::vector<ObstacleBox> toObstacleBoxes(const pi_detect::ObstacleArray& obstacles);
+
+/// The message's cells, not a copy. @return nullopt for a message whose numbers do not agree.
+std::optional<GroundGrid> toGroundGrid(const nav_msgs::OccupancyGridConstPtr& message,
+                                       const Eigen::Isometry3d& T_map_frame);
 
 /// A pose about every `step` [m]; of a closed path the first comes again at the end. Empty paths have no poses.
 nav_msgs::Path toMsg(const Path& path, double step, const ros::Time& stamp, const std::string& map_frame);

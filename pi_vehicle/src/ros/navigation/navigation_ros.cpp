@@ -43,6 +43,13 @@ NavigationRos::NavigationRos(ros::NodeHandle node, ros::NodeHandle private_node)
   publishRoute(ros::Time::now());
   obstacle_subscriber_ =
       service_node_.subscribe("obstacles", 2, &NavigationRos::onObstacles, this, ros::TransportHints().tcpNoDelay());
+  const auto subscribeGrid = [this](const char* topic, bool whole_map)
+  {
+    return service_node_.subscribe<nav_msgs::OccupancyGrid>(
+        topic, 1, [this, whole_map](const nav_msgs::OccupancyGridConstPtr& message) { onGrid(message, whole_map); });
+  };
+  grid_subscriber_ = subscribeGrid("grid", false);
+  map_subscriber_ = subscribeGrid("map", true);
   goals_.start();
   timer_ = pi_node::VehicleTimer(
       service_node_, 1.0 / options_.rate_hz, [this] { update(); }, "navigation");
@@ -73,6 +80,33 @@ void NavigationRos::onObstacles(const pi_detect::ObstacleArrayConstPtr& message)
   if (!left_out.empty())
   {
     warnings_.warn(left_out);
+  }
+}
+
+void NavigationRos::onGrid(const nav_msgs::OccupancyGridConstPtr& message, bool whole_map)
+{
+  const ros::Subscriber& subscriber = whole_map ? map_subscriber_ : grid_subscriber_;
+  std::string problem;
+  const auto T_map_frame = inputs_.mapFrom(message->header.frame_id, false, &problem);
+  if (!T_map_frame)
+  {
+    warnings_.warn(subscriber.getTopic() + ": " + problem);
+    return;
+  }
+  const std::optional<GroundGrid> grid = toGroundGrid(message, *T_map_frame);
+  if (!grid)
+  {
+    warnings_.error(subscriber.getTopic() + ": size, resolution or origin do not agree with its " +
+                    std::to_string(message->data.size()) + " cells; left out");
+    return;
+  }
+  if (whole_map)
+  {
+    navigator_.setMap(*grid);
+  }
+  else
+  {
+    navigator_.setGround(*grid);
   }
 }
 

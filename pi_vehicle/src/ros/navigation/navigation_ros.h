@@ -6,6 +6,7 @@
 #include "ros/navigation/navigation_ros_options.h"
 
 #include <diagnostic_updater/diagnostic_updater.h>
+#include <nav_msgs/OccupancyGrid.h>
 #include <pi_detect/ObstacleArray.h>
 #include <pi_node/ros/callback_thread.h>
 #include <pi_node/ros/vehicle_time.h>
@@ -18,8 +19,9 @@ namespace pi_vehicle
 /// Runs the Navigator on the graph: NavigationInputs before it, DriveGoals beside it.
 ///
 /// Subscribes `odometry` (pose), `map_pose` (its deviation in the map, optional), `localisation` (LocalisationState of
-/// the pose keeper, optional), tf map -> odom, `vehicle_state` (speed, curvature, mode) and `obstacles`. Goals come by
-/// the action `drive` (Drive.action) or on the topic `goal` (geometry_msgs/PoseStamped in any frame that tf knows); the
+/// the pose keeper, optional), tf map -> odom, `vehicle_state` (speed, curvature, mode), `obstacles`, `grid` (the
+/// ground around the vehicle, for ways round obstacles) and `map` (that of the whole map, for goals). Goals come by the
+/// action `drive` (Drive.action) or on the topic `goal` (geometry_msgs/PoseStamped in any frame that tf knows); the
 /// latest counts. The service `~cancel` (std_srvs/Trigger) ends either. The goal is kept on the parameter server: a
 /// navigation that restarts drives on to it.
 /// Publishes `motion/navigation` (MotionCommand) at rate_hz, also without a goal; `route` (nav_msgs/Path, latched,
@@ -42,6 +44,7 @@ private:
   using Status = diagnostic_updater::DiagnosticStatusWrapper;
 
   void onObstacles(const pi_detect::ObstacleArrayConstPtr& message);
+  void onGrid(const nav_msgs::OccupancyGridConstPtr& message, bool whole_map);
   void update();
   void publishRoute(const ros::Time& now);
   void publishSlowly();
@@ -66,6 +69,8 @@ private:
   ros::Publisher route_;
   ros::Publisher markers_;
   ros::Subscriber obstacle_subscriber_;
+  ros::Subscriber grid_subscriber_;
+  ros::Subscriber map_subscriber_;
   pi_node::VehicleTimer timer_;
   pi_node::VehicleTimer diagnostic_timer_;
 };

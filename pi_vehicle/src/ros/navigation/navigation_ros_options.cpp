@@ -91,7 +91,7 @@ static void visitFields(NavigationRosOptions& options, Visitor&& visit)
   visit("max_position_deviation", navigator.max_position_deviation);
   visit("need_obstacles", navigator.need_obstacles);
   visit("vehicle_timeout_s", navigator.vehicle_timeout_s);
-  visit("abort_after_s", navigator.abort_after_s);
+  visit("blocked_after_s", navigator.blocked_after_s);
   visit("max_route_length", navigator.max_route_length);
   visit("places", options.places);
   visit("resume_goal_within_s", options.resume_goal_within_s);
@@ -100,6 +100,7 @@ static void visitFields(NavigationRosOptions& options, Visitor&& visit)
   group("route", navigator.route);
   group("follower", navigator.follower);
   group("governor", navigator.governor);
+  group("passing", navigator.passing);
 }
 
 void NavigationRosOptions::validate() const

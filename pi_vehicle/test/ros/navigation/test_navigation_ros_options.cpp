@@ -26,7 +26,7 @@ TEST(NavigationRosOptions, ParametersComeBackAsTheyWere)
   NavigationRosOptions options;
   options.rate_hz = 50.0;
   options.navigator.need_obstacles = false;
-  options.navigator.abort_after_s = 60.0;
+  options.navigator.blocked_after_s = 60.0;
   options.navigator.route.corridor = 0.5;
   options.navigator.follower.goal_tolerance = 0.4;
   options.navigator.governor.stop_gap = 2.0;
