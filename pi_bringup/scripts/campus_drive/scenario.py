@@ -30,17 +30,22 @@ def simulation_config(package):
     return package.parent / "pi_simulation" / "config"
 
 
+def packaged(package):
+    """Paths of all scenarios in pi_simulation's config/scenarios and its folders, by their names."""
+    return sorted((simulation_config(package) / "scenarios").rglob("*.yaml"), key=lambda one: one.stem)
+
+
 def find(text, package):
     """@param text  path of a file, or a name in pi_simulation's config/scenarios.
     @throws DemoError naming those that are there."""
     path = Path(text)
     if path.is_file():
         return path.resolve()
-    folder = simulation_config(package) / "scenarios"
-    if (folder / (text + ".yaml")).is_file():
-        return folder / (text + ".yaml")
-    known = ", ".join(sorted(one.stem for one in folder.glob("*.yaml")))
-    raise DemoError("--scenario %s: no such file, and none of those in %s: %s" % (text, folder, known))
+    known = {one.stem: one for one in packaged(package)}
+    if text in known:
+        return known[text]
+    raise DemoError("--scenario %s: no such file, and none of those in %s: %s" %
+                    (text, simulation_config(package) / "scenarios", ", ".join(sorted(known))))
 
 
 def to_map(start, mount, point):

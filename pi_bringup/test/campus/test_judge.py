@@ -188,7 +188,7 @@ class Files(unittest.TestCase):
 
     def test_scenarios_of_the_package_are_read(self):
         self.assertTrue((PACKAGE.parent / "pi_simulation" / "config" / "scenarios" / "campus_drive.yaml").is_file())
-        for path in (PACKAGE.parent / "pi_simulation" / "config" / "scenarios").glob("*.yaml"):
+        for path in (PACKAGE.parent / "pi_simulation" / "config" / "scenarios").rglob("*.yaml"):
             self.assertEqual(path.stem, scenario.load(scenario.find(path.stem, PACKAGE), PACKAGE).name)
 
     def test_an_unknown_scenario_is_named_with_the_known_ones(self):

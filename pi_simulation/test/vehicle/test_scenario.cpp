@@ -102,14 +102,18 @@ faults:
 TEST(Scenario, TheOnesThatComeWithThePackageAreGood)
 {
   size_t count = 0;
-  for (const auto& entry : std::filesystem::directory_iterator(std::string(CONFIG_DIR) + "/scenarios"))
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(std::string(CONFIG_DIR) + "/scenarios"))
   {
+    if (entry.is_directory())
+    {
+      continue;
+    }
     const Scenario scenario = Scenario::load(entry.path(), 1);
     EXPECT_EQ(entry.path().stem(), scenario.name);
     EXPECT_TRUE(scenario.name.find("crossing") == std::string::npos || !scenario.actors.empty()) << scenario.name;
     ++count;
   }
-  EXPECT_EQ(count, 38u);
+  EXPECT_EQ(count, 43u);
   EXPECT_GE(Scenario::load(std::string(CONFIG_DIR) + "/scenarios/campus_drive.yaml", 1).actors.size(), 2u);
 }
 
