@@ -11,7 +11,7 @@ namespace
 
 constexpr double CHILD_HEIGHT = 0.9;      // [m]
 constexpr double ADULT_SHOULDERS = 1.55;  // over a lower thing they are seen, before the person steps out [m]
-constexpr double HIDING_WIDTH = 0.85;     // poles, boards and people are less wide: they hide nobody for long [m]
+constexpr double HIDING_WIDTH = 1.1;      // poles, boards and people are less wide: they hide nobody for long [m]
 constexpr double SIDE_DEPTH = 0.5;        // of the side that faces the way: its far end is where people come from [m]
 constexpr double CONTACT_SPEED = 0.5;     // that hurts nobody [m/s]
 
