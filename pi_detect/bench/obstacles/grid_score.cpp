@@ -16,6 +16,8 @@ namespace
 constexpr double SIDE_M = 0.1;
 constexpr double PASSED_M = 10.0;
 constexpr double SLOW_M_S = 0.1;
+constexpr double TOP_M =
+    1.8;  // of what is in the way: the vehicle is 1.6 m high; crowns of trees hang above free ground
 constexpr int WITHIN_CELLS = 2;
 constexpr int OCCUPIED_PERCENT = 65;
 constexpr int FREE_PERCENT = 35;
@@ -79,8 +81,7 @@ void GridScore::add(int64_t stamp_ns, const Eigen::Isometry3d& T_world_base, con
     }
     raised_.insert(cell);
     const double height = (T_world_base * p).z();
-    if (p.head<2>().norm() <= PASSED_M && height > StereoObstacleOptions().min_height_m &&
-        height < StereoObstacleOptions().max_height_m)
+    if (p.head<2>().norm() <= PASSED_M && height > StereoObstacleOptions().min_height_m && height < TOP_M)
     {
       passed_.insert(cell);
     }

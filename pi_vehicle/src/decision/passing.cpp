@@ -161,6 +161,21 @@ bool Passing::touches(const KnownObstacle& obstacle, const Pose2& place, double 
   return obstacle.outline.overlaps(rectangle, Eigen::Vector2d::Zero());
 }
 
+/// Near the place before, unless the pose has jumped.
+PathProjection Passing::locate() const
+{
+  if (s_ >= 0.0)
+  {
+    const PathProjection near = route_.project(input_.pose, s_ - NEAR_PATH, s_ + NEAR_PATH);
+    const double distance = (route_.at(near.s).pose().position() - input_.pose.position()).norm();
+    if (distance <= std::max(options_.left, options_.right) + NEAR_PATH)
+    {
+      return near;
+    }
+  }
+  return route_.project(input_.pose, 1.0);
+}
+
 Passing::Blocker Passing::firstBlocker() const
 {
   const double begin = path_.project(input_.pose, 1.0).s;
@@ -249,8 +264,7 @@ std::string Passing::problemOf(const Detour& detour) const
 /// @return why there is none; empty: found.
 std::string Passing::findDetour(double blocked_at, Detour* found) const
 {
-  const PathProjection here =
-      s_ < 0.0 ? route_.project(input_.pose, 1.0) : route_.project(input_.pose, s_ - NEAR_PATH, s_ + NEAR_PATH);
+  const PathProjection here = locate();
   Detour detour;
   const double lead = LEAD_S * std::max(0.0, input_.speed);
   detour.begin = here.s + lead;
@@ -368,9 +382,7 @@ PassingOutput Passing::update(const PassingInput& input)
     obstacle.outline = obstacle.outline.in(input_.pose);
     obstacle.velocity = Pose2{0.0, 0.0, input_.pose.heading} * obstacle.velocity;
   }
-  const PathProjection here =
-      s_ < 0.0 ? route_.project(input_.pose, 1.0) : route_.project(input_.pose, s_ - NEAR_PATH, s_ + NEAR_PATH);
-  s_ = here.s;
+  s_ = locate().s;
   if (detour_)
   {
     if (lengthOn(*detour_, s_) > detour_->end)

@@ -105,6 +105,7 @@ private:
   double lengthOn(const Detour& detour, double s) const;
   bool bendsTooMuch(const Detour& detour) const;
   bool touches(const KnownObstacle& obstacle, const Pose2& place, double clearance) const;
+  PathProjection locate() const;
   Blocker firstBlocker() const;
   bool isClear(const Detour& detour, double from, double to, double clearance) const;
   std::string problemOf(const Detour& detour) const;
