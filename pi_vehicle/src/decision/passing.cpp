@@ -19,7 +19,7 @@ using pi_node::seconds;
 namespace
 {
 
-constexpr double LOOK_AHEAD = 18.0;       // for what blocks the way [m]
+constexpr double LOOK_AHEAD = 11.5;       // for what blocks the way [m]
 constexpr double MOST_BESIDE = 25.0;      // longest way at the full shift [m]
 constexpr double PLACE_STEP = 0.25;       // between places that are looked at [m]
 constexpr double SHIFT_STEP = 0.2;        // between shifts that are tried [m]
@@ -27,6 +27,7 @@ constexpr double CELL_STEP = 0.1;         // across the way [m]
 constexpr double LEAST_SHIFTING = 3.0;    // length of a shift [m]
 constexpr double LEAD_S = 0.4;            // of the way until a new path acts [s]
 constexpr double LOOK_PERIOD_S = 0.3;     // between two searches
+constexpr double TOUCHING_MARGIN = 0.15;  // likewise, to be passed: in bends, walls far away seem to reach into it [m]
 constexpr double BLOCKING_MARGIN = 0.3;   // nearer to the way, an obstacle blocks it [m]
 constexpr double SEEN_MARGIN = 0.2;       // of ground that must be free beside the outline [m]
 constexpr double PEOPLE_CLEARANCE = 1.0;  // to those who stand beside the way round [m]
@@ -186,7 +187,7 @@ Passing::Blocker Passing::firstBlocker() const
     for (const KnownObstacle& obstacle : input_.obstacles)
     {
       // What stands beside the vehicle already, nearer than the margin, does not block it.
-      if (!obstacle.moving && touches(obstacle, place, BLOCKING_MARGIN) &&
+      if (!obstacle.moving && touches(obstacle, place, TOUCHING_MARGIN) &&
           (distance > 0.0 || touches(obstacle, placeOn(path_, begin + 1.0), 0.0)))
       {
         return {&obstacle, distance};

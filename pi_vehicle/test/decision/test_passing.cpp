@@ -195,25 +195,25 @@ TEST(Passing, PeopleAreWaitedForAndWhatCameJustNowIsNotPassed)
   Lane lane;
   lane.obstacles = {box(7, 25.0, 0.0, 0.3)};
   lane.obstacles[0].label = "person";
-  const PassingOutput output = lane.update({12.0, 0.0, 0.0});
+  const PassingOutput output = lane.update({13.0, 0.0, 0.0});
   EXPECT_FALSE(output.path);
   EXPECT_NE(std::string::npos, output.reason.find("it is waited for")) << output.reason;
   lane.obstacles[0].label = "";
   lane.obstacles[0].outline = GroundPolygon::box({25.0, 0.0, 0.0}, {0.25, 0.3});
   lane.obstacles[0].top = 1.7;
-  EXPECT_FALSE(lane.update({12.0, 0.0, 0.0}).path) << "by its size it may be a person";
+  EXPECT_FALSE(lane.update({13.0, 0.0, 0.0}).path) << "by its size it may be a person";
   lane.obstacles[0].top = 0.7;
   lane.obstacles[0].standing_s = 0.2;
-  EXPECT_FALSE(lane.update({12.0, 0.0, 0.0}).path);
+  EXPECT_FALSE(lane.update({13.0, 0.0, 0.0}).path);
   lane.obstacles[0].standing_s = 2.0;
-  EXPECT_TRUE(lane.update({12.0, 0.0, 0.0}).path);
+  EXPECT_TRUE(lane.update({13.0, 0.0, 0.0}).path);
 }
 
 TEST(Passing, TwoThingsBehindEachOtherArePassedInOneGo)
 {
   Lane lane;
   lane.obstacles = {box(7, 22.0, 0.0), box(8, 29.0, 0.0)};
-  const PassingOutput output = lane.update({8.0, 0.0, 0.0});
+  const PassingOutput output = lane.update({9.5, 0.0, 0.0});
   ASSERT_TRUE(output.path) << output.reason;
   EXPECT_GE(leastGap(*output.path, lane.obstacles[0]), 0.45);
   EXPECT_GE(leastGap(*output.path, lane.obstacles[1]), 0.45);
