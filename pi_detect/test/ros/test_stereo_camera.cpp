@@ -181,43 +181,43 @@ TEST(Rectifier, NamesALensThatItDoesNotKnow)
 
 TEST(StereoPairing, PairsAtOnceWhateverComesFirst)
 {
-  StereoPairing pairing(0.005);
-  EXPECT_FALSE(pairing.add(false, pictureAt(1.0)));
+  StereoPairing pairing(5'000'000);
+  EXPECT_FALSE(pairing.add(0, pictureAt(1.0)));
   const auto right = pictureAt(1.004);
-  const auto pair = pairing.add(true, right);
+  const auto pair = pairing.add(1, right);
   ASSERT_TRUE(pair);
-  EXPECT_EQ(ros::Time(1.0), pair->left->header.stamp);
-  EXPECT_EQ(right, pair->right);
-  EXPECT_FALSE(pairing.add(true, pictureAt(1.1)));
-  EXPECT_TRUE(pairing.add(false, pictureAt(1.1)));
-  EXPECT_EQ(0u, pairing.single());
+  EXPECT_EQ(ros::Time(1.0), pair->first->header.stamp);
+  EXPECT_EQ(right, pair->second);
+  EXPECT_FALSE(pairing.add(1, pictureAt(1.1)));
+  EXPECT_TRUE(pairing.add(0, pictureAt(1.1)));
+  EXPECT_EQ(0u, pairing.dropped());
 }
 
 TEST(StereoPairing, ForgetsPicturesWhosePartnerDoesNotCome)
 {
-  StereoPairing pairing(0.005);
-  pairing.add(false, pictureAt(1.0));
-  pairing.add(false, pictureAt(1.1));
-  const auto pair = pairing.add(true, pictureAt(1.1));
+  StereoPairing pairing(5'000'000);
+  pairing.add(0, pictureAt(1.0));
+  pairing.add(0, pictureAt(1.1));
+  const auto pair = pairing.add(1, pictureAt(1.1));
   ASSERT_TRUE(pair);
-  EXPECT_EQ(ros::Time(1.1), pair->left->header.stamp);
-  EXPECT_EQ(1u, pairing.single());
-  EXPECT_FALSE(pairing.add(true, pictureAt(1.2)));
-  EXPECT_FALSE(pairing.add(false, pictureAt(1.25)));  // not the same time
+  EXPECT_EQ(ros::Time(1.1), pair->first->header.stamp);
+  EXPECT_EQ(1u, pairing.dropped());
+  EXPECT_FALSE(pairing.add(1, pictureAt(1.2)));
+  EXPECT_FALSE(pairing.add(0, pictureAt(1.25)));  // not the same time
   for (int i = 0; i < 20; ++i)
   {
-    EXPECT_FALSE(pairing.add(false, pictureAt(2.0 + 0.1 * i)));
+    EXPECT_FALSE(pairing.add(0, pictureAt(2.0 + 0.1 * i)));
   }
-  EXPECT_GT(pairing.single(), 10u);
+  EXPECT_GT(pairing.dropped(), 10u);
 }
 
 TEST(StereoPairing, BeginsAnewWhenTimeGoesBack)
 {
-  StereoPairing pairing(0.005);
-  pairing.add(false, pictureAt(100.0));
-  pairing.add(false, pictureAt(10.0));
-  EXPECT_TRUE(pairing.add(true, pictureAt(10.0)));
-  EXPECT_FALSE(pairing.add(true, pictureAt(100.0)));
+  StereoPairing pairing(5'000'000);
+  pairing.add(0, pictureAt(100.0));
+  pairing.add(0, pictureAt(10.0));
+  EXPECT_TRUE(pairing.add(1, pictureAt(10.0)));
+  EXPECT_FALSE(pairing.add(1, pictureAt(100.0)));
 }
 
 }  // namespace

@@ -1,8 +1,8 @@
 #include "map/map_grid.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <utility>
 
 namespace pi_slam::map
@@ -17,9 +17,22 @@ constexpr double SAME_DIRECTION_RAD = 0.8;  // between the directions in which t
 /// Where a patch stands in map.
 struct Placed
 {
+  Placed(const OccupancyCells& patch, const MapNode& node)
+    : cells(&patch), R_map_odom(node.heading), p_map_odom(node.T_map_odom().translation().head<2>())
+  {
+    for (const int x : {0, patch.width})
+    {
+      for (const int y : {0, patch.height})
+      {
+        bounds.extend(R_map_odom * (patch.origin + patch.cell_m * Eigen::Vector2d(x, y)) + p_map_odom);
+      }
+    }
+  }
+
   const OccupancyCells* cells;
   Eigen::Rotation2Dd R_map_odom;
   Eigen::Vector2d p_map_odom;
+  Eigen::AlignedBox2d bounds;  ///< in map
 };
 
 double directionOf(const MapNode& node)
@@ -31,33 +44,10 @@ double directionOf(const MapNode& node)
   return std::atan2(axis.y(), axis.x());
 }
 
-/// Calls visit(corner) with the four corners of the placed cells in map.
-template <typename Visit>
-void visitCorners(const Placed& placed, const Visit& visit)
-{
-  const OccupancyCells& cells = *placed.cells;
-  for (const int x : {0, cells.width})
-  {
-    for (const int y : {0, cells.height})
-    {
-      const Eigen::Vector2d p_odom = cells.origin + cells.cell_m * Eigen::Vector2d(x, y);
-      visit(Eigen::Vector2d(placed.R_map_odom * p_odom + placed.p_map_odom));
-    }
-  }
-}
-
 void draw(const Placed& placed, OccupancyCells* grid)
 {
-  Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
-  Eigen::Vector2d high = -low;
-  visitCorners(placed,
-               [&](const Eigen::Vector2d& corner)
-               {
-                 low = low.cwiseMin(corner);
-                 high = high.cwiseMax(corner);
-               });
-  const auto from = ((low - grid->origin) / grid->cell_m).array().floor().max(0.0).cast<int>().eval();
-  const auto to = ((high - grid->origin) / grid->cell_m).array().ceil().cast<int>().eval();
+  const auto from = ((placed.bounds.min() - grid->origin) / grid->cell_m).array().floor().max(0.0).cast<int>().eval();
+  const auto to = ((placed.bounds.max() - grid->origin) / grid->cell_m).array().ceil().cast<int>().eval();
   const OccupancyCells& cells = *placed.cells;
   const Eigen::Rotation2Dd R_odom_map = placed.R_map_odom.inverse();
   const Eigen::Vector2d step = R_odom_map * Eigen::Vector2d(grid->cell_m, 0.0) / cells.cell_m;
@@ -138,8 +128,7 @@ std::optional<OccupancyCells> composeGrid(const MapData& map, const GridPatch* n
   {
     if (const MapNode* node = nodeOf(map, patch))
     {
-      const Eigen::Isometry3d T_map_odom = node->T_map_odom();
-      all.push_back({&patch.cells, Eigen::Rotation2Dd(node->heading), T_map_odom.translation().head<2>()});
+      all.emplace_back(patch.cells, *node);
     }
   };
   for (const GridPatch& patch : map.patches)
@@ -156,19 +145,13 @@ std::optional<OccupancyCells> composeGrid(const MapData& map, const GridPatch* n
   }
   OccupancyCells grid;
   grid.cell_m = all.front().cells->cell_m;
-  Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
-  Eigen::Vector2d high = -low;
+  Eigen::AlignedBox2d bounds;
   for (const Placed& placed : all)
   {
-    visitCorners(placed,
-                 [&](const Eigen::Vector2d& corner)
-                 {
-                   low = low.cwiseMin(corner);
-                   high = high.cwiseMax(corner);
-                 });
+    bounds.extend(placed.bounds);
   }
-  const Eigen::Array2d first = (low / grid.cell_m).array().floor();
-  const Eigen::Array2d size = (high / grid.cell_m).array().ceil() - first;
+  const Eigen::Array2d first = (bounds.min() / grid.cell_m).array().floor();
+  const Eigen::Array2d size = (bounds.max() / grid.cell_m).array().ceil() - first;
   if (!(size.prod() <= static_cast<double>(MOST_CELLS)))
   {
     return std::nullopt;

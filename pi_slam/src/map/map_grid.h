@@ -22,6 +22,6 @@ void addPatch(MapData* map, GridPatch patch);
 /// @return nullopt if there are none, or they would fill more than MOST_CELLS.
 std::optional<OccupancyCells> composeGrid(const MapData& map, const GridPatch* newest);
 
-constexpr size_t MOST_CELLS = 400000000;
+constexpr size_t MOST_CELLS = 100000000;  ///< 1 km x 1 km at 10 cm, 100 MB
 
 }  // namespace pi_slam::map

@@ -46,10 +46,11 @@ void VioGrid::onGrid(const nav_msgs::OccupancyGrid& message)
 void VioGrid::publish()
 {
   const VioPipeline::Ptr pipeline = session_.pipeline();
-  if (!map_ || map_.getNumSubscribers() == 0 || !pipeline || !pipeline->mapper)
+  if (!map_ || map_.getNumSubscribers() == 0 || !pipeline || !pipeline->mapper || newest_ == published_)
   {
     return;
   }
+  published_ = newest_;
   if (const std::optional<OccupancyCells> grid = pipeline->mapper->grid())
   {
     map_.publish(toMsg(*grid, newest_, options_.map_frame));

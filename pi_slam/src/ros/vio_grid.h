@@ -26,7 +26,8 @@ private:
   const VioRosOptions& options_;
   VioSession& session_;
   pi_node::WarningBoard& warnings_;
-  ros::Time newest_;  ///< stamp of the last grid taken
+  ros::Time newest_;     ///< stamp of the last grid taken
+  ros::Time published_;  ///< likewise, when the map was published last: without another one it is the same
   ros::Publisher map_;
   ros::Subscriber grid_;
 };

@@ -124,15 +124,22 @@ Navigator::Plan Navigator::plan(const NavigationGoal& goal, const Pose2& pose, d
                           options_.max_route_length);
     return plan;
   }
-  if (goal.find_way)
+  RouteResult result = planRoute(request, options_.route);
+  if (goal.find_way && map_ && (!result.path || firstOccupied(*result.path)))
   {
     plan.problem = goRound(&request);
     if (!plan.problem.empty())
     {
       return plan;
     }
+    result = planRoute(request, options_.route);
+    if (const auto occupied = result.path ? firstOccupied(*result.path) : std::nullopt)
+    {
+      plan.problem = format("the way to the goal leads over (%.1f,", occupied->x()) +
+                     format(" %.1f), which is occupied on the map's grid: give waypoints", occupied->y());
+      return plan;
+    }
   }
-  RouteResult result = planRoute(request, options_.route);
   if (!result.path)
   {
     plan.problem = "no route: " + result.problem + (goal.loop ? "" : " (point 0 is where the vehicle stands)");
@@ -188,15 +195,6 @@ std::optional<Eigen::Vector2d> Navigator::firstOccupied(const Path& path) const
 
 std::string Navigator::goRound(RouteRequest* request) const
 {
-  if (!map_)
-  {
-    return "";
-  }
-  const RouteResult straight = planRoute(*request, options_.route);
-  if (straight.path && !firstOccupied(*straight.path))
-  {
-    return "";
-  }
   const double radius = options_.governor.footprint.half_width + BESIDE_MARGIN;
   std::vector<Eigen::Vector2d> points{request->points.front()};
   for (size_t i = 1; i < request->points.size(); ++i)
@@ -212,15 +210,6 @@ std::string Navigator::goRound(RouteRequest* request) const
     points.insert(points.end(), corners->begin(), corners->end());
   }
   request->points = points;
-  const RouteResult round = planRoute(*request, options_.route);
-  if (round.path)
-  {
-    if (const std::optional<Eigen::Vector2d> p = firstOccupied(*round.path))
-    {
-      return format("the way to the goal leads over (%.1f,", p->x()) +
-             format(" %.1f), which is occupied on the map's grid: give waypoints", p->y());
-    }
-  }
   return "";
 }
 

@@ -157,7 +157,7 @@ private:
   /// @return what is wrong with the goal alone, without a pose; empty: nothing.
   std::string check(const NavigationGoal& goal) const;
   Plan plan(const NavigationGoal& goal, const Pose2& pose, double speed) const;
-  /// Corners of a free way over the map's grid are put before the goal, if the straight path is not free there.
+  /// Puts the corners of a free way over the map's grid between the points.
   /// @return the problem with its remedy; empty: none.
   std::string goRound(RouteRequest* request) const;
   std::optional<Eigen::Vector2d> firstOccupied(const Path& path) const;

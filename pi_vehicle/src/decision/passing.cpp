@@ -19,7 +19,7 @@ using pi_node::seconds;
 namespace
 {
 
-constexpr double LOOK_AHEAD = 11.5;       // for what blocks the way [m]
+constexpr double APPROACH = 4.5;          // before hold_distance: from here on the way round is looked for [m]
 constexpr double MOST_BESIDE = 25.0;      // longest way at the full shift [m]
 constexpr double PLACE_STEP = 0.25;       // between places that are looked at [m]
 constexpr double SHIFT_STEP = 0.2;        // between shifts that are tried [m]
@@ -27,7 +27,6 @@ constexpr double CELL_STEP = 0.1;         // across the way [m]
 constexpr double LEAST_SHIFTING = 3.0;    // length of a shift [m]
 constexpr double LEAD_S = 0.4;            // of the way until a new path acts [s]
 constexpr double LOOK_PERIOD_S = 0.3;     // between two searches
-constexpr double TOUCHING_MARGIN = 0.15;  // likewise, to be passed: in bends, walls far away seem to reach into it [m]
 constexpr double BLOCKING_MARGIN = 0.3;   // nearer to the way, an obstacle blocks it [m]
 constexpr double SEEN_MARGIN = 0.2;       // of ground that must be free beside the outline [m]
 constexpr double PEOPLE_CLEARANCE = 1.0;  // to those who stand beside the way round [m]
@@ -180,14 +179,15 @@ PathProjection Passing::locate() const
 Passing::Blocker Passing::firstBlocker() const
 {
   const double begin = path_.project(input_.pose, 1.0).s;
-  const double most = path_.closed() ? LOOK_AHEAD : std::min(LOOK_AHEAD, path_.length() - begin);
+  const double look_ahead = options_.hold_distance + APPROACH;
+  const double most = path_.closed() ? look_ahead : std::min(look_ahead, path_.length() - begin);
   for (double distance = 0.0; distance <= most; distance += PLACE_STEP)
   {
     const Pose2 place = placeOn(path_, begin + distance);
     for (const KnownObstacle& obstacle : input_.obstacles)
     {
       // What stands beside the vehicle already, nearer than the margin, does not block it.
-      if (!obstacle.moving && touches(obstacle, place, TOUCHING_MARGIN) &&
+      if (!obstacle.moving && touches(obstacle, place, BLOCKING_MARGIN) &&
           (distance > 0.0 || touches(obstacle, placeOn(path_, begin + 1.0), 0.0)))
       {
         return {&obstacle, distance};
@@ -401,9 +401,13 @@ PassingOutput Passing::update(const PassingInput& input)
     }
   }
   const Blocker blocker = firstBlocker();
+  if (blocker.obstacle == nullptr || blocker.obstacle->id != blocker_id_)
+  {
+    blocker_id_ = blocker.obstacle == nullptr ? -1 : blocker.obstacle->id;
+    blocked_since_ns_ = input.now_ns;
+  }
   if (blocker.obstacle == nullptr)
   {
-    problem_.clear();
     return output;
   }
   const KnownObstacle& obstacle = *blocker.obstacle;
@@ -421,7 +425,8 @@ PassingOutput Passing::update(const PassingInput& input)
     looked_ns_ = input.now_ns;
     problem_ = "it was not there for long";
     Detour found;
-    if (obstacle.standing_s >= options_.known_for)
+    // In bends, walls that are far away seem to reach into the way for moments.
+    if (std::min(obstacle.standing_s, seconds(input.now_ns - blocked_since_ns_)) >= options_.known_for)
     {
       problem_ = findDetour(blocker.distance, &found);
     }

@@ -22,7 +22,7 @@ struct PassingOptions
   double hold_distance = 7.0;  ///< before what may be passed it waits, as it needs room to steer round it [m]
   double speed = 1.5;          ///< beside the route [m/s]
   double clearance = 0.5;      ///< to what stands, on the sides [m]
-  double known_for = 1.0;      ///< what has stood for less is not passed [s]
+  double known_for = 1.0;      ///< what has stood, or was in the way, for less is not passed [s]
   double max_curvature = 0.3;  ///< of the way round [1/m]
   double seen = 0.9;           ///< part of the ground on the way round that must be seen to be free
 
@@ -121,6 +121,8 @@ private:
   Path path_;  // the route, with the present detour
   std::optional<Detour> detour_;
   int64_t passed_id_ = -1;
+  int64_t blocker_id_ = -1;  // what is in the way; -1: nothing is
+  int64_t blocked_since_ns_ = 0;
   double s_ = -1.0;  // of the vehicle on the route; below 0: not known
   bool looked_ = false;
   int64_t looked_ns_ = 0;

@@ -25,7 +25,7 @@ ObstaclesWorker::ObstaclesWorker(const ros::NodeHandle& node, const ObstaclesRos
   , diagnostics_(diagnostics)
   , publish_(std::move(publish))
   , motion_(node, options.odom_frame, options.base_link_frame)
-  , pairing_(options.pair_tolerance_s)
+  , pairing_(pi_node::nanoseconds(options.pair_tolerance_s))
   , rate_limit_(options.max_rate_hz)
   , finder_(options, topics, &motion_)
   , tracker_(options.tracker)
@@ -54,10 +54,10 @@ void ObstaclesWorker::stop()
 void ObstaclesWorker::add(Side side, const pi_os_transport::zero_copy::ImageHandle& picture)
 {
   std::lock_guard<std::mutex> lock(mutex_);
-  if (std::optional<StereoPair> pair = pairing_.add(side == RIGHT, picture))
+  if (const auto pair = pairing_.add(side, picture))
   {
     StereoJob job;
-    job.pair = std::move(*pair);
+    job.pair = {pair->first, pair->second};
     offer(std::move(job));
   }
 }
@@ -122,7 +122,7 @@ void ObstaclesWorker::report(ObstaclesFigures* figures)
 {
   std::lock_guard<std::mutex> lock(mutex_);
   *figures = figures_;
-  figures->single = pairing_.single();
+  figures->single = pairing_.dropped();
 }
 
 // ---------------------------------------------------------------------------------------------------------- obs_worker

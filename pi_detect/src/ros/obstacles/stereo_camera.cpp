@@ -24,8 +24,6 @@ using pi_os_transport::zero_copy::ImageHandle;
 
 constexpr double MIN_BASELINE_M = 0.01;
 constexpr double MAX_BASELINE_M = 3.0;
-/// Pictures of one camera that wait for a partner.
-constexpr size_t MAX_WAITING = 8;
 constexpr int POINTS_PER_SIDE = 5;  ///< of a box's outline, which a lens bends
 
 [[noreturn]] void fail(const std::string& text)
@@ -65,11 +63,6 @@ void requireBaseline(double baseline_m, const std::string& name)
     fail(name + ": baseline = " + format("%g", baseline_m) + " m, must be in [" + format("%g", MIN_BASELINE_M) + ", " +
          format("%g", MAX_BASELINE_M) + "]: check the unit of the calibration");
   }
-}
-
-int64_t stampOf(const ImageHandle& picture)
-{
-  return fromMsg(picture->header.stamp);
 }
 
 }  // namespace
@@ -195,42 +188,5 @@ Box Rectifier::rectify(const Box& raw) const
 }
 
 // ------------------------------------------------------------------------------------------------------- StereoPairing
-
-StereoPairing::StereoPairing(double tolerance_s) : tolerance_ns_(std::llround(1e9 * tolerance_s)) {}
-
-void StereoPairing::clear()
-{
-  waiting_[0].clear();
-  waiting_[1].clear();
-}
-
-std::optional<StereoPair> StereoPairing::add(bool right, const ImageHandle& picture)
-{
-  const int64_t stamp_ns = stampOf(picture);
-  auto& own = waiting_[right ? 1 : 0];
-  auto& other = waiting_[right ? 0 : 1];
-  if (!own.empty() && stamp_ns <= stampOf(own.back()))
-  {
-    clear();  // time began anew
-  }
-  const auto partner = std::min_element(other.begin(), other.end(),
-                                        [stamp_ns](const auto& a, const auto& b)
-                                        { return std::abs(stampOf(a) - stamp_ns) < std::abs(stampOf(b) - stamp_ns); });
-  if (partner == other.end() || std::abs(stampOf(*partner) - stamp_ns) > tolerance_ns_)
-  {
-    own.push_back(picture);
-    if (own.size() > MAX_WAITING)
-    {
-      own.pop_front();
-      ++single_;
-    }
-    return std::nullopt;
-  }
-  const StereoPair pair = right ? StereoPair{*partner, picture} : StereoPair{picture, *partner};
-  single_ += own.size() + static_cast<uint64_t>(partner - other.begin());
-  own.clear();
-  other.erase(other.begin(), partner + 1);
-  return pair;
-}
 
 }  // namespace pi_detect

@@ -2,13 +2,14 @@
 
 #include <pi_detect/detection.h>
 #include <pi_detect/stereo_obstacles.h>
+#include <pi_node/ros/time.h>
+#include <pi_node/stereo_pairs.h>
 #include <pi_os_transport/zero_copy/image_subscriber.h>
 #include <sensor_msgs/CameraInfo.h>
 #include <stereo_msgs/DisparityImage.h>
 
 #include <Eigen/Core>
 #include <cstdint>
-#include <deque>
 #include <opencv2/core/mat.hpp>
 #include <optional>
 #include <string>
@@ -65,25 +66,13 @@ struct StereoPair
   pi_os_transport::zero_copy::ImageHandle right;
 };
 
-/// Pairs the pictures of two cameras by their stamps, as soon as the second one comes; the approximate time policy of
-/// message_filters would wait for the next picture. Pictures without partner are forgotten. Not thread safe.
-class StereoPairing
+struct StampOfPicture
 {
-public:
-  /// @param tolerance_s  between the stamps of a pair [s].
-  explicit StereoPairing(double tolerance_s);
-
-  /// @param right  false: of the left camera.
-  /// @return the pair that the picture completes.
-  std::optional<StereoPair> add(bool right, const pi_os_transport::zero_copy::ImageHandle& picture);
-  void clear();
-
-  uint64_t single() const { return single_; }  ///< pictures without partner so far
-
-private:
-  const int64_t tolerance_ns_;
-  std::deque<pi_os_transport::zero_copy::ImageHandle> waiting_[2];  ///< left, right; oldest first
-  uint64_t single_ = 0;
+  int64_t operator()(const pi_os_transport::zero_copy::ImageHandle& picture) const
+  {
+    return pi_node::fromMsg(picture->header.stamp);
+  }
 };
+using StereoPairing = pi_node::StereoPairs<pi_os_transport::zero_copy::ImageHandle, StampOfPicture>;
 
 }  // namespace pi_detect

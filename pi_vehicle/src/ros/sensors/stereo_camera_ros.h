@@ -2,7 +2,6 @@
 
 #include "ros/sensors/stereo_camera_ros_options.h"
 #include "ros/sensors/stereo_pictures.h"
-#include "sensors/stereo_pairs.h"
 #include "sensors/video_source.h"
 
 #include <diagnostic_updater/diagnostic_updater.h>
@@ -10,6 +9,7 @@
 #include <pi_node/ros/recent_values.h>
 #include <pi_node/ros/vehicle_time.h>
 #include <pi_node/ros/warning_board.h>
+#include <pi_node/stereo_pairs.h>
 #include <ros/ros.h>
 
 #include <memory>
@@ -54,6 +54,11 @@ private:
     uint64_t by_arrival = 0;  ///< pictures whose stamp is that of their arrival
   };
 
+  struct StampOfPicture
+  {
+    int64_t operator()(const VideoPicture& picture) const { return picture.stamp_ns; }
+  };
+
   void startReader(size_t device);
   void onOpened(size_t device, const VideoSource& source);
   void onClosed(size_t device, const std::string& problem, bool error);
@@ -71,7 +76,7 @@ private:
 
   std::mutex pictures_mutex_;  ///< of the two below: two devices' pairs leave in order
   StereoPictures pictures_;
-  StereoPairs<VideoPicture> pairs_;
+  pi_node::StereoPairs<VideoPicture, StampOfPicture> pairs_;
 
   std::mutex mutex_;  ///< of the five below
   std::vector<Device> devices_;

@@ -7,16 +7,18 @@
 #include <optional>
 #include <utility>
 
-namespace pi_vehicle
+namespace pi_node
 {
 
-/// Brings together what two cameras took at nearly the same time. Each picture is used once. Not thread safe.
-/// @tparam Picture  has stamp_ns.
-template <typename Picture>
+/// Brings together what two cameras took at nearly the same time, as soon as the second picture comes; the approximate
+/// time policy of message_filters would wait for the next one. Each picture is used once. A camera whose stamps go back
+/// begins anew. Not thread safe.
+/// @tparam StampOf  gives the stamp of a picture [ns].
+template <typename Picture, typename StampOf>
 class StereoPairs
 {
 public:
-  static constexpr size_t MOST_WAITING = 4;  ///< pictures of a camera whose partner is silent
+  static constexpr size_t MOST_WAITING = 8;  ///< pictures of a camera whose partner is silent
 
   /// @param most_ns  between the two; below half a period a picture has at most one partner, which is the nearest.
   explicit StereoPairs(int64_t most_ns) : most_ns_(most_ns) {}
@@ -24,11 +26,16 @@ public:
   /// A picture came. @param side  0: left, 1: right.
   std::optional<std::pair<Picture, Picture>> add(size_t side, Picture picture)
   {
+    const StampOf stamp_of;
+    if (!waiting_[side].empty() && stamp_of(picture) <= stamp_of(waiting_[side].back()))
+    {
+      clear();
+    }
     waiting_[side].push_back(std::move(picture));
     auto& [left, right] = waiting_;
     while (!left.empty() && !right.empty())
     {
-      difference_ns_ = right.front().stamp_ns - left.front().stamp_ns;
+      difference_ns_ = stamp_of(right.front()) - stamp_of(left.front());
       if (std::abs(difference_ns_) <= most_ns_)
       {
         std::pair<Picture, Picture> pair(std::move(left.front()), std::move(right.front()));
@@ -43,6 +50,13 @@ public:
       drop(&waiting_[side]);
     }
     return std::nullopt;
+  }
+
+  /// Forgets what waits.
+  void clear()
+  {
+    waiting_[0].clear();
+    waiting_[1].clear();
   }
 
   /// Pictures without a partner.
@@ -63,4 +77,4 @@ private:
   int64_t difference_ns_ = 0;
 };
 
-}  // namespace pi_vehicle
+}  // namespace pi_node

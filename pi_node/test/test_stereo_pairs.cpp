@@ -1,11 +1,10 @@
-#include "sensors/stereo_pairs.h"
-
 #include <gtest/gtest.h>
+#include <pi_node/stereo_pairs.h>
 
 #include <cmath>
 #include <cstdint>
 
-namespace pi_vehicle
+namespace pi_node
 {
 namespace
 {
@@ -15,11 +14,17 @@ struct Picture
   int64_t stamp_ns = 0;
 };
 
+struct StampOf
+{
+  int64_t operator()(const Picture& picture) const { return picture.stamp_ns; }
+};
+using Pairs = StereoPairs<Picture, StampOf>;
+
 constexpr int64_t MILLISECOND = 1'000'000;
 
 TEST(StereoPairs, AreThoseThatAreNearestWhateverComesFirst)
 {
-  StereoPairs<Picture> pairs(2 * MILLISECOND);
+  Pairs pairs(2 * MILLISECOND);
   EXPECT_FALSE(pairs.add(0, {10 * MILLISECOND}));
   const auto first = pairs.add(1, {11 * MILLISECOND});
   ASSERT_TRUE(first);
@@ -34,7 +39,7 @@ TEST(StereoPairs, AreThoseThatAreNearestWhateverComesFirst)
 
 TEST(StereoPairs, WhatHasNoPartnerIsDroppedAndCounted)
 {
-  StereoPairs<Picture> pairs(2 * MILLISECOND);
+  Pairs pairs(2 * MILLISECOND);
   EXPECT_FALSE(pairs.add(0, {10 * MILLISECOND}));
   EXPECT_FALSE(pairs.add(1, {26 * MILLISECOND})) << "that of 10 ms was lost";
   EXPECT_EQ(1u, pairs.dropped());
@@ -44,7 +49,7 @@ TEST(StereoPairs, WhatHasNoPartnerIsDroppedAndCounted)
 
 TEST(StereoPairs, CamerasOutOfStepHaveNoPairs)
 {
-  StereoPairs<Picture> pairs(2 * MILLISECOND);
+  Pairs pairs(2 * MILLISECOND);
   for (int i = 0; i < 100; ++i)
   {
     EXPECT_FALSE(pairs.add(0, {i * 16 * MILLISECOND}));
@@ -56,14 +61,23 @@ TEST(StereoPairs, CamerasOutOfStepHaveNoPairs)
 
 TEST(StereoPairs, ACameraWhosePartnerIsSilentTakesNoMemory)
 {
-  StereoPairs<Picture> pairs(2 * MILLISECOND);
+  Pairs pairs(2 * MILLISECOND);
   for (int i = 0; i < 100; ++i)
   {
     EXPECT_FALSE(pairs.add(1, {i * 16 * MILLISECOND}));
   }
-  EXPECT_EQ(96u, pairs.dropped());
+  EXPECT_EQ(100u - Pairs::MOST_WAITING, pairs.dropped());
   EXPECT_TRUE(pairs.add(0, {99 * 16 * MILLISECOND}));
 }
 
+TEST(StereoPairs, BeginAnewWhenTimeGoesBack)
+{
+  Pairs pairs(2 * MILLISECOND);
+  pairs.add(0, {1000 * MILLISECOND});
+  pairs.add(0, {100 * MILLISECOND});
+  EXPECT_TRUE(pairs.add(1, {100 * MILLISECOND}));
+  EXPECT_FALSE(pairs.add(1, {1000 * MILLISECOND}));
+}
+
 }  // namespace
-}  // namespace pi_vehicle
+}  // namespace pi_node
