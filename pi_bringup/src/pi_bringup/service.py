@@ -25,7 +25,8 @@ LISTENED_S = 10.0              # for somebody to hear what is said
 SENT_S = 1.0                   # for what is said to leave this process
 MOST_REASONS = 3               # that are spoken
 PASSED_ON = ("ROS_MASTER_URI", "ROS_HOSTNAME", "ROS_IP", "PI_EDGE_DATA")
-ERROR, STALE = 2, 3            # of diagnostic_msgs/DiagnosticStatus
+WARN, ERROR, STALE = 1, 2, 3   # of diagnostic_msgs/DiagnosticStatus
+ODOMETRY = "/Localisation/odometry"  # warns until it knows the pose; other warnings do not stop the vehicle
 TEMPLATE = """\
 # Written by "pi_edge install-service", which also renews it. systemctl status pi-edge; journalctl -u pi-edge
 [Unit]
@@ -178,7 +179,8 @@ def leaves(statuses):
 def reasons(statuses, missing_nodes):
     """Why the vehicle is not ready, in words; [] if it is."""
     found = [f"{node.strip('/')} does not run" for node in sorted(missing_nodes)]
-    bad = sorted((name, level, message) for name, (level, message) in leaves(statuses).items() if level >= ERROR)
+    bad = sorted((name, level, message) for name, (level, message) in leaves(statuses).items()
+                 if level >= (WARN if name.endswith(ODOMETRY) else ERROR))
     found += [f"{name.rsplit('/', 1)[-1]}: {'says nothing' if level == STALE else message}"
               for name, level, message in bad]
     if not found and not leaves(statuses):

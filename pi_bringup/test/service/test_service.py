@@ -83,6 +83,8 @@ class Ready(unittest.TestCase):
         self.assertEqual(["line: says nothing", "camera: camera /dev/video0 is not there"],
                          service.reasons(self.TREE, set()))
         self.assertEqual(["vio does not run"], service.reasons({}, {"/vio"}))
+        self.assertEqual(["odometry: no pictures yet"],
+                         service.reasons({"/Vehicle/Localisation/odometry": (1, "no pictures yet")}, set()))
         self.assertEqual(["nothing in the diagnostics"], service.reasons({"/Vehicle": (3, "Stale")}, set()))
         self.assertEqual([], service.reasons({"/Vehicle": (2, "Error"), "/Vehicle/Edge": (3, "Stale"),
                                               "/Vehicle/Power/power: watts": (1, "a model")}, set()), "no edge nodes")
