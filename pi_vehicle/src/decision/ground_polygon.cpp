@@ -123,6 +123,20 @@ bool GroundPolygon::isSeparatedByNone(const GroundRectangle& rectangle, const Ei
          high.y() >= -rectangle.half.y();
 }
 
+double GroundPolygon::widthFrom(const Eigen::Vector2d& eye) const
+{
+  const Eigen::Vector2d sight = (middle_ - eye).normalized();
+  double left = -std::numeric_limits<double>::infinity();
+  double right = std::numeric_limits<double>::infinity();
+  for (const Eigen::Vector2d& corner : corners_)
+  {
+    const double across = sight.x() * corner.y() - sight.y() * corner.x();
+    left = std::max(left, across);
+    right = std::min(right, across);
+  }
+  return left - right;
+}
+
 double GroundPolygon::mostX() const
 {
   double most = -std::numeric_limits<double>::infinity();

@@ -14,6 +14,10 @@ constexpr double ADULT_SHOULDERS = 1.55;  // over a lower thing they are seen, b
 constexpr double HIDING_WIDTH = 1.1;      // poles, boards and people are less wide: they hide nobody for long [m]
 constexpr double SIDE_DEPTH = 0.5;        // of the side that faces the way: its far end is where people come from [m]
 constexpr double CONTACT_SPEED = 0.5;     // that hurts nobody [m/s]
+constexpr double OUT_REACH = 1.0;         // from what hid somebody to where the stereo cameras see them first [m]
+constexpr double LEAST_RADIUS = 0.2;      // of a circle around a person who is seen in part; poles are thinner [m]
+constexpr double MOST_RADIUS = 0.7;
+constexpr double LEAST_SPEED = 0.35;  // that a child was found to have after three pictures, not yet certain [m/s]
 
 struct Beside
 {
@@ -21,12 +25,16 @@ struct Beside
   double gap;
 };
 
+std::vector<Pose2>::const_iterator nearestOf(const std::vector<Pose2>& way, const Eigen::Vector2d& point)
+{
+  return std::min_element(way.begin(), way.end(),
+                          [&point](const Pose2& a, const Pose2& b)
+                          { return (a.position() - point).squaredNorm() < (b.position() - point).squaredNorm(); });
+}
+
 Beside placeOf(const Eigen::Vector2d& point, const std::vector<Pose2>& way, double half_width)
 {
-  const auto nearest =
-      std::min_element(way.begin(), way.end(),
-                       [&point](const Pose2& a, const Pose2& b)
-                       { return (a.position() - point).squaredNorm() < (b.position() - point).squaredNorm(); });
+  const auto nearest = nearestOf(way, point);
   double along = 0.0;
   for (auto pose = way.begin(); pose != nearest; ++pose)
   {
@@ -40,17 +48,7 @@ Beside placeOf(const Eigen::Vector2d& point, const std::vector<Pose2>& way, doub
 
 Who behind(const GroundPolygon& outline, const Eigen::Vector2d& eye, double top)
 {
-  // Across the line of sight: along it, the size of distant things is hardly known.
-  const Eigen::Vector2d sight = (outline.middle() - eye).normalized();
-  double left = -std::numeric_limits<double>::infinity();
-  double right = std::numeric_limits<double>::infinity();
-  for (const Eigen::Vector2d& corner : outline.corners())
-  {
-    const double across = sight.x() * corner.y() - sight.y() * corner.x();
-    left = std::max(left, across);
-    right = std::min(right, across);
-  }
-  if (left - right < HIDING_WIDTH)
+  if (outline.widthFrom(eye) < HIDING_WIDTH)
   {
     return Who::NOBODY;
   }
@@ -87,7 +85,25 @@ double allowedSpeed(const Edge& edge, double step_out_speed, const Vehicle& vehi
   const double braking_s = std::max(0.0, edge.gap / step_out_speed - vehicle.reaction_time);
   const double slow = CONTACT_SPEED + vehicle.emergency_deceleration * braking_s;
   const double stop = slow * vehicle.reaction_time + 0.5 * slow * slow / vehicle.emergency_deceleration;
-  return std::sqrt(slow * slow + 2.0 * vehicle.deceleration * std::max(0.0, left - stop));
+  const double room = std::max(0.0, left - stop);
+  const double delayed = vehicle.deceleration * vehicle.brakes_delay;
+  return std::max(slow, std::sqrt(delayed * delayed + slow * slow + 2.0 * vehicle.deceleration * room) - delayed);
+}
+
+bool comesOut(const GroundPolygon& seen, const Eigen::Vector2d& velocity, const GroundPolygon& hider,
+              const std::vector<Pose2>& way)
+{
+  return seen.radius() > LEAST_RADIUS && seen.radius() < MOST_RADIUS &&
+         velocity.dot(towards(way, seen.middle())) > LEAST_SPEED &&
+         hider.overlaps({seen.middle(), Eigen::Vector2d::UnitX(), {OUT_REACH, OUT_REACH}}, Eigen::Vector2d::Zero()) &&
+         edgeOf(seen, way, 0.0).distance > edgeOf(hider, way, 0.0).distance;
+}
+
+Eigen::Vector2d towards(const std::vector<Pose2>& way, const Eigen::Vector2d& point)
+{
+  const Pose2& nearest = *nearestOf(way, point);
+  const Eigen::Vector2d left(-std::sin(nearest.heading), std::cos(nearest.heading));
+  return (nearest.inverse() * point).y() > 0.0 ? Eigen::Vector2d(-left) : left;
 }
 
 }  // namespace pi_vehicle::hidden_people

@@ -46,10 +46,10 @@ bool isAlive(const std::string& label)
 }
 
 /// A person whom the detector did not see, by width and height: those who cross also stop on the way.
-bool mayBePerson(const KnownObstacle& obstacle)
+bool mayBePerson(const KnownObstacle& obstacle, const Eigen::Vector2d& eye)
 {
   return isAlive(obstacle.label) || (obstacle.standing_s < PERSON_LIKE_S && obstacle.top >= PERSON_HEIGHT &&
-                                     2.0 * obstacle.outline.radius() < PERSON_WIDTH);
+                                     obstacle.outline.widthFrom(eye) < PERSON_WIDTH);
 }
 
 /// x^5-polynomial on [0, length] from (value, slope, 0) to (target, 0, 0).
@@ -205,7 +205,8 @@ bool Passing::isClear(const Detour& detour, double from, double to, double clear
     for (const KnownObstacle& obstacle : input_.obstacles)
     {
       if (!obstacle.moving &&
-          touches(obstacle, place, mayBePerson(obstacle) ? std::max(PEOPLE_CLEARANCE, clearance) : clearance))
+          touches(obstacle, place,
+                  mayBePerson(obstacle, input_.pose.position()) ? std::max(PEOPLE_CLEARANCE, clearance) : clearance))
       {
         return false;
       }
@@ -357,17 +358,36 @@ Path Passing::pathOf(const Detour& detour) const
 
 std::string Passing::describe(const KnownObstacle& obstacle) const
 {
-  const Eigen::Vector2d sight = (obstacle.outline.middle() - input_.pose.position()).normalized();
-  double low = std::numeric_limits<double>::infinity();
-  double high = -low;
-  for (const Eigen::Vector2d& corner : obstacle.outline.corners())
-  {
-    const double across = sight.x() * corner.y() - sight.y() * corner.x();
-    low = std::min(low, across);
-    high = std::max(high, across);
-  }
-  return (obstacle.label.empty() ? "something" : obstacle.label) + format(" %.1f m wide", high - low) + " (obstacle " +
+  return (obstacle.label.empty() ? "something" : obstacle.label) +
+         format(" %.1f m wide", obstacle.outline.widthFrom(input_.pose.position())) + " (obstacle " +
          std::to_string(obstacle.id) + ")";
+}
+
+void Passing::waitForPerson(PassingOutput* output) const
+{
+  for (const KnownObstacle& obstacle : input_.obstacles)
+  {
+    if (obstacle.id != passed_id_ || !isAlive(obstacle.label) || obstacle.moving)
+    {
+      continue;
+    }
+    double ahead = std::numeric_limits<double>::infinity();
+    for (const Eigen::Vector2d& corner : obstacle.outline.corners())
+    {
+      ahead = std::min(ahead, (input_.pose.inverse() * corner).x() - vehicle_.front);
+    }
+    bool on_route = false;
+    for (double s = s_; !on_route && s <= s_ + options_.hold_distance + APPROACH; s += PLACE_STEP)
+    {
+      on_route = touches(obstacle, route_.at(s).pose(), BLOCKING_MARGIN);
+    }
+    if (on_route && ahead > 0.0)
+    {
+      output->speed_limit = std::min(output->speed_limit,
+                                     std::sqrt(2.0 * limits_.deceleration * std::max(0.0, ahead - PEOPLE_CLEARANCE)));
+      output->reason = describe(obstacle) + " blocks the way; it is waited for";
+    }
+  }
 }
 
 PassingOutput Passing::update(const PassingInput& input)
@@ -398,6 +418,7 @@ PassingOutput Passing::update(const PassingInput& input)
       output.obstacle_id = passed_id_;
       output.reason = std::string("passing obstacle ") + std::to_string(passed_id_) + " on the " +
                       (detour_->shift > 0.0 ? "left" : "right");
+      waitForPerson(&output);
     }
   }
   const Blocker blocker = firstBlocker();
@@ -414,7 +435,7 @@ PassingOutput Passing::update(const PassingInput& input)
   output.obstacle_id = obstacle.id;
   output.reason = describe(obstacle) + " blocks the way";
   const bool may_pass = std::max(options_.left, options_.right) > vehicle_.half_width;
-  if (mayBePerson(obstacle) || !may_pass)
+  if (mayBePerson(obstacle, input_.pose.position()) || !may_pass)
   {
     output.reason += may_pass ? "; it is waited for" : "; nothing is passed (passing/left, right)";
     return output;

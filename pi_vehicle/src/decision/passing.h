@@ -113,6 +113,8 @@ private:
   std::string findDetour(double blocked_at, Detour* found) const;
   Path pathOf(const Detour& detour) const;
   std::string describe(const KnownObstacle& obstacle) const;
+  /// What is passed may turn out to be a person when the vehicle is nearer.
+  void waitForPerson(PassingOutput* output) const;
 
   const PassingOptions options_;
   const pi_node::Footprint vehicle_;

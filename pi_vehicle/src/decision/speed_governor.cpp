@@ -25,8 +25,11 @@ constexpr double LEAST_HALF_SIZE = 0.1;   // of an obstacle's box [m]
 constexpr double STANDING_S = 1.0;        // the place of the stop must stay free for this time [s]
 constexpr double ROLLING_S = 0.3;         // clear_persistence of a vehicle that has not come to a stop yet
 constexpr double MAX_UPDATE_S = 1.0;      // a longer pause resets the governor
-constexpr double HIDING_SEEN_FROM = 4.0;  // nearer, outlines grow, as they keep what has left the picture [m]
-constexpr double REACH_STEP = 0.5;        // along the way, to see which obstacles are far from it [m]
+constexpr double HIDING_SEEN_FROM = 4.0;  // nearer, outlines change with what has left the picture [m]
+constexpr double KNOWN_AFTER_S = 0.6;     // of being followed: then it is clear how it moves
+constexpr double OUT_OF_VIEW_S = 1.5;     // for which who came out and left the view walks on
+constexpr char PERSON[] = "person";
+constexpr double REACH_STEP = 0.5;  // along the way, to see which obstacles are far from it [m]
 
 /// Distance covered within `t` by driving `speed` for `reaction` and then braking.
 double brakingDistance(double speed, double deceleration, double reaction, double t)
@@ -136,7 +139,12 @@ bool SpeedGovernor::setObstacles(int64_t stamp_ns, const std::vector<ObstacleBox
     known.label = box.label;
     known.top = box.top;
     known.standing_since_ns = stamp_ns;
+    known.followed_s = box.followed_s;
+    known.unseen_s = box.unseen_s;
+    known.out_of = -1;
+    known.walks = 0.0;
     known.hidden = hidden_people::behind(known.outline, pose.position(), box.top);
+    known.hiding = known.outline;
     const bool near = (known.outline.middle() - pose.position()).norm() < HIDING_SEEN_FROM;
     known.velocity = Pose2{0.0, 0.0, pose.heading} * box.velocity;
     const auto same =
@@ -147,7 +155,13 @@ bool SpeedGovernor::setObstacles(int64_t stamp_ns, const std::vector<ObstacleBox
     }
     else
     {
-      known.hidden = near ? same->hidden : known.hidden;
+      if (near)
+      {
+        known.hidden = same->hidden;
+        known.hiding = isMoving(known) ? known.outline : same->hiding;
+      }
+      known.out_of = same->out_of;
+      known.walks = same->walks;
       known.standing_since_ns = isMoving(known) ? stamp_ns : same->standing_since_ns;
       *same = known;
     }
@@ -324,8 +338,9 @@ double SpeedGovernor::speedBeside(const Local& obstacle) const
   vehicle.front = options_.footprint.front;
   vehicle.deceleration = options_.limits.deceleration;
   vehicle.emergency_deceleration = options_.limits.emergency_deceleration;
+  vehicle.brakes_delay = options_.reaction_time;
   vehicle.reaction_time = options_.step_out_reaction_time;
-  const hidden_people::Edge edge = hidden_people::edgeOf(obstacle.outline, way_, options_.footprint.half_width);
+  const hidden_people::Edge edge = hidden_people::edgeOf(obstacle.hiding, way_, options_.footprint.half_width);
   const bool adult = obstacle.hidden == hidden_people::Who::ADULT;
   return hidden_people::allowedSpeed(edge, adult ? options_.step_out_speed : options_.child_speed, vehicle);
 }
@@ -422,6 +437,45 @@ std::vector<KnownObstacle> SpeedGovernor::obstacles() const
   return obstacles;
 }
 
+void SpeedGovernor::findNewcomers()
+{
+  const Pose2 T_base_reckoned = track_.back().second.inverse();
+  for (Known& known : known_)
+  {
+    const bool can_be = known.label.empty() || known.label == PERSON;
+    if (known.out_of >= 0 || !can_be || known.followed_s > KNOWN_AFTER_S)
+    {
+      continue;
+    }
+    const GroundPolygon seen = known.outline.in(T_base_reckoned);
+    const Eigen::Vector2d velocity = Pose2{0.0, 0.0, T_base_reckoned.heading} * known.velocity;
+    for (const Known& hider : known_)
+    {
+      if (hider.hidden != hidden_people::Who::NOBODY && hider.followed_s > KNOWN_AFTER_S && !isMoving(hider) &&
+          hidden_people::comesOut(seen, velocity, hider.hiding.in(T_base_reckoned), way_))
+      {
+        known.out_of = hider.id;
+        known.walks = hider.hidden == hidden_people::Who::ADULT ? options_.step_out_speed : options_.child_speed;
+        break;
+      }
+    }
+  }
+}
+
+void SpeedGovernor::letWalk(const Known& known, int64_t now_ns, Local* local) const
+{
+  if (local->moving || known.out_of < 0 || known.followed_s > KNOWN_AFTER_S || known.unseen_s > OUT_OF_VIEW_S)
+  {
+    return;
+  }
+  local->moving = true;
+  local->out_of = known.out_of;
+  local->hidden = hidden_people::Who::NOBODY;
+  local->velocity = known.walks * hidden_people::towards(way_, local->outline.middle());
+  const double since = std::max(0.0, seconds(now_ns - known.seen_ns)) + known.unseen_s;
+  local->outline = local->outline.in(Pose2(), since * local->velocity);
+}
+
 std::vector<SpeedGovernor::Local> SpeedGovernor::nearTheWay(int64_t now_ns) const
 {
   const Pose2 T_base_reckoned = track_.back().second.inverse();
@@ -434,6 +488,8 @@ std::vector<SpeedGovernor::Local> SpeedGovernor::nearTheWay(int64_t now_ns) cons
     local.hidden = local.moving ? hidden_people::Who::NOBODY : known.hidden;
     local.velocity = velocityOf(known, T_base_reckoned);
     local.outline = outlineNow(known, T_base_reckoned, now_ns);
+    local.hiding = known.hiding.in(T_base_reckoned);
+    letWalk(known, now_ns, &local);
     const bool behind = local.outline.mostX() < -options_.footprint.rear;
     if (behind || isFar(local))
     {
@@ -477,11 +533,14 @@ SpeedGovernor::Bound SpeedGovernor::boundBy(const std::vector<Local>& obstacles,
     {
       bound.emergency = true;
     }
+    // Only an emergency stops the vehicle for somebody who may be nobody.
+    own = obstacle.out_of < 0 ? own : std::max(own, std::min(bound.speed, options_.close_speed));
     if (own < bound.speed)
     {
       bound.speed = own;
       bound.by_moving = obstacle.moving;
       bound.obstacle_id = obstacle.id;
+      bound.out_of = obstacle.out_of;
     }
   }
   // Only now: a lower bound would hide emergencies.
@@ -494,6 +553,7 @@ SpeedGovernor::Bound SpeedGovernor::boundBy(const std::vector<Local>& obstacles,
       bound.by_moving = false;
       bound.by_hidden = true;
       bound.obstacle_id = obstacle.id;
+      bound.out_of = -1;
     }
   }
   return bound;
@@ -545,16 +605,19 @@ GovernorOutput SpeedGovernor::update(const GovernorInput& input)
   }
   setWay(input);
   forgetUnseen(input.now_ns);
+  findNewcomers();
   const double speed = std::max(0.0, input.speed);
   const Bound bound = boundBy(nearTheWay(input.now_ns), speed);
   output.obstacle_id = bound.obstacle_id;
   output.time_to_collision = bound.time_to_collision;
   const std::string id = std::to_string(bound.obstacle_id);
+  const std::string out_of =
+      bound.out_of < 0 ? "" : ", which came out from behind obstacle " + std::to_string(bound.out_of);
   if (bound.emergency)
   {
     output.max_deceleration = options_.limits.emergency_deceleration;
     output.emergency = true;
-    return stop("emergency braking for obstacle " + id + ", time to collision " +
+    return stop("emergency braking for obstacle " + id + out_of + ", time to collision " +
                     pi_node::format("%.1f s", bound.time_to_collision),
                 output);
   }
@@ -577,8 +640,8 @@ GovernorOutput SpeedGovernor::update(const GovernorInput& input)
   output.speed_limit = limit_;
   if (output.obstacle_id >= 0)
   {
-    output.reason =
-        bound.by_hidden ? "slowing beside obstacle " + id + ", which may hide a person" : "slowing for obstacle " + id;
+    output.reason = bound.by_hidden ? "slowing beside obstacle " + id + ", which may hide a person"
+                                    : "slowing for obstacle " + id + out_of;
   }
   return output;
 }

@@ -66,13 +66,15 @@ auto visitFields(Options& o, Visit&& visit) -> decltype(o.pass_time_margin, o.cl
 /// A pi_detect/Obstacle3D on the ground plane.
 struct ObstacleBox
 {
-  int64_t id = 0;                                      ///< the same in all reports of one obstacle
-  Eigen::Vector2d position = Eigen::Vector2d::Zero();  ///< centre, in base_link at the stamp [m]
-  Eigen::Vector2d size = Eigen::Vector2d::Zero();      ///< along the axes of base_link [m]
-  Eigen::Vector2d velocity = Eigen::Vector2d::Zero();  ///< over the ground, in the axes of base_link [m/s]
-  std::string label;                                   ///< class; empty: unknown
-  double top = 0.0;                                    ///< height of its upper end above the ground [m]
-  bool moving = true;                                  ///< false: counts as standing, whatever its velocity
+  int64_t id = 0;                                               ///< the same in all reports of one obstacle
+  Eigen::Vector2d position = Eigen::Vector2d::Zero();           ///< centre, in base_link at the stamp [m]
+  Eigen::Vector2d size = Eigen::Vector2d::Zero();               ///< along the axes of base_link [m]
+  Eigen::Vector2d velocity = Eigen::Vector2d::Zero();           ///< over the ground, in the axes of base_link [m/s]
+  std::string label;                                            ///< class; empty: unknown
+  double top = 0.0;                                             ///< height of its upper end above the ground [m]
+  bool moving = true;                                           ///< false: counts as standing, whatever its velocity
+  double followed_s = std::numeric_limits<double>::infinity();  ///< from where it was seen first to where last [s]
+  double unseen_s = 0.0;                                        ///< since it was seen last [s]
   /// Its outline, valid by GroundPolygon::isOutline(), in base_link at the stamp [m]; empty: the box counts.
   std::vector<Eigen::Vector2d> outline;
 };
@@ -116,7 +118,8 @@ struct GovernorOutput
 ///   with the speed. So the vehicle stops before standing obstacles, follows slower ones, lets crossing ones pass and
 ///   waits for oncoming ones; and
 /// - emergency braking suffices if a moving obstacle stops at once; and
-/// - a person who comes from behind a standing obstacle is not hit: see hidden_people.h.
+/// - a person who comes from behind a standing obstacle is not hit: see hidden_people.h. What appears there is taken
+///   for one, walking onto the way, until it has been followed for long enough to know its velocity.
 /// If the present speed is not allowed, the vehicle keeps it where it passes all obstacles with pass_time_margin. An
 /// emergency is when comfortable braking would end in contact. Obstacles that are wholly behind the vehicle do not
 /// count, as it only drives forwards.
@@ -149,9 +152,14 @@ private:
     Eigen::Vector2d velocity;
     bool moving;
     hidden_people::Who hidden;  // can stand behind it unseen
+    GroundPolygon hiding;       // its outline when it was seen well
     std::string label;
     double top;
     int64_t standing_since_ns;
+    double followed_s;
+    double unseen_s;
+    int64_t out_of;  // the obstacle that it came out from behind, if it may be a person who did, ...
+    double walks;    // ... and how fast they are taken to walk [m/s]
   };
   struct Placed  // a pose of the vehicle
   {
@@ -165,13 +173,16 @@ private:
     Eigen::Vector2d velocity;
     bool moving;
     hidden_people::Who hidden;
+    GroundPolygon hiding;
     double margin;
+    int64_t out_of = -1;  // the obstacle that it came out from behind, if it is to be taken for a person who did
   };
   struct Bound  // of the speed, by all obstacles
   {
     double speed;
     bool by_moving = false;  // the obstacle that sets the bound moves
     bool by_hidden = false;  // by a person who may be behind the obstacle
+    int64_t out_of = -1;     // by a person who may have come out from behind this one
     int64_t obstacle_id = -1;
     bool emergency = false;
     double time_to_collision = std::numeric_limits<double>::infinity();
@@ -199,6 +210,10 @@ private:
   double deadReckon(const GovernorInput& input);
   void forgetUnseen(int64_t now_ns);
   bool isMoving(const Known& known) const;
+  /// Finds what has just come out from behind something and may be a person.
+  void findNewcomers();
+  /// Lets such a person walk onto the way, until it is known how it moves.
+  void letWalk(const Known& known, int64_t now_ns, Local* local) const;
   /// Velocity over the ground in base_link now; 0 of what stands.
   Eigen::Vector2d velocityOf(const Known& known, const Pose2& T_base_reckoned) const;
   GroundPolygon outlineNow(const Known& known, const Pose2& T_base_reckoned, int64_t now_ns) const;

@@ -45,9 +45,33 @@ TEST(HiddenPeople, BoundTheSpeedByTheTimeThatTheyTake)
   // gap / speed - reaction = 0.5 s of braking with 2.5 m/s^2, from 1.75 m/s to 0.5 m/s.
   EXPECT_NEAR(1.75, allowedSpeed({vehicle.front + 0.01, 2.0}, ADULT, vehicle), 1e-9);
   EXPECT_NEAR(0.5, allowedSpeed({vehicle.front + 0.01, 0.5}, ADULT, vehicle), 1e-9) << "no time to brake";
-  EXPECT_GT(allowedSpeed({vehicle.front + 6.0, 0.5}, ADULT, vehicle), 3.0) << "far from there it can still slow down";
+  EXPECT_GT(allowedSpeed({vehicle.front + 6.5, 0.5}, ADULT, vehicle), 3.0) << "far from there it can still slow down";
+  Vehicle slow_brakes = vehicle;
+  slow_brakes.brakes_delay = 1.0;
+  EXPECT_LT(allowedSpeed({vehicle.front + 4.0, 0.5}, ADULT, slow_brakes),
+            allowedSpeed({vehicle.front + 4.0, 0.5}, ADULT, vehicle) - 0.3);
   EXPECT_GT(allowedSpeed({vehicle.front + 1.0, 2.0}, 1.4, vehicle),
             allowedSpeed({vehicle.front + 1.0, 2.0}, ADULT, vehicle));
+}
+
+TEST(HiddenPeople, ComeOutNearWhatHidThemTowardsTheWay)
+{
+  const GroundPolygon box = GroundPolygon::box({5.0, -2.5, 0.0}, {1.0, 0.5});
+  const auto seen = [](double x, double y, double half) { return GroundPolygon::box({x, y, 0.3}, {half, half}); };
+  std::vector<Pose2> way;
+  for (int i = 0; i < 20; ++i)
+  {
+    way.push_back(Pose2().moved(0.5 * i, 0.0));
+  }
+  const Eigen::Vector2d walks(0.0, 0.6);
+  EXPECT_TRUE(comesOut(seen(6.5, -2.0, 0.2), walks, box, way));
+  EXPECT_FALSE(comesOut(seen(8.0, -2.0, 0.2), walks, box, way)) << "elsewhere";
+  EXPECT_FALSE(comesOut(seen(5.0, -1.8, 0.2), walks, box, way)) << "before it";
+  EXPECT_FALSE(comesOut(seen(6.5, -2.0, 0.8), walks, box, way)) << "larger than a person";
+  EXPECT_FALSE(comesOut(seen(6.5, -2.0, 0.1), walks, box, way)) << "a pole";
+  EXPECT_FALSE(comesOut(seen(6.5, -2.0, 0.2), {0.6, 0.1}, box, way)) << "along the way";
+  EXPECT_TRUE(towards(way, {6.5, -2.0}).isApprox(Eigen::Vector2d(0.0, 1.0)));
+  EXPECT_TRUE(towards(way, {6.5, 2.0}).isApprox(Eigen::Vector2d(0.0, -1.0)));
 }
 
 TEST(HiddenPeople, BoundNothingBesideAndBehindTheEdgeOrIfNobodyStepsOut)

@@ -220,6 +220,31 @@ TEST(Passing, PeopleAreWaitedForAndWhatCameJustNowIsNotPassed)
   EXPECT_TRUE(lane.look({13.0, 0.0, 0.0}).path);
 }
 
+TEST(Passing, APersonIsTakenForOneThoughItsDepthIsHardlyKnown)
+{
+  Lane lane;
+  lane.obstacles = {box(7, 25.0, 0.0, 0.25)};
+  lane.obstacles[0].outline = GroundPolygon::box({25.0, 0.0, 0.0}, {0.8, 0.25});
+  lane.obstacles[0].top = 1.7;
+  EXPECT_FALSE(lane.look({17.0, 0.0, 0.0}).path);
+}
+
+TEST(Passing, StopsBesideNobodyWhoTurnsOutToBeAPerson)
+{
+  Lane lane;
+  lane.obstacles = {box(7, 25.0, 0.0)};
+  ASSERT_TRUE(lane.look({17.0, 0.0, 0.0}).path);
+  EXPECT_EQ(1.5, lane.update({19.0, 0.3, 0.2}).speed_limit);
+  lane.obstacles[0].label = "person";
+  const PassingOutput waits = lane.update({22.0, 0.8, 0.2});
+  EXPECT_LT(waits.speed_limit, 1.0) << "0.5 m before the clearance to people";
+  EXPECT_NE(std::string::npos, waits.reason.find("(obstacle 7) blocks the way; it is waited for")) << waits.reason;
+  EXPECT_EQ(0.0, lane.update({22.7, 0.8, 0.2}).speed_limit);
+  EXPECT_EQ(1.5, lane.update({25.0, 2.0, 0.0}).speed_limit) << "beside it already";
+  lane.obstacles[0].outline = GroundPolygon::box({25.0, -4.0, 0.0}, {0.5, 0.5});
+  EXPECT_EQ(1.5, lane.update({22.7, 0.8, 0.2}).speed_limit) << "has left the way";
+}
+
 TEST(Passing, WhatIsInTheWayForMomentsOnlyIsNotPassed)
 {
   Lane lane;

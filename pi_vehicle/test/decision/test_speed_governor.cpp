@@ -487,6 +487,56 @@ TEST(SpeedGovernor, MakesUpForTheAgeOfReports)
   EXPECT_NEAR(limit_old, limit_fresh, 0.11);
 }
 
+/// A box 1.2 m high beside the way, known for long, and what was seen for a moment at its far end; at 2 m/s.
+GovernorOutput comesOut(const std::function<void(ObstacleBox* box, ObstacleBox* newcomer)>& change)
+{
+  SpeedGovernor governor;
+  GovernorInput input;
+  input.speed = 2.0;
+  ObstacleBox box;
+  box.id = 1;
+  box.position = {6.5, -2.1};
+  box.size = {1.6, 1.2};
+  box.moving = false;
+  box.top = 1.2;
+  ObstacleBox newcomer = box;
+  newcomer.id = 2;
+  newcomer.size = {0.4, 0.4};
+  newcomer.followed_s = 0.1;
+  newcomer.velocity = {0.0, 0.6};
+  change(&box, &newcomer);
+  GovernorOutput output;
+  for (int i = 0; i <= 20; ++i)
+  {
+    input.now_ns = i * 100 * MS;
+    newcomer.position = box.position + Eigen::Vector2d(1.0, 0.5);
+    std::vector<ObstacleBox> seen{box};
+    if (i == 20)
+    {
+      seen.push_back(newcomer);
+    }
+    governor.setObstacles(input.now_ns, seen);
+    output = governor.update(input);
+    box.position.x() -= 0.1 * input.speed;
+  }
+  return output;
+}
+
+TEST(SpeedGovernor, TakesWhatComesOutFromBehindSomethingForAPersonWhoWalksOn)
+{
+  const GovernorOutput child = comesOut([](auto*, auto*) {});
+  EXPECT_TRUE(child.emergency) << child.reason;
+  EXPECT_NE(std::string::npos, child.reason.find("obstacle 2, which came out from behind obstacle 1")) << child.reason;
+  EXPECT_TRUE(comesOut([](auto*, auto* newcomer) { newcomer->label = "person"; }).emergency);
+  EXPECT_TRUE(comesOut([](auto*, auto* newcomer) { newcomer->unseen_s = 0.5; }).emergency) << "left the view";
+  EXPECT_FALSE(comesOut([](auto*, auto* newcomer) { newcomer->velocity.setZero(); }).emergency);
+  EXPECT_FALSE(comesOut([](auto*, auto* newcomer) { newcomer->unseen_s = 2.0; }).emergency);
+  EXPECT_FALSE(comesOut([](auto*, auto* newcomer) { newcomer->followed_s = 1.0; }).emergency) << "it stands";
+  EXPECT_FALSE(comesOut([](auto*, auto* newcomer) { newcomer->label = "car"; }).emergency);
+  EXPECT_FALSE(comesOut([](auto*, auto* newcomer) { newcomer->size = {1.5, 1.5}; }).emergency);
+  EXPECT_FALSE(comesOut([](auto* box, auto*) { box->top = 0.5; }).emergency) << "nobody was out of sight there";
+}
+
 /// Would full braking, begun when a report of the change can have arrived, have avoided it?
 bool avoidable(Vehicle vehicle, std::vector<Mover> movers, double time)
 {

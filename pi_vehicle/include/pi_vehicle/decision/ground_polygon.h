@@ -43,6 +43,8 @@ public:
   const Eigen::Vector2d& middle() const { return middle_; }  ///< of a circle around it
   double radius() const { return radius_; }                  ///< of that circle [m]
   double mostX() const;
+  /// Across the line of sight from `eye` [m]: the size along it is hardly known of what cameras see far away.
+  double widthFrom(const Eigen::Vector2d& eye) const;
 
 private:
   bool isSeparatedByNone(const GroundRectangle& rectangle, const Eigen::Vector2d& shift) const;

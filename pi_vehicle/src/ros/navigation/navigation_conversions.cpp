@@ -170,6 +170,8 @@ std::vector<ObstacleBox> toObstacleBoxes(const pi_detect::ObstacleArray& obstacl
     box.top = obstacle.position.z + 0.5 * obstacle.size.z;
     box.label = obstacle.label;
     box.moving = obstacle.moving != 0;
+    box.unseen_s = obstacle.since_seen.toSec();
+    box.followed_s = obstacle.age.toSec() - box.unseen_s;
     for (const geometry_msgs::Point32& corner : obstacle.outline)
     {
       box.outline.emplace_back(corner.x, corner.y);

@@ -96,6 +96,8 @@ TEST(NavigationConversions, ObstaclesBecomeBoxes)
   obstacle.size.y = 0.6;
   obstacle.velocity.y = 1.2;
   obstacle.moving = 1;
+  obstacle.age = ros::Duration(0.9);
+  obstacle.since_seen = ros::Duration(0.25);
   const std::vector<ObstacleBox> boxes = toObstacleBoxes(array);
   ASSERT_EQ(1u, boxes.size());
   EXPECT_EQ(42, boxes[0].id);
@@ -103,6 +105,8 @@ TEST(NavigationConversions, ObstaclesBecomeBoxes)
   EXPECT_EQ(Eigen::Vector2d(0.4, 0.6), boxes[0].size);
   EXPECT_EQ(Eigen::Vector2d(0.0, 1.2), boxes[0].velocity);
   EXPECT_TRUE(boxes[0].moving);
+  EXPECT_NEAR(0.65, boxes[0].followed_s, 1e-9);
+  EXPECT_NEAR(0.25, boxes[0].unseen_s, 1e-9);
   EXPECT_TRUE(boxes[0].outline.empty());
 }
 
