@@ -42,6 +42,7 @@ constexpr double SAME_ERROR_S = 1.0;    // for which errors of a place stay abou
 constexpr double GAP_S = 0.3;           // after which what is seen there may be another piece: nothing about motion
 constexpr double CROSSING_S = 1.5;      // of somebody who runs across the way at the side of the picture
 constexpr double BORDER_PX = 12.0;      // at the picture's sides
+constexpr double PART_INSIDE = 0.8;     // of what is seen, inside the outline that is known
 
 }  // namespace
 
@@ -283,10 +284,31 @@ private:
     return by;
   }
 
+  /// Whether it stands, and the picture's border leaves a part of it: the ends of that part are those of the view,
+  /// which moves on with the vehicle.
+  bool isRest(const ObstacleMeasurement& measurement, const Known& known) const
+  {
+    if (known.held || isMoving(known) || known.outline.empty() || known.hits < options_.confirm_hits)
+    {
+      return false;
+    }
+    const OutlineBounds rest = obstacles::footprintOf(measurement);
+    const OutlineBounds whole = boundsOf(known.outline.at(known.seen_at, vehicle_));
+    return rest.size().prod() < whole.size().prod() && obstacles::commonPart(rest, whole) > PART_INSIDE;
+  }
+
   void correct(int64_t stamp_ns, const ObstacleMeasurement& measurement, const ObjectTrack* track,
                const StereoGeometry& geometry, Known* known)
   {
     const bool cut = measurement.cut_left || measurement.cut_right;
+    if (cut && isRest(measurement, *known))
+    {
+      known->filter.moveTo(known->seen_at, known->place_covariance);
+      known->followed_since_ns = stamp_ns;
+      known->moving_hits = 0;
+      see(stamp_ns, track, known);
+      return;
+    }
     const bool one_end = obstacles::showsOneEnd(measurement);
     // If the obstacle did not move, only its visible part has changed: the outline stays in place.
     const Eigen::Vector2d expected = known->filter.position();

@@ -232,6 +232,68 @@ TEST(ObstacleTracker, GoesOnWithWhatMovesWhileItIsNotSeen)
   EXPECT_TRUE(obstacles[0].moving);
 }
 
+/// What the picture shows of a box 1.6 m long and 1.0 m wide beside the way, as the vehicle comes nearer.
+std::optional<ObstacleMeasurement> seeBox(double near_end, double side)
+{
+  const StereoGeometry geometry = makeGeometry();
+  const double border =
+      side * geometry.fx / (geometry.width - geometry.cx);  // where it leaves the picture, on its side
+  ObstacleMeasurement measurement = makeMeasurement(std::max(near_end, border), -side - 0.5);
+  measurement.min << std::max(near_end, border), -side - 1.0, 0.1;
+  measurement.max << near_end + 1.6, -side, 1.2;
+  if (measurement.max.x() - measurement.min.x() < 0.2)
+  {
+    return std::nullopt;
+  }
+  measurement.cut_right = near_end < border;
+  measurement.outline = {{measurement.min.x(), -side - 1.0},
+                         {measurement.max.x(), -side - 1.0},
+                         {measurement.max.x(), -side},
+                         {measurement.min.x(), -side}};
+  return measurement;
+}
+
+TEST(ObstacleTracker, WhatLeavesThePictureStaysWhereItStandsAndIsNotTakenForWhatComesOut)
+{
+  constexpr double SPEED = 2.0;
+  Drive drive;
+  drive.vehicle.velocity.x() = SPEED;
+  std::vector<Obstacle> obstacles;
+  int seen = 0;
+  for (double x = 0.0; x < 8.0; x += SPEED * STEP_S)
+  {
+    drive.vehicle.T_odom_base.translation().x() = x;
+    std::vector<ObstacleMeasurement> measurements;
+    if (const auto box = seeBox(8.0 - x, 1.6))
+    {
+      measurements.push_back(*box);
+    }
+    seen += measurements.empty() ? 0 : 1;
+    obstacles = drive.step(measurements);
+    for (const Obstacle& obstacle : obstacles)
+    {
+      EXPECT_NEAR(8.8, obstacle.position.x() + x, 0.25) << "at " << x;
+      EXPECT_LT(obstacle.velocity.norm(), 0.3) << "at " << x;
+    }
+    if (seen > 0 && measurements.empty())
+    {
+      break;
+    }
+  }
+  ASSERT_EQ(1U, obstacles.size());
+  const double far_end = 9.6 - drive.vehicle.T_odom_base.translation().x();
+  ObstacleMeasurement child = makeMeasurement(far_end + 0.4, -1.6);
+  child.min.y() = -1.8;
+  child.max.y() = -1.4;
+  child.max.z() = 1.1;
+  for (int i = 0; i < 3; ++i)
+  {
+    obstacles = drive.step({child});
+  }
+  ASSERT_EQ(2U, obstacles.size());
+  EXPECT_NE(obstacles[0].id, obstacles[1].id);
+}
+
 TEST(ObstacleTracker, TakesNoOtherThingForWhatItLostFromView)
 {
   // Pieces of parked cars at the picture's side, whose velocity nobody knows: one is lost, another one comes up.
