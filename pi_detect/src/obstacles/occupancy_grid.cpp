@@ -15,6 +15,8 @@ namespace
 constexpr float FREE = -0.4F;          // log odds of a cell in which nothing was seen
 constexpr float OCCUPIED = 0.85F;      // of one in which something was, measured to within a cell
 constexpr float MOST = 4.0F;           // either way, so that what changes is believed after some views
+constexpr float LEAST_FREE = 0.8F;     // below it, negative, a cell counts as free at any distance
+constexpr double SURE_M = 4.0;         // farther away, views miss what is small: their number makes free no surer
 constexpr float KNOWN = 0.2F;          // from here on
 constexpr double FADE_PERIOD_S = 1.0;  // in which every row fades once
 constexpr double JUMP_M = 2.0;         // between two views: odometry began anew
@@ -113,7 +115,7 @@ void OccupancyGrid::fade(int64_t stamp_ns)
   }
 }
 
-void OccupancyGrid::change(const Index& cell, float by)
+void OccupancyGrid::change(const Index& cell, float by, float least)
 {
   if ((cell < low_).any() || (cell >= low_ + side_).any())
   {
@@ -124,7 +126,7 @@ void OccupancyGrid::change(const Index& cell, float by)
   if (changed != view_)
   {
     changed = view_;
-    value = std::clamp(value + by, -MOST, MOST);
+    value = std::clamp(value + by, std::min(value, least), MOST);
   }
 }
 
@@ -139,7 +141,7 @@ void OccupancyGrid::fill(const Outline& outline_odom, float by)
     {
       if (contains(outline_odom, options_.cell_m * (Eigen::Vector2d(x, y).array() + 0.5).matrix()))
       {
-        change({x, y}, by);
+        change({x, y}, by, -MOST);
       }
     }
   }
@@ -185,7 +187,7 @@ void OccupancyGrid::add(int64_t stamp_ns, const Eigen::Isometry3d& T_odom_base, 
       const Eigen::Vector2d direction(std::cos(heading + bearing), std::sin(heading + bearing));
       for (double distance = from; distance <= to; distance += step)
       {
-        visit(indexOf(camera + distance * direction));
+        visit(indexOf(camera + distance * direction), distance);
       }
     }
   };
@@ -204,14 +206,20 @@ void OccupancyGrid::add(int64_t stamp_ns, const Eigen::Isometry3d& T_odom_base, 
       }
       const double half = std::max<double>(hit.sigma, 0.5 * options_.cell_m);
       const auto weight = static_cast<float>(OCCUPIED * std::min(1.0, options_.cell_m / (2.0 * half)));
-      alongBeam(beam, hit.distance - half, hit.distance + half, [&](const Index& cell) { change(cell, weight); });
+      alongBeam(beam, hit.distance - half, hit.distance + half,
+                [&](const Index& cell, double) { change(cell, weight, -MOST); });
     }
   }
   for (const GroundBeam& beam : view.beams)
   {
     if (beam.free_to > beam.free_from)
     {
-      alongBeam(beam, beam.free_from, beam.free_to, [this](const Index& cell) { change(cell, FREE); });
+      alongBeam(beam, beam.free_from, beam.free_to,
+                [this](const Index& cell, double distance)
+                {
+                  const double part = std::min(1.0, SURE_M * SURE_M / (distance * distance));
+                  change(cell, FREE, -std::max(LEAST_FREE, MOST * static_cast<float>(part)));
+                });
     }
   }
   Outline driven_over;

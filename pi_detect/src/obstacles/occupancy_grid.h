@@ -52,7 +52,8 @@ private:
   void moveTo(const Index& middle);
   void clearLines(int axis, int from, int to);
   void fade(int64_t stamp_ns);
-  void change(const Index& cell, float by);
+  /// @param least  negative: a free view makes the cell no surer than this.
+  void change(const Index& cell, float by, float least);
   void fill(const Outline& outline_odom, float by);
 
   const OccupancyGridOptions options_;

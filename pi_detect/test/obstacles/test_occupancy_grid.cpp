@@ -84,6 +84,22 @@ TEST(OccupancyGrid, CellsStayWhereTheyAreWhileTheVehicleDrives)
   EXPECT_NEAR(4.9 - 20.0, grid.origin().x(), 0.11);
 }
 
+TEST(OccupancyGrid, WhatIsTooSmallToBeSeenFromAfarIsOccupiedAfterSomeViewsFromNearby)
+{
+  OccupancyGrid grid;
+  int64_t stamp = SECOND;
+  for (int i = 0; i < 40; ++i)
+  {
+    grid.add(stamp += SECOND / 20, poseOf(0.0, 0.0, 0.0), viewOfWall(16.0), {}, {});
+  }
+  EXPECT_LE(valueAt(grid, 12.0, 0.0), 35);
+  for (int i = 0; i < 8; ++i)
+  {
+    grid.add(stamp += SECOND / 20, poseOf(6.0, 0.0, 0.0), viewOfWall(6.0, 0.2), {}, {});
+  }
+  EXPECT_GE(valueAt(grid, 12.0, 0.0), 65);
+}
+
 TEST(OccupancyGrid, WhatLeavesTheGridIsForgottenAndItsPlaceIsUsedAgain)
 {
   OccupancyGridOptions options;
