@@ -313,6 +313,36 @@ TEST_F(VioTest, KnowsItsSpeedWhenItHasSetOff)
   }
 }
 
+/// At 2 cm/s, then at 4 cm/s: less than what the detector of standstill sees between two pairs.
+TEST_F(VioTest, LosesNoWayWhenItCreeps)
+{
+  std::vector<StampedPose> path;
+  double way_m = 0.0;
+  for (int i = 0; i <= 28 * 50; ++i)
+  {
+    const double t = 0.02 * i;
+    way_m += 0.02 * (std::clamp(0.02 * (t - 4.0), 0.0, 0.02) + std::clamp(0.02 * (t - 14.0), 0.0, 0.02) -
+                     std::clamp(0.04 * (t - 24.0), 0.0, 0.04));
+    StampedPose pose;
+    pose.stamp_ns = 1700000000000000000LL + 20000000LL * i;
+    pose.T_world_body.translation() = Eigen::Vector3d(way_m, 0.0, 1.0);
+    path.push_back(pose);
+  }
+  for (const WorldKind kind : {WorldKind::HALL, WorldKind::CAMPUS})
+  {
+    const Drive drive(path, 2, kind);
+    aligned_ = false;
+    Vio vio(drive.calibration, makeOptions());
+    const std::vector<Outcome> outcomes = run(&vio, Faults(), drive);
+    ASSERT_EQ(at(outcomes, 3.5).report.status, VioStatus::STANDSTILL);
+    EXPECT_EQ(outcomes.back().report.status, VioStatus::STANDSTILL);
+    for (const Outcome& outcome : outcomes)
+    {
+      EXPECT_LT(outcome.error_m, 0.02) << "at " << outcome.time_s << " s of " << way_m << " m";
+    }
+  }
+}
+
 TEST_F(VioTest, StandsStillWithoutDrift)
 {
   Vio vio(Drive::instance().calibration, makeOptions());

@@ -27,6 +27,8 @@ constexpr double MAX_GYRO_BIAS = 1.0;   ///< beyond it the estimate has failed [
 constexpr double MAX_ACCEL_BIAS = 5.0;  ///< [m/s^2]
 constexpr double MAX_ERROR_PX = 8.0;    ///< mean error after optimisation beyond which it has failed
 constexpr int START_ITERATIONS = 20;
+/// A rest ends with a pair that is so many windows of the detector old: before the body began to creep.
+constexpr double AT_REST_WINDOWS = 3.0;
 
 }  // namespace
 
@@ -234,7 +236,7 @@ void Vio::Impl::enterStandstill()
 void Vio::Impl::keepStill()
 {
   filter.holdStill(still_state, still_covariance);
-  if (seconds(features.stamp_ns - at_rest.back().stamp_ns) >= options.standstill.window_s)
+  if (seconds(features.stamp_ns - at_rest.back().stamp_ns) >= AT_REST_WINDOWS * options.standstill.window_s)
   {
     std::swap(at_rest.front(), at_rest.back());
     at_rest.back() = features;

@@ -31,7 +31,7 @@ struct Vio::Impl
     , cameras(estimator::cameraGeometry(calibration))
     , tracker(calibration, options.tracker, std::move(runtime))
     , initializer(calibration, options.imu, options.initializer)
-    , standstill(options.imu, options.standstill)
+    , standstill(calibration, options.imu, options.standstill)
     , window(calibration, options.imu, options.window)
     , filter(calibration, options.window.pixel_noise)
     , propagator(options.imu)
@@ -111,7 +111,7 @@ struct Vio::Impl
   Matrix15d common_covariance = Matrix15d::Zero();  ///< of position and heading of the window as a whole
   NavState still_state;
   Matrix15d still_covariance = Matrix15d::Zero();
-  std::array<FrameFeatures, 2> at_rest;  ///< of pairs at rest, standstill.window_s apart or more; the older is first
+  std::array<FrameFeatures, 2> at_rest;  ///< of pairs at rest, AT_REST_WINDOWS apart or more; the older is first
   std::optional<NavState> last_known;    ///< where to go on from after the estimate was given up
   estimator::FrameBudget budget;
 };
