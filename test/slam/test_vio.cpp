@@ -408,6 +408,13 @@ TEST_F(VioTest, KnowsItsHeadingAfterALongDarkness)
   EXPECT_GT(std::abs(really), 30.0);  // without an estimate
   EXPECT_NEAR(turned(before.state.q.toRotationMatrix(), after.state.q.toRotationMatrix()),
               turned(truth(before), truth(after)), 1.0);
+  // And it knows how little it knows of where it is, from then on.
+  for (const Outcome& outcome : {after, outcomes.back()})
+  {
+    EXPECT_GT(outcome.error_m, 0.3);
+    EXPECT_LT(outcome.error_m, 3.0 * deviation(outcome));
+    EXPECT_GT(outcome.error_m, 0.1 * deviation(outcome));
+  }
 }
 
 TEST_F(VioTest, GoesOnWithOneCamera)

@@ -245,7 +245,7 @@ void Vio::Impl::publish()
   if (running)
   {
     state.state = filter.state();
-    state.covariance = filter.covariance() + common_covariance;
+    state.covariance = filter.covariance() + common_covariance + displacedCovariance(state.state);
     propagator.rebase(state.state, state.covariance);
   }
   const std::lock_guard<std::mutex> lock(output_mutex);

@@ -27,6 +27,7 @@ constexpr double MAX_GYRO_BIAS = 1.0;   ///< beyond it the estimate has failed [
 constexpr double MAX_ACCEL_BIAS = 5.0;  ///< [m/s^2]
 constexpr double MAX_ERROR_PX = 8.0;    ///< mean error after optimisation beyond which it has failed
 constexpr int START_ITERATIONS = 20;
+constexpr double UNKNOWN_SPEED = 1.0;  ///< that a vehicle may have gained while there was no estimate [m/s]
 /// A rest ends with a pair that is so many windows of the detector old: before the body began to creep.
 constexpr double AT_REST_WINDOWS = 3.0;
 
@@ -45,6 +46,33 @@ void Vio::Impl::turnLastKnown(int64_t stamp_ns)
     last_known->q = (last_known->q * since.deltaR()).normalized();
     last_known->stamp_ns = stamp_ns;
   }
+}
+
+/// The estimate begins again. Since it was given up the body may have stood, or gone on as fast as before and more; it
+/// has turned by the error of the gyroscope's bias.
+void Vio::Impl::displaceOdom(const NavState& now)
+{
+  const double lost_s = seconds(now.stamp_ns - given_up_ns);
+  const Matrix15d& P = last_known_covariance;
+  const double speed = last_known->v.norm() + std::sqrt(P.block<3, 3>(6, 6).trace()) + UNKNOWN_SPEED;
+  const Eigen::Vector3d up_body = now.q.conjugate() * Eigen::Vector3d::UnitZ();
+  displaced.about = now.p;
+  displaced.position = P.topLeftCorner<3, 3>();
+  displaced.position.diagonal().array() += std::pow(speed * lost_s, 2);
+  const double gyro_noise = options.imu.gyro_noise_density * options.imu.gyro_noise_density;
+  displaced.heading = up_body.dot(P.block<3, 3>(3, 3) * up_body) + lost_s * gyro_noise +
+                      lost_s * lost_s * up_body.dot(P.block<3, 3>(9, 9) * up_body);
+}
+
+Matrix15d Vio::Impl::displacedCovariance(const NavState& state) const
+{
+  Vector15d by_heading = Vector15d::Zero();
+  by_heading.segment<3>(0) = Eigen::Vector3d::UnitZ().cross(state.p - displaced.about);
+  by_heading.segment<3>(3) = state.q.conjugate() * Eigen::Vector3d::UnitZ();
+  by_heading.segment<3>(6) = Eigen::Vector3d::UnitZ().cross(state.v);
+  Matrix15d covariance = displaced.heading * by_heading * by_heading.transpose();
+  covariance.topLeftCorner<3, 3>() += displaced.position;
+  return covariance;
 }
 
 /// Before the start, and after the estimate was given up.
@@ -101,6 +129,10 @@ void Vio::Impl::start(FrameReport* report)
   last_corrected_ns = stamp_ns;
   report->keyframe = true;
   rememberKeyframe();
+  if (last_known)
+  {
+    displaceOdom(filter.state());
+  }
   if (stamp_ns != features.stamp_ns)
   {
     // The newest pair used is older than this one.
@@ -474,6 +506,8 @@ void Vio::Impl::giveUp(const std::string& why, FrameReport* report)
   if (corrected && corrected->state.isFinite())
   {
     last_known = corrected->state;
+    last_known_covariance = corrected->covariance;
+    given_up_ns = last_known->stamp_ns;
   }
   status = corrected ? VioStatus::LOST : VioStatus::INITIALIZING;
   report->message = "estimate given up: " + why;

@@ -55,6 +55,8 @@ struct Vio::Impl
                    FrameReport* report);
   void start(FrameReport* report);
   void turnLastKnown(int64_t stamp_ns);
+  void displaceOdom(const NavState& now);
+  Matrix15d displacedCovariance(const NavState& state) const;
   void track(const ImuPreintegration& since_pair, const ImuBuffer::Quality& quality, FrameReport* report);
   void noteMissingCorrection(const FilterReport& filtered, size_t views, FrameReport* report);
   void enterStandstill();
@@ -112,7 +114,17 @@ struct Vio::Impl
   NavState still_state;
   Matrix15d still_covariance = Matrix15d::Zero();
   std::array<FrameFeatures, 2> at_rest;  ///< of pairs at rest, AT_REST_WINDOWS apart or more; the older is first
-  std::optional<NavState> last_known;    ///< where to go on from after the estimate was given up
+  std::optional<NavState> last_known;  ///< where to go on from after the estimate was given up
+  Matrix15d last_known_covariance = Matrix15d::Zero();
+  int64_t given_up_ns = 0;
+  /// How much less is known of where odom is since an estimate was given up and began again: it was moved by an unknown
+  /// distance, and turned about where it began again.
+  struct Displaced
+  {
+    Eigen::Vector3d about = Eigen::Vector3d::Zero();
+    Eigen::Matrix3d position = Eigen::Matrix3d::Zero();  ///< covariance [m^2]
+    double heading = 0.0;                                ///< variance [rad^2]
+  } displaced;
   estimator::FrameBudget budget;
 };
 
