@@ -28,6 +28,10 @@ constexpr double MAX_ACCEL_BIAS = 5.0;  ///< [m/s^2]
 constexpr double MAX_ERROR_PX = 8.0;    ///< mean error after optimisation beyond which it has failed
 constexpr int START_ITERATIONS = 20;
 constexpr double UNKNOWN_SPEED = 1.0;  ///< that a vehicle may have gained while there was no estimate [m/s]
+/// A window full of keyframes from one place loses the landmarks' distances: while the body creeps they are rarer.
+constexpr double SLOW_PARALLAX_PX = 2.0;
+constexpr double SLOW_INTERVALS = 16.0;  ///< of keyframe_max_interval_s
+constexpr double UNKNOWN_SPEED = 1.0;  ///< that a vehicle may have gained while there was no estimate [m/s]
 /// A rest ends with a pair that is so many windows of the detector old: before the body began to creep.
 constexpr double AT_REST_WINDOWS = 3.0;
 
@@ -429,7 +433,8 @@ bool Vio::Impl::keyframeDue(const FrameReport& report, size_t views) const
   }
   double tracked_ratio = 0.0;
   const double parallax_px = parallaxSinceKeyframe(&tracked_ratio);
-  return report.inliers < FEW_VIEWS || since_s >= options.keyframe_max_interval_s ||
+  const double longest_s = options.keyframe_max_interval_s * (parallax_px < SLOW_PARALLAX_PX ? SLOW_INTERVALS : 1.0);
+  return report.inliers < FEW_VIEWS || since_s >= longest_s ||
          parallax_px >= options.keyframe_parallax_px || tracked_ratio < options.keyframe_tracked_ratio;
 }
 
