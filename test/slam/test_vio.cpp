@@ -113,7 +113,8 @@ protected:
       cv::Mat right = frame.right;
       int64_t stamp_ns = frame.stamp_ns;
       const bool present = !faults.pair || faults.pair(outcome.time_s, &left, &right, &stamp_ns);
-      while (next < drive.imu.size() && !vio->imuCovers(stamp_ns))
+      // A pair waits for the IMU, but not for long.
+      while (next < drive.imu.size() && !vio->imuCovers(stamp_ns) && drive.imu[next].stamp_ns < stamp_ns + 200000000)
       {
         ImuSample sample = drive.imu[next++];
         if (!faults.imu || faults.imu(drive.seconds(sample.stamp_ns), &sample))

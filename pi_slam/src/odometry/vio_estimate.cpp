@@ -27,7 +27,6 @@ constexpr double MAX_GYRO_BIAS = 1.0;   ///< beyond it the estimate has failed [
 constexpr double MAX_ACCEL_BIAS = 5.0;  ///< [m/s^2]
 constexpr double MAX_ERROR_PX = 8.0;    ///< mean error after optimisation beyond which it has failed
 constexpr int START_ITERATIONS = 20;
-constexpr double UNKNOWN_SPEED = 1.0;  ///< that a vehicle may have gained while there was no estimate [m/s]
 /// A window full of keyframes from one place loses the landmarks' distances: while the body creeps they are rarer.
 constexpr double SLOW_PARALLAX_PX = 2.0;
 constexpr double SLOW_INTERVALS = 16.0;  ///< of keyframe_max_interval_s
@@ -150,13 +149,9 @@ void Vio::Impl::start(FrameReport* report)
 }
 
 /// One pair while the state is known.
-void Vio::Impl::track(const ImuPreintegration& since_pair, const ImuBuffer::Quality& quality, FrameReport* report)
+void Vio::Impl::track(const ImuPreintegration& since_pair, FrameReport* report)
 {
   const auto begin = std::chrono::steady_clock::now();
-  if (quality.saturated && report->message.empty())
-  {
-    report->message = "imu/data: an axis is at the sensor's limit, the pose gets inaccurate; choose a wider range";
-  }
   const int64_t stamp_ns = features.stamp_ns;
   const bool still = standstill.update(features, imu, filter.state().bias);
   if (status == VioStatus::STANDSTILL && !still && !leaveStandstill(report))

@@ -50,6 +50,7 @@ struct Vio::Impl
   void clearEstimate();
   void takeInbox();
   std::string whyUnusable(int64_t stamp_ns, bool running) const;
+  void bridgeImu(int64_t stamp_ns);
   TrackerPrediction predictViews(const ImuPreintegration& since_pair, bool running);
   void runFrontEnd(const cv::Mat& left, const cv::Mat& right, const TrackerPrediction& prediction, int64_t stamp_ns,
                    FrameReport* report);
@@ -57,7 +58,7 @@ struct Vio::Impl
   void turnLastKnown(int64_t stamp_ns);
   void displaceOdom(const NavState& now);
   Matrix15d displacedCovariance(const NavState& state) const;
-  void track(const ImuPreintegration& since_pair, const ImuBuffer::Quality& quality, FrameReport* report);
+  void track(const ImuPreintegration& since_pair, FrameReport* report);
   void noteMissingCorrection(const FilterReport& filtered, size_t views, FrameReport* report);
   void enterStandstill();
   void keepStill();
@@ -102,6 +103,7 @@ struct Vio::Impl
   std::vector<ImuSample> taken;
   VioStatus status = VioStatus::INITIALIZING;
   int64_t last_pair_ns = INT64_MIN;
+  Eigen::Vector3d last_rate = Eigen::Vector3d::Zero();  ///< of the body between the last two pairs, estimated [rad/s]
   int64_t last_corrected_ns = 0;
   int64_t odds_since_ns = 0;  ///< 0: pictures and IMU agree
   FrameFeatures features;
@@ -114,7 +116,7 @@ struct Vio::Impl
   NavState still_state;
   Matrix15d still_covariance = Matrix15d::Zero();
   std::array<FrameFeatures, 2> at_rest;  ///< of pairs at rest, AT_REST_WINDOWS apart or more; the older is first
-  std::optional<NavState> last_known;  ///< where to go on from after the estimate was given up
+  std::optional<NavState> last_known;    ///< where to go on from after the estimate was given up
   Matrix15d last_known_covariance = Matrix15d::Zero();
   int64_t given_up_ns = 0;
   /// How much less is known of where odom is since an estimate was given up and began again: it was moved by an unknown
