@@ -113,7 +113,8 @@ protected:
       cv::Mat right = frame.right;
       int64_t stamp_ns = frame.stamp_ns;
       const bool present = !faults.pair || faults.pair(outcome.time_s, &left, &right, &stamp_ns);
-      while (next < drive.imu.size() && !vio->imuCovers(stamp_ns))
+      // A pair waits for the IMU, but not for long.
+      while (next < drive.imu.size() && !vio->imuCovers(stamp_ns) && drive.imu[next].stamp_ns < stamp_ns + 200000000)
       {
         ImuSample sample = drive.imu[next++];
         if (!faults.imu || faults.imu(drive.seconds(sample.stamp_ns), &sample))
@@ -313,6 +314,36 @@ TEST_F(VioTest, KnowsItsSpeedWhenItHasSetOff)
   }
 }
 
+/// At 2 cm/s, then at 4 cm/s: less than what the detector of standstill sees between two pairs.
+TEST_F(VioTest, LosesNoWayWhenItCreeps)
+{
+  std::vector<StampedPose> path;
+  double way_m = 0.0;
+  for (int i = 0; i <= 28 * 50; ++i)
+  {
+    const double t = 0.02 * i;
+    way_m += 0.02 * (std::clamp(0.02 * (t - 4.0), 0.0, 0.02) + std::clamp(0.02 * (t - 14.0), 0.0, 0.02) -
+                     std::clamp(0.04 * (t - 24.0), 0.0, 0.04));
+    StampedPose pose;
+    pose.stamp_ns = 1700000000000000000LL + 20000000LL * i;
+    pose.T_world_body.translation() = Eigen::Vector3d(way_m, 0.0, 1.0);
+    path.push_back(pose);
+  }
+  for (const WorldKind kind : {WorldKind::HALL, WorldKind::CAMPUS})
+  {
+    const Drive drive(path, 2, kind);
+    aligned_ = false;
+    Vio vio(drive.calibration, makeOptions());
+    const std::vector<Outcome> outcomes = run(&vio, Faults(), drive);
+    ASSERT_EQ(at(outcomes, 3.5).report.status, VioStatus::STANDSTILL);
+    EXPECT_EQ(outcomes.back().report.status, VioStatus::STANDSTILL);
+    for (const Outcome& outcome : outcomes)
+    {
+      EXPECT_LT(outcome.error_m, 0.02) << "at " << outcome.time_s << " s of " << way_m << " m";
+    }
+  }
+}
+
 TEST_F(VioTest, StandsStillWithoutDrift)
 {
   Vio vio(Drive::instance().calibration, makeOptions());
@@ -378,6 +409,13 @@ TEST_F(VioTest, KnowsItsHeadingAfterALongDarkness)
   EXPECT_GT(std::abs(really), 30.0);  // without an estimate
   EXPECT_NEAR(turned(before.state.q.toRotationMatrix(), after.state.q.toRotationMatrix()),
               turned(truth(before), truth(after)), 1.0);
+  // And it knows how little it knows of where it is, from then on.
+  for (const Outcome& outcome : {after, outcomes.back()})
+  {
+    EXPECT_GT(outcome.error_m, 0.3);
+    EXPECT_LT(outcome.error_m, 3.0 * deviation(outcome));
+    EXPECT_GT(outcome.error_m, 0.1 * deviation(outcome));
+  }
 }
 
 TEST_F(VioTest, GoesOnWithOneCamera)

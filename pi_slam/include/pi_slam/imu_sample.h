@@ -12,7 +12,7 @@ struct ImuSample
   int64_t stamp_ns = 0;
   Eigen::Vector3d w = Eigen::Vector3d::Zero();  ///< angular rate, IMU frame [rad/s]
   Eigen::Vector3d f = Eigen::Vector3d::Zero();  ///< specific force, IMU frame [m/s^2]; at rest it points up
-  bool saturated = false;                       ///< an axis was at the sensor's limit and holds an earlier value
+  bool saturated = false;  ///< no full measurement: an axis was at the sensor's limit and holds an earlier value
 };
 
 struct ImuBias

@@ -8,8 +8,6 @@
 namespace pi_slam::estimator
 {
 
-/// Kept beside Ceres since it takes a quarter of its time per optimisation: 2.0 ms beside 8.2 ms (bench_window).
-///
 /// The normal equations of a window with landmarks eliminated one by one (Schur complement): H d = -b for the errors of
 /// all states, 15 each in the order of NavState. Keeps its memory between calls. Not thread safe.
 ///
@@ -83,7 +81,7 @@ private:
   double cost_ = 0.0;
 };
 
-/// Levenberg-Marquardt on these equations: the solver of the product.
+/// Levenberg-Marquardt on these equations.
 /// @param use  landmarks that take part.
 /// @return what was done; equations hold H, b at the end without damping, and its factorisation.
 WindowReport solveSchur(WindowProblem* problem, const std::vector<Landmark*>& use, int max_iterations,

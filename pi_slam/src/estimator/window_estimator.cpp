@@ -338,17 +338,7 @@ WindowReport WindowEstimator::optimize(int max_iterations)
   }
   const std::vector<Landmark*> use = impl_->selectLandmarks();
   const int iterations = std::clamp(max_iterations, 1, impl_->options.max_iterations);
-  WindowReport report;
-  if (impl_->options.solver)
-  {
-    report = impl_->options.solver(&problem, use, iterations);
-    const WindowReport last = estimator::solveSchur(&problem, use, 0, &impl_->equations);
-    report.failed = report.failed || last.failed;
-  }
-  else
-  {
-    report = estimator::solveSchur(&problem, use, iterations, &impl_->equations);
-  }
+  WindowReport report = estimator::solveSchur(&problem, use, iterations, &impl_->equations);
   if (!report.failed)
   {
     impl_->covariance = impl_->equations.lastCovariance();

@@ -8,27 +8,14 @@
 
 #include <Eigen/Core>
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <vector>
 
 namespace pi_slam
 {
 
-namespace estimator
-{
-struct Landmark;
-struct WindowProblem;
-}  // namespace estimator
-
-struct WindowReport;
-/// Optimises states, and the landmarks that take part, in place.
-using WindowSolver = std::function<WindowReport(estimator::WindowProblem* problem,
-                                                const std::vector<estimator::Landmark*>& use, int max_iterations)>;
-
 struct WindowOptions
 {
-  WindowSolver solver;        ///< for tests and benchmarks, in place of the own one
   int keyframes = 9;          ///< states in the window; in [3, 30]
   int max_landmarks = 120;    ///< used in one optimisation; in [20, 2000]
   int max_iterations = 5;     ///< in [1, 50]

@@ -150,8 +150,9 @@ struct ImuStep
     P.block<3, 3>(6, 0) += 0.5 * dt * v_v;
     // A white force over an interval gives the position dt^3 / 3, not dt^3 / 4: so the covariance is regular.
     P.block<3, 3>(0, 0) += dt * dt / 3.0 * v_v;
-    P.diagonal().segment<3>(9).array() += square * model.gyro_random_walk * model.gyro_random_walk * dt;
-    P.diagonal().segment<3>(12).array() += square * model.accel_random_walk * model.accel_random_walk * dt;
+    // A bias walks on as ever where there is no measurement.
+    P.diagonal().segment<3>(9).array() += model.gyro_random_walk * model.gyro_random_walk * dt;
+    P.diagonal().segment<3>(12).array() += model.accel_random_walk * model.accel_random_walk * dt;
   }
 };
 

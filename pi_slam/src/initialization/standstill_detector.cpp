@@ -17,6 +17,26 @@ constexpr double LEAVING_FACTOR = 1.5;    ///< of all bounds, for what stands st
 constexpr int PARTS = 8;                  ///< of the window
 constexpr size_t MIN_FEATURES = 10;
 constexpr double LONGEST_PAUSE_S = 1.0;
+constexpr double TOLERANCE_PX = 1.0;     ///< as between two pairs in the tracker, of which a rest has many
+constexpr double ROTATION_SIGMA = 0.01;  ///< at most, of what turns while all else says rest [rad]
+
+/// Calls with each feature that both pairs have, as it was and as it is.
+template <typename Function>
+void forCommon(const FrameFeatures& before, const FrameFeatures& now, const Function& function)
+{
+  auto was = before.features.begin();
+  for (const FeatureObservation& feature : now.features)
+  {
+    while (was != before.features.end() && was->id < feature.id)
+    {
+      ++was;
+    }
+    if (was != before.features.end() && was->id == feature.id)
+    {
+      function(*was, feature);
+    }
+  }
+}
 
 }  // namespace
 
@@ -30,8 +50,9 @@ void StandstillOptions::validate() const
   check.positive("max_rate", max_rate);
 }
 
-StandstillDetector::StandstillDetector(const ImuModel& model, const StandstillOptions& options)
-  : model_(model), options_(options)
+StandstillDetector::StandstillDetector(const StereoCalibration& calibration, const ImuModel& model,
+                                       const StandstillOptions& options)
+  : model_(model), options_(options), geometry_(calibration), motion_check_(geometry_, TOLERANCE_PX)
 {
   model_.validate();
   options_.validate();
@@ -58,73 +79,91 @@ bool StandstillDetector::update(const FrameFeatures& features, const ImuBuffer& 
   last_ns_ = stamp_ns;
 
   const double slack = still_ ? LEAVING_FACTOR : 1.0;
-  const Pair* reference = pairBefore(stamp_ns - std::llround(1e9 * options_.window_s));
+  const FrameFeatures* reference = pairBefore(stamp_ns - std::llround(1e9 * options_.window_s));
   flow_px_ = reference != nullptr ? flowSince(*reference, features) : -1.0;
   bool calm = flow_px_ >= 0.0 && flow_px_ <= slack * options_.max_flow_px && imuIsCalm(stamp_ns, imu, bias, slack);
-  const Pair* earlier = pairBefore(stamp_ns - std::llround(1e9 * (LONG_WINDOWS * options_.window_s)));
+  const FrameFeatures* earlier = pairBefore(stamp_ns - std::llround(1e9 * (LONG_WINDOWS * options_.window_s)));
   if (calm && earlier != nullptr && (!still_ || earlier->stamp_ns >= since_ns_))
   {
     // Features that are no longer seen do not count.
     calm = flowSince(*earlier, features) <= slack * LONG_FLOW_FACTOR * options_.max_flow_px;
   }
-  if (calm && !still_)
+  if (calm && still_)
   {
+    const std::optional<double> way_m = wayBetween(first_, features);
+    calm = !way_m || *way_m <= CREPT_M;
+    if (!way_m)
+    {
+      first_ = pairs_.front();  // what was seen then is out of sight
+    }
+  }
+  else if (calm)
+  {
+    calm = earlier == nullptr || wayBetween(*earlier, features).value_or(0.0) <= CREEPING_M;
     since_ns_ = reference->stamp_ns;
+    first_ = features;
   }
   still_ = calm;
 
   if (pairs_.empty() || stamp_ns - pairs_.back().stamp_ns >= std::llround(1e9 * (options_.window_s / PARTS)))
   {
     const int64_t oldest_ns = stamp_ns - std::llround(1e9 * (LONG_WINDOWS * options_.window_s));
-    std::vector<Track> tracks;
     // The last pair at or before the oldest time stays.
     while (pairs_.size() > 1 && pairs_[1].stamp_ns <= oldest_ns)
     {
-      tracks = std::move(pairs_.front().tracks);
       pairs_.pop_front();
     }
-    tracks.clear();
-    for (const FeatureObservation& feature : features.features)
-    {
-      tracks.push_back(
-          {feature.id, {feature.seen[LEFT], feature.seen[RIGHT]}, {feature.pixel[LEFT], feature.pixel[RIGHT]}});
-    }
-    pairs_.push_back({stamp_ns, std::move(tracks)});
+    pairs_.push_back(features);
   }
   return still_;
 }
 
-const StandstillDetector::Pair* StandstillDetector::pairBefore(int64_t stamp_ns) const
+const FrameFeatures* StandstillDetector::pairBefore(int64_t stamp_ns) const
 {
   const auto after = std::upper_bound(pairs_.begin(), pairs_.end(), stamp_ns,
-                                      [](int64_t stamp, const Pair& pair) { return stamp < pair.stamp_ns; });
+                                      [](int64_t stamp, const FrameFeatures& pair) { return stamp < pair.stamp_ns; });
   return after == pairs_.begin() ? nullptr : &*(after - 1);
 }
 
-double StandstillDetector::flowSince(const Pair& pair, const FrameFeatures& features)
+/// How far pictures say that the body has gone [m]; nullopt: they do not tell.
+std::optional<double> StandstillDetector::wayBetween(const FrameFeatures& pair, const FrameFeatures& features)
+{
+  moved_.clear();
+  forCommon(pair, features,
+            [this](const FeatureObservation& was, const FeatureObservation& is)
+            {
+              const int camera = is.seen[LEFT] ? LEFT : RIGHT;
+              if (was.seen[LEFT] && was.seen[RIGHT])
+              {
+                const double inverse_m =
+                    geometry_.inverseDistance(camera, was.bearing[camera], was.bearing[LEFT + RIGHT - camera]);
+                moved_.push_back({camera, was.bearing[camera], is.bearing[camera], true, std::max(0.0, inverse_m)});
+              }
+            });
+  front_end::BodyMotion motion;
+  if (!motion_check_.check(moved_, ROTATION_SIGMA, &motion, &consistent_))
+  {
+    return std::nullopt;
+  }
+  return motion.p_now_last.norm();
+}
+
+double StandstillDetector::flowSince(const FrameFeatures& pair, const FrameFeatures& features)
 {
   distances_.clear();
-  auto track = pair.tracks.begin();
-  for (const FeatureObservation& feature : features.features)
-  {
-    while (track != pair.tracks.end() && track->id < feature.id)
-    {
-      ++track;
-    }
-    if (track == pair.tracks.end())
-    {
-      break;
-    }
-    for (const int camera : {LEFT, RIGHT})
-    {
-      const float distance = (track->pixel[camera] - feature.pixel[camera]).norm();
-      if (track->id == feature.id && track->seen[camera] && feature.seen[camera] && std::isfinite(distance))
-      {
-        distances_.push_back(distance);
-        break;
-      }
-    }
-  }
+  forCommon(pair, features,
+            [this](const FeatureObservation& was, const FeatureObservation& is)
+            {
+              for (const int camera : {LEFT, RIGHT})
+              {
+                const float distance = (was.pixel[camera] - is.pixel[camera]).norm();
+                if (was.seen[camera] && is.seen[camera] && std::isfinite(distance))
+                {
+                  distances_.push_back(distance);
+                  break;
+                }
+              }
+            });
   if (distances_.size() < MIN_FEATURES)
   {
     return -1.0;

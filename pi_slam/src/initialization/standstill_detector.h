@@ -1,11 +1,15 @@
 #pragma once
 
+#include <pi_slam/stereo_calibration.h>
 #include "front_end/frame_features.h"
+#include "front_end/motion_check.h"
+#include "front_end/stereo_geometry.h"
 #include "inertial/imu_preintegration.h"
 
 #include <Eigen/Core>
 #include <cstdint>
 #include <deque>
+#include <optional>
 #include <vector>
 
 namespace pi_slam
@@ -32,12 +36,20 @@ struct StandstillOptions
 /// those of its means over eighths of the window: a motor that shakes faster does not count. What stands still is
 /// taken to do so until one of the bounds is passed by half.
 ///
+/// Creeping passes all that. So what both cameras see also gives the way since the pair at which the rest began, and,
+/// before it may begin, since four windows ago: more than CREPT_M and CREEPING_M is no rest.
+///
 /// Not thread safe.
 class StandstillDetector
 {
 public:
+  static constexpr double CREPT_M = 0.01;      ///< way of a rest, after which it ends; half of what may be lost
+  static constexpr double CREEPING_M = 0.005;  ///< way in four windows with which a rest does not begin
+
   /// @throws std::invalid_argument for a model or options out of range.
-  StandstillDetector(const ImuModel& model, const StandstillOptions& options);
+  StandstillDetector(const StereoCalibration& calibration, const ImuModel& model, const StandstillOptions& options);
+  StandstillDetector(const StandstillDetector&) = delete;  // motion_check_ refers to geometry_
+  StandstillDetector& operator=(const StandstillDetector&) = delete;
 
   /// @param features  of each pair, in order of time; another order, or a second without pairs, starts again.
   /// @param imu       covers the window before the pair; if not, the answer is no.
@@ -53,26 +65,20 @@ public:
   void reset();
 
 private:
-  struct Track
-  {
-    int64_t id;
-    bool seen[2];
-    Eigen::Vector2f pixel[2];
-  };
-  struct Pair
-  {
-    int64_t stamp_ns;
-    std::vector<Track> tracks;
-  };
-
   bool imuIsCalm(int64_t stamp_ns, const ImuBuffer& imu, const ImuBias& bias, double slack) const;
-  double flowSince(const Pair& pair, const FrameFeatures& features);
-  const Pair* pairBefore(int64_t stamp_ns) const;
+  double flowSince(const FrameFeatures& pair, const FrameFeatures& features);
+  std::optional<double> wayBetween(const FrameFeatures& pair, const FrameFeatures& features);
+  const FrameFeatures* pairBefore(int64_t stamp_ns) const;
 
   const ImuModel model_;
   const StandstillOptions options_;
-  std::deque<Pair> pairs_;        ///< of the last four windows, about eight of each, oldest first
-  std::vector<float> distances_;  ///< kept to allocate once
+  const front_end::StereoGeometry geometry_;
+  front_end::MotionCheck motion_check_;
+  std::deque<FrameFeatures> pairs_;  ///< of the last four windows, about eight of each, oldest first
+  FrameFeatures first_;              ///< the pair at which the rest began
+  std::vector<float> distances_;     ///< kept to allocate once, as are the next two
+  std::vector<front_end::MovedFeature> moved_;
+  std::vector<uint8_t> consistent_;
   int64_t last_ns_ = 0;
   int64_t since_ns_ = 0;
   double flow_px_ = -1.0;

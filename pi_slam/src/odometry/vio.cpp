@@ -2,6 +2,7 @@
 
 #include <pi_node/durations.h>
 #include <pi_node/formatting.h>
+#include <pi_slam/so3.h>
 
 #include <chrono>
 #include <cmath>
@@ -102,25 +103,38 @@ FrameReport Vio::Impl::addPair(int64_t stamp_ns, const cv::Mat& left, const cv::
   report.status = status;
   takeInbox();
   const bool running = status != VioStatus::INITIALIZING && status != VioStatus::LOST;
+  const bool silent = running && stamp_ns > last_pair_ns && imu.lastNs() < stamp_ns;
+  if (silent)
+  {
+    bridgeImu(stamp_ns);
+  }
   report.message = whyUnusable(stamp_ns, running);
   if (!report.message.empty())
   {
     return report;
   }
-
-  ImuPreintegration since_pair(options.imu, filter.state().bias);
-  ImuBuffer::Quality quality;
-  if (last_pair_ns != INT64_MIN && imu.firstNs() <= last_pair_ns)
+  if (silent)
   {
-    since_pair = imu.integrate(last_pair_ns, stamp_ns, running ? filter.state().bias : ImuBias(), &quality);
+    report.message = format(
+        "imu/data: newest sample is %.3f s older than the pair, odometry goes on by pictures alone; "
+        "check that the IMU runs",
+        seconds(stamp_ns - newest_imu_ns.load(std::memory_order_acquire)));
   }
 
+  ImuPreintegration since_pair(options.imu, filter.state().bias);
+  if (last_pair_ns != INT64_MIN && imu.firstNs() <= last_pair_ns)
+  {
+    since_pair = imu.integrate(last_pair_ns, stamp_ns, running ? filter.state().bias : ImuBias(), nullptr);
+  }
+
+  const std::optional<NavState> before = running ? std::optional(filter.state()) : std::nullopt;
   runFrontEnd(left, right, predictViews(since_pair, running), stamp_ns, &report);
   report.front_end_ms = 1e3 * secondsSince(begin);
   last_pair_ns = stamp_ns;
   if (running)
   {
-    track(since_pair, quality, &report);
+    track(since_pair, &report);
+    last_rate = logSo3(before->q.conjugate() * filter.state().q) / since_pair.duration();
   }
   else
   {
@@ -137,6 +151,21 @@ FrameReport Vio::Impl::addPair(int64_t stamp_ns, const cv::Mat& left, const cv::
   report.total_ms = 1e3 * secondsSince(begin);
   budget.update(1e-3 * report.total_ms);
   return report;
+}
+
+/// Pictures come on without the IMU. A sample stands in for it that says that the body goes on as it did, and is no
+/// measurement: so the pictures decide.
+void Vio::Impl::bridgeImu(int64_t stamp_ns)
+{
+  const NavState& state = filter.state();
+  const Eigen::Quaterniond R_body_odom = state.q.conjugate();
+  ImuSample sample;
+  sample.stamp_ns = stamp_ns;
+  sample.w = last_rate + state.bias.gyro;
+  sample.f = last_rate.cross(R_body_odom * state.v) + R_body_odom * Eigen::Vector3d(0.0, 0.0, options.imu.gravity) +
+             state.bias.accel;
+  sample.saturated = true;
+  imu.add(sample);
 }
 
 /// Why a pair cannot be used; empty if it can.
@@ -245,7 +274,7 @@ void Vio::Impl::publish()
   if (running)
   {
     state.state = filter.state();
-    state.covariance = filter.covariance() + common_covariance;
+    state.covariance = filter.covariance() + common_covariance + displacedCovariance(state.state);
     propagator.rebase(state.state, state.covariance);
   }
   const std::lock_guard<std::mutex> lock(output_mutex);

@@ -27,6 +27,12 @@ constexpr double MAX_GYRO_BIAS = 1.0;   ///< beyond it the estimate has failed [
 constexpr double MAX_ACCEL_BIAS = 5.0;  ///< [m/s^2]
 constexpr double MAX_ERROR_PX = 8.0;    ///< mean error after optimisation beyond which it has failed
 constexpr int START_ITERATIONS = 20;
+/// A window full of keyframes from one place loses the landmarks' distances: while the body creeps they are rarer.
+constexpr double SLOW_PARALLAX_PX = 2.0;
+constexpr double SLOW_INTERVALS = 16.0;  ///< of keyframe_max_interval_s
+constexpr double UNKNOWN_SPEED = 1.0;  ///< that a vehicle may have gained while there was no estimate [m/s]
+/// A rest ends with a pair that is so many windows of the detector old: before the body began to creep.
+constexpr double AT_REST_WINDOWS = 3.0;
 
 }  // namespace
 
@@ -43,6 +49,33 @@ void Vio::Impl::turnLastKnown(int64_t stamp_ns)
     last_known->q = (last_known->q * since.deltaR()).normalized();
     last_known->stamp_ns = stamp_ns;
   }
+}
+
+/// The estimate begins again. Since it was given up the body may have stood, or gone on as fast as before and more; it
+/// has turned by the error of the gyroscope's bias.
+void Vio::Impl::displaceOdom(const NavState& now)
+{
+  const double lost_s = seconds(now.stamp_ns - given_up_ns);
+  const Matrix15d& P = last_known_covariance;
+  const double speed = last_known->v.norm() + std::sqrt(P.block<3, 3>(6, 6).trace()) + UNKNOWN_SPEED;
+  const Eigen::Vector3d up_body = now.q.conjugate() * Eigen::Vector3d::UnitZ();
+  displaced.about = now.p;
+  displaced.position = P.topLeftCorner<3, 3>();
+  displaced.position.diagonal().array() += std::pow(speed * lost_s, 2);
+  const double gyro_noise = options.imu.gyro_noise_density * options.imu.gyro_noise_density;
+  displaced.heading = up_body.dot(P.block<3, 3>(3, 3) * up_body) + lost_s * gyro_noise +
+                      lost_s * lost_s * up_body.dot(P.block<3, 3>(9, 9) * up_body);
+}
+
+Matrix15d Vio::Impl::displacedCovariance(const NavState& state) const
+{
+  Vector15d by_heading = Vector15d::Zero();
+  by_heading.segment<3>(0) = Eigen::Vector3d::UnitZ().cross(state.p - displaced.about);
+  by_heading.segment<3>(3) = state.q.conjugate() * Eigen::Vector3d::UnitZ();
+  by_heading.segment<3>(6) = Eigen::Vector3d::UnitZ().cross(state.v);
+  Matrix15d covariance = displaced.heading * by_heading * by_heading.transpose();
+  covariance.topLeftCorner<3, 3>() += displaced.position;
+  return covariance;
 }
 
 /// Before the start, and after the estimate was given up.
@@ -99,6 +132,10 @@ void Vio::Impl::start(FrameReport* report)
   last_corrected_ns = stamp_ns;
   report->keyframe = true;
   rememberKeyframe();
+  if (last_known)
+  {
+    displaceOdom(filter.state());
+  }
   if (stamp_ns != features.stamp_ns)
   {
     // The newest pair used is older than this one.
@@ -112,13 +149,9 @@ void Vio::Impl::start(FrameReport* report)
 }
 
 /// One pair while the state is known.
-void Vio::Impl::track(const ImuPreintegration& since_pair, const ImuBuffer::Quality& quality, FrameReport* report)
+void Vio::Impl::track(const ImuPreintegration& since_pair, FrameReport* report)
 {
   const auto begin = std::chrono::steady_clock::now();
-  if (quality.saturated && report->message.empty())
-  {
-    report->message = "imu/data: an axis is at the sensor's limit, the pose gets inaccurate; choose a wider range";
-  }
   const int64_t stamp_ns = features.stamp_ns;
   const bool still = standstill.update(features, imu, filter.state().bias);
   if (status == VioStatus::STANDSTILL && !still && !leaveStandstill(report))
@@ -234,7 +267,7 @@ void Vio::Impl::enterStandstill()
 void Vio::Impl::keepStill()
 {
   filter.holdStill(still_state, still_covariance);
-  if (seconds(features.stamp_ns - at_rest.back().stamp_ns) >= options.standstill.window_s)
+  if (seconds(features.stamp_ns - at_rest.back().stamp_ns) >= AT_REST_WINDOWS * options.standstill.window_s)
   {
     std::swap(at_rest.front(), at_rest.back());
     at_rest.back() = features;
@@ -395,7 +428,8 @@ bool Vio::Impl::keyframeDue(const FrameReport& report, size_t views) const
   }
   double tracked_ratio = 0.0;
   const double parallax_px = parallaxSinceKeyframe(&tracked_ratio);
-  return report.inliers < FEW_VIEWS || since_s >= options.keyframe_max_interval_s ||
+  const double longest_s = options.keyframe_max_interval_s * (parallax_px < SLOW_PARALLAX_PX ? SLOW_INTERVALS : 1.0);
+  return report.inliers < FEW_VIEWS || since_s >= longest_s ||
          parallax_px >= options.keyframe_parallax_px || tracked_ratio < options.keyframe_tracked_ratio;
 }
 
@@ -472,6 +506,8 @@ void Vio::Impl::giveUp(const std::string& why, FrameReport* report)
   if (corrected && corrected->state.isFinite())
   {
     last_known = corrected->state;
+    last_known_covariance = corrected->covariance;
+    given_up_ns = last_known->stamp_ns;
   }
   status = corrected ? VioStatus::LOST : VioStatus::INITIALIZING;
   report->message = "estimate given up: " + why;

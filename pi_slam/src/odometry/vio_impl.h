@@ -31,7 +31,7 @@ struct Vio::Impl
     , cameras(estimator::cameraGeometry(calibration))
     , tracker(calibration, options.tracker, std::move(runtime))
     , initializer(calibration, options.imu, options.initializer)
-    , standstill(options.imu, options.standstill)
+    , standstill(calibration, options.imu, options.standstill)
     , window(calibration, options.imu, options.window)
     , filter(calibration, options.window.pixel_noise)
     , propagator(options.imu)
@@ -50,12 +50,15 @@ struct Vio::Impl
   void clearEstimate();
   void takeInbox();
   std::string whyUnusable(int64_t stamp_ns, bool running) const;
+  void bridgeImu(int64_t stamp_ns);
   TrackerPrediction predictViews(const ImuPreintegration& since_pair, bool running);
   void runFrontEnd(const cv::Mat& left, const cv::Mat& right, const TrackerPrediction& prediction, int64_t stamp_ns,
                    FrameReport* report);
   void start(FrameReport* report);
   void turnLastKnown(int64_t stamp_ns);
-  void track(const ImuPreintegration& since_pair, const ImuBuffer::Quality& quality, FrameReport* report);
+  void displaceOdom(const NavState& now);
+  Matrix15d displacedCovariance(const NavState& state) const;
+  void track(const ImuPreintegration& since_pair, FrameReport* report);
   void noteMissingCorrection(const FilterReport& filtered, size_t views, FrameReport* report);
   void enterStandstill();
   void keepStill();
@@ -100,6 +103,7 @@ struct Vio::Impl
   std::vector<ImuSample> taken;
   VioStatus status = VioStatus::INITIALIZING;
   int64_t last_pair_ns = INT64_MIN;
+  Eigen::Vector3d last_rate = Eigen::Vector3d::Zero();  ///< of the body between the last two pairs, estimated [rad/s]
   int64_t last_corrected_ns = 0;
   int64_t odds_since_ns = 0;  ///< 0: pictures and IMU agree
   FrameFeatures features;
@@ -111,8 +115,18 @@ struct Vio::Impl
   Matrix15d common_covariance = Matrix15d::Zero();  ///< of position and heading of the window as a whole
   NavState still_state;
   Matrix15d still_covariance = Matrix15d::Zero();
-  std::array<FrameFeatures, 2> at_rest;  ///< of pairs at rest, standstill.window_s apart or more; the older is first
+  std::array<FrameFeatures, 2> at_rest;  ///< of pairs at rest, AT_REST_WINDOWS apart or more; the older is first
   std::optional<NavState> last_known;    ///< where to go on from after the estimate was given up
+  Matrix15d last_known_covariance = Matrix15d::Zero();
+  int64_t given_up_ns = 0;
+  /// How much less is known of where odom is since an estimate was given up and began again: it was moved by an unknown
+  /// distance, and turned about where it began again.
+  struct Displaced
+  {
+    Eigen::Vector3d about = Eigen::Vector3d::Zero();
+    Eigen::Matrix3d position = Eigen::Matrix3d::Zero();  ///< covariance [m^2]
+    double heading = 0.0;                                ///< variance [rad^2]
+  } displaced;
   estimator::FrameBudget budget;
 };
 

@@ -142,8 +142,12 @@ std::optional<VioSession::Work> VioSession::take(const std::function<int64_t()>&
   const auto replaced = [&] { return stopping_ || generation_ != work.generation; };
   const auto covered = [&] { return work.pipeline->vio->imuCovers(work.pair.stamp_ns); };
   worker_waits_for_imu_ = true;
-  work.covered = replaced() || covered() ||
-                 pi_node::waitUntil(&imu_arrived_, &lock, waits(), [&] { return replaced() || covered(); });
+  // An IMU that fell silent is waited for once.
+  const bool silent = last_imu_ns == silent_since_ns_;
+  work.covered =
+      replaced() || covered() ||
+      (!silent && pi_node::waitUntil(&imu_arrived_, &lock, waits(), [&] { return replaced() || covered(); }));
+  silent_since_ns_ = work.covered ? -1 : last_imu_ns.load();
   worker_waits_for_imu_ = false;
   const bool forgotten = replaced();
   lock.unlock();

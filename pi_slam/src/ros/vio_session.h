@@ -115,6 +115,7 @@ private:
 
   std::mutex restart_mutex_;  ///< one at a time replaces the pipeline
   std::atomic<bool> worker_waits_for_imu_{false};
+  int64_t silent_since_ns_ = -1;  ///< stamp of the sample after which a pair waited in vain; -1: none
   std::condition_variable pairs_changed_;
   std::condition_variable imu_arrived_;
   mutable std::mutex mutex_;  ///< of all below; held briefly

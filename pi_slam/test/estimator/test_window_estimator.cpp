@@ -15,7 +15,6 @@
 #include <set>
 #include <stdexcept>
 
-#include "estimator/ceres_solver.h"
 #include "estimator/consistency_run.h"
 #include "estimator/simulated_features.h"
 
@@ -160,34 +159,6 @@ TEST(WindowEstimator, ConvergesFromDisturbedStates)
   }
   // The same data, and so the same minimum.
   EXPECT_LT(disturbed.window.newest().boxMinus(calm.window.newest()).head<6>().norm(), 2e-3);
-}
-
-TEST(WindowEstimator, GivesTheSameStatesWithBothSolvers)
-{
-  Drive drive(6.0);
-  Drive same(6.0);
-  WindowOptions options;
-  options.max_iterations = 50;
-  KeyframeRun schur(&drive, options);
-  options.solver = estimator::solveCeres;
-  KeyframeRun ceres(&same, options);
-  for (int i = 0; i < 25; ++i)
-  {
-    ASSERT_FALSE(schur.next(50).failed);
-    ASSERT_FALSE(ceres.next(50).failed);
-    const std::vector<NavState> a = schur.window.states();
-    const std::vector<NavState> b = ceres.window.states();
-    ASSERT_EQ(a.size(), b.size());
-    const Vector15d deviation = schur.window.newestCovariance().diagonal().cwiseSqrt();
-    for (size_t k = 0; k < a.size(); ++k)
-    {
-      // The minimum is the same one. SCHUR stops when a step gains less than 1e-5 of the cost, which is about 500: 0.1
-      // of a standard deviation at most. Once states are in the prior, it takes derivatives at first estimates, CERES
-      // does not.
-      EXPECT_LT(a[k].boxMinus(b[k]).cwiseQuotient(deviation).cwiseAbs().maxCoeff(), i < 8 ? 0.1 : 0.25)
-          << "keyframe " << i << ", state " << k;
-    }
-  }
 }
 
 TEST(WindowEstimator, StaysBoundedOverAThousandKeyframes)

@@ -15,7 +15,6 @@ namespace
 {
 
 constexpr int64_t START_NS = 1700000000000000000LL;
-constexpr double FOCAL_PX = 458.0;
 
 int64_t stampAt(double time_s)
 {
@@ -35,11 +34,19 @@ FeatureObservation makeFeature(int64_t id, int camera, const Eigen::Vector2f& pi
   return feature;
 }
 
-/// A camera that looks along x at points on a grid, 3 to 8 m away, and an IMU, each with its noise.
+/// 458 px of focal length.
+const StereoCalibration& cameras()
+{
+  static const StereoCalibration calibration = StereoCalibration::makeForwardPair(916, 687, 0.12);
+  return calibration;
+}
+
+/// Two cameras that look along x at points on a grid, 3 to 8 m away, and an IMU, each with its noise.
 struct Scene
 {
   double pair_rate_hz = 20.0;
   double pixel_noise = 0.1;
+  double scale = 1.0;  ///< of the points' distances
   ImuModel model;
   StandstillOptions options;
   ImuBias bias{Eigen::Vector3d(0.01, -0.02, 0.08), Eigen::Vector3d(0.1, 0.0, -0.1)};
@@ -68,7 +75,7 @@ struct Scene
                  (position(t + H) - 2.0 * position(t) + position(t - H)) / (H * H);
       imu.add(sample);
     }
-    StandstillDetector detector(model, options);
+    StandstillDetector detector(cameras(), model, options);
     std::vector<bool> verdicts;
     for (int i = 0; i < duration_s * pair_rate_hz; ++i)
     {
@@ -77,12 +84,21 @@ struct Scene
       frame.stamp_ns = stampAt(t);
       for (int k = 0; k < 100 && lit(t); ++k)
       {
-        const double depth = 3.0 + 5.0 * std::fmod(k * 0.618, 1.0);
+        const double depth = scale * (3.0 + 5.0 * std::fmod(k * 0.618, 1.0));
         const Eigen::Vector3d point(depth, depth * (0.1 * (k % 10) - 0.45), depth * (0.06 * (k / 10) - 0.27));
         const Eigen::Vector3d seen = Eigen::AngleAxisd(-yaw(t), Eigen::Vector3d::UnitZ()) * (point - position(t));
-        const Eigen::Vector2d pixel = Eigen::Vector2d(-seen.y(), -seen.z()) / seen.x() * FOCAL_PX +
-                                      pixel_noise * Eigen::Vector2d(normal(random), normal(random));
-        frame.features.push_back(makeFeature(k, LEFT, pixel.cast<float>()));
+        FeatureObservation feature;
+        feature.id = k;
+        for (const int camera : {LEFT, RIGHT})
+        {
+          const MountedCamera& mounted = camera == LEFT ? cameras().left : cameras().right;
+          const Eigen::Vector2d pixel = *mounted.model.project(mounted.T_body_camera.inverse() * seen) +
+                                        pixel_noise * Eigen::Vector2d(normal(random), normal(random));
+          feature.seen[camera] = true;
+          feature.pixel[camera] = pixel.cast<float>();
+          feature.bearing[camera] = *mounted.model.unproject(pixel);
+        }
+        frame.features.push_back(feature);
       }
       verdicts.push_back(detector.update(frame, imu, bias));
       since_ns = detector.sinceNs();
@@ -100,11 +116,11 @@ int count(const std::vector<bool>& verdicts, size_t from = 0)
   return static_cast<int>(std::count(verdicts.begin() + static_cast<long>(from), verdicts.end(), true));
 }
 
-/// From rest along x: 0.05 m/s after a smooth start of half a second.
-Eigen::Vector3d creep(double t, const Eigen::Vector3d& direction)
+/// From rest: 0.05 m/s after a smooth start of half a second.
+Eigen::Vector3d creep(double t, const Eigen::Vector3d& direction, double speed = 0.05)
 {
   const double s = std::clamp(t, 0.0, 0.5);
-  return 0.05 * (s * s + std::max(0.0, t - 0.5)) * direction;
+  return speed * (s * s + std::max(0.0, t - 0.5)) * direction;
 }
 
 }  // namespace
@@ -163,6 +179,30 @@ TEST(StandstillDetector, NoticesThatItSetsOffSlowly)
   EXPECT_EQ(count(verdicts, 60 + 10 + 9), 0);
 }
 
+TEST(StandstillDetector, SeesCreepingByTheWaySinceTheRestBegan)
+{
+  for (const double speed : {0.005, 0.02, 0.04})
+  {
+    SCOPED_TRACE(speed);
+    Scene scene;
+    scene.scale = 4.0;  // 12 to 32 m away
+    scene.position = [=](double t) { return creep(t - 3.0, Eigen::Vector3d::UnitX(), speed); };
+    const auto verdicts = scene.run(20.0);
+    EXPECT_EQ(count({verdicts.begin() + 10, verdicts.begin() + 60}), 50);
+    // 1 cm may go by unseen, and as much by the noise of the pictures.
+    const auto seen = static_cast<size_t>((3.25 + 0.02 / speed) * 20.0);
+    EXPECT_LE(count(verdicts, seen), static_cast<int>(verdicts.size() - seen) / 20);
+  }
+}
+
+TEST(StandstillDetector, RestsForLong)
+{
+  Scene scene;
+  scene.scale = 4.0;
+  const auto verdicts = scene.run(120.0);
+  EXPECT_GE(count(verdicts, 10), static_cast<int>(verdicts.size()) - 20);
+}
+
 TEST(StandstillDetector, SeesASlowTurn)
 {
   Scene scene;
@@ -193,7 +233,7 @@ TEST(StandstillDetector, SaysNoWithoutPictures)
 
 TEST(StandstillDetector, SaysNoWithoutAnImu)
 {
-  StandstillDetector detector{ImuModel(), StandstillOptions()};
+  StandstillDetector detector{cameras(), ImuModel(), StandstillOptions()};
   const ImuBuffer imu{ImuModel()};
   FrameFeatures frame;
   for (int k = 0; k < 50; ++k)
@@ -225,7 +265,7 @@ TEST(StandstillDetector, DoesNotChatterAtItsBounds)
 
 TEST(StandstillDetector, BeginsAnewAfterAPauseOrAJumpBack)
 {
-  StandstillDetector detector{ImuModel(), StandstillOptions()};
+  StandstillDetector detector{cameras(), ImuModel(), StandstillOptions()};
   ImuBuffer imu{ImuModel()};
   for (int i = 0; i <= 4000; ++i)
   {
@@ -269,7 +309,7 @@ TEST(StandstillDetector, RefusesOptionsOutOfRangeByName)
   {
     StandstillOptions options;
     options.*field = value;
-    return messageOf<std::invalid_argument>([&] { StandstillDetector(ImuModel(), options); });
+    return messageOf<std::invalid_argument>([&] { StandstillDetector(cameras(), ImuModel(), options); });
   };
   const double nan = std::numeric_limits<double>::quiet_NaN();
   EXPECT_EQ(complaint(&StandstillOptions::window_s, 0.0), "standstill/window_s = 0, must be in [0.1, 5]");
