@@ -68,9 +68,9 @@ class CampusDrive:
             old.unlink(missing_ok=True)
         options = self.options
         arguments = {
-            "scenario": self.scenario.path, "seed": options.seed, "link": self.output / "chassis",
-            "log": self.simulator_log, "recordings": self.output / "recordings", "preload": options.preload or "",
-            "together": options.together,
+            "scenario": self.scenario.path, "seed": options.seed, "base": options.base, "vehicle": self.scenario.vehicle,
+            "link": self.output / "chassis", "log": self.simulator_log, "recordings": self.output / "recordings",
+            "preload": options.preload or "", "together": options.together,
             "offload": bool(edge), "edge_nodes": edge.map_file if edge else "", "rviz": False,
             "trace_capacity": TRACED_TASKS if options.together else 0, "frame_rate": options.frame_rate,
             "output": "screen", **self._background()}

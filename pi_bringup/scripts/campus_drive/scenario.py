@@ -7,6 +7,8 @@ from pathlib import Path
 import yaml
 from first_drive.errors import DemoError
 
+VEHICLES = {"serial": "vehicle.yaml", "twist": "differential.yaml"}  # in pi_node's config, by base
+
 
 @dataclass
 class EdgeNode:
@@ -23,6 +25,7 @@ class Scenario:
     duration_s: float
     edge_nodes: list
     background: dict          # of the microphone: sound, level_dbfs
+    vehicle: Path             # description of the vehicle that drives
 
 
 def simulation_config(package):
@@ -57,15 +60,20 @@ def to_map(start, mount, point):
     return cosine * x + sine * y, cosine * y - sine * x
 
 
-def load(path, package):
-    """@throws DemoError. The simulator judges the file in full; here only what is read counts."""
+def load(path, package, base="serial", vehicle=None):
+    """@param vehicle  file; None: the example with this base. @throws DemoError. The simulator judges the files in
+    full; here only what is read counts."""
+    vehicle = (vehicle or package.parent / "pi_node" / "config" / VEHICLES[base]).resolve()
+    try:
+        mount = yaml.safe_load(vehicle.read_text(encoding="utf-8"))["mounts"]["imu_link"]
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError) as error:
+        raise DemoError("--vehicle %s is no description: %r; see docs/design/vehicle_description.md" %
+                        (vehicle, error)) from error
     try:
         tree = yaml.safe_load(path.read_text(encoding="utf-8"))
-        described = yaml.safe_load((package.parent / "pi_node" / "config" / "vehicle.yaml").read_text(encoding="utf-8"))
-        mount = described["mounts"]["imu_link"]
         nodes = [EdgeNode(one["id"], *to_map(tree["start"], mount, (one["x"], one["y"])), float(one["range"]))
                  for one in tree.get("edge_nodes") or []]
         return Scenario(path, str(tree["name"]), float(tree.get("duration", 60.0)), nodes,
-                        dict(tree.get("background") or {}))
+                        dict(tree.get("background") or {}), vehicle)
     except (OSError, yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError, IndexError) as error:
         raise DemoError("%s is no scenario: %r; see docs/design/vehicle_simulator.md" % (path, error)) from error

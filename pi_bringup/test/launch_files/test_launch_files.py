@@ -6,6 +6,7 @@ from pathlib import Path
 
 import yaml
 
+EXAMPLE = Path(__file__).resolve().parents[3] / "pi_node" / "config" / "vehicle.yaml"
 NO_MASTER = "http://localhost:1"  # roslaunch does not get so far
 
 
@@ -40,6 +41,19 @@ class LaunchFiles(unittest.TestCase):
             self.assertEqual([], [name for name in parameters if "/vehicle/" in name[1:]])
         alone = yaml.safe_load(roslaunch("--dump-params", "pi_detect", "obstacles.launch").stdout)
         self.assertEqual(1.0, alone.get("/obstacles/vehicle/footprint/front"))
+
+    def test_a_stock_base_is_chosen_by_one_argument(self):
+        result = roslaunch("--dump-params", "pi_bringup", "simulation.launch", "base:=twist")
+        parameters = yaml.safe_load(result.stdout)
+        for name, value in (("/vehicle_simulator/base", "twist"), ("/vehicle/kind", "differential"),
+                            ("/chassis/steering_angle", False), ("/chassis/port", None)):
+            self.assertEqual(value, parameters.get(name), result.stderr)
+        self.assertIn('<robot name="differential">', parameters["/robot_description"])
+        given = yaml.safe_load(roslaunch("--dump-params", "pi_bringup", "simulation.launch", "base:=twist",
+                                         f"vehicle:={EXAMPLE}").stdout)
+        self.assertEqual("ackermann", given.get("/vehicle/kind"))
+        started = roslaunch("--args", "/chassis", "pi_bringup", "vehicle.launch", "base:=twist")
+        self.assertIn("twist_base_node", started.stdout, started.stderr)
 
     def test_frames_of_the_sensors_are_published_but_for_recordings(self):
         for arguments, published in ((["vehicle.launch"], True), (["replay.launch", "bag:=/etc/hostname"], False),

@@ -14,6 +14,7 @@ from pi_bringup import vehicle, vehicle_urdf
 
 NODE = Path(__file__).resolve().parents[3] / "pi_node"
 EXAMPLE = NODE / "config" / "vehicle.yaml"
+DIFFERENTIAL = NODE / "config" / "differential.yaml"
 
 
 def changed(change):
@@ -40,9 +41,9 @@ class Description(unittest.TestCase):
                 vehicle.check(changed(entry["change"]))
             self.assertIn(entry["refusal"], str(raised.exception))
 
-    def test_takes_the_example_and_a_differential_one(self):
+    def test_takes_both_examples(self):
         self.assertEqual(1.0, vehicle.load(EXAMPLE)["footprint/front"])
-        self.assertEqual("differential", vehicle.check(changed({"kind": "differential", "wheelbase": 0}))["kind"])
+        self.assertEqual("differential", vehicle.load(DIFFERENTIAL)["kind"])
 
     def test_names_a_file_that_is_none(self):
         for text, said in (("[", "is no YAML"), ("5", "must be a map"), ("name: a", "kind is missing")):
@@ -98,7 +99,7 @@ class Urdf(unittest.TestCase):
         self.assertEqual("0.25 0 0.85", body.find("origin").get("xyz"))
         self.assertEqual(["0 0.45 0.2", "0 -0.45 0.2", "0.75 0.45 0.2", "0.75 -0.45 0.2"],
                          [wheel.find("origin").get("xyz") for wheel in wheels])
-        self.assertEqual(3, len(visuals(vehicle.check(changed({"kind": "differential", "wheelbase": 0})))))
+        self.assertEqual(3, len(visuals(vehicle.load(DIFFERENTIAL))))
 
 
 if __name__ == "__main__":

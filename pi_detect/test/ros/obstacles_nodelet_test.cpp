@@ -98,7 +98,7 @@ TEST_F(ObstaclesNodelet, SaysWhereABoxIs)
 {
   load();
   Collector<visualization_msgs::MarkerArray> markers("markers");
-  Collector<sensor_msgs::PointCloud2> points("points");
+  Collector<sensor_msgs::PointCloud2> points("obstacle_points");
   Collector<stereo_msgs::DisparityImage> disparities("disparity_image");
   ASSERT_TRUE(graph_.waitForPairListeners());
   ASSERT_TRUE(markers.waitForPublisher() && points.waitForPublisher() && disparities.waitForPublisher());
@@ -255,7 +255,7 @@ TEST_F(ObstaclesNodelet, SubscribesOnlyWhileSomebodyListens)
   ASSERT_TRUE(diagnostics_.waitForSummary("input", OK, "nobody listens")) << text();
   EXPECT_EQ(0u, graph_.listeners());
   {
-    const Collector<sensor_msgs::PointCloud2> points("points");
+    const Collector<sensor_msgs::PointCloud2> points("obstacle_points");
     EXPECT_TRUE(graph_.waitForPairListeners());
   }
   EXPECT_TRUE(until(TIMEOUT_S, [this] { return graph_.listeners() == 0; }));

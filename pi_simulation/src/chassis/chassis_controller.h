@@ -3,6 +3,7 @@
 #include <pi_vehicle/chassis/chassis_protocol.h>
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 namespace pi_simulation
@@ -17,6 +18,8 @@ struct Measurement
   double curvature = 0.0;  ///< [1/m]
   double steering = 0.0;   ///< [rad]
   double travel = 0.0;     ///< along the path, backwards subtracts [m]
+  double yaw_rate = 0.0;   ///< [rad/s]
+  double turn = 0.0;       ///< by the wheels since the start, left positive [rad]
   std::optional<double> battery_voltage;
   std::optional<double> battery_current;
   std::optional<double> battery_charge;
@@ -28,6 +31,8 @@ struct Setpoint
 {
   double speed = 0.0;      ///< [m/s]
   double curvature = 0.0;  ///< [1/m]
+  std::optional<double>
+      yaw_rate;  ///< of a differential vehicle, in place of the curvature: it may turn on the spot [rad/s]
 };
 
 struct ControllerCounters

@@ -75,14 +75,15 @@ void ChassisModel::substep(double dt)
   time_ += dt;
 
   const double speed_before = speed_;
+  const double yaw_rate_before = yaw_rate_;
+  const double drive_share = options_.speed_lag_s > 0.0 ? 1.0 - std::exp(-dt / options_.speed_lag_s) : 1.0;
   if (stuck_)
   {
     speed_ = 0.0;
   }
   else
   {
-    const double share = options_.speed_lag_s > 0.0 ? 1.0 - std::exp(-dt / options_.speed_lag_s) : 1.0;
-    speed_ += share * (effective_.speed - speed_);
+    speed_ += drive_share * (effective_.speed - speed_);
     if (effective_.speed == 0.0 && std::abs(speed_) < STICTION_SPEED)
     {
       speed_ = 0.0;
@@ -99,14 +100,26 @@ void ChassisModel::substep(double dt)
     steering_ += std::clamp(share * (wanted - steering_), -most, most);
     curvature_ = std::tan(steering_) / options_.wheelbase;
   }
+  else if (effective_.yaw_rate)
+  {
+    yaw_rate_ = stuck_ ? 0.0 : yaw_rate_ + drive_share * (*effective_.yaw_rate - yaw_rate_);
+    curvature_ = speed_ != 0.0 ? yaw_rate_ / speed_ : 0.0;
+  }
   else
   {
     curvature_ += share * (effective_.curvature - curvature_);
   }
 
   const double distance = 0.5 * (speed_before + speed_) * dt;
-  pose_ = pose_.moved((1.0 - slip_) * distance, 0.5 * (curvature_before + curvature_));
+  double turn = 0.5 * (yaw_rate_before + yaw_rate_) * dt;
+  if (!effective_.yaw_rate)
+  {
+    turn = 0.5 * (curvature_before + curvature_) * distance;
+    yaw_rate_ = speed_ * curvature_;
+  }
+  pose_ = pose_.turned((1.0 - slip_) * distance, (1.0 - slip_) * turn);
   travel_ += distance;
+  turn_ += turn;
   discharge(dt > 0.0 && !stuck_ ? (speed_ - speed_before) / dt : 0.0, dt);
 }
 
@@ -133,6 +146,8 @@ Measurement ChassisModel::measurement() const
   measured.curvature = curvature_;
   measured.steering = steering_;
   measured.travel = travel_;
+  measured.yaw_rate = yaw_rate_;
+  measured.turn = turn_;
   measured.battery_voltage = voltage_;
   measured.battery_current = current_;
   measured.battery_charge = charge_;

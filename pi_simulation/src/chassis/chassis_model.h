@@ -36,8 +36,8 @@ struct ModelOptions
 };
 
 /// Models a vehicle's motion and battery. Setpoints pass a dead time and first-order lags of speed and steering, with
-/// limited steering rate; the kinematic bicycle (or differential) model then moves on exact arcs. Deterministic; not
-/// thread safe.
+/// limited steering rate; the kinematic bicycle (or differential) model then moves on exact arcs. A yaw rate has the
+/// lag of the speed, as both come from the same wheels. Deterministic; not thread safe.
 class ChassisModel
 {
 public:
@@ -77,9 +77,11 @@ private:
   double time_ = 0.0;
   pi_vehicle::Pose2 pose_;
   double speed_ = 0.0;
-  double steering_ = 0.0;  ///< car-like
-  double curvature_ = 0.0;
+  double steering_ = 0.0;   ///< car-like
+  double curvature_ = 0.0;  ///< of a differential vehicle that turns by a yaw rate: 0 while it stands
+  double yaw_rate_ = 0.0;
   double travel_ = 0.0;
+  double turn_ = 0.0;
   double charge_;
   double current_ = 0.0;  ///< negative while it gives
   double voltage_;

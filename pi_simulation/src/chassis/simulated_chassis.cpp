@@ -47,6 +47,11 @@ std::optional<bool> flag(const std::string& word)
 
 }  // namespace
 
+const char* toString(Base base)
+{
+  return base == Base::SERIAL ? "serial" : "twist";
+}
+
 void SimulationOptions::setVehicle(const pi_node::VehicleDescription& vehicle)
 {
   const bool is_car = vehicle.kind == pi_node::VehicleKind::ACKERMANN;
@@ -58,6 +63,10 @@ void SimulationOptions::setVehicle(const pi_node::VehicleDescription& vehicle)
     model.max_steering_rate = vehicle.limits.curvature_rate * vehicle.wheelbase;
   }
   limits = chassis::limitsOf(vehicle.limits);
+  stock.kind = model.kind;
+  stock.limits = limits;
+  stock.yaw_rate = vehicle.limits.curvature * vehicle.limits.speed;
+  stock.angular_acceleration = vehicle.limits.curvature_rate * vehicle.limits.speed;
 }
 
 void SimulationOptions::validate() const
@@ -73,12 +82,42 @@ SimulatedChassis::SimulatedChassis(const SimulationOptions& options, int64_t now
   : options_((options.validate(), options))
   , hello_(helloOf(options))
   , model_(options.model)
-  , controller_(std::make_unique<ChassisController>(hello_, now_ns))
   , random_(options.seed)
   , now_ns_(now_ns)
 {
   model_.setPose(options_.start);
-  terminal_.emplace(options_.link);
+  restart(now_ns);
+  if (options_.base == Base::SERIAL)
+  {
+    terminal_.emplace(options_.link);
+  }
+}
+
+void SimulatedChassis::restart(int64_t now_ns)
+{
+  if (options_.base == Base::TWIST)
+  {
+    stock_.emplace(options_.stock, now_ns);
+  }
+  else
+  {
+    controller_ = std::make_unique<ChassisController>(hello_, now_ns);
+  }
+}
+
+bool SimulatedChassis::onTwist(double linear, double angular, int64_t now_ns)
+{
+  return !stock_ || !plugged_ || stock_->onTwist(linear, angular, now_ns);
+}
+
+uint64_t SimulatedChassis::received() const
+{
+  if (stock_)
+  {
+    return stock_->twists();
+  }
+  const ControllerCounters& counters = controller_->counters();
+  return counters.commands + counters.old_commands + counters.refused;
 }
 
 void SimulatedChassis::write(const std::vector<uint8_t>& bytes)
@@ -101,9 +140,14 @@ void SimulatedChassis::step(int64_t now_ns)
     }
     controller_->onBytes(bytes.data(), count, now_ns);
   }
-  const Setpoint setpoint = controller_->update(model_.measurement(), now_ns);
+  const Measurement measured = model_.measurement();
+  const Setpoint setpoint = stock_ ? stock_->update(measured, now_ns) : controller_->update(measured, now_ns);
   model_.step(setpoint, pi_node::secondsBetween(now_ns_, now_ns));
   now_ns_ = now_ns;
+  if (stock_)
+  {
+    return;
+  }
 
   const std::vector<uint8_t> output = controller_->takeOutput();
   if (!silent_)
@@ -181,16 +225,22 @@ std::string SimulatedChassis::command(const std::string& line, int64_t now_ns)
   std::string name;
   std::string value;
   words >> name >> value;
+  if (stock_ && name == "garbage")
+  {
+    return "command \"" + line + "\": a base with cmd_vel and odom has no line; unplug, or silent on";
+  }
   if (name == "unplug" && value.empty())
   {
     terminal_.reset();
+    plugged_ = false;
     return "";
   }
   if (name == "plug" && value.empty())
   {
+    plugged_ = true;
     try
     {
-      if (!terminal_)
+      if (!stock_ && !terminal_)
       {
         terminal_.emplace(options_.link);
       }
@@ -203,7 +253,7 @@ std::string SimulatedChassis::command(const std::string& line, int64_t now_ns)
   }
   if (name == "restart" && value.empty())
   {
-    controller_ = std::make_unique<ChassisController>(hello_, now_ns);
+    restart(now_ns);
     return "";
   }
   const std::optional<bool> on = flag(value);
@@ -222,7 +272,7 @@ std::string SimulatedChassis::truth() const
                 "{\"t\": %.4f, \"x\": %.5f, \"y\": %.5f, \"yaw\": %.6f, \"speed\": %.4f, \"curvature\": %.5f, "
                 "\"mode\": \"%s\"}",
                 model_.time(), pose.x, pose.y, pose.heading, measured.speed, measured.curvature,
-                chassis::modeText(controller_->mode()));
+                chassis::modeText(mode()));
   return text.data();
 }
 

@@ -3,6 +3,7 @@
 #include "chassis/chassis_controller.h"
 #include "chassis/chassis_model.h"
 #include "chassis/pseudo_terminal.h"
+#include "chassis/stock_base.h"
 
 #include <cstdint>
 #include <memory>
@@ -15,8 +16,17 @@
 namespace pi_simulation
 {
 
+enum class Base
+{
+  SERIAL,  ///< its controller is on a pseudo-terminal
+  TWIST,   ///< it takes velocities and tells odometry: StockBase
+};
+const char* toString(Base base);  ///< "serial", "twist"
+
 struct SimulationOptions
 {
+  Base base = Base::SERIAL;
+  StockBaseOptions stock;
   ModelOptions model;
   chassis::Limits limits;         ///< curvature and kind of the model are put into the HELLO
   double watchdog_s = 0.25;       ///< [s], in [0.05, 10]
@@ -32,8 +42,8 @@ struct SimulationOptions
   void validate() const;
 };
 
-/// A chassis on a pseudo-terminal: controller, model and faults. The caller passes the time, at any rate. Not thread
-/// safe.
+/// A chassis: controller, on a pseudo-terminal or that of a stock base, model and faults. The caller passes the time,
+/// at any rate. Not thread safe.
 class SimulatedChassis
 {
 public:
@@ -43,19 +53,28 @@ public:
   /// Reads, advances to now, writes. Call at 100 Hz or faster.
   void step(int64_t now_ns);
 
+  /// To a stock base. @return false if a number is not finite.
+  bool onTwist(double linear, double angular, int64_t now_ns);
+
   /// One line of text: unplug, plug, restart, silent on|off, garbage BYTES, garbage on|off, stuck on|off,
   /// battery CHARGE, button on|off, slip SHARE, pose X Y YAW.
   /// @return the problem with its remedy; empty: done.
   std::string command(const std::string& line, int64_t now_ns);
 
-  /// Of the pseudo-terminal; empty: unplugged.
+  /// Of the pseudo-terminal; empty: unplugged, or there is none.
   std::string path() const { return terminal_ ? terminal_->path() : ""; }
+  bool isPlugged() const { return stock_ ? plugged_ : terminal_.has_value(); }
   const ChassisModel& model() const { return model_; }
-  const ChassisController& controller() const { return *controller_; }
+  const ChassisController& controller() const { return *controller_; }  ///< only of Base::SERIAL
+  chassis::Mode mode() const { return stock_ ? stock_->mode() : controller_->mode(); }
+  uint64_t received() const;  ///< commands, whatever became of them
+  /// What a stock base tells now; null: it tells nothing.
+  const StockBase* teller() const { return stock_ && plugged_ && !silent_ ? &*stock_ : nullptr; }
   /// True state as one line of JSON: t [s] simulated, x, y [m], yaw [rad], speed [m/s], curvature [1/m], mode.
   std::string truth() const;
 
 private:
+  void restart(int64_t now_ns);
   void write(const std::vector<uint8_t>& bytes);
   void writeGarbage(size_t count);
   /// The commands "NAME on|off". @return false: there is no such command.
@@ -66,8 +85,10 @@ private:
   const SimulationOptions options_;
   const chassis::Hello hello_;
   ChassisModel model_;
-  std::unique_ptr<ChassisController> controller_;
+  std::unique_ptr<ChassisController> controller_;  ///< or stock_
   std::optional<PseudoTerminal> terminal_;
+  std::optional<StockBase> stock_;
+  bool plugged_ = true;  ///< the stock base
   std::mt19937_64 random_;
   int64_t now_ns_;
   bool silent_ = false;

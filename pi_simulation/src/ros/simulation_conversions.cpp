@@ -72,6 +72,22 @@ nav_msgs::Odometry toOdometry(const TruePose& pose, const std::string& map_frame
   return message;
 }
 
+nav_msgs::Odometry toOdometry(const BaseOdometry& odometry, const std::string& odom_frame,
+                              const std::string& base_link_frame)
+{
+  nav_msgs::Odometry message;
+  message.header.stamp = pi_node::toTime(odometry.stamp_ns);
+  message.header.frame_id = odom_frame;
+  message.child_frame_id = base_link_frame;
+  message.pose.pose.position.x = odometry.pose.x;
+  message.pose.pose.position.y = odometry.pose.y;
+  message.pose.pose.orientation.z = std::sin(0.5 * odometry.pose.heading);
+  message.pose.pose.orientation.w = std::cos(0.5 * odometry.pose.heading);
+  message.twist.twist.linear.x = odometry.speed;
+  message.twist.twist.angular.z = odometry.yaw_rate;
+  return message;
+}
+
 pi_detect::ObstacleArray toObstacles(const std::vector<TrueObstacle>& obstacles, const OrientedBox& outline,
                                      const Eigen::Vector2d& velocity, const ros::Time& stamp,
                                      const std::string& base_link_frame)

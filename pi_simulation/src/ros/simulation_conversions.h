@@ -21,6 +21,10 @@ namespace pi_simulation
 /// Pose in map_frame, twist in base_link_frame. Covariances are 0, as this is the truth.
 nav_msgs::Odometry toOdometry(const TruePose& pose, const std::string& map_frame, const std::string& base_link_frame);
 
+/// Pose in odom_frame, twist in base_link_frame. Covariances are 0: stock bases tell none, or constants.
+nav_msgs::Odometry toOdometry(const BaseOdometry& odometry, const std::string& odom_frame,
+                              const std::string& base_link_frame);
+
 /// All obstacles, each with score 1 and the age 0. Label: the class; class_id and track_id -1.
 /// @param outline   of the vehicle, in base_link. @param velocity  of the vehicle, along its axes [m/s].
 pi_detect::ObstacleArray toObstacles(const std::vector<TrueObstacle>& obstacles, const OrientedBox& outline,

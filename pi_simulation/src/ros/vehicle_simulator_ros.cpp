@@ -24,6 +24,7 @@ using pi_node::format;
 constexpr uint32_t IMU_QUEUE = 200;
 constexpr uint32_t OBSTACLES_QUEUE = 4;
 constexpr const char* CHASSIS_LINE = "chassis (on its line)";
+constexpr const char* STOCK_BASE = "cmd_vel, odom";
 
 }  // namespace
 
@@ -49,9 +50,10 @@ VehicleSimulatorRos::VehicleSimulatorRos(ros::NodeHandle node, ros::NodeHandle p
   command_ = service_private_node_.advertiseService("command", &VehicleSimulatorRos::onCommand, this);
   command_topic_ = service_private_node_.subscribe("command", 10, &VehicleSimulatorRos::onCommandTopic, this);
   timer_ = pi_node::VehicleTimer(service_node_, options_.diagnostic_period, [this] { updater_.force_update(); });
-  ROS_INFO_STREAM_NAMED("vehicle_simulator", "scenario "
-                                                 << scenario_.name << ", chassis at " << simulation_->chassis().path()
-                                                 << (options_.link.empty() ? "" : ", linked from " + options_.link));
+  const std::string line = simulation_->chassis().path();
+  ROS_INFO_STREAM_NAMED("vehicle_simulator",
+                        "scenario " << scenario_.name << ", chassis at " << (line.empty() ? STOCK_BASE : line)
+                                    << (line.empty() || options_.link.empty() ? "" : ", linked from " + options_.link));
   cameras_.start(simulation_->world(), scenario_.pictures(options_.rendererOptions()),
                  [this](int64_t stamp_ns) { time_.answered("rendering", "vehicle_simulator", stamp_ns); });
   simulation_thread_ = std::thread([this] { simulate(); });
@@ -84,6 +86,12 @@ void VehicleSimulatorRos::advertise()
   imu_ = service_node_.advertise<sensor_msgs::Imu>("imu/data", IMU_QUEUE);
   odometry_ = service_node_.advertise<nav_msgs::Odometry>("ground_truth/odometry", IMU_QUEUE);
   obstacles_ = service_node_.advertise<pi_detect::ObstacleArray>("ground_truth/obstacles", OBSTACLES_QUEUE);
+  if (options_.base == Base::TWIST)
+  {
+    base_odometry_ = service_node_.advertise<nav_msgs::Odometry>("odom", IMU_QUEUE);
+    twist_ =
+        service_node_.subscribe("cmd_vel", 1, &VehicleSimulatorRos::onTwist, this, ros::TransportHints().tcpNoDelay());
+  }
   collision_ = service_node_.advertise<std_msgs::String>("collision", OBSTACLES_QUEUE);
   scenario_publisher_ = pi_node::LatchedPublisher<std_msgs::String>(service_node_, "scenario", 1);
 }
@@ -122,6 +130,8 @@ SimulationOutputs VehicleSimulatorRos::outputs()
     velocity_ = pose.velocity.head<2>();
     odometry_.publish(toOdometry(pose, options_.map_frame, options_.base_link_frame));
   };
+  outputs.odometry = [this](const BaseOdometry& odometry)
+  { base_odometry_.publish(toOdometry(odometry, options_.odom_frame, options_.base_link_frame)); };
   outputs.obstacles = [this](int64_t stamp_ns, const std::vector<TrueObstacle>& obstacles)
   { publishObstacles(stamp_ns, obstacles); };
   outputs.collision = [this](const std::string& with)
@@ -153,9 +163,8 @@ void VehicleSimulatorRos::simulate()
     const int64_t now_ns = time_.nowNs();
     const std::lock_guard<std::mutex> lock(simulation_mutex_);
     simulation_->advance(now_ns);
-    const ControllerCounters& counters = simulation_->chassis().controller().counters();
-    const uint64_t counted = counters.commands + counters.old_commands + counters.refused;
-    if (simulation_->chassis().path().empty())
+    const uint64_t counted = simulation_->chassis().received();
+    if (!simulation_->chassis().isPlugged() || (twist_ && twist_.getNumPublishers() == 0))
     {
       time_.forget("chassis", CHASSIS_LINE);
     }
@@ -209,6 +218,19 @@ bool VehicleSimulatorRos::onCommand(SimulatorCommand::Request& request, Simulato
   return true;
 }
 
+void VehicleSimulatorRos::onTwist(const geometry_msgs::Twist& message)
+{
+  bool finite = false;
+  {
+    const std::lock_guard<std::mutex> lock(simulation_mutex_);
+    finite = simulation_->onTwist(message.linear.x, message.angular.z);
+  }
+  if (!finite)
+  {
+    warnings_.warn("a twist on " + twist_.getTopic() + " was ignored: a number is not finite");
+  }
+}
+
 void VehicleSimulatorRos::onCommandTopic(const std_msgs::String& message)
 {
   const std::string problem = execute(message.data);
@@ -222,7 +244,7 @@ void VehicleSimulatorRos::reportWorld(Status& status)
 {
   const std::vector<pi_node::WarningBoard::Entry> warnings = warnings_.recent();
   const std::lock_guard<std::mutex> lock(simulation_mutex_);
-  const std::string path = simulation_->chassis().path();
+  const SimulatedChassis& chassis = simulation_->chassis();
   if (simulation_->collisions() > 0)
   {
     status.summary(DiagnosticStatus::WARN, std::to_string(simulation_->collisions()) + " collisions");
@@ -235,7 +257,7 @@ void VehicleSimulatorRos::reportWorld(Status& status)
   {
     status.summary(DiagnosticStatus::OK, "scenario " + scenario_.name);
   }
-  status.add("chassis", path.empty() ? "unplugged" : path);
+  status.add("chassis", !chassis.isPlugged() ? "unplugged" : twist_ ? STOCK_BASE : chassis.path());
   status.add("collisions", simulation_->collisions());
   const SimulatedTime::Figures figures = time_.figures();
   status.add("simulated seconds per second", format("%.2f", figures.factor));

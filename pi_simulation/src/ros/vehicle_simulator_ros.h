@@ -5,6 +5,7 @@
 #include "vehicle/vehicle_simulation.h"
 
 #include <diagnostic_updater/diagnostic_updater.h>
+#include <geometry_msgs/Twist.h>
 #include <pi_node/ros/callback_thread.h>
 #include <pi_node/ros/latched_publisher.h>
 #include <pi_node/ros/vehicle_time.h>
@@ -27,7 +28,8 @@ namespace pi_simulation
 /// `right/image_raw` and `camera_info`, `ground_truth/odometry` (nav_msgs/Odometry, 50 Hz), `ground_truth/obstacles`
 /// (pi_detect/ObstacleArray, 20 Hz), `scenario` (std_msgs/String, latched: JSON), static tf and diagnostics. Service
 /// `~command` (SimulatorCommand), and the same lines on the topic `~command` (std_msgs/String). The chassis is on the
-/// pseudo-terminal that the parameter `link` names.
+/// pseudo-terminal that the parameter `link` names, or, as a stock base, takes `cmd_vel` (geometry_msgs/Twist) and
+/// tells `odom` (nav_msgs/Odometry, 50 Hz).
 ///
 /// It is the clock, see SimulatedTime. Thread `simulation` steps the world every 2.5 ms of its time and publishes all
 /// but pictures; `simulator_ros` has callbacks and diagnostics.
@@ -55,6 +57,7 @@ private:
 
   // simulator_ros
   bool onCommand(SimulatorCommand::Request& request, SimulatorCommand::Response& response);
+  void onTwist(const geometry_msgs::Twist& message);
   void onCommandTopic(const std_msgs::String& message);
   std::string execute(const std::string& line);
   void reportWorld(Status& status);
@@ -72,10 +75,12 @@ private:
   ros::Publisher imu_;
   ros::Publisher odometry_;
   ros::Publisher obstacles_;
+  ros::Publisher base_odometry_;
   pi_node::LatchedPublisher<std_msgs::String> scenario_publisher_;
   ros::Publisher collision_;
   ros::ServiceServer command_;
   ros::Subscriber command_topic_;
+  ros::Subscriber twist_;
   pi_node::VehicleTimer timer_;
   std::ofstream log_;
   bool log_failed_ = false;  ///< simulation

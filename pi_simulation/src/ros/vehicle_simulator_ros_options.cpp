@@ -10,12 +10,18 @@ namespace pi_simulation
 
 namespace parameter_tree = pi_node::parameter_tree;
 
+static void read(const XmlRpc::XmlRpcValue& value, Base* base)
+{
+  pi_node::parameters::readChoice(value, {Base::SERIAL, Base::TWIST}, base);
+}
+
 /// Every parameter by the path of its name, with its field.
 template <typename Visitor>
 static void visitFields(VehicleSimulatorRosOptions& options, Visitor&& visit)
 {
   visit("scenario", options.scenario);
   visit("scenario_seed", options.scenario_seed);
+  visit("base", options.base);
   visit("link", options.link);
   visit("log", options.log);
   visit("cameras/frame_rate", options.cameras.frame_rate);
@@ -37,6 +43,7 @@ static void visitFields(VehicleSimulatorRosOptions& options, Visitor&& visit)
   visit("imu_noise", options.imu_noise);
   visit("map_frame", options.map_frame);
   visit("base_link_frame", options.base_link_frame);
+  visit("odom_frame", options.odom_frame);
   visit("imu_frame", options.imu_frame);
   visit("left_frame", options.left_frame);
   visit("right_frame", options.right_frame);
@@ -62,9 +69,9 @@ void VehicleSimulatorRosOptions::validate() const
   pace.validate();
   check.range("patience_s", patience_s, 0.1, 3600.0);
   check.range("imu_noise", imu_noise, 0.0, 100.0);
-  const std::string frames[] = {map_frame, base_link_frame, imu_frame, left_frame, right_frame};
-  const char* const names[] = {"map_frame", "base_link_frame", "imu_frame", "left_frame", "right_frame"};
-  for (size_t i = 0; i < 5; ++i)
+  const std::string frames[] = {map_frame, base_link_frame, odom_frame, imu_frame, left_frame, right_frame};
+  const char* const names[] = {"map_frame", "base_link_frame", "odom_frame", "imu_frame", "left_frame", "right_frame"};
+  for (size_t i = 0; i < std::size(frames); ++i)
   {
     pi_node::parameters::require(!frames[i].empty(), names[i], "\"\"", "a name");
   }
@@ -106,6 +113,7 @@ SimulatedTimeOptions VehicleSimulatorRosOptions::timeOptions() const
 VehicleSimulationOptions VehicleSimulatorRosOptions::simulationOptions() const
 {
   VehicleSimulationOptions options;
+  options.chassis.base = base;
   options.chassis.link = link;
   options.chassis.seed = static_cast<uint64_t>(scenario_seed);
   options.imu.seed = static_cast<uint64_t>(scenario_seed);

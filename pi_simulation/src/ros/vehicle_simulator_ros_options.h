@@ -20,8 +20,9 @@ struct VehicleSimulatorRosOptions : pi_node::NodeParameters<VehicleSimulatorRosO
 {
   std::string scenario;   ///< file; must be set
   int scenario_seed = 1;  ///< of the scenario's random ranges and of all noise
-  std::string link;       ///< symbolic link to the chassis's pseudo-terminal; empty: none
-  std::string log;        ///< file of states and events; empty: none
+  Base base = Base::SERIAL;
+  std::string link;  ///< symbolic link to the chassis's pseudo-terminal; empty: none
+  std::string log;   ///< file of states and events; empty: none
 
   struct Cameras
   {
@@ -42,6 +43,7 @@ struct VehicleSimulatorRosOptions : pi_node::NodeParameters<VehicleSimulatorRosO
 
   std::string map_frame = "map";
   std::string base_link_frame = "base_link";
+  std::string odom_frame = "odom";  ///< of a stock base
   std::string imu_frame = "imu_link";
   std::string left_frame = "left_optical";
   std::string right_frame = "right_optical";

@@ -161,6 +161,11 @@ void VehicleSimulation::publish()
   {
     outputs_.pose({window_.stampNs(), T_map_world_ * window_.pose(), window_.velocity(), window_.angularRate()});
   }
+  if (const StockBase* base = chassis_.teller(); base != nullptr && number % POSE_STEPS == 0 && outputs_.odometry)
+  {
+    const Measurement measured = chassis_.model().measurement();
+    outputs_.odometry({now_ns_, base->odometry(), base->speed(measured), base->yawRate(measured)});
+  }
   const auto due = [this](int64_t frame)
   { return start_ns_ + std::llround(1e9 * static_cast<double>(frame) / options_.frame_rate_hz); };
   if (now_ns_ >= due(frame_))
@@ -255,7 +260,7 @@ void VehicleSimulation::judge()
   Json fields = {{"pose", toJson(in_map)},
                  {"speed", rounded(chassis_.model().groundSpeed())},
                  {"curvature", rounded(measured.curvature)},
-                 {"mode", chassis::modeText(chassis_.controller().mode())}};
+                 {"mode", chassis::modeText(chassis_.mode())}};
   fields["people"] = Json::array();
   for (const TrueObstacle& obstacle : all)
   {

@@ -72,20 +72,30 @@ struct TrueObstacle
   double distance = 0.0;                               ///< from the outline of the vehicle [m]
 };
 
+/// What a stock base tells of itself, in a frame that begins where it was started.
+struct BaseOdometry
+{
+  int64_t stamp_ns = 0;
+  pi_vehicle::Pose2 pose;
+  double speed = 0.0;     ///< [m/s]
+  double yaw_rate = 0.0;  ///< [rad/s]
+};
+
 /// Outputs of the simulation, called by advance(). Stamps are on the clock of advance().
 struct SimulationOutputs
 {
   std::function<void(const pi_slam::ImuSample&)> imu;                                 ///< 200 Hz, unless the IMU is off
   std::function<void(const Exposure&)> exposure;                                      ///< frame_rate_hz
   std::function<void(const TruePose&)> pose;                                          ///< 50 Hz
+  std::function<void(const BaseOdometry&)> odometry;                                  ///< 50 Hz, of a stock base
   std::function<void(int64_t stamp_ns, const std::vector<TrueObstacle>&)> obstacles;  ///< 20 Hz, nearest first
   std::function<void(const std::string& with)> collision;  ///< the outline begins to overlap a thing
   std::function<void(const std::string&)> log;             ///< lines of JSON, see docs/design/vehicle_simulator.md
 };
 
-/// Simulates the vehicle in its world: chassis on a pseudo-terminal, motion over an uneven road, IMU, actors, faults,
-/// and a log of states and events. The map has its origin where pi_slam starts: at the IMU, with its heading, z up. The
-/// caller passes the time. Not thread safe.
+/// Simulates the vehicle in its world: chassis on a pseudo-terminal or a stock base, motion over an uneven road, IMU,
+/// actors, faults, and a log of states and events. The map has its origin where pi_slam starts: at the IMU, with its
+/// heading, z up. The caller passes the time. Not thread safe.
 class VehicleSimulation
 {
 public:
@@ -99,6 +109,9 @@ public:
 
   /// Advances to now in steps of 1 ms. Reads the chassis's line in any case.
   void advance(int64_t now_ns);
+
+  /// To a stock base, now. @return false if a number is not finite.
+  bool onTwist(double linear, double angular) { return chassis_.onTwist(linear, angular, now_ns_); }
 
   /// One line of text: those of SimulatedChassis, `camera left|right|both on|off|dark`, `imu on|off`, `actor ID go`.
   /// @return the problem with its remedy; empty: done.

@@ -25,6 +25,7 @@ TEST(VehicleSimulatorRosOptions, ParametersComeBackAsTheyWere)
 {
   VehicleSimulatorRosOptions options;
   options.scenario = "a.yaml";
+  options.base = Base::TWIST;
   options.cameras.color = false;
   options.cameras.threads = 2;
   Names unknown;
@@ -43,6 +44,8 @@ TEST(VehicleSimulatorRosOptions, ReachTheSimulationAndTheRenderer)
   options.vehicle.picture_width = 320;
   options.cameras.smooth_edges = true;
   options.link = "/dev/a";
+  options.base = Base::TWIST;
+  EXPECT_EQ(Base::TWIST, options.simulationOptions().chassis.base);
   EXPECT_EQ(1.4, options.simulationOptions().footprint.front);
   EXPECT_EQ(Eigen::Vector3d(0.5, 0.0, 0.9), options.simulationOptions().imu_in_base);
   EXPECT_EQ(2.0, options.simulationOptions().chassis.limits.speed);
@@ -70,6 +73,7 @@ TEST(VehicleSimulatorRosOptions, RefusesAVehicleThatIsNotSimulated)
 TEST(VehicleSimulatorRosOptions, NamesParameterValueAndBound)
 {
   EXPECT_EQ("parameter /simulator/cameras/threads = 0, must be in [1, 64]", reader.refusal("cameras: {threads: 0}"));
+  EXPECT_EQ("parameter /simulator/base = tracks, must be serial or twist", reader.refusal("base: tracks"));
   EXPECT_EQ("parameter /simulator/imu_noise = much, must be a number", reader.refusal("imu_noise: much"));
   EXPECT_EQ("parameter /simulator/map_frame = \"\", must be a name", reader.refusal("map_frame: \"\""));
   Names unknown;

@@ -136,9 +136,10 @@ HostMode TwistBase::mode(int64_t now_ns, std::string* detail) const
 {
   if (!heard(now_ns))
   {
-    *detail = odometry_.count == 0 ? std::string("no odometry yet; is the base's driver running?")
-                                   : "no odometry for " + format("%.2f s", secondsBetween(odometry_.stamp_ns, now_ns)) +
-                                         "; is the base's driver running?";
+    *detail = odometry_.count == 0
+                  ? std::string("no odometry yet; is the chassis unplugged, or its driver not running?")
+                  : "no odometry for " + format("%.2f s", secondsBetween(odometry_.stamp_ns, now_ns)) +
+                        "; is the chassis unplugged, or its driver not running?";
     return HostMode::DISCONNECTED;
   }
   if (emergency_)

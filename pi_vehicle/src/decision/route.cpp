@@ -452,7 +452,7 @@ void RouteOptions::validate() const
   check.range("preferred_radius", preferred_radius, min_radius * RESERVE, 1000.0);
   check.range("corridor", corridor, 0.01, 100.0);
   check.range("spacing", spacing, 0.02, std::min(1.0, 0.2 * min_radius));
-  check.range("transition", transition, 0.0, min_radius);
+  check.range("transition", transition, 0.0, min_radius, "1 / vehicle/limits/curvature");
 }
 
 double dubins(const Pose2& from, const Pose2& to, double radius, double spacing, Points* points)

@@ -132,7 +132,7 @@ TEST(TwistBase, StandsWithoutOdometry)
   drive.run(0.6, &motion);
   EXPECT_EQ(0.0, drive.twist.linear);
   EXPECT_EQ(HostMode::DISCONNECTED, drive.state().mode);
-  EXPECT_NE(std::string::npos, drive.state().detail.find("is the base's driver running?"));
+  EXPECT_NE(std::string::npos, drive.state().detail.find("is the chassis unplugged, or its driver not running?"));
 }
 
 TEST(TwistBase, TakesAJumpOfTheOdometryForARestart)

@@ -152,7 +152,7 @@ TEST_F(TwistBaseNode, StandsAndSaysSoWhileTheBaseIsSilent)
   ASSERT_TRUE(drivesUntil(1.0, [this] { return base_.speed() > 0.5; }));
   base_.setSilent(true);
   ASSERT_TRUE(drivesUntil(1.0, [this] { return base_.speed() == 0.0 && hasMode(VehicleState::DISCONNECTED); }));
-  EXPECT_NE(std::string::npos, states_.last()->detail.find("is the base's driver running?"));
+  EXPECT_NE(std::string::npos, states_.last()->detail.find("is the chassis unplugged, or its driver not running?"));
   base_.setSilent(false);
   EXPECT_TRUE(drivesUntil(1.0, [this] { return base_.speed() > 0.5; }));
 }

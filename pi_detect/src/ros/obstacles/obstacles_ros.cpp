@@ -77,7 +77,7 @@ ObstaclesRos::ObstaclesRos(ros::NodeHandle node, ros::NodeHandle private_node)
   const auto look = [this](const ros::SingleSubscriberPublisher&) { updateSubscription(); };
   obstacles_ = output_node_.advertise<ObstacleArray>("obstacles", 2, look, look);
   markers_ = output_node_.advertise<visualization_msgs::MarkerArray>("markers", 2, look, look);
-  points_ = output_node_.advertise<sensor_msgs::PointCloud2>("points", 2, look, look);
+  points_ = output_node_.advertise<sensor_msgs::PointCloud2>("obstacle_points", 2, look, look);
   disparity_ = output_node_.advertise<stereo_msgs::DisparityImage>("disparity_image", 1, look, look);
   grid_publisher_ = output_node_.advertise<nav_msgs::OccupancyGrid>("grid", 1, look, look);
   timer_ = pi_node::VehicleTimer(output_node_, options_.diagnostic_period, [this] { publishDiagnostics(); });

@@ -45,9 +45,11 @@ struct Pose2
   }
 
   /// The pose after `distance` [m] along an arc of `curvature` [1/m] (left positive).
-  Pose2 moved(double distance, double curvature) const
+  Pose2 moved(double distance, double curvature) const { return turned(distance, distance * curvature); }
+
+  /// The pose after `distance` [m] along an arc that turns by `turn` [rad] (left positive); also on the spot.
+  Pose2 turned(double distance, double turn) const
   {
-    const double turn = distance * curvature;
     const double half = 0.5 * turn;
     const double chord = std::abs(half) < 1e-6 ? distance : distance * std::sin(half) / half;
     return {x + chord * std::cos(heading + half), y + chord * std::sin(heading + half), wrapAngle(heading + turn)};
