@@ -181,7 +181,7 @@ TEST(StandstillDetector, NoticesThatItSetsOffSlowly)
 
 TEST(StandstillDetector, SeesCreepingByTheWaySinceTheRestBegan)
 {
-  for (const double speed : {0.005, 0.02, 0.04})
+  for (const double speed : {0.01, 0.02, 0.04})
   {
     SCOPED_TRACE(speed);
     Scene scene;
