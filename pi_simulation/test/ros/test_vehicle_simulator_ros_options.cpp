@@ -73,7 +73,7 @@ TEST(VehicleSimulatorRosOptions, RefusesAVehicleThatIsNotSimulated)
 TEST(VehicleSimulatorRosOptions, NamesParameterValueAndBound)
 {
   EXPECT_EQ("parameter /simulator/cameras/threads = 0, must be in [1, 64]", reader.refusal("cameras: {threads: 0}"));
-  EXPECT_EQ("parameter /simulator/base = tracks, must be serial or twist", reader.refusal("base: tracks"));
+  EXPECT_EQ("parameter /simulator/base = \"tracks\", must be serial or twist", reader.refusal("base: tracks"));
   EXPECT_EQ("parameter /simulator/imu_noise = much, must be a number", reader.refusal("imu_noise: much"));
   EXPECT_EQ("parameter /simulator/map_frame = \"\", must be a name", reader.refusal("map_frame: \"\""));
   Names unknown;

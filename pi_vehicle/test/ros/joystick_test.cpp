@@ -110,6 +110,7 @@ protected:
 TEST_F(Joystick, DrivesWhileTheDeadManButtonIsHeld)
 {
   load();
+  ASSERT_TRUE(joys_.waitForPublisher());
   device_.move(SPEED, -32767);
   device_.move(STEERING, -32767);
   ASSERT_TRUE(joys_.waitFor([](const sensor_msgs::Joy& joy) { return joy.axes.size() == 2 && joy.axes[0] > 0.99; }));
@@ -129,6 +130,7 @@ TEST_F(Joystick, DrivesWhileTheDeadManButtonIsHeld)
 TEST_F(Joystick, StopsInAnEmergencyAlsoWithoutTheDeadManButton)
 {
   load();
+  ASSERT_TRUE(joys_.waitForPublisher());  // it tells changes once
   device_.press(EMERGENCY);
   ASSERT_TRUE(stops_.waitFor([](const std_msgs::Bool& stop) { return stop.data != 0; }));
   device_.move(SPEED, -32767);
