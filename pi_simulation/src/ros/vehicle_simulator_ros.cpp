@@ -3,12 +3,14 @@
 #include "ros/simulation_conversions.h"
 
 #include <nav_msgs/Odometry.h>
+#include <pi_node/durations.h>
 #include <pi_node/formatting.h>
 #include <pi_node/ros/node_options.h>
 #include <pi_node/ros/time.h>
 #include <pthread.h>
 #include <sensor_msgs/Imu.h>
 
+#include <chrono>
 #include <stdexcept>
 #include <utility>
 #include <vector>
@@ -25,6 +27,7 @@ constexpr uint32_t IMU_QUEUE = 200;
 constexpr uint32_t OBSTACLES_QUEUE = 4;
 constexpr const char* CHASSIS_LINE = "chassis (on its line)";
 constexpr const char* STOCK_BASE = "cmd_vel, odom";
+constexpr double NO_TWIST_S = 2.0;  // by the wall: who drives a stock base may stop to, and time goes on
 
 }  // namespace
 
@@ -158,17 +161,20 @@ void VehicleSimulatorRos::simulate()
 {
   pthread_setname_np(pthread_self(), "simulation");
   uint64_t frames = 0;
-  const auto step = [this, &frames]
+  auto commanded_at = std::chrono::steady_clock::now();
+  const auto step = [this, &frames, &commanded_at]
   {
     const int64_t now_ns = time_.nowNs();
     const std::lock_guard<std::mutex> lock(simulation_mutex_);
     simulation_->advance(now_ns);
     const uint64_t counted = simulation_->chassis().received();
-    if (!simulation_->chassis().isPlugged() || (twist_ && twist_.getNumPublishers() == 0))
+    const bool commanded = counted != std::exchange(frames, counted);
+    commanded_at = commanded ? std::chrono::steady_clock::now() : commanded_at;
+    if (!simulation_->chassis().isPlugged() || (twist_ && pi_node::secondsSince(commanded_at) > NO_TWIST_S))
     {
       time_.forget("chassis", CHASSIS_LINE);
     }
-    else if (counted != std::exchange(frames, counted))
+    else if (commanded)
     {
       time_.answered("chassis", CHASSIS_LINE, now_ns);
     }
