@@ -62,6 +62,7 @@ void StandstillDetector::reset()
 {
   pairs_.clear();
   still_ = false;
+  crept_ = false;
   flow_px_ = -1.0;
 }
 
@@ -78,6 +79,7 @@ bool StandstillDetector::update(const FrameFeatures& features, const ImuBuffer& 
   }
   last_ns_ = stamp_ns;
 
+  crept_ = false;
   const double slack = still_ ? LEAVING_FACTOR : 1.0;
   const FrameFeatures* reference = pairBefore(stamp_ns - std::llround(1e9 * options_.window_s));
   flow_px_ = reference != nullptr ? flowSince(*reference, features) : -1.0;
@@ -92,6 +94,7 @@ bool StandstillDetector::update(const FrameFeatures& features, const ImuBuffer& 
   {
     const std::optional<double> way_m = wayBetween(first_, features);
     calm = !way_m || *way_m <= CREPT_M;
+    crept_ = !calm;
     if (!way_m)
     {
       first_ = pairs_.front();  // what was seen then is out of sight

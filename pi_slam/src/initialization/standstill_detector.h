@@ -62,6 +62,10 @@ public:
   /// Median distance that features went within the window at the last update() [px]; negative: not known.
   double flowPx() const { return flow_px_; }
 
+  /// Whether the last update() ended a rest because of the way since it began: the body has moved for longer than a
+  /// window.
+  bool crept() const { return crept_; }
+
   void reset();
 
 private:
@@ -83,6 +87,7 @@ private:
   int64_t since_ns_ = 0;
   double flow_px_ = -1.0;
   bool still_ = false;
+  bool crept_ = false;
 };
 
 }  // namespace pi_slam

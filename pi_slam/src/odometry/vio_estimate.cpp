@@ -30,9 +30,11 @@ constexpr int START_ITERATIONS = 20;
 /// A window full of keyframes from one place loses the landmarks' distances: while the body creeps they are rarer.
 constexpr double SLOW_PARALLAX_PX = 2.0;
 constexpr double SLOW_INTERVALS = 16.0;  ///< of keyframe_max_interval_s
-constexpr double UNKNOWN_SPEED = 1.0;  ///< that a vehicle may have gained while there was no estimate [m/s]
-/// A rest ends with a pair that is so many windows of the detector old: before the body began to creep.
-constexpr double AT_REST_WINDOWS = 3.0;
+constexpr double UNKNOWN_SPEED = 1.0;    ///< that a vehicle may have gained while there was no estimate [m/s]
+/// A rest ends with a pair from before the body moved, 1 to 2 windows of the detector old: what it sees in a window. A
+/// body that creeps is noticed later: 3 to 4.
+constexpr size_t AT_REST_BEFORE = 1;
+constexpr size_t AT_REST_BEFORE_CREEPING = 3;
 
 }  // namespace
 
@@ -267,10 +269,10 @@ void Vio::Impl::enterStandstill()
 void Vio::Impl::keepStill()
 {
   filter.holdStill(still_state, still_covariance);
-  if (seconds(features.stamp_ns - at_rest.back().stamp_ns) >= AT_REST_WINDOWS * options.standstill.window_s)
+  if (seconds(features.stamp_ns - at_rest.front().stamp_ns) >= options.standstill.window_s)
   {
-    std::swap(at_rest.front(), at_rest.back());
-    at_rest.back() = features;
+    std::rotate(at_rest.begin(), at_rest.end() - 1, at_rest.end());
+    at_rest.front() = features;
   }
 }
 
@@ -281,11 +283,12 @@ bool Vio::Impl::leaveStandstill(FrameReport* report)
 {
   status = VioStatus::TRACKING;
   const NavState last = filter.state();
-  if (at_rest.front().stamp_ns > keyframe_ns)
+  const FrameFeatures& rested = at_rest[standstill.crept() ? AT_REST_BEFORE_CREEPING : AT_REST_BEFORE];
+  if (rested.stamp_ns > keyframe_ns)
   {
     NavState state = last;
     state.v.setZero();
-    state.stamp_ns = at_rest.front().stamp_ns;
+    state.stamp_ns = rested.stamp_ns;
     ImuSample from;
     from.stamp_ns = keyframe_ns;
     from.w = state.bias.gyro;
@@ -294,13 +297,13 @@ bool Vio::Impl::leaveStandstill(FrameReport* report)
     to.stamp_ns = state.stamp_ns;
     ImuPreintegration rest(options.imu, state.bias);
     rest.append(from, to);
-    window.addKeyframe(state, at_rest.front(), rest, true);
+    window.addKeyframe(state, rested, rest, true);
     optimize(budget.iterations(options.window.max_iterations), report);
     if (status != VioStatus::TRACKING)
     {
       return false;
     }
-    const FrameFeatures now = std::exchange(features, at_rest.front());
+    const FrameFeatures now = std::exchange(features, rested);
     rememberKeyframe();
     features = now;
   }
@@ -429,8 +432,8 @@ bool Vio::Impl::keyframeDue(const FrameReport& report, size_t views) const
   double tracked_ratio = 0.0;
   const double parallax_px = parallaxSinceKeyframe(&tracked_ratio);
   const double longest_s = options.keyframe_max_interval_s * (parallax_px < SLOW_PARALLAX_PX ? SLOW_INTERVALS : 1.0);
-  return report.inliers < FEW_VIEWS || since_s >= longest_s ||
-         parallax_px >= options.keyframe_parallax_px || tracked_ratio < options.keyframe_tracked_ratio;
+  return report.inliers < FEW_VIEWS || since_s >= longest_s || parallax_px >= options.keyframe_parallax_px ||
+         tracked_ratio < options.keyframe_tracked_ratio;
 }
 
 void Vio::Impl::addKeyframe(FrameReport* report)

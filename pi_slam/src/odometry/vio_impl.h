@@ -115,7 +115,7 @@ struct Vio::Impl
   Matrix15d common_covariance = Matrix15d::Zero();  ///< of position and heading of the window as a whole
   NavState still_state;
   Matrix15d still_covariance = Matrix15d::Zero();
-  std::array<FrameFeatures, 2> at_rest;  ///< of pairs at rest, AT_REST_WINDOWS apart or more; the older is first
+  std::array<FrameFeatures, 4> at_rest;  ///< of pairs at rest, a window of the detector apart; the newest is first
   std::optional<NavState> last_known;    ///< where to go on from after the estimate was given up
   Matrix15d last_known_covariance = Matrix15d::Zero();
   int64_t given_up_ns = 0;
