@@ -54,6 +54,11 @@ Admission Runtime::admit(const StreamRequest& request)
   return core_->admit(request);
 }
 
+Admission Runtime::amend(StreamId id, const StreamRequest& request)
+{
+  return core_->amend(id, request);
+}
+
 void Runtime::retire(StreamId id)
 {
   core_->retire(id);

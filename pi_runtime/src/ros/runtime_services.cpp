@@ -174,7 +174,8 @@ bool RuntimeServices::retireStream(RetireStream::Request& request, RetireStream:
                 [&]
                 {
                   const std::vector<StreamStatus> streams = runtime_->streams();
-                  if (std::none_of(streams.begin(), streams.end(),
+                  if (request.id == NO_STREAM ||
+                      std::none_of(streams.begin(), streams.end(),
                                    [&request](const StreamStatus& stream) { return stream.id == request.id; }))
                   {
                     throw std::invalid_argument("no stream " + std::to_string(request.id) + " is admitted");

@@ -371,7 +371,6 @@ TEST(RuntimeTest, ImpossibleOptionsAreErrors)
   impossible([](RuntimeOptions& options) { options.pipeline = -1us; });
   impossible([](RuntimeOptions& options) { options.hang_timeout = 0ms; });
   impossible([](RuntimeOptions& options) { options.hang_timeout = std::chrono::milliseconds::max(); });
-  impossible([](RuntimeOptions& options) { options.thread_priority = 100; });
   impossible([](RuntimeOptions& options) { options.tuning = {{"cpu0", 0.0, 0.0, 0.5}}; });
   impossible([](RuntimeOptions& options) { options.tuning = {{"cpu0", INFINITY, 0.0, 1.0}}; });
   impossible([](RuntimeOptions& options) { options.tuning = {{"cpu99", 0.0, 0.0, 1.0}}; });
