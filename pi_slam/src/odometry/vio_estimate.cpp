@@ -30,7 +30,7 @@ constexpr int START_ITERATIONS = 20;
 /// A window full of keyframes from one place loses the landmarks' distances: while the body creeps they are rarer.
 constexpr double SLOW_PARALLAX_PX = 2.0;
 constexpr double SLOW_INTERVALS = 16.0;  ///< of keyframe_max_interval_s
-constexpr double UNKNOWN_SPEED = 1.0;  ///< that a vehicle may have gained while there was no estimate [m/s]
+constexpr double UNKNOWN_SPEED = 1.0;    ///< that a vehicle may have gained while there was no estimate [m/s]
 /// A rest ends with a pair that is so many windows of the detector old: before the body began to creep.
 constexpr double AT_REST_WINDOWS = 3.0;
 
@@ -429,8 +429,8 @@ bool Vio::Impl::keyframeDue(const FrameReport& report, size_t views) const
   double tracked_ratio = 0.0;
   const double parallax_px = parallaxSinceKeyframe(&tracked_ratio);
   const double longest_s = options.keyframe_max_interval_s * (parallax_px < SLOW_PARALLAX_PX ? SLOW_INTERVALS : 1.0);
-  return report.inliers < FEW_VIEWS || since_s >= longest_s ||
-         parallax_px >= options.keyframe_parallax_px || tracked_ratio < options.keyframe_tracked_ratio;
+  return report.inliers < FEW_VIEWS || since_s >= longest_s || parallax_px >= options.keyframe_parallax_px ||
+         tracked_ratio < options.keyframe_tracked_ratio;
 }
 
 void Vio::Impl::addKeyframe(FrameReport* report)
@@ -445,7 +445,8 @@ void Vio::Impl::addKeyframe(FrameReport* report)
 void Vio::Impl::optimize(int iterations, FrameReport* report)
 {
   const auto begin = std::chrono::steady_clock::now();
-  const WindowReport optimized = window.optimize(iterations);
+  WindowReport optimized;
+  window_stage.run([&] { optimized = window.optimize(iterations); });
   report->iterations = optimized.iterations;
   report->landmarks = optimized.landmarks;
   if (optimized.failed || optimized.mean_error_px > MAX_ERROR_PX)

@@ -104,6 +104,10 @@ void VioDiagnostics::reportOdometry(Status& status)
   status.add("frame time, p99 [ms]", format("%.2f", frame_ms_.quantile(0.99)));
   status.add("pairs used", frames_);
   status.add("resets", resets_);
+  for (const auto& [name, text] : now_.stages)
+  {
+    status.add("stage " + name, text);
+  }
   if (frame_)
   {
     status.add("front end [ms]", format("%.2f", frame_->front_end_ms));

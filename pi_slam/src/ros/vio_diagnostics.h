@@ -12,6 +12,7 @@
 #include <mutex>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace pi_slam
@@ -35,6 +36,7 @@ struct VioFigures
   uint64_t odometries = 0;           ///< poses so far
   double delay_s = 0.0;              ///< of the newest pair behind the IMU's samples of the same time
   std::optional<MapStatistics> map;  ///< nullopt: no mapping
+  std::vector<std::pair<std::string, std::string>> stages;  ///< of the runtime: name, how it does
 };
 
 /// The diagnostics: status and frame times of odometry, rates and faults of the inputs, the map.
