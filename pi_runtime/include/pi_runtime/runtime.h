@@ -174,6 +174,10 @@ public:
   double predict(const CodeletPtr& codelet, double size, const std::string& unit) const;
 
   TraceRecorder& trace();
+  /// Writes the trace as Chrome trace events, see writeChromeTrace(). With the environment variable PI_RUNTIME_TRACE set
+  /// to a folder each runtime records, and writes PROGRAM_PID.json into it at its end; merge_traces puts them together.
+  /// @throws std::runtime_error if the file cannot be written.
+  void writeTrace(const std::string& path);
 
 private:
   std::shared_ptr<RuntimeCore> core_;

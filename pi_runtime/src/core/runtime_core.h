@@ -72,6 +72,8 @@ public:
   void clearEtc();
   double predict(const CodeletPtr& codelet, double size, const std::string& unit) const;
   TraceRecorder& trace() { return trace_; }
+  /// Call without the lock.
+  void say(LogLevel level, const std::string& text) const;
   /// As Stage::yield(), for the task whose native function this thread runs; nothing if there is none.
   static void yieldHere();
 
@@ -165,8 +167,6 @@ private:
   void leave(Lock& lock, const std::vector<TaskPtr>& ended);
   void announce(const std::vector<TaskPtr>& ended) const;
   Unit* findUnit(const std::string& name) const;
-  /// Call without the lock.
-  void say(LogLevel level, const std::string& text) const;
   /// Call with the lock; leave() writes the line.
   void note(const std::string& warning);
   void loadEtc();
