@@ -53,3 +53,7 @@ class MergeTraces(unittest.TestCase):
         self.write("a_node", 7)
         self.output.parent.rmdir()
         self.assertIn("all.json cannot be written: No such file or directory", self.merge(self.folder).stderr)
+
+
+if __name__ == "__main__":
+    unittest.main()
