@@ -126,7 +126,7 @@ void RuntimeRos::publishStatus()
     return;
   }
   RuntimeStatus status;
-  status.header.stamp = ros::Time::now();
+  status.stamp = ros::Time::now();
   for (const UnitStatus& unit : runtime_->units())
   {
     status.units.push_back(toMsg(unit));
