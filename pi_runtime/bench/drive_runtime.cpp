@@ -39,15 +39,18 @@ struct Variant
   bool one_unit;          ///< there is no other one
   bool sliced;            ///< detection
   bool admitted;          ///< streams with deadlines; else a static map, first come first served
+  bool preemption;        ///< short jobs interrupt long ones
   const char* front_end;  ///< unit of the static map
   const char* detection;
 };
 
 constexpr Variant VARIANTS[] = {
-    {"ours", false, false, true, "", ""},
-    {"ours_one_unit", true, true, true, "", ""},
-    {"static_one_unit", false, false, false, "cpu0", "cpu0"},
-    {"static_two_units", false, false, false, "cpu0", "cpu1"},
+    {"ours", false, false, true, true, "", ""},
+    {"ours_uninterrupted", false, false, true, false, "", ""},
+    {"ours_one_unit", true, false, true, true, "", ""},
+    {"ours_one_unit_uninterrupted", true, true, true, false, "", ""},
+    {"static_one_unit", false, false, false, false, "cpu0", "cpu0"},
+    {"static_two_units", false, false, false, false, "cpu0", "cpu1"},
 };
 
 const Variant& variantOf(const std::string& name)
@@ -161,6 +164,7 @@ RuntimeOptions optionsFor(const Variant& variant, const std::string& executors)
   options.cpu_units = variant.one_unit ? std::vector<unsigned>{1} : std::vector<unsigned>{1, 1};
   options.queue_order = variant.admitted ? QueueOrder::EDF : QueueOrder::FIFO;
   options.stealing = variant.admitted;
+  options.preemption = variant.preemption;
   options.slice = SLICE;
   return options;
 }

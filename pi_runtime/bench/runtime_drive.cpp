@@ -51,8 +51,10 @@ struct Figures
 std::vector<Contender> contenders()
 {
   std::vector<Contender> all{
-      {"ours", "pi_runtime, 2 units: streams admitted, EDF", "", 2, true},
-      {"ours_one_unit", "pi_runtime, 1 unit: detection in slices", "", 1, false},
+      {"ours", "pi_runtime, 2 units: streams admitted, short jobs interrupt", "", 2, true},
+      {"ours_uninterrupted", "pi_runtime, 2 units: streams admitted, nothing is interrupted", "", 2, true},
+      {"ours_one_unit", "pi_runtime, 1 unit: short jobs interrupt", "", 1, false},
+      {"ours_one_unit_uninterrupted", "pi_runtime, 1 unit: detection in slices", "", 1, false},
       {"static_one_unit", "static map, both on 1 unit, FIFO (paper, VII.B)", "", 2, false},
       {"static_two_units", "static map, a unit each, FIFO", "", 2, false},
   };

@@ -122,7 +122,7 @@ TEST(MapperOptions, NamesFieldValueAndBound)
   options.max_keyframes = 9;
   EXPECT_THROW(Mapper(StereoCalibration::makeForwardPair(), options), std::invalid_argument);
   options = MapperOptions();
-  options.use_runtime = true;
+  options.kernel_tasks = true;
   EXPECT_NE("", messageOf<std::invalid_argument>([&] { Mapper(StereoCalibration::makeForwardPair(), options); }));
 }
 
@@ -452,11 +452,11 @@ TEST_F(Street, GrowsWithTheGroundAndNotWithTheTimeOnIt)
 
 TEST_F(Street, GivesTheSameTwiceAndOnItsThread)
 {
-  const auto run = [&](bool threaded, std::shared_ptr<pi_runtime::Runtime> runtime)
+  const auto run = [&](bool threaded, std::shared_ptr<pi_runtime::Runtime> runtime, bool kernel_tasks = false)
   {
     MapperOptions options = testOptions();
     options.threaded = threaded;
-    options.use_runtime = runtime != nullptr;
+    options.kernel_tasks = kernel_tasks;
     Mapper mapper(calibration_, options, runtime);
     const Eigen::Isometry3d drift(Eigen::Translation3d(0.2, 0.1, 0.0));
     for (size_t i = 0; i < 30; ++i)
@@ -470,8 +470,8 @@ TEST_F(Street, GivesTheSameTwiceAndOnItsThread)
   const Eigen::Matrix4d once = run(false, nullptr);
   EXPECT_EQ(once, run(false, nullptr));
   EXPECT_EQ(once, run(true, nullptr));
-  pi_runtime::RuntimeOptions runtime_options;
-  EXPECT_EQ(once, run(false, std::make_shared<pi_runtime::Runtime>(runtime_options)));
+  EXPECT_EQ(once, run(false, std::make_shared<pi_runtime::Runtime>(), true));
+  EXPECT_EQ(once, run(true, std::make_shared<pi_runtime::Runtime>(pi_runtime::RuntimeOptions::forService())));
 }
 
 TEST_F(Street, ReplacesAWaitingFrameByANewerOneAndEndsInGoodOrder)

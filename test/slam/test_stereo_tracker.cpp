@@ -614,7 +614,7 @@ TEST(StereoTracker, IsDeterministicAndTheSameWithARuntime)
   runtime_options.opencl_gpu = false;
   runtime_options.arbitration = false;
   StereoTrackerOptions with_runtime = smallOptions();
-  with_runtime.use_runtime = true;
+  with_runtime.kernel_tasks = true;
   const StereoCalibration calibration = makeCalibration(Distortion::RADTAN);
   Walk walk(calibration);
   StereoTracker same(calibration, smallOptions());
@@ -694,7 +694,7 @@ TEST(StereoTracker, RefusesOptionsOutOfRange)
   EXPECT_TRUE(names(messageWith([](auto* o) { o->epipolar_px = -1.0; }), "epipolar_px"));
   EXPECT_TRUE(names(messageWith([](auto* o) { o->min_depth_m = 0.0; }), "min_depth_m"));
   EXPECT_TRUE(messageWith([](auto* o) { o->max_features = 20; }).empty());
-  EXPECT_NE(messageWith([](auto* o) { o->use_runtime = true; }).find("runtime"), std::string::npos);
+  EXPECT_NE(messageWith([](auto* o) { o->kernel_tasks = true; }).find("runtime"), std::string::npos);
 }
 
 TEST(StereoTracker, RefusesCamerasThatAreNoPair)

@@ -234,6 +234,9 @@ TEST_F(VioOutputs, DiagnosticsTellStateFrameTimeAndInputs)
   EXPECT_EQ("tracking", odometry.at("state"));
   EXPECT_GT(std::stod(odometry.at("frame time, mean [ms]")), 0.0);
   EXPECT_GE(std::stod(odometry.at("frame time, p99 [ms]")), std::stod(odometry.at("frame time, mean [ms]")));
+  EXPECT_LT(std::stoi(odometry.at("pairs that took longer than a frame")), std::stoi(odometry.at("pairs used")));
+  EXPECT_GT(std::stod(odometry.at("longest time between two odometries [ms]")), 0.0);
+  EXPECT_GE(std::stoi(odometry.at("times over 20 ms between two odometries")), 0);
   EXPECT_GT(std::stoi(odometry.at("features")), 20);
   EXPECT_GT(std::stoi(odometry.at("inliers")), 20);
   const auto inputs = status("inputs");

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import math
+import shutil
 import threading
 import time
 import uuid
@@ -25,7 +26,6 @@ CHASSIS_READY = (0, 1)  # READY, DRIVING of VehicleState
 AGREEMENT_M = 0.5
 LOOK_PERIOD_S = 0.5     # for processes of the nodes: those that died have new ones
 SHOT_AT = 0.45          # of the way
-TRACED_TASKS = 75       # of the runtime, the newest: some seconds
 UNPLUG_S = 15.0         # longer, for each device that is unplugged
 REFUSING = ("simulator", "chassis", "arbiter", "navigation")  # what a vehicle that has to refuse needs for it
 
@@ -72,8 +72,11 @@ class CampusDrive:
             "link": self.output / "chassis", "log": self.simulator_log, "recordings": self.output / "recordings",
             "preload": options.preload or "", "together": options.together,
             "offload": bool(edge), "edge_nodes": edge.map_file if edge else "", "rviz": False,
-            "trace_capacity": TRACED_TASKS if options.together else 0, "frame_rate": options.frame_rate,
-            "output": "screen", **self._background()}
+            "frame_rate": options.frame_rate, "output": "screen", **self._background()}
+        traces = self.output / "traces"  # of the runtimes of all processes, written as they end
+        shutil.rmtree(traces, ignore_errors=True)
+        traces.mkdir()
+        started.environment["PI_RUNTIME_TRACE"] = str(traces)
         print("  starting the nodes")
         launch = started.launch(["pi_bringup", "simulation.launch"] +
                                 ["%s:=%s" % (key, str(value).lower() if isinstance(value, bool) else value)
@@ -93,6 +96,8 @@ class CampusDrive:
                 self._seen = pictures.SeenAhead(events.rospy)
             self._say_where(events)
             self._drive(events, launch, started, screen, edge)
+        gantt, self.no_gantt = pictures.save_gantt(traces, self.output)
+        self.pictures += gantt
 
     def _close(self):
         if self._faults is not None:
@@ -296,9 +301,6 @@ class CampusDrive:
         self._shoot(screen, started, last=True)
         if self._seen is not None:
             self.pictures += self._seen.draw(self.output / "campus_detections.png", self.began)
-        if self.options.together:
-            gantt, self.no_gantt = pictures.save_gantt(rospy, self.output)
-            self.pictures += gantt
         print("  %s, after %.1f s" % (self.end, self.ended - self.began))
 
     @staticmethod

@@ -11,7 +11,7 @@ TRUTH_EVERY = 5      # of 50 Hz
 MAP_FRAME = b"\x03\x00\x00\x00map"
 TRANSFORM_BYTES = len(MAP_FRAME) + 4 + len("odom") + 7 * 8  # of a transform, from the parent's name on
 ERROR_LEVEL = 8      # of rosgraph_msgs/Log
-VIO_STATUS = "vio: odometry"
+VIO_STATUS, VIO_INPUTS = "vio: odometry", "vio: inputs"
 
 
 @dataclass

@@ -1,5 +1,7 @@
 """Pictures during a drive: the screen, what the detector sees, when the runtime ran what."""
 
+import json
+import subprocess
 import threading
 
 from . import plots
@@ -14,6 +16,7 @@ APART_S = 4.0            # from one look to the next
 PICTURES = 40            # that wait for their detections
 VIRTUAL_FRAME_RATE = 2   # [Hz] nobody looks at a virtual screen, but drawing takes processor time from the drive
 NICE = 15
+CHART_S = 2.0            # longer, and single runs are not seen
 
 
 def start_rviz(started, screen, package, output, preload):
@@ -130,13 +133,26 @@ class SeenAhead:
         return [path]
 
 
-def save_gantt(rospy, folder):
-    """What the runtime of a vehicle in one process did, as a chart and for ui.perfetto.dev.
+def save_gantt(traces, output):
+    """Who computed when on which unit: the traces of all processes as trace.json for ui.perfetto.dev, and the middle of
+    them as a chart.
     @return (paths, why there is none)"""
-    from pi_runtime.srv import SaveTrace
-    path = folder / "gantt.png"
-    try:
-        answer = rospy.ServiceProxy("/runtime/save_trace", SaveTrace)(str(folder / "trace.json"), str(path))
-    except rospy.ServiceException as error:
-        return [], str(error)
-    return ([path], "") if answer.success else ([], answer.message)
+    merged, path = output / "trace.json", output / "gantt.png"
+    problem = _tool("merge_traces", traces, merged)
+    if not merged.is_file():
+        return [], problem
+    runs = [event["ts"] for event in json.loads(merged.read_text(encoding="utf-8"))["traceEvents"]
+            if event.get("cat") == "run"]
+    if not runs:
+        return [], "no stage ran on a unit"
+    middle_s = 0.5e-6 * (max(runs) - min(runs))
+    problem = problem or _tool("draw_gantt", "--from", max(middle_s - 0.5 * CHART_S, 0.0), "--to",
+                               middle_s + 0.5 * CHART_S, merged, path)
+    return ([path], "") if not problem else ([], problem)
+
+
+def _tool(name, *arguments):
+    """A program of pi_runtime. @return what it complains about; empty: nothing"""
+    ended = subprocess.run(["rosrun", "pi_runtime", name, *map(str, arguments)], capture_output=True, text=True,
+                           check=False)
+    return "" if ended.returncode == 0 else ended.stderr.strip() or "%s ended with %d" % (name, ended.returncode)

@@ -7,10 +7,11 @@ import time
 from first_drive import measuring
 from first_drive.errors import DemoError
 
-from . import report, words
+from . import protection, report, words
 from .cpu import CpuAccount, group_of
 from .judge import quantile
-from .observer import VIO_STATUS, power_figures
+from .observer import VIO_INPUTS, VIO_STATUS, power_figures
+from .protection import Disturbance
 
 MONITORED = ["/imu/data", "/left/image_raw", "/right/image_raw", "/audio_stamped", "/odometry", "/detections",
              "/obstacles", "/command", "/motion/reaction", "/motion", "/power"]
@@ -29,10 +30,15 @@ def processor_times():
 
 
 class SpeedRun:
-    """@param bag  of SensorRecording."""
+    """@param bag  of SensorRecording. @param use_runtime  heavy stages are jobs of pi_runtime.
+    @param disturb  beside busy loops."""
 
-    def __init__(self, bag, preload, output):
+    def __init__(self, bag, preload, output, use_runtime=True, disturb=False):
         self._bag = bag
+        self._use_runtime = use_runtime
+        self._disturb = disturb
+        self._odometry = []  # diagnostics of it
+        self._streams = {}   # name: (missed, jobs, p99 [s])
         self._preload = preload
         self._output = output
         self._power, self._commands, self._pairs, self._errors = [], [], [], []
@@ -51,6 +57,7 @@ class SpeedRun:
         print("  starting the nodes")
         launch = started.launch(["pi_bringup", "speed.launch", "bag:=%s" % self._bag,
                                  "preload:=%s" % (self._preload or ""),
+                                 "use_runtime:=%s" % str(self._use_runtime).lower(),
                                  "recordings:=%s" % (self._output / "recordings")], log)
         monitor = None
         try:
@@ -71,6 +78,7 @@ class SpeedRun:
 
     def _subscribe(self, events):
         from diagnostic_msgs.msg import DiagnosticArray
+        from pi_runtime.msg import RuntimeStatus
         from pi_speech.msg import VoiceCommand
         from pi_vehicle.msg import PowerState
         from rosgraph_msgs.msg import Log
@@ -79,6 +87,7 @@ class SpeedRun:
             {"text": message.text, "accepted": True, "latency": message.latency.to_sec()}))
         events.subscribe("/power", PowerState, lambda message: self._power.append(power_figures(message)))
         events.subscribe("/diagnostics", DiagnosticArray, self._on_diagnostics)
+        events.subscribe("/runtime/status", RuntimeStatus, self._on_streams)
         # The info comes with its picture. Stamps are those of the recording moved to now, so only differences count.
         any_message = events.rospy.AnyMsg
         events.subscribe("/left/camera_info", any_message, self._on_info)
@@ -105,17 +114,23 @@ class SpeedRun:
 
     def _on_diagnostics(self, message):
         for status in message.status:
-            if status.name.strip("/") == VIO_STATUS:
+            if status.name.strip("/") in (VIO_STATUS, VIO_INPUTS):
                 values = {pair.key: pair.value for pair in status.values}
+                self._odometry.append(values)
                 if "pairs used" in values:
                     self._pairs.append((message.header.stamp.to_sec(), int(values["pairs used"])))
         return "diagnostics", None
+
+    def _on_streams(self, message):
+        for stream in message.streams:
+            self._streams[stream.name] = (stream.missed, stream.jobs, stream.p99_s)
 
     def _measure(self, events, started, launch, monitor):
         print("  playing")
         cpu = CpuAccount(launch.pid, {"topic_monitor": monitor.pid, "drive_campus": os.getpid(), **started.core})
         begin, before = time.time(), processor_times()
         links, said = [], 0
+        disturbance = Disturbance(started, self._output / "log" / "busy.log") if self._disturb else None
         while True:
             kind, event = events.next(lambda *_: True, "the recording to end")
             if kind == "player" and event["state"] == "finished":
@@ -123,10 +138,14 @@ class SpeedRun:
             if kind == "diagnostics":
                 cpu.update()
                 said = self._say(time.time() - begin, said)
+                if disturbance is not None:
+                    disturbance.tick(time.time() - begin)
                 links = links if links or time.time() - begin < 5.0 else measuring.all_links(
                     started.environment["ROS_MASTER_URI"])
         cpu.update()
         end, after = time.time(), processor_times()
+        if disturbance is not None:
+            disturbance.end()
         cpu.measure_memory()
         _, figures = events.next(lambda kind, _: kind == "monitor", "the monitor's report")
         groups = {}
@@ -146,4 +165,5 @@ class SpeedRun:
             "services": report.services(power), "others_share": max(0.0, others) / max(1, after[1] - before[1]),
             "watts": sum(one["total_watts"] for one in power) / len(power) if power else None,
             "watts_source": power[-1]["source"] if power else None, "errors": self._errors,
-            "transports": report.transports(links)}
+            "transports": report.transports(links), "use_runtime": self._use_runtime, "disturbed": self._disturb,
+            "odometry": protection.odometry(self._odometry), "streams": self._streams}

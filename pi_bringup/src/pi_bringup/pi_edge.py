@@ -48,6 +48,7 @@ def checks(options):
         ("memory", computer.check_memory, QUICK_S),
         ("shared memory", computer.check_shared_memory, QUICK_S),
         ("limits", computer.check_limits, QUICK_S),
+        ("scheduling", computer.check_scheduling, QUICK_S),
         ("clock", computer.check_clock, QUICK_S),
         ("disk", computer.check_disk, QUICK_S),
         ("power sensors", computer.check_power_sensors, QUICK_S),

@@ -1,5 +1,6 @@
 """Checks of the computer on made-up folders."""
 
+import os
 import resource
 import unittest
 from unittest import mock
@@ -55,13 +56,32 @@ class Computer(FakeRoot):
             self.expect("FAIL", computer.check_shared_memory(self.root), "chmod 1777")
 
     def test_limits(self):
-        limits = {"RLIMIT_RTPRIO": 99, "RLIMIT_MEMLOCK": resource.RLIM_INFINITY, "RLIMIT_NOFILE": 4096}
+        limits = {"RLIMIT_MEMLOCK": resource.RLIM_INFINITY, "RLIMIT_NOFILE": 4096}
         with mock.patch.object(computer.os, "geteuid", return_value=1000):
             self.expect("OK", computer.check_limits(limits), "memlock unlimited")
-            results = computer.check_limits({"RLIMIT_RTPRIO": 0, "RLIMIT_MEMLOCK": 65536, "RLIMIT_NOFILE": 256})
-        self.assertEqual(["WARN", "WARN", "FAIL"], [result.level for result in results])
-        self.assertIn("rtprio 10", results[0].advice)
-        self.assertIn("memlock", results[1].advice)
+            results = computer.check_limits({"RLIMIT_MEMLOCK": 65536, "RLIMIT_NOFILE": 256})
+        self.assertEqual(["WARN", "FAIL"], [result.level for result in results])
+        self.assertIn("memlock", results[0].advice)
+
+    def test_scheduling(self):
+        self.put("proc/sys/kernel/sched_rt_period_us", "1000000\n")
+        self.put("proc/sys/kernel/sched_rt_runtime_us", "950000\n")
+        self.expect("OK", computer.check_scheduling("", self.root), "up to 16")
+        result = computer.check_scheduling("Operation not permitted", self.root)
+        self.expect("WARN", result, "Operation not permitted")
+        self.assertIn("rtprio 16", result.advice)
+        self.assertNotIn("autogroup", result.text)
+        self.put("proc/sys/kernel/sched_autogroup_enabled", "1\n")
+        self.expect("WARN", computer.check_scheduling("Operation not permitted", self.root), "autogroup")
+        self.put("proc/sys/kernel/sched_rt_runtime_us", "-1\n")
+        self.expect("WARN", computer.check_scheduling("", self.root), "for good", "sched_rt_runtime_us=950000")
+        self.put("proc/sys/kernel/sched_rt_runtime_us", "10000\n")
+        self.expect("WARN", computer.check_scheduling("", self.root), "1 % of the time")
+
+    def test_the_kernel_says_whether_it_grants_real_time_priorities(self):
+        before = os.sched_getscheduler(0)
+        self.assertIn(computer.real_time_denied(), (None, "Operation not permitted"))
+        self.assertEqual(before, os.sched_getscheduler(0))
 
     def test_clock(self):
         self.expect("OK", computer.check_clock(0x2001, self.root), "is synchronised")

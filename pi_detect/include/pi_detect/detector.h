@@ -5,7 +5,7 @@
 #include <pi_detect/model_description.h>
 #include <pi_detect/picture_view.h>
 #include <pi_detect/target.h>
-#include <pi_runtime/runtime.h>
+#include <pi_runtime/stage.h>
 
 #include <memory>
 #include <string>
@@ -19,7 +19,7 @@ struct DetectorOptions
   Target target = Target::CPU;
   /// Fail if the target cannot be had. false: another one is used and reported.
   bool require_target = false;
-  /// Threads of OpenCV, which has one pool per process; 0: as many as cores.
+  /// Threads of OpenCV, which has one pool per process; 0: as many as cores, or the stage's where it must be cut.
   int threads = 0;
   /// Load the model in a child process first.
   bool check_model = true;
@@ -36,14 +36,13 @@ struct DetectionResult
   double blob_s = 0.0;     ///< picture to network input [s]
   double forward_s = 0.0;  ///< network [s]
   double decode_s = 0.0;   ///< outputs to detections [s]
-  std::string unit;        ///< of the runtime that ran the network; empty without a runtime
 };
 
 /// Finds objects in pictures with a network.
 ///
-/// The steps are "blob", "network_<model>_<target>" and, unless the network gives finished detections,
-/// "decode_<model>". Each step is a task of the runtime with its own entry in the ETC table, or a plain call without a
-/// runtime. If OpenCV uses a GPU, the network's task runs on the unit of the GPU.
+/// With a runtime, a picture is a run of the stage "detection". Where the runtime cannot interrupt it, the network is
+/// cut into pieces (cutStages()). With OpenCL, input, network and decoding are tasks instead; if OpenCV uses a GPU, the
+/// network's task runs on the unit of the GPU.
 ///
 /// Not thread safe. Buffers are kept, so pictures of one size allocate nothing new.
 class Detector
@@ -63,7 +62,8 @@ public:
 
   const ModelDescription& model() const;
   const TargetInUse& target() const;
-  const std::string& codeletName() const;
+  /// How the runtime has the work. Any thread.
+  pi_runtime::StageStatus stage() const;
 
 private:
   class Implementation;

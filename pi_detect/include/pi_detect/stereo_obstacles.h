@@ -3,6 +3,7 @@
 #include <pi_detect/detection.h>
 #include <pi_detect/outline.h>
 #include <pi_node/vehicle_description.h>
+#include <pi_runtime/stage.h>
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -100,6 +101,17 @@ struct GroundView
   std::vector<GroundBeam> beams;                     ///< from left to right
 };
 
+/// Heavy stages of StereoObstacles: two, as between them it may wait for a pose.
+struct StereoStages
+{
+  explicit StereoStages(const std::shared_ptr<pi_runtime::Runtime>& runtime)
+    : match(runtime, {"obstacles_match"}), find(runtime, {"obstacles_find"})
+  {
+  }
+  pi_runtime::Stage match;
+  pi_runtime::Stage find;
+};
+
 /// Finds obstacles in stereo pairs, without classes: matches disparities, fits the ground plane, and clusters what
 /// stands above it. Keeps the ground plane from pair to pair. Not thread safe.
 class StereoObstacles
@@ -107,8 +119,9 @@ class StereoObstacles
 public:
   /// @param T_base_left  left rectified optical frame (z forward, x right, y down) in base_link.
   /// @throws std::invalid_argument for options, geometry, or a camera that is not 0.1 to 10 m above the ground.
+  /// @param stages  that run its work; null: plain calls.
   StereoObstacles(const StereoGeometry& geometry, const Eigen::Isometry3d& T_base_left,
-                  const StereoObstacleOptions& options);
+                  const StereoObstacleOptions& options, std::shared_ptr<StereoStages> stages = nullptr);
   ~StereoObstacles();
   StereoObstacles(const StereoObstacles&) = delete;
   StereoObstacles& operator=(const StereoObstacles&) = delete;

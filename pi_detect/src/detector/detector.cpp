@@ -14,6 +14,7 @@
 
 #include "detector/network.h"
 #include "detector/output_decoder.h"
+#include "detector/stage_threads.h"
 
 namespace pi_detect
 {
@@ -28,6 +29,7 @@ using pi_runtime::kernels::BlobContent;
 using pi_runtime::kernels::BlobGeometry;
 
 constexpr int MAX_PICTURE = 32767;
+constexpr char STAGE[] = "detection";
 
 int32_t blobFit(InputFit fit)
 {
@@ -102,9 +104,10 @@ public:
 
   DetectionResult detect(const PictureView& picture);
 
+  pi_runtime::StageStatus stage() const;
+
   const ModelDescription model_;
   TargetInUse target_;
-  std::string codelet_name_;
 
 private:
   void makeBuffers();
@@ -118,7 +121,8 @@ private:
   const std::map<int, float> thresholds_;  ///< by class id; others are not wanted
   const float class_agnostic_overlap_;
   const size_t max_detections_;
-  const std::shared_ptr<pi_runtime::Runtime> runtime_;
+  std::shared_ptr<pi_runtime::Runtime> runtime_;  ///< for tasks; null: a stage, or plain calls
+  std::unique_ptr<pi_runtime::Stage> stage_;
   std::shared_ptr<Network> network_;  ///< the codelet holds it too: a runtime may keep that longer than this object
   pi_runtime::CodeletPtr forward_codelet_;
 
@@ -149,6 +153,10 @@ Detector::Implementation::Implementation(ModelDescription model, const DetectorO
   {
     cv::setNumThreads(options.threads);
   }
+  if (runtime_)
+  {
+    cutStages(*runtime_, options.threads);
+  }
   if (options.check_model)
   {
     checkModel(model_, options.check);
@@ -158,8 +166,11 @@ Detector::Implementation::Implementation(ModelDescription model, const DetectorO
     checkFiles(model_);
   }
   network_ = std::make_shared<Network>(model_, target_);
-  codelet_name_ = "network_" + model_.name + "_" + toString(target_.used);
   makeBuffers();
+  if (target_.used == Target::CPU || !runtime_)
+  {
+    stage_ = std::make_unique<pi_runtime::Stage>(std::exchange(runtime_, nullptr), pi_runtime::StageOptions{STAGE});
+  }
 }
 
 void Detector::Implementation::makeBuffers()
@@ -177,7 +188,7 @@ void Detector::Implementation::makeBuffers()
   decoder_ = makeOutputDecoder(model_, lowest);
 
   pi_runtime::Codelet codelet;
-  codelet.name = codelet_name_;
+  codelet.name = "network_" + model_.name + "_" + toString(target_.used);
   pi_runtime::NativeImplementation implementation;
   implementation.function = [network = network_, store = decoder_->store()](const pi_runtime::NativeCall& call)
   { store(network->forward(call.buffer<const float>(0)), call); };
@@ -282,11 +293,10 @@ void Detector::Implementation::runTasks(DetectionResult* result)
     const pi_runtime::TaskResult& task = handles[i].wait();
     if (!task.ok())
     {
-      throw std::runtime_error(codelet_name_ + ": " + toString(task.outcome) + ": " + task.message);
+      throw std::runtime_error(forward_codelet_->name + ": " + toString(task.outcome) + ": " + task.message);
     }
     *seconds[i] = pi_node::secondsBetween(task.started_ns, task.finished_ns);
   }
-  result->unit = handles[1].wait().unit;
 }
 
 void Detector::Implementation::runSteps(DetectionResult* result)
@@ -297,12 +307,23 @@ void Detector::Implementation::runSteps(DetectionResult* result)
     task.codelet->native[0].function(pi_runtime::NativeCall(task.arguments, 0, task.range, task.range, nullptr));
     *seconds = pi_node::secondsSince(start);
   };
-  run(blobTask(), &result->blob_s);
-  run(forwardTask(), &result->forward_s);
-  if (const auto decoding = decoder_->task())
-  {
-    run(*decoding, &result->decode_s);
-  }
+  stage_->run(
+      [&]
+      {
+        run(blobTask(), &result->blob_s);
+        pi_runtime::Stage::yield();
+        run(forwardTask(), &result->forward_s);
+        pi_runtime::Stage::yield();
+        if (const auto decoding = decoder_->task())
+        {
+          run(*decoding, &result->decode_s);
+        }
+      });
+}
+
+pi_runtime::StageStatus Detector::Implementation::stage() const
+{
+  return stage_ ? stage_->status() : pi_runtime::StageStatus();
 }
 
 Detections Detector::Implementation::readDetections() const
@@ -338,13 +359,13 @@ DetectionResult Detector::Implementation::detect(const PictureView& picture)
 {
   adaptTo(picture);
   DetectionResult result;
-  if (runtime_ != nullptr)
+  if (stage_)
   {
-    runTasks(&result);
+    runSteps(&result);
   }
   else
   {
-    runSteps(&result);
+    runTasks(&result);
   }
   const auto start = std::chrono::steady_clock::now();
   result.detections = readDetections();
@@ -376,9 +397,9 @@ const TargetInUse& Detector::target() const
   return implementation_->target_;
 }
 
-const std::string& Detector::codeletName() const
+pi_runtime::StageStatus Detector::stage() const
 {
-  return implementation_->codelet_name_;
+  return implementation_->stage();
 }
 
 }  // namespace pi_detect

@@ -8,6 +8,7 @@
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 #include <pi_node/option_check.h>
 #include "obstacles/disparity_matcher.h"
@@ -113,8 +114,9 @@ class StereoObstacles::Implementation
 {
 public:
   Implementation(const StereoGeometry& geometry, const Eigen::Isometry3d& T_base_left,
-                 const StereoObstacleOptions& options)
-    : geometry_(geometry)
+                 const StereoObstacleOptions& options, std::shared_ptr<StereoStages> stages)
+    : stages_(stages ? std::move(stages) : std::make_shared<StereoStages>(nullptr))
+    , geometry_(geometry)
     , options_(validated(geometry, T_base_left, options))
     , T_ground_left_(Eigen::Translation3d(0.0, 0.0, -options.ground_z_m) * T_base_left)
     , matcher_(geometry, minDepthWanted(T_base_left, options), maxDepth(T_ground_left_, options))
@@ -128,7 +130,8 @@ public:
     checkPicture("left picture", left, CV_8UC1, "CV_8UC1", geometry_);
     checkPicture("right picture", right, CV_8UC1, "CV_8UC1", geometry_);
     const Clock::time_point start = Clock::now();
-    const cv::Mat& disparity = matcher_.compute(left, right);
+    cv::Mat disparity;
+    stages_->match.run([&] { disparity = matcher_.compute(left, right); });
     const double disparity_s = secondsSince(start);
     Result result = find(disparity, matcher_.coarse(), pose, &matched_);
     result.disparity_s = disparity_s;
@@ -180,14 +183,22 @@ private:
     obstacles::GroundViewer viewer;
   };
 
-  Result find(const cv::Mat& disparity, const cv::Mat& coarse, const PoseSource& pose, Stages* stages) const
+  Result find(const cv::Mat& disparity, const cv::Mat& coarse, const PoseSource& pose, Stages* stages)
   {
-    Result result;
     std::optional<Eigen::Isometry3d> T_odom_ground = pose ? pose() : std::nullopt;
     if (T_odom_ground)
     {
       *T_odom_ground = *T_odom_ground * Eigen::Translation3d(0.0, 0.0, options_.ground_z_m);
     }
+    Result result;
+    stages_->find.run([&] { result = findAt(T_odom_ground, disparity, coarse, stages); });
+    return result;
+  }
+
+  Result findAt(const std::optional<Eigen::Isometry3d>& T_odom_ground, const cv::Mat& disparity, const cv::Mat& coarse,
+                Stages* stages) const
+  {
+    Result result;
     const Clock::time_point start = Clock::now();
     result.coverage = static_cast<double>(cv::countNonZero(disparity > 0.0F)) / static_cast<double>(disparity.total());
     result.ground = stages->ground.update(disparity, T_odom_ground);
@@ -224,6 +235,7 @@ private:
     result->ground.offset_m += result->ground.normal.dot(p_base_ground);
   }
 
+  const std::shared_ptr<StereoStages> stages_;
   const StereoGeometry geometry_;
   const StereoObstacleOptions options_;
   const Eigen::Isometry3d T_ground_left_;  ///< ground: like base_link, but with its origin on the ground
@@ -234,8 +246,8 @@ private:
 };
 
 StereoObstacles::StereoObstacles(const StereoGeometry& geometry, const Eigen::Isometry3d& T_base_left,
-                                 const StereoObstacleOptions& options)
-  : implementation_(std::make_unique<Implementation>(geometry, T_base_left, options))
+                                 const StereoObstacleOptions& options, std::shared_ptr<StereoStages> stages)
+  : implementation_(std::make_unique<Implementation>(geometry, T_base_left, options, std::move(stages)))
 {
 }
 

@@ -49,7 +49,6 @@ void SsdDiagnostics::addPicture(const DetectionResult& result, double latency_s,
   worked_at_ns_ = pi_node::vehicleNs();
   ++worked_;
   objects_ = result.detections.size();
-  unit_ = result.unit;
   latency_ms_.add(1e3 * latency_s);
   work_ms_.add(1e3 * work_s);
   blob_ms_.add(1e3 * result.blob_s);
@@ -124,12 +123,11 @@ void SsdDiagnostics::reportDetection(Status& status)
   {
     status.add("stands in", now_.notice);
   }
-  status.add("codelet", now_.codelet);
   status.add("target requested", toString(now_.target.requested));
   status.add("target used", toString(now_.target.used));
   status.add("device", now_.target.device.empty() ? "CPU" : now_.target.device);
   status.add("threads of OpenCV", now_.threads);
-  status.add("runtime", !now_.use_runtime ? "not used" : unit_.empty() ? "used" : "unit " + unit_);
+  status.add("runtime", now_.runtime);
   status.add("pictures out [Hz]", format("%.1f", rate));
   status.add("stamp to published, p50 [ms]", format("%.1f", latency_ms_.quantile(0.5)));
   status.add("stamp to published, p99 [ms]", format("%.1f", latency_ms_.quantile(0.99)));

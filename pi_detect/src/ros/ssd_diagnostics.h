@@ -26,13 +26,12 @@ struct SsdFigures
   uint64_t calls = 0;     ///< of detect
 
   std::string model;    ///< in use; empty: none
-  std::string codelet;  ///< of its network
+  std::string runtime;  ///< how it has the work
   TargetInUse target;   ///< if there is a model
   std::string loading;  ///< description that is being loaded; empty: none
   std::string notice;   ///< why the model in use stands in for another one; empty: it does not
   std::string problem;  ///< why the model asked for last is not in use; empty: it is
   int threads = 0;      ///< of OpenCV
-  bool use_runtime = false;
 };
 
 /// Publishes the diagnostics of the ssd node: network and speed, inputs and their faults.
@@ -73,7 +72,6 @@ private:
   mutable std::mutex mutex_;  ///< of all below
   uint64_t worked_ = 0;
   size_t objects_ = 0;  ///< in the last picture
-  std::string unit_;
   int64_t worked_at_ns_ = 0;
   double period_s_ = 0.0;  ///< between pictures, smoothed; 0: not known
   pi_node::RecentValues latency_ms_;

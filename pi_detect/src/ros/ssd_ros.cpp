@@ -23,24 +23,15 @@ namespace zero_copy = pi_os_transport::zero_copy;
 namespace
 {
 
-std::shared_ptr<pi_runtime::Runtime> runtimeFor(const SsdRosOptions& options, bool alone)
+std::shared_ptr<pi_runtime::Runtime> runtimeFor(const SsdRosOptions& options)
 {
-  if (!options.use_runtime)
-  {
-    return nullptr;
-  }
-  pi_runtime::RuntimeOptions runtime;
-  if (alone && options.detector.target == Target::CPU)
-  {
-    runtime.opencl_cpu = false;
-    runtime.opencl_gpu = false;
-  }
-  return pi_runtime::Runtime::shared(runtime);
+  const bool opencl = options.detector.target != Target::CPU;
+  return options.use_runtime ? pi_runtime::Runtime::shared(pi_runtime::RuntimeOptions::forService(opencl)) : nullptr;
 }
 
 }  // namespace
 
-SsdRos::SsdRos(ros::NodeHandle node, ros::NodeHandle private_node, bool alone)
+SsdRos::SsdRos(ros::NodeHandle node, ros::NodeHandle private_node)
   : input_thread_("ssd_input")
   , loader_thread_("ssd_loader")
   , service_thread_("ssd_service")
@@ -50,7 +41,7 @@ SsdRos::SsdRos(ros::NodeHandle node, ros::NodeHandle private_node, bool alone)
   , private_node_(private_node)
   , options_(pi_node::loadNodeOptions<SsdRosOptions>(private_node, "ssd"))
   , topic_(node.resolveName("image"))
-  , runtime_(runtimeFor(options_, alone))
+  , runtime_(runtimeFor(options_))
   , warnings_(options_.warning_period_s, pi_node::warningLog<SsdRosOptions>("ssd"))
   , diagnostics_(service_node_, private_node, &warnings_, options_.input_timeout_s)
   , turn_(input_node_, options_.tracker.odom_frame, image_transport::getCameraInfoTopic(topic_), isRectified(topic_))
@@ -232,7 +223,6 @@ void SsdRos::publishDiagnostics()
   figures.topic = topic_;
   figures.subscribed = subscribed_;
   figures.threads = cv::getNumThreads();
-  figures.use_runtime = runtime_ != nullptr;
   if (figures.subscribed && figures.silent_s > options_.input_timeout_s)
   {
     warnings_.warn(topic_ + pi_node::format(": nothing for %.1f s", figures.silent_s) +

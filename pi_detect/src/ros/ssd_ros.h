@@ -35,9 +35,7 @@ class SsdRos
 {
 public:
   /// Advertises, and begins to load the model. @throws std::invalid_argument for wrong parameters.
-  /// @param alone  nothing else in the process uses the runtime. With target = CPU it then starts no OpenCL, whose
-  ///        driver takes 70 MB.
-  SsdRos(ros::NodeHandle node, ros::NodeHandle private_node, bool alone = false);
+  SsdRos(ros::NodeHandle node, ros::NodeHandle private_node);
   /// Waits for a model that is being loaded.
   ~SsdRos();
   SsdRos(const SsdRos&) = delete;

@@ -17,7 +17,7 @@ struct SsdRosOptions : pi_node::NodeParameters<SsdRosOptions>
 {
   std::string model = DEFAULT_MODEL;  ///< name of a network in config/models, or absolute path of a YAML file
   DetectorOptions detector;           ///< its filter is that of `detections`
-  bool use_runtime = true;            ///< tasks of pi_runtime::Runtime::shared(); false: plain calls
+  bool use_runtime = true;            ///< a stage of pi_runtime::Runtime::shared(); false: plain calls
   TrackerParameters tracker;
   bool picture_motion = true;  ///< where tf does not tell how the camera turned, pictures do
 

@@ -145,7 +145,7 @@ void SsdWorker::report(SsdFigures* figures)
   if (detector_)
   {
     figures->model = detector_->model().name;
-    figures->codelet = detector_->codeletName();
+    figures->runtime = detector_->target().used == Target::CPU ? detector_->stage().text() : "tasks";
     figures->target = detector_->target();
   }
 }

@@ -178,26 +178,24 @@ TEST_P(TinyDetector, KeepsTheBestDetections)
 
 TEST_P(TinyDetector, GivesTheSameThroughTheRuntime)
 {
-  const auto runtime = std::make_shared<pi_runtime::Runtime>();
+  const auto runtime = std::make_shared<pi_runtime::Runtime>(pi_runtime::RuntimeOptions::forService());
   Detector plain(model_, DetectorOptions(), nullptr);
-  Detector tasks(model_, DetectorOptions(), runtime);
+  Detector stage(model_, DetectorOptions(), runtime);
   for (int cell = 0; cell < 4; ++cell)
   {
     const cv::Mat picture = cellPicture(cell, 3 - cell);
     const DetectionResult expected = plain.detect(viewOf(picture, PictureView::Format::MONO8));
-    const DetectionResult result = tasks.detect(viewOf(picture, PictureView::Format::MONO8));
+    const DetectionResult result = stage.detect(viewOf(picture, PictureView::Format::MONO8));
     ASSERT_EQ(expected.detections.size(), result.detections.size());
     EXPECT_EQ(expected.detections[0].score, result.detections[0].score);
     EXPECT_EQ(expected.detections[0].box.x1, result.detections[0].box.x1);
-    EXPECT_FALSE(result.unit.empty());
     EXPECT_GT(result.forward_s, 0.0);
   }
-  bool has_entry = false;
-  for (const auto& entry : runtime->etcEntries())
-  {
-    has_entry = has_entry || entry.codelet == "network_tiny_cpu";
-  }
-  EXPECT_TRUE(has_entry) << "no entry of the network in the ETC table";
+  ASSERT_EQ(1u, runtime->streams().size());
+  EXPECT_EQ("detection", runtime->streams()[0].name);
+  EXPECT_EQ(4u, runtime->streams()[0].jobs);
+  EXPECT_EQ("nothing reserved: its times are measured first", stage.stage().text());
+  EXPECT_EQ("not used: plain calls", plain.stage().text());
 }
 
 TEST_P(TinyDetector, RefusesPicturesThatAreNone)

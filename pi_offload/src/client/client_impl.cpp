@@ -182,7 +182,7 @@ bool OffloadClient::Impl::encode(uint64_t number, const std::shared_ptr<const Ta
         std::string problem;
         try
         {
-          bytes = client.encoder_->encode(data->picture, encoding);
+          encode_stage.run([&] { bytes = client.encoder_->encode(data->picture, encoding); });
         }
         catch (const std::exception& error)
         {

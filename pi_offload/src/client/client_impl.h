@@ -1,5 +1,7 @@
 #pragma once
 
+#include <pi_runtime/stage.h>
+
 #include <atomic>
 #include <cstdint>
 #include <map>
@@ -48,7 +50,12 @@ struct OffloadClient::Impl
   };
 
   explicit Impl(OffloadClient* client)
-    : client(*client), eta(client->options_.engine.eta), encode_thread("offload_encode", EventThread::Callbacks())
+    : client(*client)
+    , eta(client->options_.engine.eta)
+    , encode_stage(client->options_.use_runtime ? pi_runtime::Runtime::shared(pi_runtime::RuntimeOptions::forService())
+                                                : nullptr,
+                   {"offload_encode"})
+    , encode_thread("offload_encode", EventThread::Callbacks())
   {
   }
 
@@ -86,6 +93,7 @@ struct OffloadClient::Impl
   const OffloadReply* result = nullptr;  ///< being handed to the engine
   uint64_t result_task = 0;
   std::atomic<size_t> pictures_waiting{0};
+  pi_runtime::Stage encode_stage;
   EventThread encode_thread;
 };
 

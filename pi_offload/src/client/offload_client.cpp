@@ -42,6 +42,11 @@ OffloadClient::OffloadClient(const OffloadClientOptions& options, Callbacks call
 {
 }
 
+std::string OffloadClient::encoding() const
+{
+  return impl_->encode_stage.status().text();
+}
+
 OffloadClient::~OffloadClient()
 {
   stop();

@@ -25,6 +25,7 @@ struct OffloadClientOptions
   SpRequester::Options link;  ///< without the address
   double unanswered_s = 1.0;  ///< without any answer for longer, the connection is renewed
   size_t max_encoding = 4;    ///< pictures that wait to be encoded; the vehicle does further ones
+  bool use_runtime = false;   ///< encoding is a stage of pi_runtime::Runtime::shared(); false: plain calls
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
@@ -105,6 +106,8 @@ public:
   };
   std::map<std::string, LinkStatus> links() const;
   const PictureEncoder& encoder() const { return *encoder_; }
+  /// How the stage offload_encode does. Any thread.
+  std::string encoding() const;
 
 private:
   struct Impl;

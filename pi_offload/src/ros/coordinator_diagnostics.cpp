@@ -93,6 +93,7 @@ void CoordinatorDiagnostics::reportOffloading(Status& status) const
   }
   status.add("JPEG [ms per 10^6 pixels]", format("%.1f", now_.jpeg_ms_per_mpixel));
   status.add("JPEG [bytes per pixel]", format("%.3f", now_.jpeg_bytes_per_pixel));
+  status.add("stage offload_encode", now_.encoding);
 }
 
 void CoordinatorDiagnostics::reportNodes(Status& status) const

@@ -36,6 +36,7 @@ struct CoordinatorFigures
   bool enabled = true;
   double jpeg_ms_per_mpixel = 0.0;
   double jpeg_bytes_per_pixel = 0.0;
+  std::string encoding;  ///< how the stage offload_encode does
   OffloadEngine::Statistics statistics;
   std::array<double, TASK_KINDS> p50_s{};
   std::array<double, TASK_KINDS> p99_s{};

@@ -113,6 +113,7 @@ CoordinatorFigures CoordinatorRos::figures(int64_t now_ns)
   figures.enabled = client_.enabled();
   figures.jpeg_ms_per_mpixel = 1e3 * client_.encoder().jpegSecondsPerMpixel();
   figures.jpeg_bytes_per_pixel = client_.encoder().jpegBytesPerPixel();
+  figures.encoding = client_.encoding();
   figures.statistics = client_.engine().statistics();
   for (size_t k = 0; k < TASK_KINDS; ++k)
   {

@@ -133,6 +133,7 @@ static void visitFields(CoordinatorRosOptions& options, Visitor&& visit)
   visit("zero_copy", options.zero_copy);
   visit("max_rate_hz", options.max_rate_hz);
   visit("keep_order", options.keep_order);
+  visit("use_runtime", client.use_runtime);
   visit("picture/encoding", client.encoder.mode);
   visit("picture/jpeg_quality", client.encoder.jpeg_quality);
   visit("picture/max_encoding", client.max_encoding);
@@ -197,6 +198,7 @@ double BatteryOptions::eta(double charge) const
 CoordinatorRosOptions::CoordinatorRosOptions()
 {
   client.link.max_queued_bytes = 8U << 20U;  // room for a raw picture beside others
+  client.use_runtime = true;
 }
 
 void CoordinatorRosOptions::validate() const

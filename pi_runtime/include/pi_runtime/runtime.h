@@ -29,6 +29,8 @@ struct UnitStatus
   std::string device;                  ///< name of the OpenCL device; empty if there is none
   std::string memory;                  ///< "direct", "mapped", "separate"
   std::vector<int> cores;              ///< CPU cores that it occupies
+  bool preemptive;                     ///< short jobs of streams interrupt longer ones; false: nothing is interrupted
+  std::string scheduling;              ///< scheduling classes of its threads, and what is missing for better ones
   unsigned compute_units;
   bool fp16;
   bool fp64;
@@ -60,13 +62,19 @@ struct StreamRequest
   std::chrono::nanoseconds deadline{0};  ///< after submission; 0: the period
   /// Longest run time; 0: mean + 3 deviations of the ETC table.
   std::chrono::nanoseconds wcet{0};
+  /// Longest part of a run between two calls of Stage::yield(); 0: the whole run, or a slice.
+  std::chrono::nanoseconds piece{0};
+  /// Never refused: without capacity, its jobs run behind all streams that have some. Its period may be 0: not known.
+  bool best_effort = false;
 };
 
 struct StreamStatus
 {
-  StreamId id;
+  StreamId id;  ///< NO_STREAM: of another process
+  int pid;
   std::string name;
-  std::string unit;  ///< where its capacity is reserved
+  std::string unit;  ///< where its capacity is reserved; empty: nowhere
+  int priority;      ///< real-time priority of its jobs; 0: none, they interrupt nothing
   double period_s;
   double deadline_s;
   double wcet_s;
@@ -79,8 +87,10 @@ struct StreamStatus
 
 struct Admission
 {
-  StreamId id = NO_STREAM;  ///< NO_STREAM: refused
-  std::string reason;       ///< why it was refused: one clause per unit
+  StreamId id = NO_STREAM;                      ///< NO_STREAM: refused
+  std::string unit;                             ///< where capacity is reserved; empty: nowhere
+  std::string reason;                           ///< why none is reserved: one clause per unit
+  std::chrono::nanoseconds shortest_period{0};  ///< with which it would fit; 0: it fits, or with none
   bool admitted() const { return id != NO_STREAM; }
 };
 
@@ -97,7 +107,8 @@ struct RuntimeStatistics
 
 /// Runs tasks on the computing units of this device: the paper's runtime layer (π-Edge, section IV).
 ///
-/// Each unit runs one task (or one slice) at a time. Tasks with deadlines go first (EDF). A unit with admitted streams
+/// Each unit runs one task (or one slice) at a time, which short jobs of streams may interrupt (preemption). Tasks with
+/// deadlines go first (EDF). A unit with admitted streams
 /// takes no work that could break their deadlines. The inter-core policy places independent tasks by the ETC table, the
 /// inner-core policy places graphs. An idle unit steals tasks that it would finish earlier. If a unit fails, its tasks
 /// move to other units.
@@ -129,8 +140,11 @@ public:
 
   /// Reserves capacity for a stream of jobs with deadlines on the unit where it fits best.
   Admission admit(const StreamRequest& request);
+  /// The stream with other figures; it keeps id and statistics. If these do not fit, it keeps its capacity as well.
+  Admission amend(StreamId id, const StreamRequest& request);
   /// Gives the capacity back. Unknown ids are ignored.
   void retire(StreamId id);
+  /// Those of this process, then those of others on the same units.
   std::vector<StreamStatus> streams() const;
 
   /// Runs the task on every unit and executor that can: once to compile and fill caches, then `runs` times for the ETC
@@ -160,6 +174,10 @@ public:
   double predict(const CodeletPtr& codelet, double size, const std::string& unit) const;
 
   TraceRecorder& trace();
+  /// Writes the trace as Chrome trace events, see writeChromeTrace(). With the environment variable PI_RUNTIME_TRACE set
+  /// to a folder each runtime records, and writes PROGRAM_PID.json into it at its end; merge_traces puts them together.
+  /// @throws std::runtime_error if the file cannot be written.
+  void writeTrace(const std::string& path);
 
 private:
   std::shared_ptr<RuntimeCore> core_;

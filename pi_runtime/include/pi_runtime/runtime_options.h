@@ -54,8 +54,9 @@ struct RuntimeOptions
   /// Pins the threads of CPU units, also PoCL's, to their cores. Isolates better from other programs, but a wake-up
   /// across cores takes longer (measured: 16 instead of 8 us for submit and wait).
   bool pin_threads = false;
-  /// Real-time priority (SCHED_FIFO) of the units' own threads; 0: none. Needs the right to it (CAP_SYS_NICE).
-  int thread_priority = 0;
+  /// Where the kernel grants real-time priorities, short jobs of admitted streams run on threads of their own and
+  /// interrupt what else the unit does; else nothing is interrupted. false: never.
+  bool preemption = true;
   std::vector<UnitTuning> tuning;
 
   InterCoreOptions inter_core;
@@ -81,6 +82,8 @@ struct RuntimeOptions
   /// Called without locks from any thread. Null: silent.
   std::function<void(LogLevel, const std::string&)> log;
 
+  /// Of a service with native stages. @param opencl  false: without OpenCL, whose driver takes 70 MB.
+  static RuntimeOptions forService(bool opencl = false);
   /// $XDG_CACHE_HOME/pi_runtime, else ~/.cache/pi_runtime, else none.
   static std::string defaultCacheFolder();
   /// @throws std::invalid_argument naming field, value and bound.

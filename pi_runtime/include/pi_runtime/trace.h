@@ -92,8 +92,10 @@ private:
 /// Writes records as Chrome trace events (Trace Event Format, JSON object form) for ui.perfetto.dev, chrome://tracing
 /// and draw_gantt. Each unit is a thread. "X" events are the transfer and the run of a task; the run has all fields of
 /// the record as arguments. "b" and "e" events are the wait for the unit. A task that never ran is an "i" event.
-/// @param units  names by unit number; units without a name are called "unit <number>".
+/// @param units    names by unit number; units without a name are called "unit <number>".
+/// @param process  its name. The events have the number of this process, so that traces of several can be put together
+///                 (merge_traces).
 void writeChromeTrace(std::ostream& stream, const std::vector<TaskTrace>& records,
-                      const std::vector<std::string>& units);
+                      const std::vector<std::string>& units, const std::string& process = "pi_runtime");
 
 }  // namespace pi_runtime

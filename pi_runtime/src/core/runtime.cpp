@@ -1,23 +1,53 @@
 #include <pi_runtime/runtime.h>
+#include <unistd.h>
 
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
 #include <mutex>
+#include <stdexcept>
 
 #include "core/runtime_core.h"
 
 namespace pi_runtime
 {
+namespace
+{
+
+constexpr const char* TRACE_FOLDER = "PI_RUNTIME_TRACE";
+constexpr size_t TRACED_TASKS = 100'000;  // 13 MB; a vehicle has 150 runs of stages per second
+
+}  // namespace
 
 Runtime::Runtime(const RuntimeOptions& options) : Runtime(options, {}) {}
 
 Runtime::Runtime(const RuntimeOptions& options, std::vector<CustomUnit> units)
   : core_(std::make_shared<RuntimeCore>(options, std::move(units)))
 {
+  if (std::getenv(TRACE_FOLDER) != nullptr)
+  {
+    trace().keepAtLeast(TRACED_TASKS);
+  }
   core_->start();
 }
 
 Runtime::~Runtime()
 {
   core_->stop();
+  const char* const folder = std::getenv(TRACE_FOLDER);
+  if (folder == nullptr)
+  {
+    return;
+  }
+  try
+  {
+    writeTrace(std::string(folder) + "/" + program_invocation_short_name + "_" + std::to_string(getpid()) + ".json");
+  }
+  catch (const std::exception& error)
+  {
+    core_->say(LogLevel::WARNING, std::string(TRACE_FOLDER) + ": " + error.what());
+  }
 }
 
 std::shared_ptr<Runtime> Runtime::shared(const RuntimeOptions& options)
@@ -52,6 +82,11 @@ std::vector<TaskHandle> Runtime::submitGraph(GraphRequest request)
 Admission Runtime::admit(const StreamRequest& request)
 {
   return core_->admit(request);
+}
+
+Admission Runtime::amend(StreamId id, const StreamRequest& request)
+{
+  return core_->amend(id, request);
 }
 
 void Runtime::retire(StreamId id)
@@ -122,6 +157,23 @@ void Runtime::clearEtc()
 double Runtime::predict(const CodeletPtr& codelet, double size, const std::string& unit) const
 {
   return core_->predict(codelet, size, unit);
+}
+
+void Runtime::writeTrace(const std::string& path)
+{
+  std::vector<std::string> names;
+  for (const UnitStatus& unit : units())
+  {
+    names.push_back(unit.name);
+  }
+  errno = 0;
+  std::ofstream file(path);
+  writeChromeTrace(file, trace().snapshot(), names, program_invocation_short_name);
+  file.close();
+  if (!file)
+  {
+    throw std::runtime_error("trace " + path + " cannot be written: " + std::strerror(errno));
+  }
 }
 
 TraceRecorder& Runtime::trace()

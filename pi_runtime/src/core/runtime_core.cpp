@@ -47,13 +47,14 @@ RuntimeCore::RuntimeCore(const RuntimeOptions& options, std::vector<CustomUnit> 
     }
   }
   loadEtc();
+  makeLanes();
 }
 
 void RuntimeCore::start()
 {
   for (const std::unique_ptr<Unit>& unit : units_)
   {
-    unit->worker = std::thread(&RuntimeCore::workerLoop, this, std::ref(*unit));
+    startWorker(*unit);
   }
   std::vector<TaskPtr> ended;
   Lock lock(mutex_);
@@ -67,7 +68,7 @@ void RuntimeCore::stop()
   std::vector<TaskPtr> ended;
   Lock lock(mutex_);
   stopping_ = true;
-  for (const std::unique_ptr<Unit>& unit : units_)
+  for (Unit* const unit : all_)
   {
     while (!unit->queue.empty())
     {
@@ -91,14 +92,14 @@ void RuntimeCore::stop()
   lock.lock();
   const auto at_rest = [this]
   {
-    return announcing_ == 0 && std::all_of(units_.begin(), units_.end(),
-                                           [](const std::unique_ptr<Unit>& unit)
-                                           { return unit->worker_left && unit->running.empty() && !unit->starting; });
+    return announcing_ == 0 &&
+           std::all_of(all_.begin(), all_.end(),
+                       [](const Unit* unit) { return unit->worker_left && unit->running.empty() && !unit->starting; });
   };
   const bool clean = idle_.wait_for(lock, options_.hang_timeout, at_rest);
   saveEtc(lock);
   ended.clear();
-  for (const std::unique_ptr<Unit>& unit : units_)
+  for (Unit* const unit : all_)
   {
     for (const TaskPtr& task : std::deque<TaskPtr>(unit->running))
     {
@@ -109,15 +110,11 @@ void RuntimeCore::stop()
     }
   }
   leave(lock, ended);
-  for (const std::unique_ptr<Unit>& unit : units_)
+  for (Unit* const unit : all_)
   {
-    if (clean)
+    if (unit->worker.joinable())
     {
-      unit->worker.join();
-    }
-    else
-    {
-      unit->worker.detach();
+      clean ? unit->worker.join() : unit->worker.detach();
     }
   }
   if (!clean)
@@ -258,15 +255,19 @@ bool RuntimeCore::enroll(TaskState& task, std::vector<TaskPtr>* ended)
     task.sequence = next_sequence_++;
   }
   task.record = &recordOf(task.request.codelet);
-  if (task.request.stream != NO_STREAM && !task.realTime())
+  const auto stream = streams_.find(task.request.stream);
+  if (stream != streams_.end() && !task.realTime() && stream->second.load.deadline_s > 0.0)
   {
-    task.deadline_ns = task.submitted_ns + pi_node::nanoseconds(streams_.at(task.request.stream).load.deadline_s);
+    task.deadline_ns = task.submitted_ns + pi_node::nanoseconds(stream->second.load.deadline_s);
   }
   task.urgency_ns = task.deadline_ns;
-  const auto stream = streams_.find(task.request.stream);
   if (stream != streams_.end())
   {
-    task.urgency_ns = std::max(task.urgency_ns, stream->second.server_deadline_ns);
+    const Stream& of = stream->second;
+    // Without capacity, it is behind those that have some, and before other work.
+    const bool behind = of.unit == nullptr && of.request.best_effort;
+    task.urgency_ns = behind ? NO_DEADLINE_NS : std::max(task.urgency_ns, of.server_deadline_ns);
+    task.request.priority = behind ? std::numeric_limits<int>::max() : task.request.priority;
   }
   return true;
 }
@@ -424,9 +425,14 @@ void RuntimeCore::setUnitAvailable(const std::string& name, bool available)
   }
   else
   {
-    moveStreams(*unit, &ended);
-    replaceQueued(
-        *unit, [](const TaskState&) { return true; }, &ended);
+    std::vector<Unit*> leaving = unit->lanes;
+    leaving.push_back(unit);
+    for (Unit* const each : leaving)
+    {
+      moveStreams(*each, &ended);
+      replaceQueued(
+          *each, [](const TaskState&) { return true; }, &ended);
+    }
   }
   pumpAll(lock, Caller::COMPLETION);
   leave(lock, ended);

@@ -13,6 +13,7 @@
 
 #include <pi_runtime/runtime.h>
 #include "core/task_state.h"
+#include "units/thread_class.h"
 #include "units/unit.h"
 
 namespace pi_runtime
@@ -54,6 +55,7 @@ public:
   void cancel(TaskState& task);
 
   Admission admit(const StreamRequest& request);
+  Admission amend(StreamId id, const StreamRequest& request);
   void retire(StreamId id);
   std::vector<StreamStatus> streams() const;
   std::vector<TaskResult> calibrate(const TaskRequest& request, int runs);
@@ -70,6 +72,10 @@ public:
   void clearEtc();
   double predict(const CodeletPtr& codelet, double size, const std::string& unit) const;
   TraceRecorder& trace() { return trace_; }
+  /// Call without the lock.
+  void say(LogLevel level, const std::string& text) const;
+  /// As Stage::yield(), for the task whose native function this thread runs; nothing if there is none.
+  static void yieldHere();
 
 private:
   using Lock = std::unique_lock<std::mutex>;
@@ -108,6 +114,8 @@ private:
   Unit* chooseForDeadline(const TaskState& task, const std::vector<Cost>& costs, int64_t now) const;
   TaskResult refusalOf(const TaskState& task, const std::vector<Cost>& costs) const;
   void assign(TaskState& task, Unit& unit, const Cost& cost);
+  /// The lane of the task's stream; null: it has none that is usable.
+  Unit* laneOf(const TaskState& task) const;
   /// Places and queues a task; ends it if no unit takes it. Ended tasks are appended to `ended`.
   Unit* place(TaskState& task, std::vector<TaskPtr>* ended);
   void placeBatch(Lock& lock, const std::vector<TaskPtr>& batch, std::vector<TaskPtr>* ended);
@@ -136,6 +144,12 @@ private:
   void workerLoop(Unit& unit);
   void watchLoop();
   void checkHanging(int64_t now, std::vector<TaskPtr>* ended);
+  void checkHanging(Unit& unit, int64_t now, std::vector<TaskPtr>* ended);
+  /// Takes the priority from jobs that use far more than their worst case.
+  void checkRunaways();
+  void makeLanes();
+  void startWorker(Unit& unit);
+  void setUpWorker(Unit& unit);
   void pumpAll(Lock& lock, Caller caller);
   void wakeIdleWorkers(const Unit& busy);
 
@@ -153,8 +167,6 @@ private:
   void leave(Lock& lock, const std::vector<TaskPtr>& ended);
   void announce(const std::vector<TaskPtr>& ended) const;
   Unit* findUnit(const std::string& name) const;
-  /// Call without the lock.
-  void say(LogLevel level, const std::string& text) const;
   /// Call with the lock; leave() writes the line.
   void note(const std::string& warning);
   void loadEtc();
@@ -166,8 +178,22 @@ private:
   void settle(GraphState& graph, uint32_t node, std::vector<TaskPtr>* ended);
   void release(GraphState& graph, uint32_t node, std::vector<TaskPtr>* ended);
 
+  /// The unit does more urgent tasks that wait for it, on the thread and within the function of the outer one.
+  void letUrgentRun(Unit& unit, TaskState& outer);
+
   // streams.cpp: what must be on time.
   void refreshBudget(Unit& unit);
+  /// Tells other processes of the streams of this one on the unit.
+  void publishStreams(const Unit& unit) const;
+  /// All admitted loads of the unit, also those of other processes.
+  std::vector<PeriodicLoad> loadsOn(const Unit& unit) const;
+  double reservedOn(const Unit& unit) const;  ///< part of its time
+  void leaveHome(StreamId id, Stream& stream);
+  void settleHome(StreamId id, Stream& stream, Unit& unit, const PeriodicLoad& load);
+  void fillAdmission(const Stream& stream, Admission* admission);
+  static std::string problemOf(const StreamRequest& request);
+  static StreamStatus statusOf(StreamId id, const Stream& stream);
+  std::chrono::nanoseconds shortestPeriod(const StreamRequest& request);
   void refreshOthersBudgets(std::vector<TaskPtr>* ended);
   /// Moves the streams of a failed unit to other units.
   void moveStreams(Unit& from, std::vector<TaskPtr>* ended);
@@ -185,12 +211,18 @@ private:
   std::string tryHomeInSlices(const Unit& unit, bool sliceable, PeriodicLoad* load) const;
   /// Why the load does not fit on the unit; empty if it does.
   std::string tryHome(const Unit& unit, const PeriodicLoad& load) const;
+  /// With a real-time priority if there is one and the load leaves enough for the ordinary class, else without.
+  std::string tryHomeInLanes(const Unit& unit, const StreamRequest& request, PeriodicLoad* load) const;
 
   const RuntimeOptions options_;
   std::vector<std::unique_ptr<Unit>> units_;
   TraceRecorder trace_;
 
-  mutable std::mutex mutex_;
+  std::vector<std::unique_ptr<Unit>> lanes_;
+  std::vector<Unit*> all_;     ///< units_ and lanes_
+  std::string not_real_time_;  ///< why nothing is interrupted; empty: short jobs interrupt
+
+  mutable InheritingMutex mutex_;
   InterCoreOptions inter_core_;
   InnerCoreOptions inner_core_;
   InterCoreScheduler single_scheduler_;
@@ -218,6 +250,9 @@ private:
   std::mutex planning_mutex_;  ///< taken before mutex_
   InterCoreScheduler batch_scheduler_;
 };
+
+/// Processor time of a thread [ns].
+int64_t threadCpuNs(pthread_t thread);
 
 /// For messages, as "12.3 ms".
 std::string milliseconds(double seconds);

@@ -24,6 +24,14 @@ QueueOrder parseQueueOrder(const std::string& name)
   throw std::invalid_argument("queue order \"" + name + "\" is unknown, must be edf or fifo");
 }
 
+RuntimeOptions RuntimeOptions::forService(bool opencl)
+{
+  RuntimeOptions options;
+  options.opencl_cpu = opencl;
+  options.opencl_gpu = opencl;
+  return options;
+}
+
 std::string RuntimeOptions::defaultCacheFolder()
 {
   const char* const cache = std::getenv("XDG_CACHE_HOME");
@@ -68,10 +76,6 @@ void RuntimeOptions::validate() const
   {
     throw std::invalid_argument("hang_timeout = " + std::to_string(hang_timeout.count()) +
                                 " ms, must be in [1, 86400000]");
-  }
-  if (thread_priority < 0 || thread_priority > 99)
-  {
-    throw std::invalid_argument("thread_priority = " + std::to_string(thread_priority) + ", must be in [0, 99]");
   }
   inter_core.validate();
 }

@@ -68,6 +68,8 @@ std::vector<UnitStatus> RuntimeCore::units() const
     status.device = unit->device;
     status.memory = toString(unit->memory);
     status.cores = unit->cores;
+    status.preemptive = !unit->lanes.empty();
+    status.scheduling = unit->scheduling;
     status.compute_units = unit->compute_units;
     status.fp16 = unit->fp16;
     status.fp64 = unit->fp64;
@@ -87,7 +89,18 @@ std::vector<UnitStatus> RuntimeCore::units() const
     // What runs now counts up to now.
     const int64_t running_ns =
         unit->running.empty() ? 0 : now - std::max(unit->running.front()->started_ns, unit->last_end_ns);
-    const int64_t busy_ns = unit->busy_ns + running_ns;
+    int64_t busy_ns = unit->busy_ns + running_ns;
+    for (const Unit* const lane : unit->lanes)
+    {
+      status.queued += lane->queue.size();
+      status.running += lane->running.size();
+      status.load_s += readyIn(*lane, now, nullptr);
+      status.tasks += lane->tasks;
+      status.failures += lane->failures;
+      status.deadline_tasks += lane->deadline_tasks;
+      status.missed_deadlines += lane->missed_deadlines;
+      busy_ns += lane->busy_ns;
+    }
     status.busy_s = pi_node::seconds(busy_ns);
     const int64_t since = now - unit->reported_at_ns;
     status.utilisation =

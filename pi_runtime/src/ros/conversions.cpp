@@ -32,6 +32,8 @@ Unit toMsg(const UnitStatus& status)
   message.executors = status.executors;
   message.device = status.device;
   message.memory = status.memory;
+  message.preemptive = status.preemptive;
+  message.scheduling = status.scheduling;
   message.cores.assign(status.cores.begin(), status.cores.end());
   message.compute_units = status.compute_units;
   message.fp16 = status.fp16;
@@ -72,8 +74,10 @@ Stream toMsg(const StreamStatus& status)
 {
   Stream message;
   message.id = status.id;
+  message.pid = status.pid;
   message.name = status.name;
   message.unit = status.unit;
+  message.priority = static_cast<uint8_t>(status.priority);
   message.period_s = status.period_s;
   message.deadline_s = status.deadline_s;
   message.wcet_s = status.wcet_s;

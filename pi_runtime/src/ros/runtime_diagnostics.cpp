@@ -87,6 +87,7 @@ void RuntimeDiagnostics::reportUnit(const UnitView& unit, Status& status) const
   }
   status.add("type", toString(now.type));
   status.add("device", now.device);
+  status.add("scheduling", now.scheduling);
   status.add("utilisation", format("%.3f", utilisation));
   status.add("queued", now.queued);
   status.add("running", now.running);

@@ -2,6 +2,7 @@
 #include "ros/conversions.h"
 
 #include <pi_node/durations.h>
+#include <pi_runtime/RuntimeStatus.h>
 #include <boost/make_shared.hpp>
 #include <utility>
 
@@ -69,6 +70,7 @@ RuntimeRos::RuntimeRos(ros::NodeHandle node, ros::NodeHandle private_node)
   }
   const auto queue_size = static_cast<uint32_t>(options_.max_tasks);
   results_ = private_node_.advertise<TaskReport>("results", queue_size);
+  status_ = private_node_.advertise<RuntimeStatus>("status", 1);
   tasks_subscriber_ =
       private_node_.subscribe("tasks", queue_size, &RuntimeRos::onTask, this, ros::TransportHints().tcpNoDelay());
   advertiseServices();
@@ -78,6 +80,7 @@ RuntimeRos::RuntimeRos(ros::NodeHandle node, ros::NodeHandle private_node)
                                              {
                                                tasks_->expire();
                                                diagnostics_.update();
+                                               publishStatus();
                                              });
   ROS_INFO_STREAM_NAMED("runtime", "parameters: " << options_.toText());
   for (const UnitStatus& unit : runtime_->units())
@@ -114,6 +117,25 @@ void RuntimeRos::advertiseServices()
 void RuntimeRos::onTask(const TaskConstPtr& task)
 {
   tasks_->run(task, [results = results_](const TaskReportConstPtr& report) { results.publish(report); });
+}
+
+void RuntimeRos::publishStatus()
+{
+  if (status_.getNumSubscribers() == 0)
+  {
+    return;
+  }
+  RuntimeStatus status;
+  status.stamp = ros::Time::now();
+  for (const UnitStatus& unit : runtime_->units())
+  {
+    status.units.push_back(toMsg(unit));
+  }
+  for (const StreamStatus& stream : runtime_->streams())
+  {
+    status.streams.push_back(toMsg(stream));
+  }
+  status_.publish(status);
 }
 
 std::string RuntimeRos::waitFor(const std::vector<RemoteTasks::EntryPtr>& entries, std::chrono::nanoseconds timeout)

@@ -43,6 +43,7 @@ public:
 private:
   void advertiseServices();
   void onTask(const TaskConstPtr& task);
+  void publishStatus();
 
   bool submitTask(SubmitTask::Request& request, SubmitTask::Response& response);
   bool submitGraph(SubmitGraph::Request& request, SubmitGraph::Response& response);
@@ -65,6 +66,7 @@ private:
   RuntimeDiagnostics diagnostics_;
   std::atomic<int> waiting_calls_{0};
   ros::Publisher results_;
+  ros::Publisher status_;
   ros::Subscriber tasks_subscriber_;
   std::vector<ros::ServiceServer> services_;
   std::unique_ptr<RuntimeServices> runtime_services_;

@@ -64,7 +64,7 @@ static void visitFields(RuntimeRosOptions& options, Visitor&& visit)
   visit("opencl_gpu", runtime.opencl_gpu);
   visit("cpu_memory", runtime.cpu_memory);
   visit("pin_threads", runtime.pin_threads);
-  visit("thread_priority", runtime.thread_priority);
+  visit("preemption", runtime.preemption);
   visit("tuning", runtime.tuning);
   visit("inter_core/policy", runtime.inter_core.policy);
   visit("inter_core/diff_min_order", runtime.inter_core.diff_min_order);

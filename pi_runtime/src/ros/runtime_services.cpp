@@ -3,10 +3,7 @@
 #include <pi_node/child_process.h>
 
 #include <algorithm>
-#include <cerrno>
 #include <cstdio>
-#include <cstring>
-#include <fstream>
 #include <stdexcept>
 
 #include "ros/conversions.h"
@@ -33,20 +30,7 @@ bool answer(Response& response, const Action& action)
   return true;
 }
 
-void writeChromeFile(const std::string& path, const std::vector<TaskTrace>& records,
-                     const std::vector<std::string>& units)
-{
-  errno = 0;
-  std::ofstream file(path);
-  writeChromeTrace(file, records, units);
-  file.close();
-  if (!file)
-  {
-    throw std::runtime_error("chrome_path " + path + " cannot be written: " + std::strerror(errno));
-  }
-}
-
-/// @param trace_path  file that writeChromeFile() has written.
+/// @param trace_path  file that Runtime::writeTrace() has written.
 /// @param keep  false: removes that file.
 void drawGantt(const std::string& trace_path, bool keep, const std::string& picture_path)
 {
@@ -174,7 +158,8 @@ bool RuntimeServices::retireStream(RetireStream::Request& request, RetireStream:
                 [&]
                 {
                   const std::vector<StreamStatus> streams = runtime_->streams();
-                  if (std::none_of(streams.begin(), streams.end(),
+                  if (request.id == NO_STREAM ||
+                      std::none_of(streams.begin(), streams.end(),
                                    [&request](const StreamStatus& stream) { return stream.id == request.id; }))
                   {
                     throw std::invalid_argument("no stream " + std::to_string(request.id) + " is admitted");
@@ -210,16 +195,10 @@ bool RuntimeServices::saveTrace(SaveTrace::Request& request, SaveTrace::Response
                   {
                     throw std::runtime_error("nothing is recorded; start the runtime with trace_capacity above 0");
                   }
-                  const std::vector<TaskTrace> records = runtime_->trace().snapshot();
-                  std::vector<std::string> units;
-                  for (const UnitStatus& unit : runtime_->units())
-                  {
-                    units.push_back(unit.name);
-                  }
                   // Without chrome_path the trace is only a file between this node and draw_gantt.
                   const bool keep = !request.chrome_path.empty();
                   const std::string path = keep ? request.chrome_path : request.gantt_path + ".trace.json";
-                  writeChromeFile(path, records, units);
+                  runtime_->writeTrace(path);
                   response.message = keep ? path : "";
                   if (!request.gantt_path.empty())
                   {
@@ -227,7 +206,7 @@ bool RuntimeServices::saveTrace(SaveTrace::Request& request, SaveTrace::Response
                     response.message += (keep ? ", " : "") + request.gantt_path;
                   }
                   response.message += " written";
-                  response.tasks = static_cast<uint32_t>(records.size());
+                  response.tasks = static_cast<uint32_t>(runtime_->trace().snapshot().size());
                 });
 }
 

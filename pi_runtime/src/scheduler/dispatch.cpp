@@ -2,6 +2,7 @@
 #include <pi_node/durations.h>
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "core/runtime_core.h"
 
@@ -19,6 +20,15 @@ bool hasInOut(const TaskRequest& request)
                      [](const Argument& argument)
                      { return argument.isBuffer() && argument.access() == Access::READ_WRITE; });
 }
+
+/// The task whose native function this thread runs.
+struct TaskHere
+{
+  RuntimeCore* core = nullptr;
+  Unit* unit = nullptr;
+  TaskState* task = nullptr;
+};
+thread_local TaskHere task_here;
 
 Execution executionOf(const TaskState& task)
 {
@@ -136,7 +146,7 @@ void RuntimeCore::pump(Lock& lock, Unit& unit, Caller caller)
     if (unit.queue.empty())
     {
       releaseArbiter(unit);
-      if (!unit.running.empty() || !options_.stealing)
+      if (!unit.running.empty() || !options_.stealing || unit.base != nullptr)
       {
         return;
       }
@@ -198,11 +208,21 @@ void RuntimeCore::startTask(Lock& lock, Unit& unit, TaskState& task)
   }
   unit.running.push_back(task.self);
   unit.starting = true;
+  if (unit.base != nullptr)
+  {
+    if (std::exchange(unit.demoted, false))
+    {
+      setRealTimePriority(pthread_self(), unit.priority);
+    }
+    unit.cpu_begin_ns = threadCpuNs(pthread_self());
+  }
   Executor& executor = *unit.executors[static_cast<size_t>(task.executor)].executor;
   lock.unlock();
+  const TaskHere outer = std::exchange(task_here, executor.asynchronous() ? TaskHere() : TaskHere{this, &unit, &task});
   // The task owns itself until onFinished(); two pointers fit into std::function without memory of their own.
   executor.start(executionOf(task),
                  [this, state = &task](const ExecutionReport& report) { onFinished(*state, report); });
+  task_here = outer;
   lock.lock();
   unit.starting = false;
   if (stopping_)
@@ -211,13 +231,68 @@ void RuntimeCore::startTask(Lock& lock, Unit& unit, TaskState& task)
   }
 }
 
+void RuntimeCore::yieldHere()
+{
+  if (task_here.core != nullptr)
+  {
+    task_here.core->letUrgentRun(*task_here.unit, *task_here.task);
+  }
+}
+
+void RuntimeCore::letUrgentRun(Unit& unit, TaskState& outer)
+{
+  Lock lock(mutex_);
+  const auto urgent = [&]
+  {
+    return !unit.queue.empty() && unit.queue.key_comp()(*unit.queue.begin(), &outer) &&
+           !unit.executors[static_cast<size_t>((*unit.queue.begin())->executor)].executor->asynchronous();
+  };
+  const bool others =
+      unit.holds_arbiter && unit.arbiter->contended() && unit.arbiter->nextDeadline() < outer.urgency_ns;
+  if (stopping_ || outer.phase != TaskState::Phase::RUNNING || !(urgent() || others))
+  {
+    return;
+  }
+  // As if a slice ended here, but for the stack.
+  account(unit, outer, ExecutionReport(), pi_node::monotonicNs());
+  ++outer.result.slices;
+  unit.running.erase(std::remove(unit.running.begin(), unit.running.end(), outer.self), unit.running.end());
+  while (urgent() && !stopping_)
+  {
+    startTask(lock, unit, **unit.queue.begin());
+    unit.starting = true;  // the outer one is still being run
+  }
+  if (others)
+  {
+    unit.holds_arbiter = false;
+    unit.arbiter->release();
+    unit.waits_for_arbiter = true;
+    while (!unit.holds_arbiter && !stopping_)
+    {
+      lock.unlock();
+      const bool taken = unit.arbiter->acquire(outer.urgency_ns, outer.request.priority, std::chrono::seconds(1));
+      lock.lock();
+      unit.holds_arbiter = taken;
+    }
+    unit.waits_for_arbiter = false;
+  }
+  unit.running.push_front(outer.self);
+  outer.started_ns = pi_node::monotonicNs();
+  if (unit.base != nullptr)
+  {
+    unit.cpu_begin_ns = threadCpuNs(pthread_self());
+  }
+}
+
 void RuntimeCore::account(Unit& unit, TaskState& task, const ExecutionReport& report, int64_t now)
 {
   const int64_t begin = std::max(task.started_ns, unit.last_end_ns);
   unit.last_end_ns = now;
-  unit.busy_ns += now - begin;
-  chargeStream(task, now - begin);
-  task.run_ns += std::max<int64_t>(now - begin - report.transfer_ns, 0);
+  // In a lane other jobs may have run in between; the worker itself comes here.
+  const int64_t used = unit.base != nullptr ? threadCpuNs(pthread_self()) - unit.cpu_begin_ns : now - begin;
+  unit.busy_ns += used;
+  chargeStream(task, used);
+  task.run_ns += std::max<int64_t>(used - report.transfer_ns, 0);
   task.result.transfer_ns += report.transfer_ns;
   task.result.unit = unit.name;
   task.result.executor = unit.executors[static_cast<size_t>(task.executor)].executor->name();
@@ -424,7 +499,7 @@ void RuntimeCore::failUnit(Unit& unit, const std::string& reason, std::vector<Ta
 
 void RuntimeCore::pumpAll(Lock& lock, Caller caller)
 {
-  for (const std::unique_ptr<Unit>& unit : units_)
+  for (Unit* const unit : all_)
   {
     pump(lock, *unit, caller);
   }

@@ -13,6 +13,13 @@ struct PeriodicLoad
   double wcet_s;      ///< longest execution time, > 0
   /// Longest part of a job that cannot be interrupted: wcet_s, or the length of a slice.
   double chunk_s;
+  int priority = 0;  ///< real-time priority of its jobs; 0: none, they do not interrupt others
+
+  bool operator==(const PeriodicLoad& other) const
+  {
+    return period_s == other.period_s && deadline_s == other.deadline_s && wcet_s == other.wcet_s &&
+           chunk_s == other.chunk_s && priority == other.priority;
+  }
 };
 
 struct EdfVerdict

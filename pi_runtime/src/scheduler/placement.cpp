@@ -320,6 +320,16 @@ void RuntimeCore::assign(TaskState& task, Unit& unit, const Cost& cost)
   unit.push(task);
 }
 
+Unit* RuntimeCore::laneOf(const TaskState& task) const
+{
+  const auto stream = streams_.find(task.request.stream);
+  Unit* const home = stream != streams_.end() ? stream->second.unit : nullptr;
+  return home != nullptr && home->base != nullptr && home->usable() && task.request.unit.empty() &&
+                 canRun(home->executors.front(), *task.record)
+             ? home
+             : nullptr;
+}
+
 Unit* RuntimeCore::place(TaskState& task, std::vector<TaskPtr>* ended)
 {
   if (stopping_)
@@ -328,6 +338,12 @@ Unit* RuntimeCore::place(TaskState& task, std::vector<TaskPtr>* ended)
     return nullptr;
   }
   Cost cost;
+  if (Unit* const lane = laneOf(task))
+  {
+    cost = executorCost(task, *lane, 0);
+    assign(task, *lane, cost);
+    return lane;
+  }
   TaskResult refusal;
   Unit* const unit = choose(task, &cost, &refusal);
   if (unit == nullptr)

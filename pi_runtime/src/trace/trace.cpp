@@ -1,6 +1,8 @@
 #include <pi_node/durations.h>
 #include <pi_runtime/trace.h>
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <cinttypes>
 #include <cmath>
@@ -51,13 +53,14 @@ public:
   /// @param phase  the "ph" of the format. @param rest  further members, each with a comma in front.
   void write(const char* phase, std::string_view name, const std::string& rest)
   {
-    stream_ << (first_ ? "\n" : ",\n") << R"({"ph":")" << phase << R"(","pid":1,"name":)" << jsonString(name) << rest
-            << "}";
+    stream_ << (first_ ? "\n" : ",\n") << R"({"ph":")" << phase << R"(","pid":)" << pid_ << R"(,"name":)"
+            << jsonString(name) << rest << "}";
     first_ = false;
   }
 
 private:
   std::ostream& stream_;
+  const int pid_ = getpid();
   bool first_ = true;
 };
 
@@ -189,11 +192,11 @@ void TraceRecorder::keepAtLeast(size_t capacity)
 }
 
 void writeChromeTrace(std::ostream& stream, const std::vector<TaskTrace>& records,
-                      const std::vector<std::string>& units)
+                      const std::vector<std::string>& units, const std::string& process)
 {
   stream << R"({"displayTimeUnit":"ms","traceEvents":[)";
   EventWriter writer(stream);
-  writer.write("M", "process_name", R"(,"args":{"name":"pi_runtime"})");
+  writer.write("M", "process_name", ",\"args\":{\"name\":" + jsonString(process) + "}");
   size_t count = units.size();
   for (const TaskTrace& record : records)
   {

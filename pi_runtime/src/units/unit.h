@@ -51,6 +51,12 @@ struct Unit
   bool fp64 = true;
   UnitTuning tuning;
   std::unique_ptr<UnitArbiter> arbiter;  ///< null: not shared with other processes
+  /// A lane: runs the native jobs of one real-time priority on the cores of its base, and interrupts the base and lower
+  /// lanes by the operating system. It has a worker as soon as it has a stream.
+  Unit* base = nullptr;
+  int priority = 0;          ///< of a lane: SCHED_FIFO
+  std::vector<Unit*> lanes;  ///< of a base, by priority from LOWEST_PRIORITY on; empty: it is not pre-emptive
+  std::string scheduling;    ///< of a base: class of its threads, for people
 
   bool failed = false;
   bool withdrawn = false;  ///< by setUnitAvailable()
@@ -67,9 +73,12 @@ struct Unit
   std::thread worker;
   std::condition_variable wake;
   bool worker_left = false;
+  int64_t cpu_begin_ns = 0;   ///< of a lane: processor time of its worker when the job or slice began
+  bool demoted = false;       ///< of a lane: its job ran away and has lost the priority
   int64_t look_again_ns = 0;  ///< when the idle worker looks for work to steal again; 0: when woken
 
   std::vector<std::pair<StreamId, PeriodicLoad>> streams;
+  std::vector<PeriodicLoad> analysed;                                  ///< those that blocking_budget_s is for
   double blocking_budget_s = std::numeric_limits<double>::infinity();  ///< by the streams of this process
   double others_budget_s = std::numeric_limits<double>::infinity();    ///< by those of other processes
 
@@ -82,8 +91,10 @@ struct Unit
   mutable int64_t reported_busy_ns = 0;  ///< at the last report
   mutable int64_t reported_at_ns = 0;
 
-  bool usable() const { return !failed && !withdrawn; }
+  bool usable() const { return !failed && !withdrawn && (base == nullptr || base->usable()); }
   std::string whyOut() const { return failed ? failure : withdrawn ? "taken out by request" : ""; }
+  Unit& own() { return base != nullptr ? *base : *this; }
+  const Unit& own() const { return base != nullptr ? *base : *this; }
   /// A task that counts as hanging still runs on it.
   bool hangs() const
   {
@@ -105,6 +116,9 @@ struct Unit
     queued_s = queue.empty() ? 0.0 : queued_s - task.expected_s;
   }
 };
+
+/// A lane of the unit, which has native functions.
+std::unique_ptr<Unit> makeLane(Unit* base, int priority);
 
 /// The units of the options, without threads. @param problems  one line per device that cannot be used.
 std::vector<std::unique_ptr<Unit>> makeUnits(const RuntimeOptions& options, std::vector<CustomUnit> custom,

@@ -5,6 +5,8 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
+#include <cstring>
 #include <stdexcept>
 #include <tuple>
 
@@ -59,6 +61,7 @@ void wakeWaiter(UnitTable::Place& place)
 UnitArbiter::UnitArbiter(const std::string& key, const std::string& folder) : file_(key, folder)
 {
   setBlockingBudget(NO_BUDGET);
+  setStreams({});
   // The last user of the place may have been killed as a waiter, just now be handed the unit, or have held it.
   withdraw();
   if (held())
@@ -350,6 +353,71 @@ int64_t UnitArbiter::nextDeadline() const
     }
   }
   return earliest_ns;
+}
+
+void UnitArbiter::setStreams(const std::vector<SharedStream>& streams)
+{
+  UnitTable::Place& own = ownPlace();
+  const size_t count = std::min(streams.size(), UnitTable::MOST_STREAMS);
+  // A sequence lock: odd while it is written, also after a user of the place was killed in between.
+  const uint32_t odd = own.streams_version.load(std::memory_order_relaxed) | 1U;
+  own.streams_version.store(odd, std::memory_order_relaxed);
+  std::atomic_thread_fence(std::memory_order_seq_cst);
+  for (size_t stream = 0; stream < count; ++stream)
+  {
+    std::array<uint64_t, SharedStream::WORDS> words;
+    std::memcpy(words.data(), &streams[stream], sizeof words);
+    for (size_t word = 0; word < words.size(); ++word)
+    {
+      own.streams[stream][word].store(words[word], std::memory_order_relaxed);
+    }
+  }
+  own.stream_count.store(static_cast<uint32_t>(count), std::memory_order_relaxed);
+  std::atomic_thread_fence(std::memory_order_seq_cst);
+  own.streams_version.store(odd + 1, std::memory_order_release);
+  // Two processes that look at the other's streams after this: at least one of them sees both.
+  std::atomic_thread_fence(std::memory_order_seq_cst);
+}
+
+std::vector<UnitArbiter::OthersStream> UnitArbiter::othersStreams() const
+{
+  constexpr int MOST_TRIES = 1000;
+  const UnitTable& table = file_.table();
+  std::vector<OthersStream> result;
+  for (uint32_t index = 0; index < UnitTable::PLACES; ++index)
+  {
+    const UnitTable::Place& place = table.place[index];
+    if (index == file_.ownPlace() || place.stream_count.load(std::memory_order_relaxed) == 0 || !file_.isAlive(index))
+    {
+      continue;
+    }
+    std::vector<OthersStream> streams;
+    for (int tries = 0; tries < MOST_TRIES; ++tries)
+    {
+      streams.clear();
+      const uint32_t version = place.streams_version.load(std::memory_order_acquire);
+      const size_t count =
+          std::min<size_t>(place.stream_count.load(std::memory_order_relaxed), UnitTable::MOST_STREAMS);
+      for (size_t stream = 0; stream < count; ++stream)
+      {
+        std::array<uint64_t, SharedStream::WORDS> words;
+        for (size_t word = 0; word < words.size(); ++word)
+        {
+          words[word] = place.streams[stream][word].load(std::memory_order_relaxed);
+        }
+        streams.push_back({place.pid.load(std::memory_order_relaxed), {}});
+        std::memcpy(static_cast<void*>(&streams.back().stream), words.data(), sizeof words);
+        streams.back().stream.name[sizeof(SharedStream::name) - 1] = '\0';
+      }
+      std::atomic_thread_fence(std::memory_order_acquire);
+      if (version % 2 == 0 && place.streams_version.load(std::memory_order_relaxed) == version)
+      {
+        break;
+      }
+    }
+    result.insert(result.end(), streams.begin(), streams.end());
+  }
+  return result;
 }
 
 void UnitArbiter::setBlockingBudget(int64_t budget_ns)

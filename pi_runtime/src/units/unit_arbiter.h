@@ -7,6 +7,7 @@
 #include <limits>
 #include <mutex>
 #include <string>
+#include <vector>
 
 #include "units/unit_table.h"
 
@@ -69,6 +70,16 @@ public:
   size_t waiters() const;
   /// Earliest deadline of the other processes that wait and live; NO_DEADLINE if there is none.
   int64_t nextDeadline() const;
+
+  /// Publishes the streams of this process on the unit, MOST_STREAMS at most. One thread at a time.
+  void setStreams(const std::vector<SharedStream>& streams);
+  struct OthersStream
+  {
+    int pid;
+    SharedStream stream;
+  };
+  /// Those of the other living processes.
+  std::vector<OthersStream> othersStreams() const;
 
   /// Publishes the longest task without a deadline that this process tolerates on the unit [ns].
   void setBlockingBudget(int64_t budget_ns);

@@ -7,8 +7,8 @@
 #include <numeric>
 #include <stdexcept>
 
-#include "units/native_executor.h"
 #include "opencl/opencl_executor.h"
+#include "units/native_executor.h"
 #include "units/slow_executor.h"
 #include "units/unit.h"
 
@@ -280,6 +280,23 @@ private:
 };
 
 }  // namespace
+
+std::unique_ptr<Unit> makeLane(Unit* base, int priority)
+{
+  auto lane = std::make_unique<Unit>(false);
+  lane->name = base->name;
+  lane->index = base->index;
+  lane->type = base->type;
+  lane->cores = base->cores;
+  lane->base = base;
+  lane->priority = priority;
+  UnitExecutor entry;
+  entry.executor = std::make_unique<NativeExecutor>(base->type);
+  entry.column = base->executors.front().column;
+  lane->executors.push_back(std::move(entry));
+  lane->worker_left = true;  // until it has a stream
+  return lane;
+}
 
 std::vector<std::unique_ptr<Unit>> makeUnits(const RuntimeOptions& options, std::vector<CustomUnit> custom,
                                              std::vector<std::string>* problems)

@@ -43,7 +43,8 @@ int fileLock(int file, int command, short type, off_t start, off_t length)
   return command == F_OFD_GETLK && result == 0 && lock.l_type != F_UNLCK ? 1 : result;
 }
 
-/// "pi_runtime.<uid>.<key as far as file names can say it>.<hash of the key>"
+/// "pi_runtime.<uid>.<key as far as file names can say it>.<hash of key and version>": programs of another version of
+/// the table have another file.
 std::string fileName(const std::string& key)
 {
   constexpr size_t LEGIBLE = 64;
@@ -52,8 +53,11 @@ std::string fileName(const std::string& key)
   std::string legible;
   for (const char character : key)
   {
-    hash = (hash ^ static_cast<uint8_t>(character)) * 1099511628211U;
     legible += plain.find(character) != std::string::npos ? character : '_';
+  }
+  for (const char character : key + "/" + std::to_string(UnitTable::VERSION))
+  {
+    hash = (hash ^ static_cast<uint8_t>(character)) * 1099511628211U;
   }
   char digits[17];
   std::snprintf(digits, sizeof digits, "%016llx", static_cast<unsigned long long>(hash));

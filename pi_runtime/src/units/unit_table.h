@@ -1,11 +1,32 @@
 #pragma once
 
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <string>
 
 namespace pi_runtime
 {
+
+/// What a process tells the others of one of its streams. Kept in words, as other processes read while it is written.
+struct SharedStream
+{
+  static constexpr size_t WORDS = 14;
+
+  char name[40] = "";
+  double period_s = 0.0;  ///< these four as PeriodicLoad
+  double deadline_s = 0.0;
+  double wcet_s = 0.0;
+  double chunk_s = 0.0;
+  uint64_t jobs = 0;
+  uint64_t missed = 0;
+  float p50_s = 0.0F;
+  float p99_s = 0.0F;
+  float max_s = 0.0F;
+  int32_t priority = 0;   ///< real-time priority of its jobs; 0: none
+  uint64_t reserved = 0;  ///< 0: its jobs run without reserved capacity
+};
+static_assert(sizeof(SharedStream) == SharedStream::WORDS * sizeof(uint64_t));
 
 /// Memory that the processes which share one computing unit map. A process may die between any two stores.
 ///
@@ -14,8 +35,9 @@ namespace pi_runtime
 struct UnitTable
 {
   static constexpr uint64_t MAGIC = 0x656c62617452502e;  // ".PRtable"
-  static constexpr uint32_t VERSION = 1;
+  static constexpr uint32_t VERSION = 2;
   static constexpr uint32_t PLACES = 64;
+  static constexpr size_t MOST_STREAMS = 16;  ///< of one process
 
   /// One UnitArbiter of one process.
   struct alignas(64) Place
@@ -27,6 +49,9 @@ struct UnitTable
     std::atomic<int64_t> deadline_ns;
     std::atomic<uint64_t> arrival;  ///< serial number of `holder` when it began to wait
     std::atomic<int64_t> blocking_budget_ns;
+    std::atomic<uint32_t> streams_version;  ///< odd while the streams are written
+    std::atomic<uint32_t> stream_count;
+    std::atomic<uint64_t> streams[MOST_STREAMS][SharedStream::WORDS];
   };
 
   std::atomic<uint64_t> magic;  ///< written last when the table is made; 0: not complete

@@ -192,6 +192,7 @@ public:
     options.opencl_cpu = false;
     options.opencl_gpu = false;
     options.arbitration = false;
+    options.preemption = false;
     options.cache_folder.clear();
     return options;
   }

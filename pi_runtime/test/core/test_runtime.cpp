@@ -2,8 +2,14 @@
 #include <pi_runtime/runtime.h>
 
 #include <gtest/gtest.h>
+#include <pi_node/test_support/temporary_folder.h>
+#include <unistd.h>
 
+#include <cerrno>
 #include <cmath>
+#include <cstdlib>
+#include <fstream>
+#include <iterator>
 #include <thread>
 
 #include "core/fake_executor.h"
@@ -55,6 +61,34 @@ TEST(RuntimeTest, RunsANativeFunctionOnItsArguments)
   EXPECT_LE(result.started_ns, result.finished_ns);
   EXPECT_EQ(0, result.deadline_ns);
   EXPECT_EQ(1u, result.slices);
+}
+
+TEST(RuntimeTest, LeavesItsTraceInTheFolderOfTheEnvironment)
+{
+  const pi_node::test_support::TemporaryFolder folder;
+  ::setenv("PI_RUNTIME_TRACE", folder.path().c_str(), 1);
+  {
+    Runtime runtime(nativeOptions());
+    EXPECT_TRUE(runtime.submit(requestOf(nativeCodelet("traced", [](const NativeCall&) {}))).wait().ok());
+  }
+  ::unsetenv("PI_RUNTIME_TRACE");
+  std::ifstream file(folder.path() + "/" + program_invocation_short_name + "_" + std::to_string(getpid()) + ".json");
+  const std::string text{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+  EXPECT_NE(std::string::npos, text.find("\"codelet\":\"traced\"")) << text;
+}
+
+TEST(RuntimeTest, SaysThatItsTraceCannotBeWritten)
+{
+  ::setenv("PI_RUNTIME_TRACE", "/nowhere", 1);
+  RuntimeOptions options = nativeOptions();
+  std::string said;
+  options.log = [&said](LogLevel, const std::string& text) { said = text; };
+  {
+    Runtime runtime(options);
+  }
+  ::unsetenv("PI_RUNTIME_TRACE");
+  EXPECT_EQ(0u, said.find("PI_RUNTIME_TRACE: trace /nowhere/")) << said;
+  EXPECT_NE(std::string::npos, said.find("cannot be written: No such file or directory")) << said;
 }
 
 TEST(RuntimeTest, AThrowingFunctionFailsItsTaskWithTheText)
@@ -371,7 +405,6 @@ TEST(RuntimeTest, ImpossibleOptionsAreErrors)
   impossible([](RuntimeOptions& options) { options.pipeline = -1us; });
   impossible([](RuntimeOptions& options) { options.hang_timeout = 0ms; });
   impossible([](RuntimeOptions& options) { options.hang_timeout = std::chrono::milliseconds::max(); });
-  impossible([](RuntimeOptions& options) { options.thread_priority = 100; });
   impossible([](RuntimeOptions& options) { options.tuning = {{"cpu0", 0.0, 0.0, 0.5}}; });
   impossible([](RuntimeOptions& options) { options.tuning = {{"cpu0", INFINITY, 0.0, 1.0}}; });
   impossible([](RuntimeOptions& options) { options.tuning = {{"cpu99", 0.0, 0.0, 1.0}}; });

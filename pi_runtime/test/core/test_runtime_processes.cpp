@@ -3,6 +3,8 @@
 
 #include <atomic>
 
+#include <pi_runtime/stage.h>
+
 #include "core/fake_executor.h"
 #include "units/forked_users.h"
 
@@ -163,6 +165,48 @@ TEST_F(RuntimeProcesses, KnowFromTheStartWhatStreamsOfOthersStand)
   EXPECT_EQ("cpu0 must not be held longer than 8 ms for the streams of other processes", runtime.admit(stream).reason);
   other.say('e');
   EXPECT_EQ(0, other.reap());
+}
+
+TEST_F(RuntimeProcesses, SeeAndCountTheStreamsOfOthers)
+{
+  Child other(
+      [&](Child& test)
+      {
+        const auto runtime = std::make_shared<Runtime>(sharedOptions());
+        StreamRequest stream;
+        stream.name = "front_end";
+        stream.codelet = fakeCodelet("job");
+        stream.period = 10ms;
+        stream.wcet = 6ms;
+        const Stage unreserved(runtime, {"detection"});
+        test.say(runtime->admit(stream).admitted() ? 'a' : 'r');
+        test.hear();
+      });
+  ASSERT_EQ('a', other.hear());
+  Runtime runtime(sharedOptions());
+  const std::vector<StreamStatus> streams = runtime.streams();
+  ASSERT_EQ(2u, streams.size());
+  EXPECT_EQ("detection", streams[0].name);
+  EXPECT_EQ("", streams[0].unit);
+  EXPECT_EQ("front_end", streams[1].name);
+  EXPECT_EQ("cpu0", streams[1].unit);
+  EXPECT_EQ(NO_STREAM, streams[1].id);
+  EXPECT_EQ(other.pid(), streams[1].pid);
+  EXPECT_DOUBLE_EQ(6e-3, streams[1].wcet_s);
+  StreamRequest stream;
+  stream.codelet = fakeCodelet("other");
+  stream.period = 10ms;
+  stream.wcet = 5ms;
+  stream.deadline = 20ms;
+  const Admission refused = runtime.admit(stream);
+  EXPECT_NE(std::string::npos, refused.reason.find("cpu0 must not be held longer than 4 ms")) << refused.reason;
+  stream.wcet = 3900us;
+  EXPECT_TRUE(runtime.admit(stream).admitted());
+  stream.wcet = 200us;
+  EXPECT_NE(std::string::npos, runtime.admit(stream).reason.find("cpu0 would be used to 101 %"));
+  other.say('e');
+  EXPECT_EQ(0, other.reap());
+  EXPECT_EQ(1u, runtime.streams().size());
 }
 
 TEST_F(RuntimeProcesses, TheDestructorDoesNotWaitForAUnitThatAnotherHolds)

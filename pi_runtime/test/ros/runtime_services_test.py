@@ -254,6 +254,20 @@ class RuntimeServices(unittest.TestCase):
         response = self.runtime.retire_stream(id=admission.id)
         self.assertEqual("no stream %d is admitted" % admission.id, response.message)
 
+    def test_runtime_top_shows_units_and_streams(self):
+        admission = self.runtime.admit_stream(name="camera", codelet="pyramid_down", size=100, period=rospy.Duration(0.1),
+                                              wcet=rospy.Duration(0.01))
+        self.assertTrue(admission.admitted, admission.reason)
+        self.addCleanup(self.runtime.retire_stream, id=admission.id)
+        top = harness.start("pi_runtime", "runtime_top", "--node", "/runtime", "--count", "2")
+        text, _ = top.communicate(timeout=harness.TIMEOUT_S)
+        self.assertEqual(0, top.returncode, text)
+        lines = text.splitlines()
+        self.assertEqual(2, sum(line.startswith("2 units, 1 streams") for line in lines), text)
+        self.assertEqual(2, sum(line.startswith("cpu1 ") for line in lines), text)
+        stream = [line.split() for line in lines if line.startswith("camera ")][-1]
+        self.assertEqual([admission.unit, "100.0", "100.0", "10.0"], [stream[1], *stream[3:6]])
+
     def test_impossible_streams_are_refused_with_a_reason(self):
         refused = self.runtime.admit_stream(name="x", codelet="blur", period=rospy.Duration(1))
         self.assertIn('there is no codelet "blur"', refused.reason)
@@ -306,7 +320,7 @@ class RuntimeServices(unittest.TestCase):
     def test_a_trace_that_cannot_be_saved_says_why(self):
         self.run_task(halve_picture_task(self.image))
         response = self.runtime.save_trace(chrome_path="/nowhere/trace.json")
-        self.assertEqual("chrome_path /nowhere/trace.json cannot be written: No such file or directory",
+        self.assertEqual("trace /nowhere/trace.json cannot be written: No such file or directory",
                          response.message)
         self.assertIn("neither", self.runtime.save_trace().message)
         self.assertIn("trace_capacity", self.slow.save_trace(chrome_path="/nowhere/trace.json").message)

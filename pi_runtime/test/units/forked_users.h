@@ -76,6 +76,7 @@ public:
                ? word
                : '\0';
   }
+  pid_t pid() const { return pid_; }
   void signal(int number) { ::kill(pid_, number); }
   /// Exit status, or -1 if it was killed.
   int reap()

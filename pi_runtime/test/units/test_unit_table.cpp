@@ -167,7 +167,7 @@ TEST_F(UnitTableTest, AFileThatIsNoTableIsAClearError)
 
   std::ofstream(path) << std::string(sizeof(UnitTable), 'x');
   error = errorOfOpening();
-  EXPECT_NE(std::string::npos, error.find("is no table of a unit in version 1")) << error;
+  EXPECT_NE(std::string::npos, error.find("is no table of a unit in version 2")) << error;
 
   {
     UnitTable newer{};
@@ -177,7 +177,7 @@ TEST_F(UnitTableTest, AFileThatIsNoTableIsAClearError)
     std::ofstream(path, std::ios::binary).write(reinterpret_cast<const char*>(&newer), sizeof newer);
   }
   error = errorOfOpening();
-  EXPECT_NE(std::string::npos, error.find("is no table of a unit in version 1")) << error;
+  EXPECT_NE(std::string::npos, error.find("is no table of a unit in version 2")) << error;
   std::filesystem::remove(path);
   EXPECT_EQ("no error", errorOfOpening()) << "the way out of the message does not help";
 }
@@ -226,7 +226,7 @@ TEST_F(UnitTableTest, MemoryThatRunsOutIsAClearErrorAndLeavesNothing)
 
 TEST(UnitTable, HasTheLayoutOfItsVersion)
 {
-  static_assert(UnitTable::VERSION == 1, "pin the new layout here");
+  static_assert(UnitTable::VERSION == 2, "pin the new layout here");
   EXPECT_EQ(0U, offsetof(UnitTable, magic));
   EXPECT_EQ(8U, offsetof(UnitTable, version));
   EXPECT_EQ(12U, offsetof(UnitTable, places));
@@ -239,8 +239,17 @@ TEST(UnitTable, HasTheLayoutOfItsVersion)
   EXPECT_EQ(16U, offsetof(UnitTable::Place, deadline_ns));
   EXPECT_EQ(24U, offsetof(UnitTable::Place, arrival));
   EXPECT_EQ(32U, offsetof(UnitTable::Place, blocking_budget_ns));
-  EXPECT_EQ(64U, sizeof(UnitTable::Place));
-  EXPECT_EQ(4224U, sizeof(UnitTable));
+  EXPECT_EQ(40U, offsetof(UnitTable::Place, streams_version));
+  EXPECT_EQ(44U, offsetof(UnitTable::Place, stream_count));
+  EXPECT_EQ(48U, offsetof(UnitTable::Place, streams));
+  EXPECT_EQ(40U, offsetof(SharedStream, period_s));
+  EXPECT_EQ(72U, offsetof(SharedStream, jobs));
+  EXPECT_EQ(88U, offsetof(SharedStream, p50_s));
+  EXPECT_EQ(100U, offsetof(SharedStream, priority));
+  EXPECT_EQ(104U, offsetof(SharedStream, reserved));
+  EXPECT_EQ(112U, sizeof(SharedStream));
+  EXPECT_EQ(1856U, sizeof(UnitTable::Place));
+  EXPECT_EQ(118912U, sizeof(UnitTable));
 }
 
 }  // namespace

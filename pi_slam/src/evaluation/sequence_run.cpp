@@ -52,7 +52,7 @@ public:
     : reader_(*reader)
     , calibration_(calibration)
     , max_wait_ns_(static_cast<int64_t>(1e9 * (MAX_WAIT_S + std::abs(options.vio.imu.time_offset_s))))
-    , runtime_(options.vio.tracker.use_runtime || (options.map && options.mapper.use_runtime)
+    , runtime_(options.vio.tracker.kernel_tasks || (options.map && options.mapper.kernel_tasks)
                    ? pi_runtime::Runtime::shared()
                    : nullptr)
     , vio_(calibration, options.vio, runtime_)

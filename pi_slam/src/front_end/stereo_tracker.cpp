@@ -71,7 +71,7 @@ StereoTracker::Impl::Impl(const StereoCalibration& calibration, const StereoTrac
   , geometry(calibration)
   , pictures(calibration.left.model.width, calibration.left.model.height, tracker_options.levels,
              {tracker_options.window_px, tracker_options.max_iterations, tracker_options.epsilon_px},
-             tracker_options.use_runtime ? std::move(runtime) : nullptr)
+             tracker_options.kernel_tasks ? std::move(runtime) : nullptr)
   , search(geometry, tracker_options.min_depth_m, std::min(1, tracker_options.levels - 1))
   , motion_check(geometry, MOTION_PART * tracker_options.epipolar_px)
 {
@@ -208,9 +208,9 @@ StereoTracker::StereoTracker(const StereoCalibration& calibration, const StereoT
     throw std::invalid_argument("StereoTracker: the cameras are " + std::to_string(baseline_m) +
                                 " m apart, must be in [0.001, 100]; check T_body_camera of both");
   }
-  if (options.use_runtime && !runtime)
+  if (options.kernel_tasks && !runtime)
   {
-    throw std::invalid_argument("StereoTracker: tracker/use_runtime is set, but there is no runtime");
+    throw std::invalid_argument("StereoTracker: tracker/kernel_tasks is set, but there is no runtime");
   }
   impl_ = std::make_unique<Impl>(calibration, options, std::move(runtime));
 }

@@ -32,7 +32,7 @@ struct StereoTrackerOptions
   double max_residual = 25.0;     ///< mean absolute difference of patches [grey levels]; in [1, 255]
   double epipolar_px = 1.5;       ///< farthest from the epipolar line; two thirds: from the motion's; in [0.1, 20]
   double min_depth_m = 0.2;       ///< nearest point that stereo may see; in [0.01, 10]
-  bool use_runtime = false;       ///< heavy stages as tasks of pi_runtime (OpenCL or native); false: called directly
+  bool kernel_tasks = false;      ///< kernels as tasks of pi_runtime (OpenCL or native); false: called directly
 
   /// @throws std::invalid_argument that names field, value and bound.
   void validate() const;
@@ -77,7 +77,7 @@ struct TrackerReport
 class StereoTracker
 {
 public:
-  /// @param runtime  needed if options.use_runtime is set.
+  /// @param runtime  needed if options.kernel_tasks is set.
   /// @throws std::invalid_argument for options or a calibration out of range.
   StereoTracker(const StereoCalibration& calibration, const StereoTrackerOptions& options,
                 std::shared_ptr<pi_runtime::Runtime> runtime = nullptr);

@@ -169,7 +169,7 @@ void Mapper::Impl::run()
     next_frame.reset();
     busy = true;
     lock.unlock();
-    process(frame, begins_anew);
+    stage.run([&] { process(frame, begins_anew); });
     lock.lock();
     busy = false;
     queue_changed.notify_all();
@@ -187,11 +187,11 @@ Mapper::Mapper(const StereoCalibration& calibration, const MapperOptions& option
   {
     throw std::invalid_argument("map: the cameras have pictures of different sizes; give a pair of the same size");
   }
-  if (options.use_runtime && !runtime)
+  if (options.kernel_tasks && !runtime)
   {
-    throw std::invalid_argument("map/use_runtime = true, but there is no runtime; give one, or set it to false");
+    throw std::invalid_argument("map/kernel_tasks = true, but there is no runtime; give one, or set it to false");
   }
-  impl_ = std::make_unique<Impl>(calibration, options, options.use_runtime ? runtime : nullptr);
+  impl_ = std::make_unique<Impl>(calibration, options, runtime);
   if (options.threaded)
   {
     impl_->thread = std::thread([this] { impl_->run(); });
@@ -301,6 +301,11 @@ MapStatistics Mapper::statistics() const
   std::lock_guard<std::mutex> lock(impl_->queue_mutex);
   statistics.skipped = impl_->skipped;
   return statistics;
+}
+
+std::string Mapper::stage() const
+{
+  return impl_->stage.status().text();
 }
 
 void Mapper::save(const std::string& file) const

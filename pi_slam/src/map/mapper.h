@@ -37,9 +37,9 @@ struct MapperOptions
   double max_landmark_range_m = 25.0;  ///< of points in the cloud; in [1, 200]
   double voxel_m = 0.1;                ///< of the cloud's filter; in [0.01, 5]
   bool loop_closure = true;
-  int min_inliers = 25;      ///< of a place recognised again; in [8, 1000]
-  bool threaded = true;      ///< a thread of its own with a queue of one; false: add() does the work
-  bool use_runtime = false;  ///< descriptors and matching as tasks of pi_runtime
+  int min_inliers = 25;       ///< of a place recognised again; in [8, 1000]
+  bool threaded = true;       ///< a thread of its own with a queue of one; false: add() does the work
+  bool kernel_tasks = false;  ///< kernels of descriptors and matching as tasks of pi_runtime
 
   /// @throws std::invalid_argument that names field, value and bound.
   void validate() const;
@@ -72,7 +72,8 @@ struct MapPoint
 class Mapper
 {
 public:
-  /// @param runtime  needed if options.use_runtime is set.
+  /// @param runtime  runs the stage slam_map, and the kernels with options.kernel_tasks, which needs one; null: all is
+  /// called directly.
   /// @throws std::invalid_argument for options or a calibration out of range, or cameras of different size.
   Mapper(const StereoCalibration& calibration, const MapperOptions& options,
          std::shared_ptr<pi_runtime::Runtime> runtime = nullptr);
@@ -118,6 +119,8 @@ public:
   std::optional<OccupancyCells> grid() const;
 
   MapStatistics statistics() const;
+  /// How the stage slam_map does.
+  std::string stage() const;
 
   /// Writes the map, with a checksum, first beside the file and then in its place. Of parts that nothing joins (after
   /// odometryReset()) the largest one is written.

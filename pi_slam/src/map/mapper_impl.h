@@ -1,12 +1,15 @@
 #pragma once
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <condition_variable>
 #include <mutex>
 #include <optional>
 #include <thread>
 #include <vector>
+
+#include <pi_runtime/stage.h>
 
 #include "map/drift_filter.h"
 #include "map/feature_extractor.h"
@@ -48,9 +51,11 @@ struct Mapper::Impl
        const std::shared_ptr<pi_runtime::Runtime>& runtime)
     : calibration(camera_calibration)
     , options(mapper_options)
-    , extractor(calibration, options.features, runtime)
-    , recognizer(calibration, verifierOptions(options), runtime)
+    , extractor(calibration, options.features, options.kernel_tasks ? runtime : nullptr)
+    , recognizer(calibration, verifierOptions(options), options.kernel_tasks ? runtime : nullptr)
     , voxels(options.voxel_m, options.max_landmark_range_m)
+    // Tasks within a run would wait for the unit that the run is on.
+    , stage(options.kernel_tasks ? nullptr : runtime, {"slam_map", std::chrono::nanoseconds(0), STAGE_DEADLINE})
   {
     reset();
   }
@@ -137,6 +142,8 @@ struct Mapper::Impl
 
   mutable std::mutex cloud_mutex;  ///< taken before map_mutex
   mutable VoxelCloud voxels;
+  static constexpr std::chrono::milliseconds STAGE_DEADLINE{1000};  ///< a place may be known again so late
+  pi_runtime::Stage stage;
 
   mutable std::mutex published_mutex;  ///< taken last
   MapStatistics published;

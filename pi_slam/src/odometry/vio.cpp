@@ -128,7 +128,8 @@ FrameReport Vio::Impl::addPair(int64_t stamp_ns, const cv::Mat& left, const cv::
   }
 
   const std::optional<NavState> before = running ? std::optional(filter.state()) : std::nullopt;
-  runFrontEnd(left, right, predictViews(since_pair, running), stamp_ns, &report);
+  const TrackerPrediction prediction = predictViews(since_pair, running);
+  front_end_stage.run([&] { runFrontEnd(left, right, prediction, stamp_ns, &report); });
   report.front_end_ms = 1e3 * secondsSince(begin);
   last_pair_ns = stamp_ns;
   if (running)
@@ -324,6 +325,12 @@ FrameFeatures Vio::newestFeatures() const
 {
   const std::lock_guard<std::mutex> lock(impl_->output_mutex);
   return impl_->shown_features;
+}
+
+std::vector<std::pair<std::string, std::string>> Vio::stages() const
+{
+  return {{"slam_front_end", impl_->front_end_stage.status().text()},
+          {"slam_window", impl_->window_stage.status().text()}};
 }
 
 void Vio::setKeyframeCallback(std::function<void(const MapFrame&)> callback)

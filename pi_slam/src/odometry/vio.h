@@ -16,6 +16,7 @@
 #include <opencv2/core/mat.hpp>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace pi_runtime
@@ -90,7 +91,8 @@ struct FrameReport
 class Vio
 {
 public:
-  /// @param runtime  for options.tracker.use_runtime.
+  /// @param runtime  runs the stages slam_front_end and slam_window, or the kernels with options.tracker.kernel_tasks;
+  /// null: all is called directly.
   /// @throws std::invalid_argument for options or a calibration out of range.
   Vio(const StereoCalibration& calibration, const VioOptions& options,
       std::shared_ptr<pi_runtime::Runtime> runtime = nullptr);
@@ -114,6 +116,9 @@ public:
   /// The state at the last pair; nullopt before the start.
   std::optional<PropagatedState> newestCorrected() const;
   FrameFeatures newestFeatures() const;
+
+  /// How the runtime's stages do: name and text. Any thread.
+  std::vector<std::pair<std::string, std::string>> stages() const;
 
   /// Called on the thread of addPair() for keyframes that a map could use, with pictures.
   void setKeyframeCallback(std::function<void(const MapFrame&)> callback);

@@ -448,7 +448,8 @@ void Vio::Impl::addKeyframe(FrameReport* report)
 void Vio::Impl::optimize(int iterations, FrameReport* report)
 {
   const auto begin = std::chrono::steady_clock::now();
-  const WindowReport optimized = window.optimize(iterations);
+  WindowReport optimized;
+  window_stage.run([&] { optimized = window.optimize(iterations); });
   report->iterations = optimized.iterations;
   report->landmarks = optimized.landmarks;
   if (optimized.failed || optimized.mean_error_px > MAX_ERROR_PX)

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <atomic>
+#include <chrono>
 #include <functional>
 #include <memory>
 #include <mutex>
@@ -10,6 +11,8 @@
 #include <unordered_map>
 #include <utility>
 #include <vector>
+
+#include <pi_runtime/stage.h>
 
 #include "estimator/factors.h"
 #include "estimator/frame_budget.h"
@@ -29,6 +32,9 @@ struct Vio::Impl
     : calibration(calibration_in)
     , options(options_in)
     , cameras(estimator::cameraGeometry(calibration))
+    // Tasks within a run would wait for the unit that the run is on.
+    , front_end_stage(options.tracker.kernel_tasks ? nullptr : runtime, {"slam_front_end"})
+    , window_stage(runtime, {"slam_window", std::chrono::nanoseconds(0), WINDOW_DEADLINE})
     , tracker(calibration, options.tracker, std::move(runtime))
     , initializer(calibration, options.imu, options.initializer)
     , standstill(calibration, options.imu, options.standstill)
@@ -78,6 +84,9 @@ struct Vio::Impl
   const StereoCalibration calibration;
   const VioOptions options;
   const std::array<estimator::CameraGeometry, 2> cameras;
+  static constexpr std::chrono::milliseconds WINDOW_DEADLINE{100};  ///< about the time between two keyframes
+  pi_runtime::Stage front_end_stage;
+  pi_runtime::Stage window_stage;
   StereoTracker tracker;
   Initializer initializer;
   StandstillDetector standstill;

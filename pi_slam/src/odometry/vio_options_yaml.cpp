@@ -179,7 +179,7 @@ std::vector<OptionField> optionFields(VioOptions* vio, MapperOptions* mapper)
       {"tracker/max_residual", &tracker.max_residual},
       {"tracker/epipolar_px", &tracker.epipolar_px},
       {"tracker/min_depth_m", &tracker.min_depth_m},
-      {"tracker/use_runtime", &tracker.use_runtime},
+      {"tracker/kernel_tasks", &tracker.kernel_tasks},
 
       {"initializer/interval_s", &initializer.interval_s},
       {"initializer/still_window_s", &initializer.still_window_s},
@@ -221,7 +221,7 @@ std::vector<OptionField> optionFields(VioOptions* vio, MapperOptions* mapper)
       {"map/loop_closure", &mapper->loop_closure},
       {"map/min_inliers", &mapper->min_inliers},
       {"map/threaded", &mapper->threaded},
-      {"map/use_runtime", &mapper->use_runtime},
+      {"map/kernel_tasks", &mapper->kernel_tasks},
   };
 }
 

@@ -47,6 +47,9 @@ void VioDiagnostics::addFrame(const FrameReport& report)
   {
     ++frames_;
     frame_ms_.add(static_cast<float>(report.total_ms));
+    late_frames_ +=
+        frame_stamp_ns_ != 0 && report.total_ms > 1e-6 * static_cast<double>(report.stamp_ns - frame_stamp_ns_);
+    frame_stamp_ns_ = report.stamp_ns;
   }
   resets_ += report.reset ? 1 : 0;
 }
@@ -55,12 +58,19 @@ void VioDiagnostics::addImu(double work_ms)
 {
   std::lock_guard<std::mutex> lock(mutex_);
   imu_ms_.add(static_cast<float>(work_ms));
+  const auto now = std::chrono::steady_clock::now();
+  const double gap_s = odometry_at_ ? std::chrono::duration<double>(now - *odometry_at_).count() : 0.0;
+  odometry_at_ = now;
+  longest_gap_s_ = std::max(longest_gap_s_, gap_s);
+  gaps_ += gap_s > LONGEST_GAP_S;
 }
 
 void VioDiagnostics::reset()
 {
   std::lock_guard<std::mutex> lock(mutex_);
   frame_.reset();
+  frame_stamp_ns_ = 0;
+  odometry_at_.reset();
 }
 
 void VioDiagnostics::update(const VioFigures& figures)
@@ -103,7 +113,14 @@ void VioDiagnostics::reportOdometry(Status& status)
   status.add("frame time, mean [ms]", format("%.2f", frame_ms_.mean()));
   status.add("frame time, p99 [ms]", format("%.2f", frame_ms_.quantile(0.99)));
   status.add("pairs used", frames_);
+  status.add("pairs that took longer than a frame", late_frames_);
+  status.add("longest time between two odometries [ms]", format("%.1f", 1e3 * std::exchange(longest_gap_s_, 0.0)));
+  status.add("times over 20 ms between two odometries", gaps_);
   status.add("resets", resets_);
+  for (const auto& [name, text] : now_.stages)
+  {
+    status.add("stage " + name, text);
+  }
   if (frame_)
   {
     status.add("front end [ms]", format("%.2f", frame_->front_end_ms));

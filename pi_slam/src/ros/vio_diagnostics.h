@@ -12,6 +12,7 @@
 #include <mutex>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace pi_slam
@@ -35,7 +36,11 @@ struct VioFigures
   uint64_t odometries = 0;           ///< poses so far
   double delay_s = 0.0;              ///< of the newest pair behind the IMU's samples of the same time
   std::optional<MapStatistics> map;  ///< nullopt: no mapping
+  std::vector<std::pair<std::string, std::string>> stages;  ///< of the runtime: name, how it does
 };
+
+/// Pose at 200 Hz: what waits for a newer one has waited for four.
+constexpr double LONGEST_GAP_S = 0.02;
 
 /// The diagnostics: status and frame times of odometry, rates and faults of the inputs, the map.
 class VioDiagnostics
@@ -48,7 +53,7 @@ public:
 
   /// After each pair. Any thread.
   void addFrame(const FrameReport& report);
-  /// After each IMU sample: from its callback to the odometry handed over [ms]. Any thread.
+  /// After each IMU sample: from its callback to the odometry handed over [ms]. One thread at a time.
   void addImu(double work_ms);
   /// Odometry was restarted.
   void reset();
@@ -75,6 +80,11 @@ private:
   pi_node::RecentValues frame_ms_;
   pi_node::RecentValues imu_ms_;
   uint64_t frames_ = 0;
+  uint64_t late_frames_ = 0;  ///< that took longer than the time to the pair before
+  int64_t frame_stamp_ns_ = 0;
+  std::optional<std::chrono::steady_clock::time_point> odometry_at_;
+  double longest_gap_s_ = 0.0;  ///< between two odometries, since the previous update
+  uint64_t gaps_ = 0;           ///< longer than LONGEST_GAP_S
   uint64_t resets_ = 0;
 };
 

@@ -11,6 +11,12 @@ namespace
 
 constexpr double TICK_S = 0.1;
 
+std::shared_ptr<pi_runtime::Runtime> runtimeFor(const VioRosOptions& options)
+{
+  const bool kernels = options.vio.tracker.kernel_tasks || options.mapper.kernel_tasks;
+  return options.use_runtime ? pi_runtime::Runtime::shared(pi_runtime::RuntimeOptions::forService(kernels)) : nullptr;
+}
+
 }  // namespace
 
 VioRos::VioRos(ros::NodeHandle node, ros::NodeHandle private_node)
@@ -20,7 +26,7 @@ VioRos::VioRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , service_thread_("vio_service")
   , output_node_(output_thread_.handle(node))
   , options_(pi_node::loadNodeOptions<VioRosOptions>(private_node, "vio"))
-  , runtime_(options_.vio.tracker.use_runtime || options_.mapper.use_runtime ? pi_runtime::Runtime::shared() : nullptr)
+  , runtime_(runtimeFor(options_))
   , warnings_(options_.warning_period_s, pi_node::warningLog<VioRosOptions>("vio"))
   , diagnostics_(output_node_, private_node, &warnings_, options_.input_timeout_s)
   , session_(options_, runtime_, &warnings_, &diagnostics_)

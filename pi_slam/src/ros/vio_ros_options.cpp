@@ -52,6 +52,7 @@ static void visitFields(VioRosOptions& options, Visitor&& visit)
   visit("publish_tf", options.publish_tf);
   visit("publish_map_tf", options.publish_map_tf);
   visit("tf_rate_hz", options.tf_rate_hz);
+  visit("use_runtime", options.use_runtime);
   visit("mapping", options.mapping);
   visit("map_file", options.map_file);
   visit("save_map", options.save_map);
@@ -84,6 +85,8 @@ void VioRosOptions::validate() const
   vio.validate();
   mapper.validate();
   calibration.validate();
+  require(use_runtime || !(vio.tracker.kernel_tasks || mapper.kernel_tasks), "use_runtime", "false",
+          "true with tracker/kernel_tasks or map/kernel_tasks");
   requireFrame("map_frame", map_frame);
   requireFrame("odom_frame", odom_frame);
   requireFrame("base_link_frame", base_link_frame);

@@ -25,6 +25,8 @@ struct VioRosOptions : pi_node::NodeParameters<VioRosOptions>
   bool publish_map_tf = true;  ///< map -> odom
   double tf_rate_hz = 50.0;    ///< of both; 0: with every IMU sample. Consumers interpolate, 200 Hz would be wasted
 
+  bool use_runtime = true;  ///< heavy stages are jobs of pi_runtime::Runtime::shared(); false: plain calls
+
   bool mapping = true;    ///< false: odometry alone, map and odom are the same
   std::string map_file;   ///< map to begin with, as save_map wrote it; empty: none
   bool save_map = false;  ///< write the map to map_file when the node ends; the one before becomes map_file.before

@@ -266,9 +266,14 @@ void VioSession::fill(VioFigures* figures) const
     figures->single_pictures = matcher_.single();
   }
   figures->delay_s = pi_node::seconds(delay_ns);
+  if (pipeline)
+  {
+    figures->stages = pipeline->vio->stages();
+  }
   if (pipeline && pipeline->mapper)
   {
     figures->map = pipeline->mapper->statistics();
+    figures->stages.emplace_back("slam_map", pipeline->mapper->stage());
   }
 }
 

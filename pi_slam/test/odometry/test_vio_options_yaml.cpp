@@ -33,13 +33,13 @@ protected:
 TEST_F(VioOptionsYaml, ReadsEveryTypeOfValue)
 {
   load(
-      "tracker: {max_features: 210, epipolar_px: 2, use_runtime: true}\n"
+      "tracker: {max_features: 210, epipolar_px: 2, kernel_tasks: true}\n"
       "imu:\n  time_offset_s: -0.0125\n"
       "map: {max_keyframes: 500}\n"
       "vio: {max_speed: 12.5}\n");
   EXPECT_EQ(vio_.tracker.max_features, 210);
   EXPECT_DOUBLE_EQ(vio_.tracker.epipolar_px, 2.0);
-  EXPECT_TRUE(vio_.tracker.use_runtime);
+  EXPECT_TRUE(vio_.tracker.kernel_tasks);
   EXPECT_DOUBLE_EQ(vio_.imu.time_offset_s, -0.0125);
   EXPECT_EQ(mapper_.max_keyframes, 500u);
   EXPECT_DOUBLE_EQ(vio_.max_speed, 12.5);
@@ -89,7 +89,7 @@ TEST_F(VioOptionsYaml, RefusesValuesOfAnotherType)
 {
   EXPECT_NE(errorOf("tracker: {max_features: 2.5}\n").find("tracker/max_features is \"2.5\", expected a whole number"),
             std::string::npos);
-  EXPECT_NE(errorOf("tracker: {use_runtime: 3}\n").find("expected true or false"), std::string::npos);
+  EXPECT_NE(errorOf("tracker: {kernel_tasks: 3}\n").find("expected true or false"), std::string::npos);
   EXPECT_NE(errorOf("imu: {rate_hz: fast}\n").find("imu/rate_hz is \"fast\", expected a number"), std::string::npos);
   EXPECT_NE(errorOf("imu: {rate_hz: .nan}\n").find("expected a finite number"), std::string::npos);
   EXPECT_NE(errorOf("imu: {rate_hz: [1, 2]}\n").find("is no single value, expected a number"), std::string::npos);

@@ -119,13 +119,11 @@ void RecognizerDiagnostics::reportRecognition(Status& status)
   status.add("work on a decision, p50 [ms]", format("%.1f", decision_ms_.quantile(0.5)));
   status.add("work on a decision, p95 [ms]", format("%.1f", decision_ms_.quantile(0.95)));
   status.add("CPU per time of sound [%]", format("%.2f", 100.0 * cpu_share_));
-  const RecognizerTasks::Figures& tasks = now_.stream.tasks;
-  status.add("runtime", !now_.stream.use_runtime ? "not used" : tasks.unit.empty() ? "used" : "unit " + tasks.unit);
-  if (now_.stream.use_runtime)
+  status.add("runtime", now_.stream.decisions.text());
+  if (now_.stream.decisions.runtime)
   {
-    status.add("decisions by tasks", tasks.tasks);
-    status.add("tasks taken back, as all units were busy", tasks.taken_back);
-    status.add("tasks that failed", tasks.failed);
+    status.add("decisions by the runtime", now_.stream.decisions.stream.jobs);
+    status.add("decisions taken back from it, as all units were busy", now_.stream.decisions.plain);
   }
   if (now_.dictation)
   {

@@ -5,6 +5,7 @@
 #include <pi_speech/ros/audio_conversions.h>
 
 #include <algorithm>
+#include <ctime>
 #include <exception>
 #include <stdexcept>
 #include <utility>
@@ -13,6 +14,9 @@ namespace pi_speech
 {
 
 using pi_node::format;
+
+/// A decision ends an utterance or is made during it: later, the speaker notices.
+static constexpr std::chrono::milliseconds DECISION_DEADLINE{100};
 
 static ros::Time toRos(int64_t ns)
 {
@@ -27,17 +31,14 @@ StreamRecognizer::StreamRecognizer(const ros::NodeHandle& node, const Recognizer
   , warnings_(warnings)
   , watch_(watch)
   , outputs_(std::move(outputs))
-  , tasks_(options.use_runtime
-               ? std::make_unique<RecognizerTasks>(pi_runtime::Runtime::shared(),
-                                                   [warnings](const std::string& text) { warnings->error(text); })
-               : nullptr)
+  , stage_(options.use_runtime ? pi_runtime::Runtime::shared(pi_runtime::RuntimeOptions::forService()) : nullptr,
+           {"speech_decode", std::chrono::nanoseconds(0), DECISION_DEADLINE})
   , elsewhere_(options.utterance_service.empty()
                    ? nullptr
                    : std::make_unique<UtteranceService>(node, options.utterance_service, options.utterance_deadline_s))
   // Times of arrival vary more than stamps.
   , stream_(options.stamped ? options.max_gap_s : std::max(options.max_gap_s, options.check.missing_s))
 {
-  figures_.use_runtime = tasks_ != nullptr;
 }
 
 void StreamRecognizer::use(std::unique_ptr<CommandRecognizer> recognizer, const std::string& understood)
@@ -47,10 +48,7 @@ void StreamRecognizer::use(std::unique_ptr<CommandRecognizer> recognizer, const 
   const std::vector<std::string> commands = recognizer_->table().texts();
   recognizer_->setUtteranceSink([this](const Utterance& utterance, const Recognition& recognition)
                                 { onUtterance(utterance, recognition); });
-  if (tasks_)
-  {
-    recognizer_->setRunner([this](double speech_s, const std::function<void()>& work) { tasks_->run(speech_s, work); });
-  }
+  recognizer_->setRunner([this](double, const std::function<void()>& work) { stage_.run(work); });
   if (elsewhere_)
   {
     recognizer_->setElsewhere([this, commands](const Utterance& utterance)
@@ -136,10 +134,7 @@ void StreamRecognizer::end(bool tell)
 StreamRecognizer::Figures StreamRecognizer::figures() const
 {
   Figures figures = figures_;
-  if (tasks_)
-  {
-    figures.tasks = tasks_->figures();
-  }
+  figures.decisions = stage_.status();
   if (recognizer_)
   {
     figures.in_speech = recognizer_->inSpeech();
@@ -150,7 +145,9 @@ StreamRecognizer::Figures StreamRecognizer::figures() const
 
 double StreamRecognizer::cpuSeconds() const
 {
-  return RecognizerTasks::threadCpuSeconds() + (tasks_ ? tasks_->figures().cpu_s : 0.0);
+  timespec own{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &own);
+  return static_cast<double>(own.tv_sec) + pi_node::seconds(own.tv_nsec) + stage_.cpuSeconds();
 }
 
 void StreamRecognizer::onRecognition(const Recognition& recognition)

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <pi_node/ros/warning_board.h>
+#include <pi_runtime/stage.h>
 #include <pi_speech/VoiceCommand.h>
 #include <pi_speech/command_recognizer.h>
 #include <ros/node_handle.h>
@@ -13,7 +14,6 @@
 #include <vector>
 
 #include "ros/recognizer_ros_options.h"
-#include "ros/recognizer_tasks.h"
 #include "ros/sound_queue.h"
 #include "ros/sound_stream.h"
 #include "ros/sound_watch.h"
@@ -44,8 +44,7 @@ public:
     uint64_t gaps = 0;     ///< in the stamps
     uint64_t backs = 0;    ///< times that the stamps went back
     uint64_t formats = 0;  ///< changes of format on the way
-    bool use_runtime = false;
-    RecognizerTasks::Figures tasks;
+    pi_runtime::StageStatus decisions;
   };
 
   /// @param options, warnings, watch  outlive it.
@@ -60,7 +59,7 @@ public:
   /// Ends the piece of the stream and the speech in progress. @param tell  false: what was said is forgotten.
   void end(bool tell);
   Figures figures() const;
-  double cpuSeconds() const;  ///< that the calling thread and tasks have used
+  double cpuSeconds() const;  ///< that the calling thread and decisions have used
 
 private:
   void noteBreak(const SoundChunk& chunk, SoundStream::Break found, double gap_s);
@@ -74,7 +73,7 @@ private:
   pi_node::WarningBoard* const warnings_;
   SoundWatch* const watch_;
   const Outputs outputs_;
-  const std::unique_ptr<RecognizerTasks> tasks_;       ///< null: decisions are plain calls
+  pi_runtime::Stage stage_;                            ///< decisions
   const std::unique_ptr<UtteranceService> elsewhere_;  ///< null: all is decided here
   SoundStream stream_;
   std::unique_ptr<CommandRecognizer> recognizer_;  ///< null: none is loaded yet

@@ -375,7 +375,7 @@ TEST(Recognizer, DropsTheOldestSoundWhereTooMuchComesAtOnce)
   EXPECT_TRUE(recognizer.diagnosed("sound", "gaps", "0")) << recognizer.text();  // they are counted as what they are
 }
 
-TEST(Recognizer, DecisionsAreTasksOfTheRuntimeThatTheProcessShares)
+TEST(Recognizer, DecisionsAreAStageOfTheRuntimeThatTheProcessShares)
 {
   SKIP_WITHOUT_RECORDINGS();
   ros::param::set("/tasks/runtime/opencl_cpu", false);
@@ -404,7 +404,7 @@ TEST(Recognizer, DecisionsAreTasksOfTheRuntimeThatTheProcessShares)
     const uint64_t before = learned();
     source.send(spoken(LEFT));
     ASSERT_TRUE(recognizer.waitForCommands(1)) << recognizer.text();
-    EXPECT_TRUE(recognizer.diagnosed("recognition", "runtime", "not used")) << recognizer.text();
+    EXPECT_TRUE(recognizer.diagnosed("recognition", "runtime", "not used: plain calls")) << recognizer.text();
     EXPECT_EQ(before, learned());
   }
   SourceOnGraph source("tasks");
@@ -423,7 +423,8 @@ TEST(Recognizer, DecisionsAreTasksOfTheRuntimeThatTheProcessShares)
                     }))
       << recognizer.text();
   EXPECT_EQ(Texts(commands, "left"), recognizer.heard());
-  EXPECT_TRUE(recognizer.diagnosed("recognition", "tasks that failed", "0")) << recognizer.text();
+  EXPECT_TRUE(recognizer.diagnosed("recognition", "runtime", "nothing reserved: its times are measured first"))
+      << recognizer.text();
   EXPECT_TRUE(unloadNodelet("/tasks/runtime"));
 }
 

@@ -14,7 +14,8 @@ LEAST_CORES = 2
 LEAST_MEMORY = 1.5e9      # bytes that are free for all services
 LEAST_SHARED = 256e6      # of /dev/shm
 LEAST_DISK = 2e9
-WANTED_PRIORITY = 10
+WANTED_PRIORITY = 16      # of pi_runtime: HIGHEST_PRIORITY + 1 of fixed_priority_admission.h
+WANTED_SHARE = 0.5        # of the time, for real-time programs
 WANTED_LOCKED = 64 << 20
 UNSYNCHRONISED = 0x40     # STA_UNSYNC of adjtimex()
 GOOD_GOVERNORS = ("performance", "schedutil", "ondemand")
@@ -107,7 +108,7 @@ def check_limits(limits=None):
     """@param limits  {resource: soft limit}, those of this process else."""
     name = "limits"
     limits = limits or {key: resource.getrlimit(getattr(resource, key))[0]
-                        for key in ("RLIMIT_RTPRIO", "RLIMIT_MEMLOCK", "RLIMIT_NOFILE")}
+                        for key in ("RLIMIT_MEMLOCK", "RLIMIT_NOFILE")}
 
     def enough(key, least):
         return limits[key] == resource.RLIM_INFINITY or limits[key] >= least
@@ -115,16 +116,46 @@ def check_limits(limits=None):
     def shown(key):
         return "unlimited" if limits[key] == resource.RLIM_INFINITY else str(limits[key])
 
-    text = f"rtprio {shown('RLIMIT_RTPRIO')}, memlock {shown('RLIMIT_MEMLOCK')}, open files {shown('RLIMIT_NOFILE')}"
+    text = f"memlock {shown('RLIMIT_MEMLOCK')}, open files {shown('RLIMIT_NOFILE')}"
     results = []
-    if not (enough("RLIMIT_RTPRIO", WANTED_PRIORITY) or os.geteuid() == 0):
-        results.append(warn(name, text, f"for steady latency let the user have \"rtprio {WANTED_PRIORITY}\" in "
-                            "/etc/security/limits.d"))
     if not (enough("RLIMIT_MEMLOCK", WANTED_LOCKED) or os.geteuid() == 0):
         results.append(warn(name, text, "let the user have \"memlock unlimited\" in /etc/security/limits.d"))
     if not enough("RLIMIT_NOFILE", 1024):
         results.append(fail(name, text, "ulimit -n 4096: each link between nodes takes open files"))
     return results or ok(name, text)
+
+
+def real_time_denied():
+    """Why this process gets no real-time priority, or None: it does."""
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(WANTED_PRIORITY))
+    except OSError as error:
+        return error.strerror
+    os.sched_setscheduler(0, *before)
+    return None
+
+
+def check_scheduling(denied=None, root="/"):
+    """Whether short jobs of pi_runtime may interrupt long ones, and whether the kernel keeps them in bounds."""
+    name = "scheduling"
+    if denied is None:
+        denied = real_time_denied()
+    share = _read(Path(root) / "proc/sys/kernel/sched_rt_runtime_us")
+    period = _read(Path(root) / "proc/sys/kernel/sched_rt_period_us")
+    if denied:
+        autogroup = _read(Path(root) / "proc/sys/kernel/sched_autogroup_enabled") == "1"
+        text = f"no real-time priorities ({denied}): long jobs are cut, not interrupted"
+        return warn(name, text + (", and nice values count within a session only (autogroup)" if autogroup else ""),
+                    f"as root: echo \"$USER - rtprio {WANTED_PRIORITY}\" > /etc/security/limits.d/pi_edge.conf, and log "
+                    f"in anew; a systemd service needs LimitRTPRIO={WANTED_PRIORITY}, a container --cap-add=sys_nice")
+    if share == "-1":
+        return warn(name, "a real-time program may take the computer for good",
+                    "as root: sysctl kernel.sched_rt_runtime_us=950000")
+    if share and period and share.isdigit() and period.isdigit() and int(share) < WANTED_SHARE * int(period):
+        return warn(name, f"real-time programs get {100 * int(share) / int(period):.0f} % of the time at most",
+                    "as root: sysctl kernel.sched_rt_runtime_us=950000")
+    return ok(name, f"real-time priorities up to {WANTED_PRIORITY} are granted")
 
 
 def clock_status():

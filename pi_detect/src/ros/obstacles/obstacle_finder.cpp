@@ -58,8 +58,9 @@ cv::Mat pictureOf(const std::string& topic, const StereoGeometry& geometry, cons
 
 }  // namespace
 
-ObstacleFinder::ObstacleFinder(const ObstaclesRosOptions& options, StereoTopics topics, const VehicleMotion* motion)
-  : options_(options), topics_(std::move(topics)), motion_(motion)
+ObstacleFinder::ObstacleFinder(const ObstaclesRosOptions& options, StereoTopics topics, const VehicleMotion* motion,
+                               std::shared_ptr<StereoStages> stages)
+  : options_(options), topics_(std::move(topics)), motion_(motion), stages_(std::move(stages))
 {
 }
 
@@ -125,7 +126,7 @@ ObstacleProblem ObstacleFinder::prepare(const StereoJob& job)
   {
     camera_ = camera;
     T_base_left_ = T_base_left;
-    stereo_ = std::make_unique<StereoObstacles>(camera.geometry, T_base_left, options_.stereo);
+    stereo_ = std::make_unique<StereoObstacles>(camera.geometry, T_base_left, options_.stereo, stages_);
     ROS_INFO_STREAM_NAMED("obstacles", "stereo camera: " << sizeText(camera.geometry.width, camera.geometry.height)
                                                          << " px, baseline " << camera.geometry.baseline_m << " m");
   }

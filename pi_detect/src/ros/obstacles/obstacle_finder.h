@@ -59,7 +59,8 @@ class ObstacleFinder
 {
 public:
   /// @param options, motion  outlive it.
-  ObstacleFinder(const ObstaclesRosOptions& options, StereoTopics topics, const VehicleMotion* motion);
+  ObstacleFinder(const ObstaclesRosOptions& options, StereoTopics topics, const VehicleMotion* motion,
+                 std::shared_ptr<StereoStages> stages);
 
   /// Takes calibration and mounting of the cameras over. @return the problem if they are not known or not usable.
   ObstacleProblem prepare(const StereoJob& job);
@@ -85,6 +86,7 @@ private:
   const ObstaclesRosOptions& options_;
   const StereoTopics topics_;
   const VehicleMotion* const motion_;
+  const std::shared_ptr<StereoStages> stages_;
   sensor_msgs::CameraInfoConstPtr infos_[2];
   std::optional<StereoCamera> camera_;
   std::unique_ptr<Rectifier> rectifiers_[2];

@@ -112,6 +112,10 @@ void ObstaclesDiagnostics::reportObstacles(Status& status)
   status.add("rectify, mean [ms]", format("%.2f", rectify_ms_.mean()));
   status.add("stereo, mean [ms]", format("%.2f", stereo_ms_.mean()));
   status.add("track, mean [ms]", format("%.2f", track_ms_.mean()));
+  for (const auto& [name, text] : now_.stages)
+  {
+    status.add("stage " + name, text);
+  }
   if (pair_)
   {
     status.add("coverage [%]", format("%.1f", 100.0 * pair_->coverage));

@@ -27,13 +27,14 @@ struct ObstaclesFigures
   };
   std::vector<Input> inputs;
   bool subscribed = false;
-  uint64_t dropped = 0;        ///< pairs, as a newer one came before the worker was free
-  uint64_t left_out = 0;       ///< pairs, to keep max_rate_hz
-  uint64_t single = 0;         ///< pictures without partner
-  std::string problem;         ///< why there can be no obstacles; empty: there can
-  bool failed = false;         ///< the problem is an error, not something to wait for
-  std::string motion_problem;  ///< of odom -> base_link; empty: none
-  bool motion_known = false;   ///< false: velocities are relative to the vehicle
+  uint64_t dropped = 0;                                     ///< pairs, as a newer one came before the worker was free
+  uint64_t left_out = 0;                                    ///< pairs, to keep max_rate_hz
+  uint64_t single = 0;                                      ///< pictures without partner
+  std::string problem;                                      ///< why there can be no obstacles; empty: there can
+  bool failed = false;                                      ///< the problem is an error, not something to wait for
+  std::string motion_problem;                               ///< of odom -> base_link; empty: none
+  bool motion_known = false;                                ///< false: velocities are relative to the vehicle
+  std::vector<std::pair<std::string, std::string>> stages;  ///< of the runtime: name, how it does
 };
 
 /// Figures of a pair.

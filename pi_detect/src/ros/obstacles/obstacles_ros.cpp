@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <exception>
 
+#include "detector/stage_threads.h"
 #include "ros/obstacles/grid_conversions.h"
 
 namespace pi_detect
@@ -52,7 +53,10 @@ ObstaclesRos::ObstaclesRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , topics_(topicsOf(node, options_))
   , warnings_(options_.warning_period_s, pi_node::warningLog<ObstaclesRosOptions>("obstacles"))
   , diagnostics_(output_node_, private_node, &warnings_, options_.input_timeout_s, options_.min_coverage)
-  , worker_(node, options_, topics_, &warnings_, &diagnostics_,
+  , runtime_(options_.use_runtime ? pi_runtime::Runtime::shared(pi_runtime::RuntimeOptions::forService()) : nullptr)
+  , stages_(std::make_shared<StereoStages>(runtime_))
+  , grid_stage_(runtime_, {"obstacles_grid"})
+  , worker_(node, options_, topics_, stages_, &warnings_, &diagnostics_,
             [this](const ObstaclesWorker::Found& found) { publish(found); })
   , marker_maker_(options_.marker_lifetime_s)
   , grid_(options_.grid)
@@ -60,6 +64,10 @@ ObstaclesRos::ObstaclesRos(ros::NodeHandle node, ros::NodeHandle private_node)
   , transport_(input_node_)
 {
   requireTransport(transport_, options_.image_transport, private_node.resolveName("image_transport"));
+  if (runtime_)
+  {
+    cutStages(*runtime_, 0);
+  }
   const bool pictures = options_.source != StereoSource::DISPARITY;
   for (const Side side : {LEFT, RIGHT})
   {
@@ -151,7 +159,7 @@ void ObstaclesRos::updateGrid(const ObstaclesWorker::Found& found)
   const Outline vehicle = {
       {-o.rear, -o.half_width}, {o.front, -o.half_width}, {o.front, o.half_width}, {-o.rear, o.half_width}};
   const ros::Time stamp = found.job.header().stamp;
-  grid_.add(fromMsg(stamp), found.vehicle->T_odom_base, found.result.view, left_out, vehicle);
+  grid_stage_.run([&] { grid_.add(fromMsg(stamp), found.vehicle->T_odom_base, found.result.view, left_out, vehicle); });
   if (grid_rate_.take(fromMsg(stamp)) && grid_publisher_.getNumSubscribers() > 0)
   {
     std_msgs::Header header;
@@ -259,6 +267,9 @@ void ObstaclesRos::publishDiagnostics()
   ObstaclesFigures figures;
   worker_.report(&figures);
   figures.subscribed = subscribed_;
+  figures.stages = {{"obstacles_match", stages_->match.status().text()},
+                    {"obstacles_find", stages_->find.status().text()},
+                    {"obstacles_grid", grid_stage_.status().text()}};
   for (const Input* input : {&picture_inputs_[LEFT], &picture_inputs_[RIGHT], &info_inputs_[LEFT], &info_inputs_[RIGHT],
                              &disparity_input_, &track_input_})
   {

@@ -65,6 +65,9 @@ private:
   const StereoTopics topics_;
   pi_node::WarningBoard warnings_;
   ObstaclesDiagnostics diagnostics_;
+  const std::shared_ptr<pi_runtime::Runtime> runtime_;  ///< null: not used
+  const std::shared_ptr<StereoStages> stages_;
+  pi_runtime::Stage grid_stage_;  ///< used on obs_worker
   ObstaclesWorker worker_;
 
   Input picture_inputs_[2];

@@ -34,6 +34,7 @@ static void visitFields(ObstaclesRosOptions& options, Visitor&& visit)
   visit("pair_tolerance_s", options.pair_tolerance_s);
   visit("max_rate_hz", options.max_rate_hz);
   visit("always_on", options.always_on);
+  visit("use_runtime", options.use_runtime);
   visit("base_link_frame", options.base_link_frame);
   visit("odom_frame", options.odom_frame);
   visit("tf_wait_s", options.tf_wait_s);

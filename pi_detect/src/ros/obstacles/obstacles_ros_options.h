@@ -30,6 +30,7 @@ struct ObstaclesRosOptions : pi_node::NodeParameters<ObstaclesRosOptions>
   double pair_tolerance_s = 0.005;      ///< between the stamps of a pair's pictures [s]
   double max_rate_hz = 0.0;             ///< pairs that come faster are left out [Hz]; 0: none is
   bool always_on = false;               ///< also while nobody listens
+  bool use_runtime = true;              ///< stages of pi_runtime::Runtime::shared(); false: plain calls
 
   std::string base_link_frame = "base_link";
   std::string odom_frame = "odom";

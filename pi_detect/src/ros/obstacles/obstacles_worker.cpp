@@ -18,8 +18,9 @@ using Clock = std::chrono::steady_clock;
 static constexpr size_t KEPT_TRACKS = 30;
 
 ObstaclesWorker::ObstaclesWorker(const ros::NodeHandle& node, const ObstaclesRosOptions& options,
-                                 const StereoTopics& topics, pi_node::WarningBoard* warnings,
-                                 ObstaclesDiagnostics* diagnostics, std::function<void(const Found&)> publish)
+                                 const StereoTopics& topics, std::shared_ptr<StereoStages> stages,
+                                 pi_node::WarningBoard* warnings, ObstaclesDiagnostics* diagnostics,
+                                 std::function<void(const Found&)> publish)
   : options_(options)
   , warnings_(warnings)
   , diagnostics_(diagnostics)
@@ -27,7 +28,7 @@ ObstaclesWorker::ObstaclesWorker(const ros::NodeHandle& node, const ObstaclesRos
   , motion_(node, options.odom_frame, options.base_link_frame)
   , pairing_(pi_node::nanoseconds(options.pair_tolerance_s))
   , rate_limit_(options.max_rate_hz)
-  , finder_(options, topics, &motion_)
+  , finder_(options, topics, &motion_, std::move(stages))
   , tracker_(options.tracker)
   , answers_("pictures", "obstacles")
 {

@@ -11,6 +11,7 @@
 #include <cstdint>
 #include <deque>
 #include <functional>
+#include <memory>
 #include <mutex>
 #include <optional>
 #include <string>
@@ -41,8 +42,8 @@ public:
   /// @param options, warnings, diagnostics  outlive it.
   /// @param publish  called on the thread of the worker.
   ObstaclesWorker(const ros::NodeHandle& node, const ObstaclesRosOptions& options, const StereoTopics& topics,
-                  pi_node::WarningBoard* warnings, ObstaclesDiagnostics* diagnostics,
-                  std::function<void(const Found&)> publish);
+                  std::shared_ptr<StereoStages> stages, pi_node::WarningBoard* warnings,
+                  ObstaclesDiagnostics* diagnostics, std::function<void(const Found&)> publish);
   ObstaclesWorker(const ObstaclesWorker&) = delete;
   ObstaclesWorker& operator=(const ObstaclesWorker&) = delete;
 

@@ -1,0 +1,78 @@
+// Judge of runtime_streams.test.
+
+#include "drive_on_graph.h"
+
+#include <gtest/gtest.h>
+#include <pi_runtime/ListStreams.h>
+
+#include <map>
+#include <string>
+
+namespace pi_slam
+{
+namespace
+{
+
+constexpr double DRIVE_S = 5.0;
+constexpr double TIMEOUT_S = 20.0;
+
+using Streams = std::map<std::string, pi_runtime::Stream>;
+
+Streams streams()
+{
+  Streams found;
+  pi_runtime::ListStreams list;
+  if (ros::service::call("/runtime/list_streams", list))
+  {
+    for (const pi_runtime::Stream& stream : list.response.streams)
+    {
+      found[stream.name] = stream;
+    }
+  }
+  return found;
+}
+
+TEST(RuntimeStreams, OfAllProcessesAreListedDuringADrive)
+{
+  ASSERT_TRUE(ros::service::waitForService("/runtime/list_streams", ros::Duration(TIMEOUT_S)));
+  DriveOnGraph drive(SyntheticDrive::make(DRIVE_S));
+  ASSERT_TRUE(drive.waitForListeners(TIMEOUT_S));
+  ASSERT_TRUE(until(TIMEOUT_S, [] { return streams().count("detection") != 0; })) << "the network is not loaded";
+  drive.play(0.0, DRIVE_S, 1.0);
+  const auto have_run = []
+  {
+    Streams now = streams();
+    return now["slam_front_end"].jobs >= 40 && now["slam_window"].jobs > 0 && now["slam_map"].jobs > 0 &&
+           now["detection"].jobs > 0;
+  };
+  EXPECT_TRUE(until(TIMEOUT_S, have_run));
+  Streams now = streams();
+  for (const char* const name : {"slam_front_end", "slam_window", "slam_map", "detection"})
+  {
+    const pi_runtime::Stream& stream = now[name];
+    EXPECT_GT(stream.jobs, 0u) << name;
+    EXPECT_EQ(0u, stream.id) << name << " is of another process";
+    EXPECT_GT(stream.pid, 0) << name;
+    EXPECT_GT(stream.p99_s, 0.0) << name;
+    EXPECT_GE(stream.max_s, stream.p50_s) << name;
+  }
+  EXPECT_NE(now["slam_front_end"].pid, now["detection"].pid);
+  const pi_runtime::Stream& front_end = now["slam_front_end"];
+  EXPECT_NE("", front_end.unit) << "has no reserved capacity";
+  EXPECT_GT(front_end.wcet_s, 0.0);
+  EXPECT_NEAR(1.0 / 15.0, front_end.period_s, 0.02) << "of the cameras";
+  EXPECT_EQ(front_end.period_s, front_end.deadline_s) << "one frame";
+}
+
+}  // namespace
+}  // namespace pi_slam
+
+int main(int argc, char** argv)
+{
+  testing::InitGoogleTest(&argc, argv);
+  ros::init(argc, argv, "runtime_streams_test");
+  ros::NodeHandle node;
+  ros::AsyncSpinner spinner(2);
+  spinner.start();
+  return RUN_ALL_TESTS();
+}
