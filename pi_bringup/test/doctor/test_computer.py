@@ -73,6 +73,12 @@ class Computer(FakeRoot):
         self.assertNotIn("autogroup", result.text)
         self.put("proc/sys/kernel/sched_autogroup_enabled", "1\n")
         self.expect("WARN", computer.check_scheduling("Operation not permitted", self.root), "autogroup")
+        group = "sys/fs/cgroup/cpu/init.scope/cpu.rt_runtime_us"
+        self.put("proc/self/cgroup", "2:cpuacct:/\n1:cpu:/init.scope\n0::/init.scope\n")
+        self.put(group, "0\n")
+        self.expect("WARN", computer.check_scheduling("Operation not permitted", self.root), f"echo 500000 > /{group}")
+        self.put(group, "500000\n")
+        self.expect("WARN", computer.check_scheduling("Operation not permitted", self.root), "rtprio 16")
         self.put("proc/sys/kernel/sched_rt_runtime_us", "-1\n")
         self.expect("WARN", computer.check_scheduling("", self.root), "for good", "sched_rt_runtime_us=950000")
         self.put("proc/sys/kernel/sched_rt_runtime_us", "10000\n")

@@ -125,7 +125,12 @@ bool RuntimeCore::withinBudget(const TaskState& task, const Unit& unit, const Co
   {
     return false;
   }
-  return leastPiece(task, cost) <= budget;
+  double piece_s = leastPiece(task, cost);
+  if (stream != streams_.end() && stream->second.request.piece.count() > 0)
+  {
+    piece_s = std::min(piece_s, std::chrono::duration<double>(stream->second.request.piece).count());
+  }
+  return piece_s <= budget;
 }
 
 double RuntimeCore::runningLeft(const Unit& unit, int64_t now) const

@@ -136,6 +136,17 @@ def real_time_denied():
     return None
 
 
+def _group_without_real_time(root):
+    """The file that keeps this process's control group from real-time priorities, or None: kernels with
+    CONFIG_RT_GROUP_SCHED give new groups no time for them."""
+    for line in (_read(Path(root) / "proc/self/cgroup") or "").splitlines():
+        _, controllers, path = line.split(":", 2)
+        if "cpu" in controllers.split(","):
+            file = Path("sys/fs/cgroup") / controllers / path.strip("/") / "cpu.rt_runtime_us"
+            return f"/{file}" if _read(Path(root) / file) == "0" else None
+    return None
+
+
 def check_scheduling(denied=None, root="/"):
     """Whether short jobs of pi_runtime may interrupt long ones, and whether the kernel keeps them in bounds."""
     name = "scheduling"
@@ -146,6 +157,10 @@ def check_scheduling(denied=None, root="/"):
     if denied:
         autogroup = _read(Path(root) / "proc/sys/kernel/sched_autogroup_enabled") == "1"
         text = f"no real-time priorities ({denied}): long jobs are cut, not interrupted"
+        group = _group_without_real_time(root)
+        if group:
+            return warn(name, f"{text}; the control group has no time for them",
+                        f"as root: echo 500000 > {group}, in the groups above it first")
         return warn(name, text + (", and nice values count within a session only (autogroup)" if autogroup else ""),
                     f"as root: echo \"$USER - rtprio {WANTED_PRIORITY}\" > /etc/security/limits.d/pi_edge.conf, and log "
                     f"in anew; a systemd service needs LimitRTPRIO={WANTED_PRIORITY}, a container --cap-add=sys_nice")
