@@ -2,6 +2,8 @@
 /// the proven optimum, and says which of the paper's claims hold.
 ///   bench_scheduler [--sets N] [--seed S] [--real] [--output-csv FILE]   the paper's grid (default 100 sets a cell)
 ///   bench_scheduler --classes | --noise | --large                       other ETC classes, run-time errors, large sets
+///   bench_scheduler --braun | --sizes                 512 x 16 at several budgets; 10 to 10,000 tasks against the
+///   starts
 /// Baseline: Min-Min with ct = mat + ETC. plot_scheduler.py draws the CSV file.
 
 #include <pi_runtime/inter_core_scheduler.h>
@@ -9,16 +11,19 @@
 #include "execution_model.h"
 #include "grid_report.h"
 #include "makespan_oracle.h"
+#include "scheduler/dual_bound.h"
 
 #include <boost/program_options.hpp>
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
 #include <iostream>
+#include <limits>
 #include <map>
 #include <random>
 #include <stdexcept>
@@ -68,7 +73,7 @@ const std::vector<Contender>& contenders()
     {
       add(toString(policy), policy);
     }
-    result.back().options.budget = std::chrono::microseconds(0);  // the kicks bound it, so that results repeat
+    result.back().options.budget = std::chrono::hours(1);  // the kicks bound it, so that results repeat
     return result;
   }();
   return all;
@@ -250,6 +255,7 @@ void runLarge(uint64_t seed)
   std::vector<Contender> all = contenders();
   Contender unlimited = all.back();
   all.pop_back();
+  all.push_back({"search, default", {}});
   for (int budget_ms : {1, 10, 100})
   {
     all.push_back({"search " + std::to_string(budget_ms) + " ms", unlimited.options});
@@ -278,11 +284,161 @@ void runLarge(uint64_t seed)
   }
 }
 
+/// Near that of the linear relaxation and never above it: the bound of the search with fifty times its price updates.
+double lowerBound(const EtcMatrix& etc)
+{
+  constexpr int STEPS = 2000;
+  pi_runtime::InterCoreProblem problem;
+  problem.tasks = etc.tasks();
+  problem.units = etc.units();
+  problem.time.assign(etc.row(0), etc.row(0) + etc.tasks() * etc.units());
+  problem.available.assign(etc.units(), 0.0);
+  pi_runtime::DualBound bound;
+  bound.start(problem);
+  for (int step = 0; step < STEPS; ++step)
+  {
+    bound.improve(problem);
+  }
+  return bound.value();
+}
+
+/// The rules that the search starts from, and the search at each of these budgets [ms], 0 the default.
+std::vector<Contender> startsAndSearches(const std::vector<int>& budgets_ms)
+{
+  std::vector<Contender> result(3);
+  result[0].options.policy = InterCorePolicy::DIFF_MIN;
+  result[1].options.policy = InterCorePolicy::MIN_MIN;
+  result[2].options.policy = InterCorePolicy::SUFFERAGE;
+  for (Contender& contender : result)
+  {
+    contender.name = toString(contender.options.policy);
+  }
+  for (int budget_ms : budgets_ms)
+  {
+    result.push_back({budget_ms == 0 ? "search" : std::to_string(budget_ms) + " ms", {}});
+    result.back().options.budget = std::chrono::milliseconds(budget_ms);
+    result.back().options.kicks = budget_ms == 0 ? result.back().options.kicks : std::numeric_limits<int>::max();
+  }
+  return result;
+}
+
+void runBraun(int sets, uint64_t seed, size_t tasks, size_t units)
+{
+  std::printf("Braun's classes, %zu tasks on %zu units, %d sets each, seed %llu: makespan over the lower bound [%%]\n",
+              tasks, units, sets, static_cast<unsigned long long>(seed));
+  const std::vector<Contender> all = startsAndSearches({0, 1, 5, 20, 100});
+  std::vector<std::string> columns;
+  for (const Contender& contender : all)
+  {
+    columns.push_back(contender.name);
+  }
+  columns.emplace_back("search [ms]");
+  printHeader("class", columns);
+  std::vector<double> means(columns.size(), 0.0);
+  std::mt19937_64 random(seed);
+  InterCoreScheduler scheduler;
+  Assignment assignment;
+  const std::vector<EtcClass> classes = braunClasses(tasks, units);
+  const auto print = [](const std::string& name, const std::vector<double>& figures)
+  {
+    std::printf("%-18s", name.c_str());
+    for (double figure : figures)
+    {
+      std::printf(" %11.3f", figure);
+    }
+    std::printf("\n");
+  };
+  for (const EtcClass& etc_class : classes)
+  {
+    std::vector<double> figures(columns.size(), 0.0);
+    for (int set = 0; set < sets; ++set)
+    {
+      const EtcMatrix etc = etc_class.draw(&random);
+      const double bound = lowerBound(etc);
+      for (size_t k = 0; k < all.size(); ++k)
+      {
+        const double time_us = timedSchedule(&scheduler, etc, all[k].options, &assignment);
+        figures[k] += 100.0 * (assignment.makespan / bound - 1.0) / sets;
+        figures.back() += all[k].name == "search" ? time_us / 1000.0 / sets : 0.0;
+      }
+    }
+    print(etc_class.name, figures);
+    for (size_t k = 0; k < figures.size(); ++k)
+    {
+      means[k] += figures[k] / static_cast<double>(classes.size());
+    }
+  }
+  print("mean", means);
+}
+
+/// Instances of every size and kind: is the search ever worse than one of the rules that it starts from?
+void runSizes(int sets, uint64_t seed)
+{
+  constexpr size_t MOST_UNITS = 16;
+  const double decades[] = {1.0, 2.0, 3.0, 4.0};
+  std::printf("%d instances of 10 to 10,000 tasks on 2 to %zu units, uniform and Braun's classes, seed %llu\n", sets,
+              MOST_UNITS, static_cast<unsigned long long>(seed));
+  std::printf(
+      "%-18s %9s | mean makespan over the lower bound [%%]                       | search [ms]         | worse "
+      "than one\n%-18s %9s | %11s %11s %11s %11s | %9s %9s | of the three\n",
+      "tasks", "instances", "", "", "diff_min", "min_min", "sufferage", "search", "mean", "max");
+  const std::vector<Contender> all = startsAndSearches({0});
+  std::mt19937_64 random(seed);
+  InterCoreScheduler scheduler;
+  Assignment assignment;
+  struct Row
+  {
+    int instances = 0;
+    int worse = 0;
+    std::vector<double> gaps = std::vector<double>(4, 0.0);
+    double time_ms = 0.0;
+    double longest_ms = 0.0;
+  };
+  std::vector<Row> rows(3);
+  for (int set = 0; set < sets; ++set)
+  {
+    const double exponent = std::uniform_real_distribution<double>(decades[0], decades[3])(random);
+    const auto tasks = static_cast<size_t>(std::pow(10.0, exponent));
+    const size_t units = 2 + random() % (MOST_UNITS - 1);
+    const size_t kind = random() % 14;
+    const EtcMatrix etc =
+        kind < 12 ? braunClasses(tasks, units)[kind].draw(&random) : paperEtc(tasks, units, kind == 12, &random);
+    Row& row = rows[static_cast<size_t>(exponent) - 1];
+    ++row.instances;
+    double best_start = pi_runtime::INF;
+    double time_ms = 0.0;
+    std::vector<double> makespans;
+    for (const Contender& contender : all)
+    {
+      time_ms = timedSchedule(&scheduler, etc, contender.options, &assignment) / 1000.0;
+      makespans.push_back(assignment.makespan);
+    }
+    for (size_t k = 0; k < all.size(); ++k)  // the last assignment is that of the search
+    {
+      row.gaps[k] += 100.0 * (makespans[k] / assignment.lower_bound - 1.0);
+      best_start = k + 1 < all.size() ? std::min(best_start, makespans[k]) : best_start;
+    }
+    row.worse += makespans.back() > best_start ? 1 : 0;
+    row.time_ms += time_ms;
+    row.longest_ms = std::max(row.longest_ms, time_ms);
+  }
+  for (size_t k = 0; k < rows.size(); ++k)
+  {
+    const Row& row = rows[k];
+    std::printf("%6.0f to %6.0f   %9d | %11.3f %11.3f %11.3f %11.3f | %9.2f %9.2f | %d\n", std::pow(10.0, decades[k]),
+                std::pow(10.0, decades[k + 1]), row.instances, row.gaps[0] / row.instances, row.gaps[1] / row.instances,
+                row.gaps[2] / row.instances, row.gaps[3] / row.instances, row.time_ms / row.instances, row.longest_ms,
+                row.worse);
+  }
+}
+
 int run(int argc, char** argv)
 {
   namespace po = boost::program_options;
   int sets = 0;
   uint64_t seed = 0;
+  size_t tasks = 0;
+  size_t units = 0;
   std::string csv_path;
   po::options_description options("bench_scheduler: the inter-core policies on the paper's simulation");
   options.add_options()("help,h", "this text")("sets", po::value(&sets)->default_value(100), "sets per cell or class");
@@ -291,6 +447,10 @@ int run(int argc, char** argv)
   options.add_options()("real", "real-valued ETC instead of whole numbers");
   options.add_options()("classes", "other ETC classes instead of the paper's grid");
   options.add_options()("noise", "errors of the ETC at run time, with and without stealing");
+  options.add_options()("braun", "512 tasks on 16 units, at several budgets");
+  options.add_options()("sizes", "instances of 10 to 10,000 tasks against the rules that the search starts from");
+  options.add_options()("tasks", po::value(&tasks)->default_value(512), "with --braun");
+  options.add_options()("units", po::value(&units)->default_value(16), "with --braun");
   options.add_options()("large", "times for 10^3 to 10^5 tasks");
   po::variables_map values;
   po::store(po::parse_command_line(argc, argv, options), values);
@@ -312,6 +472,14 @@ int run(int argc, char** argv)
   else if (values.count("noise") != 0)
   {
     runNoise(sets, seed);
+  }
+  else if (values.count("braun") != 0)
+  {
+    runBraun(sets, seed, tasks, units);
+  }
+  else if (values.count("sizes") != 0)
+  {
+    runSizes(sets, seed);
   }
   else if (values.count("large") != 0)
   {

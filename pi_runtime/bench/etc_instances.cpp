@@ -30,15 +30,16 @@ double uniform(double low, double high, std::mt19937_64* random)
   return std::uniform_real_distribution<double>(low, high)(*random);
 }
 
-EtcMatrix rangeBased(double task_range, double unit_range, Consistency consistency, std::mt19937_64* random)
+EtcMatrix rangeBased(size_t tasks, size_t units, double task_range, double unit_range, Consistency consistency,
+                     std::mt19937_64* random)
 {
-  EtcMatrix etc(TASKS, UNITS);
+  EtcMatrix etc(tasks, units);
   const size_t stride = consistency == Consistency::SEMI ? 2 : 1;
-  for (size_t i = 0; i < TASKS; ++i)
+  for (size_t i = 0; i < tasks; ++i)
   {
     const double size = uniform(1.0, task_range, random);
     std::vector<double> ordered;
-    for (size_t j = 0; j < UNITS; ++j)
+    for (size_t j = 0; j < units; ++j)
     {
       etc.at(i, j) = size * uniform(1.0, unit_range, random);
       if (j % stride == 0)
@@ -115,22 +116,35 @@ EtcMatrix paperEtc(size_t tasks, size_t units, bool whole, std::mt19937_64* rand
   return etc;
 }
 
-std::vector<EtcClass> etcClasses()
+std::vector<EtcClass> braunClasses(size_t tasks, size_t units)
 {
-  constexpr double HIGH_TASK = 3000.0;
-  constexpr double LOW_TASK = 100.0;
-  constexpr double HIGH_UNIT = 1000.0;
-  constexpr double LOW_UNIT = 10.0;
   std::vector<EtcClass> classes;
   for (const auto& [consistency, prefix] :
        {std::pair(Consistency::NONE, "inconsistent"), {Consistency::SEMI, "semi"}, {Consistency::FULL, "consistent"}})
   {
-    for (const auto& [task_range, unit_range, suffix] :
-         {std::tuple(HIGH_TASK, HIGH_UNIT, " hi-hi"), {LOW_TASK, LOW_UNIT, " lo-lo"}})
+    for (const auto& [task_range, unit_range, suffix] : {std::tuple(3000.0, 1000.0, " hi-hi"),
+                                                         {3000.0, 10.0, " hi-lo"},
+                                                         {100.0, 1000.0, " lo-hi"},
+                                                         {100.0, 10.0, " lo-lo"}})
     {
-      classes.push_back({std::string(prefix) + suffix, TASKS, UNITS,
-                         [consistency = consistency, task_range = task_range, unit_range = unit_range](auto* random)
-                         { return rangeBased(task_range, unit_range, consistency, random); }});
+      const auto draw =
+          [tasks, units, consistency = consistency, task_range = task_range, unit_range = unit_range](auto* random)
+      { return rangeBased(tasks, units, task_range, unit_range, consistency, random); };
+      classes.push_back({std::string(prefix) + suffix, tasks, units, draw});
+    }
+  }
+  return classes;
+}
+
+std::vector<EtcClass> etcClasses()
+{
+  std::vector<EtcClass> classes;
+  for (EtcClass& range_based : braunClasses(TASKS, UNITS))
+  {
+    const std::string kind = range_based.name.substr(range_based.name.size() - 5);
+    if (kind == "hi-hi" || kind == "lo-lo")
+    {
+      classes.push_back(std::move(range_based));
     }
   }
   classes.push_back({"3 cores + GPU", 20, 4, [](auto* random) { return coresAndGpu(20, 3, random); }});

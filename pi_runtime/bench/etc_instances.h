@@ -23,8 +23,12 @@ struct EtcClass
   std::function<pi_runtime::EtcMatrix(std::mt19937_64* random)> draw;
 };
 
-/// The range-based classes of Braun et al. (2001), in which an entry is the product of a task's and a pair's random
-/// number, and kinds of machines seen on vehicles: CPU cores with a GPU, units that cannot run everything, equal cores.
+/// The twelve range-based classes of Braun et al. (2001), in which an entry is the product of a task's and a pair's
+/// random number; theirs have 512 tasks and 16 units.
+std::vector<EtcClass> braunClasses(size_t tasks, size_t units);
+
+/// Six of these with 30 tasks and 4 units, and kinds of machines seen on vehicles: CPU cores with a GPU, units that
+/// cannot run everything, equal cores.
 std::vector<EtcClass> etcClasses();
 
 /// Every finite entry times a log-normal factor of median 1.

@@ -52,7 +52,8 @@ struct ExecutionReport
 
 /// Runs one kind of implementation on one unit, one execution after the other.
 ///
-/// The runtime calls prepare() and start() from one thread at a time; the rest is thread safe.
+/// The runtime calls prepare() and start() from one thread at a time; the rest is thread safe. tryOut() runs beside
+/// them, for another codelet.
 class Executor
 {
 public:
@@ -68,6 +69,12 @@ public:
   virtual bool ready(const Execution& execution) const = 0;
   /// Compiles and loads; may take seconds. @throws OpenClError, std::invalid_argument
   virtual void prepare(const CodeletPtr& codelet) = 0;
+  /// True if the first run of a codelet takes long, since it is compiled. The runtime then tries a codelet out in the
+  /// background, before it uses this executor for what another one can run.
+  virtual bool compiles() const { return false; }
+  /// Compiles, and runs the codelet beside what the unit does, until nothing is compiled any more. The arguments are
+  /// memory of its own. @return run time of the last run [s]. @throws as prepare(), and what the function throws.
+  virtual double tryOut(const Execution&) { return 0.0; }
   /// Begins an execution; completion is called exactly once, from any thread, perhaps before start() returns.
   virtual void start(const Execution& execution, Completion completion) = 0;
   /// The unit's memory if it is not the host's.

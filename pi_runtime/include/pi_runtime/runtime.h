@@ -132,6 +132,8 @@ public:
 
   /// Does not wait for the task. An invalid request ends with Outcome::REFUSED.
   TaskHandle submit(TaskRequest request);
+  /// Why submit() would end the request with Outcome::REFUSED now, one text per cause; empty if it would not.
+  std::string refusalOf(const TaskRequest& request) const;
   /// A metatask: independent tasks, placed together. They may start in any order.
   std::vector<TaskHandle> submitBatch(std::vector<TaskRequest> requests);
   /// If a sub-task does not end OK, its successors are cancelled. @return handles of the sub-tasks, in their order.

@@ -69,6 +69,11 @@ TaskHandle Runtime::submit(TaskRequest request)
   return core_->submit(std::move(request));
 }
 
+std::string Runtime::refusalOf(const TaskRequest& request) const
+{
+  return core_->refusalOf(request);
+}
+
 std::vector<TaskHandle> Runtime::submitBatch(std::vector<TaskRequest> requests)
 {
   return core_->submitBatch(std::move(requests));

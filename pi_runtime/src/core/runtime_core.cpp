@@ -87,12 +87,13 @@ void RuntimeCore::stop()
     }
   }
   watch_.notify_all();
+  trial_queued_.notify_all();
   leave(lock, ended);
   watcher_.join();
   lock.lock();
   const auto at_rest = [this]
   {
-    return announcing_ == 0 &&
+    return announcing_ == 0 && !trying_ &&
            std::all_of(all_.begin(), all_.end(),
                        [](const Unit* unit) { return unit->worker_left && unit->running.empty() && !unit->starting; });
   };
@@ -116,6 +117,10 @@ void RuntimeCore::stop()
     {
       clean ? unit->worker.join() : unit->worker.detach();
     }
+  }
+  if (trier_.joinable())
+  {
+    clean ? trier_.join() : trier_.detach();
   }
   if (!clean)
   {
@@ -171,22 +176,51 @@ std::string RuntimeCore::problemOf(const TaskRequest& request) const
 {
   if (!request.codelet)
   {
-    return "TaskRequest.codelet is null";
+    return "there is no codelet";
   }
   if (request.range == 0)
   {
-    return "TaskRequest.range = 0 of codelet " + request.codelet->name + ", must be at least 1";
+    return "range = 0 of codelet " + request.codelet->name + ", must be at least 1";
   }
   if (!std::isfinite(request.size) || request.size < 0.0)
   {
-    return "TaskRequest.size of codelet " + request.codelet->name + " must be finite and at least 0";
+    return "size = " + std::to_string(request.size) + " of codelet " + request.codelet->name +
+           ", must be finite and at least 0 (0: the range)";
   }
   if (request.stream != NO_STREAM && streams_.count(request.stream) == 0)
   {
-    return "TaskRequest.stream = " + std::to_string(request.stream) + " of codelet " + request.codelet->name +
-           " is not admitted; call admit() first";
+    return "stream = " + std::to_string(request.stream) + " of codelet " + request.codelet->name +
+           " is not admitted; admit it first, or leave it 0";
+  }
+  if (!request.unit.empty() && findUnit(request.unit) == nullptr)
+  {
+    return "there is no unit \"" + request.unit + "\", there are " + unitNames();
   }
   return "";
+}
+
+std::string RuntimeCore::refusalOf(const TaskRequest& request)
+{
+  Lock lock(mutex_);
+  std::string problem = problemOf(request);
+  if (!problem.empty())
+  {
+    return problem;
+  }
+  const TaskPtr task = makeTask(request);
+  task->self.reset();  // it is not submitted
+  task->record = &recordOf(request.codelet);
+  std::vector<Cost> costs;
+  for (const std::unique_ptr<Unit>& unit : units_)
+  {
+    costs.push_back(costOn(*task, *unit));
+    if (costs.back().allowed)
+    {
+      return "";
+    }
+  }
+  const TaskResult refusal = refusalOf(*task, costs);
+  return refusal.outcome == Outcome::REFUSED ? refusal.message : "";
 }
 
 CodeletRecord& RuntimeCore::recordOf(const CodeletPtr& codelet)

@@ -3,6 +3,7 @@
 #include <pi_node/durations.h>
 #include <condition_variable>
 #include <cstdint>
+#include <deque>
 #include <functional>
 #include <map>
 #include <memory>
@@ -50,6 +51,7 @@ public:
   void stop();
 
   TaskHandle submit(TaskRequest request);
+  std::string refusalOf(const TaskRequest& request);
   std::vector<TaskHandle> submitBatch(std::vector<TaskRequest> requests);
   std::vector<TaskHandle> submitGraph(GraphRequest request);
   void cancel(TaskState& task);
@@ -102,6 +104,8 @@ private:
   // placement.cpp: which unit.
   Cost costOn(const TaskState& task, Unit& unit) const;
   Cost executorCost(const TaskState& task, Unit& unit, size_t executor) const;
+  /// True if some executor can run the task without compiling first.
+  bool hasTriedExecutor(const TaskState& task) const;
   /// True if the unit could run the task if it were usable.
   bool supports(const Unit& unit, const TaskState& task) const;
   bool withinBudget(const TaskState& task, const Unit& unit, const Cost& cost) const;
@@ -135,7 +139,8 @@ private:
   void onFinished(TaskState& task, const ExecutionReport& report);
   void afterGoodRun(Unit& unit, TaskState& task, std::vector<TaskPtr>* ended);
   void afterBadRun(Unit& unit, TaskState& task, const ExecutionReport& report, std::vector<TaskPtr>* ended);
-  void blockExecutor(Unit& unit, const TaskState& task, const ExecutionReport& report, std::vector<TaskPtr>* ended);
+  void blockExecutor(Unit& unit, CodeletRecord& record, size_t executor, const ExecutionReport& report,
+                     std::vector<TaskPtr>* ended);
   void takeBack(Unit& unit, TaskState& task, int64_t now, std::vector<TaskPtr>* ended);
   void account(Unit& unit, TaskState& task, const ExecutionReport& report, int64_t now);
   void learn(const Unit& unit, TaskState& task);
@@ -169,6 +174,28 @@ private:
   Unit* findUnit(const std::string& name) const;
   /// Call with the lock; leave() writes the line.
   void note(const std::string& warning);
+  // trials.cpp: executors that compile are tried in the background, never on a user's task that another can run.
+  struct Trial
+  {
+    struct Shape
+    {
+      Access access;
+      size_t bytes;  ///< 0: it is a value
+    };
+    CodeletPtr codelet;
+    std::vector<Argument> values;  ///< per argument of the task, of any content where it is a buffer
+    std::vector<Shape> buffers;    ///< per argument; the caller's memory may be gone when the trial begins
+    uint64_t range;
+    int bucket;
+    Unit* unit;
+    size_t executor;
+  };
+  /// Queues what the task's codelet has not been tried on, unless the ETC table knows that it is slower there.
+  void queueTrials(const TaskState& task);
+  void trialLoop();
+  static ExecutionReport runTrial(const Trial& trial, double* run_s);
+  void endTrial(const Trial& trial, double run_s, const ExecutionReport& report, std::vector<TaskPtr>* ended);
+
   void loadEtc();
   void saveEtc(Lock& lock);
 
@@ -246,6 +273,10 @@ private:
   std::condition_variable watch_;
   std::condition_variable idle_;  ///< while stopping: a task has ended, a callback has returned, or a worker has left
   std::thread watcher_;
+  std::deque<Trial> trials_;
+  std::condition_variable trial_queued_;
+  std::thread trier_;    ///< from the first trial on
+  bool trying_ = false;  ///< it is in an executor
 
   std::mutex planning_mutex_;  ///< taken before mutex_
   InterCoreScheduler batch_scheduler_;

@@ -33,9 +33,10 @@ struct CodeletRecord
   EtcTable::Row* row = nullptr;
   struct Column
   {
-    bool blocked = false;  ///< its program does not build there
-    bool warm = false;     ///< has run there in this process
-    TaskResult reason;     ///< outcome, code and message if blocked
+    bool blocked = false;   ///< its program does not build there
+    bool warm = false;      ///< has run there in this process
+    bool on_trial = false;  ///< tryOut() is due or under way
+    TaskResult reason;      ///< outcome, code and message if blocked
   };
   std::vector<Column> columns;
 

@@ -171,7 +171,51 @@ void OpenClExecutor::prepare(const CodeletPtr& codelet)
     program->kernel(kernel);
   }
   std::lock_guard<std::mutex> lock(mutex_);
-  prepared_[codelet->name] = Prepared{codelet, std::move(program)};
+  Prepared& prepared = prepared_[codelet->name];
+  if (prepared.codelet != codelet)  // else another thread was faster
+  {
+    prepared = Prepared{codelet, std::move(program)};
+  }
+}
+
+double OpenClExecutor::tryOut(const Execution& execution)
+{
+  constexpr int RUNS = 3;  // the first one compiles the kernels for their local sizes, the second one fills caches
+  prepare(execution.codelet);
+  const bool shared = context_->memoryModel() != MemoryModel::SEPARATE;
+  std::vector<ClMem> owned;
+  std::vector<cl_mem> memory(execution.arguments.size(), nullptr);
+  for (size_t index = 0; index < memory.size(); ++index)
+  {
+    const Argument& argument = execution.arguments[index];
+    if (argument.isBuffer())
+    {
+      Buffer& buffer = *argument.buffer();
+      const cl_mem_flags flags = CL_MEM_READ_WRITE | (shared ? CL_MEM_USE_HOST_PTR : CL_MEM_COPY_HOST_PTR);
+      owned.push_back(makeMemory(*context_, flags, buffer.bytes(), buffer.address()));
+      memory[index] = owned.back().get();
+    }
+  }
+  const ClQueue queue = context_->makeQueue(device_);
+  double seconds = 0.0;
+  for (int run = 0; run < RUNS; ++run)
+  {
+    const auto begin = Clock::now();
+    OpenClCommand command(*find(execution.codelet), queue.get(), execution.arguments, memory, execution.begin,
+                          execution.end, execution.range);
+    try
+    {
+      execution.codelet->opencl.front().function(command);
+    }
+    catch (...)
+    {
+      clFinish(queue.get());  // what was enqueued before uses the buffers
+      throw;
+    }
+    checkOpenCl(clFinish(queue.get()), "a trial of " + execution.codelet->name);
+    seconds = std::chrono::duration<double>(Clock::now() - begin).count();
+  }
+  return seconds;
 }
 
 cl_mem OpenClExecutor::memoryOf(Buffer& buffer, Access access, ExecutionReport* report)

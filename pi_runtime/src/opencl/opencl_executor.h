@@ -28,6 +28,8 @@ public:
   bool asynchronous() const override { return true; }
   bool ready(const Execution& execution) const override;
   void prepare(const CodeletPtr& codelet) override;
+  bool compiles() const override { return true; }
+  double tryOut(const Execution& execution) override;
   void start(const Execution& execution, Completion completion) override;
   const MemorySpace* memory() const override { return space_.get(); }
   double measureBandwidth() override;

@@ -186,7 +186,7 @@ StreamRequest fromMsg(const AdmitStream::Request& message, CodeletPtr codelet)
   StreamRequest request;
   request.name = message.name;
   request.codelet = std::move(codelet);
-  request.size = message.size;
+  request.size = message.size != 0.0 ? message.size : 1.0;
   request.period = toNanoseconds(message.period, "period");
   request.deadline = toNanoseconds(message.deadline, "deadline");
   request.wcet = toNanoseconds(message.wcet, "wcet");

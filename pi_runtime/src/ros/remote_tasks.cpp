@@ -86,6 +86,11 @@ RemoteTasks::EntryPtr RemoteTasks::makeEntry(const TaskConstPtr& task, KeptBuffe
   auto entry = std::make_shared<RemoteTask>();
   entry->intake = takeIn(task, *codelets_, draft, [this](size_t bytes) { return takeMemory(bytes); });
   entry->listener = std::move(listener);
+  const std::string refusal = runtime_->refusalOf(entry->intake.request);
+  if (!refusal.empty())
+  {
+    throw std::invalid_argument(refusal);
+  }
   return entry;
 }
 

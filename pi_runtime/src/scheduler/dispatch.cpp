@@ -352,6 +352,7 @@ void RuntimeCore::afterGoodRun(Unit& unit, TaskState& task, std::vector<TaskPtr>
   if (task.next == task.request.range)
   {
     learn(unit, task);
+    queueTrials(task);
     end(task, Outcome::OK, "", ended);
     return;
   }
@@ -368,11 +369,11 @@ void RuntimeCore::afterGoodRun(Unit& unit, TaskState& task, std::vector<TaskPtr>
 }
 
 /// After a failed build: no task tries this program on this unit again.
-void RuntimeCore::blockExecutor(Unit& unit, const TaskState& task, const ExecutionReport& report,
+void RuntimeCore::blockExecutor(Unit& unit, CodeletRecord& record, size_t executor, const ExecutionReport& report,
                                 std::vector<TaskPtr>* ended)
 {
-  const UnitExecutor& entry = unit.executors[static_cast<size_t>(task.executor)];
-  CodeletRecord::Column& column = task.record->at(entry.column);
+  const UnitExecutor& entry = unit.executors[executor];
+  CodeletRecord::Column& column = record.at(entry.column);
   if (column.blocked)
   {
     return;
@@ -381,10 +382,12 @@ void RuntimeCore::blockExecutor(Unit& unit, const TaskState& task, const Executi
   column.reason.outcome = report.outcome;
   column.reason.opencl_code = report.opencl_code;
   column.reason.message = report.message;
-  note("codelet " + task.request.codelet->name + " does not build on unit " + unit.name + " and is not run by " +
+  note("codelet " + record.codelet->name + " does not build on unit " + unit.name + " and is not run by " +
        entry.executor->name() + " there: " + report.message);
   replaceQueued(
-      unit, [&task](const TaskState& other) { return other.record == task.record && other.executor == task.executor; },
+      unit,
+      [&record, executor](const TaskState& other)
+      { return other.record == &record && static_cast<size_t>(other.executor) == executor; },
       ended);
 }
 
@@ -405,7 +408,7 @@ void RuntimeCore::afterBadRun(Unit& unit, TaskState& task, const ExecutionReport
   }
   else if (report.outcome == Outcome::BUILD_FAILED)
   {
-    blockExecutor(unit, task, report, ended);
+    blockExecutor(unit, *task.record, static_cast<size_t>(task.executor), report, ended);
   }
   else
   {

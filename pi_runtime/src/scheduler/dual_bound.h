@@ -31,6 +31,8 @@ public:
   void minimisingMapping(const InterCoreProblem& problem, std::vector<uint32_t>* unit) const;
   /// The best L(p) itself, neither rounded nor raised by the trivial bounds. Valid after improve().
   double relaxedValue() const { return relaxed_value_; }
+  /// Of the best L(p).
+  double price(size_t unit) const { return best_prices_[unit]; }
   /// relaxedValue() of the problem in which the task must run on the unit is higher by at least this: its entry of L(p)
   /// less the smallest of its row. Valid after improve().
   double reducedCost(const InterCoreProblem& problem, size_t task, size_t unit) const

@@ -140,8 +140,11 @@ double InterCoreHeuristics::rank(const Prospect& prospect, DynamicRank by)
   return by == DynamicRank::COMPLETION ? prospect.completion : prospect.second_completion - prospect.completion;
 }
 
-void InterCoreHeuristics::mapByDynamicRank(const InterCoreProblem& problem, DynamicRank by, InterCoreMapping* mapping)
+bool InterCoreHeuristics::mapByDynamicRank(const InterCoreProblem& problem, DynamicRank by, const DualBound* bound,
+                                           double objective, InterCoreMapping* mapping)
 {
+  constexpr double ROUNDING = 1e-9;  // above that of the sum of the reduced costs
+  double least = bound != nullptr ? bound->relaxedValue() * (1.0 - ROUNDING) : 0.0;
   mapping->start(problem);
   ranked_.clear();
   for (uint32_t i = 0; i < problem.tasks; ++i)
@@ -169,6 +172,10 @@ void InterCoreHeuristics::mapByDynamicRank(const InterCoreProblem& problem, Dyna
                                         });
     const uint32_t unit = first->unit;
     mapping->map(problem, first->task, unit);
+    if (bound != nullptr && (least += bound->reducedCost(problem, first->task, unit)) >= objective)
+    {
+      return false;
+    }
     *first = window_.back();
     window_.pop_back();
     for (Prospect& waiting : window_)
@@ -179,16 +186,23 @@ void InterCoreHeuristics::mapByDynamicRank(const InterCoreProblem& problem, Dyna
       }
     }
   }
+  return true;
 }
 
 void InterCoreHeuristics::maxMin(const InterCoreProblem& problem, InterCoreMapping* mapping)
 {
-  mapByDynamicRank(problem, DynamicRank::COMPLETION, mapping);
+  mapByDynamicRank(problem, DynamicRank::COMPLETION, nullptr, INF, mapping);
 }
 
 void InterCoreHeuristics::sufferage(const InterCoreProblem& problem, InterCoreMapping* mapping)
 {
-  mapByDynamicRank(problem, DynamicRank::SUFFERAGE, mapping);
+  mapByDynamicRank(problem, DynamicRank::SUFFERAGE, nullptr, INF, mapping);
+}
+
+bool InterCoreHeuristics::sufferageBelow(const InterCoreProblem& problem, const DualBound& bound, double objective,
+                                         InterCoreMapping* mapping)
+{
+  return mapByDynamicRank(problem, DynamicRank::SUFFERAGE, &bound, objective, mapping);
 }
 
 void InterCoreHeuristics::mct(const InterCoreProblem& problem, InterCoreMapping* mapping)

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <pi_runtime/inter_core_scheduler.h>
+#include "scheduler/dual_bound.h"
 #include "scheduler/inter_core_problem.h"
 
 #include <cstdint>
@@ -24,6 +25,11 @@ public:
   void maxMin(const InterCoreProblem& problem, InterCoreMapping* mapping);
   /// O(x g W), W = 1024.
   void sufferage(const InterCoreProblem& problem, InterCoreMapping* mapping);
+  /// As sufferage(), but gives up once the prices of the bound show that its objective will not be below `objective`.
+  /// Against a good mapping that is after few tasks.
+  /// @return false if it gave up; `mapping` is then incomplete.
+  bool sufferageBelow(const InterCoreProblem& problem, const DualBound& bound, double objective,
+                      InterCoreMapping* mapping);
   void mct(const InterCoreProblem& problem, InterCoreMapping* mapping);
   void met(const InterCoreProblem& problem, InterCoreMapping* mapping);
   void olb(const InterCoreProblem& problem, InterCoreMapping* mapping);
@@ -61,7 +67,9 @@ private:
   void mapRanked(const InterCoreProblem& problem, InterCoreMapping* mapping);
   /// Sorts ranked_ by falling first member, equals by task.
   void sortRanked();
-  void mapByDynamicRank(const InterCoreProblem& problem, DynamicRank by, InterCoreMapping* mapping);
+  /// @param bound nullptr: never gives up.
+  bool mapByDynamicRank(const InterCoreProblem& problem, DynamicRank by, const DualBound* bound, double objective,
+                        InterCoreMapping* mapping);
 
   std::vector<DiffMinKey> keys_;
   std::vector<std::pair<double, uint32_t>> ranked_;

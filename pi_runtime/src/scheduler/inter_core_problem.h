@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -9,6 +10,8 @@ namespace pi_runtime
 {
 
 constexpr double INF = std::numeric_limits<double>::infinity();  ///< time: cannot run there; budget: no limit
+
+struct InterCoreMapping;
 
 /// What the inter-core policies work on: tasks that at least one unit can run, and the objective divided by alpha,
 /// which is the largest load plus the sum of the costs.
@@ -31,6 +34,8 @@ struct InterCoreProblem
     const size_t entry = task * units + unit;
     return cost.empty() ? time[entry] : time[entry] + cost[entry];
   }
+
+  double objective(const InterCoreMapping& mapping) const;
 
   /// The largest objective that is still better than `objective`.
   double nextBetter(double objective) const
@@ -63,6 +68,16 @@ struct InterCoreMapping
     load[to] += problem.timeRow(task)[to];
   }
 };
+
+inline double InterCoreProblem::objective(const InterCoreMapping& mapping) const
+{
+  double result = *std::max_element(mapping.load.begin(), mapping.load.end());
+  for (size_t i = 0; i < (cost.empty() ? 0 : tasks); ++i)
+  {
+    result += costRow(i)[mapping.unit[i]];
+  }
+  return result;
+}
 
 /// Random numbers of splitmix64 (Steele, Lea and Flood 2014): one addition and a mix, any seed is good.
 class SplitMix64

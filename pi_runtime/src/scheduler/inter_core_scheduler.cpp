@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <array>
-#include <optional>
 #include <sstream>
 #include <stdexcept>
 #include <utility>
@@ -130,7 +129,7 @@ void InterCoreOptions::validate() const
 {
   if (budget.count() < 0)
   {
-    refuse("budget", std::to_string(budget.count()) + " us", ">= 0 (0: no limit)");
+    refuse("budget", std::to_string(budget.count()) + " us", ">= 0 (0: by the size of the problem)");
   }
   if (kicks < 0)
   {
@@ -146,6 +145,13 @@ void InterCoreOptions::validate() const
   }
 }
 
+std::chrono::microseconds searchBudget(size_t tasks, size_t units)
+{
+  constexpr uint64_t LEAST_US = 1000;
+  constexpr uint64_t US_PER_ENTRY = 2;
+  return std::chrono::microseconds(std::max(LEAST_US, US_PER_ENTRY * tasks * units));
+}
+
 struct InterCoreScheduler::Workspace
 {
   InterCoreProblem problem;
@@ -156,8 +162,7 @@ struct InterCoreScheduler::Workspace
 
   void collect(const EtcMatrix& etc, const std::vector<double>& available, const InterCoreOptions& options,
                const EtcMatrix* energy);
-  InterCoreSearch::Outcome map(const InterCoreOptions& options,
-                               const std::optional<std::chrono::steady_clock::time_point>& deadline);
+  InterCoreSearch::Outcome map(const InterCoreOptions& options, std::chrono::steady_clock::time_point deadline);
   uint32_t unitForSingleTask(InterCorePolicy policy) const;
 };
 
@@ -228,8 +233,8 @@ uint32_t InterCoreScheduler::Workspace::unitForSingleTask(InterCorePolicy policy
   return unit;
 }
 
-InterCoreSearch::Outcome InterCoreScheduler::Workspace::map(
-    const InterCoreOptions& options, const std::optional<std::chrono::steady_clock::time_point>& deadline)
+InterCoreSearch::Outcome InterCoreScheduler::Workspace::map(const InterCoreOptions& options,
+                                                            std::chrono::steady_clock::time_point deadline)
 {
   switch (options.policy)
   {
@@ -259,7 +264,8 @@ InterCoreSearch::Outcome InterCoreScheduler::Workspace::map(
       break;
     case InterCorePolicy::SEARCH:
       heuristics.diffMin(problem, options.diff_min_order, options.seed, &mapping);
-      return search.improve(problem, {options.kicks, options.seed, deadline}, &mapping);
+      return search.improve(problem, {options.kicks, options.seed, deadline, options.budget.count() == 0}, &heuristics,
+                            &mapping);
   }
   return {};
 }
@@ -272,11 +278,10 @@ void InterCoreScheduler::schedule(const EtcMatrix& etc, const std::vector<double
                                   const InterCoreOptions& options, const EtcMatrix* energy, Assignment* result)
 {
   options.validate();
-  std::optional<std::chrono::steady_clock::time_point> deadline;
-  if (options.policy == InterCorePolicy::SEARCH && options.budget.count() > 0 && etc.tasks() > 1)
-  {
-    deadline = std::chrono::steady_clock::now() + options.budget;
-  }
+  constexpr std::chrono::microseconds MOST = std::chrono::hours(24);  // more would overflow the clock
+  const std::chrono::microseconds budget =
+      options.budget.count() == 0 ? searchBudget(etc.tasks(), etc.units()) : std::min(options.budget, MOST);
+  const std::chrono::steady_clock::time_point deadline = std::chrono::steady_clock::now() + budget;
   validateInput(etc, available, energy);
   Workspace& work = *workspace_;
   work.collect(etc, available, options, energy);

@@ -1,6 +1,9 @@
 #include "scheduler/inter_core_search.h"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
 
 namespace pi_runtime
 {
@@ -10,24 +13,35 @@ namespace
 /// A step must gain more than this share of the makespan, so that rounding cannot make it go in circles.
 constexpr double LEAST_GAIN = 1e-9;
 
-/// Exchanges looked at per step, some 0.03 ms of work. Metatasks of up to some 400 tasks are looked at completely,
-/// larger ones from a random task on, which keeps a step short where thousands of exchanges would do.
+/// Exchanges looked at per step, some 0.03 ms of work. Where there are more, a random part of them is looked at.
 constexpr size_t MAX_PAIRS_PER_STEP = 32768;
 
 /// Exchanges between two looks at the clock, which takes as long as 30 of them.
 constexpr size_t PAIRS_PER_CLOCK = 2048;
 
-/// The second start is left out if the first one came this close to the bound. That happens with thousands of tasks, of
-/// which the way down from Diff-Min takes seconds.
+/// Another start is left out if the best mapping came this close to the bound. That happens with thousands of tasks, of
+/// which the way down takes long.
 constexpr double WORTH_ANOTHER_START = 0.002;
 
-/// Updates of the prices of the dual bound; see DualBound::improve().
-constexpr int BOUND_STEPS = 40;
+/// Kicks end this close to the bound: execution times are not known better than that.
+constexpr double WORTH_KICKS = 1e-4;
+
+/// Updates of the prices of the dual bound (see DualBound::improve()): as many as raise it.
+constexpr int LEAST_BOUND_STEPS = 40;
+constexpr int MOST_BOUND_STEPS = 300;
+constexpr int BOUND_STEPS_BETWEEN_LOOKS = 20;
+constexpr double WORTH_MORE_STEPS = 1e-4;
+
+/// Units that a task may move to, those of the smallest reduced costs. More of them make steps longer, not better.
+constexpr size_t MAX_OPEN_UNITS = 6;
+
+/// Pairs are excluded anew once this share is left of the distance to the bound.
+constexpr double WORTH_RESTRICTING = 0.75;
 
 }  // namespace
 
 InterCoreSearch::Outcome InterCoreSearch::improve(const InterCoreProblem& problem, const Limits& limits,
-                                                  InterCoreMapping* mapping)
+                                                  InterCoreHeuristics* heuristics, InterCoreMapping* mapping)
 {
   problem_ = &problem;
   deadline_ = limits.deadline;
@@ -36,42 +50,78 @@ InterCoreSearch::Outcome InterCoreSearch::improve(const InterCoreProblem& proble
   random_ = SplitMix64(limits.seed);
   leaving_.resize(problem.tasks);
   entering_.resize(problem.tasks);
-  bound_.start(problem);
-  for (int step = 0; step == 0 || (step < BOUND_STEPS && !expired()); ++step)
-  {
-    bound_.improve(problem);
-    pairs_since_clock_ += problem.tasks * problem.units;
-  }
-  load(mapping->unit);
-  const double given_objective = objective();
-  restrictPairs(given_objective);
+  tightenBound();
+  best_ = mapping->unit;
+  best_objective_ = problem.objective(*mapping);
+  restrictPairs(best_objective_);
   bound_.minimisingMapping(problem, &dual_start_);
   load(dual_start_);
-  const bool dual_first = objective() < given_objective;  // the better one first, as time may be short
-  descendFrom(dual_first ? dual_start_ : mapping->unit);
-  double best = objective();
-  if (!isProven(best) && !expired())
+  balance();  // however short the time: it takes about as long as Diff-Min
+  descend();
+  keepIfBetter();
+  descendFrom(mapping->unit);
+  if (limits.all_starts || !expired())
   {
-    if (best > bound_.value() * (1.0 + WORTH_ANOTHER_START))
+    heuristics->minMin(problem, &start_);
+    takeIfBetter(mapping);
+    pairs_since_clock_ += PAIRS_PER_CLOCK;
+    descendFrom(start_.unit);
+  }
+  if ((limits.all_starts || !expired()) && !isProven(best_objective_) &&
+      heuristics->sufferageBelow(problem, bound_, best_objective_, &start_))
+  {
+    takeIfBetter(mapping);
+    descendFrom(start_.unit);
+  }
+  pairs_since_clock_ += PAIRS_PER_CLOCK;
+  iterate(limits.kicks);
+  if (best_objective_ <= problem.nextBetter(problem.objective(*mapping)))
+  {
+    mapping->unit = best_;
+    mapping->load = problem.available;
+    for (size_t i = 0; i < problem.tasks; ++i)
     {
-      best_ = unit_;
-      restrictPairs(best);
-      descendFrom(dual_first ? mapping->unit : dual_start_);
-      if (objective() >= best)
-      {
-        load(best_);
-      }
-      best = objective();
+      mapping->load[best_[i]] += problem.timeRow(i)[best_[i]];
     }
-    iterate(limits.kicks, best);
   }
-  best = objective();
-  if (best <= problem.nextBetter(given_objective))
+  return {std::min(bound_.value(), best_objective_), isProven(best_objective_)};
+}
+
+void InterCoreSearch::tightenBound()
+{
+  const auto now = std::chrono::steady_clock::now();
+  const auto deadline = std::exchange(deadline_, now + (deadline_ - now) / 2);
+  bound_.start(*problem_);
+  double before = 0.0;
+  for (int step = 0; step == 0 || (step < MOST_BOUND_STEPS && !expired()); ++step)
   {
-    mapping->unit = unit_;
-    mapping->load = load_;
+    if (step >= LEAST_BOUND_STEPS && step % BOUND_STEPS_BETWEEN_LOOKS == 0)
+    {
+      if (bound_.relaxedValue() <= before * (1.0 + WORTH_MORE_STEPS))
+      {
+        break;
+      }
+      before = bound_.relaxedValue();
+    }
+    bound_.improve(*problem_);
+    pairs_since_clock_ += problem_->tasks * problem_->units;
   }
-  return {std::min(bound_.value(), best), isProven(best)};
+  deadline_ = deadline;
+  expired_ = false;
+}
+
+void InterCoreSearch::takeIfBetter(InterCoreMapping* mapping)
+{
+  const double objective = problem_->objective(start_);
+  if (objective < problem_->objective(*mapping))
+  {
+    *mapping = start_;
+  }
+  if (objective < best_objective_)
+  {
+    best_objective_ = objective;
+    best_ = start_.unit;
+  }
 }
 
 void InterCoreSearch::load(const std::vector<uint32_t>& units)
@@ -108,10 +158,10 @@ double InterCoreSearch::objective() const
 
 bool InterCoreSearch::expired()
 {
-  if (deadline_ && !expired_ && pairs_since_clock_ >= PAIRS_PER_CLOCK)
+  if (!expired_ && pairs_since_clock_ >= PAIRS_PER_CLOCK)
   {
     pairs_since_clock_ = 0;
-    expired_ = std::chrono::steady_clock::now() >= *deadline_;
+    expired_ = std::chrono::steady_clock::now() >= deadline_;
   }
   return expired_;
 }
@@ -123,20 +173,34 @@ bool InterCoreSearch::isProven(double objective) const
 
 void InterCoreSearch::restrictPairs(double objective)
 {
+  const double relaxed = bound_.relaxedValue();
+  restricted_gap_ = objective - relaxed;
   const double target = problem_->nextBetter(objective) + LEAST_GAIN * objective;
   const size_t units = problem_->units;
   open_.resize(problem_->tasks * units);
   loose_.clear();
   for (uint32_t i = 0; i < problem_->tasks; ++i)
   {
+    const double* time = problem_->timeRow(i);
+    double* open = open_.data() + i * units;
+    std::array<double, MAX_OPEN_UNITS> least;  // reduced costs, rising
+    least.fill(INF);
+    for (size_t j = 0; j < units; ++j)
+    {
+      const double reduced = bound_.reducedCost(*problem_, i, j);
+      const bool possible = problem_->available[j] + time[j] <= target && relaxed + reduced <= target;
+      open[j] = possible ? reduced : INF;
+      for (size_t k = MAX_OPEN_UNITS; possible && k > 0 && reduced < least[k - 1]; --k)
+      {
+        least[k - 1] = k > 1 && reduced < least[k - 2] ? least[k - 2] : reduced;
+      }
+    }
     size_t open_units = 0;
     for (size_t j = 0; j < units; ++j)
     {
-      const double time = problem_->timeRow(i)[j];
-      const bool open = problem_->available[j] + time <= target &&
-                        bound_.relaxedValue() + bound_.reducedCost(*problem_, i, j) <= target;
-      open_[i * units + j] = open ? time : INF;
-      open_units += open ? 1 : 0;
+      const bool is_open = open[j] < INF && open[j] <= least.back();
+      open[j] = is_open ? time[j] : INF;
+      open_units += is_open ? 1 : 0;
     }
     if (open_units > 1)
     {
@@ -168,8 +232,101 @@ void InterCoreSearch::place(uint32_t task, uint32_t unit)
 
 void InterCoreSearch::descendFrom(const std::vector<uint32_t>& start)
 {
+  if (expired() || isProven(best_objective_) || best_objective_ <= bound_.value() * (1.0 + WORTH_ANOTHER_START))
+  {
+    return;
+  }
   load(start);
+  balance();
   descend();
+  keepIfBetter();
+}
+
+bool InterCoreSearch::keepIfBetter()
+{
+  const double reached = objective();
+  if (reached > problem_->nextBetter(best_objective_))
+  {
+    return false;
+  }
+  best_objective_ = reached;
+  best_ = unit_;
+  if (reached - bound_.relaxedValue() < WORTH_RESTRICTING * restricted_gap_)
+  {
+    restrictPairs(reached);
+  }
+  return true;
+}
+
+void InterCoreSearch::offer(uint32_t task)
+{
+  const uint32_t from = unit_[task];
+  const double held = bound_.reducedCost(*problem_, task, from);
+  for (uint32_t unit = 0; unit < problem_->units; ++unit)
+  {
+    if (unit != from && open_[task * problem_->units + unit] < INF)
+    {
+      const double price = (bound_.reducedCost(*problem_, task, unit) - held) / own_time_[task];
+      offers_[from].push_back({price, task, unit});
+    }
+  }
+}
+
+void InterCoreSearch::balance()
+{
+  if (!problem_->cost.empty())
+  {
+    return;
+  }
+  const auto dearer = [](const Offer& a, const Offer& b) { return a.price > b.price; };
+  offers_.resize(std::max(offers_.size(), problem_->units));
+  offered_.assign(problem_->units, false);
+  for (;;)
+  {
+    const auto critical = static_cast<uint32_t>(std::max_element(load_.begin(), load_.end()) - load_.begin());
+    std::vector<Offer>& offers = offers_[critical];
+    if (!offered_[critical])
+    {
+      offered_[critical] = true;
+      offers.clear();
+      for (uint32_t task : members_[critical])
+      {
+        offer(task);
+      }
+      std::make_heap(offers.begin(), offers.end(), dearer);
+      pairs_since_clock_ += offers.size();
+    }
+    const double limit = load_[critical] * (1.0 - LEAST_GAIN);
+    bool moved = false;
+    while (!moved && !offers.empty())
+    {
+      std::pop_heap(offers.begin(), offers.end(), dearer);
+      const Offer next = offers.back();
+      offers.pop_back();
+      // What does not fit now fits neither when this unit has less.
+      moved = unit_[next.task] == critical && load_[next.unit] + open_[next.task * problem_->units + next.unit] < limit;
+      if (moved)
+      {
+        place(next.task, next.unit);
+        if (offered_[next.unit])
+        {
+          std::vector<Offer>& onward = offers_[next.unit];
+          const size_t before = onward.size();
+          offer(next.task);
+          for (size_t end = before + 1; end <= onward.size(); ++end)
+          {
+            std::push_heap(onward.begin(), onward.begin() + static_cast<std::ptrdiff_t>(end), dearer);
+          }
+        }
+      }
+      ++pairs_since_clock_;
+    }
+    if (!moved)
+    {
+      break;
+    }
+  }
+  log_.clear();
 }
 
 void InterCoreSearch::descend()
@@ -182,20 +339,13 @@ void InterCoreSearch::descend()
 bool InterCoreSearch::relieveCriticalUnit()
 {
   const auto critical = static_cast<uint32_t>(std::max_element(load_.begin(), load_.end()) - load_.begin());
-  const std::vector<uint32_t>& members = members_[critical];
-  const size_t pairs_per_member = problem_->tasks - members.size() + problem_->units;
-  const size_t scanned = std::min(members.size(), MAX_PAIRS_PER_STEP / pairs_per_member + 1);
-  const size_t first = scanned < members.size() ? random_.below(static_cast<uint32_t>(members.size())) : 0;
-  pairs_since_clock_ += scanned * pairs_per_member;
-
   Step best;
-  best.peak = load_[critical] * (1.0 - LEAST_GAIN);
-  best.sum = INF;
+  best.score = INF;
   for (uint32_t unit = 0; unit < problem_->units; ++unit)
   {
     if (unit != critical)
     {
-      considerUnit(critical, unit, first, scanned, &best);
+      considerUnit(critical, unit, &best);
     }
   }
   if (best.first == Step::NO_TASK)
@@ -210,14 +360,16 @@ bool InterCoreSearch::relieveCriticalUnit()
   return true;
 }
 
-size_t InterCoreSearch::collect(uint32_t from, uint32_t to, size_t first, size_t count,
-                                std::vector<Candidate>* candidates) const
+size_t InterCoreSearch::collect(uint32_t from, uint32_t to, size_t count, std::vector<Candidate>* candidates)
 {
   const std::vector<uint32_t>& members = members_[from];
+  const size_t first = count < members.size() ? random_.below(static_cast<uint32_t>(members.size())) : 0;
   const size_t units = problem_->units;
   const double* cost = problem_->cost.empty() ? nullptr : problem_->cost.data();
   const double* open = open_.data() + to;
   const double* own_time = own_time_.data();
+  const double old_price = bound_.price(from);
+  const double new_price = bound_.price(to);
   const uint32_t* next = members.data() + first;
   const uint32_t* end = members.data() + members.size();
   Candidate* slot = candidates->data();
@@ -230,46 +382,56 @@ size_t InterCoreSearch::collect(uint32_t from, uint32_t to, size_t first, size_t
     slot->old_time = own_time[task];
     slot->new_time = new_time;
     slot->cost_change = cost != nullptr ? cost[task * units + to] - cost[task * units + from] : 0.0;
+    slot->price = slot->cost_change + new_price * new_time - old_price * slot->old_time;
     slot += new_time < INF ? 1 : 0;  // written first and counted then: no branch that cannot be foreseen
   }
   return static_cast<size_t>(slot - candidates->data());
 }
 
-void InterCoreSearch::considerUnit(uint32_t critical, uint32_t unit, size_t first, size_t count, Step* best)
+void InterCoreSearch::considerUnit(uint32_t critical, uint32_t unit, Step* best)
 {
   const double makespan = load_[critical];
+  const double limit = makespan * (1.0 - LEAST_GAIN);
   double peak_elsewhere = 0.0;
-  for (uint32_t other = 0; other < problem_->units; ++other)
+  for (uint32_t other = 0; other < problem_->units && !problem_->cost.empty(); ++other)
   {
     peak_elsewhere = other == unit || other == critical ? peak_elsewhere : std::max(peak_elsewhere, load_[other]);
   }
-  const auto consider = [&](uint32_t task, uint32_t second, double critical_load, double unit_load, double cost_change)
+  const auto consider = [&](const Candidate& out, uint32_t second, double critical_load, double unit_load,
+                            double cost_change, double price)
   {
     const double peak = std::max(critical_load, unit_load);
-    const double key = peak + cost_change;
-    const double sum = critical_load + unit_load;
-    if (key > best->peak || (key == best->peak && sum >= best->sum))
+    const double score = peak + price;
+    if (peak + cost_change > limit || score >= best->score)
     {
       return;
     }
     // Where costs rise, a lower peak of the two units is no gain if a third one keeps the makespan up.
-    if (cost_change <= 0.0 || std::max(peak, peak_elsewhere) + cost_change < makespan * (1.0 - LEAST_GAIN))
+    if (cost_change <= 0.0 || std::max(peak, peak_elsewhere) + cost_change < limit)
     {
-      *best = {task, second, unit, key, sum};
+      *best = {out.task, second, unit, score};
     }
   };
-  const size_t leaving = collect(critical, unit, first, count, &leaving_);
-  const size_t entering = leaving == 0 ? 0 : collect(unit, critical, 0, members_[unit].size(), &entering_);
+  const size_t pairs = std::max<size_t>(1, MAX_PAIRS_PER_STEP / problem_->units);
+  const size_t side = 1 + static_cast<size_t>(std::sqrt(static_cast<double>(pairs)));
+  const size_t own = members_[critical].size();
+  const size_t others = members_[unit].size();
+  const size_t scanned =
+      own * others <= pairs ? own : std::min(own, std::max(side, pairs / std::max<size_t>(1, others)));
+  const size_t leaving = collect(critical, unit, scanned, &leaving_);
+  const size_t entering = leaving == 0 ? 0 : collect(unit, critical, std::min(others, 1 + pairs / leaving), &entering_);
+  pairs_since_clock_ += scanned + others + leaving * entering;
   for (size_t i = 0; i < leaving; ++i)
   {
     const Candidate& out = leaving_[i];
     const double remaining = makespan - out.old_time;
     const double filled = load_[unit] + out.new_time;
-    consider(out.task, Step::NO_TASK, remaining, filled, out.cost_change);
+    consider(out, Step::NO_TASK, remaining, filled, out.cost_change, out.price);
     for (size_t x = 0; x < entering; ++x)
     {
       const Candidate& in = entering_[x];
-      consider(out.task, in.task, remaining + in.new_time, filled - in.old_time, out.cost_change + in.cost_change);
+      consider(out, in.task, remaining + in.new_time, filled - in.old_time, out.cost_change + in.cost_change,
+               out.price + in.price);
     }
   }
 }
@@ -333,10 +495,18 @@ void InterCoreSearch::takeBack()
   cost_ = cost_before_;
 }
 
-void InterCoreSearch::iterate(int kicks, double objective)
+void InterCoreSearch::iterate(int kicks)
 {
-  restrictPairs(objective);
-  for (int count = 0; count < kicks && !loose_.empty() && !isProven(objective) && !expired(); ++count)
+  if (expired() || isProven(best_objective_))
+  {
+    return;
+  }
+  load(best_);
+  restrictPairs(best_objective_);
+  double objective = best_objective_;
+  for (int failures = 0; failures < kicks && !loose_.empty() && !isProven(objective) &&
+                         objective > bound_.value() * (1.0 + WORTH_KICKS) && !expired();
+       ++failures)
   {
     kick();
     descend();
@@ -344,12 +514,10 @@ void InterCoreSearch::iterate(int kicks, double objective)
     if (reached > objective)
     {
       takeBack();
+      continue;
     }
-    else if (reached <= problem_->nextBetter(objective))
-    {
-      objective = reached;
-      restrictPairs(objective);
-    }
+    objective = reached;
+    failures = keepIfBetter() ? -1 : failures;
   }
 }
 

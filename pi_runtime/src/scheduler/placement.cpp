@@ -14,8 +14,6 @@ namespace
 
 /// Assumed run time of an unknown codelet.
 constexpr double UNKNOWN_S = 1e-3;
-/// Factor by which untried units look better than tried ones, so that they are tried.
-constexpr double CURIOSITY = 0.5;
 /// A stolen task must end earlier by this and by a tenth of its run time.
 constexpr double LEAST_GAIN_S = 20e-6;
 constexpr int MOST_STEAL_LOOKS = 64;
@@ -48,11 +46,7 @@ RuntimeCore::Cost RuntimeCore::executorCost(const TaskState& task, Unit& unit, s
   const EtcTable::Estimate estimate = task.record->row->predict(task.bucket, entry.column);
   cost.run_s = estimate.known ? estimate.seconds : 0.0;
   cost.measured = estimate.measured;
-  double run_s = estimate.known ? estimate.seconds : UNKNOWN_S;
-  if (!estimate.measured && !task.realTime())
-  {
-    run_s *= CURIOSITY;
-  }
+  const double run_s = estimate.known ? estimate.seconds : UNKNOWN_S;
   const double share = static_cast<double>(task.left()) / static_cast<double>(task.request.range);
   double moved = 0.0;
   for (size_t i = 0; separate_memory_ && i < task.request.arguments.size(); ++i)
@@ -83,6 +77,11 @@ RuntimeCore::Cost RuntimeCore::costOn(const TaskState& task, Unit& unit) const
     {
       continue;
     }
+    if (task.pinned_executor == TaskState::ANY_EXECUTOR && isUntried(unit.executors[index], *task.record) &&
+        hasTriedExecutor(task))
+    {
+      continue;
+    }
     const Cost cost = executorCost(task, unit, index);
     if (cost.possible && (!best.possible || cost.plan_s < best.plan_s))
     {
@@ -91,6 +90,18 @@ RuntimeCore::Cost RuntimeCore::costOn(const TaskState& task, Unit& unit) const
   }
   best.allowed = best.possible && withinBudget(task, unit, best);
   return best;
+}
+
+bool RuntimeCore::hasTriedExecutor(const TaskState& task) const
+{
+  return std::any_of(units_.begin(), units_.end(),
+                     [&task](const std::unique_ptr<Unit>& unit)
+                     {
+                       return unit->usable() && (task.request.unit.empty() || task.request.unit == unit->name) &&
+                              std::any_of(unit->executors.begin(), unit->executors.end(),
+                                          [&task](const UnitExecutor& entry)
+                                          { return canRun(entry, *task.record) && !isUntried(entry, *task.record); });
+                     });
 }
 
 double RuntimeCore::blockingBudget(const Unit& unit) const
@@ -243,11 +254,6 @@ TaskResult RuntimeCore::refusalOf(const TaskState& task, const std::vector<Cost>
   TaskResult result;
   result.outcome = Outcome::REFUSED;
   const TaskRequest& request = task.request;
-  if (!request.unit.empty() && findUnit(request.unit) == nullptr)
-  {
-    result.message = "there is no unit \"" + request.unit + "\", there are " + unitNames();
-    return result;
-  }
   const TaskResult* blocked = nullptr;
   std::string failed;
   for (const std::unique_ptr<Unit>& unit : units_)

@@ -50,8 +50,9 @@ bool parse(int argc, char** argv, Arguments* arguments)
   line.addPositional("file", &arguments->etc_path,
                      "no file given, expected a CSV file of execution times or - for standard input");
   line.addValue("policy", &policy, "diff_min, min_min, max_min, sufferage, mct, met, olb, heft_rank or search");
-  line.addValue("budget-us", &budget_us, "time for the search [us], 0: no limit");
-  line.addValue("kicks", &options->kicks, "how often the search leaves a local optimum");
+  line.addValue("budget-us", &budget_us, "time for the search [us], 0: 2 us per task and unit, at least 1 ms");
+  line.addValue("kicks", &options->kicks,
+                "the search ends after so many attempts in a row to leave a local optimum in vain");
   line.addValue("seed", &options->seed, "of all random choices");
   line.addValue("diff-min-order", &diff_min_order, "max or min: which Div diff_min maps first");
   line.add("energy", po::value(&arguments->energy_path), "CSV file of energies [J], same shape");

@@ -22,6 +22,8 @@ public:
   bool asynchronous() const override { return false; }
   bool ready(const Execution& execution) const override { return inner_->ready(execution); }
   void prepare(const CodeletPtr& codelet) override { inner_->prepare(codelet); }
+  bool compiles() const override { return inner_->compiles(); }
+  double tryOut(const Execution& execution) override { return factor_ * inner_->tryOut(execution); }
   const MemorySpace* memory() const override { return inner_->memory(); }
   double measureBandwidth() override { return inner_->measureBandwidth(); }
 

@@ -33,6 +33,12 @@ inline bool canRun(const UnitExecutor& entry, CodeletRecord& record)
   return entry.executor->supports(*record.codelet) && !record.at(entry.column).blocked;
 }
 
+/// True if the executor would have to compile the codelet first.
+inline bool isUntried(const UnitExecutor& entry, CodeletRecord& record)
+{
+  return entry.executor->compiles() && !record.at(entry.column).warm;
+}
+
 /// A computing unit: executors, queue and thread. The lock of RuntimeCore guards all but the constant fields.
 struct Unit
 {

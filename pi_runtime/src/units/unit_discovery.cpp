@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cctype>
 #include <cstdlib>
+#include <filesystem>
 #include <map>
 #include <numeric>
 #include <stdexcept>
@@ -60,6 +61,25 @@ void tellPoclToPin(const std::vector<int>& cores)
   }
 }
 
+/// True if the OpenCL loader has no driver but PoCL's, so that no GPU can be behind it. Asking the loader instead would
+/// load PoCL, which takes 70 MB.
+bool onlyPoclIsInstalled()
+{
+  if (std::getenv("OCL_ICD_VENDORS") != nullptr || std::getenv("OCL_ICD_FILENAMES") != nullptr)
+  {
+    return false;  // other drivers than those below
+  }
+  std::error_code ignored;
+  for (const auto& file : std::filesystem::directory_iterator("/etc/OpenCL/vendors", ignored))
+  {
+    if (file.path().extension() == ".icd" && file.path().stem() != "pocl")
+    {
+      return false;
+    }
+  }
+  return true;
+}
+
 /// "cpu:0-1" of a user's device: the same in every process.
 std::string arbiterKey(const Unit& unit)
 {
@@ -84,7 +104,7 @@ public:
 
   std::vector<std::unique_ptr<Unit>> run(std::vector<CustomUnit> custom)
   {
-    if (options_.opencl_cpu || options_.opencl_gpu)
+    if (options_.opencl_cpu || (options_.opencl_gpu && !onlyPoclIsInstalled()))
     {
       tellPoclToPin(options_.pin_threads ? allowedCores() : std::vector<int>{});
       devices_ = findOpenClDevices(problems_);

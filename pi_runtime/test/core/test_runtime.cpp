@@ -117,17 +117,17 @@ TEST(RuntimeTest, WrongRequestsAreRefusedWithTheReason)
     const TaskHandle task = runtime->submit(request);
     EXPECT_TRUE(task.ready());
     EXPECT_EQ(Outcome::REFUSED, task.wait().outcome);
+    EXPECT_EQ(task.wait().message, runtime->refusalOf(request));
     return task.wait().message;
   };
-  EXPECT_EQ("TaskRequest.codelet is null", refusal([](TaskRequest& request) { request.codelet = nullptr; }));
-  EXPECT_EQ("TaskRequest.range = 0 of codelet work, must be at least 1",
-            refusal([](TaskRequest& request) { request.range = 0; }));
+  EXPECT_EQ("there is no codelet", refusal([](TaskRequest& request) { request.codelet = nullptr; }));
+  EXPECT_EQ("range = 0 of codelet work, must be at least 1", refusal([](TaskRequest& request) { request.range = 0; }));
   for (const double size : {-1.0, std::nan(""), HUGE_VAL})
   {
-    EXPECT_EQ("TaskRequest.size of codelet work must be finite and at least 0",
+    EXPECT_EQ("size = " + std::to_string(size) + " of codelet work, must be finite and at least 0 (0: the range)",
               refusal([&](TaskRequest& request) { request.size = size; }));
   }
-  EXPECT_EQ("TaskRequest.stream = 9 of codelet work is not admitted; call admit() first",
+  EXPECT_EQ("stream = 9 of codelet work is not admitted; admit it first, or leave it 0",
             refusal([](TaskRequest& request) { request.stream = 9; }));
   EXPECT_EQ("there is no unit \"gpu7\", there are fake0, fake1",
             refusal([](TaskRequest& request) { request.unit = "gpu7"; }));

@@ -180,8 +180,8 @@ class RuntimeServices(unittest.TestCase):
     def test_wrong_names_and_sizes_are_named(self):
         def problem(task):
             response = self.runtime.submit_task(task=task, wait=True)
-            return response.report.message if response.accepted else response.message
-        self.assertIn('there is no codelet "blur", there are ', problem(Task(codelet="blur")))
+            return response.report.message if response.accepted else "refused: " + response.message
+        self.assertIn('refused: there is no codelet "blur", there are ', problem(Task(codelet="blur")))
         self.assertIn("pyramid_down: argument 0 there is no kept buffer",
                       problem(halve_task(in_(b"", "nothing"), out(10), HEIGHT, WIDTH)))
         self.assertIn("pyramid_down: argument 0 (source) has 5 bytes, must have at least %d" % self.image.size,
@@ -189,8 +189,9 @@ class RuntimeServices(unittest.TestCase):
         task = halve_picture_task(self.image)
         task.range = 7
         self.assertIn("the range is 7, must be %d (rows of the destination)" % ((HEIGHT + 1) // 2), problem(task))
-        self.assertIn("gpu9", problem(halve_picture_task(self.image, unit="gpu9")))
-        self.assertIn("77", problem(halve_picture_task(self.image, stream=77)))
+        self.assertIn('refused: there is no unit "gpu9"', problem(halve_picture_task(self.image, unit="gpu9")))
+        self.assertIn("refused: stream = 77", problem(halve_picture_task(self.image, stream=77)))
+        self.assertIn("refused: size = nan", problem(halve_picture_task(self.image, size=float("nan"))))
         self.assertIn("deadline = -1", problem(halve_picture_task(self.image, deadline=rospy.Duration(-1))))
 
     def test_wrong_parameters_end_the_node_with_one_clear_error(self):
@@ -267,6 +268,12 @@ class RuntimeServices(unittest.TestCase):
         self.assertEqual(2, sum(line.startswith("cpu1 ") for line in lines), text)
         stream = [line.split() for line in lines if line.startswith("camera ")][-1]
         self.assertEqual([admission.unit, "100.0", "100.0", "10.0"], [stream[1], *stream[3:6]])
+
+    def test_a_stream_of_size_0_counts_as_1(self):
+        admission = self.runtime.admit_stream(name="unsized", codelet="pyramid_down", period=rospy.Duration(0.1),
+                                              wcet=rospy.Duration(0.001))
+        self.assertTrue(admission.admitted, admission.reason)
+        self.assertTrue(self.runtime.retire_stream(id=admission.id).success)
 
     def test_impossible_streams_are_refused_with_a_reason(self):
         refused = self.runtime.admit_stream(name="x", codelet="blur", period=rospy.Duration(1))

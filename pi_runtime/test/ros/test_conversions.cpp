@@ -232,6 +232,8 @@ TEST(Conversions, OfStreamRequestsNameTheNegativeDuration)
   EXPECT_EQ(33000000, request.period.count());
   EXPECT_EQ(0, request.deadline.count());
   EXPECT_EQ(2000000, request.wcet.count());
+  message.size = 0.0;
+  EXPECT_EQ(1.0, fromMsg(message, nullptr).size);
   message.wcet = ros::Duration(-1);
   EXPECT_NE(std::string::npos, refusal([&] { fromMsg(message, nullptr); }).find("wcet = -1"));
 }

@@ -5,7 +5,9 @@
 
 #include <boost/make_shared.hpp>
 #include <boost/weak_ptr.hpp>
+#include <cmath>
 #include <condition_variable>
+#include <functional>
 #include <future>
 #include <mutex>
 #include <stdexcept>
@@ -175,6 +177,64 @@ protected:
   std::shared_ptr<Runtime> runtime_;
   std::unique_ptr<RemoteTasks> tasks_;
 };
+
+TEST_F(RemoteTasksTest, WhatCannotRunIsRefusedInTheAnswerWithOneTextPerCause)
+{
+  const auto refusal = [this](const std::function<void(Task&)>& spoil)
+  {
+    const TaskPtr bad = task("add", {in({1}), out(1), value(1)});
+    spoil(*bad);
+    try
+    {
+      tasks_->submit(bad);
+    }
+    catch (const std::exception& error)
+    {
+      return std::string(error.what());
+    }
+    return std::string("accepted");
+  };
+  EXPECT_EQ("there is no unit \"gpu9\", there are cpu0", refusal([](Task& bad) { bad.unit = "gpu9"; }));
+  EXPECT_EQ("size = nan of codelet add, must be finite and at least 0 (0: the range)",
+            refusal([](Task& bad) { bad.size = std::nan(""); }));
+  EXPECT_EQ("size = -1.000000 of codelet add, must be finite and at least 0 (0: the range)",
+            refusal([](Task& bad) { bad.size = -1.0; }));
+  EXPECT_EQ("stream = 77 of codelet add is not admitted; admit it first, or leave it 0",
+            refusal([](Task& bad) { bad.stream = 77; }));
+  EXPECT_EQ("accepted", refusal([](Task&) {}));
+  const TaskPtr bad = task("add", {in({1}), out(1), value(1)});
+  bad->unit = "gpu9";
+  try
+  {
+    tasks_->submitGraph({task("add", {in({1}), out(1), value(1)}), bad}, {});
+    ADD_FAILURE() << "accepted";
+  }
+  catch (const std::exception& error)
+  {
+    EXPECT_STREQ("task 1: there is no unit \"gpu9\", there are cpu0", error.what());
+  }
+  EXPECT_EQ(1u, runtime_->statistics().submitted) << "only the good one";
+}
+
+TEST_F(RemoteTasksTest, WhatWouldDelayStreamsIsRefusedInTheAnswer)
+{
+  StreamRequest stream;
+  stream.name = "front_end";
+  stream.codelet = codelets_.find("twice");
+  stream.period = std::chrono::milliseconds(10);
+  stream.wcet = std::chrono::milliseconds(9);
+  ASSERT_TRUE(runtime_->admit(stream).admitted());
+  runtime_->setEtcEntries({{"add", EtcTable::sizeBucket(1.0), "cpu0/native", {10, 0.005, 0.0}}});
+  try
+  {
+    tasks_->submit(task("add", {in({1}), out(1), value(1)}));
+    ADD_FAILURE() << "accepted";
+  }
+  catch (const std::exception& error)
+  {
+    EXPECT_EQ(0u, std::string(error.what()).find("it would delay admitted streams (cpu0 for 5 ms")) << error.what();
+  }
+}
 
 TEST_F(RemoteTasksTest, RunATaskAndTellTheListener)
 {

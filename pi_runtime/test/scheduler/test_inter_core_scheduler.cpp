@@ -79,7 +79,7 @@ InterCoreOptions optionsOf(InterCorePolicy policy)
 {
   InterCoreOptions options;
   options.policy = policy;
-  options.budget = std::chrono::microseconds(0);
+  options.budget = std::chrono::hours(1);
   return options;
 }
 
@@ -275,7 +275,8 @@ TEST(InterCoreScheduler, OptionsNameFieldValueAndBound)
   EXPECT_EQ("kicks = -1, must be >= 0", refusalOf([&options] { options.validate(); }));
   options = {};
   options.budget = std::chrono::microseconds(-5);
-  EXPECT_EQ("budget = -5 us, must be >= 0 (0: no limit)", refusalOf([&options] { options.validate(); }));
+  EXPECT_EQ("budget = -5 us, must be >= 0 (0: by the size of the problem)",
+            refusalOf([&options] { options.validate(); }));
   options = {};
   options.alpha = 0.0;
   EXPECT_EQ("alpha = 0, must be finite and > 0", refusalOf([&options] { options.validate(); }));

@@ -7,8 +7,11 @@
 #include <chrono>
 #include <cmath>
 #include <random>
+#include <utility>
 #include <vector>
 
+#include "scheduler/dual_bound.h"
+#include "scheduler/inter_core_heuristics.h"
 #include "scheduler/inter_core_problem.h"
 
 namespace pi_runtime
@@ -35,7 +38,7 @@ InterCoreOptions unlimited(InterCorePolicy policy = InterCorePolicy::SEARCH)
 {
   InterCoreOptions options;
   options.policy = policy;
-  options.budget = std::chrono::microseconds(0);
+  options.budget = std::chrono::hours(1000);  // more than 24 hours do not overflow the clock
   return options;
 }
 
@@ -87,14 +90,107 @@ TEST(InterCoreSearch, IsCloseToTheProvenOptimumOnThePapersGrid)
         ASSERT_TRUE(!found.proven || found.makespan == optimum.makespan);
         gap += (found.makespan / optimum.makespan - 1.0) / SETS;
       }
-      EXPECT_LE(gap, 0.015) << tasks << " tasks on " << units << " units";
+      EXPECT_LE(gap, 0.010) << tasks << " tasks on " << units << " units";
       sum_of_means += gap;
     }
   }
-  EXPECT_LE(sum_of_means / 20.0, 0.003);
+  EXPECT_LE(sum_of_means / 20.0, 0.0015);
 }
 
-TEST(InterCoreSearch, IsNeverWorseThanDiffMin)
+TEST(InterCoreSearch, ComesCloseToTheBoundOf512TasksOn16UnitsInItsOwnTime)
+{
+  // Range-based times of Braun et al. (2001), where Min-Min and the former default of 1 ms were 12 % above the bound.
+  std::mt19937_64 random(38);
+  InterCoreScheduler scheduler;
+  Assignment found;
+  for (const bool consistent : {false, true})
+  {
+    EtcMatrix etc(512, 16);
+    std::uniform_real_distribution<double> factor(1.0, 1000.0);
+    for (size_t i = 0; i < etc.tasks(); ++i)
+    {
+      const double size = 1.0 + 3.0 * factor(random);
+      std::generate_n(&etc.at(i, 0), etc.units(), [&] { return size * factor(random); });
+      if (consistent)
+      {
+        std::sort(&etc.at(i, 0), &etc.at(i, 0) + etc.units());
+      }
+    }
+    InterCoreOptions options;
+    options.budget = 10 * searchBudget(etc.tasks(), etc.units());  // the machine may be busy; figures: bench_scheduler
+    scheduler.schedule(etc, {}, options, nullptr, &found);
+    EXPECT_LE(found.makespan, 1.02 * found.lower_bound) << (consistent ? "consistent" : "inconsistent");
+  }
+}
+
+TEST(InterCoreSearch, IsNeverWorseThanAnyOfItsStartsAtAnySize)
+{
+  std::mt19937_64 random(39);
+  InterCoreScheduler scheduler;
+  Assignment found;
+  Assignment start;
+  for (const auto& [tasks, rounds] : {std::pair(10, 60), {100, 30}, {1000, 6}, {10000, 1}})
+  {
+    for (int round = 0; round < rounds; ++round)
+    {
+      const EtcMatrix etc = randomEtc(static_cast<size_t>(tasks), 2 + random() % 12, round % 2 == 0, &random);
+      const EtcMatrix energy = randomEtc(etc.tasks(), etc.units(), false, &random);
+      InterCoreOptions options;
+      options.gamma = round % 3 == 2 ? 0.1 : 0.0;
+      options.seed = static_cast<uint64_t>(round);
+      scheduler.schedule(etc, {}, options, &energy, &found);
+      for (InterCorePolicy policy : {InterCorePolicy::DIFF_MIN, InterCorePolicy::MIN_MIN, InterCorePolicy::SUFFERAGE})
+      {
+        options.policy = policy;
+        scheduler.schedule(etc, {}, options, &energy, &start);
+        ASSERT_LE(found.objective, start.objective) << toString(policy) << ", " << tasks << " tasks, round " << round;
+      }
+    }
+  }
+}
+
+TEST(InterCoreSearch, GivesSufferageUpOnlyWhereItCannotBeBetter)
+{
+  std::mt19937_64 random(40);
+  InterCoreHeuristics heuristics;
+  DualBound bound;
+  InterCoreMapping whole;
+  InterCoreMapping partial;
+  int given_up = 0;
+  for (int round = 0; round < 200; ++round)
+  {
+    const EtcMatrix etc = randomEtc(20 + random() % 60, 4, false, &random);
+    InterCoreProblem problem;
+    problem.tasks = etc.tasks();
+    problem.units = etc.units();
+    problem.time.assign(etc.row(0), etc.row(0) + etc.tasks() * etc.units());
+    problem.available.assign(etc.units(), 0.0);
+    bound.start(problem);
+    for (int step = 0; step < 100; ++step)
+    {
+      bound.improve(problem);
+    }
+    heuristics.sufferage(problem, &whole);
+    const double reached = problem.objective(whole);
+    const double objective = reached * (0.8 + 0.00125 * round);
+    const bool complete = heuristics.sufferageBelow(problem, bound, objective, &partial);
+    EXPECT_TRUE(complete || reached >= objective) << "round " << round;
+    EXPECT_TRUE(!complete || partial.unit == whole.unit) << "round " << round;
+    given_up += complete ? 0 : 1;
+  }
+  EXPECT_GT(given_up, 20);
+  EXPECT_LT(given_up, 180);
+}
+
+TEST(InterCoreSearch, TakesTimeInProportionToTheProblemUnlessTold)
+{
+  EXPECT_EQ(std::chrono::milliseconds(1), searchBudget(1, 1));
+  EXPECT_EQ(std::chrono::milliseconds(1), searchBudget(50, 6));
+  EXPECT_EQ(std::chrono::microseconds(16384), searchBudget(512, 16));
+  EXPECT_EQ(std::chrono::milliseconds(160), searchBudget(10000, 8));
+}
+
+TEST(InterCoreSearch, IsNeverWorseThanDiffMinHoweverShortTheTime)
 {
   std::mt19937_64 random(32);
   for (int round = 0; round < 300; ++round)
@@ -104,7 +200,7 @@ TEST(InterCoreSearch, IsNeverWorseThanDiffMin)
     const EtcMatrix energy = randomEtc(etc.tasks(), units, false, &random);
     InterCoreOptions options = unlimited();
     options.kicks = round % 3;
-    options.budget = std::chrono::microseconds(round % 2);
+    options.budget = std::chrono::microseconds(1 + round % 2);
     options.gamma = round % 4 == 0 ? 0.1 * (round % 5) : 0.0;
     options.diff_min_order = round % 5 == 0 ? DiffMinOrder::MIN_DIV : DiffMinOrder::MAX_DIV;
     std::vector<double> available(units, 0.0);
