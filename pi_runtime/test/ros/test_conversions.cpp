@@ -205,8 +205,11 @@ TEST(Conversions, OfResultsKeepEveryField)
 
 TEST(Conversions, OfStreamsKeepEveryField)
 {
-  const Stream message = toMsg(StreamStatus{4, "camera", "cpu0", 0.033, 0.02, 0.01, 100, 3, 0.011, 0.019, 0.025});
+  const Stream message =
+      toMsg(StreamStatus{4, 4711, "camera", "cpu0", 12, 0.033, 0.02, 0.01, 100, 3, 0.011, 0.019, 0.025});
   EXPECT_EQ(4u, message.id);
+  EXPECT_EQ(4711, message.pid);
+  EXPECT_EQ(12, message.priority);
   EXPECT_EQ("camera", message.name);
   EXPECT_EQ("cpu0", message.unit);
   EXPECT_EQ(0.033, message.period_s);
