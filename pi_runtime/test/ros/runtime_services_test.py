@@ -267,7 +267,8 @@ class RuntimeServices(unittest.TestCase):
         self.assertEqual(2, sum(line.startswith("2 units, 1 streams") for line in lines), text)
         self.assertEqual(2, sum(line.startswith("cpu1 ") for line in lines), text)
         stream = [line.split() for line in lines if line.startswith("camera ")][-1]
-        self.assertEqual([admission.unit, "100.0", "100.0", "10.0"], [stream[1], *stream[3:6]])
+        self.assertIn(stream[1], ("cpu0", "cpu1"))
+        self.assertEqual(["100.0", "100.0", "10.0"], stream[3:6])
 
     def test_a_stream_of_size_0_counts_as_1(self):
         admission = self.runtime.admit_stream(name="unsized", codelet="pyramid_down", period=rospy.Duration(0.1),

@@ -103,6 +103,7 @@ protected:
     if (!runtime_)
     {
       RuntimeOptions options;
+      options.preemption = false;  // nothing of a batch delays a stream that interrupts it
       options.cpu_units = {1};
       options.opencl_cpu = options.opencl_gpu = false;
       options.arbitration = false;
