@@ -340,7 +340,9 @@ TEST_F(VioTest, LosesNoWayWhenItCreeps)
     EXPECT_EQ(outcomes.back().report.status, VioStatus::STANDSTILL);
     for (const Outcome& outcome : outcomes)
     {
-      EXPECT_LT(outcome.error_m, 0.05) << "at " << outcome.time_s << " s of " << way_m << " m";
+      // In the campus, where things are farther away, 0.02 is missed.
+      EXPECT_LT(outcome.error_m, kind == WorldKind::HALL ? 0.02 : 0.05)
+          << "at " << outcome.time_s << " s of " << way_m << " m";
     }
   }
 }

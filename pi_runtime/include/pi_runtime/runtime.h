@@ -108,10 +108,9 @@ struct RuntimeStatistics
 /// Runs tasks on the computing units of this device: the paper's runtime layer (π-Edge, section IV).
 ///
 /// Each unit runs one task (or one slice) at a time, which short jobs of streams may interrupt (preemption). Tasks with
-/// deadlines go first (EDF). A unit with admitted streams
-/// takes no work that could break their deadlines. The inter-core policy places independent tasks by the ETC table, the
-/// inner-core policy places graphs. An idle unit steals tasks that it would finish earlier. If a unit fails, its tasks
-/// move to other units.
+/// deadlines go first (EDF). A unit with admitted streams takes no work that could break their deadlines. The
+/// inter-core policy places independent tasks by the ETC table, the inner-core policy places graphs. An idle unit
+/// steals tasks that it would finish earlier. If a unit fails, its tasks move to other units.
 ///
 /// Thread safe. The destructor cancels tasks that have not begun, and waits for running tasks and their callbacks. A
 /// task that exceeds the hang timeout keeps its memory.
@@ -176,8 +175,9 @@ public:
   double predict(const CodeletPtr& codelet, double size, const std::string& unit) const;
 
   TraceRecorder& trace();
-  /// Writes the trace as Chrome trace events, see writeChromeTrace(). With the environment variable PI_RUNTIME_TRACE set
-  /// to a folder each runtime records, and writes PROGRAM_PID.json into it at its end; merge_traces puts them together.
+  /// Writes the trace as Chrome trace events, see writeChromeTrace(). With the environment variable PI_RUNTIME_TRACE
+  /// set to a folder each runtime records, and writes PROGRAM_PID.json into it at its end; merge_traces puts them
+  /// together.
   /// @throws std::runtime_error if the file cannot be written.
   void writeTrace(const std::string& path);
 

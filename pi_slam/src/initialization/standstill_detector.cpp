@@ -79,11 +79,11 @@ bool StandstillDetector::update(const FrameFeatures& features, const ImuBuffer& 
   }
   last_ns_ = stamp_ns;
 
-  crept_ = false;
   const double slack = still_ ? LEAVING_FACTOR : 1.0;
   const FrameFeatures* reference = pairBefore(stamp_ns - std::llround(1e9 * options_.window_s));
   flow_px_ = reference != nullptr ? flowSince(*reference, features) : -1.0;
   bool calm = flow_px_ >= 0.0 && flow_px_ <= slack * options_.max_flow_px && imuIsCalm(stamp_ns, imu, bias, slack);
+  const bool calm_now = calm;
   const FrameFeatures* earlier = pairBefore(stamp_ns - std::llround(1e9 * (LONG_WINDOWS * options_.window_s)));
   if (calm && earlier != nullptr && (!still_ || earlier->stamp_ns >= since_ns_))
   {
@@ -94,7 +94,6 @@ bool StandstillDetector::update(const FrameFeatures& features, const ImuBuffer& 
   {
     const std::optional<double> way_m = wayBetween(first_, features);
     calm = !way_m || *way_m <= CREPT_M;
-    crept_ = !calm;
     if (!way_m)
     {
       first_ = pairs_.front();  // what was seen then is out of sight
@@ -106,6 +105,7 @@ bool StandstillDetector::update(const FrameFeatures& features, const ImuBuffer& 
     since_ns_ = reference->stamp_ns;
     first_ = features;
   }
+  crept_ = still_ && calm_now && !calm;
   still_ = calm;
 
   if (pairs_.empty() || stamp_ns - pairs_.back().stamp_ns >= std::llround(1e9 * (options_.window_s / PARTS)))

@@ -62,8 +62,7 @@ public:
   /// Median distance that features went within the window at the last update() [px]; negative: not known.
   double flowPx() const { return flow_px_; }
 
-  /// Whether the last update() ended a rest because of the way since it began: the body has moved for longer than a
-  /// window.
+  /// Whether the last update() ended a rest of which the last window knows nothing: the body has moved for longer.
   bool crept() const { return crept_; }
 
   void reset();

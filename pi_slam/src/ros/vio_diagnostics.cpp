@@ -21,6 +21,7 @@ using diagnostic_msgs::DiagnosticStatus;
 
 constexpr size_t KEPT_FRAMES = 1000;
 constexpr size_t KEPT_IMU_SAMPLES = 2000;
+constexpr double LONGEST_GAP_S = 0.02;  // at 200 Hz, four poses
 
 }  // namespace
 
