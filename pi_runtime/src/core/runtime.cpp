@@ -4,6 +4,7 @@
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
+#include <filesystem>
 #include <fstream>
 #include <mutex>
 #include <stdexcept>
@@ -25,9 +26,14 @@ Runtime::Runtime(const RuntimeOptions& options) : Runtime(options, {}) {}
 Runtime::Runtime(const RuntimeOptions& options, std::vector<CustomUnit> units)
   : core_(std::make_shared<RuntimeCore>(options, std::move(units)))
 {
-  if (std::getenv(TRACE_FOLDER) != nullptr)
+  if (const char* const folder = std::getenv(TRACE_FOLDER))
   {
     trace().keepAtLeast(TRACED_TASKS);
+    if (!std::filesystem::is_directory(folder))
+    {
+      // Now: at its end, a node says nothing any more.
+      core_->say(LogLevel::WARNING, std::string(TRACE_FOLDER) + " = " + folder + " is no folder: make it first");
+    }
   }
   core_->start();
 }

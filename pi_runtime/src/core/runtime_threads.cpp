@@ -1,5 +1,6 @@
 // RuntimeCore: the threads of the units, and the one that watches them.
 #include <pi_node/durations.h>
+#include <pi_node/scheduling.h>
 #include <pthread.h>
 #include <sched.h>
 
@@ -103,7 +104,7 @@ void RuntimeCore::setUpWorker(Unit& unit)
   }
   if (unit.type == UnitType::CPU)
   {
-    const std::string preferred = preferThread();
+    const std::string preferred = pi_node::preferThread();
     Lock lock(mutex_);
     unit.scheduling += (unit.scheduling.empty() ? "" : "; ") + preferred;
   }

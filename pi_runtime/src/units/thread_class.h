@@ -31,8 +31,4 @@ int setRealTimePriority(pthread_t thread, int priority);
 /// Whether this process may have that priority. @param why  set to the kernel's word if not.
 bool mayBeRealTime(int priority, std::string* why);
 
-/// Prefers the calling thread within the ordinary class as far as the kernel allows: its nice value, and that of the
-/// session's autogroup if the session is this process's own. @return what it has now, as "nice -5".
-std::string preferThread();
-
 }  // namespace pi_runtime

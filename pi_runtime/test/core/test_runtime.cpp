@@ -85,6 +85,7 @@ TEST(RuntimeTest, SaysThatItsTraceCannotBeWritten)
   options.log = [&said](LogLevel, const std::string& text) { said = text; };
   {
     Runtime runtime(options);
+    EXPECT_EQ("PI_RUNTIME_TRACE = /nowhere is no folder: make it first", said);
   }
   ::unsetenv("PI_RUNTIME_TRACE");
   EXPECT_EQ(0u, said.find("PI_RUNTIME_TRACE: trace /nowhere/")) << said;

@@ -1,0 +1,12 @@
+#pragma once
+
+#include <string>
+
+namespace pi_node
+{
+
+/// Prefers the calling thread, and those that it starts, within the ordinary class as far as the kernel allows: nice -5,
+/// and the same for the session's autogroup if the session is this process's own. @return what it has now, as "nice -5".
+std::string preferThread();
+
+}  // namespace pi_node
