@@ -12,7 +12,7 @@ namespace pi_node
 namespace
 {
 
-constexpr int PREFERRED_NICE = -5;
+constexpr int PREFERRED_NICE = -10;
 
 }  // namespace
 

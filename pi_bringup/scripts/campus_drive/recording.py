@@ -1,6 +1,7 @@
 """A bag of what the sensors say at the begin of a drive, for measurements in real time."""
 
 import shutil
+import struct
 import time
 
 from first_drive.errors import DemoError
@@ -12,6 +13,7 @@ LEAD_S = 0.01
 START_S = 60.0                # for rosbag to start on a loaded machine
 BUFFER_MB = 1024              # a busy computer writes later
 FREE_BYTES = 3 * 2 ** 30
+STAMP_AT, STAMP = 4, struct.Struct("<II")  # of a header, behind its number
 
 
 class SensorRecording:
@@ -57,13 +59,21 @@ class SensorRecording:
         started.stop(recorder)
         if ended is not None or not self._path.is_file():
             raise DemoError("rosbag record ended by itself, status %s; see %s" % (ended, self._log))
-        self._add_border()
+        self._write_as_sensors_send()
 
-    def _add_border(self):
+    def _write_as_sensors_send(self):
+        """The times that rosbag wrote are those of a computer under load, 35 ms off; sensors send in their own time."""
         import genpy
         import rosbag
         from std_msgs.msg import Bool
-        with rosbag.Bag(str(self._path), "a") as bag:
-            begin, end = bag.get_start_time(), bag.get_end_time()
-            bag.write(BORDER, Bool(True), genpy.Time.from_sec(begin - LEAD_S))
-            bag.write(BORDER, Bool(False), genpy.Time.from_sec(end - LEAD_S))
+        recorded = self._path.with_suffix(".recorded.bag")
+        self._path.rename(recorded)
+        with rosbag.Bag(str(recorded)) as source, rosbag.Bag(str(self._path), "w") as bag:
+            times = []
+            for topic, raw, written, header in source.read_messages(raw=True, return_connection_header=True):
+                stamp = written if topic == "/tf_static" else genpy.Time(*STAMP.unpack_from(raw[1], STAMP_AT))
+                times.append(stamp)
+                bag.write(topic, raw, stamp, raw=True, connection_header=header)
+            bag.write(BORDER, Bool(True), genpy.Time.from_sec(min(times).to_sec() - LEAD_S))
+            bag.write(BORDER, Bool(False), genpy.Time.from_sec(max(times).to_sec() - LEAD_S))
+        recorded.unlink()

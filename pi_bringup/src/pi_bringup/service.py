@@ -13,6 +13,8 @@ import threading
 import time
 from pathlib import Path
 
+from pi_bringup.doctor.computer import WANTED_NICE, WANTED_PRIORITY
+
 UNIT = "pi-edge.service"
 UNIT_FOLDER = Path("/etc/systemd/system")
 LAUNCH = "pi_bringup vehicle.launch"
@@ -39,6 +41,8 @@ StartLimitBurst=5
 [Service]
 User={user}
 WorkingDirectory={home}
+LimitRTPRIO={priority}
+LimitNICE={nice}
 {environment}ExecStart={command}
 Restart=on-failure
 RestartSec=5
@@ -124,6 +128,7 @@ def unit_text(user, launch, given, environment):
              "--args", shlex.join(launch_arguments(launch, account.pw_dir, given))]
     return TEMPLATE.format(
         launch=launch, user=user, home=account.pw_dir, stop_s=LAUNCH_ENDS_S + 10,
+        priority=WANTED_PRIORITY, nice=WANTED_NICE,
         environment="".join(f"Environment={quoted(name + '=' + environment[name])}\n" for name in PASSED_ON
                             if environment.get(name)),
         command=" ".join(["/bin/sh", "-c", *(quoted(str(word)) for word in (script, *words))]))

@@ -40,6 +40,9 @@ class Unit(unittest.TestCase):
             self.assertIn(argument, arguments)
         self.assertEqual(str(Path(SPACE).resolve() / "setup.sh"), words[1])
 
+    def test_what_doctor_asks_for_is_granted(self):
+        self.assertIn("\nLimitRTPRIO=16\nLimitNICE=-10\n", self.text())
+
     def test_what_the_user_gives_wins(self):
         arguments = service.launch_arguments(service.LAUNCH, "/home/x", "rviz:=true pose_file:=/p")
         self.assertEqual(["rviz:=true", "map_file:=/home/x/.ros/pi_edge/vehicle.map", "save_map:=true",

@@ -5,8 +5,9 @@
 namespace pi_node
 {
 
-/// Prefers the calling thread, and those that it starts, within the ordinary class as far as the kernel allows: nice -5,
-/// and the same for the session's autogroup if the session is this process's own. @return what it has now, as "nice -5".
+/// Prefers the calling thread, and those that it starts, within the ordinary class as far as the kernel allows: nice
+/// -10, and the same for the session's autogroup if the session is this process's own.
+/// @return what it has now, as "nice -10".
 std::string preferThread();
 
 }  // namespace pi_node

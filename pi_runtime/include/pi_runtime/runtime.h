@@ -153,6 +153,10 @@ public:
   /// @return one result per unit and executor.
   std::vector<TaskResult> calibrate(const TaskRequest& request, int runs = 5);
 
+  /// Puts the calling thread above all jobs of streams, which would else keep it waiting. For threads that hand over what
+  /// sensors send, use little, and leave heavy work to streams. Does nothing where no unit is preemptive.
+  void raiseThread() const;
+
   std::vector<UnitStatus> units() const;
   /// Takes a unit out of use, or a failed unit back into use. Its tasks move to other units. A unit that hangs comes
   /// back when it answers.

@@ -37,8 +37,8 @@ struct StageStatus
 /// A heavy stage of a service, as an admitted stream of jobs. The service wraps the work: `stage.run([&] { ... });`.
 ///
 /// Each run is a native job on a unit's thread. Where the unit can interrupt nothing (UnitStatus::preemptive), a long
-/// run is cut by Stage::yield(). The stage measures processor time and period of its runs. As soon as both are known,
-/// it reserves capacity (Runtime::admit()), and again if a run takes longer or they come more often. A stage without
+/// run is cut by Stage::yield(). The stage measures processor time and period of its first runs, which are plain calls.
+/// Then it reserves capacity (Runtime::admit()), and again if a run takes longer or they come more often. A stage without
 /// reserved capacity is behind all that have it. Its status says which figure is missing, and with which period it
 /// would fit.
 ///

@@ -115,6 +115,11 @@ std::vector<TaskResult> Runtime::calibrate(const TaskRequest& request, int runs)
   return core_->calibrate(request, runs);
 }
 
+void Runtime::raiseThread() const
+{
+  core_->raiseThread();
+}
+
 std::vector<UnitStatus> Runtime::units() const
 {
   return core_->units();

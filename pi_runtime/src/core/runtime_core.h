@@ -59,6 +59,7 @@ public:
   Admission admit(const StreamRequest& request);
   Admission amend(StreamId id, const StreamRequest& request);
   void retire(StreamId id);
+  void raiseThread() const;
   std::vector<StreamStatus> streams() const;
   std::vector<TaskResult> calibrate(const TaskRequest& request, int runs);
 

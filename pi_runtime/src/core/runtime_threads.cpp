@@ -49,7 +49,7 @@ void RuntimeCore::makeLanes()
   {
     not_real_time_ = "are switched off (preemption)";
   }
-  else if (!mayBeRealTime(HIGHEST_PRIORITY + 1, &not_real_time_))
+  else if (!mayBeRealTime(ABOVE_LANES, &not_real_time_))
   {
     not_real_time_ = "are refused (" + not_real_time_ + ", see pi_edge doctor)";
   }
@@ -73,6 +73,14 @@ void RuntimeCore::makeLanes()
     }
     unit->scheduling = "SCHED_FIFO " + std::to_string(LOWEST_PRIORITY) + " to " + std::to_string(HIGHEST_PRIORITY) +
                        " for short jobs of streams, which interrupt others";
+  }
+}
+
+void RuntimeCore::raiseThread() const
+{
+  if (!lanes_.empty())
+  {
+    setRealTimePriority(pthread_self(), ABOVE_LANES);
   }
 }
 
@@ -196,10 +204,7 @@ void RuntimeCore::checkRunaways()
 void RuntimeCore::watchLoop()
 {
   pthread_setname_np(pthread_self(), "pi_watch");
-  if (!lanes_.empty())
-  {
-    setRealTimePriority(pthread_self(), HIGHEST_PRIORITY + 1);  // above what it may have to stop
-  }
+  raiseThread();
   Lock lock(mutex_);
   auto next_tick = std::chrono::steady_clock::now() + WATCH_INTERVAL;
   for (int tick = 1; !stopping_;)

@@ -181,6 +181,14 @@ struct Stage::Implementation
   void work(const StageWork& work)
   {
     notePeriod(pi_node::monotonicNs());
+    if (!settled && !isKnown())
+    {
+      // Without reserved capacity, a unit would let it wait behind everything; the caller may be more urgent than that.
+      bool here = false;
+      run->begin(&work);
+      end(run->finish(&here), false, std::string());
+      return;
+    }
     TaskRequest task;
     task.codelet = request.codelet;
     task.arguments = {Argument::value(run->begin(&work))};
@@ -198,8 +206,15 @@ struct Stage::Implementation
       handle.wait();
     }
     bool here = false;
-    const StageRun::End end = run->finish(&here);
-    account(end, here, here ? std::string() : handle.wait().unit);
+    const StageRun::End ended = run->finish(&here);
+    end(ended, here, here ? std::string() : handle.wait().unit);
+  }
+
+  bool isKnown() const { return request.wcet.count() > 0 && request.period.count() > 0; }
+
+  void end(const StageRun::End& end, bool late, const std::string& unit)
+  {
+    account(end, late, unit);
     if (end.error)
     {
       std::rethrow_exception(end.error);
@@ -225,14 +240,15 @@ struct Stage::Implementation
     }
   }
 
-  void account(const StageRun::End& end, bool here, const std::string& unit)
+  /// @param late  the calling thread did it, as no unit had begun it. @param unit  that did it; empty: none
+  void account(const StageRun::End& end, bool late, const std::string& unit)
   {
     {
       std::lock_guard<std::mutex> lock(mutex);
       shown.cpu_s += end.cpu_s;
       shown.piece_s = std::max(shown.piece_s, end.piece_s);
-      shown.plain += here ? 1 : 0;
-      shown.ran_on = here ? shown.ran_on : unit;
+      shown.plain += late ? 1 : 0;
+      shown.ran_on = unit.empty() ? shown.ran_on : unit;
     }
     if (++runs == 1)
     {
@@ -267,7 +283,7 @@ struct Stage::Implementation
   {
     stream = admission.id;
     settled = admission.reason.empty();
-    const bool known = request.wcet.count() > 0 && request.period.count() > 0;
+    const bool known = isKnown();
     next_try = known ? runs + RUNS_BETWEEN_TRIES : MEASURED_RUNS;
     std::string problem;
     if (!admission.reason.empty())

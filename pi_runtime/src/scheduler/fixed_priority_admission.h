@@ -28,6 +28,8 @@ FixedPriorityVerdict analyseFixedPriority(const std::vector<PeriodicLoad>& loads
 /// [LOWEST_PRIORITY, HIGHEST_PRIORITY]: below the kernel's own threads, which have 50 and more.
 constexpr int LOWEST_PRIORITY = 10;
 constexpr int HIGHEST_PRIORITY = 15;
+/// Of what watches the lanes, and of what feeds them.
+constexpr int ABOVE_LANES = HIGHEST_PRIORITY + 1;
 int priorityOf(double deadline_s);
 
 }  // namespace pi_runtime

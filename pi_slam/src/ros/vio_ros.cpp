@@ -3,6 +3,7 @@
 #include <pi_node/formatting.h>
 #include <pi_node/ros/node_options.h>
 #include <pi_runtime/runtime.h>
+#include <ros/poll_manager.h>
 
 namespace pi_slam
 {
@@ -54,7 +55,23 @@ VioRos::VioRos(ros::NodeHandle node, ros::NodeHandle private_node)
       pi_node::VehicleTimer(service_thread_.handle(node), options_.map_period_s, [this] { grid_.publish(); }));
 
   calibrator_.prepare();  // with everything from files there is nothing to wait for
-  worker_.start();
+  if (runtime_)
+  {
+    // The streams of this and of other services must not keep IMU samples and poses waiting.
+    for (pi_node::CallbackThread* const thread : {&imu_thread_, &input_thread_})
+    {
+      thread->post([this] { runtime_->raiseThread(); });
+    }
+    receiving_ = ros::PollManager::instance()->addPollThreadListener(
+        [this]
+        {
+          if (!receiving_raised_.exchange(true))
+          {
+            runtime_->raiseThread();
+          }
+        });
+  }
+  worker_.start(runtime_);
   imu_thread_.start();
   input_thread_.start();
   output_thread_.start();
@@ -63,6 +80,7 @@ VioRos::VioRos(ros::NodeHandle node, ros::NodeHandle private_node)
 
 VioRos::~VioRos()
 {
+  ros::PollManager::instance()->removePollThreadListener(receiving_);
   session_.stop();
   imu_thread_.stop();
   input_thread_.stop();

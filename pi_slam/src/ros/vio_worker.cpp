@@ -41,9 +41,17 @@ VioWorker::~VioWorker()
   }
 }
 
-void VioWorker::start()
+void VioWorker::start(const std::shared_ptr<pi_runtime::Runtime>& runtime)
 {
-  thread_ = std::thread([this] { run(); });
+  thread_ = std::thread(
+      [this, runtime]
+      {
+        if (runtime)
+        {
+          runtime->raiseThread();
+        }
+        run();
+      });
 }
 
 void VioWorker::run()

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <pi_node/ros/warning_board.h>
+#include <pi_runtime/runtime.h>
 
 #include <cstdint>
 #include <memory>
@@ -25,7 +26,8 @@ public:
   VioWorker(const VioWorker&) = delete;
   VioWorker& operator=(const VioWorker&) = delete;
 
-  void start();
+  /// @param runtime  its streams must not keep this thread waiting; null: none.
+  void start(const std::shared_ptr<pi_runtime::Runtime>& runtime);
 
 private:
   void run();

@@ -14,7 +14,8 @@ LEAST_CORES = 2
 LEAST_MEMORY = 1.5e9      # bytes that are free for all services
 LEAST_SHARED = 256e6      # of /dev/shm
 LEAST_DISK = 2e9
-WANTED_PRIORITY = 16      # of pi_runtime: HIGHEST_PRIORITY + 1 of fixed_priority_admission.h
+WANTED_NICE = -10         # of pi_node/scheduling.h
+WANTED_PRIORITY = 16      # of pi_runtime: ABOVE_LANES of fixed_priority_admission.h
 WANTED_SHARE = 0.5        # of the time, for real-time programs
 WANTED_LOCKED = 64 << 20
 UNSYNCHRONISED = 0x40     # STA_UNSYNC of adjtimex()
@@ -162,8 +163,8 @@ def check_scheduling(denied=None, root="/"):
             return warn(name, f"{text}; the control group has no time for them",
                         f"as root: echo 500000 > {group}, in the groups above it first")
         return warn(name, text + (", and nice values count within a session only (autogroup)" if autogroup else ""),
-                    f"as root: echo \"$USER - rtprio {WANTED_PRIORITY}\" > /etc/security/limits.d/pi_edge.conf, and log "
-                    f"in anew; a systemd service needs LimitRTPRIO={WANTED_PRIORITY}, a container --cap-add=sys_nice")
+                    f"as root: printf \"$USER - rtprio {WANTED_PRIORITY}\\n$USER - nice {WANTED_NICE}\\n\" > /etc/security/limits.d/pi_edge.conf, and log "
+                    f"in anew; a systemd service needs LimitRTPRIO={WANTED_PRIORITY} and LimitNICE={WANTED_NICE}, a container --cap-add=sys_nice")
     if share == "-1":
         return warn(name, "a real-time program may take the computer for good",
                     "as root: sysctl kernel.sched_rt_runtime_us=950000")
