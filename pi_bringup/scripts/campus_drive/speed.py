@@ -9,10 +9,8 @@ from first_drive.errors import DemoError
 
 from . import protection, report, words
 from .cpu import CpuAccount, group_of
-from .judge import quantile
 from .observer import VIO_INPUTS, VIO_STATUS, power_figures
 from .protection import Disturbance
-from .recording import STAMP, STAMP_AT
 
 MONITORED = ["/imu/data", "/left/image_raw", "/right/image_raw", "/audio_stamped", "/odometry", "/detections",
              "/obstacles", "/command", "/motion/reaction", "/motion", "/power"]
@@ -31,7 +29,8 @@ def processor_times():
 
 
 def as_sensors():
-    """@return what lets a program stand for sensors, which wait for no program; empty where that is not granted"""
+    """@return what lets a program stand for sensors and instruments, which wait for no program; empty where that is
+    not granted"""
     prefix = ["chrt", "--fifo", "20"]
     granted = subprocess.run(prefix + ["true"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode == 0
     return " ".join(prefix) if granted else ""
@@ -50,8 +49,6 @@ class SpeedRun:
         self._preload = preload
         self._output = output
         self._power, self._commands, self._pairs, self._errors = [], [], [], []
-        self._came = {}                                    # stamp of a picture: when it came
-        self._latencies = {topic: [] for topic in OF_PICTURES}
         self._mouth = None
         self._sounds = {word: str(words.sound_of(word, output)) for word in sorted(set(SAID))}
 
@@ -72,8 +69,8 @@ class SpeedRun:
             events.follow(launch)
             events.rospy.set_param("/topic_monitor", {"topics": MONITORED, "report": str(monitor_report),
                                                       "print_table": False, "tcp_nodelay": True})
-            preload = ["env", "LD_PRELOAD=%s" % self._preload] if self._preload else []
-            monitor = started.start(preload + ["rosrun", "pi_os_transport", "topic_monitor"],
+            prefix = as_sensors().split() + (["env", "LD_PRELOAD=%s" % self._preload] if self._preload else [])
+            monitor = started.start(prefix + ["rosrun", "pi_os_transport", "topic_monitor"],
                                     self._output / "log" / "monitor.log")
             events.watch(monitor, "topic_monitor")
             events.next(lambda kind, event: kind == "player" and event["state"] == "playing",
@@ -96,22 +93,9 @@ class SpeedRun:
         events.subscribe("/power", PowerState, lambda message: self._power.append(power_figures(message)))
         events.subscribe("/diagnostics", DiagnosticArray, self._on_diagnostics)
         events.subscribe("/runtime/status", RuntimeStatus, self._on_streams)
-        # The info comes with its picture. Stamps are those of the recording moved to now, so only differences count.
-        any_message = events.rospy.AnyMsg
-        events.subscribe("/left/camera_info", any_message, self._on_info)
-        for topic in OF_PICTURES:
-            events.subscribe(topic, any_message, lambda message, topic=topic: self._on_result(topic, message))
         self._mouth = events.rospy.Publisher("/microphone/play", String, queue_size=10)
         events.subscribe("/rosout_agg", Log, lambda message: message.level >= Log.ERROR and self._errors.append(
             (message.name, message.msg)) or None)
-
-    def _on_info(self, message):
-        self._came[STAMP.unpack_from(message._buff, STAMP_AT)] = time.time()
-
-    def _on_result(self, topic, message):
-        came = self._came.get(STAMP.unpack_from(message._buff, STAMP_AT))
-        if came is not None:
-            self._latencies[topic].append(1000.0 * (time.time() - came))
 
     def _say(self, since_begin, said):
         """@return words said so far"""
@@ -167,8 +151,8 @@ class SpeedRun:
         return {
             "transport": "π-OS" if self._preload else "TCPROS", "seconds": end - begin, "topics": figures["topics"],
             "pairs_hz": report.pairs_hz(self._pairs, begin, end), "commands": self._commands, "said": said,
-            "latency_ms": {topic: {"p50": quantile(values, 0.5), "p99": quantile(values, 0.99)}
-                           for topic, values in self._latencies.items()},
+            # From the picture's stamp, which is that of the recording moved to now.
+            "latency_ms": {topic: figures["topics"].get(topic, {}).get("latency_ms") or {} for topic in OF_PICTURES},
             "cpu_cores": groups, "vehicle_cores": sum(groups.get("vehicle", {}).values()), "memory_mb": cpu.memory,
             "services": report.services(power), "others_share": max(0.0, others) / max(1, after[1] - before[1]),
             "watts": sum(one["total_watts"] for one in power) / len(power) if power else None,
