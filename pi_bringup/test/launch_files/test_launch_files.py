@@ -17,7 +17,8 @@ def roslaunch(*words):
 
 class LaunchFiles(unittest.TestCase):
     def test_simulation_passes_on_what_a_user_changes(self):
-        given = {"model": ("/ssd/model", "/my/model.yaml"), "commands": ("/recognizer/commands", "/my/commands.yaml"),
+        given = {"model": ("/ssd/model", "/my/model.yaml"), "target": ("/ssd/target", "opencl"),
+                 "commands": ("/recognizer/commands", "/my/commands.yaml"),
                  "command_actions": ("/command/actions_file", "/my/actions.yaml"),
                  "reaction_rules": ("/reaction/rules_file", "/my/rules.yaml"),
                  "map_file": ("/vio/map_file", "/my/place.map"), "save_map": ("/vio/save_map", True),
@@ -54,6 +55,16 @@ class LaunchFiles(unittest.TestCase):
         self.assertEqual("ackermann", given.get("/vehicle/kind"))
         started = roslaunch("--args", "/chassis", "pi_bringup", "vehicle.launch", "base:=twist")
         self.assertIn("twist_base_node", started.stdout, started.stderr)
+
+    def test_an_opencl_device_is_chosen_by_one_argument(self):
+        for target, kernels in (("cpu", False), ("opencl", True)):
+            for manager in ("false", "true"):
+                result = roslaunch("--dump-params", "pi_bringup", "vehicle.launch", f"target:={target}",
+                                   f"together:={manager}")
+                parameters = yaml.safe_load(result.stdout)
+                for name, value in (("/ssd/target", target), ("/vio/tracker/kernel_tasks", kernels),
+                                    ("/vio/map/kernel_tasks", kernels)):
+                    self.assertEqual(value, parameters.get(name), result.stderr)
 
     def test_frames_of_the_sensors_are_published_but_for_recordings(self):
         for arguments, published in ((["vehicle.launch"], True), (["replay.launch", "bag:=/etc/hostname"], False),
