@@ -13,7 +13,7 @@ namespace pi_slam
 namespace
 {
 
-constexpr double DRIVE_S = 5.0;
+constexpr double DRIVE_S = 8.0;  // jobs are counted from a stage's ninth run on
 constexpr double TIMEOUT_S = 20.0;
 
 using Streams = std::map<std::string, pi_runtime::Stream>;
@@ -32,8 +32,9 @@ Streams streams()
   return found;
 }
 
-TEST(RuntimeStreams, OfAllProcessesAreListedDuringADrive)
+TEST(RuntimeStreams, OfAllServicesAreListedDuringADrive)
 {
+  const bool together = ros::param::param("~together", false);
   ASSERT_TRUE(ros::service::waitForService("/runtime/list_streams", ros::Duration(TIMEOUT_S)));
   DriveOnGraph drive(SyntheticDrive::make(DRIVE_S));
   ASSERT_TRUE(drive.waitForListeners(TIMEOUT_S));
@@ -51,12 +52,12 @@ TEST(RuntimeStreams, OfAllProcessesAreListedDuringADrive)
   {
     const pi_runtime::Stream& stream = now[name];
     EXPECT_GT(stream.jobs, 0u) << name;
-    EXPECT_EQ(0u, stream.id) << name << " is of another process";
+    EXPECT_EQ(together, stream.id != 0) << name << ": only streams of the same process have an id";
     EXPECT_GT(stream.pid, 0) << name;
     EXPECT_GT(stream.p99_s, 0.0) << name;
     EXPECT_GE(stream.max_s, stream.p50_s) << name;
   }
-  EXPECT_NE(now["slam_front_end"].pid, now["detection"].pid);
+  EXPECT_EQ(together, now["slam_front_end"].pid == now["detection"].pid);
   const pi_runtime::Stream& front_end = now["slam_front_end"];
   EXPECT_NE("", front_end.unit) << "has no reserved capacity";
   EXPECT_GT(front_end.wcet_s, 0.0);

@@ -79,6 +79,7 @@ def table(trees):
         "picture to obstacles, p99 [ms]": lambda tree: tree["latency_ms"]["/obstacles"].get("p99"),
         "\"stop\" heard, of those said": lambda tree: len(stop_words(tree)) - tree["said"] // 2,
         "slowest \"stop\" [s]": lambda tree: max(stop_words(tree), default=None),
+        "latest message of the recording [ms]": lambda tree: tree["player_late_ms"].get("max"),
         "CPU of the vehicle [cores]": lambda tree: tree["vehicle_cores"],
     }
     digits = {"CPU of the vehicle [cores]": 3, "slowest \"stop\" [s]": 2}

@@ -121,11 +121,12 @@ class SpeedRun:
         print("  playing")
         cpu = CpuAccount(launch.pid, {"topic_monitor": monitor.pid, "drive_campus": os.getpid(), **started.core})
         begin, before = time.time(), processor_times()
-        links, said = [], 0
+        links, said, late = [], 0, {}
         disturbance = Disturbance(started, self._output / "log" / "busy.log") if self._disturb else None
         while True:
             kind, event = events.next(lambda *_: True, "the recording to end")
             if kind == "player" and event["state"] == "finished":
+                late = event["lateness_ms"]
                 break
             if kind == "diagnostics":
                 cpu.update()
@@ -158,4 +159,5 @@ class SpeedRun:
             "watts": sum(one["total_watts"] for one in power) / len(power) if power else None,
             "watts_source": power[-1]["source"] if power else None, "errors": self._errors,
             "transports": report.transports(links), "use_runtime": self._use_runtime, "disturbed": self._disturb,
+            "player_late_ms": late,
             "odometry": protection.odometry(self._odometry), "streams": self._streams}
