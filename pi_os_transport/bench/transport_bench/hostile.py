@@ -78,12 +78,12 @@ class Recorder:
 
 def _joined(pieces, first):
     """The bytes of a stream up to the first gap."""
-    stream = b''
+    stream = bytearray()
     position = first
     while position in pieces:
         stream += pieces[position]
         position = (position + len(pieces[position])) % (1 << 32)
-    return stream
+    return bytes(stream)
 
 
 def split_frames(stream):
