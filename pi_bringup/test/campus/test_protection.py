@@ -25,7 +25,8 @@ class Started:
 def tree(late_pairs, latencies):
     return {"odometry": {"pairs": 1200, "late_pairs": late_pairs, "dropped_pairs": 0, "late_poses": 2,
                          "longest_gap_ms": 23.4},
-            "latency_ms": {"/detections": {"p99": 80.0}, "/obstacles": {"p99": None}}, "said": 6,
+            "latency_ms": {"/detections": {"p50": 40.0, "p99": 80.0}, "/obstacles": {}}, "said": 6,
+            "player_late_ms": {"mean": 0.1, "max": 1.5},
             "commands": [{"text": "stop", "latency": latency} for latency in latencies] + [{"text": "go", "latency": 9}],
             "vehicle_cores": 0.5}
 
@@ -46,6 +47,8 @@ class Protection(unittest.TestCase):
         rows = {line[:38].strip(): line[38:].strip() for line in text.splitlines()}
         self.assertEqual("1 (0 to 2)", rows["pairs that took longer than a frame"])
         self.assertEqual("-", rows["picture to obstacles, p99 [ms]"])
+        self.assertEqual("40 (40 to 40)", rows["picture to detection, p50 [ms]"])
+        self.assertEqual("2 (2 to 2)", rows["latest message of the recording [ms]"])
         self.assertEqual("-2 (-3 to 0)", rows['"stop" heard, of those said'])
         self.assertEqual("0.30 (0.30 to 0.60)", rows['slowest "stop" [s]'])
 
