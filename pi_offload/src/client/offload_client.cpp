@@ -80,11 +80,16 @@ OffloadEngine::Actions OffloadClient::actions()
 EventThread::Callbacks OffloadClient::events()
 {
   EventThread::Callbacks events;
-  events.next_time = [this] { return engine_.nextTime(); };
+  events.next_time = [this]
+  { return callbacks_.next_time ? std::min(engine_.nextTime(), callbacks_.next_time()) : engine_.nextTime(); };
   events.on_time = [this](int64_t now_ns)
   {
     impl_->forgetOld(now_ns);
     engine_.onTime(now_ns);
+    if (callbacks_.on_time)
+    {
+      callbacks_.on_time(now_ns);
+    }
   };
   events.failed = [this](const std::string& text) { callbacks_.log(true, text); };
   return events;

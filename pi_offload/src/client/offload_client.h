@@ -57,6 +57,9 @@ public:
     /// The task has ended. @param reply  the node's answer; null if the result is the vehicle's or missing.
     std::function<void(const Outcome& outcome, const OffloadReply* reply)> deliver;
     std::function<void(bool error, const std::string& text)> log;
+    /// When to call on_time [ns]; empty or INT64_MAX: never.
+    std::function<int64_t()> next_time;
+    EventThread::Function on_time;
   };
 
   /// @throws std::invalid_argument for options.

@@ -164,7 +164,7 @@ class Bed:
                          for name in managers}
         self._judge = self.vehicle.start("/usr/bin/python3", "-m", "pi_offload.testbed_vehicle")
         coordinator = _parameters("pi_offload", "coordinator.yaml")
-        coordinator.update(vehicle="vehicle", announcements=False, keep_order=False, nodes=[
+        coordinator.update(vehicle="vehicle", announcements=False, nodes=[
             {"id": node.id, "address": f"{self.links[node.id].address}:{PORT}", "x": node.x, "y": node.y,
              "range": node.range_m} for node in self.road.nodes])
         if self._deadline_s:

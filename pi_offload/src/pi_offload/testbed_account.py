@@ -33,7 +33,8 @@ def detection_account(pictures, results, decisions):
     @param decisions  those of the coordinator, in the order in which they came
     @return numbers; each picture counts once in `once`, `twice` (or more often) and `never`, by its results; and in
             `late` if the coordinator had its result after the deadline, by `latest_s` at most. `unexpected` results are
-            those of no picture; `overtaken` ones came after that of a later picture.
+            those of no picture; `overtaken` ones came after that of a later picture. `dropped` are those of `late` that
+            were not published, as a later one was out.
     """
     counts = dict.fromkeys(pictures, 0)
     unexpected = overtaken = 0
@@ -46,13 +47,15 @@ def detection_account(pictures, results, decisions):
         overtaken += stamp < last
         last = max(last, stamp)
     mine = [decision for decision in decisions if decision["kind"] == "detection" and decision["stamp"] in counts]
+    late = {decision["stamp"] for decision in mine if decision["response_s"] > decision["deadline_s"]}
     decided = {}
     for decision in mine:
         decided[decision["stamp"]] = decided.get(decision["stamp"], 0) + 1
     seen = [delay for stamp, delay in results if stamp in counts]
     account = {"tasks": len(pictures), "once": sum(count == 1 for count in counts.values()),
                "twice": sum(count > 1 for count in counts.values()),
-               "never": sum(count == 0 for count in counts.values()), "unexpected": unexpected,
+               "never": sum(count == 0 and stamp not in late for stamp, count in counts.items()),
+               "dropped": sum(count == 0 and stamp in late for stamp, count in counts.items()), "unexpected": unexpected,
                "overtaken": overtaken, "decided_twice": sum(count > 1 for count in decided.values()),
                "undecided": sum(stamp not in decided for stamp in counts),
                "seen_p50_s": quantile(seen, 0.5), "seen_p95_s": quantile(seen, 0.95)}

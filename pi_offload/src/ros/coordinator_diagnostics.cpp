@@ -163,7 +163,8 @@ void CoordinatorDiagnostics::reportInput(Status& status) const
   status.add("pictures in [Hz]", format("%.1f", rate));
   status.add("pictures that came", now_.pictures);
   status.add("pictures dropped as too many came at once", now_.crowded);
-  status.add("results dropped as a later one was out", now_.late);
+  status.add("results dropped: after their deadline and a later one", now_.late);
+  status.add("results that wait for older ones", now_.held);
   status.add("pictures that wait for the vehicle's detector", now_.waiting);
   status.add("network of the vehicle's detector", now_.model.empty() ? "not known" : now_.model);
   pi_node::addWarnings(warnings, &status);

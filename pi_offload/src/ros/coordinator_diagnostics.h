@@ -23,7 +23,8 @@ struct CoordinatorFigures
   bool subscribed = false;
   uint64_t pictures = 0;  ///< received pictures
   double silent_s = 0.0;  ///< since the last picture or the subscription [s]
-  uint64_t late = 0;      ///< results dropped because a later one was published
+  uint64_t late = 0;      ///< results dropped: their deadline was over and a later one published
+  size_t held = 0;        ///< results that wait for those of older pictures
   uint64_t crowded = 0;   ///< pictures dropped because too many came at once
   size_t waiting = 0;     ///< pictures that wait for the vehicle's detector
   std::string model;      ///< network of the vehicle's detector; empty: unknown

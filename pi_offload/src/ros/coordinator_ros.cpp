@@ -69,6 +69,8 @@ OffloadClient::Callbacks CoordinatorRos::clientCallbacks()
   callbacks.deliver = [this](const Outcome& outcome, const OffloadReply* reply)
   { outcome.task.kind == TaskKind::SPEECH ? utterances_.deliver(outcome, reply) : pictures_.deliver(outcome, reply); };
   callbacks.log = [this](bool error, const std::string& text) { error ? warnings_.error(text) : warnings_.warn(text); };
+  callbacks.next_time = [this] { return pictures_.nextTime(); };
+  callbacks.on_time = [this](int64_t now_ns) { pictures_.onTime(now_ns); };
   return callbacks;
 }
 

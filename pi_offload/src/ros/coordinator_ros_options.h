@@ -40,7 +40,7 @@ struct CoordinatorRosOptions : pi_node::NodeParameters<CoordinatorRosOptions>
   double local_lost_s = 2.0;     ///< longest wait for the detector's answer [s]
   bool zero_copy = true;         ///< read pictures in shared memory, if the transport can
   double max_rate_hz = 0.0;      ///< of used pictures [Hz]; 0: no limit
-  bool keep_order = true;        ///< of `detections`: drop late results, so that stamps never go back
+  bool keep_order = true;        ///< of `detections`: a result waits for those of older pictures, to their deadline
   int max_calls = 4;             ///< of recognize_utterance at once; further ones get handled=false
 
   std::string nodes_file;              ///< YAML map file, absolute; empty: none

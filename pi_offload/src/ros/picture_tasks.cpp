@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 #include <vector>
 
@@ -186,6 +187,10 @@ void PictureTasks::submit(const std::shared_ptr<const pi_detect::MessagePicture>
   if (back_s > BEGINS_AGAIN_S)
   {
     warnings_->warn(topic_ + format(": stamps went back by %.1f s", back_s) + "; a recording that begins again?");
+    while (!ready_.empty())
+    {
+      publishFirst();
+    }
     ++epoch_;
     published_stamp_ = ros::Time();
   }
@@ -292,8 +297,9 @@ void PictureTasks::deliver(const Outcome& outcome, const OffloadReply* reply)
   {
     publish(picture, picture.local);
   }
-  ledger_->publish(outcome, header);
   const int64_t now_ns = pi_node::monotonicNs();
+  onTime(now_ns);
+  ledger_->publish(outcome, header);
   if (local_queue_.forget(outcome.task.id))
   {
     client_->engine().onLocalFailed(outcome.task.id, now_ns);
@@ -304,16 +310,56 @@ void PictureTasks::deliver(const Outcome& outcome, const OffloadReply* reply)
   }
 }
 
+/// In order, a result that comes before its deadline is never too late: later ones wait for it until then.
 void PictureTasks::publish(const Picture& picture, const pi_detect::Detection2DArrayConstPtr& result)
 {
   const ros::Time& stamp = picture.message->header.stamp;
-  if (options_->keep_order && (picture.epoch != epoch_ || stamp < published_stamp_))
+  if (!options_->keep_order)
+  {
+    detections_.publish(result);
+  }
+  else if (picture.epoch != epoch_ || stamp < published_stamp_)
   {
     ++late_;
-    return;
   }
-  published_stamp_ = picture.epoch == epoch_ ? std::max(published_stamp_, stamp) : published_stamp_;
-  detections_.publish(result);
+  else
+  {
+    ready_.emplace(stamp, result);
+  }
+}
+
+void PictureTasks::publishFirst()
+{
+  published_stamp_ = ready_.begin()->first;
+  detections_.publish(ready_.begin()->second);
+  ready_.erase(ready_.begin());
+}
+
+/// The latest deadline of older pictures without a result [ns]; INT64_MIN: there are none.
+int64_t PictureTasks::firstWaitsUntil() const
+{
+  int64_t until_ns = std::numeric_limits<int64_t>::min();
+  for (const auto& [task, picture] : pictures_)
+  {
+    if (picture.epoch == epoch_ && picture.message->header.stamp < ready_.begin()->first)
+    {
+      until_ns = std::max(until_ns, picture.deadline_ns);
+    }
+  }
+  return until_ns;
+}
+
+int64_t PictureTasks::nextTime() const
+{
+  return ready_.empty() ? std::numeric_limits<int64_t>::max() : firstWaitsUntil();
+}
+
+void PictureTasks::onTime(int64_t now_ns)
+{
+  while (!ready_.empty() && firstWaitsUntil() <= now_ns)
+  {
+    publishFirst();
+  }
 }
 
 void PictureTasks::dropUnanswered(int64_t now_ns)
@@ -327,6 +373,7 @@ void PictureTasks::dropUnanswered(int64_t now_ns)
 void PictureTasks::fill(CoordinatorFigures* figures) const
 {
   figures->late = late_;
+  figures->held = ready_.size();
   figures->waiting = local_queue_.waiting();
   figures->model = local_model_;
   figures->detector_listens = local_image_.getNumSubscribers() > 0;

@@ -46,6 +46,9 @@ public:
 
   void runLocal(const Task& task);
   void deliver(const Outcome& outcome, const OffloadReply* reply);
+  /// When a result that waits for those of older pictures has waited long enough [ns]; INT64_MAX: none waits.
+  int64_t nextTime() const;
+  void onTime(int64_t now_ns);
   /// Gives up a picture that the detector did not answer for too long.
   void dropUnanswered(int64_t now_ns);
   void fill(CoordinatorFigures* figures) const;
@@ -70,6 +73,8 @@ private:
   void submit(const std::shared_ptr<const pi_detect::MessagePicture>& picture,
               const pi_os_transport::zero_copy::ImageHandle& message, int64_t created_ns, int64_t now_ns);
   void publish(const Picture& picture, const pi_detect::Detection2DArrayConstPtr& result);
+  void publishFirst();
+  int64_t firstWaitsUntil() const;
   void onLocalResult(const pi_detect::Detection2DArrayConstPtr& message, int64_t now_ns);
   void giveNext(int64_t now_ns);
 
@@ -93,6 +98,8 @@ private:
   uint64_t epoch_ = 0;
   ros::Time submitted_stamp_;
   ros::Time published_stamp_;
+  std::multimap<ros::Time, pi_detect::Detection2DArrayConstPtr>
+      ready_;  ///< results that wait for those of older pictures
   uint64_t late_ = 0;
   LocalQueue local_queue_;
   double local_work_s_;                   ///< recent mean of the detector's time

@@ -56,6 +56,11 @@ class Detections(unittest.TestCase):
         self.assertEqual(1, account["late"])
         self.assertAlmostEqual(0.05, account["latest_s"])
 
+    def test_a_late_result_that_was_not_published_is_missed_not_lost(self):
+        account = self.account([1, 2], [(2, 0.1)], [decision(1, "fallback", 0.25), decision(2)])
+        self.assertEqual((1, 0, 1), tuple(account[name] for name in ("dropped", "never", "late")))
+        self.assertEqual([], accounts.violations(account, "x"))
+
     def test_results_that_were_overtaken_are_counted(self):
         account = self.account([1, 2, 3], [(2, 0.1), (1, 0.2), (3, 0.1)], [decision(1), decision(2), decision(3)])
         self.assertEqual((1, 3), (account["overtaken"], account["once"]))

@@ -244,7 +244,7 @@ TEST(Coordinator, EveryPictureIsAnsweredOnceAndInOrder)
   EXPECT_EQ(stamps.size(), statistics.local + statistics.remote + statistics.fallback);
 }
 
-TEST(Coordinator, LateResultsAreDroppedUnlessTheOrderDoesNotMatter)
+TEST(Coordinator, AResultWaitsForThoseOfOlderPicturesUnlessTheOrderDoesNotMatter)
 {
   for (const bool keep_order : {true, false})
   {
@@ -262,13 +262,85 @@ TEST(Coordinator, LateResultsAreDroppedUnlessTheOrderDoesNotMatter)
     ASSERT_TRUE(node.waitForTasks(1));
     node.set(Behaviour::ANSWER);
     const ros::Time next = coordinator.show();
-    EXPECT_EQ(REMOTE_CLASS, coordinator.found(next));
+    EXPECT_EQ("remote lamp", coordinator.end(next));
+    const ros::Time after = coordinator.show();
+    EXPECT_EQ("remote lamp", coordinator.end(after));
+    if (!keep_order)
+    {
+      EXPECT_EQ(REMOTE_CLASS, coordinator.found(next));
+    }
+    EXPECT_EQ(0u, coordinator.results(overtaken));
     node.release();
-    EXPECT_EQ("remote lamp", coordinator.end(overtaken));  // also where it is not published
-    const ros::Time last = coordinator.show();
-    EXPECT_EQ(REMOTE_CLASS, coordinator.found(last));
-    EXPECT_EQ(keep_order ? 0u : 1u, coordinator.results(overtaken));
+    EXPECT_EQ(REMOTE_CLASS, coordinator.found(after));
+    EXPECT_EQ(REMOTE_CLASS, coordinator.found(overtaken));
+    std::vector<ros::Time> stamps;
+    for (const auto& message : coordinator.detections->messages())
+    {
+      stamps.push_back(message->header.stamp);
+    }
+    EXPECT_EQ(keep_order ? std::vector<ros::Time>({overtaken, next, after})
+                         : std::vector<ros::Time>({next, after, overtaken}),
+              stamps);
   }
+}
+
+TEST(Coordinator, EachPictureIsPublishedOnceAndInOrderBesideANodeThatDelaysAQuarter)
+{
+  FakeDetector detector("quarter");
+  FakeEdgeNode node;
+  CoordinatorOnGraph coordinator("quarter");
+  coordinator.start();
+  coordinator.add("lamp", node.address());
+  ASSERT_TRUE(coordinator.listen());
+  ASSERT_TRUE(coordinator.waitUntilUsed("lamp"));
+  std::vector<ros::Time> stamps;
+  for (int i = 0; i < 100; ++i)
+  {
+    if (i % 4 == 0)
+    {
+      node.release();  // that of four pictures before
+    }
+    node.set(i % 4 == 0 ? Behaviour::HOLD : Behaviour::ANSWER);
+    stamps.push_back(coordinator.show());
+    ASSERT_TRUE(i % 4 == 0 ? node.waitForTasks(stamps.size()) : !coordinator.end(stamps.back()).empty());
+  }
+  node.release();
+  for (const ros::Time& stamp : stamps)
+  {
+    EXPECT_EQ(REMOTE_CLASS, coordinator.found(stamp));
+    EXPECT_EQ(1u, coordinator.results(stamp));
+  }
+  const auto messages = coordinator.detections->messages();
+  for (size_t i = 1; i < messages.size(); ++i)
+  {
+    EXPECT_LT(messages[i - 1]->header.stamp, messages[i]->header.stamp);
+  }
+}
+
+TEST(Coordinator, AResultWaitsNoLongerThanTheDeadlineOfAnOlderPicture)
+{
+  FakeDetector detector("patience");
+  FakeEdgeNode node;
+  CoordinatorOnGraph coordinator("patience");
+  coordinator.set("detection/deadline_s", 2.0);
+  coordinator.start();
+  coordinator.add("lamp", node.address());
+  ASSERT_TRUE(coordinator.listen());
+  ASSERT_TRUE(coordinator.waitUntilUsed("lamp"));
+  detector.hold(true);  // the node does not answer, and the vehicle's detector not before the deadline
+  node.set(Behaviour::HOLD);
+  const ros::Time lost = coordinator.show();
+  ASSERT_TRUE(node.waitForTasks(1));
+  node.set(Behaviour::ANSWER);
+  const ros::Time next = coordinator.show();
+  EXPECT_EQ("remote lamp", coordinator.end(next));
+  EXPECT_EQ(REMOTE_CLASS, coordinator.found(next));
+  EXPECT_EQ(0u, coordinator.results(lost));
+  ASSERT_TRUE(detector.waitFor(1));
+  detector.release();
+  EXPECT_EQ("fallback lamp", coordinator.end(lost));  // dropped, and counted as missed
+  EXPECT_EQ(0u, coordinator.results(lost));
+  EXPECT_EQ(1u, coordinator.statistics().missed);
 }
 
 TEST(Coordinator, ARecordingThatBeginsAgainIsPublished)
