@@ -191,9 +191,10 @@ TEST_P(TinyDetector, GivesTheSameThroughTheRuntime)
     EXPECT_EQ(expected.detections[0].box.x1, result.detections[0].box.x1);
     EXPECT_GT(result.forward_s, 0.0);
   }
-  ASSERT_EQ(1u, runtime->streams().size());
-  EXPECT_EQ("detection", runtime->streams()[0].name);
-  EXPECT_GT(runtime->streams()[0].jobs, 0u);
+  const std::vector<pi_runtime::StreamStatus> streams = runtime->streams();  // those of other processes come behind
+  ASSERT_FALSE(streams.empty());
+  EXPECT_EQ("detection", streams[0].name);
+  EXPECT_GT(streams[0].jobs, 0u);
   EXPECT_NE("nothing reserved: its times are measured first", stage.stage().text());
   EXPECT_EQ("not used: plain calls", plain.stage().text());
 }

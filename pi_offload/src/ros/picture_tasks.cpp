@@ -22,9 +22,10 @@ namespace
 namespace zero_copy = pi_os_transport::zero_copy;
 using pi_node::format;
 
-constexpr size_t MOST_POSTED = 16;      ///< pictures on their way to the engine thread
-constexpr double BEGINS_AGAIN_S = 1.0;  ///< a stamp that goes back further starts another drive
-constexpr double WORK_GAIN = 0.125;     ///< weight of the newest time of the vehicle's detector
+constexpr size_t MOST_POSTED = 16;       ///< pictures on their way to the engine thread
+constexpr uint32_t RESULTS_QUEUE = 128;  ///< all that waited for an older result are published at once
+constexpr double BEGINS_AGAIN_S = 1.0;   ///< a stamp that goes back further starts another drive
+constexpr double WORK_GAIN = 0.125;      ///< weight of the newest time of the vehicle's detector
 
 PictureData dataOf(const pi_detect::PictureView& view)
 {
@@ -65,7 +66,7 @@ PictureTasks::PictureTasks(ros::NodeHandle input_node, ros::NodeHandle service_n
   , local_work_s_(options->detection_local_s)
 {
   const auto look = [this](const ros::SingleSubscriberPublisher&) { updateSubscription(); };
-  detections_ = pi_detect::DetectionPublisher(service_node, 10, look);
+  detections_ = pi_detect::DetectionPublisher(service_node, RESULTS_QUEUE, look);
   const auto look_local = [this](const ros::SingleSubscriberPublisher&)
   { client_->post([this](int64_t now_ns) { giveNext(now_ns); }); };
   local_image_ = service_node.advertise<sensor_msgs::Image>("local/image", 2, look_local, look_local);
