@@ -1,5 +1,6 @@
 #include <pi_node/scheduling.h>
 
+#include <pi_node/vehicle_clock.h>
 #include <sys/resource.h>
 #include <sys/syscall.h>
 #include <unistd.h>
@@ -19,7 +20,7 @@ constexpr int PREFERRED_NICE = -10;
 std::string preferThread()
 {
   const auto thread = static_cast<id_t>(syscall(SYS_gettid));
-  if (setpriority(PRIO_PROCESS, thread, PREFERRED_NICE) == 0 && getsid(0) == getpid())
+  if (!isTimeSimulated() && setpriority(PRIO_PROCESS, thread, PREFERRED_NICE) == 0 && getsid(0) == getpid())
   {
     // Else the kernel weighs the session as a whole against others, whatever its threads' nice values.
     std::ofstream("/proc/self/autogroup") << PREFERRED_NICE;

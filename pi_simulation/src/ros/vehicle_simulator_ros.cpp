@@ -7,7 +7,6 @@
 #include <pi_node/formatting.h>
 #include <pi_node/ros/node_options.h>
 #include <pi_node/ros/time.h>
-#include <pi_node/scheduling.h>
 #include <pthread.h>
 #include <sensor_msgs/Imu.h>
 
@@ -161,7 +160,6 @@ SimulationOutputs VehicleSimulatorRos::outputs()
 void VehicleSimulatorRos::simulate()
 {
   pthread_setname_np(pthread_self(), "simulation");
-  pi_node::preferThread();  // as the vehicle's stages do: else they and its own renderer wait for each other in turns
   uint64_t frames = 0;
   auto commanded_at = std::chrono::steady_clock::now();
   const auto step = [this, &frames, &commanded_at]
