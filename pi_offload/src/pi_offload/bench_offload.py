@@ -181,8 +181,8 @@ def report(results):
                 lines.append(f"| {kind} | {account['tasks']} | {account['remote']} | " + " | ".join(
                     _ms(accounts.quantile(response, share)) for share in (0.5, 0.95, 0.99)) + f" | {_ms(bar_s)} |")
         lines.append("")
-    lines += ["| phase | tasks | faults | once | dropped | twice | never | by nodes | by the vehicle | fallbacks | given up | "
-              "late | latest by [ms] | handovers |", "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|"]
+    lines += ["| phase | tasks | faults | once | dropped | twice | never | by nodes | by the vehicle | fallbacks | "
+              "given up | late | latest by [ms] | handovers |", "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|"]
     for phase, result in results.items():
         for kind in ("detection", "speech"):
             account = result[kind]
@@ -190,9 +190,9 @@ def report(results):
                 continue
             once = account["once"] if kind == "detection" else account["tasks"] - account["twice"]
             never = account["never"] if kind == "detection" else account["abandoned"]
-            numbers = (account["tasks"], result.get("faults", "-"), once, account.get("dropped", 0), account["twice"], never,
-                       account["remote"], account["local"], account["fallback"], account["abandoned"], account["late"],
-                       _ms(account["latest_s"]), account["handovers"])
+            numbers = (account["tasks"], result.get("faults", "-"), once, account.get("dropped", 0), account["twice"],
+                       never, account["remote"], account["local"], account["fallback"], account["abandoned"],
+                       account["late"], _ms(account["latest_s"]), account["handovers"])
             lines.append(f"| {phase}, {kind} | " + " | ".join(str(number) for number in numbers) + " |")
     return "\n".join(lines)
 
