@@ -182,7 +182,8 @@ def report(results):
                     _ms(accounts.quantile(response, share)) for share in (0.5, 0.95, 0.99)) + f" | {_ms(bar_s)} |")
         lines.append("")
     lines += ["| phase | tasks | faults | once | dropped | twice | never | by nodes | by the vehicle | fallbacks | "
-              "given up | late | latest by [ms] | handovers |", "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|"]
+              "given up | late | latest by [ms] | handovers |",
+              "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|"]
     for phase, result in results.items():
         for kind in ("detection", "speech"):
             account = result[kind]
