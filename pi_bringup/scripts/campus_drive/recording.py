@@ -68,12 +68,19 @@ class SensorRecording:
         from std_msgs.msg import Bool
         recorded = self._path.with_suffix(".recorded.bag")
         self._path.rename(recorded)
-        with rosbag.Bag(str(recorded)) as source, rosbag.Bag(str(self._path), "w") as bag:
-            times = []
-            for topic, raw, written, header in source.read_messages(raw=True, return_connection_header=True):
-                stamp = written if topic == "/tf_static" else genpy.Time(*STAMP.unpack_from(raw[1], STAMP_AT))
-                times.append(stamp)
-                bag.write(topic, raw, stamp, raw=True, connection_header=header)
-            bag.write(BORDER, Bool(True), genpy.Time.from_sec(min(times).to_sec() - LEAD_S))
-            bag.write(BORDER, Bool(False), genpy.Time.from_sec(max(times).to_sec() - LEAD_S))
-        recorded.unlink()
+        try:
+            with rosbag.Bag(str(recorded)) as source, rosbag.Bag(str(self._path), "w") as bag:
+                times = []
+                for topic, raw, written, header in source.read_messages(raw=True, return_connection_header=True):
+                    stamp = written if topic == "/tf_static" else genpy.Time(*STAMP.unpack_from(raw[1], STAMP_AT))
+                    times.append(stamp)
+                    bag.write(topic, raw, stamp, raw=True, connection_header=header)
+                if not times:
+                    raise DemoError("%s has no message: no sensor sent any" % self._path)
+                bag.write(BORDER, Bool(True), genpy.Time.from_sec(min(times).to_sec() - LEAD_S))
+                bag.write(BORDER, Bool(False), genpy.Time.from_sec(max(times).to_sec() - LEAD_S))
+        except (OSError, rosbag.ROSBagException) as error:
+            raise DemoError("%s cannot be written: %s; make room or choose another folder with --output" %
+                            (self._path, error)) from error
+        finally:
+            recorded.unlink()

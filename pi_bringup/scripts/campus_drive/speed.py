@@ -29,8 +29,7 @@ def processor_times():
 
 
 def as_sensors():
-    """@return what lets a program stand for sensors and instruments, which wait for no program; empty where that is
-    not granted"""
+    """@return what lets a program wait for no other, as sensors and instruments do; empty where that is not granted"""
     prefix = ["chrt", "--fifo", "20"]
     granted = subprocess.run(prefix + ["true"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode == 0
     return " ".join(prefix) if granted else ""
@@ -38,10 +37,11 @@ def as_sensors():
 
 class SpeedRun:
     """@param bag  of SensorRecording. @param use_runtime  heavy stages are jobs of pi_runtime.
-    @param disturb  beside busy loops."""
+    @param disturb  beside busy loops. @param real_time  what plays and what measures waits for no other program."""
 
-    def __init__(self, bag, preload, output, use_runtime=True, disturb=False):
+    def __init__(self, bag, preload, output, use_runtime=True, disturb=False, real_time=False):
         self._bag = bag
+        self._prefix = as_sensors() if real_time else ""
         self._use_runtime = use_runtime
         self._disturb = disturb
         self._odometry = []  # diagnostics of it
@@ -61,7 +61,7 @@ class SpeedRun:
         self._subscribe(events)
         print("  starting the nodes")
         launch = started.launch(["pi_bringup", "speed.launch", "bag:=%s" % self._bag,
-                                 "preload:=%s" % (self._preload or ""), "prefix:=%s" % as_sensors(),
+                                 "preload:=%s" % (self._preload or ""), "prefix:=%s" % self._prefix,
                                  "use_runtime:=%s" % str(self._use_runtime).lower(),
                                  "recordings:=%s" % (self._output / "recordings")], log)
         monitor = None
@@ -69,7 +69,7 @@ class SpeedRun:
             events.follow(launch)
             events.rospy.set_param("/topic_monitor", {"topics": MONITORED, "report": str(monitor_report),
                                                       "print_table": False, "tcp_nodelay": True})
-            prefix = as_sensors().split() + (["env", "LD_PRELOAD=%s" % self._preload] if self._preload else [])
+            prefix = self._prefix.split() + (["env", "LD_PRELOAD=%s" % self._preload] if self._preload else [])
             monitor = started.start(prefix + ["rosrun", "pi_os_transport", "topic_monitor"],
                                     self._output / "log" / "monitor.log")
             events.watch(monitor, "topic_monitor")

@@ -98,8 +98,8 @@ private:
   uint64_t epoch_ = 0;
   ros::Time submitted_stamp_;
   ros::Time published_stamp_;
-  std::multimap<ros::Time, pi_detect::Detection2DArrayConstPtr>
-      ready_;  ///< results that wait for those of older pictures
+  /// Results that wait for those of older pictures.
+  std::multimap<ros::Time, pi_detect::Detection2DArrayConstPtr> ready_;
   uint64_t late_ = 0;
   LocalQueue local_queue_;
   double local_work_s_;                   ///< recent mean of the detector's time

@@ -150,6 +150,14 @@ public:
            until(TIMEOUT_S, [this] { return camera.getNumSubscribers() == 1; });
   }
 
+  /// With one node, "lamp", to which tasks go when this returns true. Listens to the results.
+  bool startBeside(const FakeEdgeNode& node)
+  {
+    start();
+    add("lamp", node.address());
+    return listen() && waitUntilUsed("lamp");
+  }
+
   template <typename Service>
   bool call(const std::string& service, Service* message) const
   {

@@ -92,10 +92,7 @@ TEST(Coordinator, ANodeThatIsLateIsReplacedByTheVehicleAndItsAnswerIsDropped)
   FakeEdgeNode node;
   CoordinatorOnGraph coordinator("timeout");
   coordinator.set("detection/deadline_s", 1.0);
-  coordinator.start();
-  coordinator.add("lamp", node.address());
-  ASSERT_TRUE(coordinator.listen());
-  ASSERT_TRUE(coordinator.waitUntilUsed("lamp"));
+  ASSERT_TRUE(coordinator.startBeside(node));
   node.set(Behaviour::HOLD);
   const ros::Time late = coordinator.show();
   EXPECT_EQ(LOCAL_CLASS, coordinator.found(late));
@@ -114,10 +111,7 @@ TEST(Coordinator, PicturesOfANodeThatDiesComeHomeInTimeAndItIsUsedAgain)
   FakeDetector detector("death");
   FakeEdgeNode node;
   CoordinatorOnGraph coordinator("death");
-  coordinator.start();
-  coordinator.add("lamp", node.address());
-  ASSERT_TRUE(coordinator.listen());
-  ASSERT_TRUE(coordinator.waitUntilUsed("lamp"));
+  ASSERT_TRUE(coordinator.startBeside(node));
   node.set(Behaviour::HOLD);
   std::vector<ros::Time> stamps;
   for (int i = 0; i < 3; ++i)
@@ -145,10 +139,7 @@ TEST(Coordinator, TheKillSwitchBringsAllHome)
   FakeDetector detector("switch");
   FakeEdgeNode node;
   CoordinatorOnGraph coordinator("switch");
-  coordinator.start();
-  coordinator.add("lamp", node.address());
-  ASSERT_TRUE(coordinator.listen());
-  ASSERT_TRUE(coordinator.waitUntilUsed("lamp"));
+  ASSERT_TRUE(coordinator.startBeside(node));
   node.set(Behaviour::HOLD);
   const ros::Time under_way = coordinator.show();
   ASSERT_TRUE(node.waitForTasks(1));
@@ -174,10 +165,7 @@ TEST(Coordinator, ANodeWithAnotherNetworkIsUsedAndItsClassesAreMatchedByName)
   node.setModel("coco");
   node.setObjects({{"zebra", 0.9F, 1.0F, 2.0F, 3.0F, 4.0F}, {"car", 0.75F, 10.0F, 20.0F, 30.0F, 40.0F}});
   CoordinatorOnGraph coordinator("model");
-  coordinator.start();
-  coordinator.add("lamp", node.address());
-  ASSERT_TRUE(coordinator.listen());
-  ASSERT_TRUE(coordinator.waitUntilUsed("lamp"));
+  ASSERT_TRUE(coordinator.startBeside(node));
   EXPECT_EQ(REMOTE_CLASS, coordinator.found(coordinator.show()));  // the only object: the vehicle knows no zebra
   EXPECT_EQ(1u, node.tasks());
 }
@@ -253,10 +241,7 @@ TEST(Coordinator, AResultWaitsForThoseOfOlderPicturesUnlessTheOrderDoesNotMatter
     FakeEdgeNode node;
     CoordinatorOnGraph coordinator(name);
     coordinator.set("keep_order", keep_order);
-    coordinator.start();
-    coordinator.add("lamp", node.address());
-    ASSERT_TRUE(coordinator.listen());
-    ASSERT_TRUE(coordinator.waitUntilUsed("lamp"));
+    ASSERT_TRUE(coordinator.startBeside(node));
     node.set(Behaviour::HOLD);
     const ros::Time overtaken = coordinator.show();
     ASSERT_TRUE(node.waitForTasks(1));
@@ -289,10 +274,7 @@ TEST(Coordinator, EachPictureIsPublishedOnceAndInOrderBesideANodeThatDelaysAQuar
   FakeDetector detector("quarter");
   FakeEdgeNode node;
   CoordinatorOnGraph coordinator("quarter");
-  coordinator.start();
-  coordinator.add("lamp", node.address());
-  ASSERT_TRUE(coordinator.listen());
-  ASSERT_TRUE(coordinator.waitUntilUsed("lamp"));
+  ASSERT_TRUE(coordinator.startBeside(node));
   std::vector<ros::Time> stamps;
   for (int i = 0; i < 100; ++i)
   {
@@ -323,10 +305,7 @@ TEST(Coordinator, AResultWaitsNoLongerThanTheDeadlineOfAnOlderPicture)
   FakeEdgeNode node;
   CoordinatorOnGraph coordinator("patience");
   coordinator.set("detection/deadline_s", 2.0);
-  coordinator.start();
-  coordinator.add("lamp", node.address());
-  ASSERT_TRUE(coordinator.listen());
-  ASSERT_TRUE(coordinator.waitUntilUsed("lamp"));
+  ASSERT_TRUE(coordinator.startBeside(node));
   detector.hold(true);  // the node does not answer, and the vehicle's detector not before the deadline
   node.set(Behaviour::HOLD);
   const ros::Time lost = coordinator.show();

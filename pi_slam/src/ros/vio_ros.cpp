@@ -5,6 +5,8 @@
 #include <pi_runtime/runtime.h>
 #include <ros/poll_manager.h>
 
+#include <utility>
+
 namespace pi_slam
 {
 namespace
@@ -63,9 +65,9 @@ VioRos::VioRos(ros::NodeHandle node, ros::NodeHandle private_node)
       thread->post([this] { runtime_->raiseThread(); });
     }
     receiving_ = ros::PollManager::instance()->addPollThreadListener(
-        [this]
+        [this, raised = false]() mutable
         {
-          if (!receiving_raised_.exchange(true))
+          if (!std::exchange(raised, true))
           {
             runtime_->raiseThread();
           }

@@ -5,7 +5,6 @@
 #include <pi_node/ros/warning_board.h>
 #include <ros/ros.h>
 
-#include <atomic>
 #include <boost/signals2/connection.hpp>
 #include <vector>
 
@@ -28,8 +27,9 @@ namespace pi_slam
 ///
 /// Five threads: `vio_imu` gets IMU samples and publishes a pose for each. `vio_input` gets pictures and pairs them.
 /// `vio_worker` works on pairs. `vio_output` prepares the calibration and publishes what may be slow. `vio_service`
-/// serves calls. The IMU's thread takes no lock that is held during work on pictures, or while a map is written. The first
-/// three, and roscpp's thread that receives messages, stand above the streams of the runtime (Runtime::raiseThread()).
+/// serves calls. The IMU's thread takes no lock that is held during work on pictures, or while a map is written. The
+/// first three, and roscpp's thread that receives messages, stand above the streams of the runtime
+/// (Runtime::raiseThread()).
 ///
 /// Odometry starts when the calibration is complete. It starts again when the calibration changes, when time goes back,
 /// and on ~reset.
@@ -65,7 +65,6 @@ private:
   VioGrid grid_;
   VioInitialPose initial_pose_;
   std::vector<pi_node::VehicleTimer> timers_;
-  std::atomic<bool> receiving_raised_{false};
   boost::signals2::connection receiving_;  ///< on roscpp's thread that receives messages
 };
 
