@@ -42,6 +42,7 @@ constexpr double SAME_ERROR_S = 1.0;    // for which errors of a place stay abou
 constexpr double GAP_S = 0.3;           // after which what is seen there may be another piece: nothing about motion
 constexpr double CROSSING_S = 1.5;      // of somebody who runs across the way at the side of the picture
 constexpr double BORDER_PX = 12.0;      // at the picture's sides
+constexpr double END_MOVES_M = 0.05;    // by which the end of what stands is seen elsewhere
 constexpr double PART_INSIDE = 0.8;     // of what is seen, inside the outline that is known
 
 }  // namespace
@@ -284,6 +285,20 @@ private:
     return by;
   }
 
+  /// Whether the one end that is seen has moved on, away from the picture's border or from what hides the other end.
+  bool comesForward(const ObstacleMeasurement& measurement, const Known& known, const OutlineBounds& whole) const
+  {
+    if (!obstacles::showsOneEnd(measurement))
+    {
+      return false;
+    }
+    const double by =
+        measurement.cut_left ? whole.low.y() - measurement.min.y() : measurement.max.y() - whole.high.y();
+    const double v_left = (vehicle_.R_odom_base.transpose() * known.filter.velocity()).y();
+    const double v_forward = measurement.cut_left ? -v_left : v_left;
+    return by > (v_forward > MOVING_SPEED ? 0.0 : END_MOVES_M);
+  }
+
   /// Whether it stands, and the picture's border leaves a part of it: the ends of that part are those of the view,
   /// which moves on with the vehicle.
   bool isRest(const ObstacleMeasurement& measurement, const Known& known) const
@@ -294,7 +309,8 @@ private:
     }
     const OutlineBounds rest = obstacles::footprintOf(measurement);
     const OutlineBounds whole = boundsOf(known.outline.at(known.seen_at, vehicle_));
-    return rest.size().prod() < whole.size().prod() && obstacles::commonPart(rest, whole) > PART_INSIDE;
+    return rest.size().prod() < whole.size().prod() && obstacles::commonPart(rest, whole) > PART_INSIDE &&
+           !comesForward(measurement, known, whole);
   }
 
   void correct(int64_t stamp_ns, const ObstacleMeasurement& measurement, const ObjectTrack* track,

@@ -496,6 +496,42 @@ TEST(ObstacleTracker, KnowsInTimeThatAPersonCrossesAlsoAtThePicturesBorder)
   }
 }
 
+TEST(ObstacleTracker, KnowsInTimeThatSomebodyRunsOutWhoIsSeenInPart)
+{
+  constexpr int64_t PICTURE_NS = SECOND_NS / 20;
+  constexpr double ACCELERATION = 4.0;
+  constexpr double SPEED = 2.2;
+  for (const double side : {1.0, -1.0})
+  {
+    for (unsigned seed = 1; seed <= 5; ++seed)
+    {
+      SCOPED_TRACE("seed " + std::to_string(seed));
+      Drive drive;
+      std::mt19937 random(seed);
+      std::vector<Obstacle> obstacles;
+      for (int i = -20; i <= 12; ++i)
+      {
+        const double t = 0.05 * std::max(0, i);
+        const double faster = std::min(t, SPEED / ACCELERATION);
+        const double gone = 0.5 * ACCELERATION * faster * faster + SPEED * (t - faster);
+        auto seen = seePerson({8.0, side * (4.0 - gone)}, &random);
+        ASSERT_TRUE(seen);
+        seen->cut_left = side > 0.0;
+        seen->cut_right = side < 0.0;
+        seen->outline = {{seen->min.x(), seen->min.y()},
+                         {seen->max.x(), seen->min.y()},
+                         {seen->max.x(), seen->max.y()},
+                         {seen->min.x(), seen->max.y()}};
+        obstacles = drive.at(drive.stamp_ns + i * PICTURE_NS, {*seen});
+        EXPECT_FALSE(i < 0 && !obstacles.empty() && obstacles.front().moving) << "picture " << i;
+      }
+      ASSERT_EQ(1U, obstacles.size());
+      EXPECT_TRUE(obstacles.front().moving);
+      EXPECT_LT(side * obstacles.front().velocity.y(), -1.2);
+    }
+  }
+}
+
 TEST(ObstacleTracker, BelievesTheVelocityOfWhatJustAppearedOnlyIfItHasAClass)
 {
   constexpr int64_t PICTURE_NS = 50000000;

@@ -27,7 +27,8 @@ constexpr double ROLLING_S = 0.3;         // clear_persistence of a vehicle that
 constexpr double MAX_UPDATE_S = 1.0;      // a longer pause resets the governor
 constexpr double HIDING_SEEN_FROM = 4.0;  // nearer, outlines change with what has left the picture [m]
 constexpr double KNOWN_AFTER_S = 0.6;     // of being followed: then it is clear how it moves
-constexpr double OUT_OF_VIEW_S = 1.5;     // for which who came out and left the view walks on
+constexpr double OUT_OF_VIEW_S = 1.5;     // for which who came out and left the view walks on, who left it walking runs
+constexpr double LOST_S = 0.15;           // unseen for longer, it is not one picture that failed
 constexpr char PERSON[] = "person";
 constexpr double REACH_STEP = 0.5;  // along the way, to see which obstacles are far from it [m]
 
@@ -437,13 +438,17 @@ std::vector<KnownObstacle> SpeedGovernor::obstacles() const
   return obstacles;
 }
 
+bool SpeedGovernor::canBePerson(const Known& known)
+{
+  return known.label.empty() || known.label == PERSON;
+}
+
 void SpeedGovernor::findNewcomers()
 {
   const Pose2 T_base_reckoned = track_.back().second.inverse();
   for (Known& known : known_)
   {
-    const bool can_be = known.label.empty() || known.label == PERSON;
-    if (known.out_of >= 0 || !can_be || known.followed_s > KNOWN_AFTER_S)
+    if (known.out_of >= 0 || !canBePerson(known) || known.followed_s > KNOWN_AFTER_S)
     {
       continue;
     }
@@ -476,6 +481,23 @@ void SpeedGovernor::letWalk(const Known& known, int64_t now_ns, Local* local) co
   local->outline = local->outline.in(Pose2(), since * local->velocity);
 }
 
+void SpeedGovernor::letRun(const Known& known, Local* local) const
+{
+  if (!local->moving || !canBePerson(known) || known.unseen_s < LOST_S || known.unseen_s > OUT_OF_VIEW_S)
+  {
+    return;
+  }
+  const Eigen::Vector2d towards = hidden_people::towards(way_, local->outline.middle());
+  const double speed = local->velocity.dot(towards);
+  if (speed < options_.min_moving_speed || speed > options_.step_out_speed)
+  {
+    return;
+  }
+  const Eigen::Vector2d faster = (options_.step_out_speed - speed) * towards;
+  local->velocity += faster;
+  local->outline = local->outline.in(Pose2(), known.unseen_s * faster);
+}
+
 std::vector<SpeedGovernor::Local> SpeedGovernor::nearTheWay(int64_t now_ns) const
 {
   const Pose2 T_base_reckoned = track_.back().second.inverse();
@@ -489,6 +511,7 @@ std::vector<SpeedGovernor::Local> SpeedGovernor::nearTheWay(int64_t now_ns) cons
     local.velocity = velocityOf(known, T_base_reckoned);
     local.outline = outlineNow(known, T_base_reckoned, now_ns);
     local.hiding = known.hiding.in(T_base_reckoned);
+    letRun(known, &local);
     letWalk(known, now_ns, &local);
     const bool behind = local.outline.mostX() < -options_.footprint.rear;
     if (behind || isFar(local))

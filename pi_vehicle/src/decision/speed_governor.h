@@ -210,10 +210,13 @@ private:
   double deadReckon(const GovernorInput& input);
   void forgetUnseen(int64_t now_ns);
   bool isMoving(const Known& known) const;
+  static bool canBePerson(const Known& known);
   /// Finds what has just come out from behind something and may be a person.
   void findNewcomers();
   /// Lets such a person walk onto the way, until it is known how it moves.
   void letWalk(const Known& known, int64_t now_ns, Local* local) const;
+  /// Who was seen setting out towards the way and left the view may be faster by now.
+  void letRun(const Known& known, Local* local) const;
   /// Velocity over the ground in base_link now; 0 of what stands.
   Eigen::Vector2d velocityOf(const Known& known, const Pose2& T_base_reckoned) const;
   GroundPolygon outlineNow(const Known& known, const Pose2& T_base_reckoned, int64_t now_ns) const;

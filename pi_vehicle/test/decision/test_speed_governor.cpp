@@ -537,6 +537,36 @@ TEST(SpeedGovernor, TakesWhatComesOutFromBehindSomethingForAPersonWhoWalksOn)
   EXPECT_FALSE(comesOut([](auto* box, auto*) { box->top = 0.5; }).emergency) << "nobody was out of sight there";
 }
 
+/// Somebody beside the way, 4 m to the left, who walked towards it when the picture lost them.
+GovernorOutput leavesTheView(const std::function<void(ObstacleBox* person)>& change)
+{
+  SpeedGovernor governor;
+  ObstacleBox person;
+  person.id = 1;
+  person.position = {4.3, 4.0};
+  person.size = {0.5, 0.5};
+  person.velocity = {0.0, -0.9};
+  person.unseen_s = 0.2;
+  person.label = "person";
+  person.top = 1.7;
+  change(&person);
+  GovernorInput input;
+  input.speed = 3.0;
+  governor.setObstacles(0, {person});
+  return governor.update(input);
+}
+
+TEST(SpeedGovernor, ExpectsWhoLeftTheViewTowardsTheWayToRun)
+{
+  EXPECT_LT(leavesTheView([](auto*) {}).speed_limit, 2.0);
+  EXPECT_LT(leavesTheView([](auto* person) { person->label.clear(); }).speed_limit, 2.0);
+  EXPECT_GE(leavesTheView([](auto* person) { person->unseen_s = 0.0; }).speed_limit, 2.9) << "in view";
+  EXPECT_GE(leavesTheView([](auto* person) { person->unseen_s = 2.0; }).speed_limit, 2.9);
+  EXPECT_GE(leavesTheView([](auto* person) { person->velocity.y() = 0.9; }).speed_limit, 2.9) << "walks away";
+  EXPECT_GE(leavesTheView([](auto* person) { person->moving = false; }).speed_limit, 2.9);
+  EXPECT_GE(leavesTheView([](auto* person) { person->label = "car"; }).speed_limit, 2.9);
+}
+
 /// Would full braking, begun when a report of the change can have arrived, have avoided it?
 bool avoidable(Vehicle vehicle, std::vector<Mover> movers, double time)
 {
