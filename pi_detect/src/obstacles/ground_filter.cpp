@@ -11,6 +11,10 @@ namespace
 
 constexpr double ACCELERATION_TIME_S = 0.1;  // for which an acceleration lasts
 constexpr double FADING = 0.85;              // of a velocity that nothing confirms
+// Strong tracking (Zhou and Frank 1996): what is farther off than expected moves otherwise now, so the past counts
+// less.
+constexpr double SURPRISE = 3.0;     // squared Mahalanobis distance
+constexpr double MOST_GROWTH = 8.0;  // of the covariance
 
 }  // namespace
 
@@ -48,6 +52,7 @@ void GroundFilter::predict(double dt_s, double acceleration_sigma, double max_sp
 
 void GroundFilter::correct(const Eigen::Vector2d& position, const Eigen::Matrix2d& covariance)
 {
+  P_ *= std::clamp(distance2(position, covariance) / SURPRISE, 1.0, MOST_GROWTH);
   const Eigen::Matrix2d S = positionCovariance() + covariance;
   const Eigen::Matrix<double, 4, 2> K = P_.leftCols<2>() * S.inverse();
   x_ += K * (position - x_.head<2>());

@@ -1,5 +1,6 @@
 #include <pi_detect/obstacle_tracker.h>
 
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <optional>
@@ -42,7 +43,8 @@ constexpr double SAME_ERROR_S = 1.0;    // for which errors of a place stay abou
 constexpr double GAP_S = 0.3;           // after which what is seen there may be another piece: nothing about motion
 constexpr double CROSSING_S = 1.5;      // of somebody who runs across the way at the side of the picture
 constexpr double BORDER_PX = 12.0;      // at the picture's sides
-constexpr double END_MOVES_M = 0.05;    // by which the end of what stands is seen elsewhere
+constexpr double PERSON_WIDTH_M = 1.0;  // at most
+constexpr double PARTED = 0.4;          // of what two things covered together, the ground of one alone
 constexpr double PART_INSIDE = 0.8;     // of what is seen, inside the outline that is known
 
 }  // namespace
@@ -215,7 +217,8 @@ private:
         double value = 2.0 * GATE;
         if (distance2 < GATE)
         {
-          value = distance2;
+          // The negative logarithm of the likelihood: what could be anywhere explains little.
+          value = distance2 + std::log((known_[k].filter.positionCovariance() + place.covariance).determinant());
         }
         else if (common > SAME_PLACE)
         {
@@ -285,37 +288,46 @@ private:
     return by;
   }
 
-  /// Whether the one end that is seen has moved on, away from the picture's border or from what hides the other end.
-  bool comesForward(const ObstacleMeasurement& measurement, const Known& known, const OutlineBounds& whole) const
-  {
-    if (!obstacles::showsOneEnd(measurement))
-    {
-      return false;
-    }
-    const double by =
-        measurement.cut_left ? whole.low.y() - measurement.min.y() : measurement.max.y() - whole.high.y();
-    const double v_left = (vehicle_.R_odom_base.transpose() * known.filter.velocity()).y();
-    const double v_forward = measurement.cut_left ? -v_left : v_left;
-    return by > (v_forward > MOVING_SPEED ? 0.0 : END_MOVES_M);
-  }
-
   /// Whether it stands, and the picture's border leaves a part of it: the ends of that part are those of the view,
-  /// which moves on with the vehicle.
+  /// which moves on with the vehicle. Of a person, one end tells enough.
   bool isRest(const ObstacleMeasurement& measurement, const Known& known) const
   {
-    if (known.held || isMoving(known) || known.outline.empty() || known.hits < options_.confirm_hits)
+    const bool person = obstacles::showsOneEnd(measurement) && known.size.maxCoeff() < PERSON_WIDTH_M;
+    if (known.held || isMoving(known) || person || known.outline.empty() || known.hits < options_.confirm_hits)
     {
       return false;
     }
     const OutlineBounds rest = obstacles::footprintOf(measurement);
     const OutlineBounds whole = boundsOf(known.outline.at(known.seen_at, vehicle_));
-    return rest.size().prod() < whole.size().prod() && obstacles::commonPart(rest, whole) > PART_INSIDE &&
-           !comesForward(measurement, known, whole);
+    return rest.size().prod() < whole.size().prod() && obstacles::commonPart(rest, whole) > PART_INSIDE;
+  }
+
+  /// Whether it is a person's size and was taken for a piece of what stands behind it: what is known is the whole's.
+  bool isParted(const ObstacleMeasurement& measurement, const Known& known) const
+  {
+    const OutlineBounds part = obstacles::footprintOf(measurement);
+    return !isMoving(known) && !measurement.cut_left && !measurement.cut_right && !measurement.piece &&
+           part.size().maxCoeff() < PERSON_WIDTH_M && measurement.max.z() > PERSON_M &&
+           part.size().prod() < PARTED * footprintOf(known).size().prod();
+  }
+
+  /// What was known of the whole goes, but for its id and class.
+  void startAnew(const ObstacleMeasurement& measurement, Known* known) const
+  {
+    known->size = (measurement.max - measurement.min).head<2>();
+    const Place place = obstacles::placeOf(measurement, known->size, vehicle_);
+    known->place_covariance = place.covariance;
+    known->unsteady_m = 0.0;
+    known->held = true;
   }
 
   void correct(int64_t stamp_ns, const ObstacleMeasurement& measurement, const ObjectTrack* track,
                const StereoGeometry& geometry, Known* known)
   {
+    if (isParted(measurement, *known))
+    {
+      startAnew(measurement, known);
+    }
     const bool cut = measurement.cut_left || measurement.cut_right;
     if (cut && isRest(measurement, *known))
     {
