@@ -84,7 +84,7 @@ TEST(Conversions, StatusHasBothKindsOfTasks)
   status.queue_s = {0.001, 0.002};
   status.sent = 7;
   status.late = 2;
-  const EdgeNodeStatus message = toMsg(status, "map");
+  const EdgeNodeStatus message = toMsg(status, {}, 0, "map");
   EXPECT_TRUE(message.connected);
   EXPECT_FALSE(message.in_range);
   EXPECT_EQ(12.5, message.residence);
@@ -135,7 +135,7 @@ TEST(Conversions, DecisionsAndStatisticsSayAll)
   outcome.by_deadline = true;
   outcome.energy_j = 0.25;
   outcome.reason = "no answer in time";
-  const OffloadDecision decision = toMsg(outcome, std_msgs::Header());
+  const OffloadDecision decision = toMsg(outcome, std_msgs::Header(), false);
   EXPECT_EQ("speech", decision.kind);
   EXPECT_EQ("fallback", decision.how);
   EXPECT_EQ("lamp", decision.node);
