@@ -32,7 +32,7 @@ void AnswerCheckOptions::validate() const
 {
   const pi_node::OptionCheck check("");
   check.range("every", every, 0, 1000000);
-  check.range("suspect_every", suspect_every, 1, std::max(every, 1));
+  check.range("suspect_every", suspect_every, 1, every > 0 ? every : 1000000);
   check.range("cool_down_s", cool_down_s, 1.0, 1e6);
 }
 

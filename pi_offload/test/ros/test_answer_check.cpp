@@ -289,7 +289,6 @@ TEST(AnswerCheck, ZeroIsOffAndWrongOptionsAreNamed)
 {
   AnswerCheckOptions options;
   options.every = 0;
-  options.suspect_every = 1;
   AnswerCheck off(options, 1);
   for (int i = 0; i < 1000; ++i)
   {
