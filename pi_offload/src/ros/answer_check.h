@@ -35,7 +35,7 @@ struct AnswerCheckOptions
 class AnswerCheck
 {
 public:
-  static constexpr double ALLOWED = 0.35;  ///< disagreement of honest networks; those of pi_detect have 0 to 0.13
+  static constexpr double ALLOWED = 0.35;  ///< disagreement of honest networks; those of pi_detect have 0 to 0.10
   static constexpr double LIMIT = 4.0;
   static constexpr float CLEAR_SCORE = 0.6F;  ///< objects below are matched, but need no partner
   static constexpr float CLEAR_AREA = 0.01F;  ///< in parts of the picture; likewise
