@@ -140,4 +140,14 @@ AnswerCheck::Status AnswerCheck::status(const std::string& id) const
   return node == nodes_.end() ? Status() : node->second.status;
 }
 
+std::map<std::string, AnswerCheck::Status> AnswerCheck::statuses() const
+{
+  std::map<std::string, Status> statuses;
+  for (const auto& [id, node] : nodes_)
+  {
+    statuses[id] = node.status;
+  }
+  return statuses;
+}
+
 }  // namespace pi_offload

@@ -42,8 +42,8 @@ public:
   static constexpr float SAME_PLACE = 0.4F;   ///< overlap of partners
   static constexpr double REPEAT_S = 60.0;
 
-  /// @throws std::invalid_argument for options.
-  AnswerCheck(const AnswerCheckOptions& options, uint32_t seed);
+  /// @param seed  of the places of checks, which nodes must not know. @throws std::invalid_argument for options.
+  explicit AnswerCheck(const AnswerCheckOptions& options, uint32_t seed = std::random_device()());
 
   /// A node answered a picture. @return true: this one is to be detected on board, too.
   bool due(const std::string& node);
@@ -53,7 +53,8 @@ public:
     pi_detect::Detections answered;  ///< by the node
     pi_detect::Detections own;       ///< by the vehicle
     float area = 0.0F;               ///< of the picture [px^2]
-    /// Classes that both networks have; null: not known. Then those count that the node ever answered, if there are any.
+    /// Classes that both networks have; null: not known. Then those count that the node ever answered, if there are
+    /// any.
     const std::set<int>* common = nullptr;
   };
   /// @return true: the node is to be taken out now; status() has the reason.
@@ -71,6 +72,7 @@ public:
     std::string reason;      ///< why it is out; empty: it is not
   };
   Status status(const std::string& node) const;
+  std::map<std::string, Status> statuses() const;  ///< by node
 
 private:
   /// A clear object without a partner.

@@ -5,8 +5,6 @@
 #include <unistd.h>
 #include <visualization_msgs/MarkerArray.h>
 
-#include <random>
-
 namespace pi_offload
 {
 namespace
@@ -43,7 +41,7 @@ CoordinatorRos::CoordinatorRos(ros::NodeHandle node, ros::NodeHandle private_nod
   , node_markers_(options_.map_frame)
   , client_(options_.clientOptions(vehicle_name_), clientCallbacks())
   , ledger_(service_private_node_, options_.speech_local_s)
-  , checks_(options_.verify, std::random_device()())
+  , checks_(options_.verify)
   , node_sources_(service_node_, &options_, &client_, &checks_, &map_, &warnings_)
   , pictures_(input_thread_.handle(node), service_node_, &options_, &client_, &checks_, &ledger_, &warnings_)
   , utterances_(service_node_, &options_, &client_, &ledger_, &warnings_)
@@ -129,10 +127,6 @@ CoordinatorFigures CoordinatorRos::figures(int64_t now_ns)
   }
   figures.nodes = client_.engine().nodes(now_ns);
   figures.links = client_.links();
-  for (const OffloadEngine::NodeStatus& node : figures.nodes)
-  {
-    figures.checks[node.description.id] = checks_.status(node.description.id);
-  }
   return figures;
 }
 
@@ -151,12 +145,7 @@ void CoordinatorRos::publishDiagnostics()
   CoordinatorFigures figures = client_.call(
       [this](int64_t now_ns)
       {
-        pictures_.dropUnanswered(now_ns);
-        for (const std::string& node : checks_.pardoned(now_ns))
-        {
-          client_.engine().setTrusted(node, true, now_ns);
-          warnings_.warn("node " + node + ": gets tasks again, its time out is over");
-        }
+        pictures_.tidy(now_ns);
         return this->figures(now_ns);
       });
   pictures_.fillInput(&figures);

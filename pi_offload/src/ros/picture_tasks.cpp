@@ -335,15 +335,16 @@ void PictureTasks::beginCheck(int64_t now_ns)
     return;
   }
   const int64_t need_ns = std::llround(1e9 * CHECK_FACTOR * local_work_s_);
-  const bool waits = std::any_of(pictures_.begin(), pictures_.end(), [&](const auto& picture)
-                                 { return picture.second.deadline_ns - now_ns < need_ns; });
+  const bool waits = std::any_of(pictures_.begin(), pictures_.end(),
+                                 [&](const auto& picture) { return picture.second.deadline_ns - now_ns < need_ns; });
   if (waits && pi_node::secondsBetween(check_->since_ns, now_ns) < CHECK_WAITS_S)
   {
     return;
   }
   check_->run = ledger_->newTask();
   client_->engine().onExtraRun(check_->run, TaskKind::DETECTION, now_ns);
-  local_queue_.add({check_->run, pi_detect::fromMsg(check_->message->header.stamp), std::numeric_limits<int64_t>::max()});
+  local_queue_.add(
+      {check_->run, pi_detect::fromMsg(check_->message->header.stamp), std::numeric_limits<int64_t>::max()});
 }
 
 void PictureTasks::endCheck(const pi_detect::Detection2DArray& own, int64_t now_ns)
@@ -388,8 +389,7 @@ void PictureTasks::deliver(const Outcome& outcome, const OffloadReply* reply)
   bool published = false;
   if (reply != nullptr)
   {
-    const auto result =
-        toMsg(reply->objects, class_ids_, picture.message->width, picture.message->height, header);
+    const auto result = toMsg(reply->objects, class_ids_, picture.message->width, picture.message->height, header);
     published = publish(picture, result);
     if (!check_ && checks_->due(outcome.node))
     {
@@ -470,8 +470,13 @@ void PictureTasks::onTime(int64_t now_ns)
   }
 }
 
-void PictureTasks::dropUnanswered(int64_t now_ns)
+void PictureTasks::tidy(int64_t now_ns)
 {
+  for (const std::string& node : checks_->pardoned(now_ns))
+  {
+    client_->engine().setTrusted(node, true, now_ns);
+    warnings_->warn("node " + node + ": gets tasks again, its time out is over");
+  }
   if (check_ && check_->run == 0 && pi_node::secondsBetween(check_->since_ns, now_ns) > CHECK_LOST_S)
   {
     check_.reset();  // the detector is not there
@@ -487,6 +492,7 @@ void PictureTasks::fill(CoordinatorFigures* figures) const
   figures->late = late_;
   figures->held = ready_.size();
   figures->waiting = local_queue_.waiting();
+  figures->checks = checks_->statuses();
   figures->model = local_model_;
   figures->detector_listens = local_image_.getNumSubscribers() > 0;
 }

@@ -53,8 +53,9 @@ public:
   /// When a result that waits for those of older pictures has waited long enough [ns]; INT64_MAX: none waits.
   int64_t nextTime() const;
   void onTime(int64_t now_ns);
-  /// Gives up a picture that the detector did not answer for too long, and a check that could not begin.
-  void dropUnanswered(int64_t now_ns);
+  /// Gives up a picture that the detector did not answer for too long, and a check that could not begin. Nodes whose
+  /// time out is over get tasks again.
+  void tidy(int64_t now_ns);
   void fill(CoordinatorFigures* figures) const;
 
 private:
