@@ -8,13 +8,13 @@ from pi_offload.msg import EdgeNodeStatus, OffloadDecision
 
 def decision(**fields):
     return OffloadDecision(**{"kind": "detection", "how": "remote", "node": "lamp", "reason": "cheapest", "deadline": 0.2,
-                              "expected_time": 0.06, "expected_energy": 0.05, "response_time": 0.0555, "energy": 0.04,
+                              "expected_time": 0.06, "expected_energy": 0.06, "response_time": 0.0555, "energy": 0.04,
                               "by_deadline": True, **fields})
 
 
 class OffloadTop(unittest.TestCase):
     def test_a_task_has_where_why_expected_and_real(self):
-        self.assertEqual(["detection", "lamp", "remote", "60", "56", "200", "0.050", "0.040", "cheapest"],
+        self.assertEqual(["detection", "lamp", "remote", "60", "56", "200", "0.060", "0.040", "cheapest"],
                          offload_top.task_row(decision()).split())
 
     def test_a_dropped_hedged_late_task_says_so(self):
@@ -24,7 +24,7 @@ class OffloadTop(unittest.TestCase):
 
     def test_the_summary_counts_and_gives_watts(self):
         tasks = [decision(), decision(how="local", node="", energy=0.36), decision(by_deadline=False, dropped=True)]
-        self.assertEqual("0.3 tasks/s, 67 % done by nodes, 1 late, 1 dropped, 0 hedged; 0.04 W by the model (0.01 W "
+        self.assertEqual("0.3 tasks/s, 67 % done by nodes, 1 late, 1 dropped, 0 hedged; 0.04 W by the model (0.02 W "
                          "expected)", offload_top.summary(tasks, 10.0))
         self.assertEqual("no tasks in 10 s", offload_top.summary([], 10.0))
 

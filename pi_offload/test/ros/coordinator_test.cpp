@@ -394,6 +394,11 @@ TEST(Coordinator, AResultWaitsNoLongerThanTheDeadlineOfAnOlderPicture)
   ASSERT_TRUE(detector.waitFor(1));
   detector.release();
   EXPECT_EQ("fallback lamp", coordinator.end(lost));  // dropped, and counted as missed
+  for (const auto& decision : coordinator.decisions.messages())
+  {
+    EXPECT_EQ(decision->header.stamp == lost, decision->dropped != 0);
+    EXPECT_GT(decision->expected_time, 0.0);
+  }
   EXPECT_EQ(0u, coordinator.results(lost));
   EXPECT_EQ(1u, coordinator.statistics().missed);
 }
