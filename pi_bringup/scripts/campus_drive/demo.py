@@ -5,6 +5,8 @@ import statistics
 
 from first_drive.report import number, table
 
+from pi_bringup.battery import ratio
+
 from . import report
 from .judge import STOP_LIMIT_S, quantile
 from .speed import BUSY
@@ -102,6 +104,8 @@ def quantities(tree):
          at_most(100 * LIMIT_CPU)),
         ("memory (PSS)", "", memory, 0, " MB", None),
         ("power of the computer (%s)" % tree["watts_source"], "", tree["watts"], 1, " W", None),
+        ("hours of the computer on %s (%s)" % (tree["battery"], tree["watts_source"]), "",
+         ratio(tree["battery_wh"], tree["watts"]), 1, " h", None),
         ("spoken command, p95 from the end of the word", "<= %.0f ms" % (1000 * LIMIT_SPEECH_S),
          milliseconds(quantile(heard(tree), SHARE)) if len(heard(tree)) == tree["said"] else None, 0, " ms",
          at_most(1000 * LIMIT_SPEECH_S)),

@@ -189,6 +189,8 @@ def offloaded(decisions, begin, end):
             by[name] = by.get(name, 0) + 1
         times = [one["response_time"] for one in tasks]
         result[kind] = {"tasks": len(tasks), "by": by, "missed": sum(not one["by_deadline"] for one in tasks),
+                        "dropped": sum(one["dropped"] for one in tasks),
+                        "joules": sum(one["energy"] for one in tasks),
                         "response_p50": quantile(times, 0.5), "response_p99": quantile(times, 0.99)}
     return result
 

@@ -250,7 +250,9 @@ class Observer:
         self.records.decisions.append({"stamp": message.header.stamp.to_sec(), "kind": message.kind,
                                        "node": message.node, "how": message.how, "reason": message.reason,
                                        "response_time": message.response_time, "by_deadline": bool(message.by_deadline),
-                                       "energy": message.energy})
+                                       "energy": message.energy, "expected_time": message.expected_time,
+                                       "expected_energy": message.expected_energy, "hedged": bool(message.hedged),
+                                       "dropped": bool(message.dropped)})
 
     def _on_power(self, message):
         self.records.power.append({"time": self.now(), **power_figures(message)})

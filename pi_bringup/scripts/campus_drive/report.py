@@ -186,9 +186,9 @@ def happened(tree):
     lines += [standstill_line(one) for one in tree["standstills"]]
     lines += list(stop_lines(tree)) + list(heard_lines(tree))
     for kind, one in tree["offloading"].items():
-        lines.append("%s: %d tasks, %s; %d late; response p50 %s ms, p99 %s ms" % (
+        lines.append("%s: %d tasks, %s; %d late, %d dropped; %.1f J by the model; response p50 %s ms, p99 %s ms" % (
             kind, one["tasks"], ", ".join("%d %s" % (count, name) for name, count in sorted(one["by"].items())),
-            one["missed"], number(one["response_p50"] and 1000 * one["response_p50"], 0),
+            one["missed"], one["dropped"], one["joules"], number(one["response_p50"] and 1000 * one["response_p50"], 0),
             number(one["response_p99"] and 1000 * one["response_p99"], 0)))
     lines += ["reaction \"%s\" (%s) to %s" % (one["rule"], one["action"], one["label"]) for one in tree["reactions"]]
     lines += ["killed %s at %.1f m/s: back after %s, %s" % (

@@ -7,6 +7,8 @@ import time
 from first_drive import measuring
 from first_drive.errors import DemoError
 
+from pi_bringup import battery as batteries
+
 from . import protection, report, words
 from .cpu import CpuAccount, group_of
 from .observer import VIO_INPUTS, VIO_STATUS, power_figures
@@ -147,6 +149,8 @@ class SpeedRun:
         used = sum(sum(nodes.values()) for nodes in groups.values())
         others = (after[0] - before[0]) - used * cpu.seconds * os.sysconf("SC_CLK_TCK")
         power = self._power
+        import roslib.packages
+        battery = batteries.read(roslib.packages.get_pkg_dir("pi_vehicle"))
         if not figures["topics"].get("/odometry", {}).get("messages"):
             raise DemoError("no odometry came of the recording")
         return {
@@ -157,7 +161,8 @@ class SpeedRun:
             "cpu_cores": groups, "vehicle_cores": sum(groups.get("vehicle", {}).values()), "memory_mb": cpu.memory,
             "services": report.services(power), "others_share": max(0.0, others) / max(1, after[1] - before[1]),
             "watts": sum(one["total_watts"] for one in power) / len(power) if power else None,
-            "watts_source": power[-1]["source"] if power else None, "errors": self._errors,
+            "watts_source": power[-1]["source"] if power else None, "battery": str(battery),
+            "battery_wh": battery.watt_hours, "errors": self._errors,
             "transports": report.transports(links), "use_runtime": self._use_runtime, "disturbed": self._disturb,
             "player_late_ms": late,
             "odometry": protection.odometry(self._odometry), "streams": self._streams}

@@ -3,7 +3,8 @@ the paper as a table of this computer, each figure with the rate at which the se
 
 SLAM gets a EuRoC recording in real time, detection a video, speech recorded commands; all nodes are preloaded with
 π-OS. Offloaded, an edge_server does the work: it runs on this computer too, and is not counted. Watts are those of the
-model of config/power.yaml (equation 4), calibrated on the paper's TX1: they are no measurement of this computer.
+model of config/power.yaml (equation 4), calibrated on the paper's TX1, with the radio's joules as the coordinator
+reports them: they are no measurement of this computer. Hours are those of a battery that drives the computer alone.
 """
 
 import argparse
@@ -24,6 +25,8 @@ from first_drive.errors import DemoError
 from first_drive.localisation import convert
 from first_drive.program import PREFIX, positive
 from first_drive.report import table
+
+from pi_bringup import battery as batteries
 
 RECORDING = Path("slam") / "mh01_first10s"
 VIDEO = Path("/usr/share/doc/opencv-doc/examples/data/vtest.avi")
@@ -66,6 +69,7 @@ class Figures:
     machine: float = 0.0                         # cores busy, of the whole computer
     rates: dict = field(default_factory=dict)
     load: float = 0.0
+    radio_w: float = 0.0                         # by the coordinator's model
 
     @property
     def total(self):
@@ -77,10 +81,10 @@ def read_model(folder):
         return yaml.safe_load(file)["model"]
 
 
-def watts(model, cores):
-    """(CPU, CPU and board) by equation 4, as power_account.h has it."""
+def watts(model, cores, radio_w=0.0):
+    """(CPU, CPU with board and radio) by equation 4, as power_account.h has it."""
     cpu = model["idle_w"] + cores * model["beta_w_per_ghz3"] * model["frequency_ghz"] ** 3
-    return cpu, cpu + model["board_w"]
+    return cpu, cpu + model["board_w"] + radio_w
 
 
 def free_port():
@@ -117,19 +121,23 @@ class Graph:
                 ("detections", Detection2DArray, lambda _: self._count("detections")),
                 ("command", VoiceCommand, self._on_command),
                 ("recognizer/rejected", VoiceCommand, self._on_command),
-                ("coordinator/decisions", OffloadDecision,
-                 lambda message: self._count(f"{message.kind} {message.how}")),
+                ("coordinator/decisions", OffloadDecision, self._on_decision),
                 ("/diagnostics", DiagnosticArray, self._on_diagnostics)):
             rospy.Subscriber(topic, kind, callback, queue_size=100)
 
     def clear(self):
         with self._changed:
-            self.counts, self.values, self.latencies = {}, {}, []
+            self.counts, self.values, self.latencies = {"radio": 0.0}, {}, []
 
-    def _count(self, name):
+    def _count(self, name, joules=0.0):
         with self._changed:
             self.counts[name] = self.counts.get(name, 0) + 1
+            self.counts["radio"] += joules
             self._changed.notify_all()
+
+    def _on_decision(self, message):
+        # The energy of a task that a node did is the radio's.
+        self._count("%s %s" % (message.kind, message.how), message.energy if message.how == "remote" else 0.0)
 
     def _on_command(self, message):
         with self._changed:
@@ -269,6 +277,7 @@ class Bench:
             figures.rates["SLAM"] = "%.0f FPS, %s Hz pose" % (pairs / figures.seconds,
                                                               at_end.get("odometry [Hz]", "?").split(".")[0])
         done = {key: now[key] - counts.get(key, 0) for key in now}
+        figures.radio_w = done["radio"] / figures.seconds
         if figures.row.detection != "none":
             text = "%.1f FPS" % (done.get("detections", 0) / figures.seconds)
             if figures.row.detection == "offloaded":
@@ -288,25 +297,28 @@ class Bench:
 
 # --------------------------------------------------------------------------------------------------------------- report
 
-def report(figures, model, cores):
-    """The table as text."""
+def report(figures, model, cores, battery):
+    """The tables as text."""
     rows = [["", "SLAM", "detection", "speech", "offloading", "sum", "of all cores", "memory/MB", "CPU/W",
-             "with board/W", "rates", "paper (TX1)"]]
+             "with board, radio/W", "hours", "rates", "paper (TX1)"]]
     for one in figures:
-        cpu_w, all_w = watts(model, one.total)
+        cpu_w, all_w = watts(model, one.total, one.radio_w)
         cells = [("%.0f %%" % (100.0 * one.cores[key])) if key in one.cores else "-"
                  for key in ("slam", "detection", "speech", "offloading")]
         rows.append([one.row.name, *cells, "%.0f %%" % (100.0 * one.total), "%.0f %%" % (100.0 * one.total / cores),
-                     "%.0f" % sum(one.memory.values()), "%.1f" % cpu_w, "%.1f" % all_w,
+                     "%.0f" % sum(one.memory.values()), "%.1f" % cpu_w, "%.1f" % all_w, "%.1f" % battery.hours(all_w),
                      "; ".join("%s %s" % pair for pair in one.rates.items()), PAPER[one.row.name]])
-    return table(rows, "<" + ">" * 9 + "<<")
+    beside = batteries.figure_16({one.row.name: one.total for one in figures},
+                                 {one.row.name: watts(model, one.total, one.radio_w)[1] for one in figures}, battery)
+    return table(rows, "<" + ">" * 10 + "<<") + "\n\n" + table(beside, "<<<")
 
 
-def as_dict(one, model):
-    cpu_w, all_w = watts(model, one.total)
+def as_dict(one, model, battery):
+    cpu_w, all_w = watts(model, one.total, one.radio_w)
     return {"row": one.row.name, "seconds": one.seconds, "cores": one.cores, "memory_mb": one.memory,
             "feeding_cores": one.feeding, "machine_cores": one.machine, "rates": one.rates, "cpu_watts": cpu_w,
-            "watts": all_w, "load": one.load}
+            "radio_watts": one.radio_w,
+            "watts": all_w, "hours": battery.hours(all_w), "load": one.load}
 
 
 def parse(arguments):
@@ -324,6 +336,8 @@ def parse(arguments):
     parser.add_argument("--preload", type=Path, help="library of π-OS; default: that of this space")
     parser.add_argument("--tcpros", action="store_true", help="without π-OS")
     parser.add_argument("--only", action="append", choices=[row.name for row in ROWS], help="may be repeated")
+    parser.add_argument("--battery-ah", type=positive, help="capacity [Ah]; default: that of pi_vehicle's power.yaml")
+    parser.add_argument("--battery-v", type=positive, help="nominal voltage [V]; default likewise")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write everything measured there")
     parser.add_argument("--logs", type=Path, metavar="FOLDER", help="keep the logs of the nodes there")
     return parser.parse_args([argument for argument in arguments if ":=" not in argument])
@@ -354,7 +368,7 @@ def complete(options, output):
 
 
 def measure(options, output):
-    """@return (figures, model)"""
+    """@return (figures, model, battery)"""
     rows = complete(options, output)
     environment = processes.ros_environment(PREFIX, output)
     if not options.tcpros and options.preload is None:
@@ -365,12 +379,13 @@ def measure(options, output):
         processes.start_master(started, output, stock=options.tcpros)
         graph = Graph(started.environment)
         import roslib.packages
-        model = read_model(roslib.packages.get_pkg_dir("pi_vehicle"))
+        vehicle = roslib.packages.get_pkg_dir("pi_vehicle")
+        model, battery = read_model(vehicle), batteries.read(vehicle, options.battery_ah, options.battery_v)
         bench = Bench(started, graph, options, output)
         for number, row in enumerate(rows, 1):
             print("[%d/%d] %s" % (number, len(rows), row.name), file=sys.stderr, flush=True)
             figures.append(bench.run(row))
-        return figures, model
+        return figures, model, battery
     finally:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)  # the clean-up is bounded
@@ -389,19 +404,20 @@ def main():
         output = options.logs.resolve() if options.logs else Path(folder)
         try:
             output.mkdir(parents=True, exist_ok=True)
-            figures, model = measure(options, output)
+            figures, model, battery = measure(options, output)
             print("%s, %d cores, Linux %s; load average %.1f at the start, %.1f at the end; %s" %
                   (facts["cpu"], facts["cores"], facts["kernel"], facts["load"], os.getloadavg()[0],
                    "TCPROS" if options.tcpros else "π-OS"))
             print("CPU in % of one core; feeding the sensors and the edge server are not counted\n")
-            print(report(figures, model, facts["cores"]))
+            print(report(figures, model, facts["cores"], battery))
             print("\nNot counted: recordings in place of sensors, %s of a core; busy on the whole computer: %s cores" %
                   ("; ".join("%.0f %%" % (100 * one.feeding) for one in figures),
                    "; ".join("%.1f" % one.machine for one in figures)))
             if options.json:
-                options.json.write_text(json.dumps({"machine": facts, "model": model, "rows": [
-                    as_dict(one, model) for one in figures]}, indent=1), encoding="utf-8")
-        except (DemoError, OSError) as error:
+                options.json.write_text(json.dumps({
+                    "machine": facts, "model": model, "battery": vars(battery), "rows": [
+                        as_dict(one, model, battery) for one in figures]}, indent=1), encoding="utf-8")
+        except (DemoError, OSError, ValueError) as error:
             print("bench_power: %s" % error, file=sys.stderr)
             status = 1
         except KeyboardInterrupt:

@@ -40,6 +40,7 @@ def run(**changed):
     """The tree of a run on the recording, within all bars."""
     tree = {
         "pairs_hz": 19.96, "vehicle_cores": 0.784, "others_share": 0.02, "watts": 6.4, "watts_source": "model",
+        "battery": "2.2 Ah at 11.1 V", "battery_wh": 24.42,
         "topics": {"/odometry": topic(200.04, 7.0, 20.0), "/detections": topic(10.0, 80.0, 120.0),
                    "/left/image_raw": topic(20.0, 1.0, 3.0), "/imu/data": topic(200.0, 0.1, 1.0)},
         "commands": [{"accepted": True, "latency": 0.31}], "said": 1, "transports": {"SHMROS": 70}, "errors": [],
@@ -138,6 +139,11 @@ class Demo(unittest.TestCase):
         one = row(compare(ours=ours, theirs=theirs), "processor, whole vehicle")
         self.assertEqual(["60 %", "90 %"], [value["text"] for value in one["figures"]])
         self.assertEqual({"median": 1.0, "least": 1.0, "greatest": 2.0}, one["ratio"])
+
+    def test_watts_give_the_hours_of_the_battery_and_their_source(self):
+        tree = compare(ours=[run(watts=6.0)], theirs=[run(watts=None)])
+        one = row(tree, "hours of the computer on 2.2 Ah at 11.1 V (model)")
+        self.assertEqual(["4.1 h", "-"], [value["text"] for value in one["figures"]])
 
     def test_screen_page_and_file_have_the_same_figures(self):
         tree = compare(ours=[run(watts=None)])

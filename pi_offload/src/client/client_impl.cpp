@@ -299,9 +299,14 @@ NodeAdvertisement OffloadClient::Impl::corrected(const std::string& node, const 
 void OffloadClient::Impl::onReply(const std::string& node, const OffloadReply& reply, int64_t received_ns)
 {
   const auto found = requests.find(reply.request);
-  if (found == requests.end() || found->second.node != node || nodes.count(node) == 0)
+  if (nodes.count(node) == 0)
   {
-    return;  // a duplicate, or the answer to a cancellation
+    return;
+  }
+  if (found == requests.end() || found->second.node != node)
+  {
+    nodes[node].status.unasked += reply.type == OffloadRequest::Type::CANCEL ? 0 : 1;
+    return;
   }
   const Request request = found->second;
   requests.erase(found);

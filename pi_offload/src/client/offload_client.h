@@ -104,8 +104,9 @@ public:
   struct LinkStatus
   {
     bool up = false;
-    std::string problem;  ///< why it is down
-    std::string model;    ///< network of the node; empty: unknown
+    std::string problem;   ///< why it is down
+    std::string model;     ///< network of the node; empty: unknown
+    uint64_t unasked = 0;  ///< replies to no open request of this vehicle, as replayed ones; they are ignored
   };
   std::map<std::string, LinkStatus> links() const;
   const PictureEncoder& encoder() const { return *encoder_; }

@@ -54,6 +54,7 @@ struct NodeState
   NodeEstimates estimates;
 
   bool link_up = true;
+  bool trusted = true;
   bool suspended = false;  ///< too many unanswered requests; until a probe is answered
   int failures = 0;        ///< unanswered requests in a row
 
@@ -176,6 +177,9 @@ struct OffloadEngine::Impl
     double radio_j = 0.0;    ///< of ended requests
     int64_t timer_ns = NEVER_NS;
     const char* reason = "";
+    double expected_s = 0.0;  ///< after created_ns
+    double expected_j = 0.0;
+    double expected_misses = 0.0;
   };
 
   /// @param refused  index of a node that is excluded, or -1.
@@ -185,6 +189,7 @@ struct OffloadEngine::Impl
   Decision submit(const Task& task);
   void checkTask(const Task& task) const;
   void keepLocal(Decision* decision, const TaskState& state, const char* reason) const;
+  void expect(TaskState* state, const Decision& decision) const;
   uint64_t openRequest(NodeState& node, const Task& task);
   /// @return false if the link took nothing.
   bool sendTo(uint64_t id, const Decision& decision, int64_t fallback_ns);

@@ -223,7 +223,7 @@ double OffloadEngine::Impl::residence(const NodeState& node) const
 bool OffloadEngine::Impl::connected(const NodeState& node, TaskKind kind) const
 {
   const auto k = static_cast<size_t>(kind);
-  return node.link_up && !node.suspended && now >= node.of_kind[k].refused_until_ns &&
+  return node.link_up && node.trusted && !node.suspended && now >= node.of_kind[k].refused_until_ns &&
          node.estimates.advertisementAge(now) <= options.advertisement_valid_s &&
          !node.estimates.advertisement().draining && node.estimates.advertisement().of_kind[k].served;
 }
@@ -442,6 +442,7 @@ OffloadEngine::NodeStatus OffloadEngine::Impl::status(const NodeState& node) con
   status.description = node.description;
   status.distance_m = node.distance_m;
   status.in_range = node.in_range;
+  status.trusted = node.trusted;
   status.round_trip_s = node.estimates.roundTrip().mean();
   status.uplink_mbps = node.estimates.rate(now);
   for (size_t k = 0; k < TASK_KINDS; ++k)

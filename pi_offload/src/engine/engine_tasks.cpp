@@ -149,6 +149,13 @@ void OffloadEngine::Impl::keepLocal(Decision* decision, const TaskState& state, 
   decision->reason = reason;
 }
 
+void OffloadEngine::Impl::expect(TaskState* state, const Decision& decision) const
+{
+  state->expected_s = between(state->task.created_ns, now) + decision.expected_s;
+  state->expected_j = decision.expected_j;
+  state->expected_misses = decision.expected_misses;
+}
+
 Decision OffloadEngine::Impl::submit(const Task& given)
 {
   checkTask(given);
@@ -180,6 +187,7 @@ Decision OffloadEngine::Impl::submit(const Task& given)
     else
     {
       decision.timeout_s = between(now, fallback_ns);
+      expect(&state, decision);
       if (sendTo(task.id, decision, fallback_ns))
       {
         return decision;
@@ -189,6 +197,7 @@ Decision OffloadEngine::Impl::submit(const Task& given)
   }
   of_kind.node = 0;
   of_kind.name.clear();
+  expect(&tasks.at(task.id), decision);
   startOverdue(task.id, decision.frequency_ghz);
   startLocal(task.id, decision.frequency_ghz, decision.reason);
   return decision;
@@ -471,6 +480,9 @@ void OffloadEngine::Impl::finish(uint64_t id, Outcome::How how)
     outcome.energy_j += localCost(options.needs[k], options.computer, state.local_ghz).energy_j;
   }
   outcome.reason = state.reason;
+  outcome.expected_s = state.expected_s;
+  outcome.expected_j = state.expected_j;
+  outcome.expected_misses = state.expected_misses;
 
   Statistics::OfKind& of_kind = statistics.of_kind[k];
   of_kind.local += how == Outcome::How::LOCAL ? 1 : 0;

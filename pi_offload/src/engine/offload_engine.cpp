@@ -97,6 +97,29 @@ bool OffloadEngine::removeNode(const std::string& id, int64_t now_ns)
   return removed;
 }
 
+void OffloadEngine::setTrusted(const std::string& id, bool trusted, int64_t now_ns)
+{
+  impl_->setTime(now_ns);
+  if (NodeState* state = impl_->find(id))
+  {
+    state->trusted = trusted;
+    if (!trusted)
+    {
+      impl_->fallBackAll(state->key, "the node is not trusted", false, true);
+    }
+  }
+  impl_->raise();
+}
+
+void OffloadEngine::onExtraRun(uint64_t run, TaskKind kind, int64_t now_ns)
+{
+  impl_->setTime(now_ns);
+  const LocalComputer& computer = impl_->options.computer;
+  const auto k = static_cast<size_t>(kind);
+  impl_->local.start(run, kind, computer.frequency_ghz, impl_->now);
+  impl_->statistics.of_kind[k].energy_j += localCost(impl_->options.needs[k], computer).energy_j;
+}
+
 void OffloadEngine::setVehicle(const VehicleState& vehicle)
 {
   impl_->setVehicle(vehicle);

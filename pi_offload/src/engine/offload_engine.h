@@ -42,6 +42,9 @@ struct Outcome
   bool by_deadline = false;
   double energy_j = 0.0;    ///< of the radio and, if used, of the vehicle's computer; by the cost model
   const char* reason = "";  ///< of the decision or of the fallback
+  double expected_s = 0.0;  ///< after created_ns, when the task was decided; like the next two
+  double expected_j = 0.0;
+  double expected_misses = 0.0;  ///< probability that the deadline is missed
 };
 
 struct EngineOptions
@@ -111,6 +114,8 @@ public:
   void setNode(const NodeDescription& node, int64_t now_ns);
   /// The vehicle does its tasks under way. @return false if there is no such node.
   bool removeNode(const std::string& id, int64_t now_ns);
+  /// A node that is not trusted gets no tasks; the vehicle does those under way. Ignores an unknown node.
+  void setTrusted(const std::string& id, bool trusted, int64_t now_ns);
   void setVehicle(const VehicleState& vehicle);
   /// The route ahead, in the map; empty: straight on.
   /// @throws std::invalid_argument naming a point that is not finite; the former route is kept.
@@ -146,6 +151,9 @@ public:
   /// The connection broke: the vehicle does the node's tasks at once.
   void onLinkDown(const std::string& node, int64_t now_ns);
   void onLinkUp(const std::string& node, int64_t now_ns);
+  /// The vehicle begins a run that is no task, to check a node's answer: it delays tasks and costs energy. Its end goes
+  /// to onLocalDone() or onLocalFailed(). @param run  unique among the ids of tasks.
+  void onExtraRun(uint64_t run, TaskKind kind, int64_t now_ns);
   /// @param work_s  time on the vehicle's processor [s]. @return false if the task had a result already.
   bool onLocalDone(uint64_t task, double work_s, int64_t now_ns);
   /// The task waits until its deadline if a node may still answer; else it is abandoned.
@@ -166,6 +174,7 @@ public:
   {
     NodeDescription description;
     bool connected = false;
+    bool trusted = true;
     Residence residence;
     double distance_m = 0.0;
     bool in_range = false;
@@ -192,7 +201,7 @@ public:
       uint64_t abandoned = 0;
       uint64_t missed = 0;     ///< ended late or abandoned
       uint64_t handovers = 0;  ///< changes of the node between tasks at nodes
-      double energy_j = 0.0;
+      double energy_j = 0.0;   ///< with runs that are no task
     };
     std::array<OfKind, TASK_KINDS> of_kind;
   };

@@ -50,7 +50,8 @@ EdgeNode toMsg(const NodeDescription& node, const std::string& frame)
   return message;
 }
 
-EdgeNodeStatus toMsg(const OffloadEngine::NodeStatus& status, const std::string& frame)
+EdgeNodeStatus toMsg(const OffloadEngine::NodeStatus& status, const AnswerCheck::Status& check, uint64_t unasked,
+                     const std::string& frame)
 {
   EdgeNodeStatus message;
   message.node = toMsg(status.description, frame);
@@ -71,6 +72,10 @@ EdgeNodeStatus toMsg(const OffloadEngine::NodeStatus& status, const std::string&
   message.late = status.late;
   message.refused = status.refused;
   message.lost = status.lost;
+  message.unasked = unasked;
+  message.checked = check.checked;
+  message.disagreed = check.disagreed;
+  message.distrusted = check.reason;
   return message;
 }
 
@@ -122,7 +127,7 @@ const char* toString(Outcome::How how)
   return "unknown";
 }
 
-OffloadDecision toMsg(const Outcome& outcome, const std_msgs::Header& header)
+OffloadDecision toMsg(const Outcome& outcome, const std_msgs::Header& header, bool dropped)
 {
   OffloadDecision message;
   message.header = header;
@@ -131,8 +136,12 @@ OffloadDecision toMsg(const Outcome& outcome, const std_msgs::Header& header)
   message.how = toString(outcome.how);
   message.reason = outcome.reason;
   message.deadline = outcome.task.deadline_s;
+  message.expected_time = outcome.expected_s;
+  message.expected_energy = outcome.expected_j;
+  message.expected_misses = outcome.expected_misses;
   message.response_time = pi_node::secondsBetween(outcome.task.created_ns, outcome.finished_ns);
   message.by_deadline = static_cast<uint8_t>(outcome.by_deadline);
+  message.dropped = static_cast<uint8_t>(dropped);
   message.energy = outcome.energy_j;
   return message;
 }

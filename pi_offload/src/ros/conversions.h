@@ -18,6 +18,7 @@
 #include <vector>
 
 #include "engine/offload_engine.h"
+#include "ros/answer_check.h"
 #include "wire/wire_message.h"
 
 namespace pi_offload
@@ -28,7 +29,8 @@ namespace pi_offload
 NodeDescription fromMsg(const EdgeNode& message);
 /// @param frame  of the position.
 EdgeNode toMsg(const NodeDescription& node, const std::string& frame);
-EdgeNodeStatus toMsg(const OffloadEngine::NodeStatus& status, const std::string& frame);
+EdgeNodeStatus toMsg(const OffloadEngine::NodeStatus& status, const AnswerCheck::Status& check, uint64_t unasked,
+                     const std::string& frame);
 
 /// The numbers of a network's classes by their names.
 std::map<std::string, int> idsByName(const pi_detect::LabelArray& labels);
@@ -39,8 +41,8 @@ std::map<std::string, int> idsByName(const pi_detect::LabelArray& labels);
 pi_detect::Detection2DArrayPtr toMsg(const std::vector<DetectedObject>& objects, const std::map<std::string, int>& ids,
                                      uint32_t width, uint32_t height, const std_msgs::Header& header);
 
-/// @param header  of the picture or utterance.
-OffloadDecision toMsg(const Outcome& outcome, const std_msgs::Header& header);
+/// @param header  of the picture or utterance. @param dropped  no result was published.
+OffloadDecision toMsg(const Outcome& outcome, const std_msgs::Header& header, bool dropped);
 OffloadStatistics toMsg(TaskKind kind, const OffloadEngine::Statistics::OfKind& statistics, double p50_s, double p99_s);
 /// "local", "remote", "fallback" or "abandoned".
 const char* toString(Outcome::How how);

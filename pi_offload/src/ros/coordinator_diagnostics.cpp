@@ -102,7 +102,13 @@ void CoordinatorDiagnostics::reportNodes(Status& status) const
                                        [](const OffloadEngine::NodeStatus& node) { return node.connected; });
   const bool needs_position = std::any_of(now_.nodes.begin(), now_.nodes.end(),
                                           [](const auto& node) { return std::isfinite(node.description.range_m); });
-  if (needs_position && !now_.position_known)
+  const auto untrusted = std::find_if(now_.checks.begin(), now_.checks.end(),
+                                      [](const auto& check) { return !check.second.reason.empty(); });
+  if (untrusted != now_.checks.end())
+  {
+    status.summary(DiagnosticStatus::ERROR, "node " + untrusted->first + ": " + untrusted->second.reason);
+  }
+  else if (needs_position && !now_.position_known)
   {
     status.summary(DiagnosticStatus::WARN, "position " + now_.position + ": nodes of finite range are not used");
   }
@@ -129,8 +135,25 @@ void CoordinatorDiagnostics::reportNodes(Status& status) const
     }
     status.add(id, text + ", sent " + std::to_string(node.sent) + ", answered " + std::to_string(node.answered) +
                        ", late " + std::to_string(node.late) + ", refused " + std::to_string(node.refused) + ", lost " +
-                       std::to_string(node.lost));
+                       std::to_string(node.lost) + checksOf(id));
   }
+}
+
+/// Answers that were checked or came unasked.
+std::string CoordinatorDiagnostics::checksOf(const std::string& id) const
+{
+  std::string text;
+  const auto check = now_.checks.find(id);
+  if (check != now_.checks.end() && check->second.checked > 0)
+  {
+    text += ", checked on board " + std::to_string(check->second.checked) + ", disagreed " +
+            std::to_string(check->second.disagreed);
+  }
+  const auto link = now_.links.find(id);
+  text += link != now_.links.end() && link->second.unasked > 0
+              ? ", unasked answers ignored " + std::to_string(link->second.unasked)
+              : "";
+  return text + (check != now_.checks.end() && !check->second.reason.empty() ? "; " + check->second.reason : "");
 }
 
 void CoordinatorDiagnostics::reportInput(Status& status) const

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "client/offload_client.h"
+#include "ros/answer_check.h"
 
 namespace pi_offload
 {
@@ -44,6 +45,7 @@ struct CoordinatorFigures
   std::array<std::string, TASK_KINDS> last_node;
   std::vector<OffloadEngine::NodeStatus> nodes;
   std::map<std::string, OffloadClient::LinkStatus> links;
+  std::map<std::string, AnswerCheck::Status> checks;  ///< of nodes
 };
 
 /// Publishes diagnostics of offloading, nodes and input. One thread at a time.
@@ -64,6 +66,7 @@ private:
   void reportOffloading(Status& status) const;
   void reportNodes(Status& status) const;
   void reportInput(Status& status) const;
+  std::string checksOf(const std::string& id) const;
 
   const pi_node::WarningBoard* const warnings_;
   const double input_timeout_s_;

@@ -41,8 +41,9 @@ CoordinatorRos::CoordinatorRos(ros::NodeHandle node, ros::NodeHandle private_nod
   , node_markers_(options_.map_frame)
   , client_(options_.clientOptions(vehicle_name_), clientCallbacks())
   , ledger_(service_private_node_, options_.speech_local_s)
-  , node_sources_(service_node_, &options_, &client_, &map_, &warnings_)
-  , pictures_(input_thread_.handle(node), service_node_, &options_, &client_, &ledger_, &warnings_)
+  , checks_(options_.verify)
+  , node_sources_(service_node_, &options_, &client_, &checks_, &map_, &warnings_)
+  , pictures_(input_thread_.handle(node), service_node_, &options_, &client_, &checks_, &ledger_, &warnings_)
   , utterances_(service_node_, &options_, &client_, &ledger_, &warnings_)
   , vehicle_(service_node_, &options_, &client_, &map_, &warnings_)
 {
@@ -144,7 +145,7 @@ void CoordinatorRos::publishDiagnostics()
   CoordinatorFigures figures = client_.call(
       [this](int64_t now_ns)
       {
-        pictures_.dropUnanswered(now_ns);
+        pictures_.tidy(now_ns);
         return this->figures(now_ns);
       });
   pictures_.fillInput(&figures);

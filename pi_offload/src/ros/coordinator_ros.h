@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "client/offload_client.h"
+#include "ros/answer_check.h"
 #include "ros/coordinator_diagnostics.h"
 #include "ros/coordinator_ros_options.h"
 #include "ros/map_frame.h"
@@ -82,6 +83,7 @@ private:
   NodeMarkers node_markers_;
   OffloadClient client_;
   TaskLedger ledger_;
+  AnswerCheck checks_;  ///< of the engine thread
   NodeSources node_sources_;
   PictureTasks pictures_;
   UtteranceTasks utterances_;

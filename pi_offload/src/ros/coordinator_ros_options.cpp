@@ -171,6 +171,9 @@ static void visitFields(CoordinatorRosOptions& options, Visitor&& visit)
   visit("link/reconnect_s", client.link.reconnect_s);
   visit("link/max_reconnect_s", client.link.max_reconnect_s);
   visit("link/unanswered_s", client.unanswered_s);
+  visit("verify/every", options.verify.every);
+  visit("verify/suspect_every", options.verify.suspect_every);
+  visit("verify/cool_down_s", options.verify.cool_down_s);
   visit("always_on", options.always_on);
   visit("odometry_timeout_s", options.odometry_timeout_s);
   visit("input_timeout_s", options.input_timeout_s);
@@ -256,6 +259,7 @@ void CoordinatorRosOptions::validate() const
   link.address = "localhost:1";
   parameter_tree::validateGroup("link", link);
   clientOptions("some").validate();
+  parameter_tree::validateGroup("verify", verify);
   parameter_tree::requireDuration("odometry_timeout_s", odometry_timeout_s);
   parameter_tree::requireDuration("input_timeout_s", input_timeout_s);
   own.range("marker_rate_hz", marker_rate_hz, 0.1, 50.0);

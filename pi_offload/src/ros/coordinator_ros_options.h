@@ -7,6 +7,7 @@
 
 #include "client/offload_client.h"
 #include "engine/node.h"
+#include "ros/answer_check.h"
 
 namespace pi_offload
 {
@@ -47,6 +48,8 @@ struct CoordinatorRosOptions : pi_node::NodeParameters<CoordinatorRosOptions>
   std::vector<NodeDescription> nodes;  ///< more nodes
   bool announcements = true;           ///< use nodes announced on edge_nodes
   size_t max_nodes = 256;
+
+  AnswerCheckOptions verify;
 
   bool always_on = false;           ///< work while nobody listens
   double odometry_timeout_s = 1.0;  ///< without odometry for longer, the position is unknown [s]

@@ -20,8 +20,8 @@ constexpr size_t MOST_WAITING = 256;
 }  // namespace
 
 NodeSources::NodeSources(ros::NodeHandle node, const CoordinatorRosOptions* options, OffloadClient* client,
-                         MapFrame* map, pi_node::WarningBoard* warnings)
-  : options_(options), client_(client), map_(map), warnings_(warnings)
+                         AnswerCheck* checks, MapFrame* map, pi_node::WarningBoard* warnings)
+  : options_(options), client_(client), checks_(checks), map_(map), warnings_(warnings)
 {
   load();
   if (options_->announcements)
@@ -128,8 +128,12 @@ bool NodeSources::registerNode(RegisterNode::Request& request, RegisterNode::Res
   {
     const std::string& id = request.node.id;
     waiting_.erase(id);
-    response.success =
-        static_cast<uint8_t>(client_->call([this, &id](int64_t now_ns) { return client_->removeNode(id, now_ns); }));
+    response.success = static_cast<uint8_t>(client_->call(
+        [this, &id](int64_t now_ns)
+        {
+          checks_->forget(id);
+          return client_->removeNode(id, now_ns);
+        }));
     response.message = response.success != 0 ? "removed " + id : "there is no node \"" + id + "\"";
     return true;
   }
@@ -139,17 +143,33 @@ bool NodeSources::registerNode(RegisterNode::Request& request, RegisterNode::Res
     problem = "tf has no " + map_->name() + " -> " + request.node.frame_id + "; give the position in " + map_->name();
   }
   response.success = static_cast<uint8_t>(problem.empty());
+  if (problem.empty())
+  {
+    client_->call(
+        [this, &id = request.node.id](int64_t now_ns)
+        {
+          checks_->forget(id);
+          client_->engine().setTrusted(id, true, now_ns);
+        });
+  }
   response.message = problem.empty() ? "knows " + request.node.id + " at " + request.node.address : problem;
   return true;
 }
 
 bool NodeSources::nodes(Nodes::Request&, Nodes::Response& response)
 {
-  for (const OffloadEngine::NodeStatus& status :
-       client_->call([this](int64_t now_ns) { return client_->engine().nodes(now_ns); }))
-  {
-    response.nodes.push_back(toMsg(status, map_->name()));
-  }
+  client_->call(
+      [this, &response](int64_t now_ns)
+      {
+        const auto links = client_->links();
+        for (const OffloadEngine::NodeStatus& status : client_->engine().nodes(now_ns))
+        {
+          const std::string& id = status.description.id;
+          const auto link = links.find(id);
+          const uint64_t unasked = link != links.end() ? link->second.unasked : 0;
+          response.nodes.push_back(toMsg(status, checks_->status(id), unasked, map_->name()));
+        }
+      });
   return true;
 }
 

@@ -10,6 +10,7 @@
 #include <string>
 
 #include "client/offload_client.h"
+#include "ros/answer_check.h"
 #include "ros/coordinator_ros_options.h"
 #include "ros/map_frame.h"
 
@@ -21,10 +22,11 @@ namespace pi_offload
 class NodeSources
 {
 public:
-  /// Adds the nodes of the map file and of the parameters. @param options, client, map, warnings  outlive this object.
+  /// Adds the nodes of the map file and of the parameters. @param options, client, checks, map, warnings  outlive
+  /// this object.
   /// @throws std::runtime_error for the map file, std::invalid_argument for the nodes.
-  NodeSources(ros::NodeHandle node, const CoordinatorRosOptions* options, OffloadClient* client, MapFrame* map,
-              pi_node::WarningBoard* warnings);
+  NodeSources(ros::NodeHandle node, const CoordinatorRosOptions* options, OffloadClient* client, AnswerCheck* checks,
+              MapFrame* map, pi_node::WarningBoard* warnings);
 
   /// Adds nodes whose frame tf has come to know. Call this regularly.
   void watch();
@@ -40,6 +42,7 @@ private:
 
   const CoordinatorRosOptions* const options_;
   OffloadClient* const client_;
+  AnswerCheck* const checks_;  ///< of the engine thread
   MapFrame* const map_;
   pi_node::WarningBoard* const warnings_;
   std::map<std::string, EdgeNode> waiting_;  ///< nodes whose frame tf does not know yet

@@ -1,13 +1,16 @@
 #include "ros/picture_tasks.h"
 
+#include <pi_detect/model_description.h>
 #include <pi_detect/ros/conversions.h>
 #include <pi_node/durations.h>
 #include <pi_node/formatting.h>
 #include <pi_node/vehicle_clock.h>
+#include <ros/package.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <filesystem>
 #include <limits>
 #include <stdexcept>
 #include <vector>
@@ -25,6 +28,9 @@ using pi_node::format;
 constexpr size_t MOST_POSTED = 16;       ///< pictures on their way to the engine thread
 constexpr uint32_t RESULTS_QUEUE = 128;  ///< all that waited for an older result are published at once
 constexpr double BEGINS_AGAIN_S = 1.0;   ///< a stamp that goes back further starts another drive
+constexpr double CHECK_WAITS_S = 2.0;    ///< then it begins though a task may come late by it
+constexpr double CHECK_LOST_S = 10.0;    ///< then it is given up
+constexpr double CHECK_FACTOR = 2.2;     ///< times of the detector that a check leaves for a fallback and itself
 constexpr double WORK_GAIN = 0.125;      ///< weight of the newest time of the vehicle's detector
 
 PictureData dataOf(const pi_detect::PictureView& view)
@@ -49,21 +55,47 @@ PictureData dataOf(const pi_detect::PictureView& view)
   return data;
 }
 
+/// Classes of pi_detect's networks, by the network's name.
+std::map<std::string, std::set<std::string>> packagedNetworks()
+{
+  std::map<std::string, std::set<std::string>> networks;
+  std::error_code error;
+  const std::string folder = ros::package::getPath("pi_detect") + "/config/models";
+  for (const auto& entry : std::filesystem::directory_iterator(folder, error))
+  {
+    try
+    {
+      const auto model = pi_detect::ModelDescription::load(entry.path().string());
+      for (const auto& [id, label] : model.labels)
+      {
+        networks[model.name].insert(label);
+      }
+    }
+    catch (const pi_detect::ModelError&)
+    {
+      continue;  // no description of a network
+    }
+  }
+  return networks;
+}
+
 }  // namespace
 
 PictureTasks::PictureTasks(ros::NodeHandle input_node, ros::NodeHandle service_node,
-                           const CoordinatorRosOptions* options, OffloadClient* client, TaskLedger* ledger,
-                           pi_node::WarningBoard* warnings)
+                           const CoordinatorRosOptions* options, OffloadClient* client, AnswerCheck* checks,
+                           TaskLedger* ledger, pi_node::WarningBoard* warnings)
   : input_node_(std::move(input_node))
   , topic_(input_node_.resolveName("image"))
   , options_(options)
   , deadline_s_(options->client.engine.needs[static_cast<size_t>(TaskKind::DETECTION)].deadline_s)
   , client_(client)
+  , checks_(checks)
   , ledger_(ledger)
   , warnings_(warnings)
   , rate_limit_(options->max_rate_hz)
   , local_queue_(options->max_local_waiting, options->local_lost_s)
   , local_work_s_(options->detection_local_s)
+  , networks_(packagedNetworks())
 {
   const auto look = [this](const ros::SingleSubscriberPublisher&) { updateSubscription(); };
   detections_ = pi_detect::DetectionPublisher(service_node, RESULTS_QUEUE, look);
@@ -93,7 +125,7 @@ void PictureTasks::updateSubscription()
         {
           for (const LocalQueue::Entry& entry : local_queue_.clear())
           {
-            client_->engine().onLocalFailed(entry.task, now_ns);
+            localFailed(entry.task, now_ns);
           }
         });
     return;
@@ -224,7 +256,7 @@ void PictureTasks::runLocal(const Task& task)
   const int64_t stamp_ns = pi_detect::fromMsg(picture->second.message->header.stamp);
   if (const auto dropped = local_queue_.add({task.id, stamp_ns, picture->second.deadline_ns}))
   {
-    client_->engine().onLocalFailed(dropped->task, now_ns);
+    localFailed(dropped->task, now_ns);
   }
   giveNext(now_ns);
 }
@@ -238,7 +270,7 @@ void PictureTasks::onLocalResult(const pi_detect::Detection2DArrayConstPtr& mess
   }
   if (answer.skipped)
   {
-    client_->engine().onLocalFailed(answer.task, now_ns);
+    localFailed(answer.task, now_ns);
   }
   else
   {
@@ -249,6 +281,10 @@ void PictureTasks::onLocalResult(const pi_detect::Detection2DArrayConstPtr& mess
       picture->second.local = message;
     }
     client_->engine().onLocalDone(answer.task, answer.work_s, now_ns);
+    if (check_ && check_->run == answer.task)
+    {
+      endCheck(*message, now_ns);
+    }
   }
   giveNext(pi_node::monotonicNs());
 }
@@ -260,11 +296,13 @@ void PictureTasks::giveNext(int64_t now_ns)
   {
     return;
   }
+  beginCheck(now_ns);
   std::vector<LocalQueue::Entry> dropped;
   if (const auto next = local_queue_.next(now_ns, local_work_s_, &dropped))
   {
     // The message that came, not a copy.
-    const zero_copy::ImageHandle message = pictures_.at(next->task).message;
+    const bool checks = check_ && check_->run == next->task;
+    const zero_copy::ImageHandle message = checks ? check_->message : pictures_.at(next->task).message;
     if (const sensor_msgs::ImageConstPtr standard = zero_copy::standardOf(message))
     {
       local_image_.publish(standard);
@@ -276,7 +314,64 @@ void PictureTasks::giveNext(int64_t now_ns)
   }
   for (const LocalQueue::Entry& entry : dropped)
   {
-    client_->engine().onLocalFailed(entry.task, now_ns);
+    localFailed(entry.task, now_ns);
+  }
+}
+
+void PictureTasks::localFailed(uint64_t task, int64_t now_ns)
+{
+  if (check_ && check_->run == task)
+  {
+    check_.reset();
+  }
+  client_->engine().onLocalFailed(task, now_ns);
+}
+
+/// Queues the picture of the check if the detector is free, and if tasks at nodes leave time for it.
+void PictureTasks::beginCheck(int64_t now_ns)
+{
+  if (!check_ || check_->run != 0 || local_queue_.busy() || local_queue_.waiting() > 0)
+  {
+    return;
+  }
+  const int64_t need_ns = std::llround(1e9 * CHECK_FACTOR * local_work_s_);
+  const bool waits = std::any_of(pictures_.begin(), pictures_.end(),
+                                 [&](const auto& picture) { return picture.second.deadline_ns - now_ns < need_ns; });
+  if (waits && pi_node::secondsBetween(check_->since_ns, now_ns) < CHECK_WAITS_S)
+  {
+    return;
+  }
+  check_->run = ledger_->newTask();
+  client_->engine().onExtraRun(check_->run, TaskKind::DETECTION, now_ns);
+  local_queue_.add(
+      {check_->run, pi_detect::fromMsg(check_->message->header.stamp), std::numeric_limits<int64_t>::max()});
+}
+
+void PictureTasks::endCheck(const pi_detect::Detection2DArray& own, int64_t now_ns)
+{
+  const Check check = std::move(*check_);
+  check_.reset();
+  AnswerCheck::Pair pair;
+  pair.answered = pi_detect::fromMsg(*check.answered);
+  pair.own = pi_detect::fromMsg(own);
+  pair.area = static_cast<float>(check.message->width) * static_cast<float>(check.message->height);
+  std::set<int> common;
+  const auto network = networks_.find(check.network);
+  if (network != networks_.end())
+  {
+    for (const auto& [label, id] : class_ids_)
+    {
+      if (network->second.count(label) != 0)
+      {
+        common.insert(id);
+      }
+    }
+    pair.common = &common;
+  }
+  if (checks_->judge(check.node, pair, now_ns))
+  {
+    warnings_->error("node " + check.node + ": " + checks_->status(check.node).reason);
+    client_->engine().setTrusted(check.node, false, now_ns);
   }
 }
 
@@ -290,17 +385,23 @@ void PictureTasks::deliver(const Outcome& outcome, const OffloadReply* reply)
   const Picture picture = std::move(found->second);
   pictures_.erase(found);
   const std_msgs::Header header = zero_copy::standardHeader(picture.message->header);
+  const int64_t now_ns = pi_node::monotonicNs();
+  bool published = false;
   if (reply != nullptr)
   {
-    publish(picture, toMsg(reply->objects, class_ids_, picture.message->width, picture.message->height, header));
+    const auto result = toMsg(reply->objects, class_ids_, picture.message->width, picture.message->height, header);
+    published = publish(picture, result);
+    if (!check_ && checks_->due(outcome.node))
+    {
+      check_ = Check{0, outcome.node, reply->model, result, picture.message, now_ns};
+    }
   }
   else if (picture.local)
   {
-    publish(picture, picture.local);
+    published = publish(picture, picture.local);
   }
-  const int64_t now_ns = pi_node::monotonicNs();
   onTime(now_ns);
-  ledger_->publish(outcome, header);
+  ledger_->publish(outcome, header, !published);
   if (local_queue_.forget(outcome.task.id))
   {
     client_->engine().onLocalFailed(outcome.task.id, now_ns);
@@ -309,10 +410,14 @@ void PictureTasks::deliver(const Outcome& outcome, const OffloadReply* reply)
   {
     giveNext(now_ns);
   }
+  if (check_ && check_->run == 0)
+  {
+    giveNext(now_ns);
+  }
 }
 
 /// In order, a result that comes before its deadline is never too late: later ones wait for it until then.
-void PictureTasks::publish(const Picture& picture, const pi_detect::Detection2DArrayConstPtr& result)
+bool PictureTasks::publish(const Picture& picture, const pi_detect::Detection2DArrayConstPtr& result)
 {
   const ros::Time& stamp = picture.message->header.stamp;
   if (!options_->keep_order)
@@ -322,11 +427,13 @@ void PictureTasks::publish(const Picture& picture, const pi_detect::Detection2DA
   else if (picture.epoch != epoch_ || stamp < published_stamp_)
   {
     ++late_;
+    return false;
   }
   else
   {
     ready_.emplace(stamp, result);
   }
+  return true;
 }
 
 void PictureTasks::publishFirst()
@@ -363,9 +470,18 @@ void PictureTasks::onTime(int64_t now_ns)
   }
 }
 
-void PictureTasks::dropUnanswered(int64_t now_ns)
+void PictureTasks::tidy(int64_t now_ns)
 {
-  if (local_queue_.busy() || local_queue_.waiting() > 0)
+  for (const std::string& node : checks_->pardoned(now_ns))
+  {
+    client_->engine().setTrusted(node, true, now_ns);
+    warnings_->warn("node " + node + ": gets tasks again, its time out is over");
+  }
+  if (check_ && check_->run == 0 && pi_node::secondsBetween(check_->since_ns, now_ns) > CHECK_LOST_S)
+  {
+    check_.reset();  // the detector is not there
+  }
+  if (check_ || local_queue_.busy() || local_queue_.waiting() > 0)
   {
     giveNext(now_ns);
   }
@@ -376,6 +492,7 @@ void PictureTasks::fill(CoordinatorFigures* figures) const
   figures->late = late_;
   figures->held = ready_.size();
   figures->waiting = local_queue_.waiting();
+  figures->checks = checks_->statuses();
   figures->model = local_model_;
   figures->detector_listens = local_image_.getNumSubscribers() > 0;
 }

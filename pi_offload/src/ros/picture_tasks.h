@@ -13,10 +13,13 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <optional>
+#include <set>
 #include <string>
 
 #include "client/offload_client.h"
 #include "engine/local_queue.h"
+#include "ros/answer_check.h"
 #include "ros/coordinator_diagnostics.h"
 #include "ros/coordinator_ros_options.h"
 #include "ros/task_ledger.h"
@@ -25,16 +28,17 @@ namespace pi_offload
 {
 
 /// Makes a task of each picture on `image` and publishes the task's result on `detections`. Gives the vehicle's
-/// pictures to its own detector, one at a time, and tells the engine how each run ended.
+/// pictures to its own detector, one at a time, and tells the engine how each run ended. The detector also gets some
+/// pictures that nodes answered, while it has nothing else to do: AnswerCheck compares the answers.
 class PictureTasks
 {
 public:
   /// Advertises `detections` and `local/image`, subscribes to `local/labels`.
   /// @param input_node    callbacks of pictures and of the detector's results.
   /// @param service_node  callbacks of subscribers that come and go.
-  /// @param options, client, ledger, warnings  outlive this object.
+  /// @param options, client, checks, ledger, warnings  outlive this object.
   PictureTasks(ros::NodeHandle input_node, ros::NodeHandle service_node, const CoordinatorRosOptions* options,
-               OffloadClient* client, TaskLedger* ledger, pi_node::WarningBoard* warnings);
+               OffloadClient* client, AnswerCheck* checks, TaskLedger* ledger, pi_node::WarningBoard* warnings);
 
   // On the service thread:
 
@@ -49,8 +53,9 @@ public:
   /// When a result that waits for those of older pictures has waited long enough [ns]; INT64_MAX: none waits.
   int64_t nextTime() const;
   void onTime(int64_t now_ns);
-  /// Gives up a picture that the detector did not answer for too long.
-  void dropUnanswered(int64_t now_ns);
+  /// Gives up a picture that the detector did not answer for too long, and a check that could not begin. Nodes whose
+  /// time out is over get tasks again.
+  void tidy(int64_t now_ns);
   void fill(CoordinatorFigures* figures) const;
 
 private:
@@ -64,6 +69,17 @@ private:
     pi_detect::Detection2DArrayConstPtr local;  ///< result of the vehicle's detector
   };
 
+  /// A picture that a node answered and the vehicle's detector is to do as well.
+  struct Check
+  {
+    uint64_t run = 0;  ///< at the engine; 0: it has not begun
+    std::string node;
+    std::string network;  ///< of the node
+    pi_detect::Detection2DArrayConstPtr answered;
+    pi_os_transport::zero_copy::ImageHandle message;
+    int64_t since_ns = 0;
+  };
+
   // Input thread:
   void onImage(const pi_os_transport::zero_copy::ImageHandle& message);
   void onLocalDetections(const pi_detect::Detection2DArrayConstPtr& message);
@@ -72,17 +88,22 @@ private:
   // Engine thread:
   void submit(const std::shared_ptr<const pi_detect::MessagePicture>& picture,
               const pi_os_transport::zero_copy::ImageHandle& message, int64_t created_ns, int64_t now_ns);
-  void publish(const Picture& picture, const pi_detect::Detection2DArrayConstPtr& result);
+  /// @return false: it is dropped, its deadline is over and a later one was published.
+  bool publish(const Picture& picture, const pi_detect::Detection2DArrayConstPtr& result);
   void publishFirst();
   int64_t firstWaitsUntil() const;
   void onLocalResult(const pi_detect::Detection2DArrayConstPtr& message, int64_t now_ns);
   void giveNext(int64_t now_ns);
+  void localFailed(uint64_t task, int64_t now_ns);
+  void beginCheck(int64_t now_ns);
+  void endCheck(const pi_detect::Detection2DArray& own, int64_t now_ns);
 
   ros::NodeHandle input_node_;
   const std::string topic_;
   const CoordinatorRosOptions* const options_;
   const double deadline_s_;
   OffloadClient* const client_;
+  AnswerCheck* const checks_;
   TaskLedger* const ledger_;
   pi_node::WarningBoard* const warnings_;
 
@@ -105,6 +126,8 @@ private:
   double local_work_s_;                   ///< recent mean of the detector's time
   std::string local_model_;               ///< network of the vehicle's detector; empty: it has not said it
   std::map<std::string, int> class_ids_;  ///< of its classes, by their names
+  const std::map<std::string, std::set<std::string>> networks_;  ///< classes of those that pi_detect knows, by name
+  std::optional<Check> check_;
 
   bool subscribed_ = false;  ///< of the service thread
   pi_detect::DetectionPublisher detections_;

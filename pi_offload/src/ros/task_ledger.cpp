@@ -20,9 +20,9 @@ TaskLedger::TaskLedger(ros::NodeHandle private_node, double speech_local_s)
 {
 }
 
-void TaskLedger::publish(const Outcome& outcome, const std_msgs::Header& header)
+void TaskLedger::publish(const Outcome& outcome, const std_msgs::Header& header, bool dropped)
 {
-  OffloadDecision decision = toMsg(outcome, header);
+  OffloadDecision decision = toMsg(outcome, header, dropped);
   const bool by_vehicle = outcome.how == Outcome::How::LOCAL || outcome.how == Outcome::How::FALLBACK;
   if (outcome.task.kind == TaskKind::SPEECH && by_vehicle)
   {

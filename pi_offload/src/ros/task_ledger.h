@@ -25,8 +25,8 @@ public:
 
   // On the engine thread:
 
-  /// @param header  of the picture or utterance.
-  void publish(const Outcome& outcome, const std_msgs::Header& header);
+  /// @param header  of the picture or utterance. @param dropped  no result was published.
+  void publish(const Outcome& outcome, const std_msgs::Header& header, bool dropped);
   /// Quantile of the latest response times [s]. @param part  0 to 1.
   double responseTime(TaskKind kind, double part) const
   {

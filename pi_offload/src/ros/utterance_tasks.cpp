@@ -139,7 +139,7 @@ void UtteranceTasks::deliver(const Outcome& outcome, const OffloadReply* reply)
   const std::shared_ptr<Call> call = found->second;
   answer(outcome.task.id, reply, outcome.node);
   calls_.erase(outcome.task.id);
-  ledger_->publish(outcome, call->header);
+  ledger_->publish(outcome, call->header, outcome.how == Outcome::How::ABANDONED);
 }
 
 void UtteranceTasks::answer(uint64_t task, const OffloadReply* reply, const std::string& node)

@@ -5,6 +5,7 @@
 #include <functional>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -89,6 +90,22 @@ public:
     }
   }
 
+  /// Sends an answer as if it were asked for. @param request  its number; @return false if nobody ever asked.
+  bool answerUnasked(uint64_t request)
+  {
+    std::optional<std::pair<SpReplier::Peer, OffloadRequest>> last;
+    {
+      std::lock_guard<std::mutex> lock(mutex_);
+      last = last_task_;
+    }
+    if (last)
+    {
+      last->second.request = request;
+      reply(last->first, replyTo(last->second, OffloadReply::Status::OK));
+    }
+    return last.has_value();
+  }
+
   std::vector<OffloadRequest> requests(OffloadRequest::Type type) const
   {
     std::lock_guard<std::mutex> lock(mutex_);
@@ -140,6 +157,10 @@ private:
     {
       std::lock_guard<std::mutex> lock(mutex_);
       requests_.push_back(request);
+      if (request.type == OffloadRequest::Type::TASK)
+      {
+        last_task_ = {peer, request};
+      }
       behaviour = behaviour_;
       if (behaviour == Behaviour::HOLD && request.type == OffloadRequest::Type::TASK)
       {
@@ -229,6 +250,7 @@ private:
   bool accepted_ = true;
   std::vector<DetectedObject> objects_{{"car", 0.75F, 10.0F, 20.0F, 30.0F, 40.0F}};
   std::vector<OffloadRequest> requests_;
+  std::optional<std::pair<SpReplier::Peer, OffloadRequest>> last_task_;
   std::vector<std::pair<SpReplier::Peer, OffloadRequest>> held_;
   std::unique_ptr<SpReplier> replier_;
 };

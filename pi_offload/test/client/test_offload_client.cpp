@@ -370,6 +370,39 @@ TEST(OffloadClient, AnswersThatAreNoNumbersAreNotUsed)
   EXPECT_FALSE(ended.reply);
 }
 
+TEST(OffloadClient, AReplayedOrUnaskedAnswerIsNoResultAndCounts)
+{
+  FakeEdgeNode node;
+  Vehicle vehicle;
+  vehicle.add("lamp", node);
+  ASSERT_TRUE(vehicle.waitUntilUsed("lamp"));
+  const uint64_t first = vehicle.show();
+  EXPECT_EQ(How::REMOTE, vehicle.end(first).outcome.how);
+  const uint64_t answered = node.requests(Type::TASK).front().request;
+  const auto unasked = [&](const std::string& id)
+  { return vehicle.client->call([&](int64_t) { return vehicle.client->links()[id].unasked; }); };
+  EXPECT_EQ(0u, unasked("lamp"));
+  node.setObjects({{"ghost", 0.9F, 1.0F, 2.0F, 30.0F, 40.0F}});
+  ASSERT_TRUE(node.answerUnasked(answered));         // once more
+  ASSERT_TRUE(node.answerUnasked(answered + 1000));  // before it is asked
+  EXPECT_TRUE(vehicle.until([&] { return unasked("lamp") == 2; }));
+  EXPECT_EQ(1u, vehicle.ends(first));
+
+  // While a task waits, the answer to another one is not its result.
+  node.set(Behaviour::HOLD);
+  const uint64_t second = vehicle.show();
+  ASSERT_TRUE(node.waitForTasks(2));
+  ASSERT_TRUE(node.answerUnasked(answered));
+  EXPECT_TRUE(vehicle.until([&] { return unasked("lamp") == 3; }));
+  EXPECT_EQ(0u, vehicle.ends(second));
+  node.setObjects({{"car", 0.9F, 1.0F, 2.0F, 30.0F, 40.0F}});
+  node.release();
+  const Ended ended = vehicle.end(second);
+  ASSERT_TRUE(ended.reply);
+  EXPECT_EQ("car", ended.reply->objects.at(0).label);
+  EXPECT_EQ(3u, unasked("lamp"));
+}
+
 TEST(OffloadClient, TheKillSwitchCallsTasksBack)
 {
   FakeEdgeNode node;

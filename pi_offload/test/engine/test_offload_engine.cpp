@@ -77,6 +77,69 @@ TEST(OffloadEngine, RemoteEnergyIsThatOfTheRadio)
   EXPECT_NEAR(w.outcomes.at(0).energy_j, expected, 1e-9);
 }
 
+TEST(OffloadEngine, OutcomeHasWhatWasExpectedFromTheTasksBegin)
+{
+  World w;
+  w.addNode(node("a"));
+  Task task;
+  task.id = 1;
+  task.created_ns = w.now - ms(15);
+  task.input_bytes = PICTURE_BYTES;
+  const Decision decision = w.engine.submit(task, w.now);
+  w.now += ms(60);
+  w.reply(w.sent.at(0));
+  ASSERT_EQ(w.outcomes.size(), 1U);
+  EXPECT_GT(decision.expected_s, 0.0);
+  EXPECT_NEAR(w.outcomes[0].expected_s, decision.expected_s + 0.015, 1e-9);
+  EXPECT_EQ(w.outcomes[0].expected_j, decision.expected_j);
+  w.link = false;  // decided for the node, kept by the vehicle
+  w.submit(2);
+  w.engine.onLocalDone(2, 0.1, w.now + ms(100));
+  ASSERT_EQ(w.outcomes.size(), 2U);
+  EXPECT_NEAR(w.outcomes[1].expected_s, 0.1, 1e-6);
+  EXPECT_NEAR(w.outcomes[1].expected_j, 0.42, 1e-4);
+}
+
+TEST(OffloadEngine, NodeThatIsNotTrustedGetsNoTasksUntilItIs)
+{
+  World w;
+  w.addNode(node("a"));
+  w.submit(1);
+  w.engine.setTrusted("a", false, w.now);
+  EXPECT_EQ(w.locals, (std::vector<uint64_t>{1}));  // its task came home
+  ASSERT_EQ(w.cancelled.size(), 1U);
+  EXPECT_FALSE(w.reply(w.sent.at(0)));
+  w.engine.onLocalDone(1, 0.1, w.now + ms(100));
+  ASSERT_EQ(w.outcomes.size(), 1U);
+  EXPECT_EQ(w.outcomes[0].how, Outcome::How::FALLBACK);
+  EXPECT_STREQ(w.outcomes[0].reason, "the node is not trusted");
+  EXPECT_FALSE(w.status("a").trusted);
+  EXPECT_FALSE(w.status("a").connected);
+  w.engine.setNode(node("a"), w.now);  // an announcement says nothing about trust
+  w.answerProbes("a");
+  EXPECT_EQ(w.submit(2).node, -1);
+  w.engine.setTrusted("a", true, w.now);
+  w.engine.setTrusted("unknown", false, w.now);
+  w.advance(200.0);
+  w.answerProbes("a");
+  EXPECT_EQ(w.submit(3).node, 0);
+}
+
+TEST(OffloadEngine, ExtraRunDelaysTasksOfTheVehicleAndCostsItsEnergy)
+{
+  World w(World::withPolicy("local"));
+  w.engine.onExtraRun(99, TaskKind::DETECTION, w.now);
+  EXPECT_NEAR(w.engine.statistics().of_kind[0].energy_j, 0.42, 1e-4);
+  EXPECT_EQ(w.engine.statistics().of_kind[0].tasks, 0U);
+  EXPECT_NEAR(w.engine.decide(TaskKind::DETECTION, 0, 0.0, w.now).expected_s, 0.2, 1e-6);
+  EXPECT_FALSE(w.engine.onLocalDone(99, 0.1, w.now + ms(100)));
+  EXPECT_NEAR(w.engine.decide(TaskKind::DETECTION, 0, 0.0, w.now + ms(100)).expected_s, 0.1, 1e-6);
+  w.engine.onExtraRun(100, TaskKind::DETECTION, w.now);
+  w.engine.onLocalFailed(100, w.now);
+  EXPECT_NEAR(w.engine.decide(TaskKind::DETECTION, 0, 0.0, w.now).expected_s, 0.1, 1e-6);
+  EXPECT_TRUE(w.outcomes.empty());
+}
+
 TEST(OffloadEngine, UsesNoNodeBeforeItAnsweredAProbe)
 {
   World w;

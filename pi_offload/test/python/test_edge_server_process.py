@@ -101,6 +101,24 @@ class EdgeServer(unittest.TestCase):
     def metric(self, name):
         return float(re.search(rf"^pi_offload_{name} (.*)$", self.get("/metrics")[1], re.MULTILINE).group(1))
 
+    def test_the_dashboard_shows_metrics_that_it_has(self):
+        dashboard = json.loads((PACKAGE / "deploy/grafana/edge_servers.json").read_text())
+        queries = [target["expr"] for panel in dashboard["panels"] for target in panel["targets"]]
+        queries += [one["query"] for one in dashboard["templating"]["list"]]
+        shown = {name for query in queries for name in re.findall(r"pi_offload_\w+", query)}
+        lines = self.get("/metrics")[1].splitlines()
+        exported = {re.match(r"\w+", line).group() for line in lines if line and not line.startswith("#")}
+        self.assertGreater(len(shown), 15)
+        self.assertEqual(set(), shown - exported, "the dashboard asks for what the server does not export")
+        kinds = {label for query in queries for label in re.findall(r"by \(([^)]*)\)", query)}
+        self.assertLessEqual(kinds, {"instance", "instance, kind"})
+        ids = [panel["id"] for panel in dashboard["panels"]]
+        self.assertEqual(len(ids), len(set(ids)))
+        places = [tuple(panel["gridPos"][key] for key in "xywh") for panel in dashboard["panels"]]
+        self.assertTrue(all(x + w <= 24 for x, _, w, _ in places))
+        self.assertFalse([(a, b) for a in places for b in places if a < b and a[0] < b[0] + b[2] and b[0] < a[0] + a[2]
+                          and a[1] < b[1] + b[3] and b[1] < a[1] + a[3]], "panels that overlap")
+
     def test_sigterm_drains_it(self):
         self.assertEqual(200, self.get("/healthz")[0])
         self.assertEqual(200, self.get("/readyz")[0])

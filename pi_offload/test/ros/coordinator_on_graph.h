@@ -71,7 +71,13 @@ public:
   }
   void answer(const std_msgs::Header& header)
   {
-    detections_.publish(pi_detect::toMsg({{LOCAL_CLASS, 0.5F, {1.0F, 2.0F, 3.0F, 4.0F}}}, header));
+    std::lock_guard<std::mutex> lock(mutex_);
+    detections_.publish(pi_detect::toMsg(objects_, header));
+  }
+  void setObjects(const pi_detect::Detections& objects)
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    objects_ = objects;
   }
   std::vector<sensor_msgs::ImageConstPtr> came() const
   {
@@ -101,6 +107,7 @@ private:
   ros::NodeHandle node_;
   mutable std::mutex mutex_;
   bool held_ = false;
+  pi_detect::Detections objects_{{LOCAL_CLASS, 0.5F, {1.0F, 2.0F, 3.0F, 4.0F}}};
   std::vector<sensor_msgs::ImageConstPtr> came_;
   ros::Publisher labels_;
   ros::Publisher detections_;
@@ -129,6 +136,7 @@ public:
     set("diagnostic_period", 0.1);
     set("warning_period_s", 2.0);
     set("odometry_timeout_s", 60.0);
+    set("verify/every", 0);
     camera = ros::NodeHandle("/" + name).advertise<sensor_msgs::Image>("image", 100);
   }
 

@@ -170,6 +170,79 @@ TEST(Coordinator, ANodeWithAnotherNetworkIsUsedAndItsClassesAreMatchedByName)
   EXPECT_EQ(1u, node.tasks());
 }
 
+/// A clear object in one of 12 places of the test's picture.
+pi_detect::Box placeOf(size_t number)
+{
+  const auto x = static_cast<float>(16 * (number % 4));
+  const auto y = static_cast<float>(16 * (number / 4 % 3));
+  return {x, y, x + 16.0F, y + 16.0F};
+}
+
+/// Shows a picture in which node and vehicle find a car each. @return how its task ended
+std::string showChecked(CoordinatorOnGraph* coordinator, FakeDetector* detector, FakeEdgeNode* node, size_t answered,
+                        size_t own)
+{
+  const pi_detect::Box box = placeOf(answered);
+  node->setObjects({{"car", 0.9F, box.x1, box.y1, box.x2, box.y2}});
+  detector->setObjects({{REMOTE_CLASS, 0.8F, placeOf(own)}});
+  const ros::Time stamp = coordinator->show();
+  EXPECT_EQ(REMOTE_CLASS, coordinator->found(stamp));
+  return coordinator->end(stamp);
+}
+
+TEST(Coordinator, ANodeThatAnswersWhatIsNotThereGetsNoTasksUntilItIsRegisteredAgain)
+{
+  FakeDetector detector("liar");
+  FakeEdgeNode node;
+  CoordinatorOnGraph coordinator("liar");
+  coordinator.set("verify/every", 1);
+  coordinator.set("verify/suspect_every", 1);
+  DiagnosticCollector diagnostics;
+  ASSERT_TRUE(coordinator.startBeside(node));
+  size_t pictures = 0;
+  while (coordinator.node("lamp").distrusted.empty() && pictures < 20)
+  {
+    EXPECT_EQ("remote lamp", showChecked(&coordinator, &detector, &node, pictures, pictures + 5));
+    ++pictures;
+    EXPECT_TRUE(detector.waitFor(pictures));  // it checks each
+    EXPECT_TRUE(until(TIMEOUT_S, [&] { return coordinator.node("lamp").checked == pictures; }));
+  }
+  EXPECT_EQ(7u, pictures);
+  const EdgeNodeStatus status = coordinator.node("lamp");
+  EXPECT_FALSE(status.connected);
+  EXPECT_EQ(7u, status.disagreed);
+  EXPECT_NE(std::string::npos, status.distrusted.find("7 of 7 compared ones disagree")) << status.distrusted;
+  EXPECT_TRUE(diagnostics.waitForSummary("liar/coordinator: nodes", diagnostic_msgs::DiagnosticStatus::ERROR,
+                                         "node lamp: its answers do not fit the pictures"))
+      << diagnostics.text();
+  EXPECT_EQ("local", showChecked(&coordinator, &detector, &node, 0, 1));
+  EXPECT_GT(coordinator.statistics().energy, 8 * 0.4);  // seven checks and a picture of its own
+
+  ASSERT_TRUE(coordinator.add("lamp", node.address()).success);
+  EXPECT_EQ("", coordinator.node("lamp").distrusted);
+  ASSERT_TRUE(coordinator.waitUntilUsed("lamp"));
+  EXPECT_EQ("remote lamp", showChecked(&coordinator, &detector, &node, 3, 3));
+}
+
+TEST(Coordinator, AnHonestNodeIsCheckedSeldomAndKept)
+{
+  FakeDetector detector("honest");
+  FakeEdgeNode node;
+  CoordinatorOnGraph coordinator("honest");
+  coordinator.set("verify/every", 10);
+  coordinator.set("verify/suspect_every", 2);
+  ASSERT_TRUE(coordinator.startBeside(node));
+  for (size_t picture = 0; picture < 60; ++picture)
+  {
+    EXPECT_EQ("remote lamp", showChecked(&coordinator, &detector, &node, 0, 0));
+  }
+  // Five of the first ten, then one of ten; pictures that come while one is checked do not count.
+  EXPECT_TRUE(until(TIMEOUT_S, [&] { return coordinator.node("lamp").checked >= 7; }));
+  EXPECT_LE(detector.came().size(), 12u);
+  EXPECT_EQ(0u, coordinator.node("lamp").disagreed);
+  EXPECT_EQ("", coordinator.node("lamp").distrusted);
+}
+
 TEST(Coordinator, EveryPictureIsAnsweredOnceAndInOrder)
 {
   FakeDetector detector("once");
@@ -318,6 +391,11 @@ TEST(Coordinator, AResultWaitsNoLongerThanTheDeadlineOfAnOlderPicture)
   ASSERT_TRUE(detector.waitFor(1));
   detector.release();
   EXPECT_EQ("fallback lamp", coordinator.end(lost));  // dropped, and counted as missed
+  for (const auto& decision : coordinator.decisions.messages())
+  {
+    EXPECT_EQ(decision->header.stamp == lost, decision->dropped != 0);
+    EXPECT_GT(decision->expected_time, 0.0);
+  }
   EXPECT_EQ(0u, coordinator.results(lost));
   EXPECT_EQ(1u, coordinator.statistics().missed);
 }

@@ -84,7 +84,7 @@ TEST(Conversions, StatusHasBothKindsOfTasks)
   status.queue_s = {0.001, 0.002};
   status.sent = 7;
   status.late = 2;
-  const EdgeNodeStatus message = toMsg(status, "map");
+  const EdgeNodeStatus message = toMsg(status, {9, 4, "it lies"}, 6, "map");
   EXPECT_TRUE(message.connected);
   EXPECT_FALSE(message.in_range);
   EXPECT_EQ(12.5, message.residence);
@@ -93,6 +93,10 @@ TEST(Conversions, StatusHasBothKindsOfTasks)
   EXPECT_EQ((std::vector<double>{0.001, 0.002}), message.queue_time);
   EXPECT_EQ(7u, message.sent);
   EXPECT_EQ(2u, message.late);
+  EXPECT_EQ(6u, message.unasked);
+  EXPECT_EQ(9u, message.checked);
+  EXPECT_EQ(4u, message.disagreed);
+  EXPECT_EQ("it lies", message.distrusted);
 }
 
 TEST(Conversions, ObjectsGetTheVehiclesClassesByNameBestFirstAndWithinThePicture)
@@ -135,7 +139,10 @@ TEST(Conversions, DecisionsAndStatisticsSayAll)
   outcome.by_deadline = true;
   outcome.energy_j = 0.25;
   outcome.reason = "no answer in time";
-  const OffloadDecision decision = toMsg(outcome, std_msgs::Header());
+  outcome.expected_s = 0.125;
+  outcome.expected_j = 0.0625;
+  outcome.expected_misses = 0.5;
+  const OffloadDecision decision = toMsg(outcome, std_msgs::Header(), true);
   EXPECT_EQ("speech", decision.kind);
   EXPECT_EQ("fallback", decision.how);
   EXPECT_EQ("lamp", decision.node);
@@ -144,6 +151,11 @@ TEST(Conversions, DecisionsAndStatisticsSayAll)
   EXPECT_EQ(0.5, decision.deadline);
   EXPECT_TRUE(decision.by_deadline);
   EXPECT_EQ(0.25, decision.energy);
+  EXPECT_EQ(0.125, decision.expected_time);
+  EXPECT_EQ(0.0625, decision.expected_energy);
+  EXPECT_EQ(0.5, decision.expected_misses);
+  EXPECT_TRUE(decision.dropped);
+  EXPECT_FALSE(decision.hedged);
 
   OffloadEngine::Statistics::OfKind of_kind;
   of_kind.tasks = 10;
