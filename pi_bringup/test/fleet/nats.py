@@ -34,8 +34,8 @@ class Client:
             if folder:
                 context.load_cert_chain(folder / "certificate.pem", folder / "key.pem")
             self._socket = context.wrap_socket(self._socket, server_hostname="localhost")
-            self._send("CONNECT " + json.dumps({"verbose": False, "pedantic": False, "tls_required": True, "protocol": 1,
-                                                "lang": "python", "version": "1", "name": "test", "headers": True,
+            self._send("CONNECT " + json.dumps({"verbose": False, "pedantic": False, "tls_required": True,
+                                                "protocol": 1, "lang": "python", "version": "1", "name": "test", "headers": True,
                                                 "no_responders": True}))
             self.flush()
         except OSError as error:

@@ -84,7 +84,8 @@ class FleetCommands(unittest.TestCase):
     def test_certificates_say_role_and_end(self):
         self.fleet("add-site", "gate", "--host", "gate.example", "--host", "*.nats", "--days", "30")
         self.fleet("add-vehicle", "truck")
-        self.assertIn("O = yards, OU = vehicle, CN = truck", self.certificate("vehicles/truck/certificate.pem", "-subject"))
+        subject = self.certificate("vehicles/truck/certificate.pem", "-subject")
+        self.assertIn("O = yards, OU = vehicle, CN = truck", subject)
         purposes = self.certificate("vehicles/truck/certificate.pem", "-ext", "extendedKeyUsage,basicConstraints")
         self.assertIn("TLS Web Client Authentication", purposes)
         self.assertNotIn("TLS Web Server Authentication", purposes)
@@ -92,7 +93,8 @@ class FleetCommands(unittest.TestCase):
         names = self.certificate("sites/gate/server/certificate.pem", "-ext", "subjectAltName")
         self.assertIn("DNS:gate.example, DNS:*.nats", names)
         left = {line.split()[0]: " ".join(line.split()[3:]) for line in self.fleet("list").splitlines()[1:]}
-        self.assertEqual({"yards": "3649 days", "gate": "29 days: renew it gate.example:4222", "truck": "364 days"}, left)
+        self.assertEqual(
+            {"yards": "3649 days", "gate": "29 days: renew it gate.example:4222", "truck": "364 days"}, left)
 
     def test_revoked_and_renewed_keys_are_no_longer_permitted(self):
         self.fleet("add-site", "gate", "--host", "gate")
@@ -129,8 +131,8 @@ class FleetCommands(unittest.TestCase):
                 (("add-vehicle", "new", "--days", "0"), "--days = 0, must be in [1, "),
                 (("add-vehicle", "new", "--days", "99999"), "--days = 99999, must be in [1, "),
                 (("add-vehicle", "new", "--device-folder", "here"), "--device-folder = \"here\", must be an absolute"),
-                (("add-vehicle", "new", "--device-folder", "/a\"b"), "--device-folder = \"/a\"b\", must be an absolute"),
-                (("add-site", "lamp", "--host", "lamp:4222:x"), "--host = \"lamp:4222:x\", must be the name or address"),
+                (("add-vehicle", "new", "--device-folder", "/a\"b"), "--device-folder = \"/a\"b\", must be an"),
+                (("add-site", "lamp", "--host", "lamp:4222:x"), "--host = \"lamp:4222:x\", must be the name"),
                 (("add-site", "lamp", "--host", "tls://lamp"), "--host = \"tls://lamp\", must be"),
                 (("add-site", "lamp", "--host", "*.lamp"), "--host = \"*.lamp\", the first must"),
                 (("add-site", "lamp", "--host", "lamp", "--port", "0"), "--port = 0, must be in [1, 65535]"),

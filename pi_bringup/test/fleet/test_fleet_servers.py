@@ -179,7 +179,8 @@ class FleetServers(unittest.TestCase):
                     self.assertEqual(welcome, b"PONG" in said, said)
 
     def test_silent_strangers_keep_no_vehicle_out(self):
-        strangers = [socket.create_connection(("localhost", self.ports["gate"]), nats.LIMIT_S) for _ in range(STRANGERS)]
+        address = ("localhost", self.ports["gate"])
+        strangers = [socket.create_connection(address, nats.LIMIT_S) for _ in range(STRANGERS)]
         for one in strangers:
             self.addCleanup(one.close)
         vehicle = self.client("truck")

@@ -30,6 +30,7 @@ USER = 10001
 PORTS = (5680, 5681)
 SPEECH_MODEL = "pocketsphinx-en-us"
 PACKAGES = (SPEECH_MODEL, "nats-server")      # beside those of the libraries
+PROGRAMS = ("pi_offload/edge_server", "pi_detect/check_model", "pi_speech/check_speech_model")
 SHARES = ("pi_detect", "pi_offload", "pi_speech")
 UNNEEDED = ("/usr/share/doc/*", "/usr/share/man/*", "/usr/share/locale/*", "/usr/share/info/*")
 CONFIGURATION = "/etc/pi_edge/edge_server.yaml"
@@ -63,39 +64,39 @@ def libraries(program):
 
 def packages(paths):
     """Names of the Debian packages that own these files. @throws ToolError"""
-    names = set()
-    for path in sorted({path.resolve() for path in paths}):
-        plain = str(path).removeprefix("/usr")  # packages name a file as they did before /lib was a link
-        found = subprocess.run(["dpkg-query", "--search", "/usr" + plain, plain], capture_output=True, text=True,
-                               check=False).stdout
-        owners = re.findall(r"^([a-z0-9.+-]+)(?::\S+)?: ", found, re.MULTILINE)
-        if not owners:
-            raise ToolError(f"{path} belongs to no Debian package, so an image of packages cannot hold it")
-        names.update(owners)
-    return sorted(names)
+    files = {str(path.resolve()).removeprefix("/usr") for path in paths}  # packages name some without /usr, some with
+    text = subprocess.run(["dpkg-query", "--search", *(prefix + file for file in files for prefix in ("", "/usr"))],
+                          capture_output=True, text=True, check=False).stdout
+    owners = {match[2].removeprefix("/usr"): match[1]
+              for match in re.finditer(r"^([a-z0-9.+-]+)(?::\S+)?: (/\S+)$", text, re.MULTILINE)}
+    strangers = sorted(files - set(owners))
+    if strangers:
+        raise ToolError(f"{strangers[0]} belongs to no Debian package, so an image of packages cannot hold it")
+    return sorted({owners[file] for file in files})
 
 
 class Suite:
     """The files of the suite that the image holds."""
 
-    def __init__(self, program, shares):
-        """@param shares  {package: folder with its config}"""
-        self.program, self.shares = program, shares
-        found = libraries(program)
+    def __init__(self, library_folder, shares):
+        """@param library_folder  of an install or devel space. @param shares  {package: folder with its config}"""
+        self.programs, self.shares = {name: library_folder / name for name in PROGRAMS}, shares
+        missing = [str(program) for program in self.programs.values() if not program.is_file()]
+        if missing:
+            raise ToolError(f"{missing[0]} is missing: call make build, or give the install space as --prefix")
+        found = sorted({path for program in self.programs.values() for path in libraries(program)})
         self.own = [path for path in found if not str(path).startswith(("/lib", "/usr"))]
         self.system = [path for path in found if path not in self.own]
 
     @classmethod
     def installed(cls, prefix):
-        program = prefix / "lib/pi_offload/edge_server"
-        if not program.is_file():
-            raise ToolError(f"{program} is missing: call make build, or give the install space as --prefix")
-        return cls(program, {name: prefix / "share" / name for name in SHARES})
+        return cls(prefix / "lib", {name: prefix / "share" / name for name in SHARES})
 
     def copy_to(self, root):
         folder = root / str(PREFIX)[1:]
-        (folder / "lib/pi_offload").mkdir(parents=True)
-        shutil.copy2(self.program, folder / "lib/pi_offload")
+        for name, program in self.programs.items():
+            (folder / "lib" / name).parent.mkdir(parents=True)
+            shutil.copy2(program, folder / "lib" / name)
         for path in self.own:
             shutil.copy2(path, folder / "lib")
         for name, share in self.shares.items():

@@ -20,7 +20,8 @@ FLUSH_S = 2  # of a drained server, for the last answers to leave
 
 
 # What pi_edge fleet writes.
-FLEET = {"transport": "direct", "nats/servers": [], "nats/ca_file": "", "nats/certificate_file": "", "nats/key_file": ""}
+FLEET = {"transport": "direct", "nats/servers": [], "nats/ca_file": "", "nats/certificate_file": "",
+         "nats/key_file": ""}
 
 
 def defaults():
@@ -117,7 +118,8 @@ class Manifests(unittest.TestCase):
     # Fields that are used of each kind, after Kubernetes' reference; None: a value, str: any name. "!" marks those that
     # must be there.
     META = {"!name": None, "labels": {str: None}, "annotations": {str: None}}
-    PROBE = {"httpGet": {"!path": None, "!port": None}, "tcpSocket": {"!port": None}, "periodSeconds": None, "timeoutSeconds": None,
+    PROBE = {"httpGet": {"!path": None, "!port": None}, "tcpSocket": {"!port": None},
+             "periodSeconds": None, "timeoutSeconds": None,
              "failureThreshold": None, "initialDelaySeconds": None}
     SELECTOR = {"!matchLabels": {str: None}}
     CONTAINER = {
@@ -284,7 +286,8 @@ class Manifests(unittest.TestCase):
         metrics = self.of_kind("HorizontalPodAutoscaler")["spec"]["metrics"]
         rules = yaml.safe_load((DEPLOY / "kubernetes/prometheus_adapter.yaml").read_text())["rules"]["custom"]
         self.assertEqual(["Pods"] * 2, [metric["type"] for metric in metrics])
-        self.assertEqual([rule["name"]["as"] for rule in rules], [metric["pods"]["metric"]["name"] for metric in metrics])
+        self.assertEqual([rule["name"]["as"] for rule in rules],
+                         [metric["pods"]["metric"]["name"] for metric in metrics])
         for rule in rules:
             series = rule["seriesQuery"].partition("{")[0]
             self.assertEqual(f"^{series}$", rule["name"]["matches"])

@@ -35,7 +35,8 @@ class EdgeImage(unittest.TestCase):
         folder = tempfile.TemporaryDirectory()
         cls.addClassCleanup(folder.cleanup)
         cls.folder = Path(folder.name)
-        cls.suite = edge_image.Suite(Path(program), {name: PACKAGE.parent / name for name in edge_image.SHARES})
+        shares = {name: PACKAGE.parent / name for name in edge_image.SHARES}
+        cls.suite = edge_image.Suite(Path(program).parents[1], shares)
         cls.root = cls.folder / "root"
         cls.root.mkdir(mode=0o755)
         edge_image.make_root(cls.root, cls.suite, of_this_machine=True)

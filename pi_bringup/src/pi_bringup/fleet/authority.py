@@ -1,4 +1,4 @@
-"""The fleet's certificates, made by the program openssl: keys of the curve P-256, each in a file for its owner alone."""
+"""The fleet's certificates, made by the program openssl: keys of the curve P-256, each in a file of its owner alone."""
 
 import hashlib
 import os

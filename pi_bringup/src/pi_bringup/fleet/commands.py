@@ -60,7 +60,8 @@ def add_to(commands):
     for verb, days in ((init, AUTHORITY_DAYS), *((one, MEMBER_DAYS) for one in (*add.values(), renew))):
         verb.add_argument("--days", type=int, default=days, help="until its certificate expires; default: %(default)s")
     for verb in (init, *add.values(), renew, revoke, listing):
-        verb.add_argument("--folder", type=Path, default=FOLDER, metavar="DIR", help="of the fleet; default: %(default)s")
+        verb.add_argument("--folder", type=Path, default=FOLDER, metavar="DIR",
+                          help="of the fleet; default: %(default)s")
 
 
 def main(options):
@@ -80,8 +81,8 @@ def main(options):
     except FleetError as error:
         print(f"pi_edge fleet {options.verb}: {error}", file=sys.stderr)
     except OSError as error:
-        print(f"pi_edge fleet {options.verb}: {error.filename}: {error.strerror}; give another --folder, or its owner's "
-              "rights", file=sys.stderr)
+        print(f"pi_edge fleet {options.verb}: {error.filename}: {error.strerror}; give another --folder, or its "
+              "owner's rights", file=sys.stderr)
     return 1
 
 
@@ -133,7 +134,8 @@ class Fleet:
     def require_days(self, days):
         left = authority.expiry(self.authority / authority.AUTHORITY) - datetime.now(timezone.utc)
         if not 1 <= days <= left.days:
-            raise FleetError(f"--days = {days}, must be in [1, {left.days}], the days that the fleet's authority has left")
+            raise FleetError(f"--days = {days}, must be in [1, {left.days}], the days that the fleet's authority has "
+                             "left")
 
     def certify(self, name, member, days):
         """Makes the keys of a member in a folder beside its own, which replaces that at the end."""
@@ -161,8 +163,8 @@ class Fleet:
 
 def require_name(name):
     if not NAME.fullmatch(name):
-        raise FleetError(f"NAME = \"{name}\", must be 1 to 32 letters, digits, '_' or '-', as truck_7: subjects of NATS "
-                         "hold it")
+        raise FleetError(f"NAME = \"{name}\", must be 1 to 32 letters, digits, '_' or '-', as truck_7: subjects of "
+                         "NATS hold it")
 
 
 def require_members(fleet, names):
@@ -188,7 +190,8 @@ def init(folder, options):
     except BaseException:
         shutil.rmtree(made, ignore_errors=True)
         raise
-    authority.write(folder / STATE, yaml.safe_dump({"name": name, "members": {}, "revoked": []}, sort_keys=False), 0o600)
+    state = {"name": name, "members": {}, "revoked": []}
+    authority.write(folder / STATE, yaml.safe_dump(state, sort_keys=False), 0o600)
     print(f"{name}: its authority, for {options.days} days, is in {folder / 'authority'}. Keep a copy of {folder} in a "
           "safe place: who has it can make members.\nNext: pi_edge fleet add-site NAME --host HOST")
     return 0
