@@ -143,9 +143,9 @@ class FleetServers(unittest.TestCase):
             known.certify("worn", dict(known.members["worn"]), -1)
             known.save()
         self.reload()
-        with self.assertRaisesRegex(nats.Refused, "expired|closed|bad certificate"):
+        with self.assertRaises(nats.Refused):
             self.client("worn")
-        self.assertIn("expired", self.servers["gate"].wait_for("TLS handshake error.*certificate"))
+        self.servers["gate"].wait_for("TLS handshake error.*certificate has expired")
 
     def test_revoked_and_renewed_certificates_are_refused_and_disconnected(self):
         kept = {name: self.folder.parent / name for name in ("stolen", "van")}
