@@ -45,6 +45,7 @@ help:
 	@echo 'make sanitize     tests of π-OS with SANITIZER=thread or address (with undefined behaviour); ARGS="<pattern>"'
 	@echo 'make fuzz         fuzzes every decoder of what peers supply, ARGS="10" minutes each; needs clang'
 	@echo 'make build        missing Debian packages, Release build in build/, install space in install/, networks'
+	@echo 'make image        container image of an edge node, from Debian packages: needs mmdebstrap'
 	@echo "make networks     the detector's public networks (7.5 MB), if they are not here; make build does so as well"
 	@echo 'make clean        removes build/ and install/'
 	@echo 'ARGS="..." is passed on to the program that a demo, a benchmark or conformance runs; JOBS=N limits the compilers.'
@@ -102,6 +103,12 @@ demo: build
 .PHONY: demo-recording
 demo-recording: build
 	@. $(INSTALL)/setup.sh && exec rosrun pi_bringup drive_demo $(ARGS)
+
+# Needs mmdebstrap, which "make build" does not install.
+.PHONY: image
+image: build
+	@. $(INSTALL)/setup.sh && exec rosrun pi_offload edge_image --prefix $(INSTALL) \
+	  --output $(BUILD)/image/edge_server.oci.tar $(ARGS)
 
 .PHONY: bench
 bench: build

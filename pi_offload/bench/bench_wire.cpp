@@ -1,7 +1,7 @@
 // Round trips of requests and replies, beside libnanomsg's REQ and REP, in turn:
 //   bench_wire [--rounds N] [--trips N]      both ends in this process
 //   bench_wire --serve --host ADDRESS        one end; and the other, for example across a slow link:
-//   bench_wire --ask --host ADDRESS
+//   bench_wire --ask --host ADDRESS          both with --interface NAME of that link
 // The processor time is that of this process.
 
 #include <nanomsg/nn.h>
@@ -37,6 +37,8 @@ using Bytes = std::vector<uint8_t>;
 
 constexpr size_t REPLY_BYTES = 256;
 constexpr std::chrono::seconds PATIENCE{10};
+using Interfaces = std::vector<std::string>;
+
 constexpr std::array<size_t, 3> SIZES{64, 100000, 1000000};
 constexpr size_t WARM_UP = 10;
 
@@ -44,20 +46,25 @@ constexpr size_t WARM_UP = 10;
 class OwnServer
 {
 public:
-  OwnServer(const std::string& host, uint16_t port) : replier_(optionsOf(host, port), callbacks()) {}
+  OwnServer(const std::string& host, uint16_t port, const Interfaces& interfaces)
+    : replier_(optionsOf(host, port, interfaces), callbacks())
+  {
+  }
 
 private:
-  static SpReplier::Options optionsOf(const std::string& host, uint16_t port)
+  static SpReplier::Options optionsOf(const std::string& host, uint16_t port, const Interfaces& interfaces)
   {
     SpReplier::Options options;
     options.host = host;
     options.port = port;
+    options.trusted_interfaces = interfaces;
     return options;
   }
   SpReplier::Callbacks callbacks()
   {
     SpReplier::Callbacks callbacks;
     callbacks.request = [this](const SpReplier::Peer& peer, const Bytes&, int64_t) { replier_.reply(peer, reply_); };
+    callbacks.refused = [](const std::string& reason) { std::cerr << "bench_wire: " << reason << "\n"; };
     return callbacks;
   }
 
@@ -68,7 +75,11 @@ private:
 class OwnClient
 {
 public:
-  OwnClient(const std::string& host, uint16_t port) : requester_(optionsOf(host, port), callbacks()) { waitFor(&up_); }
+  OwnClient(const std::string& host, uint16_t port, const Interfaces& interfaces)
+    : requester_(optionsOf(host, port, interfaces), callbacks())
+  {
+    waitFor(&up_);
+  }
   void trip(const Bytes& request)
   {
     if (!requester_.send(1, request))
@@ -80,17 +91,25 @@ public:
   }
 
 private:
-  static SpRequester::Options optionsOf(const std::string& host, uint16_t port)
+  static SpRequester::Options optionsOf(const std::string& host, uint16_t port, const Interfaces& interfaces)
   {
     SpRequester::Options options;
     options.address = host + ":" + std::to_string(port);
+    options.trusted_interfaces = interfaces;
     return options;
   }
   SpRequester::Callbacks callbacks()
   {
     SpRequester::Callbacks callbacks;
     callbacks.reply = [this](uint32_t, const Bytes&, int64_t) { set(&answered_, true); };
-    callbacks.link = [this](bool up, const std::string&) { set(&up_, up); };
+    callbacks.link = [this](bool up, const std::string& reason)
+    {
+      if (!up)
+      {
+        std::cerr << "bench_wire: " << reason << "\n";
+      }
+      set(&up_, up);
+    };
     return callbacks;
   }
   void set(bool* what, bool value)
@@ -239,9 +258,9 @@ void print(const char* name, size_t bytes, Series* series)
               1e6 * series->processor_s / static_cast<double>(trips.size()));
 }
 
-void compare(const std::string& host, uint16_t port, size_t rounds, size_t trips)
+void compare(const std::string& host, uint16_t port, const Interfaces& interfaces, size_t rounds, size_t trips)
 {
-  OwnClient own(host, port);
+  OwnClient own(host, port, interfaces);
   const NanomsgClient nanomsg(host, static_cast<uint16_t>(port + 1));
   std::printf(
       "engine         bytes  p50 [us]  p99 [us]  processor [us]   (replies of %zu bytes, %zu x %zu round trips)\n",
@@ -269,9 +288,11 @@ int main(int argc, char** argv)
   size_t rounds = 0;
   size_t trips = 0;
   uint16_t port = 0;
+  Interfaces interfaces;
   po::options_description options("Options");
   options.add_options()("help", "this text")("host", po::value(&host)->default_value("127.0.0.1"), "numeric address")(
       "port", po::value(&port)->default_value(5689), "of the own engine; libnanomsg has the next one")(
+      "interface", po::value(&interfaces), "that may be used beside the loopback interface; may be repeated")(
       "rounds", po::value(&rounds)->default_value(5), "alternations of the two")(
       "trips", po::value(&trips)->default_value(1000), "round trips of each size and round")(
       "serve", "answer only, until the standard input ends")("ask", "ask only");
@@ -293,7 +314,7 @@ int main(int argc, char** argv)
     std::optional<NanomsgServer> nanomsg;
     if (given.count("ask") == 0)
     {
-      own.emplace(host, port);
+      own.emplace(host, port, interfaces);
       nanomsg.emplace(host, static_cast<uint16_t>(port + 1));
     }
     if (given.count("serve") != 0)
@@ -301,7 +322,7 @@ int main(int argc, char** argv)
       std::cin.ignore(std::numeric_limits<std::streamsize>::max());
       return EXIT_SUCCESS;
     }
-    compare(host, port, rounds, trips);
+    compare(host, port, interfaces, rounds, trips);
   }
   catch (const std::exception& error)
   {

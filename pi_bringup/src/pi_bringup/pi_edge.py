@@ -12,6 +12,7 @@ import sys
 from pi_bringup import incidents, new_service, service
 from pi_bringup.doctor import calibration, computer, devices, live, network, sensors, software, vehicle
 from pi_bringup.doctor.result import FAIL, run_check, worst
+from pi_bringup.fleet import commands as fleet
 
 QUICK_S = 20.0
 CHILD_S = 200.0   # those with children, which have limits of their own
@@ -75,7 +76,7 @@ def checks(options):
 
 def parse(arguments):
     parser = argparse.ArgumentParser(prog="pi_edge", description="Looks after the vehicle's computer and recordings; "
-                                     "begins new services; starts the vehicle with the computer.")
+                                     "begins new services; starts the vehicle with the computer; makes a fleet's keys.")
     commands = parser.add_subparsers(dest="command", required=True)
     doctor = commands.add_parser("doctor", help="checks sensors, clocks, rights, models, network, and says what to do",
                                  description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -104,6 +105,7 @@ def parse(arguments):
     package.add_argument("--folder", default=".", metavar="DIR", help="gets the folder NAME; default: here")
     incidents.add_to(commands)
     service.add_to(commands)
+    fleet.add_to(commands)
     # rosrun and roslaunch add remappings such as __name:=x.
     options = parser.parse_args([argument for argument in arguments if not argument.startswith("__")])
     options.parser = doctor
@@ -139,6 +141,8 @@ def main():
         leave(incidents.main(options))
     if options.command.endswith("-service"):
         leave(service.main(options))
+    if options.command == "fleet":
+        leave(fleet.main(options))
     try:
         results = doctor(options, lambda result: None if options.json else print(result.line()))
     except KeyboardInterrupt:

@@ -47,6 +47,7 @@ class RadioLink:
         self._vehicle = bed.vehicle
         self._name = f"radio{number}"
         self.address = f"10.89.{number}.2"
+        self.interfaces = (self._name, "radio")  # of the vehicle and of the node
         self._process = self._vehicle.start(program("pi_offload", "radio_link"), self._name, "radio", device.path)
         try:
             self._process.answer()
@@ -74,6 +75,7 @@ class NetemLink:
         self._device = device
         self._down = self._lost = False
         self.address = device.address
+        self.interfaces = (devices.INTERFACE, devices.INTERFACE)
         self.set(**LAN)
 
     def set(self, rate_mbps, delay_s, loss):
@@ -137,7 +139,8 @@ class Bed:
             described = next(entry for entry in self.road.nodes if entry.id == node)
             tree = _parameters("pi_offload", "edge_server.yaml")
             tree.update(id=node, address=f"{self.links[node].address}:{PORT}", port=PORT, has_position=True,
-                        x=described.x, y=described.y, range=described.range_m)
+                        x=described.x, y=described.y, range=described.range_m,
+                        trusted_interfaces=[self.links[node].interfaces[1]])
             tree["detection"]["check_model"] = False  # it is the package's, and servers start often here
             if self._node_model:
                 tree["detection"]["model"] = self._node_model
@@ -164,7 +167,8 @@ class Bed:
                          for name in managers}
         self._judge = self.vehicle.start("/usr/bin/python3", "-m", "pi_offload.testbed_vehicle")
         coordinator = _parameters("pi_offload", "coordinator.yaml")
-        coordinator.update(vehicle="vehicle", announcements=False, nodes=[
+        coordinator.update(vehicle="vehicle", announcements=False, trusted_interfaces=sorted(
+            {link.interfaces[0] for link in self.links.values()}), nodes=[
             {"id": node.id, "address": f"{self.links[node.id].address}:{PORT}", "x": node.x, "y": node.y,
              "range": node.range_m} for node in self.road.nodes])
         if self._deadline_s:

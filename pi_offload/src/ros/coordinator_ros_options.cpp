@@ -9,6 +9,7 @@
 
 #include "engine/node_file.h"
 #include "ros/range.h"
+#include "wire/trusted_interfaces.h"
 
 namespace pi_offload
 {
@@ -118,6 +119,7 @@ static void visitFields(CoordinatorRosOptions& options, Visitor&& visit)
   visit("nodes", options.nodes);
   visit("announcements", options.announcements);
   visit("max_nodes", options.max_nodes);
+  visit("trusted_interfaces", client.link.trusted_interfaces);
   visit("eta", engine.eta);
   visit("battery/eta_full", options.battery.eta_full);
   visit("battery/eta_empty", options.battery.eta_empty);
@@ -207,6 +209,7 @@ CoordinatorRosOptions::CoordinatorRosOptions()
 void CoordinatorRosOptions::validate() const
 {
   const pi_node::OptionCheck own("");
+  TrustedInterfaces(client.link.trusted_interfaces).validate("trusted_interfaces");
   parameters::require(max_rate_hz >= 0.0 && max_rate_hz <= 1000.0, "max_rate_hz", max_rate_hz, "in [0, 1000]");
   parameters::require(!map_frame.empty(), "map_frame", "\"\"", "the name of a frame");
   parameters::require(vehicle.size() <= 64, "vehicle", "\"" + vehicle + "\"", "at most 64 bytes");

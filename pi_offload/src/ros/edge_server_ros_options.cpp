@@ -12,6 +12,8 @@
 #include <stdexcept>
 #include <system_error>
 
+#include "wire/trusted_interfaces.h"
+
 namespace pi_offload
 {
 
@@ -116,6 +118,7 @@ static void visitFields(EdgeServerRosOptions& options, Visitor&& visit)
   visit("address", options.address);
   visit("host", server.replier.host);
   visit("port", options.port);
+  visit("trusted_interfaces", server.replier.trusted_interfaces);
   visit("map_frame", options.map_frame);
   visit("has_position", server.has_position);
   visit("x", server.position.x);
@@ -171,6 +174,7 @@ EdgeServerRosOptions::EdgeServerRosOptions()
 void EdgeServerRosOptions::validate() const
 {
   const pi_node::OptionCheck own("");
+  TrustedInterfaces(server.replier.trusted_interfaces).validate("trusted_interfaces");
   own.range("port", port, 0, 65535);
   own.range("health/port", health_port, 0, 65535);
   parameters::require(std::isfinite(server.position.x), "x", server.position.x, "finite");

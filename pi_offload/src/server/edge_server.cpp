@@ -81,6 +81,7 @@ EdgeServer::EdgeServer(const EdgeServerOptions& options, const std::array<Execut
   on.request = [impl = impl_.get()](const SpReplier::Peer& peer, const std::vector<uint8_t>& body, int64_t received_ns)
   { impl->onRequest(peer, body, received_ns); };
   on.closed = [impl = impl_.get()](uint64_t connection, const std::string&) { impl->onClosed(connection); };
+  on.refused = [impl = impl_.get()](const std::string& reason) { impl->log(reason); };
   {
     // Early requests wait for the mutex until the pointer is set.
     const std::lock_guard<std::mutex> lock(impl_->mutex);

@@ -20,6 +20,7 @@
 
 #include "wire/socket_tools.h"
 #include "wire/sp_connection.h"
+#include "wire/trusted_interfaces.h"
 
 namespace pi_offload
 {
@@ -72,7 +73,10 @@ struct SpReplier::Impl
     uint32_t events = 0;  ///< watched by epoll
   };
 
-  Impl(const Options& options, Callbacks callbacks) : options(options), callbacks(std::move(callbacks)) {}
+  Impl(const Options& options, Callbacks callbacks)
+    : options(options), callbacks(std::move(callbacks)), trusted(options.trusted_interfaces)
+  {
+  }
 
   bool control(int operation, int fd, uint64_t id, uint32_t events) const
   {
@@ -93,6 +97,7 @@ struct SpReplier::Impl
 
   const Options options;
   const Callbacks callbacks;
+  const TrustedInterfaces trusted;
   WakeEvent wake;
   pi_node::UniqueFd listener;
   pi_node::UniqueFd epoll;
@@ -200,7 +205,12 @@ void SpReplier::Impl::acceptAll()
       }
       return;  // the caller has left; further callers bring another event
     }
-    if (connections.size() >= options.max_connections)
+    const std::string refusal = trusted.admitIncoming(fd.get(), address);
+    if (!refusal.empty() && callbacks.refused)
+    {
+      callbacks.refused(refusal);
+    }
+    if (!refusal.empty() || connections.size() >= options.max_connections)
     {
       continue;
     }
@@ -347,6 +357,11 @@ SpReplier::SpReplier(const Options& options, Callbacks callbacks)
   impl_ = std::make_unique<Impl>(options, std::move(callbacks));
   impl_->port = options.port;
   impl_->listener = listenOn(options.host, &impl_->port);
+  const std::string refusal = impl_->trusted.admitListener(impl_->listener.get());
+  if (!refusal.empty())
+  {
+    throw std::runtime_error(refusal);
+  }
   impl_->epoll = pi_node::UniqueFd(epoll_create1(EPOLL_CLOEXEC));
   if (!impl_->epoll || !impl_->control(EPOLL_CTL_ADD, impl_->wake.fd(), WAKE, EPOLLIN) ||
       !impl_->control(EPOLL_CTL_ADD, impl_->listener.get(), LISTENER, EPOLLIN))

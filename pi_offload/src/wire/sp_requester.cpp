@@ -18,6 +18,7 @@
 
 #include "wire/socket_tools.h"
 #include "wire/sp_connection.h"
+#include "wire/trusted_interfaces.h"
 
 namespace pi_offload
 {
@@ -49,6 +50,7 @@ struct SpRequester::Impl
     : options(options)
     , name(parseHostPort("requester/address", options.address))
     , callbacks(std::move(callbacks))
+    , trusted(options.trusted_interfaces)
     , wake(std::make_shared<WakeEvent>())
     , resolver(wake)
     , pause_s(options.reconnect_s)
@@ -68,6 +70,7 @@ struct SpRequester::Impl
   const Options options;
   const HostPort name;
   const Callbacks callbacks;
+  const TrustedInterfaces trusted;
   const std::shared_ptr<WakeEvent> wake;
 
   std::mutex mutex;
@@ -142,6 +145,12 @@ void SpRequester::Impl::connectToNext(int64_t now_ns)
   if (!fd)
   {
     lose("no socket: " + errorText(errno), false);
+    return;
+  }
+  const std::string refusal = trusted.admitOutgoing(fd.get(), address);
+  if (!refusal.empty())
+  {
+    lose(refusal, false);
     return;
   }
   pi_os_transport::setSpOptions(fd.get(), std::chrono::duration<double>(options.acknowledge_timeout_s));

@@ -27,6 +27,7 @@ public:
     double max_reconnect_s = 2.0;
     size_t max_queued_bytes = 4U << 20U;   ///< not taken by the kernel yet
     size_t max_message_bytes = 1U << 20U;  ///< of a reply
+    std::vector<std::string> trusted_interfaces;  ///< that it may use beside the loopback interface; validated apart
     /// @throws std::invalid_argument naming field, value and bound.
     void validate() const;
   };
@@ -71,6 +72,7 @@ public:
     double acknowledge_timeout_s = 10.0;  ///< data without an acknowledgement for longer: it is closed
     size_t max_receiving_bytes =
         256U << 20U;  ///< of unfinished messages on all connections; the connection that exceeds it is closed
+    std::vector<std::string> trusted_interfaces;  ///< that it may use beside the loopback interface; validated apart
     /// @throws std::invalid_argument naming field, value and bound.
     void validate() const;
   };
@@ -86,8 +88,9 @@ public:
     std::function<void(const Peer& peer, std::vector<uint8_t> body, int64_t received_ns)> request;
     std::function<void(uint64_t connection, const std::string& reason)>
         closed;  ///< of a connection that had sent its header
+    std::function<void(const std::string& reason)> refused;  ///< a peer that did not come through a trusted interface
   };
-  /// @throws std::runtime_error naming host, port and reason if it cannot listen.
+  /// @throws std::runtime_error naming host, port and reason if it cannot or must not listen.
   SpReplier(const Options& options, Callbacks callbacks);
   ~SpReplier();  ///< Ends the thread and all callbacks. Not from a callback.
   SpReplier(const SpReplier&) = delete;

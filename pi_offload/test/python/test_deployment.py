@@ -1,31 +1,32 @@
-"""What deploys edge_server: systemd's units, Containerfile, manifests of Kubernetes, launch file for several machines.
+"""What deploys edge_server: systemd's units, manifests of Kubernetes, launch file for several machines.
 
-None is run here: they are checked for what can be wrong in them without a cluster.
+None is run here: they are checked for what can be wrong in them without a cluster. test_edge_image.py runs the image.
 """
 
-import http.server
-import json
 import os
-import re
 import shutil
 import subprocess
 import tempfile
-import threading
 import unittest
 from pathlib import Path
-from xml.etree import ElementTree
 
 import yaml
 
+from pi_offload import edge_image
+
 PACKAGE = Path(__file__).resolve().parents[2]
 DEPLOY = PACKAGE / "deploy"
-SUITE = PACKAGE.parent
 FLUSH_S = 2  # of a drained server, for the last answers to leave
+
+
+# What pi_edge fleet writes.
+FLEET = {"transport": "direct", "nats/servers": [], "nats/ca_file": "", "nats/certificate_file": "",
+         "nats/key_file": ""}
 
 
 def defaults():
     """Of every parameter, as {"admission/workers": 2}."""
-    return flat(yaml.safe_load((PACKAGE / "config/edge_server.yaml").read_text()))
+    return {**FLEET, **flat(yaml.safe_load((PACKAGE / "config/edge_server.yaml").read_text()))}
 
 
 def flat(tree, prefix=""):
@@ -46,10 +47,6 @@ def check_parameters(test, given):
             test.assertIsInstance(value, (int, float), name)
         else:
             test.assertIs(type(value), type(known[name]), name)
-
-
-def health_port():
-    return defaults()["health/port"]
 
 
 def read_unit(path):
@@ -117,148 +114,32 @@ class Systemd(unittest.TestCase):
                     self.assertEqual(value, template[section][name], name)
 
 
-class Containerfile(unittest.TestCase):
-    INSTRUCTIONS = {"FROM", "RUN", "CMD", "LABEL", "EXPOSE", "ENV", "ADD", "COPY", "ENTRYPOINT", "VOLUME", "USER",
-                    "WORKDIR", "ARG", "ONBUILD", "STOPSIGNAL", "HEALTHCHECK", "SHELL"}
-
-    def setUp(self):
-        self.stages = []  # (name, [(instruction, words)])
-        for line in self.lines():
-            instruction, _, words = line.partition(" ")
-            if instruction == "FROM":
-                self.stages.append((words.partition(" AS ")[2], []))
-            self.assertTrue(self.stages, f"{line}: before FROM")
-            self.stages[-1][1].append((instruction, words.strip()))
-        self.last = self.stages[-1][1]
-
-    @staticmethod
-    def lines():
-        """Of instructions, whole, without comments."""
-        text = (DEPLOY / "Containerfile").read_text()
-        text = "\n".join(line for line in text.splitlines() if not line.lstrip().startswith("#"))
-        return [line.strip() for line in re.sub(r"\\\n\s*", "", text).splitlines() if line.strip()]
-
-    def one(self, instruction):
-        found = [words for name, words in self.last if name == instruction]
-        self.assertEqual(1, len(found), instruction)
-        return found[0]
-
-    def test_instructions_are_known(self):
-        for _, instructions in self.stages:
-            for instruction, words in instructions:
-                self.assertIn(instruction, self.INSTRUCTIONS)
-                self.assertTrue(words, instruction)
-                if words.startswith("["):
-                    self.assertTrue(all(isinstance(word, str) for word in json.loads(words)), words)
-
-    def test_base_is_debian_without_a_host(self):
-        for _, instructions in self.stages:
-            self.assertEqual("debian:12", instructions[0][1].partition(" ")[0])
-
-    def test_what_is_copied_is_there(self):
-        if not (SUITE / "Makefile").is_file():
-            self.skipTest(f"no suite around {PACKAGE}")
-        names = [name for name, _ in self.stages]
-        copied = set()
-        for _, instructions in self.stages:
-            for words in (words.split() for instruction, words in instructions if instruction == "COPY"):
-                if words[0].startswith("--from="):
-                    self.assertIn(words[0].partition("=")[2], names)
-                    continue
-                for source in words[:-1]:
-                    self.assertTrue((SUITE / source).exists(), source)
-                    copied.add(source)
-        # All that the build goes through.
-        needed = set(re.findall(r"^  (\w+)$", (SUITE / "CMakeLists.txt").read_text(), re.MULTILINE))
-        self.assertTrue(needed)
-        self.assertEqual(set(), (needed | {"Makefile", "package.xml", "dependencies.txt", "scripts"}) - copied)
-
-    def test_it_is_built_where_it_runs(self):
-        builds = [words for name, words in self.stages[0][1] if name == "RUN" and words.startswith("make ")]
-        self.assertEqual(["make build INSTALL=/opt/pi_edge"], builds)
-        entry = json.loads(self.one("ENTRYPOINT"))
-        self.assertEqual(["/opt/pi_edge/lib/pi_offload/edge_server"], entry)
-        for words in (words.split() for name, words in self.last if name == "COPY" and "--from" in words):
-            self.assertEqual(words[1], words[2])  # programs know where their libraries are beside them
-        option, config = json.loads(self.one("CMD"))
-        self.assertEqual("--config", option)
-        self.assertIn(f"pi_offload/config/edge_server.yaml {config}", [w for n, w in self.last if n == "COPY"])
-
-    def test_user_is_not_root(self):
-        user, group = self.one("USER").split(":")
-        self.assertGreater(int(user), 0)
-        self.assertGreater(int(group), 0)
-        names = [name for name, _ in self.last]
-        self.assertLess(names.index("USER"), names.index("ENTRYPOINT"))
-
-    def test_ports_are_those_of_the_configuration(self):
-        self.assertEqual({defaults()["port"], health_port()}, {int(port) for port in self.one("EXPOSE").split()})
-
-    def health_command(self):
-        words = self.one("HEALTHCHECK")
-        begin, end = words.index("CMD ") + 4, words.rindex("]") + 1
-        return json.loads(words[begin:end])
-
-    def test_health_check_asks_the_server(self):
-        command = self.health_command()
-        self.assertIn(f"/dev/tcp/127.0.0.1/{health_port()}", command[-1])
-        self.assertIn("GET /healthz ", command[-1])
-
-    def test_health_check_knows_healthy_from_ill(self):
-        status = [200]
-
-        class Answer(http.server.BaseHTTPRequestHandler):
-            def do_GET(self):
-                self.send_response(status[0] if self.path == "/healthz" else 404)
-                self.end_headers()
-
-            def log_message(self, *_):
-                pass
-
-        server = http.server.HTTPServer(("127.0.0.1", 0), Answer)
-        thread = threading.Thread(target=server.serve_forever)
-        thread.start()
-        command = [word.replace(f"/{health_port()} ", f"/{server.server_port} ") for word in self.health_command()]
-
-        def healthy():
-            return subprocess.run(command, stderr=subprocess.DEVNULL, timeout=30, check=False).returncode == 0
-
-        try:
-            self.assertTrue(healthy())
-            status[0] = 503
-            self.assertFalse(healthy())
-        finally:
-            server.shutdown()
-            thread.join()
-            server.server_close()
-        self.assertFalse(healthy())
-
-
 class Manifests(unittest.TestCase):
     # Fields that are used of each kind, after Kubernetes' reference; None: a value, str: any name. "!" marks those that
     # must be there.
     META = {"!name": None, "labels": {str: None}, "annotations": {str: None}}
-    PROBE = {"!httpGet": {"!path": None, "!port": None}, "periodSeconds": None, "timeoutSeconds": None,
+    PROBE = {"httpGet": {"!path": None, "!port": None}, "tcpSocket": {"!port": None},
+             "periodSeconds": None, "timeoutSeconds": None,
              "failureThreshold": None, "initialDelaySeconds": None}
     SELECTOR = {"!matchLabels": {str: None}}
     CONTAINER = {
-        "!name": None, "!image": None, "args": [None],
+        "!name": None, "!image": None, "command": [None], "args": [None],
         "!ports": [{"!name": None, "!containerPort": None}],
         "startupProbe": PROBE, "!readinessProbe": PROBE, "!livenessProbe": PROBE,
-        "lifecycle": {"preStop": {"exec": {"!command": [None]}}},
         "!resources": {"!requests": {str: None}, "!limits": {str: None}},
         "!securityContext": {"allowPrivilegeEscalation": None, "readOnlyRootFilesystem": None,
                              "capabilities": {"drop": [None]}},
-        "volumeMounts": [{"!name": None, "!mountPath": None, "readOnly": None}],
+        "volumeMounts": [{"!name": None, "!mountPath": None, "subPath": None, "readOnly": None}],
     }
     POD = {
         "automountServiceAccountToken": None, "!terminationGracePeriodSeconds": None,
         "topologySpreadConstraints": [{"!maxSkew": None, "!topologyKey": None, "!whenUnsatisfiable": None,
                                        "labelSelector": SELECTOR}],
-        "!securityContext": {"runAsNonRoot": None, "runAsUser": None, "runAsGroup": None,
+        "!securityContext": {"runAsNonRoot": None, "runAsUser": None, "runAsGroup": None, "fsGroup": None,
                              "seccompProfile": {"!type": None}},
         "!containers": [CONTAINER],
-        "volumes": [{"!name": None, "configMap": {"!name": None}, "emptyDir": {"sizeLimit": None}}],
+        "volumes": [{"!name": None, "configMap": {"!name": None}, "emptyDir": {"sizeLimit": None},
+                     "secret": {"!secretName": None, "defaultMode": None}}],
     }
     FIELDS = {
         ("v1", "ConfigMap"): {"!data": {str: None}},
@@ -269,23 +150,30 @@ class Manifests(unittest.TestCase):
             "replicas": None, "!selector": SELECTOR,
             "strategy": {"!type": None, "rollingUpdate": {"maxUnavailable": None, "maxSurge": None}},
             "!template": {"!metadata": {"!labels": {str: None}, "annotations": {str: None}}, "!spec": POD}}},
+        ("apps/v1", "StatefulSet"): {"!spec": {
+            "!serviceName": None, "!replicas": None, "!selector": SELECTOR,
+            "!template": {"!metadata": {"!labels": {str: None}, "annotations": {str: None}}, "!spec": POD}}},
         ("policy/v1", "PodDisruptionBudget"): {"!spec": {"maxUnavailable": None, "!selector": SELECTOR}},
         ("autoscaling/v2", "HorizontalPodAutoscaler"): {"!spec": {
             "!scaleTargetRef": {"!apiVersion": None, "!kind": None, "!name": None},
             "minReplicas": None, "!maxReplicas": None,
-            "!metrics": [{"!type": None, "resource": {"!name": None, "!target": {
-                "!type": None, "averageUtilization": None}}}],
-            "behavior": {"scaleDown": {"stabilizationWindowSeconds": None}}}},
+            "!metrics": [{"!type": None, "!pods": {"!metric": {"!name": None}, "!target": {
+                "!type": None, "!averageValue": None}}}],
+            "behavior": {"scaleUp": {"stabilizationWindowSeconds": None, "policies": [
+                {"!type": None, "!value": None, "!periodSeconds": None}]},
+                         "scaleDown": {"stabilizationWindowSeconds": None}}}},
     }
 
     def setUp(self):
         self.objects = []
         for path in sorted((DEPLOY / "kubernetes").glob("*.yaml")):
-            self.objects += list(yaml.safe_load_all(path.read_text()))
+            if path.name != "prometheus_adapter.yaml":  # values of a chart
+                self.objects += list(yaml.safe_load_all(path.read_text()))
         self.config = yaml.safe_load(self.of_kind("ConfigMap")["data"]["edge_server.yaml"])
         self.deployment = self.of_kind("Deployment")
         self.pod = self.deployment["spec"]["template"]["spec"]
         self.container = self.pod["containers"][0]
+        self.nats = self.of_kind("StatefulSet")
 
     def of_kind(self, kind):
         found = [o for o in self.objects if o["kind"] == kind]
@@ -341,12 +229,15 @@ class Manifests(unittest.TestCase):
 
     def test_ports_are_those_of_the_configuration(self):
         ports = {port["name"]: port["containerPort"] for port in self.container["ports"]}
-        self.assertEqual({"requests": self.parameter("port"), "health": self.parameter("health/port")}, ports)
-        service = self.of_kind("Service")["spec"]["ports"]
-        self.assertEqual([("requests", self.parameter("port"))], [(p["targetPort"], p["port"]) for p in service])
-        self.assertEqual(self.parameter("port"), int(self.parameter("address").rpartition(":")[2]))
+        self.assertEqual({"health": self.parameter("health/port")}, ports)
         annotations = self.deployment["spec"]["template"]["metadata"]["annotations"]
         self.assertEqual(str(self.parameter("health/port")), annotations["prometheus.io/port"])
+        nats = self.nats["spec"]["template"]["spec"]["containers"][0]
+        ports = {port["name"]: port["containerPort"] for port in nats["ports"]}
+        self.assertEqual({"vehicles": 4222, "sites": 6222}, ports)  # the defaults of pi_edge fleet add-site
+        service = self.of_kind("Service")
+        self.assertEqual(ports, {port["targetPort"]: port["port"] for port in service["spec"]["ports"]})
+        self.assertEqual([f"tls://{service['metadata']['name']}:{ports['vehicles']}"], self.parameter("nats/servers"))
 
     def test_probes_are_those_of_the_server(self):
         for probe, path in (("startupProbe", "/readyz"), ("readinessProbe", "/readyz"), ("livenessProbe", "/healthz")):
@@ -356,18 +247,18 @@ class Manifests(unittest.TestCase):
         self.assertEqual("0.0.0.0", self.parameter("health/host"))
 
     def test_there_is_time_to_drain(self):
-        command = self.container["lifecycle"]["preStop"]["exec"]["command"]
-        self.assertEqual("sleep", command[0])
-        self.assertGreater(self.pod["terminationGracePeriodSeconds"],
-                           int(command[1]) + self.parameter("drain_s") + FLUSH_S)
+        self.assertGreater(self.pod["terminationGracePeriodSeconds"], self.parameter("drain_s") + FLUSH_S)
 
     def test_objects_find_each_other(self):
         labels = self.deployment["spec"]["template"]["metadata"]["labels"]
         for selector in (self.deployment["spec"]["selector"]["matchLabels"],
-                         self.of_kind("Service")["spec"]["selector"],
                          self.of_kind("PodDisruptionBudget")["spec"]["selector"]["matchLabels"],
                          self.pod["topologySpreadConstraints"][0]["labelSelector"]["matchLabels"]):
             self.assertLessEqual(selector.items(), labels.items())
+        nats = self.nats["spec"]
+        for selector in (nats["selector"]["matchLabels"], self.of_kind("Service")["spec"]["selector"]):
+            self.assertLessEqual(selector.items(), nats["template"]["metadata"]["labels"].items())
+        self.assertEqual(self.of_kind("Service")["metadata"]["name"], nats["serviceName"])
         target = self.of_kind("HorizontalPodAutoscaler")["spec"]["scaleTargetRef"]
         self.assertEqual({"apiVersion": self.deployment["apiVersion"], "kind": "Deployment",
                           "name": self.deployment["metadata"]["name"]}, target)
@@ -375,11 +266,37 @@ class Manifests(unittest.TestCase):
         self.assertEqual(set(volumes), {mount["name"] for mount in self.container["volumeMounts"]})
         self.assertEqual(self.of_kind("ConfigMap")["metadata"]["name"], volumes["config"]["configMap"]["name"])
         mount = next(m for m in self.container["volumeMounts"] if m["name"] == "config")
-        self.assertEqual(["--config", mount["mountPath"] + "/edge_server.yaml"], self.container["args"])
+        self.assertEqual(["--config", mount["mountPath"]], self.container["args"])
+        self.assertIn(mount["subPath"], self.of_kind("ConfigMap")["data"])
+
+    def test_keys_lie_where_the_configuration_looks(self):
+        mount = next(m["mountPath"] for m in self.container["volumeMounts"] if m["name"] == "keys")
+        self.assertEqual([f"{mount}/{name}" for name in ("ca.pem", "certificate.pem", "key.pem")],
+                         [self.parameter(f"nats/{name}") for name in ("ca_file", "certificate_file", "key_file")])
+        self.assertEqual("nats", self.parameter("transport"))
+        pod = self.nats["spec"]["template"]["spec"]
+        mount = next(m["mountPath"] for m in pod["containers"][0]["volumeMounts"] if m["name"] == "keys")
+        self.assertEqual(["nats-server", "-c", mount + "/nats-server.conf"], pod["containers"][0]["command"])
+        for one in (pod, self.pod):
+            keys = next(volume["secret"] for volume in one["volumes"] if volume["name"] == "keys")
+            self.assertEqual(0o440, keys["defaultMode"])
+            self.assertEqual(one["securityContext"]["runAsGroup"], one["securityContext"]["fsGroup"])
+
+    def test_it_scales_on_what_vehicles_wait_for(self):
+        metrics = self.of_kind("HorizontalPodAutoscaler")["spec"]["metrics"]
+        rules = yaml.safe_load((DEPLOY / "kubernetes/prometheus_adapter.yaml").read_text())["rules"]["custom"]
+        self.assertEqual(["Pods"] * 2, [metric["type"] for metric in metrics])
+        self.assertEqual([rule["name"]["as"] for rule in rules],
+                         [metric["pods"]["metric"]["name"] for metric in metrics])
+        for rule in rules:
+            series = rule["seriesQuery"].partition("{")[0]
+            self.assertEqual(f"^{series}$", rule["name"]["matches"])
+            self.assertIn("<<.Series>>{<<.LabelMatchers>>}", rule["metricsQuery"])
+            self.assertEqual({"namespace", "pod"}, set(rule["resources"]["overrides"]))
 
     def test_several_replicas_one_of_which_may_go(self):
         spec = self.of_kind("HorizontalPodAutoscaler")["spec"]
-        self.assertGreaterEqual(self.deployment["spec"]["replicas"], 2)
+        self.assertNotIn("replicas", self.deployment["spec"])  # each apply would reset what the autoscaler chose
         self.assertGreaterEqual(spec["minReplicas"], 2)
         self.assertGreater(spec["maxReplicas"], spec["minReplicas"])
         self.assertEqual(1, self.of_kind("PodDisruptionBudget")["spec"]["maxUnavailable"])
@@ -393,14 +310,13 @@ class Manifests(unittest.TestCase):
         megabytes = int(resources["limits"]["memory"][:-2]) * sizes[resources["limits"]["memory"][-2:]]
         self.assertGreater(megabytes, 2 * self.parameter("server/max_payload_mb"))
 
-    def test_image_and_user_are_those_of_the_container_file(self):
-        text = (DEPLOY / "Containerfile").read_text()
-        self.assertIn(f"-t {self.container['image']} .", text)
-        version = ElementTree.parse(PACKAGE / "package.xml").findtext("version")
-        self.assertEqual(version, self.container["image"].rpartition(":")[2])
-        security = self.pod["securityContext"]
-        self.assertIn(f"USER {security['runAsUser']}:{security['runAsGroup']}\n", text)
-        self.assertIs(True, security["runAsNonRoot"])
+    def test_image_and_user_are_those_of_make_image(self):
+        version = edge_image.version_of(PACKAGE)
+        for pod in (self.pod, self.nats["spec"]["template"]["spec"]):
+            self.assertEqual(f"{edge_image.NAME}:{version}", pod["containers"][0]["image"])
+            security = pod["securityContext"]
+            self.assertEqual([edge_image.USER] * 2, [security["runAsUser"], security["runAsGroup"]])
+            self.assertIs(True, security["runAsNonRoot"])
 
 
 class Launch(unittest.TestCase):
