@@ -32,7 +32,7 @@ constexpr double COMPARED_NOISE = 0.01;      ///< of one comparison: wheels 1 %
 constexpr double SCALE_WALK = 1e-4;          ///< of the scale, by comparison: tyres warm up, load changes
 constexpr double LARGEST_SCALE_ERROR = 0.2;  ///< that is a matter of tyres
 constexpr int MAX_WRONG = 5;                 ///< comparisons in a row, after which it is no slip
-constexpr int MAX_WRONG_TURNS = 3;           ///< likewise of the turns
+constexpr int MAX_WRONG_TURNS = 2;           ///< likewise of the turns
 constexpr double COMPARED_TURN = 0.3;        ///< of the gyroscope, that tells the sign of the wheels' [rad]
 
 }  // namespace

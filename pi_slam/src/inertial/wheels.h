@@ -24,9 +24,9 @@ struct WheelSample
 
 struct WheelOptions
 {
-  double scale_deviation = 0.03;    ///< how well the speed's scale is known at first; in [0.001, 0.3]
-  double speed_noise = 0.005;       ///< of a mean over a tenth of a second [m/s]; > 0
-  double speed_noise_ratio = 0.02;  ///< likewise, part of the speed; in [0, 0.5]
+  double scale_deviation = 0.02;    ///< how well the speed's scale is known at first; in [0.001, 0.3]
+  double speed_noise = 0.001;       ///< of a mean over a tenth of a second [m/s]; > 0
+  double speed_noise_ratio = 0.01;  ///< likewise, part of the speed; in [0, 0.5]
   double side_noise =
       0.05;               ///< a vehicle on wheels does not go sideways (non-holonomic): deviation from that [m/s]; > 0
   double up_noise = 0.1;  ///< nor off the plane of the ground: likewise, bumps [m/s]; > 0
@@ -41,7 +41,7 @@ struct WheelOptions
 struct WheelScale
 {
   double value = 1.0;
-  double deviation = 0.03;
+  double deviation = 0.02;
 };
 
 /// The way of the wheels between two times, integrated with the rotation of the IMU.
