@@ -157,33 +157,6 @@ TEST_F(WheelsTest, IsUprightWhenItHasSetOff)
   std::cout << "tilt after driving off: " << most << " degrees\n";
 }
 
-TEST_F(WheelsTest, FollowsAFastStraight)
-{
-  VehiclePathOptions path;
-  path.shape = PathShape::STRAIGHT;
-  path.duration_s = 40.0;
-  path.speed = 8.0;
-  const Drive drive(makeVehiclePath(path), 4, WorldKind::CAMPUS);
-  for (const bool with_wheels : {false, true})
-  {
-    useWheels(drive);
-    wheels_.resize(with_wheels ? wheels_.size() : 0);
-    Vio vio(drive.calibration, makeOptions());
-    const std::vector<Outcome> outcomes = run(&vio, Faults(), drive);
-    const double way_m = (drive.trajectory.at(drive.frames.back().stamp_ns).T_world_body.translation() -
-                          drive.trajectory.at(drive.frames.front().stamp_ns).T_world_body.translation())
-                             .norm();
-    double squares = 0.0;
-    for (const Outcome& outcome : outcomes)
-    {
-      squares += outcome.error_m * outcome.error_m / static_cast<double>(outcomes.size());
-    }
-    EXPECT_LT(std::sqrt(squares), 0.005 * way_m);
-    std::cout << "8 m/s, " << way_m << " m, " << (with_wheels ? "with" : "without") << " wheels: RMS "
-              << std::sqrt(squares) << " m, end " << outcomes.back().error_m << " m\n";
-  }
-}
-
 /// People pass close by who cover two thirds of the picture, from 3 s on, for as long as PI_SLAM_CROWD_S says.
 TEST_F(WheelsTest, StandsStillInACrowd)
 {

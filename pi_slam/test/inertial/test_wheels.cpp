@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <functional>
+#include <stdexcept>
 #include <string>
 
 #include "inertial/start_ns.h"
@@ -121,7 +122,8 @@ TEST(CorrectByWheels, HasNoErrorWhereTheStateRolls)
             WheelVerdict::USED);
   EXPECT_NEAR(residual, 0.0, 1e-9);
   EXPECT_LT(state.boxMinus(before).norm(), 1e-9);
-  EXPECT_LT(covariance.block<3, 3>(6, 6).trace(), 0.029);
+  const double left = covariance.block<3, 3>(6, 6).trace();
+  EXPECT_LT(left, 0.029);
 }
 
 /// With an error in one direction of the state alone, the correction takes it back.
@@ -223,5 +225,6 @@ TEST(WheelOptions, NameFieldValueAndBound)
 {
   WheelOptions options;
   options.scale_deviation = 0.5;
-  EXPECT_EQ(messageOf([&] { options.validate(); }), "wheels/scale_deviation = 0.5, must be in [0.001, 0.3]");
+  EXPECT_EQ(messageOf<std::invalid_argument>([&] { options.validate(); }),
+            "wheels/scale_deviation = 0.5, must be in [0.001, 0.3]");
 }
