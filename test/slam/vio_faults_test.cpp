@@ -3,6 +3,7 @@
 #include "drive_on_graph.h"
 
 #include <diagnostic_msgs/DiagnosticArray.h>
+#include <geometry_msgs/Twist.h>
 #include <gtest/gtest.h>
 #include <nav_msgs/Odometry.h>
 #include <std_srvs/Trigger.h>
@@ -132,6 +133,28 @@ TEST_F(VioFaults, SwappedCamerasAreRefusedUntilTheyAreRight)
   later_s_ += 10.0;
   EXPECT_TRUE(graph_->drive.playUntil(0.0, SPEED, later_s_, [] { return graph_->odometry.count() > 0; }, {}))
       << graph_->log.text();
+}
+
+TEST_F(VioFaults, WheelsOfAnotherFrameOrTypeAreNamed)
+{
+  ros::NodeHandle node;
+  ros::Publisher wheels = node.advertise<nav_msgs::Odometry>("wheel_odometry", 10);
+  ASSERT_TRUE(until(TIMEOUT_S, [&] { return wheels.getNumSubscribers() > 0; }));
+  nav_msgs::Odometry odometry;
+  odometry.header.stamp = ros::Time(1.0);
+  odometry.child_frame_id = "wheels";
+  wheels.publish(odometry);
+  EXPECT_TRUE(isLogged("/wheel_odometry: its twist is of the frame wheels, must be of base_link_frame = base_link"))
+      << graph_->log.text();
+  odometry.child_frame_id = "base_link";
+  odometry.twist.twist.linear.x = std::nan("");
+  wheels.publish(odometry);
+  EXPECT_TRUE(isLogged("/wheel_odometry: a number is not finite")) << graph_->log.text();
+  wheels.shutdown();
+  wheels = node.advertise<geometry_msgs::Twist>("wheel_odometry", 10);
+  ASSERT_TRUE(until(TIMEOUT_S, [&] { return wheels.getNumSubscribers() > 0; }));
+  wheels.publish(geometry_msgs::Twist());
+  EXPECT_TRUE(isLogged("/wheel_odometry: is geometry_msgs/Twist, must be nav_msgs/Odometry or")) << graph_->log.text();
 }
 
 TEST_F(VioFaults, PicturesOfAnotherSizeAreIgnoredUntilTheyFit)

@@ -128,6 +128,27 @@ Eigen::Vector2d reprojectionError(const Eigen::Matrix3d& R_odom_body, const Eige
   return error;
 }
 
+WheelTie::WheelTie(const WheelWay& way, const WheelOptions& options, const WheelScale& scale)
+  : moved(scale.value * way.moved)
+  , lever(options.T_body_wheels.translation())
+  , weight(way.deviation(options, scale).cwiseInverse().asDiagonal() * options.T_body_wheels.linear().transpose())
+{
+}
+
+Eigen::Vector3d WheelTie::error(const NavState& begin, const NavState& end, Eigen::Matrix<double, 3, 30>* J) const
+{
+  const Eigen::Matrix3d R_body_odom = begin.q.toRotationMatrix().transpose();
+  const Eigen::Matrix3d R_begin_end = R_body_odom * end.q.toRotationMatrix();
+  const Eigen::Vector3d went = R_body_odom * (end.p - begin.p);
+  const Eigen::Vector3d turned = R_begin_end * lever;
+  J->setZero();
+  J->block<3, 3>(0, 0) = -weight * R_body_odom;
+  J->block<3, 3>(0, 3) = weight * hat(went + turned);
+  J->block<3, 3>(0, 15) = weight * R_body_odom;
+  J->block<3, 3>(0, 18) = -weight * R_begin_end * hat(lever);
+  return weight * (went + turned - lever - moved);
+}
+
 StateLink::StateLink(const ImuPreintegration& imu, const ImuModel& model, bool still)
   : imu_(imu), model_(model), still_(still)
 {

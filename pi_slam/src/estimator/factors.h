@@ -2,11 +2,13 @@
 
 #include "inertial/imu_preintegration.h"
 #include "inertial/nav_state.h"
+#include "inertial/wheels.h"
 
 #include <pi_slam/stereo_calibration.h>
 
 #include <Eigen/Core>
 #include <array>
+#include <optional>
 
 namespace pi_slam::estimator
 {
@@ -47,7 +49,22 @@ Eigen::Vector2d reprojectionError(const Eigen::Matrix3d& R_odom_body, const Eige
                                   const Eigen::Matrix<double, 2, 3>& tangent, const Eigen::Vector3d& p_landmark,
                                   Eigen::Matrix<double, 2, 6>* J_pose, Eigen::Matrix<double, 2, 3>* J_landmark);
 
-/// The link between two neighbouring states: preintegrated IMU, or standstill.
+/// The way of the wheels between two states, as the window needs it.
+struct WheelTie
+{
+  /// @param way  valid.
+  WheelTie(const WheelWay& way, const WheelOptions& options, const WheelScale& scale);
+
+  /// Forward, left and up in the wheels' frame at `begin`, whitened.
+  /// @param[out] J  by the errors of `begin` (columns 0..14) and of `end` (15..29)
+  Eigen::Vector3d error(const NavState& begin, const NavState& end, Eigen::Matrix<double, 3, 30>* J) const;
+
+  Eigen::Vector3d moved;   ///< of the wheels' frame, in the body frame at the beginning [m]
+  Eigen::Vector3d lever;   ///< of the wheels' origin in the body frame [m]
+  Eigen::Matrix3d weight;  ///< takes an error in the body frame to the wheels' frame, over deviations
+};
+
+/// The link between two neighbouring states: preintegrated IMU, or standstill; and the way of the wheels, if known.
 class StateLink
 {
 public:
@@ -62,6 +79,7 @@ public:
   void relinearize(const ImuBias& bias);
 
   bool still() const { return still_; }
+  std::optional<WheelTie> wheels;
   const ImuPreintegration& imu() const { return imu_; }
 
 private:

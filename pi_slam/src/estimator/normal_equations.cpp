@@ -123,7 +123,21 @@ void NormalEquations::addLink(const WindowProblem& problem, size_t link)
   }
   Eigen::Matrix<double, 30, 30> H;
   H.noalias() = J.transpose() * J;
-  const Eigen::Matrix<double, 30, 1> b = J.transpose() * error;
+  Eigen::Matrix<double, 30, 1> b = J.transpose() * error;
+  if (tie.wheels)
+  {
+    Eigen::Matrix<double, 3, 30> J_wheels;
+    const Eigen::Vector3d off =
+        tie.wheels->error(problem.keyframes[link].state, problem.keyframes[link + 1].state, &J_wheels);
+    if (problem.prior.marginal && link < problem.prior.linearized.size())
+    {
+      tie.wheels->error(linearizationPoint(problem, link), linearizationPoint(problem, link + 1), &J_wheels);
+    }
+    double weight = 1.0;
+    cost_ += huberCost(off.squaredNorm(), problem.huber, &weight);
+    H.noalias() += weight * J_wheels.transpose() * J_wheels;
+    b.noalias() += weight * J_wheels.transpose() * off;
+  }
   for (int i = 0; i < 2; ++i)
   {
     const Eigen::Index pose = poseAt(link + static_cast<size_t>(i));

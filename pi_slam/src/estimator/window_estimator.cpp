@@ -314,7 +314,8 @@ bool WindowEstimator::empty() const
 }
 
 void WindowEstimator::addKeyframe(const NavState& state, const FrameFeatures& features,
-                                  const ImuPreintegration& since_last, bool still)
+                                  const ImuPreintegration& since_last, bool still,
+                                  const std::optional<estimator::WheelTie>& wheels)
 {
   if (empty() || since_last.empty() || since_last.startNs() != newest().stamp_ns ||
       since_last.endNs() != state.stamp_ns)
@@ -326,6 +327,7 @@ void WindowEstimator::addKeyframe(const NavState& state, const FrameFeatures& fe
     impl_->makeRoom();
   }
   impl_->appendLink(since_last, still);
+  impl_->problem.links.back().wheels = wheels;
   impl_->appendKeyframe(state, features);
 }
 

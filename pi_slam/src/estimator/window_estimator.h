@@ -1,6 +1,7 @@
 #pragma once
 
 #include <pi_slam/stereo_calibration.h>
+#include "estimator/factors.h"
 #include "front_end/frame_features.h"
 #include "inertial/imu_preintegration.h"
 #include "inertial/nav_state.h"
@@ -9,6 +10,7 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 namespace pi_slam
@@ -74,9 +76,10 @@ public:
   /// @param state       guess of its state
   /// @param since_last  from the newest keyframe to this one
   /// @param still       the body did not move in between: the IMU is not used but for the time that went by
+  /// @param wheels      their way in between, if it is known
   /// @throws std::logic_error if empty() or the integral does not join the two.
   void addKeyframe(const NavState& state, const FrameFeatures& features, const ImuPreintegration& since_last,
-                   bool still);
+                   bool still, const std::optional<estimator::WheelTie>& wheels = std::nullopt);
 
   /// @param max_iterations  at most options.max_iterations.
   WindowReport optimize(int max_iterations);

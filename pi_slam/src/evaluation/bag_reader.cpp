@@ -1,6 +1,8 @@
 #include "evaluation/bag_reader.h"
 
 #include <cv_bridge/cv_bridge.h>
+#include <geometry_msgs/TwistStamped.h>
+#include <nav_msgs/Odometry.h>
 #include <pi_node/ros/time.h>
 #include <rosbag/bag.h>
 #include <rosbag/view.h>
@@ -18,6 +20,8 @@
 #include <opencv2/imgcodecs.hpp>
 #include <utility>
 #include <vector>
+
+#include "ros/conversions.h"
 
 namespace pi_slam
 {
@@ -392,6 +396,36 @@ std::unique_ptr<SequenceSource> openBag(const std::string& file, const BagTopics
                                         const SequenceReaderOptions& options)
 {
   return std::make_unique<BagSource>(file, topics, options);
+}
+
+std::vector<WheelSample> readBagWheels(const std::string& file, const std::string& topic)
+{
+  std::vector<WheelSample> samples;
+  try
+  {
+    rosbag::Bag bag(file);
+    for (const rosbag::MessageInstance& message : rosbag::View(bag, rosbag::TopicQuery(topic)))
+    {
+      if (const auto odometry = message.instantiate<nav_msgs::Odometry>())
+      {
+        samples.push_back(toWheelSample(odometry->header.stamp, odometry->twist.twist));
+      }
+      else if (const auto twist = message.instantiate<geometry_msgs::TwistStamped>())
+      {
+        samples.push_back(toWheelSample(twist->header.stamp, twist->twist));
+      }
+    }
+  }
+  catch (const rosbag::BagException& exception)
+  {
+    throw RecordingError(file + ": is no bag that can be read: " + exception.what());
+  }
+  if (samples.empty())
+  {
+    throw RecordingError(file + ": has no nav_msgs/Odometry or geometry_msgs/TwistStamped on " + topic +
+                         "; give the wheels' topic by --wheel-topic");
+  }
+  return samples;
 }
 
 }  // namespace pi_slam

@@ -1,9 +1,11 @@
 #pragma once
 
 #include "evaluation/sequence_reader.h"
+#include "inertial/wheels.h"
 
 #include <memory>
 #include <string>
+#include <vector>
 
 namespace pi_slam
 {
@@ -24,5 +26,9 @@ struct BagTopics
 ///         std::invalid_argument for options out of range.
 std::unique_ptr<SequenceSource> openBag(const std::string& file, const BagTopics& topics = {},
                                         const SequenceReaderOptions& options = {});
+
+/// All samples of the wheels: a topic of nav_msgs/Odometry or geometry_msgs/TwistStamped.
+/// @throws RecordingError for a file that is no bag, or without such a topic.
+std::vector<WheelSample> readBagWheels(const std::string& file, const std::string& topic);
 
 }  // namespace pi_slam

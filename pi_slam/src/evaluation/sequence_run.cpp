@@ -51,6 +51,7 @@ public:
   Run(SequenceReader* reader, const StereoCalibration& calibration, const SequenceRunOptions& options)
     : reader_(*reader)
     , calibration_(calibration)
+    , wheels_(options.wheels)
     , max_wait_ns_(static_cast<int64_t>(1e9 * (MAX_WAIT_S + std::abs(options.vio.imu.time_offset_s))))
     , runtime_(options.vio.tracker.kernel_tasks || (options.map && options.mapper.kernel_tasks)
                    ? pi_runtime::Runtime::shared()
@@ -113,6 +114,10 @@ private:
   void addImu(const ImuSample& sample)
   {
     newest_ns_ = std::max(newest_ns_, sample.stamp_ns);
+    for (; next_wheels_ < wheels_.size() && wheels_[next_wheels_].stamp_ns <= sample.stamp_ns; ++next_wheels_)
+    {
+      vio_.addWheels(wheels_[next_wheels_]);
+    }
     const Clock::time_point start = Clock::now();
     const std::optional<PropagatedState> state = vio_.addImu(sample);
     imu_us_.push_back(static_cast<float>(1e6 * secondsSince(start)));
@@ -210,6 +215,8 @@ private:
 
   SequenceReader& reader_;
   const StereoCalibration& calibration_;
+  const std::vector<WheelSample>& wheels_;
+  size_t next_wheels_ = 0;
   const int64_t max_wait_ns_;
   std::shared_ptr<pi_runtime::Runtime> runtime_;
   Vio vio_;

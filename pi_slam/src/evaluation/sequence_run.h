@@ -1,8 +1,8 @@
 #pragma once
 
-#include "map/mapper.h"
-#include "evaluation/sequence_reader.h"
 #include <pi_slam/trajectory_file.h>
+#include "evaluation/sequence_reader.h"
+#include "map/mapper.h"
 #include "odometry/vio.h"
 
 #include <cstdint>
@@ -17,8 +17,9 @@ struct SequenceRunOptions
 {
   VioOptions vio;
   MapperOptions mapper;
-  bool map = false;      ///< build one beside odometry
-  std::string save_map;  ///< file for it; empty: not kept
+  bool map = false;                 ///< build one beside odometry
+  std::vector<WheelSample> wheels;  ///< in order of time; empty: none
+  std::string save_map;             ///< file for it; empty: not kept
 };
 
 /// One pair as it went through.

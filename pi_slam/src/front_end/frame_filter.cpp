@@ -52,6 +52,15 @@ void FrameFilter::predict(const ImuPreintegration& since_last)
   covariance_ = (0.5 * (covariance_ + covariance_.transpose())).eval();
 }
 
+WheelVerdict FrameFilter::update(const WheelSample& mean, const WheelOptions& options, const WheelScale& scale,
+                                 const NavState& before, double* residual)
+{
+  const double dt = 1e-9 * static_cast<double>(state_.stamp_ns - before.stamp_ns);
+  const Eigen::Vector3d turn = logSo3(before.q.conjugate() * state_.q);
+  return correctByWheels(mean, options, scale, (state_.p - before.p) / dt, turn / dt, before.q * expSo3(0.5 * turn),
+                         &state_, &covariance_, residual);
+}
+
 FilterReport FrameFilter::update(const std::vector<LandmarkView>& views, int min_used)
 {
   FilterReport report;

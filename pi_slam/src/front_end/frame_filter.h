@@ -5,6 +5,7 @@
 #include "front_end/frame_features.h"
 #include "inertial/imu_preintegration.h"
 #include "inertial/nav_state.h"
+#include "inertial/wheels.h"
 
 #include <Eigen/Core>
 #include <array>
@@ -47,6 +48,11 @@ public:
 
   /// @param since_last  from the state's stamp on.
   void predict(const ImuPreintegration& since_last);
+
+  /// Corrects by the mean of the wheels over the last step.
+  /// @param before  the state at its beginning. @param[out] residual  as correctByWheels().
+  WheelVerdict update(const WheelSample& mean, const WheelOptions& options, const WheelScale& scale,
+                      const NavState& before, double* residual);
 
   /// @param min_used  fewer views within the gate leave the state as predicted.
   FilterReport update(const std::vector<LandmarkView>& views, int min_used);

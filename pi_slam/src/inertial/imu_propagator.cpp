@@ -3,6 +3,7 @@
 #include <pi_node/durations.h>
 
 #include <algorithm>
+#include <cstdlib>
 
 #include "inertial/imu_step.h"
 
@@ -13,6 +14,8 @@ namespace
 {
 
 constexpr int64_t KEPT_NS = 5000000000LL;
+constexpr int64_t UNCORRECTED_NS = 250000000LL;  ///< after which the wheels correct
+constexpr int64_t SAME_TIME_NS = 30000000LL;     ///< of a sample of the wheels and the newest pose
 
 }  // namespace
 
@@ -76,8 +79,27 @@ bool ImuPropagator::rebase(const NavState& state, const Matrix15d& covariance)
     advance(*(next - 1), *next, &now);
   }
   now_ = now;
+  rebased_ns_ = state.stamp_ns;
   running_ = true;
   return true;
+}
+
+void ImuPropagator::setWheels(const WheelOptions& options, const std::optional<WheelScale>& scale)
+{
+  const std::lock_guard<std::mutex> lock(mutex_);
+  wheels_ = options;
+  scale_ = scale;
+}
+
+void ImuPropagator::addWheels(const WheelSample& sample)
+{
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (running_ && scale_ && now_.state.stamp_ns - rebased_ns_ > UNCORRECTED_NS &&
+      std::abs(now_.state.stamp_ns - sample.stamp_ns) <= SAME_TIME_NS)
+  {
+    correctByWheels(sample, wheels_, *scale_, now_.state.v, now_.w_body, now_.state.q, &now_.state, &now_.covariance,
+                    nullptr);
+  }
 }
 
 void ImuPropagator::advance(const ImuSample& from, const ImuSample& to, PropagatedState* now) const

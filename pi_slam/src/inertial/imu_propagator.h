@@ -2,6 +2,7 @@
 
 #include <pi_slam/imu_sample.h>
 #include "inertial/nav_state.h"
+#include "inertial/wheels.h"
 
 #include <cstdint>
 #include <deque>
@@ -41,6 +42,11 @@ public:
   /// @return false if refused.
   bool rebase(const NavState& state, const Matrix15d& covariance);
 
+  /// Without a corrected state for a quarter of a second, the wheels keep the speed. Any thread.
+  void addWheels(const WheelSample& sample);
+  /// @param scale  nullopt: the wheels are not to be used, as at first.
+  void setWheels(const WheelOptions& options, const std::optional<WheelScale>& scale);
+
   /// No more poses until the next rebase(). Samples are kept.
   void reset();
 
@@ -54,6 +60,9 @@ private:
   const double longest_interval_s_;
   mutable std::mutex mutex_;
   std::deque<ImuSample> samples_;
+  WheelOptions wheels_;
+  std::optional<WheelScale> scale_;
+  int64_t rebased_ns_ = 0;
   bool running_ = false;
   PropagatedState now_;
 };

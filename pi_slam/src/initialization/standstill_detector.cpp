@@ -14,6 +14,7 @@ namespace
 constexpr double LONG_WINDOWS = 4.0;      ///< of the second comparison
 constexpr double LONG_FLOW_FACTOR = 2.0;  ///< tracking drifts with the root of time
 constexpr double LEAVING_FACTOR = 1.5;    ///< of all bounds, for what stands still already
+constexpr double MOVES_FACTOR = 3.0;      ///< of max_flow_px: what is motion for sure, if it is the picture's
 constexpr int PARTS = 8;                  ///< of the window
 constexpr size_t MIN_FEATURES = 10;
 constexpr double LONGEST_PAUSE_S = 1.0;
@@ -63,10 +64,12 @@ void StandstillDetector::reset()
   pairs_.clear();
   still_ = false;
   crept_ = false;
+  picture_moves_since_ns_ = 0;
   flow_px_ = -1.0;
 }
 
-bool StandstillDetector::update(const FrameFeatures& features, const ImuBuffer& imu, const ImuBias& bias)
+bool StandstillDetector::update(const FrameFeatures& features, const ImuBuffer& imu, const ImuBias& bias,
+                                std::optional<bool> at_rest)
 {
   if (!options_.enabled)
   {
@@ -83,14 +86,24 @@ bool StandstillDetector::update(const FrameFeatures& features, const ImuBuffer& 
   const FrameFeatures* reference = pairBefore(stamp_ns - std::llround(1e9 * options_.window_s));
   flow_px_ = reference != nullptr ? flowSince(*reference, features) : -1.0;
   bool calm = flow_px_ >= 0.0 && flow_px_ <= slack * options_.max_flow_px && imuIsCalm(stamp_ns, imu, bias, slack);
+  if (at_rest)
+  {
+    const bool moves = flow_px_ > MOVES_FACTOR * options_.max_flow_px;
+    calm = *at_rest && reference != nullptr && imuIsCalm(stamp_ns, imu, bias, slack);
+    picture_moves_since_ns_ = !calm || !moves ? 0 : picture_moves_since_ns_ == 0 ? stamp_ns : picture_moves_since_ns_;
+  }
   const bool calm_now = calm;
   const FrameFeatures* earlier = pairBefore(stamp_ns - std::llround(1e9 * (LONG_WINDOWS * options_.window_s)));
-  if (calm && earlier != nullptr && (!still_ || earlier->stamp_ns >= since_ns_))
+  if (calm && !at_rest && earlier != nullptr && (!still_ || earlier->stamp_ns >= since_ns_))
   {
     // Features that are no longer seen do not count.
     calm = flowSince(*earlier, features) <= slack * LONG_FLOW_FACTOR * options_.max_flow_px;
   }
-  if (calm && still_)
+  if (calm && still_ && at_rest)
+  {
+    first_ = features;  // the way counts from here on should the wheels cease to tell
+  }
+  else if (calm && still_)
   {
     const std::optional<double> way_m = wayBetween(first_, features);
     calm = !way_m || *way_m <= CREPT_M;
@@ -101,11 +114,11 @@ bool StandstillDetector::update(const FrameFeatures& features, const ImuBuffer& 
   }
   else if (calm)
   {
-    calm = earlier == nullptr || wayBetween(*earlier, features).value_or(0.0) <= CREEPING_M;
+    calm = at_rest || earlier == nullptr || wayBetween(*earlier, features).value_or(0.0) <= CREEPING_M;
     since_ns_ = reference->stamp_ns;
     first_ = features;
   }
-  crept_ = still_ && calm_now && !calm;
+  crept_ = still_ && calm_now && !calm && !at_rest;
   still_ = calm;
 
   if (pairs_.empty() || stamp_ns - pairs_.back().stamp_ns >= std::llround(1e9 * (options_.window_s / PARTS)))

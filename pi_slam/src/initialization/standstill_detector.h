@@ -39,6 +39,9 @@ struct StandstillOptions
 /// Creeping passes all that. So what both cameras see also gives the way since the pair at which the rest began, and,
 /// before it may begin, since four windows ago: more than CREPT_M and CREEPING_M is no rest.
 ///
+/// Where wheels tell, they decide together with the IMU: people who fill the picture are no motion then, and a creep is
+/// one at once.
+///
 /// Not thread safe.
 class StandstillDetector
 {
@@ -53,14 +56,19 @@ public:
 
   /// @param features  of each pair, in order of time; another order, or a second without pairs, starts again.
   /// @param imu       covers the window before the pair; if not, the answer is no.
+  /// @param at_rest   by the wheels over the window; nullopt: they do not tell. Then the pictures decide as without.
   /// @return true if the body has stood still over the window that ends at the stamp of `features`.
-  bool update(const FrameFeatures& features, const ImuBuffer& imu, const ImuBias& bias);
+  bool update(const FrameFeatures& features, const ImuBuffer& imu, const ImuBias& bias,
+              std::optional<bool> at_rest = std::nullopt);
 
   /// Since when, if the last update() returned true [ns].
   int64_t sinceNs() const { return since_ns_; }
 
   /// Median distance that features went within the window at the last update() [px]; negative: not known.
   double flowPx() const { return flow_px_; }
+
+  /// Since when wheels and IMU have said rest, and pictures motion, at the last update() [ns]; 0: they agree.
+  int64_t pictureMovesSinceNs() const { return picture_moves_since_ns_; }
 
   /// Whether the last update() ended a rest of which the last window knows nothing: the body has moved for longer.
   bool crept() const { return crept_; }
@@ -84,6 +92,7 @@ private:
   std::vector<uint8_t> consistent_;
   int64_t last_ns_ = 0;
   int64_t since_ns_ = 0;
+  int64_t picture_moves_since_ns_ = 0;
   double flow_px_ = -1.0;
   bool still_ = false;
   bool crept_ = false;

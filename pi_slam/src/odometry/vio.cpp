@@ -17,7 +17,8 @@ using pi_node::seconds;
 using pi_node::secondsSince;
 
 constexpr double LONGEST_GAP_S = 0.2;  ///< of the IMU, after which there is no pose before pictures have corrected it
-constexpr double IMU_KEPT_S = 12.0;    ///< of samples, for the initialiser and long gaps
+constexpr double WHEELS_KEPT_S = 6.0;
+constexpr double IMU_KEPT_S = 12.0;  ///< of samples, for the initialiser and long gaps
 
 }  // namespace
 
@@ -69,7 +70,16 @@ std::optional<PropagatedState> Vio::Impl::addImu(ImuSample sample)
   return result;
 }
 
-/// Forgets everything but the samples of the IMU.
+void Vio::Impl::addWheels(const WheelSample& sample)
+{
+  {
+    const std::lock_guard<std::mutex> lock(inbox_mutex);
+    wheel_inbox.push_back(sample);
+  }
+  propagator.addWheels(sample);
+}
+
+/// Forgets everything but the samples of IMU and wheels.
 void Vio::Impl::clearEstimate()
 {
   window.clear();
@@ -80,6 +90,8 @@ void Vio::Impl::clearEstimate()
   strikes.clear();
   odds_since_ns = 0;
   since_keyframe = ImuPreintegration(options.imu, ImuBias());
+  wheels_since_keyframe = WheelWay();
+  wheel_monitor.skip();
 }
 
 void Vio::Impl::takeInbox()
@@ -88,6 +100,12 @@ void Vio::Impl::takeInbox()
   {
     const std::lock_guard<std::mutex> lock(inbox_mutex);
     std::swap(taken, inbox);
+    taken_wheels.clear();
+    std::swap(taken_wheels, wheel_inbox);
+  }
+  for (const WheelSample& sample : taken_wheels)
+  {
+    wheels.add(sample);
   }
   for (const ImuSample& sample : taken)
   {
@@ -148,6 +166,7 @@ FrameReport Vio::Impl::addPair(int64_t stamp_ns, const cv::Mat& left, const cv::
   }
   report.status = status;
   imu.forgetBefore(stamp_ns - std::llround(1e9 * IMU_KEPT_S));
+  wheels.forgetBefore(stamp_ns - std::llround(1e9 * WHEELS_KEPT_S));
   publish();
   report.total_ms = 1e3 * secondsSince(begin);
   budget.update(1e-3 * report.total_ms);
@@ -165,6 +184,12 @@ void Vio::Impl::bridgeImu(int64_t stamp_ns)
   sample.w = last_rate + state.bias.gyro;
   sample.f = last_rate.cross(R_body_odom * state.v) + R_body_odom * Eigen::Vector3d(0.0, 0.0, options.imu.gravity) +
              state.bias.accel;
+  if (const std::optional<WheelSample> turn = wheels.mean(last_pair_ns, stamp_ns);
+      turn && wheel_monitor.fault().empty())
+  {
+    const Eigen::Vector3d up = options.wheels.T_body_wheels.linear().col(2);
+    sample.w += (turn->yaw_rate - up.dot(last_rate)) * up;
+  }
   sample.saturated = true;
   imu.add(sample);
 }
@@ -277,6 +302,8 @@ void Vio::Impl::publish()
     state.state = filter.state();
     state.covariance = filter.covariance() + common_covariance + displacedCovariance(state.state);
     propagator.rebase(state.state, state.covariance);
+    propagator.setWheels(options.wheels,
+                         wheel_monitor.fault().empty() ? std::optional(wheel_monitor.scale()) : std::nullopt);
   }
   const std::lock_guard<std::mutex> lock(output_mutex);
   if (running)
@@ -297,6 +324,11 @@ Vio::~Vio() = default;
 std::optional<PropagatedState> Vio::addImu(const ImuSample& sample)
 {
   return impl_->addImu(sample);
+}
+
+void Vio::addWheels(const WheelSample& sample)
+{
+  impl_->addWheels(sample);
 }
 
 bool Vio::imuCovers(int64_t stamp_ns) const

@@ -6,6 +6,7 @@
 #include "front_end/stereo_tracker.h"
 #include "inertial/imu_propagator.h"
 #include "inertial/nav_state.h"
+#include "inertial/wheels.h"
 #include "initialization/initializer.h"
 #include "initialization/standstill_detector.h"
 #include "map/map_frame.h"
@@ -34,6 +35,7 @@ struct VioOptions
   InitializerOptions initializer;
   StandstillOptions standstill;
   WindowOptions window;
+  WheelOptions wheels;
 
   double frame_budget_s = 0.020;       ///< longest time for one pair; above it features and iterations are reduced.
                                        ///< 0: no bound, and so the same result on every machine; in [0, 1]
@@ -53,10 +55,20 @@ enum class VioStatus
   INITIALIZING,  ///< no pose yet
   TRACKING,
   STANDSTILL,  ///< known not to move: the pose is held
-  BLIND,       ///< pictures give nothing (dark, covered, missing, at odds with the IMU): IMU only
+  BLIND,       ///< pictures give nothing (dark, covered, missing, at odds with the IMU): IMU, and wheels, only
   LOST,        ///< given up; begins anew from the last pose as soon as pictures and IMU allow
 };
 const char* toString(VioStatus status);
+
+/// What the wheels are worth.
+struct WheelReport
+{
+  bool known = false;     ///< there are samples
+  bool used = false;      ///< for this pair
+  bool slipping = false;  ///< at odds with IMU and pictures, not used
+  uint64_t slips = 0;     ///< stretches of that so far
+  WheelScale scale;
+};
 
 /// The result of one pair.
 struct FrameReport
@@ -68,6 +80,7 @@ struct FrameReport
   bool reset = false;   ///< the estimate was given up or began anew with this pair
   std::string message;  ///< a warning: object, value, way out; empty if there is none
   TrackerReport tracker;
+  WheelReport wheels;
   int features = 0;      ///< seen
   int inliers = 0;       ///< that agreed with the state
   int landmarks = 0;     ///< in the window
@@ -101,6 +114,9 @@ public:
   /// Never waits for pictures. Samples must come in order of time; imuMessage() tells their faults.
   /// @return the pose at the sample's stamp; nullopt before the start.
   std::optional<PropagatedState> addImu(const ImuSample& sample);
+
+  /// Samples of the wheels, in order of time; from any one thread. Without any, odometry is that of pictures and IMU.
+  void addWheels(const WheelSample& sample);
 
   /// True if the IMU's samples reach over the stamp of a pair, so that addPair() can use it.
   bool imuCovers(int64_t stamp_ns) const;

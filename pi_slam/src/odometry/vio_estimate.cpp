@@ -2,6 +2,7 @@
 
 #include <pi_node/durations.h>
 #include <pi_node/formatting.h>
+#include <pi_slam/so3.h>
 
 #include <algorithm>
 #include <chrono>
@@ -30,6 +31,11 @@ constexpr int START_ITERATIONS = 20;
 /// A window full of keyframes from one place loses the landmarks' distances: while the body creeps they are rarer.
 constexpr double SLOW_PARALLAX_PX = 2.0;
 constexpr double SLOW_INTERVALS = 16.0;  ///< of keyframe_max_interval_s
+constexpr double WHEEL_STEP_S = 0.1;     ///< of the integration where wheels correct, while pictures are missing
+constexpr double BY_WHEELS_S = 2.0;      ///< that the wheels may be silent or slip before what pictures miss counts
+constexpr double STOPPED_MPS = 0.1;      ///< faster, as estimated, and wheels that stand are not believed
+constexpr double SLIP_S = 0.15;          ///< of disagreement that is worth a message
+constexpr double PICTURE_MOVES_S = 2.0;  ///< at rest, likewise
 constexpr double UNKNOWN_SPEED = 1.0;    ///< that a vehicle may have gained while there was no estimate [m/s]
 /// A rest ends with a pair from before the body moved, 1 to 2 windows of the detector old: what it sees in a window. A
 /// body that creeps is noticed later: 3 to 4.
@@ -155,26 +161,37 @@ void Vio::Impl::track(const ImuPreintegration& since_pair, FrameReport* report)
 {
   const auto begin = std::chrono::steady_clock::now();
   const int64_t stamp_ns = features.stamp_ns;
-  const bool still = standstill.update(features, imu, filter.state().bias);
+  report->wheels.known = !wheels.empty();
+  report->wheels.scale = wheel_monitor.scale();
+  report->wheels.slips = slips;
+  const bool still = standstill.update(features, imu, filter.state().bias, wheelsAtRest(stamp_ns));
   if (status == VioStatus::STANDSTILL && !still && !leaveStandstill(report))
   {
     return;
   }
   const bool standing = status == VioStatus::STANDSTILL;
-  filter.predict(since_pair);
-  if (!standing)
+  if (standing)
   {
-    if (since_keyframe.empty())
-    {
-      since_keyframe = ImuPreintegration(options.imu, filter.state().bias);
-    }
-    since_keyframe.append(since_pair);
+    filter.predict(since_pair);
+  }
+  else
+  {
+    predict(since_pair, report);
   }
 
   const std::vector<LandmarkView> views = viewsOfKnown();
   if (standing)
   {
     keepStill();
+    wheel_monitor.skip();
+    if (const int64_t since_ns = standstill.pictureMovesSinceNs();
+        since_ns != 0 && seconds(stamp_ns - since_ns) > PICTURE_MOVES_S && report->message.empty())
+    {
+      report->message = format(
+          "pictures move by %.1f px in %.1f s while wheels and IMU stand: the pose is held; something large passes, or "
+          "the vehicle is carried or rolls with its wheels locked",
+          standstill.flowPx(), options.standstill.window_s);
+    }
     last_corrected_ns = stamp_ns;
     report->inliers = static_cast<int>(views.size());
     report->filter_ms = 1e3 * secondsSince(begin);
@@ -191,9 +208,12 @@ void Vio::Impl::track(const ImuPreintegration& since_pair, FrameReport* report)
     odds_since_ns = 0;
     status = VioStatus::TRACKING;
     noteOutliers(filtered);
+    const Eigen::Vector3d up = options.wheels.T_body_wheels.linear().col(2);
+    wheel_monitor.add(filter.state(), wheels_since_pair, wheel_turn, up.dot(logSo3(since_pair.deltaR())));
   }
   else
   {
+    wheel_monitor.skip();
     noteMissingCorrection(filtered, views.size(), report);
     if (status == VioStatus::LOST || status == VioStatus::INITIALIZING)
     {
@@ -220,6 +240,117 @@ void Vio::Impl::track(const ImuPreintegration& since_pair, FrameReport* report)
   }
 }
 
+/// Over a pair's interval by IMU, corrected by the wheels where there are some.
+void Vio::Impl::predict(const ImuPreintegration& since_pair, FrameReport* report)
+{
+  if (since_keyframe.empty())
+  {
+    since_keyframe = ImuPreintegration(options.imu, filter.state().bias);
+    wheels_since_keyframe = WheelWay();
+  }
+  wheels_since_pair = WheelWay();
+  wheel_turn = 0.0;
+  pair_q = filter.state().q;
+  if (wheels.empty() || since_pair.duration() <= 1.5 * WHEEL_STEP_S)
+  {
+    predictByWheels(since_pair, report);
+  }
+  else
+  {
+    const int64_t step_ns = std::llround(1e9 * WHEEL_STEP_S);
+    for (int64_t from_ns = since_pair.startNs(); from_ns < since_pair.endNs();)
+    {
+      const int64_t rest_ns = since_pair.endNs() - from_ns;
+      const int64_t to_ns = rest_ns < 2 * step_ns ? since_pair.endNs() : from_ns + step_ns;
+      predictByWheels(imu.integrate(from_ns, to_ns, filter.state().bias, nullptr), report);
+      from_ns = to_ns;
+    }
+  }
+  since_keyframe.append(since_pair);
+  report->wheels.slips = slips;
+  if (!wheel_monitor.fault().empty() && report->message.empty())
+  {
+    report->message = wheel_monitor.fault();
+  }
+}
+
+void Vio::Impl::predictByWheels(const ImuPreintegration& part, FrameReport* report)
+{
+  const NavState before = filter.state();
+  filter.predict(part);
+  const std::optional<WheelSample> mean = wheels.mean(part.startNs(), part.endNs());
+  const WheelOptions& options_of = options.wheels;
+  WheelWay way;
+  way.duration = part.duration();
+  way.valid = mean.has_value();
+  if (mean)
+  {
+    const Eigen::Vector3d said = options_of.T_body_wheels.linear() * Eigen::Vector3d(mean->v.x(), mean->v.y(), 0.0);
+    way.moved = way.duration * (expSo3(0.5 * logSo3(part.deltaR())) * said);
+    way.length = way.moved.norm();
+    wheels_since_pair.append(way, (pair_q.conjugate() * before.q).toRotationMatrix());
+    wheel_turn += way.duration * mean->yaw_rate;
+  }
+  else
+  {
+    wheels_since_pair.valid = false;
+  }
+  if (mean && wheel_monitor.fault().empty())
+  {
+    double residual = 0.0;
+    report->wheels.used =
+        filter.update(*mean, options_of, wheel_monitor.scale(), before, &residual) == WheelVerdict::USED;
+    noteSlip(part, *mean, residual, report);
+  }
+  way.valid = report->wheels.used;
+  wheels_since_keyframe.append(way, (keyframe_q.conjugate() * before.q).toRotationMatrix());
+}
+
+/// Wheels at odds with IMU and pictures for longer than an encoder's step: they slip, or slide.
+void Vio::Impl::noteSlip(const ImuPreintegration& part, const WheelSample& mean, double residual, FrameReport* report)
+{
+  if (report->wheels.used)
+  {
+    by_wheels_ns = part.endNs();
+    slipping_since_ns = 0;
+    return;
+  }
+  slipping_since_ns = slipping_since_ns == 0 ? part.startNs() : slipping_since_ns;
+  const double slipping_s = seconds(part.endNs() - slipping_since_ns);
+  report->wheels.slipping = slipping_s >= SLIP_S;
+  slips += report->wheels.slipping && slipping_s - part.duration() < SLIP_S ? 1 : 0;
+  if (report->wheels.slipping && report->message.empty())
+  {
+    const double said = wheel_monitor.scale().value * mean.v.x();
+    report->message = format(
+        "wheels: they say %.2f m/s where IMU and pictures say %.2f: slip or skid for %.1f s, the wheels are not used",
+        said, said - residual, slipping_s);
+  }
+}
+
+/// Over the detector's window; nullopt: they do not tell, or tell of a rest while the vehicle is known to move.
+std::optional<bool> Vio::Impl::wheelsAtRest(int64_t stamp_ns) const
+{
+  if (wheels.empty() || !wheel_monitor.fault().empty())
+  {
+    return std::nullopt;
+  }
+  const std::optional<bool> rest = wheels.atRest(stamp_ns - std::llround(1e9 * options.standstill.window_s), stamp_ns);
+  return rest.value_or(false) && status != VioStatus::STANDSTILL && filter.state().v.norm() > STOPPED_MPS ? std::nullopt
+                                                                                                          : rest;
+}
+
+/// Their way since the last keyframe, if it is known over all of since_keyframe.
+std::optional<estimator::WheelTie> Vio::Impl::wheelTie() const
+{
+  const WheelWay& way = wheels_since_keyframe;
+  if (!way.valid || std::abs(way.duration - since_keyframe.duration()) > 1e-3)
+  {
+    return std::nullopt;
+  }
+  return estimator::WheelTie(way, options.wheels, wheel_monitor.scale());
+}
+
 /// The filter found too few views that agree: by IMU only, and after a while the estimate is given up.
 void Vio::Impl::noteMissingCorrection(const FilterReport& filtered, size_t views, FrameReport* report)
 {
@@ -240,8 +371,9 @@ void Vio::Impl::noteMissingCorrection(const FilterReport& filtered, size_t views
                         "pictures and IMU are at odds for %.2f s (%.0f of %.0f views agree): check that their stamps "
                         "are of one clock, and the calibration",
                         seconds(stamp_ns - odds_since_ns), filtered.used, views)
-                  : format("%.0f known landmarks in view, need %.0f: by IMU only for %.2f s", views, MIN_VIEWS,
-                           uncorrected_s);
+                  : format(report->wheels.used ? "%.0f known landmarks in view, need %.0f: by IMU and wheels for %.2f s"
+                                               : "%.0f known landmarks in view, need %.0f: by IMU only for %.2f s",
+                           views, MIN_VIEWS, uncorrected_s);
     }
   }
   if (at_odds && seconds(stamp_ns - odds_since_ns) > MAX_ODDS_S)
@@ -250,7 +382,7 @@ void Vio::Impl::noteMissingCorrection(const FilterReport& filtered, size_t views
     tracker.reset();
     odds_since_ns = 0;
   }
-  if (uncorrected_s > options.max_blind_s)
+  if (uncorrected_s > options.max_blind_s && seconds(stamp_ns - by_wheels_ns) > BY_WHEELS_S)
   {
     giveUp(format("no pictures that help for %.1f s", uncorrected_s), report);
   }
@@ -313,8 +445,9 @@ bool Vio::Impl::leaveStandstill(FrameReport* report)
   }
   if (last.stamp_ns > keyframe_ns)
   {
-    since_keyframe = imu.integrate(keyframe_ns, last.stamp_ns, filter.state().bias, nullptr);
-    filter.predict(since_keyframe);
+    since_keyframe = ImuPreintegration(options.imu, filter.state().bias);
+    wheels_since_keyframe = WheelWay();
+    predict(imu.integrate(keyframe_ns, last.stamp_ns, filter.state().bias, nullptr), report);
   }
   const std::string wrong = failure(*report);
   if (!wrong.empty())
@@ -426,8 +559,9 @@ bool Vio::Impl::keyframeDue(const FrameReport& report, size_t views) const
   }
   if (report.inliers == 0)
   {
-    // Without a correction only new landmarks help, and only if there are some.
-    return views < 2 * MIN_VIEWS && report.tracker.stereo >= MIN_NEW_LANDMARKS;
+    // Without a correction only new landmarks help, if there are some, and the way of the wheels.
+    return views < 2 * MIN_VIEWS && (report.tracker.stereo >= MIN_NEW_LANDMARKS ||
+                                     (report.wheels.used && since_s >= options.keyframe_max_interval_s));
   }
   double tracked_ratio = 0.0;
   const double parallax_px = parallaxSinceKeyframe(&tracked_ratio);
@@ -438,7 +572,7 @@ bool Vio::Impl::keyframeDue(const FrameReport& report, size_t views) const
 
 void Vio::Impl::addKeyframe(FrameReport* report)
 {
-  window.addKeyframe(filter.state(), features, since_keyframe, false);
+  window.addKeyframe(filter.state(), features, since_keyframe, false, wheelTie());
   report->keyframe = true;
   optimize(budget.iterations(options.window.max_iterations), report);
   rememberKeyframe();
@@ -473,6 +607,7 @@ void Vio::Impl::rememberKeyframe()
   keyframe_ns = window.empty() ? features.stamp_ns : window.newest().stamp_ns;
   keyframe_q = filter.state().q;
   since_keyframe = ImuPreintegration(options.imu, filter.state().bias);
+  wheels_since_keyframe = WheelWay();
   keyframe_features.clear();
   for (const FeatureObservation& feature : features.features)
   {

@@ -19,6 +19,7 @@
 #include "estimator/window_estimator.h"
 #include "front_end/frame_filter.h"
 #include "inertial/imu_preintegration.h"
+#include "inertial/wheels.h"
 #include "odometry/vio.h"
 
 namespace pi_slam
@@ -43,6 +44,7 @@ struct Vio::Impl
     , propagator(options.imu)
     , imu(options.imu)
     , inbox_check(options.imu)
+    , wheel_monitor(options.wheels)
     , since_keyframe(options.imu, ImuBias())
     , budget(options.frame_budget_s)
   {
@@ -53,6 +55,7 @@ struct Vio::Impl
 
   // The thread of the pictures.
   FrameReport addPair(int64_t stamp_ns, const cv::Mat& left, const cv::Mat& right);
+  void addWheels(const WheelSample& sample);
   void clearEstimate();
   void takeInbox();
   std::string whyUnusable(int64_t stamp_ns, bool running) const;
@@ -65,6 +68,11 @@ struct Vio::Impl
   void displaceOdom(const NavState& now);
   Matrix15d displacedCovariance(const NavState& state) const;
   void track(const ImuPreintegration& since_pair, FrameReport* report);
+  void predict(const ImuPreintegration& since_pair, FrameReport* report);
+  void predictByWheels(const ImuPreintegration& part, FrameReport* report);
+  void noteSlip(const ImuPreintegration& part, const WheelSample& mean, double residual, FrameReport* report);
+  std::optional<bool> wheelsAtRest(int64_t stamp_ns) const;
+  std::optional<estimator::WheelTie> wheelTie() const;
   void noteMissingCorrection(const FilterReport& filtered, size_t views, FrameReport* report);
   void enterStandstill();
   void keepStill();
@@ -97,6 +105,7 @@ struct Vio::Impl
   // Between the threads.
   std::mutex inbox_mutex;
   std::vector<ImuSample> inbox;
+  std::vector<WheelSample> wheel_inbox;
   std::string imu_message;
   std::atomic<int64_t> newest_imu_ns{INT64_MIN};
 
@@ -110,6 +119,16 @@ struct Vio::Impl
   ImuBuffer imu;
   ImuBuffer inbox_check;  ///< of the IMU's thread: finds gaps and disorder, holds two samples
   std::vector<ImuSample> taken;
+  std::vector<WheelSample> taken_wheels;
+  WheelBuffer wheels;
+  WheelMonitor wheel_monitor;
+  WheelWay wheels_since_pair;
+  double wheel_turn = 0.0;  ///< likewise [rad]
+  Eigen::Quaterniond pair_q = Eigen::Quaterniond::Identity();
+  WheelWay wheels_since_keyframe;  ///< with since_keyframe
+  int64_t by_wheels_ns = 0;        ///< they last corrected the state
+  int64_t slipping_since_ns = 0;   ///< 0: they do not
+  uint64_t slips = 0;
   VioStatus status = VioStatus::INITIALIZING;
   int64_t last_pair_ns = INT64_MIN;
   Eigen::Vector3d last_rate = Eigen::Vector3d::Zero();  ///< of the body between the last two pairs, estimated [rad/s]

@@ -13,6 +13,7 @@ void VioOptions::validate() const
   initializer.validate();
   standstill.validate();
   window.validate();
+  wheels.validate();
   const pi_node::OptionCheck check("vio");
   check.range("frame_budget_s", frame_budget_s, 0.0, 1.0);
   check.range("keyframe_parallax_px", keyframe_parallax_px, 1.0, 200.0);

@@ -157,6 +157,7 @@ std::vector<OptionField> optionFields(VioOptions* vio, MapperOptions* mapper)
   InitializerOptions& initializer = vio->initializer;
   StandstillOptions& standstill = vio->standstill;
   WindowOptions& window = vio->window;
+  WheelOptions& wheels = vio->wheels;
   return {
       {"imu/rate_hz", &imu.rate_hz},
       {"imu/gyro_noise_density", &imu.gyro_noise_density},
@@ -203,6 +204,12 @@ std::vector<OptionField> optionFields(VioOptions* vio, MapperOptions* mapper)
       {"window/pixel_noise", &window.pixel_noise},
       {"window/huber_px", &window.huber_px},
       {"window/max_error_px", &window.max_error_px},
+
+      {"wheels/scale_deviation", &wheels.scale_deviation},
+      {"wheels/speed_noise", &wheels.speed_noise},
+      {"wheels/speed_noise_ratio", &wheels.speed_noise_ratio},
+      {"wheels/side_noise", &wheels.side_noise},
+      {"wheels/up_noise", &wheels.up_noise},
 
       {"vio/frame_budget_s", &vio->frame_budget_s},
       {"vio/keyframe_parallax_px", &vio->keyframe_parallax_px},

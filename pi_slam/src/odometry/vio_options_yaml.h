@@ -25,8 +25,8 @@ struct OptionField
   std::variant<bool*, int*, size_t*, double*> value;
 };
 
-/// Every option of odometry (imu/, tracker/, initializer/, standstill/, window/, vio/ for VioOptions' own) and of the
-/// map (map/).
+/// Every option of odometry (imu/, tracker/, initializer/, standstill/, window/, wheels/, vio/ for VioOptions' own) and
+/// of the map (map/).
 /// @param vio,mapper  what the fields point into.
 std::vector<OptionField> optionFields(VioOptions* vio, MapperOptions* mapper);
 

@@ -127,6 +127,11 @@ ImuSample fromMsg(const sensor_msgs::Imu& imu)
   return sample;
 }
 
+WheelSample toWheelSample(const ros::Time& stamp, const geometry_msgs::Twist& twist)
+{
+  return {fromMsg(stamp), {twist.linear.x, twist.linear.y}, twist.angular.z};
+}
+
 cv::Mat fromMsg(const sensor_msgs::ImageConstPtr& image)
 {
   return greyLevels(image);

@@ -3,6 +3,7 @@
 #include <geometry_msgs/Pose.h>
 #include <geometry_msgs/PoseWithCovarianceStamped.h>
 #include <geometry_msgs/TransformStamped.h>
+#include <geometry_msgs/Twist.h>
 #include <nav_msgs/OccupancyGrid.h>
 #include <nav_msgs/Odometry.h>
 #include <pi_node/ros/time.h>
@@ -14,6 +15,7 @@
 #include <sensor_msgs/Imu.h>
 #include <sensor_msgs/PointCloud2.h>
 #include "inertial/imu_propagator.h"
+#include "inertial/wheels.h"
 #include "map/mapper.h"
 
 #include <Eigen/Geometry>
@@ -31,6 +33,9 @@ using pi_node::toTime;
 /// @throws std::invalid_argument for a message without angular velocity or acceleration (first element
 ///         of the covariance is -1).
 ImuSample fromMsg(const sensor_msgs::Imu& imu);
+
+/// Speed and yaw rate of a base, in its own frame.
+WheelSample toWheelSample(const ros::Time& stamp, const geometry_msgs::Twist& twist);
 
 /// The picture in grey levels, CV_8UC1. mono8 and 8UC1 stay where they are: the result shares the message's buffer and
 /// keeps the message alive, and must not be written to. bgr8, rgb8, bgra8, rgba8, mono16, bayer_* and YUV are

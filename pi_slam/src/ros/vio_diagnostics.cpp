@@ -129,6 +129,12 @@ void VioDiagnostics::reportOdometry(Status& status)
     status.add("window [ms]", format("%.2f", frame_->window_ms));
     status.add("features", frame_->features);
     status.add("inliers", frame_->inliers);
+    if (const WheelReport& wheels = frame_->wheels; wheels.known)
+    {
+      status.add("wheels", wheels.used ? "used" : wheels.slipping ? "slip, not used" : "not used");
+      status.add("scale of the wheels", format("%.4f +- %.4f", wheels.scale.value, wheels.scale.deviation));
+      status.add("slips of the wheels", wheels.slips);
+    }
     status.add("features in stereo", frame_->tracker.stereo);
     status.add("landmarks", frame_->landmarks);
     status.add("reduced to keep up", frame_->reduced ? "yes" : "no");

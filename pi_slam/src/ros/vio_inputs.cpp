@@ -1,5 +1,7 @@
 #include "ros/vio_inputs.h"
 
+#include <geometry_msgs/TwistStamped.h>
+#include <nav_msgs/Odometry.h>
 #include <pi_node/durations.h>
 #include <pi_node/formatting.h>
 
@@ -52,6 +54,12 @@ VioInputs::VioInputs(const VioRosOptions& options, ros::NodeHandle imu_node, ros
   }
   subscribers_.push_back(
       imu_node.subscribe("imu/data", static_cast<uint32_t>(options.imu_queue_size), &VioInputs::onImu, this, hints));
+  if (!options.wheel_topic.empty())
+  {
+    topics->wheels.topic = imu_node.resolveName(options.wheel_topic);
+    subscribers_.push_back(imu_node.subscribe(options.wheel_topic, static_cast<uint32_t>(options.imu_queue_size),
+                                              &VioInputs::onWheels, this, hints));
+  }
   for (const int camera : {LEFT, RIGHT})
   {
     const std::string side = camera == LEFT ? "left" : "right";
@@ -111,6 +119,47 @@ void VioInputs::onImu(const sensor_msgs::ImuConstPtr& message)
     diagnostics_.addImu(1e3 * pi_node::secondsSince(begin));
   }
   outputs_.imuWorkedOff(sample.stamp_ns);
+}
+
+void VioInputs::onWheels(const topic_tools::ShapeShifter::ConstPtr& message)
+{
+  topics_.wheels.note();
+  const std::string& topic = topics_.wheels.topic;
+  const std::string& type = message->getDataType();
+  WheelSample sample;
+  std::string frame;
+  if (type == "nav_msgs/Odometry")
+  {
+    const nav_msgs::OdometryConstPtr odometry = message->instantiate<nav_msgs::Odometry>();
+    sample = toWheelSample(odometry->header.stamp, odometry->twist.twist);
+    frame = odometry->child_frame_id;
+  }
+  else if (type == "geometry_msgs/TwistStamped")
+  {
+    const geometry_msgs::TwistStampedConstPtr twist = message->instantiate<geometry_msgs::TwistStamped>();
+    sample = toWheelSample(twist->header.stamp, twist->twist);
+    frame = twist->header.frame_id;
+  }
+  else
+  {
+    warnings_.error(topic + ": is " + type +
+                    ", must be nav_msgs/Odometry or geometry_msgs/TwistStamped; set wheel_topic, or leave it empty");
+    return;
+  }
+  if (sample.stamp_ns == 0 || !sample.isFinite())
+  {
+    warnings_.error(topic + ": " + (sample.stamp_ns == 0 ? "stamp is 0" : "a number is not finite") +
+                    ", sample ignored; check the chassis driver");
+  }
+  else if (!frame.empty() && frame != options_.base_link_frame)
+  {
+    warnings_.error(topic + ": its twist is of the frame " + frame + ", must be of base_link_frame = " +
+                    options_.base_link_frame + ", the wheels are not used; set the frame in the chassis driver");
+  }
+  else if (const VioPipeline::Ptr pipeline = session_.pipeline())
+  {
+    pipeline->vio->addWheels(sample);
+  }
 }
 
 void VioInputs::watchImuTime(int64_t stamp_ns)

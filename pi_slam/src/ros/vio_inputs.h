@@ -5,6 +5,7 @@
 #include <ros/ros.h>
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/Imu.h>
+#include <topic_tools/shape_shifter.h>
 
 #include <cstdint>
 #include <vector>
@@ -17,8 +18,8 @@
 namespace pi_slam
 {
 
-/// Subscribes to IMU, pictures and camera_info, checks their stamps and hands them on. A message with a fault is
-/// logged and not used. Odometry restarts when time goes back.
+/// Subscribes to IMU, wheels, pictures and camera_info, checks their stamps and hands them on. A message with a fault
+/// is logged and not used. Odometry restarts when time goes back.
 class VioInputs
 {
 public:
@@ -29,6 +30,7 @@ public:
 
 private:
   void onImu(const sensor_msgs::ImuConstPtr& message);
+  void onWheels(const topic_tools::ShapeShifter::ConstPtr& message);
   /// Notes the stamp; odometry restarts if it goes back.
   void watchImuTime(int64_t stamp_ns);
   void onImage(int camera, const pi_os_transport::zero_copy::ImageHandle& message);

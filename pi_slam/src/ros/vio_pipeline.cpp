@@ -12,6 +12,7 @@ VioPipeline::Ptr VioPipeline::make(const VioRosOptions& options, const RuntimePt
   pipeline->cameras = calibration.cameras;
   pipeline->vio_options = options.vio;
   pipeline->vio_options.imu = calibration.imu;
+  pipeline->vio_options.wheels.T_body_wheels = T_base_body.inverse();
   if (pi_node::isTimeSimulated())
   {
     // The simulator waits for the pairs: how long one takes on this computer must not change the estimate.

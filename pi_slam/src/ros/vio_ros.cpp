@@ -93,10 +93,11 @@ VioRos::~VioRos()
 
 void VioRos::watchInputs()
 {
-  for (const pi_node::InputTopic* input : {&topics_.imu, &topics_.pictures[LEFT], &topics_.pictures[RIGHT]})
+  for (const pi_node::InputTopic* input :
+       {&topics_.imu, &topics_.pictures[LEFT], &topics_.pictures[RIGHT], &topics_.wheels})
   {
     const double silent_s = input->silentSeconds();
-    if (silent_s > options_.input_timeout_s)
+    if (!input->topic.empty() && silent_s > options_.input_timeout_s)
     {
       warnings_.warn(input->topic + ": nothing for " + pi_node::format("%.1f", silent_s) +
                      " s; check that the driver runs and that the topic is its");
@@ -107,9 +108,13 @@ void VioRos::watchInputs()
 void VioRos::publishDiagnostics()
 {
   VioFigures figures;
-  for (const pi_node::InputTopic* input : {&topics_.imu, &topics_.pictures[LEFT], &topics_.pictures[RIGHT]})
+  for (const pi_node::InputTopic* input :
+       {&topics_.imu, &topics_.pictures[LEFT], &topics_.pictures[RIGHT], &topics_.wheels})
   {
-    figures.inputs.push_back({input->topic, input->messages, input->silentSeconds()});
+    if (!input->topic.empty())
+    {
+      figures.inputs.push_back({input->topic, input->messages, input->silentSeconds()});
+    }
   }
   session_.fill(&figures);
   figures.odometries = outputs_.odometries();

@@ -56,6 +56,7 @@ static void visitFields(VioRosOptions& options, Visitor&& visit)
   visit("mapping", options.mapping);
   visit("map_file", options.map_file);
   visit("save_map", options.save_map);
+  visit("wheel_topic", options.wheel_topic);
   visit("zero_copy", options.zero_copy);
   visit("queue_size", options.queue_size);
   visit("imu_queue_size", options.imu_queue_size);

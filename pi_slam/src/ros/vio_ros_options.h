@@ -31,6 +31,7 @@ struct VioRosOptions : pi_node::NodeParameters<VioRosOptions>
   std::string map_file;   ///< map to begin with, as save_map wrote it; empty: none
   bool save_map = false;  ///< write the map to map_file when the node ends; the one before becomes map_file.before
 
+  std::string wheel_topic;          ///< nav_msgs/Odometry or geometry_msgs/TwistStamped of the base; empty: no wheels
   bool zero_copy = true;            ///< pictures are read where their publisher wrote them, if the transport can
   int queue_size = 4;               ///< pairs that wait for the worker; the oldest go when it falls behind
   int imu_queue_size = 1000;        ///< samples that wait for their thread

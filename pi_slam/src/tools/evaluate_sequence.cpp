@@ -10,15 +10,19 @@
 #include "ros/vio_ros_options.h"
 
 #include <algorithm>
+#include <cstdio>
 #include <cstdlib>
 #include <filesystem>
 #include <iostream>
+#include <iterator>
 #include <opencv2/core/utility.hpp>
+#include <sstream>
 
 #include "evaluation/bag_reader.h"
 #include "evaluation/run_files.h"
 #include "evaluation/run_report.h"
 #include "evaluation/sequence_run.h"
+#include "inertial/wheel_simulator.h"
 
 namespace
 {
@@ -41,6 +45,9 @@ struct Options
   std::string timing;
   std::string plot;
   std::string save_map;
+  std::string wheel_topic;
+  std::string simulated_wheels;
+  std::string imu_in_base;
   bool map = false;
   bool quiet = false;
   double frame_budget_ms = 0.0;
@@ -125,6 +132,30 @@ SequenceRunOptions readOptions(const Options& line, const SequenceDescription& d
   return options;
 }
 
+/// Recorded in a bag, or simulated along the truth; "SCALE,NOISE" of these.
+std::vector<WheelSample> readWheels(const Options& line, const std::vector<StampedPose>& truth)
+{
+  if (line.simulated_wheels.empty())
+  {
+    return line.wheel_topic.empty() ? std::vector<WheelSample>() : readBagWheels(line.recording, line.wheel_topic);
+  }
+  WheelSimulatorOptions wheels;
+  if (std::sscanf(line.simulated_wheels.c_str(), "%lf,%lf", &wheels.scale, &wheels.noise) != 2 || truth.size() < 2)
+  {
+    throw po::error("--simulated-wheels \"" + line.simulated_wheels +
+                    "\", expected SCALE,NOISE as in 1.02,0.01, and a recording with ground truth");
+  }
+  return simulateWheels(SplineTrajectory::fit(truth), wheels);
+}
+
+/// "x y z qx qy qz qw".
+Eigen::Isometry3d readMounting(const std::string& text)
+{
+  std::istringstream stream(text);
+  const std::vector<double> numbers{std::istream_iterator<double>(stream), {}};
+  return text.empty() ? Eigen::Isometry3d::Identity() : parseTransform(numbers, "--imu-in-base");
+}
+
 /// Empty if there is none.
 std::vector<StampedPose> readTruth(const Options& line, const SequenceDescription& description)
 {
@@ -204,9 +235,11 @@ int evaluate(const Options& line)
   std::unique_ptr<SequenceSource> source = openRecording(line);
   const SequenceDescription& description = source->description();
   const StereoCalibration calibration = readCalibration(line, description);
-  const SequenceRunOptions options = readOptions(line, description);
+  SequenceRunOptions options = readOptions(line, description);
   options.mapper.validate();
   const std::vector<StampedPose> truth = readTruth(line, description);
+  options.wheels = readWheels(line, truth);
+  options.vio.wheels.T_body_wheels = readMounting(line.imu_in_base).inverse();
   requireOutputs(line);
 
   SequenceReader reader(std::move(source), line.reader.read_ahead);
@@ -256,7 +289,13 @@ bool parse(int argc, char** argv, Options* line)
       "pair-tolerance", po::value(&line->reader.pair_tolerance_s)->default_value(line->reader.pair_tolerance_s),
       "between the stamps of a pair [s]")("left-topic", po::value(&line->topics.left),
                                           "of a bag; default: by its name")(
-      "right-topic", po::value(&line->topics.right), "likewise")("imu-topic", po::value(&line->topics.imu), "likewise");
+      "right-topic", po::value(&line->topics.right), "likewise")("imu-topic", po::value(&line->topics.imu), "likewise")(
+      "wheel-topic", po::value(&line->wheel_topic),
+      "of a bag: nav_msgs/Odometry or geometry_msgs/TwistStamped of the chassis; default: no wheels")(
+      "simulated-wheels", po::value(&line->simulated_wheels),
+      "SCALE,NOISE: wheels along the ground truth that say SCALE times the speed, with a noise of that part")(
+      "imu-in-base", po::value(&line->imu_in_base),
+      "x y z qx qy qz qw, where the IMU is in the wheels' frame (base_link); default: at its origin");
   po::options_description run("Run");
   run.add_options()("map", po::bool_switch(&line->map), "build a map beside odometry, with loops closed")(
       "save-map", po::value(&line->save_map), "file for the map; implies --map")(

@@ -207,6 +207,40 @@ TEST(StateLink, HasTheDerivativesThatDifferencesShow)
   }
 }
 
+TEST(WheelTie, IsZeroForTheWayDrivenAndHasTheDerivativesThatDifferencesShow)
+{
+  Random random(8);
+  for (int trial = 0; trial < 20; ++trial)
+  {
+    WheelOptions options;
+    options.T_body_wheels.linear() = expSo3(random.vector(1.0)).toRotationMatrix();
+    options.T_body_wheels.translation() = random.vector(1.0);
+    const NavState begin = random.state();
+    const NavState end = random.state();
+    const Eigen::Isometry3d T_begin_end = begin.T_odom_body().inverse() * end.T_odom_body();
+    const Eigen::Vector3d lever = options.T_body_wheels.translation();
+    WheelWay way;
+    way.moved = (T_begin_end * lever - lever) / 0.98;
+    way.length = way.moved.norm();
+    way.duration = 0.5;
+    const WheelTie tie(way, options, {0.98, 0.01});
+    Eigen::Matrix<double, 3, 30> J;
+    EXPECT_LT(tie.error(begin, end, &J).norm(), 1e-9);
+    const Eigen::Matrix<double, 3, 30> numeric = numericJacobian<3, 30>(
+        [&](const Eigen::Matrix<double, 30, 1>& delta) -> Eigen::Vector3d
+        {
+          NavState moved_begin = begin;
+          NavState moved_end = end;
+          moved_begin.boxPlus(delta.head<15>());
+          moved_end.boxPlus(delta.tail<15>());
+          Eigen::Matrix<double, 3, 30> unused;
+          return tie.error(moved_begin, moved_end, &unused);
+        },
+        1e-6);
+    EXPECT_LT((J - numeric).norm(), 1e-5 * J.norm());
+  }
+}
+
 TEST(StateLink, IsZeroForThePredictedState)
 {
   Random random(4);

@@ -286,6 +286,33 @@ TEST(ImuPropagator, RefusesStatesThatAreTooOldOrNotFinite)
   EXPECT_EQ(propagator.newest()->state.p, before.state.p);
 }
 
+TEST(ImuPropagator, KeepsTheSpeedByWheelsWithoutCorrections)
+{
+  // Straight on at 2 m/s, with an accelerometer that is off by 0.1 m/s^2.
+  const auto drive = [](bool with_wheels)
+  {
+    ImuPropagator propagator{ImuModel()};
+    NavState state;
+    state.stamp_ns = START_NS;
+    state.v.x() = 2.0;
+    Matrix15d covariance = 1e-6 * Matrix15d::Identity();
+    covariance.diagonal().tail<3>().setConstant(0.01);
+    propagator.setWheels(WheelOptions(), with_wheels ? std::optional(WheelScale{0.98, 0.002}) : std::nullopt);
+    propagator.rebase(state, covariance);
+    for (int i = 0; i <= 2000; ++i)
+    {
+      propagator.add({START_NS + 5000000LL * i, Eigen::Vector3d::Zero(), Eigen::Vector3d(0.1, 0.0, 9.81), false});
+      if (i % 4 == 0)
+      {
+        propagator.addWheels({START_NS + 5000000LL * i, Eigen::Vector2d(2.0 / 0.98, 0.0), 0.0});
+      }
+    }
+    return std::abs(propagator.newest()->state.p.x() - 20.0);
+  };
+  EXPECT_LT(drive(true), 0.05);
+  EXPECT_GT(drive(false), 4.0);
+}
+
 TEST(ImuPropagator, StopsUntilTheNextCorrection)
 {
   ImuPropagator propagator(modelOf(200.0));

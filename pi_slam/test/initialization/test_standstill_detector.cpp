@@ -6,6 +6,7 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <optional>
 #include <random>
 
 using namespace pi_slam;
@@ -51,8 +52,11 @@ struct Scene
   StandstillOptions options;
   ImuBias bias{Eigen::Vector3d(0.01, -0.02, 0.08), Eigen::Vector3d(0.1, 0.0, -0.1)};
   std::function<Eigen::Vector3d(double)> position = [](double) { return Eigen::Vector3d::Zero().eval(); };
+  std::function<Eigen::Vector3d(double)> picture = [](double)
+  { return Eigen::Vector3d::Zero().eval(); };  ///< of it alone
   std::function<double(double)> yaw = [](double) { return 0.0; };
   std::function<Eigen::Vector3d(double)> shake = [](double) { return Eigen::Vector3d::Zero().eval(); };  ///< [m/s^2]
+  std::function<std::optional<bool>(double)> wheels = [](double) { return std::nullopt; };               ///< at rest
   std::function<bool(double)> lit = [](double) { return true; };
 
   /// Verdict at each pair.
@@ -86,7 +90,8 @@ struct Scene
       {
         const double depth = scale * (3.0 + 5.0 * std::fmod(k * 0.618, 1.0));
         const Eigen::Vector3d point(depth, depth * (0.1 * (k % 10) - 0.45), depth * (0.06 * (k / 10) - 0.27));
-        const Eigen::Vector3d seen = Eigen::AngleAxisd(-yaw(t), Eigen::Vector3d::UnitZ()) * (point - position(t));
+        const Eigen::Vector3d seen =
+            Eigen::AngleAxisd(-yaw(t), Eigen::Vector3d::UnitZ()) * (point - position(t) - picture(t));
         FeatureObservation feature;
         feature.id = k;
         for (const int camera : {LEFT, RIGHT})
@@ -100,7 +105,8 @@ struct Scene
         }
         frame.features.push_back(feature);
       }
-      verdicts.push_back(detector.update(frame, imu, bias));
+      verdicts.push_back(detector.update(frame, imu, bias, wheels(t)));
+      picture_moves_since_ns = detector.pictureMovesSinceNs();
       since_ns = detector.sinceNs();
       flow_px = detector.flowPx();
     }
@@ -108,6 +114,7 @@ struct Scene
   }
 
   int64_t since_ns = 0;
+  int64_t picture_moves_since_ns = 0;
   double flow_px = 0.0;
 };
 
@@ -193,6 +200,37 @@ TEST(StandstillDetector, SeesCreepingByTheWaySinceTheRestBegan)
     const auto seen = static_cast<size_t>((3.25 + 0.02 / speed) * 20.0);
     EXPECT_LE(count(verdicts, seen), static_cast<int>(verdicts.size() - seen) / 20);
   }
+}
+
+TEST(StandstillDetector, BelievesWheelsThatStandWhateverThePictureShows)
+{
+  // A train passes that fills the picture.
+  Scene scene;
+  scene.wheels = [](double) { return true; };
+  scene.picture = [](double t) { return Eigen::Vector3d(0.0, 0.5 * std::max(0.0, t - 2.0), 0.0); };
+  const auto verdicts = scene.run(6.0);
+  EXPECT_EQ(count(verdicts, 10), static_cast<int>(verdicts.size()) - 10);
+  EXPECT_NEAR(1e-9 * static_cast<double>(scene.picture_moves_since_ns - START_NS), 2.2, 0.3);
+  // Without wheels that is motion.
+  scene.wheels = [](double) { return std::nullopt; };
+  EXPECT_EQ(count(scene.run(6.0), 60), 0);
+}
+
+TEST(StandstillDetector, SeesMotionByTheWheelsAtOnce)
+{
+  Scene scene;
+  scene.wheels = [](double t) { return t < 3.0; };
+  const auto verdicts = scene.run(6.0);
+  EXPECT_EQ(count({verdicts.begin() + 10, verdicts.begin() + 60}), 50);
+  EXPECT_EQ(count(verdicts, 60), 0);
+}
+
+TEST(StandstillDetector, DoesNotBelieveWheelsThatStandWhileTheImuMoves)
+{
+  Scene scene;
+  scene.wheels = [](double) { return true; };
+  scene.shake = [](double t) { return Eigen::Vector3d(0.5 * std::sin(2.0 * M_PI * 1.5 * t), 0.0, 0.0); };
+  EXPECT_EQ(count(scene.run(4.0)), 0);
 }
 
 TEST(StandstillDetector, RestsForLong)

@@ -119,6 +119,18 @@ TEST(RosConversions, StampsAreExact)
   EXPECT_THROW(toTime(std::numeric_limits<int64_t>::max()), std::invalid_argument);
 }
 
+TEST(RosConversions, WheelsKeepSpeedAndYawRate)
+{
+  geometry_msgs::Twist twist;
+  twist.linear.x = 1.5;
+  twist.linear.y = -0.1;
+  twist.angular.z = 0.3;
+  const WheelSample sample = toWheelSample(ros::Time(5, 7), twist);
+  EXPECT_EQ(5000000007LL, sample.stamp_ns);
+  EXPECT_EQ(Eigen::Vector2d(1.5, -0.1), sample.v);
+  EXPECT_EQ(0.3, sample.yaw_rate);
+}
+
 TEST(RosConversions, ImuKeepsAxesAndRefusesWhatIsNotThere)
 {
   sensor_msgs::Imu imu;
