@@ -112,7 +112,7 @@ TEST(CoordinatorRosOptions, NamesParameterValueAndBound)
   EXPECT_PRED2(begins, coordinator_reader.refusal("trusted_interfaces: [wg0, '*']"),
                "parameter /coordinator/trusted_interfaces = \"*\", must be names of interfaces, as wg0");
   EXPECT_PRED2(begins, coordinator_reader.refusal("trusted_interfaces: wg0"),
-               "parameter /coordinator/trusted_interfaces = \"wg0\", must be a list of texts");
+               "parameter /coordinator/trusted_interfaces = wg0, must be a list of texts");
   EXPECT_PRED2(begins, coordinator_reader.refusal("map_frame: ''"),
                "parameter /coordinator/map_frame = \"\", must be the name");
 }
