@@ -62,12 +62,12 @@ class FleetCommands(unittest.TestCase):
             self.assertEqual(0o600, stat.S_IMODE(path.stat().st_mode), path)
         self.assertEqual({
             "vehicle": "truck_1", "transport": "nats", "nats": {
-                "servers": ["tls://gate.example:4222"], "ca_file": "/etc/pi_edge/fleet/ca.pem",
+                "servers": ["gate.example:4222"], "ca_file": "/etc/pi_edge/fleet/ca.pem",
                 "certificate_file": "/etc/pi_edge/fleet/certificate.pem", "key_file": "/etc/pi_edge/fleet/key.pem"}},
             yaml.safe_load((self.folder / "vehicles/truck_1/coordinator.yaml").read_text()))
         self.assertEqual({
             "id": "gate", "transport": "nats", "has_position": True, "x": 1.0, "y": 2.0, "range": 80.0, "nats": {
-                "servers": ["tls://gate.example:4222"], "ca_file": "/etc/pi_edge/fleet/worker/ca.pem",
+                "servers": ["gate.example:4222"], "ca_file": "/etc/pi_edge/fleet/worker/ca.pem",
                 "certificate_file": "/etc/pi_edge/fleet/worker/certificate.pem",
                 "key_file": "/etc/pi_edge/fleet/worker/key.pem"}},
             yaml.safe_load((self.folder / "sites/gate/worker/edge_server.yaml").read_text()))
@@ -78,7 +78,7 @@ class FleetCommands(unittest.TestCase):
         output = self.fleet("add-site", "lamp", "--host", "fd00::7", "--port", "5222")
         self.assertIn("New for gate, lamp", output)
         config = yaml.safe_load((self.folder / "vehicles/truck/coordinator.yaml").read_text())
-        self.assertEqual(["tls://gate.example:4222", "tls://[fd00::7]:5222"], config["nats"]["servers"])
+        self.assertEqual(["gate.example:4222", "[fd00::7]:5222"], config["nats"]["servers"])
         self.assertIn('"tls://[fd00::7]:6222"', (self.folder / "sites/gate/server/nats-server.conf").read_text())
 
     def test_certificates_say_role_and_end(self):

@@ -140,9 +140,9 @@ def root_of_this_machine(root, suite):
 
 def check(root):
     """Starts the program in the root with --check: a library or model that is missing is found now."""
-    if os.geteuid() == 0:
-        run(["chroot", root, "/usr/bin/env", "-i", *(f"{name}={value}" for name, value in ENVIRONMENT.items()),
-             *ENTRY_POINT, *ARGUMENTS, "--check"], "coreutils")
+    if os.geteuid() == 0:  # the program finds its models by /proc
+        run(["unshare", "--mount", "--pid", "--fork", f"--mount-proc={root}/proc", "chroot", root, "/usr/bin/env", "-i", *(f"{name}={value}" for name, value in ENVIRONMENT.items()),
+             *ENTRY_POINT, *ARGUMENTS, "--check"], "util-linux")
 
 
 def configuration(layer, version):

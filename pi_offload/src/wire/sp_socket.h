@@ -25,8 +25,8 @@ public:
     double acknowledge_timeout_s = 5.0;  ///< data without an acknowledgement for longer: the link is dead
     double reconnect_s = 0.2;            ///< first pause; doubles up to max_reconnect_s
     double max_reconnect_s = 2.0;
-    size_t max_queued_bytes = 4U << 20U;   ///< not taken by the kernel yet
-    size_t max_message_bytes = 1U << 20U;  ///< of a reply
+    size_t max_queued_bytes = 4U << 20U;          ///< not taken by the kernel yet
+    size_t max_message_bytes = 1U << 20U;         ///< of a reply
     std::vector<std::string> trusted_interfaces;  ///< that it may use beside the loopback interface; validated apart
     /// @throws std::invalid_argument naming field, value and bound.
     void validate() const;
@@ -87,7 +87,7 @@ public:
   {
     std::function<void(const Peer& peer, std::vector<uint8_t> body, int64_t received_ns)> request;
     std::function<void(uint64_t connection, const std::string& reason)>
-        closed;  ///< of a connection that had sent its header
+        closed;                                              ///< of a connection that had sent its header
     std::function<void(const std::string& reason)> refused;  ///< a peer that did not come through a trusted interface
   };
   /// @throws std::runtime_error naming host, port and reason if it cannot or must not listen.

@@ -189,7 +189,8 @@ std::string TrustedInterfaces::admitListener(int fd) const
 {
   const SocketAddress address = localOf(fd);
   const std::array<uint8_t, 16> bytes = bytesOf(address);
-  const bool anywhere = std::all_of(&bytes[isV4(bytes) ? 12 : 0], bytes.data() + 16, [](uint8_t one) { return one == 0; });
+  const bool anywhere =
+      std::all_of(&bytes[isV4(bytes) ? 12 : 0], bytes.data() + 16, [](uint8_t one) { return one == 0; });
   const std::vector<std::string> owners = interfacesOf(bytes);
   if (anywhere || isLoopback(bytes) ||
       std::any_of(owners.begin(), owners.end(), [this](const std::string& name) { return has(name); }))

@@ -17,8 +17,8 @@ public:
 
   /// @throws std::invalid_argument naming `field` and a name that no interface can have.
   void validate(const std::string& field) const;
-  /// Binds a socket, before it connects, to the trusted interface by which `address` is reached: if that interface goes,
-  /// the connection ends with it. @return why it must not connect; empty: it may.
+  /// Binds a socket, before it connects, to the trusted interface by which `address` is reached: if that interface
+  /// goes, the connection ends with it. @return why it must not connect; empty: it may.
   std::string admitOutgoing(int fd, const SocketAddress& address) const;
   /// Binds an accepted socket to the trusted interface that `peer` came through.
   /// @return why it must be closed; empty: it may stay.

@@ -235,9 +235,10 @@ class Manifests(unittest.TestCase):
         nats = self.nats["spec"]["template"]["spec"]["containers"][0]
         ports = {port["name"]: port["containerPort"] for port in nats["ports"]}
         self.assertEqual({"vehicles": 4222, "sites": 6222}, ports)  # the defaults of pi_edge fleet add-site
+        self.assertEqual(ports["vehicles"], int(self.parameter("address").rpartition(":")[2]))
         service = self.of_kind("Service")
         self.assertEqual(ports, {port["targetPort"]: port["port"] for port in service["spec"]["ports"]})
-        self.assertEqual([f"tls://{service['metadata']['name']}:{ports['vehicles']}"], self.parameter("nats/servers"))
+        self.assertEqual([f"{service['metadata']['name']}:{ports['vehicles']}"], self.parameter("nats/servers"))
 
     def test_probes_are_those_of_the_server(self):
         for probe, path in (("startupProbe", "/readyz"), ("readinessProbe", "/readyz"), ("livenessProbe", "/healthz")):

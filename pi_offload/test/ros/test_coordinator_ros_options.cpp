@@ -109,6 +109,10 @@ TEST(CoordinatorRosOptions, NamesParameterValueAndBound)
                "parameter /coordinator/local/max_waiting = 0");
   EXPECT_PRED2(begins, coordinator_reader.refusal("keep_order: 1"),
                "parameter /coordinator/keep_order = 1, must be true or false");
+  EXPECT_PRED2(begins, coordinator_reader.refusal("trusted_interfaces: [wg0, '*']"),
+               "parameter /coordinator/trusted_interfaces = \"*\", must be names of interfaces, as wg0");
+  EXPECT_PRED2(begins, coordinator_reader.refusal("trusted_interfaces: wg0"),
+               "parameter /coordinator/trusted_interfaces = wg0, must be a list of texts");
   EXPECT_PRED2(begins, coordinator_reader.refusal("map_frame: ''"),
                "parameter /coordinator/map_frame = \"\", must be the name");
 }

@@ -94,6 +94,8 @@ TEST(EdgeServerRosOptions, NamesParameterValueAndBound)
             edge_server_reader.refusal("speech: {mode: open}"));
   EXPECT_EQ("parameter /edge_server/detection/enabled and speech/enabled = false, must be true for one at least",
             edge_server_reader.refusal("{detection: {enabled: false}, speech: {enabled: false}}"));
+  EXPECT_PRED2(begins, edge_server_reader.refusal("trusted_interfaces: [a_name_that_is_too_long]"),
+               "parameter /edge_server/trusted_interfaces = \"a_name_that_is_too_long\", must be names of interfaces");
   EXPECT_PRED2(begins, edge_server_reader.refusal("drain_s: -1"), "parameter /edge_server/drain_s = -1, must be in ");
   EXPECT_PRED2(begins, edge_server_reader.refusal("server: {max_payload_mb: 0}"),
                "parameter /edge_server/server/max_payload_mb = 0");

@@ -65,7 +65,7 @@ def permissions(name, role):
     """Text of the permissions of a user."""
     if role == "vehicle":
         return ('publish: { allow: ["edge.>"], deny: ["edge.status.>"] }, '
-                f'subscribe: {{ allow: ["_INBOX.{name}.>"] }}')
+                f'subscribe: {{ allow: ["_INBOX.{name}.>", "edge.status.>"] }}')
     if role == "worker":  # requests in queue groups alone: no worker listens to what others are asked
         return (f'publish: {{ allow: ["edge.status.{name}"] }}, subscribe: {{ allow: ["edge.> *", "edge.status.>"] }}, '
                 'allow_responses: { max: 1, expires: "1m" }')
@@ -101,7 +101,7 @@ def server_text(fleet, members, name):
 
 def _parameters(folder, sites):
     return {"transport": "nats", "nats": {
-        "servers": [f"tls://{ip_literal(site['hosts'][0])}:{site['port']}" for site in sites],
+        "servers": [f"{ip_literal(site['hosts'][0])}:{site['port']}" for site in sites],
         "ca_file": f"{folder}/{AUTHORITY}", "certificate_file": f"{folder}/{CERTIFICATE}",
         "key_file": f"{folder}/{KEY}"}}
 
