@@ -18,7 +18,8 @@ namespace
 using pi_node::format;
 using pi_node::seconds;
 
-constexpr int64_t HELD_NS = 100000000;       ///< that the newest sample holds, and longest between two
+constexpr int64_t HELD_NS = 100000000;  ///< that the newest sample holds, and longest between two
+constexpr int64_t CLOCK_JUMP_NS = 1000000000;
 constexpr double REST_MPS = 0.002;           ///< a chassis that stands tells 0; a filtered one hardly more
 constexpr double REST_RADPS = 0.005;         ///< of yaw rate, likewise
 constexpr double MOVING_MPS = 0.005;         ///< mean speed that is motion
@@ -69,9 +70,14 @@ Eigen::Vector3d WheelWay::deviation(const WheelOptions& options, const WheelScal
 
 bool WheelBuffer::add(const WheelSample& sample)
 {
-  if (!sample.isFinite() || (!empty() && sample.stamp_ns <= newest().stamp_ns))
+  if (!sample.isFinite() ||
+      (!empty() && sample.stamp_ns <= newest().stamp_ns && newest().stamp_ns - sample.stamp_ns < CLOCK_JUMP_NS))
   {
     return false;
+  }
+  if (!empty() && sample.stamp_ns <= newest().stamp_ns)
+  {
+    samples_.clear();  // the clock was set back
   }
   samples_.push_back(sample);
   return true;

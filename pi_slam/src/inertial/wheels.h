@@ -64,6 +64,7 @@ struct WheelWay
 class WheelBuffer
 {
 public:
+  /// A stamp that is a second and more before the last begins a new time.
   /// @return false for one that is not finite or not after the last.
   bool add(const WheelSample& sample);
   bool empty() const { return samples_.empty(); }

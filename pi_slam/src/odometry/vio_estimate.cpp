@@ -32,6 +32,7 @@ constexpr int START_ITERATIONS = 20;
 constexpr double SLOW_PARALLAX_PX = 2.0;
 constexpr double SLOW_INTERVALS = 16.0;  ///< of keyframe_max_interval_s
 constexpr double WHEEL_STEP_S = 0.1;     ///< of the integration where wheels correct, while pictures are missing
+constexpr double WHEELS_OFF_S = 1.0;     ///< from the stamp of a pair, either way, that is no delay
 constexpr double BY_WHEELS_S = 2.0;      ///< that the wheels may be silent or slip before what pictures miss counts
 constexpr double STOPPED_MPS = 0.1;      ///< faster, as estimated, and wheels that stand are not believed
 constexpr double SLIP_S = 0.15;          ///< of disagreement that is worth a message
@@ -268,9 +269,15 @@ void Vio::Impl::predict(const ImuPreintegration& since_pair, FrameReport* report
   }
   since_keyframe.append(since_pair);
   report->wheels.slips = slips;
-  if (!wheel_monitor.fault().empty() && report->message.empty())
+  if (report->message.empty())
   {
-    report->message = wheel_monitor.fault();
+    const double off_s = wheels.empty() ? 0.0 : seconds(since_pair.endNs() - wheels.newest().stamp_ns);
+    report->message = std::abs(off_s) < WHEELS_OFF_S
+                          ? wheel_monitor.fault()
+                          : format(
+                                "wheels: their newest sample is %.3f s before the pair and not used; check that the "
+                                "chassis driver runs, with the cameras' clock",
+                                off_s);
   }
 }
 

@@ -84,6 +84,10 @@ TEST(WheelBuffer, GivesMeansBetweenAnyTwoTimes)
   EXPECT_FALSE(wheels.mean(stampAt(-0.01), stampAt(0.1)));
   EXPECT_FALSE(wheels.add(sampleAt(0.4, 1.0)));
   EXPECT_FALSE(wheels.add(sampleAt(0.5, std::nan(""))));
+  // The clock is set back.
+  WheelBuffer again = wheels;
+  EXPECT_TRUE(again.add(sampleAt(-10.0, 1.0)));
+  EXPECT_TRUE(again.mean(stampAt(-10.0), stampAt(-9.95)));
   // A hole in them.
   EXPECT_TRUE(wheels.add(sampleAt(0.9, 1.0)));
   EXPECT_FALSE(wheels.mean(stampAt(0.3), stampAt(0.9)));
