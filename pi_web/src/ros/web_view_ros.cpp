@@ -25,6 +25,7 @@ namespace
 using nlohmann::json;
 
 constexpr int MAX_WAITING = 8;         // of a client, for services and parameters
+constexpr const char* ADDRESS_PARAMETER = "address_in_use";  // for pi_edge open
 constexpr double TIME_PERIOD_S = 0.1;   // of simulated time
 
 std::string packagePath()
@@ -46,7 +47,7 @@ std::set<std::string> resolved(const ros::NodeHandle& node, const std::vector<st
 }  // namespace
 
 WebViewRos::WebViewRos(ros::NodeHandle node, ros::NodeHandle private_node)
-  : options_(pi_node::loadNodeOptions<WebViewRosOptions>(private_node, "web_view"))
+  : options_(pi_node::loadNodeOptions<WebViewRosOptions>(private_node, "web_view", {ADDRESS_PARAMETER}))
   , warnings_(options_.warning_period_s, pi_node::warningLog<WebViewRosOptions>("web_view"))
   , work_(boost::asio::make_work_guard(context_))
   , queue_(&context_)
@@ -76,8 +77,11 @@ WebViewRos::WebViewRos(ros::NodeHandle node, ros::NodeHandle private_node)
   updater_.setHardwareID("none");
   updater_.add("web_view", [this](Status& status) { report(status); });
   every(options_.diagnostic_period, &diagnostic_timer_, [this] { updater_.force_update(); });
-  ROS_INFO_STREAM_NAMED("web_view", "the vehicle is at http://" << options_.address << ":" << server_->port() << "/"
-                                                                << (options_.allow_control ? "; with the token of " +
+  const bool v6 = options_.address.find(':') != std::string::npos;
+  const std::string url = "http://" + (v6 ? "[" + options_.address + "]" : options_.address) + ":" +
+                          std::to_string(server_->port()) + "/";
+  private_node.setParam(ADDRESS_PARAMETER, url);
+  ROS_INFO_STREAM_NAMED("web_view", "the vehicle is at " << url << (options_.allow_control ? "; with the token of " +
                                                                                                  options_.token_file +
                                                                                                  " it can be driven"
                                                                                            : ""));

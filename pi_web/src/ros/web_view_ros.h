@@ -28,7 +28,7 @@ namespace pi_web
 /// The vehicle in a browser: a page, and the Foxglove WebSocket protocol, on one port. The thread `web_io` does all but
 /// what waits for others: `web_graph` asks master and nodes, `web_params` the parameter server, and each service that
 /// clients call has a thread.
-class WebViewRos : private ClientHandler
+class WebViewRos : public ClientHandler
 {
 public:
   /// Listens. @throws std::invalid_argument for wrong parameters, std::runtime_error if it cannot listen.
