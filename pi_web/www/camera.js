@@ -52,7 +52,7 @@ export class CameraView {
     const scale = bitmap.width / this.size[0];
     const line = Math.max(2, bitmap.width / 320);
     context.lineWidth = line;
-    context.font = `600 ${Math.max(11, Math.round(bitmap.width / 45))}px system-ui, sans-serif`;
+    context.font = `600 ${Math.max(11, Math.round(bitmap.width / 34))}px system-ui, sans-serif`;
     context.textBaseline = 'bottom';
     const style = getComputedStyle(canvas);
     for (const track of this.tracks.list) {

@@ -126,8 +126,13 @@ export class Connection {
 
   open(channel) {
     if (channel.open) return;
+    try {
+      channel.decoder = channel.decoder || new Decoder(channel.schema);
+    } catch (error) {
+      this.handlers.onStatus(`${channel.topic} is not shown: ${error.message}`);
+      return;
+    }
     channel.open = true;
-    channel.decoder = channel.decoder || new Decoder(channel.schema);
     this.send({op: 'subscribe', subscriptions: [{id: channel.id, channelId: channel.id}]});
   }
 

@@ -239,6 +239,9 @@ export class MapView {
     context.fillStyle = this.colour('soft');
     context.fillRect(12, h - 14, step * this.scale, 2);
     context.font = '12px system-ui, sans-serif';
+    context.strokeStyle = this.colour('panel');
+    context.lineWidth = 3;
+    context.strokeText(`${step} m`, 12, h - 20);
     context.fillText(`${step} m`, 12, h - 20);
   }
 

@@ -48,7 +48,7 @@ export function parseDefinition(text) {
     if (SIZES[type] || type === 'string') return type;
     if (types[type]) return type;
     const own = from.includes('/') ? `${from.split('/')[0]}/${type}` : '';
-    const found = types[own] ? own : known.find((name) => name.endsWith(`/${type}`));
+    const found = own && types[own] ? own : known.find((name) => name.endsWith(`/${type}`));
     if (!found) throw new Error(`type ${type} is not in the definition`);
     return found;
   };

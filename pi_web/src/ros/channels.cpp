@@ -224,7 +224,7 @@ void Channels::unsubscribe(Client* client, uint32_t subscription)
   const auto found = subscriptions_.find({client, subscription});
   if (found == subscriptions_.end())
   {
-    throw std::invalid_argument("subscription " + std::to_string(subscription) + " does not exist");
+    return;  // its channel was withdrawn
   }
   Channel* const channel = channels_.at(found->second).get();
   channel->watchers.erase(found->first);

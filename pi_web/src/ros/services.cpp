@@ -39,9 +39,12 @@ std::vector<json> Services::update(const std::map<std::string, std::string>& typ
                       ", must be std_srvs/Empty, SetBool or Trigger");
       continue;
     }
-    Service& service = services_[++last_id_];
-    service = {name, type, std::make_unique<pi_node::CallbackThread>("web_call")};
-    service.thread->start();
+    const auto [thread, fresh] = threads_.try_emplace(name, "web_call");
+    if (fresh)
+    {
+      thread->second.start();
+    }
+    services_[++last_id_] = {name, type, &thread->second};
     added.push_back(last_id_);
   }
   std::vector<json> told;

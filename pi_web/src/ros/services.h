@@ -7,7 +7,6 @@
 #include <pi_node/ros/warning_board.h>
 
 #include <map>
-#include <memory>
 #include <string>
 #include <vector>
 
@@ -25,7 +24,7 @@ public:
   {
     std::string name;
     std::string type;
-    std::unique_ptr<pi_node::CallbackThread> thread;
+    pi_node::CallbackThread* thread = nullptr;
   };
   /// @param types  by service, of those that may be called and are there.
   /// @return what to tell clients, in this order.
@@ -34,13 +33,15 @@ public:
   nlohmann::json advertisement() const;
   /// @throws std::invalid_argument if there is none.
   const Service& at(uint32_t id) const;
-  void stop() { services_.clear(); }
+  /// Returns when the calls under way have ended.
+  void stop() { threads_.clear(); }
 
 private:
   nlohmann::json describe(const std::vector<uint32_t>& ids) const;
 
   pi_node::WarningBoard* const warnings_;
   std::map<uint32_t, Service> services_;
+  std::map<std::string, pi_node::CallbackThread> threads_;  ///< by service; kept while it is gone: a call may be under way
   uint32_t last_id_ = 0;
 };
 

@@ -58,9 +58,10 @@ std::map<std::string, WebFile> pageFiles(const std::string& folder)
   return files;
 }
 
-std::string packageFolder(const std::string& name, const std::string& package_path)
+std::string packageFolder(const std::string& name)
 {
-  std::stringstream entries(package_path);
+  const char* const path = std::getenv("ROS_PACKAGE_PATH");
+  std::stringstream entries((path == nullptr ? "" : path) + std::string(":/usr/share"));
   for (std::string entry; std::getline(entries, entry, ':');)
   {
     for (const fs::path& folder : {fs::path(entry) / name, fs::path(entry)})
@@ -75,7 +76,7 @@ std::string packageFolder(const std::string& name, const std::string& package_pa
   return "";
 }
 
-std::string assetOf(const std::string& uri, const std::string& package_path)
+std::string assetOf(const std::string& uri)
 {
   const std::string scheme = "package://";
   const size_t slash = uri.find('/', scheme.size());
@@ -90,7 +91,7 @@ std::string assetOf(const std::string& uri, const std::string& package_path)
   {
     throw std::invalid_argument("only files .urdf, .dae, .stl and .obj are served");
   }
-  const std::string folder = name.find("..") == std::string::npos ? packageFolder(name, package_path) : "";
+  const std::string folder = name.find("..") == std::string::npos ? packageFolder(name) : "";
   if (folder.empty())
   {
     throw std::invalid_argument("package " + name + " is not on ROS_PACKAGE_PATH");

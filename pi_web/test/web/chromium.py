@@ -21,7 +21,7 @@ class Page:
     """A page of its own browser. @param size  width and height in pixels."""
 
     def __init__(self, size=(1440, 900), dark=False):
-        self._folder = tempfile.TemporaryDirectory()
+        self._folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)  # its children may still write
         self._process = subprocess.Popen(
             [find(), "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run",
              "--disable-extensions", "--remote-debugging-port=0", "--user-data-dir=" + self._folder.name,
@@ -104,7 +104,7 @@ class Page:
     def picture(self, path, whole=False):
         answer = self._ask("Page.captureScreenshot", format="png", captureBeyondViewport=whole,
                            **({"clip": {"x": 0, "y": 0, "scale": 1, **self.evaluate(
-                               "({width: document.documentElement.clientWidth,"
+                               "({width: window.innerWidth,"
                                " height: document.documentElement.scrollHeight})")}} if whole else {}))
         with open(path, "wb") as file:
             file.write(base64.b64decode(answer["data"]))
