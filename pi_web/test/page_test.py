@@ -83,8 +83,8 @@ class Page(unittest.TestCase):
         self.show()
         red = [0xd1, 0x24, 0x2f, 255]  # --person
         left, top, width, height = BOX
-        self.page.wait_until("document.querySelector('#camera-canvas').getContext('2d').getImageData(%d, %d, 1, 1).data[0]"
-                             " === 0xd1" % (left, top + height // 2))
+        self.page.wait_until("document.querySelector('#camera-canvas').getContext('2d')"
+                             ".getImageData(%d, %d, 1, 1).data[0] === 0xd1" % (left, top + height // 2))
         for x, y in ((left, top + height / 2), (left + width, top + height / 2), (left + width / 2, top + height)):
             self.assertEqual(red, self.pixel("#camera-canvas", x, y))
         for x, y in ((left - 6, top + height / 2), (left + 6, top + height / 2), (left + width + 6, top + height / 2)):
@@ -107,8 +107,8 @@ class Page(unittest.TestCase):
         wait_for(lambda: subscriber.get_num_connections() == 1, "the page publishes the goal")
         self.page.wait_until("!document.querySelector('#goal').disabled")
         self.page.click_on("#goal")
-        x, y, scale = self.page.evaluate("(() => { const r = document.querySelector('#map-canvas').getBoundingClientRect();"
-                                         " return [r.x + r.width / 2, r.y + r.height / 2, 14]; })()")
+        x, y = self.page.middle_of("#map-canvas")
+        scale = 14  # pixels per metre, at first
         self.page.click(x + 5 * scale, y - 3 * scale)  # the vehicle is in the middle
         wait_for(lambda: goals, "the goal comes")
         position = goals[0].pose.position
@@ -123,7 +123,8 @@ class Page(unittest.TestCase):
 
     def test_who_only_watches_has_no_buttons(self):
         self.show(query="")
-        self.assertEqual([True] * 4, self.page.evaluate("[...document.querySelectorAll('#controls button')].map(b => b.disabled)"))
+        self.assertEqual([True] * 4, self.page.evaluate(
+            "[...document.querySelectorAll('#controls button')].map((one) => one.disabled)"))
 
     def test_a_phone_has_no_overlap(self):
         for width, height in ((390, 844), (360, 640), (800, 1100), (1440, 900), (1920, 1080)):
@@ -177,7 +178,8 @@ class Page(unittest.TestCase):
             self.assertEqual(True, self.page.evaluate("document.querySelector('#lost').hidden"))
             port = int(node.url.rstrip("/").rsplit(":", 1)[1])
             node.stop()
-            text = self.page.wait_until("!document.querySelector('#lost').hidden && document.querySelector('#lost').textContent")
+            text = self.page.wait_until("!document.querySelector('#lost').hidden &&"
+                                        " document.querySelector('#lost').textContent")
             self.assertIn("Connection lost", text)
             self.keep("lost")
             node = WebViewNode(folder, name="web_view_mortal", port=port)

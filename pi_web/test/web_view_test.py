@@ -28,7 +28,7 @@ from std_msgs.msg import Header, String
 from tf2_msgs.msg import TFMessage
 
 sys.path.insert(0, str(Path(__file__).resolve().parent / "web"))
-from foxglove_client import BINARY, TEXT, FoxgloveClient, Refused, WebSocket  # noqa: E402  (found through the line above)
+from foxglove_client import BINARY, TEXT, FoxgloveClient, Refused, WebSocket  # noqa: E402  (found by the line above)
 from node_under_test import TOKEN, WebViewNode  # noqa: E402
 
 STAMP = rospy.Time(12, 345)
@@ -235,7 +235,8 @@ class WebView(unittest.TestCase):
         client = self.open()
         package = Path(self.folder.name) / "robot_of_test"
         wanted = {"package://pi_node/package.xml": "only files .urdf", "file:///etc/passwd.urdf": "only package://",
-                  "package://pi_node/../../../etc/passwd.urdf": "no such file", "package://../x.urdf": "ROS_PACKAGE_PATH",
+                  "package://pi_node/../../../etc/passwd.urdf": "no such file",
+                  "package://../x.urdf": "ROS_PACKAGE_PATH",
                   "package://pi_web/test/web/../../../README.urdf": "no such file"}
         for number, (uri, why) in enumerate(wanted.items()):
             client.ask("fetchAsset", uri=uri, requestId=number)
@@ -268,7 +269,7 @@ class WebView(unittest.TestCase):
         self.assertEqual([True, False], ["clientPublish" in one.info["capabilities"] for one in (driver, watcher)])
         while not {"/command/stop", "/command/release"} <= set(driver.services):
             driver.next()
-        self.assertEqual("bool success", driver.services["/command/stop"]["responseSchema"].split("#")[0].split("\n")[0].strip())
+        self.assertIn("bool success", driver.services["/command/stop"]["responseSchema"])
         answer = std_srvs.srv.TriggerResponse().deserialize(driver.call("/command/stop"))
         self.assertEqual((True, "stopped", ["stop"]), (answer.success, answer.message, called))
         failure = driver.call("/command/release")
@@ -410,7 +411,7 @@ class WebView(unittest.TestCase):
                 if i % 100 == 50:
                     memory_kb.append(self.node.status("VmRSS"))
             self.assertLess(max(memory_kb[2:]) - min(memory_kb[2:]), 15000)
-            self.assertLess(sorted(delays)[len(delays) // 2], 0.05)  # the bench judges figures; this computer may be busy
+            self.assertLess(sorted(delays)[len(delays) // 2], 0.05)  # the bench judges figures
 
     # ----------------------------------------------------------------------------------------------------------- files
 

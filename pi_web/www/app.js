@@ -30,7 +30,9 @@ const connection = new Connection(address.href, {
     if (connected) panels.loadIncidents();
   },
   onControl(allowed) {
-    for (const [button, service] of Object.entries(SERVICES)) $(button).disabled = !(allowed && connection.hasService(service));
+    for (const [button, service] of Object.entries(SERVICES)) {
+      $(button).disabled = !(allowed && connection.hasService(service));
+    }
     $('goal').disabled = !allowed;
     if (!allowed) arm(false);
   },
@@ -45,7 +47,7 @@ function hint(text) {
   hintTimer = setTimeout(() => { $('hint').textContent = ''; }, HINT_MS);
 }
 
-// ------------------------------------------------------------------------------------------------------------- controls
+// ----------------------------------------------------------------------------------------------------------- controls
 
 function arm(on) {
   map.armed = on;
@@ -85,7 +87,7 @@ document.addEventListener('keydown', (event) => {
 });
 matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => map.changed());
 
-// --------------------------------------------------------------------------------------------------------------- camera
+// ------------------------------------------------------------------------------------------------------------- camera
 
 let watched = '';
 function watchCamera(topic) {
@@ -101,14 +103,15 @@ function chooseCamera() {
   select.hidden = topics.length < 2;
   if (topics.join() !== [...select.options].map((one) => one.value).join()) {
     select.replaceChildren(...topics.map((topic) => new Option(topic.replace(/\/web$/, ''), topic)));
-    const first = topics.find((topic) => topic === watched) || topics.find((topic) => topic.includes('left/image')) || topics[0] || '';
+    const first = [watched, topics.find((topic) => topic.includes('left/image')), topics[0], '']
+      .find((topic) => topic === '' || topics.includes(topic));
     select.value = first;
     watchCamera(first);
   }
 }
 $('topic').addEventListener('change', () => watchCamera($('topic').value));
 
-// --------------------------------------------------------------------------------------------------------------- topics
+// ------------------------------------------------------------------------------------------------------------- topics
 
 // Notes how old a message was when it came to the vehicle's server, by the vehicle's clock.
 function timed(name, callback) {

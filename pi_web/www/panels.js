@@ -63,10 +63,14 @@ export class Panels {
   onPower(message) {
     this.power = message;
     const {cpu, cores, total_watts: watts, measured, battery_charge: charge, remaining_time: left} = message;
-    this.figures.set('processor', [`${percent(cpu / Math.max(1, cores))} of ${cores} cores`, cpu > 0.95 * cores ? 'warn' : '']);
+    const share = cpu / Math.max(1, cores);
+    this.figures.set('processor', [`${percent(share)} of ${cores} cores`, share > 0.95 ? 'warn' : '']);
     this.figures.set('power', [`${watts.toFixed(1)} W${measured ? '' : ' (model)'}`, '']);
     if (!Number.isNaN(charge)) this.setBattery(charge);
-    if (Number.isFinite(left)) this.figures.set('battery lasts', [`${Math.floor(left / 3600)} h ${Math.round(left % 3600 / 60)} min`, '']);
+    if (Number.isFinite(left)) {
+      const minutes = Math.round(left / 60);
+      this.figures.set('battery lasts', [`${Math.floor(minutes / 60)} h ${minutes % 60} min`, '']);
+    }
     this.touch('drawHealth');
     this.touch('drawPower');
   }
@@ -74,7 +78,8 @@ export class Panels {
   onDiagnostics(message) {
     // Leaves of the tree alone: groups only repeat them.
     const leaves = message.status.filter((one) => one.name.split('/').length > 3 || !one.name.startsWith('/'));
-    this.diagnostics = leaves.map(({level, name, message: text}) => ({level: Math.min(3, level), name: name.split('/').pop(), text}));
+    this.diagnostics = leaves.map((one) => (
+      {level: Math.min(3, one.level), name: one.name.split('/').pop(), text: one.message}));
     this.touch('drawHealth');
   }
 
@@ -139,8 +144,9 @@ export class Panels {
     }
     const bad = (this.diagnostics || []).filter(({level}) => level > 0).sort((a, b) => b.level - a.level);
     if (this.diagnostics) {
-      list.append(element('dt', 'diagnostics'), element('dd', bad.length ? `${bad.length} of ${this.diagnostics.length} complain`
-        : `${this.diagnostics.length} well`, bad.length ? LEVELS[bad[0].level] : ''));
+      const all = this.diagnostics.length;
+      list.append(element('dt', 'diagnostics'),
+        element('dd', bad.length ? `${bad.length} of ${all} complain` : `${all} well`, bad.length ? LEVELS[bad[0].level] : ''));
     }
     $('complaints').replaceChildren(...bad.slice(0, MOST_COMPLAINTS).map(({level, name, text}) => {
       const item = element('li', '', LEVELS[level]);
@@ -156,7 +162,8 @@ export class Panels {
     $('power').replaceChildren(...services.map((one) => {
       const row = document.createElement('tr');
       row.append(element('td', one.name), element('td', `${(one.cpu * 100).toFixed(1)} %`),
-        element('td', one.memory > 0 ? `${Math.round(one.memory / 1e6)} MB` : ''), element('td', `${one.watts.toFixed(2)} W`));
+        element('td', one.memory > 0 ? `${Math.round(one.memory / 1e6)} MB` : ''),
+        element('td', `${one.watts.toFixed(2)} W`));
       return row;
     }));
   }

@@ -17,11 +17,11 @@ def add_to(commands):
     """Adds the command to pi_edge."""
     command = commands.add_parser("open", help="prints the address of the vehicle's page; starts its server if needed",
                                   description=__doc__)
-    command.add_argument("--listen", metavar="ADDRESS", help="where a server that is started listens; 0.0.0.0: also for "
-                         "other computers, with a token; default: 127.0.0.1")
+    command.add_argument("--listen", metavar="ADDRESS", help="where a server that is started listens; 0.0.0.0: "
+                         "also for other computers, with a token; default: 127.0.0.1")
     command.add_argument("--port", type=int, help="of a server that is started; default: 8890")
-    command.add_argument("--control", action="store_true", help="a server that is started lets those with the token stop "
-                         "the vehicle and set goals")
+    command.add_argument("--control", action="store_true", help="a server that is started lets those with the token "
+                         "stop the vehicle and set goals")
 
 
 def answers(url):
@@ -46,7 +46,8 @@ def addresses(url, token, own_addresses):
 
 
 def own_addresses():
-    listed = subprocess.run(["hostname", "-I"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, check=False)
+    listed = subprocess.run(["hostname", "-I"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+                            check=False)
     return ["127.0.0.1"] + [one for one in listed.stdout.split() if ":" not in one]
 
 

@@ -42,12 +42,13 @@ json removedNames(const Nodes& before, const Nodes& before_too, const Nodes& now
 
 json graphUpdate(const GraphState& before, const GraphState& now)
 {
-  json update = {{"op", "connectionGraphUpdate"},
-                 {"publishedTopics", changed(before.publishers, now.publishers, "publisherIds")},
-                 {"subscribedTopics", changed(before.subscribers, now.subscribers, "subscriberIds")},
-                 {"advertisedServices", changed(before.providers, now.providers, "providerIds")},
-                 {"removedTopics", removedNames(before.publishers, before.subscribers, now.publishers, now.subscribers)},
-                 {"removedServices", removedNames(before.providers, {}, now.providers, {})}};
+  json update = {
+      {"op", "connectionGraphUpdate"},
+      {"publishedTopics", changed(before.publishers, now.publishers, "publisherIds")},
+      {"subscribedTopics", changed(before.subscribers, now.subscribers, "subscriberIds")},
+      {"advertisedServices", changed(before.providers, now.providers, "providerIds")},
+      {"removedTopics", removedNames(before.publishers, before.subscribers, now.publishers, now.subscribers)},
+      {"removedServices", removedNames(before.providers, {}, now.providers, {})}};
   for (const auto& [key, value] : update.items())
   {
     if (value.is_array() && !value.empty())

@@ -42,10 +42,7 @@ std::map<std::string, std::set<std::string>> nodesByName(XmlRpcValue& list)
 
 GraphReader::GraphReader(const std::string& master_uri, const std::string& caller, std::set<std::string> services,
                          double limit_s)
-  : master_uri_(master_uri)
-  , caller_(caller)
-  , services_(std::move(services))
-  , limit_s_(limit_s)
+  : master_uri_(master_uri), caller_(caller), services_(std::move(services)), limit_s_(limit_s)
 {
 }
 

@@ -28,8 +28,7 @@ int64_t monotonicNs()
 }  // namespace
 
 Peer::Peer(const std::string& host, uint16_t port, double limit_s)
-  : name_(host + ":" + std::to_string(port))
-  , until_ns_(monotonicNs() + static_cast<int64_t>(limit_s * 1e9))
+  : name_(host + ":" + std::to_string(port)), until_ns_(monotonicNs() + static_cast<int64_t>(limit_s * 1e9))
 {
   addrinfo hints = {};
   hints.ai_family = AF_INET;

@@ -14,9 +14,7 @@ namespace
 class FieldReader
 {
 public:
-  explicit FieldReader(const Bytes& bytes)
-    : at_(reinterpret_cast<const char*>(bytes.data()))
-    , end_(at_ + bytes.size())
+  explicit FieldReader(const Bytes& bytes) : at_(reinterpret_cast<const char*>(bytes.data())), end_(at_ + bytes.size())
   {
   }
 
@@ -131,9 +129,7 @@ PictureView::PictureView(const Bytes& message)
 }
 
 JpegEncoder::JpegEncoder(int max_width, int quality)
-  : max_width_(max_width)
-  , quality_(quality)
-  , compressor_(tjInitCompress())
+  : max_width_(max_width), quality_(quality), compressor_(tjInitCompress())
 {
   if (compressor_ == nullptr)
   {

@@ -17,7 +17,7 @@ namespace pi_web
 class SendQueue
 {
 public:
-  static constexpr size_t LARGE_BYTES = 64 * 1024;     ///< above: a large message
+  static constexpr size_t LARGE_BYTES = 64 * 1024;      ///< above: a large message
   static constexpr size_t MAX_LANE_BYTES = 512 * 1024;  ///< of several small messages in a lane
   static constexpr size_t MAX_ANSWER_BYTES = 16 * 1024 * 1024;
 

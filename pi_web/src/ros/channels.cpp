@@ -50,10 +50,7 @@ bool isLarge(const std::string& type)
 }  // namespace
 
 Channels::Channels(const ros::NodeHandle& node, const WebViewRosOptions& options, pi_node::WarningBoard* warnings)
-  : node_(node)
-  , options_(options)
-  , warnings_(warnings)
-  , encoder_(options.picture_width, options.jpeg_quality)
+  : node_(node), options_(options), warnings_(warnings), encoder_(options.picture_width, options.jpeg_quality)
 {
   for (const std::string& topic : options.thinned_topics)
   {
@@ -183,7 +180,8 @@ void Channels::subscribe(Client* client, uint32_t subscription, uint32_t id)
     throw std::invalid_argument("channel " + std::to_string(id) + " does not exist");
   }
   const auto first = subscriptions_.lower_bound({client, 0});
-  const auto end = std::find_if(first, subscriptions_.end(), [&](const auto& one) { return one.first.first != client; });
+  const auto end =
+      std::find_if(first, subscriptions_.end(), [&](const auto& one) { return one.first.first != client; });
   if (subscriptions_.count({client, subscription}) != 0 ||
       static_cast<size_t>(std::distance(first, end)) >= MAX_SUBSCRIPTIONS)
   {

@@ -6,10 +6,10 @@
 #include "ros/web_view_ros_options.h"
 #include "server/client.h"
 
-#include <nlohmann/json.hpp>
 #include <pi_node/rate_limit.h>
 #include <pi_node/ros/warning_board.h>
 #include <ros/ros.h>
+#include <nlohmann/json.hpp>
 
 #include <map>
 #include <memory>
@@ -20,8 +20,9 @@
 namespace pi_web
 {
 
-/// The channels that clients see: every topic whose type is known, and beside pictures and frequent topics one TOPIC/web
-/// for pages. Subscribes while somebody watches. One thread calls all methods, and the callbacks of the node handle.
+/// The channels that clients see: every topic whose type is known, and beside pictures and frequent topics one
+/// TOPIC/web for pages. Subscribes while somebody watches. One thread calls all methods, and the callbacks of the node
+/// handle.
 class Channels
 {
 public:
@@ -69,8 +70,7 @@ private:
     std::string name() const { return kind == Kind::PLAIN ? topic : topic + "/web"; }
   };
 
-  void add(Kind kind, const std::string& topic, const std::string& type, const MessageType& definition,
-           Change* change);
+  void add(Kind kind, const std::string& topic, const std::string& type, const MessageType& definition, Change* change);
   void onMessage(Channel* channel, const Event& event);
   void onPicture(Channel* channel, const RawMessage& message);
   void send(Channel* channel, const Payload& bytes);

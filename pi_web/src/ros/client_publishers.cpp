@@ -9,8 +9,7 @@ namespace pi_web
 {
 
 ClientPublishers::ClientPublishers(const ros::NodeHandle& node, std::set<std::string> topics)
-  : node_(node)
-  , topics_(std::move(topics))
+  : node_(node), topics_(std::move(topics))
 {
 }
 
@@ -59,8 +58,7 @@ void ClientPublishers::publish(Client* client, const request::Publish& message)
   {
     throw std::invalid_argument("client channel " + std::to_string(message.channel) + " does not exist");
   }
-  publisher->second.publish(
-      RawMessage{std::make_shared<Bytes>(message.payload.begin(), message.payload.end())});
+  publisher->second.publish(RawMessage{std::make_shared<Bytes>(message.payload.begin(), message.payload.end())});
 }
 
 void ClientPublishers::remove(Client* client)

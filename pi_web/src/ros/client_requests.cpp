@@ -24,9 +24,7 @@ constexpr int MAX_WAITING = 8;  // of a client, for services and parameters
 }  // namespace
 
 ClientRequests::ClientRequests(const Parts& parts)
-  : parts_(parts)
-  , session_(std::to_string(ros::WallTime::now().toNSec()))
-  , parameter_thread_("web_params")
+  : parts_(parts), session_(std::to_string(ros::WallTime::now().toNSec())), parameter_thread_("web_params")
 {
   parameter_thread_.start();
 }

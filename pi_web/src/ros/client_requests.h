@@ -6,8 +6,8 @@
 #include "ros/services.h"
 #include "server/client.h"
 
-#include <nlohmann/json.hpp>
 #include <pi_node/ros/callback_thread.h>
+#include <nlohmann/json.hpp>
 
 #include <boost/asio/io_context.hpp>
 #include <functional>

@@ -28,8 +28,8 @@ std::vector<json> Services::update(const std::map<std::string, std::string>& typ
   }
   for (const auto& [name, type] : types)
   {
-    if (std::any_of(services_.begin(), services_.end(), [&, &wanted = name](const auto& entry)
-                    { return entry.second.name == wanted; }))
+    if (std::any_of(services_.begin(), services_.end(),
+                    [&, &wanted = name](const auto& entry) { return entry.second.name == wanted; }))
     {
       continue;
     }

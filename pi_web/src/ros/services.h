@@ -2,9 +2,9 @@
 
 #include "graph/graph_reader.h"
 
-#include <nlohmann/json.hpp>
 #include <pi_node/ros/callback_thread.h>
 #include <pi_node/ros/warning_board.h>
+#include <nlohmann/json.hpp>
 
 #include <map>
 #include <string>
@@ -41,7 +41,8 @@ private:
 
   pi_node::WarningBoard* const warnings_;
   std::map<uint32_t, Service> services_;
-  std::map<std::string, pi_node::CallbackThread> threads_;  ///< by service; kept while it is gone: a call may be under way
+  std::map<std::string, pi_node::CallbackThread>
+      threads_;  ///< by service; kept while it is gone: a call may be under way
   uint32_t last_id_ = 0;
 };
 

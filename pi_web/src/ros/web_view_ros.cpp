@@ -22,7 +22,7 @@ namespace
 using nlohmann::json;
 
 constexpr const char* ADDRESS_PARAMETER = "address_in_use";  // for pi_edge open
-constexpr double TIME_PERIOD_S = 0.1;   // of simulated time
+constexpr double TIME_PERIOD_S = 0.1;                        // of simulated time
 
 std::set<std::string> resolved(const ros::NodeHandle& node, const std::vector<std::string>& names)
 {
@@ -51,9 +51,9 @@ WebViewRos::WebViewRos(ros::NodeHandle node, ros::NodeHandle private_node)
 {
   node_.setCallbackQueue(&queue_);
   const char* const uri = std::getenv("ROS_MASTER_URI");
-  reader_ = std::make_unique<GraphReader>(uri == nullptr ? "http://localhost:11311" : uri, ros::this_node::getName(),
-                                          options_.allow_control ? resolved(node, options_.services) : std::set<std::string>(),
-                                          options_.answer_limit_s);
+  reader_ = std::make_unique<GraphReader>(
+      uri == nullptr ? "http://localhost:11311" : uri, ros::this_node::getName(),
+      options_.allow_control ? resolved(node, options_.services) : std::set<std::string>(), options_.answer_limit_s);
   for (const auto& [type, definition] : knownTypes())
   {
     reader_->addType(type, definition);
@@ -70,13 +70,14 @@ WebViewRos::WebViewRos(ros::NodeHandle node, ros::NodeHandle private_node)
   updater_.add("web_view", [this](Status& status) { report(status); });
   every(options_.diagnostic_period, &diagnostic_timer_, [this] { updater_.force_update(); });
   const bool v6 = options_.address.find(':') != std::string::npos;
-  const std::string url = "http://" + (v6 ? "[" + options_.address + "]" : options_.address) + ":" +
-                          std::to_string(server_->port()) + "/";
+  const std::string url =
+      "http://" + (v6 ? "[" + options_.address + "]" : options_.address) + ":" + std::to_string(server_->port()) + "/";
   private_node.setParam(ADDRESS_PARAMETER, url);
-  ROS_INFO_STREAM_NAMED("web_view", "the vehicle is at " << url << (options_.allow_control ? "; with the token of " +
-                                                                                                 options_.token_file +
-                                                                                                 " it can be driven"
-                                                                                           : ""));
+  ROS_INFO_STREAM_NAMED("web_view", "the vehicle is at "
+                                        << url
+                                        << (options_.allow_control
+                                                ? "; with the token of " + options_.token_file + " it can be driven"
+                                                : ""));
   graph_thread_.start();
   thread_ = std::thread(
       [this]

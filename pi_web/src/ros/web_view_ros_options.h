@@ -18,12 +18,9 @@ struct WebViewRosOptions : pi_node::NodeParameters<WebViewRosOptions>
   std::string token_file = "~/.ros/pi_edge/web_token";
   bool allow_control = false;
   std::vector<std::string> publish_topics = {"goal", "initialpose"};
-  std::vector<std::string> services = {"command/stop",
-                                       "command/release",
-                                       "arbiter/emergency_stop",
-                                       "arbiter/release_emergency_stop",
-                                       "navigation/cancel",
-                                       "recorder/save"};
+  std::vector<std::string> services = {"command/stop",           "command/release",
+                                       "arbiter/emergency_stop", "arbiter/release_emergency_stop",
+                                       "navigation/cancel",      "recorder/save"};
   std::vector<std::string> host_names;
   std::vector<std::string> web_origins = {"https://app.foxglove.dev"};
   int max_clients = 64;

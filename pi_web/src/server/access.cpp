@@ -49,10 +49,9 @@ std::string nameOf(std::string_view host)
 bool isOurs(const AccessOptions& options, std::string_view host)
 {
   const std::string name = nameOf(host);
-  if (name == "localhost" || (!name.empty() && (name[0] == '[' || std::all_of(name.begin(), name.end(),
-                                                                              [](char c) {
-                                                                                return (c >= '0' && c <= '9') || c == '.';
-                                                                              }))))
+  if (name == "localhost" ||
+      (!name.empty() && (name[0] == '[' || std::all_of(name.begin(), name.end(),
+                                                       [](char c) { return (c >= '0' && c <= '9') || c == '.'; }))))
   {
     return true;
   }
@@ -65,7 +64,10 @@ bool isOurs(const AccessOptions& options, std::string_view host)
 
 int hexDigit(char c)
 {
-  return c >= '0' && c <= '9' ? c - '0' : c >= 'a' && c <= 'f' ? c - 'a' + 10 : c >= 'A' && c <= 'F' ? c - 'A' + 10 : -1;
+  return c >= '0' && c <= '9'   ? c - '0'
+         : c >= 'a' && c <= 'f' ? c - 'a' + 10
+         : c >= 'A' && c <= 'F' ? c - 'A' + 10
+                                : -1;
 }
 
 }  // namespace
@@ -83,8 +85,8 @@ std::string tokenOf(std::string_view target)
       std::string token;
       for (size_t i = 6; i < field.size(); ++i)
       {
-        const bool escaped = field[i] == '%' && i + 2 < field.size() && hexDigit(field[i + 1]) >= 0 &&
-                             hexDigit(field[i + 2]) >= 0;
+        const bool escaped =
+            field[i] == '%' && i + 2 < field.size() && hexDigit(field[i + 1]) >= 0 && hexDigit(field[i + 2]) >= 0;
         token += escaped ? static_cast<char>(hexDigit(field[i + 1]) * 16 + hexDigit(field[i + 2])) : field[i];
         i += escaped ? 2 : 0;
       }

@@ -53,9 +53,7 @@ std::string_view view(beast::string_view text)
 }  // namespace
 
 Connection::Connection(boost::asio::ip::tcp::socket socket, WebServer* server)
-  : server_(server)
-  , socket_(std::move(socket))
-  , wake_(*server->context_)
+  : server_(server), socket_(std::move(socket)), wake_(*server->context_)
 {
   error_code ignored;
   const auto peer = tcp().remote_endpoint(ignored);
@@ -234,8 +232,8 @@ void Connection::readMessage()
 void Connection::onMessage()
 {
   const int64_t now_ns = steadyNs();
-  tokens_ = std::min(BURST_MESSAGES, tokens_ + static_cast<double>(now_ns - tokens_ns_) * 1e-9 *
-                                                   server_->options_.max_messages_per_s);
+  tokens_ = std::min(BURST_MESSAGES,
+                     tokens_ + static_cast<double>(now_ns - tokens_ns_) * 1e-9 * server_->options_.max_messages_per_s);
   tokens_ns_ = now_ns;
   if (tokens_ < 1.0)
   {

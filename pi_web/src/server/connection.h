@@ -15,7 +15,8 @@
 namespace pi_web
 {
 
-/// One TCP connection: requests for files, which may end in a WebSocket. Keeps itself alive while anything is under way.
+/// One TCP connection: requests for files, which may end in a WebSocket. Keeps itself alive while anything is under
+/// way.
 class Connection : public Client, public std::enable_shared_from_this<Connection>
 {
 public:

@@ -123,8 +123,8 @@ std::string incidentsJson(const std::string& folder)
       entries.push_back(entry);
     }
   }
-  std::sort(entries.begin(), entries.end(), [](const auto& left, const auto& right)
-            { return left.path().filename() > right.path().filename(); });
+  std::sort(entries.begin(), entries.end(),
+            [](const auto& left, const auto& right) { return left.path().filename() > right.path().filename(); });
   nlohmann::json list = nlohmann::json::array();
   for (size_t i = 0; i < std::min(entries.size(), MAX_INCIDENTS); ++i)
   {

@@ -14,7 +14,7 @@ namespace
 
 using boost::asio::ip::tcp;
 
-constexpr size_t SPARE_CONNECTIONS = 64;                   // that load files, beside the clients
+constexpr size_t SPARE_CONNECTIONS = 64;                       // that load files, beside the clients
 constexpr auto ACCEPT_AGAIN = std::chrono::milliseconds(200);  // after the descriptors ran out
 
 }  // namespace

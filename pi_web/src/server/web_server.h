@@ -21,9 +21,9 @@ struct WebServerOptions
   std::string address = "127.0.0.1";
   int port = 8890;  ///< 0: any that is free
   int max_clients = 64;
-  int max_message_bytes = 1000000;      ///< of a client's message
-  double max_messages_per_s = 200.0;    ///< of a client, in the mean; a hundred more may come at once
-  double silent_s = 20.0;               ///< a client that does not answer for so long is disconnected
+  int max_message_bytes = 1000000;    ///< of a client's message
+  double max_messages_per_s = 200.0;  ///< of a client, in the mean; a hundred more may come at once
+  double silent_s = 20.0;             ///< a client that does not answer for so long is disconnected
   AccessOptions access;
 };
 
@@ -37,8 +37,8 @@ struct WebFile
 
 class Connection;
 
-/// Serves files over HTTP, and clients over WebSockets of the same port. All calls and callbacks on the thread that runs
-/// the context.
+/// Serves files over HTTP, and clients over WebSockets of the same port. All calls and callbacks on the thread that
+/// runs the context.
 class WebServer
 {
 public:

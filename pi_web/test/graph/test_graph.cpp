@@ -36,7 +36,8 @@ TEST(WebViewRosOptions, RefusalsNameParameterValueAndBound)
 
 TEST(ParameterJson, ValuesComeBack)
 {
-  const json value = {{"a", 1}, {"b", {1.5, "x", true, json::array()}}, {"c", {{"d", -2147483648}}}, {"e", json::object()}};
+  const json value = {
+      {"a", 1}, {"b", {1.5, "x", true, json::array()}}, {"c", {{"d", -2147483648}}}, {"e", json::object()}};
   EXPECT_EQ(value, toJson(fromJson(value)));
   EXPECT_THROW(fromJson(2147483648), std::invalid_argument);
   EXPECT_THROW(fromJson(nullptr), std::invalid_argument);

@@ -31,8 +31,12 @@ Bytes image(uint32_t width, uint32_t height, const std::string& encoding, uint32
 TEST(JpegEncoder, TakesAllEncodingsAndSizes)
 {
   JpegEncoder encoder(320, 70);
-  for (const auto& [encoding, pixel] :
-       {std::pair<std::string, uint32_t>("mono8", 1), {"mono16", 2}, {"bgr8", 3}, {"rgb8", 3}, {"bgra8", 4}, {"rgba8", 4}})
+  for (const auto& [encoding, pixel] : {std::pair<std::string, uint32_t>("mono8", 1),
+                                        {"mono16", 2},
+                                        {"bgr8", 3},
+                                        {"rgb8", 3},
+                                        {"bgra8", 4},
+                                        {"rgba8", 4}})
   {
     for (const uint32_t width : {1u, 320u, 641u, 1920u})
     {

@@ -30,8 +30,9 @@ TEST(Requests, AreDecoded)
       decodeText(R"({"op":"subscribe","subscriptions":[{"id":0,"channelId":4294967295},{"id":1,"channelId":5}]})"));
   ASSERT_EQ(2u, subscribe.subscriptions.size());
   EXPECT_EQ(std::make_pair(0u, 4294967295u), subscribe.subscriptions[0]);
-  EXPECT_EQ(std::vector<uint32_t>({1, 2}),
-            std::get<request::Unsubscribe>(decodeText(R"({"op":"unsubscribe","subscriptionIds":[1,2]})")).subscriptions);
+  EXPECT_EQ(
+      std::vector<uint32_t>({1, 2}),
+      std::get<request::Unsubscribe>(decodeText(R"({"op":"unsubscribe","subscriptionIds":[1,2]})")).subscriptions);
   const auto parameters = std::get<request::SetParameters>(
       decodeText(R"({"op":"setParameters","parameters":[{"name":"/a","value":1.5},{"name":"/b"}],"id":"x"})"));
   EXPECT_EQ(1.5, parameters.values[0].second);
@@ -71,15 +72,18 @@ TEST(Requests, RefusalsNameFieldAndBound)
             refusal(std::string("\x02") + std::string(8, '\0') + "\xff\xff\xff\xff", false));
 }
 
-/// Correct messages of which bytes are changed, cut, doubled and inserted: the decoder returns or refuses, and nothing else.
+/// Correct messages of which bytes are changed, cut, doubled and inserted: the decoder returns or refuses, and nothing
+/// else.
 TEST(Requests, GarbageIsRefusedAndNothingElse)
 {
   std::vector<std::string> seeds = {
       R"({"op":"subscribe","subscriptions":[{"id":0,"channelId":3}]})",
       R"({"op":"advertise","channels":[{"id":1,"topic":"/goal","encoding":"ros1","schemaName":"std_msgs/String"}]})",
       R"({"op":"setParameters","parameters":[{"name":"/a","value":{"b":[1,2.5,"x",null,true]}}],"id":"7"})",
-      R"({"op":"fetchAsset","uri":"package://a/b.urdf","requestId":1})", std::string(5000, '['),
-      std::string("\x02\1\0\0\0\2\0\0\0\4\0\0\0ros1abc", 20), std::string("\x01\1\0\0\0abc", 8)};
+      R"({"op":"fetchAsset","uri":"package://a/b.urdf","requestId":1})",
+      std::string(5000, '['),
+      std::string("\x02\1\0\0\0\2\0\0\0\4\0\0\0ros1abc", 20),
+      std::string("\x01\1\0\0\0abc", 8)};
   std::mt19937 random(7);
   int refused = 0;
   for (int round = 0; round < 100000; ++round)

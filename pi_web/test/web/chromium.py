@@ -96,10 +96,12 @@ class Page:
         for kind in ("mousePressed", "mouseReleased"):
             self._ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
-    def click_on(self, selector):
-        x, y = self.evaluate("(() => { const r = document.querySelector(%s).getBoundingClientRect();"
+    def middle_of(self, selector):
+        return self.evaluate("(() => { const r = document.querySelector(%s).getBoundingClientRect();"
                              " return [r.x + r.width / 2, r.y + r.height / 2]; })()" % json.dumps(selector))
-        self.click(x, y)
+
+    def click_on(self, selector):
+        self.click(*self.middle_of(selector))
 
     def picture(self, path, whole=False):
         answer = self._ask("Page.captureScreenshot", format="png", captureBeyondViewport=whole,

@@ -114,7 +114,8 @@ class FoxgloveClient(WebSocket):
         if message["op"] == "advertise":
             self.channels.update({one["topic"]: one for one in message["channels"]})
         elif message["op"] == "unadvertise":
-            self.channels = {topic: one for topic, one in self.channels.items() if one["id"] not in message["channelIds"]}
+            gone = set(message["channelIds"])
+            self.channels = {topic: one for topic, one in self.channels.items() if one["id"] not in gone}
         elif message["op"] == "advertiseServices":
             self.services.update({one["name"]: one for one in message["services"]})
         return message

@@ -87,7 +87,8 @@ class PlayedVehicle:
             self._publish()
 
     def _once(self):
-        for topic, points in (("/route", [(0, 0), (6, 0.2), (12, 2), (20, 6)]), ("/path", [(-12, -4), (-5, -1), (0, 0)])):
+        for topic, points in (("/route", [(0, 0), (6, 0.2), (12, 2), (20, 6)]),
+                              ("/path", [(-12, -4), (-5, -1), (0, 0)])):
             path = Path()
             path.header.frame_id = "map"
             for x, y in points:
@@ -122,7 +123,8 @@ class PlayedVehicle:
         send("/obstacles", ObstacleArray(obstacles=[
             obstacle(1, "person", 5.0, 0.6, (0.5, 0.6), (0.0, -1.2)), obstacle(2, "car", 9.0, 4.0, (4.2, 1.8)),
             obstacle(3, "", 7.0, -3.0, (0.8, 0.8))]), "base_link")
-        tracks = Track2DArray(tracks=[Track2D(id=1, label="person", score=0.87), Track2D(id=2, label="car", score=0.64)])
+        tracks = Track2DArray(tracks=[Track2D(id=1, label="person", score=0.87),
+                                      Track2D(id=2, label="car", score=0.64)])
         for track, (left, top, width, height) in zip(tracks.tracks, (BOX, (420, 220, 180, 90))):
             track.bbox.center.x, track.bbox.center.y = left + width / 2, top + height / 2
             track.bbox.size_x, track.bbox.size_y = width, height
@@ -132,10 +134,10 @@ class PlayedVehicle:
                                             battery_charge=0.76), "base_link")
         send("/arbiter/state", ArbiterState(driver="navigation", limited_by="reaction", reason=self.reason))
         send("/localisation", LocalisationState(valid=True), "map")
-        send("/power", PowerState(cpu=1.11, cores=4, total_watts=6.0, battery_charge=0.76, remaining_time=8000, services=[
-            ServicePower(name="localisation", running=True, cpu=0.25, memory=61e6, watts=0.7),
-            ServicePower(name="detection", running=True, cpu=0.55, memory=88e6, watts=1.4),
-            ServicePower(name="speech", running=True, cpu=0.06, memory=35e6, watts=0.2)]))
+        services = [ServicePower(name=name, running=True, cpu=cpu, memory=memory, watts=watts) for name, cpu, memory, watts
+                    in (("localisation", 0.25, 61e6, 0.7), ("detection", 0.55, 88e6, 1.4), ("speech", 0.06, 35e6, 0.2))]
+        send("/power", PowerState(cpu=1.11, cores=4, total_watts=6.0, battery_charge=0.76, remaining_time=8000,
+                                  services=services))
         send("/diagnostics_agg", DiagnosticArray(status=[
             DiagnosticStatus(level=0, name="/Vehicle/Chassis/chassis", message="connected"),
             DiagnosticStatus(level=0, name="/Vehicle/Speech/recognizer", message="listens"),
