@@ -156,7 +156,11 @@ class WebView(unittest.TestCase):
             channel = client.channels["/ten/" + name]
             self.assertEqual((message._type, "ros1", "ros1msg"),
                              (channel["schemaName"], channel["encoding"], channel["schemaEncoding"]))
-            self.assertEqual(serialised(message), serialised(client.decode("/ten/" + name, got["/ten/" + name])))
+            decoded = client.decode("/ten/" + name, got["/ten/" + name])
+            for one in (message, decoded):
+                if hasattr(one, "header"):
+                    one.header.seq = 0  # rospy counts it
+            self.assertEqual(serialised(message), serialised(decoded))
         # A client that comes later gets what is latched from the server.
         later = self.open()
         later.subscribe("/ten/string")
@@ -270,7 +274,9 @@ class WebView(unittest.TestCase):
         while not {"/command/stop", "/command/release"} <= set(driver.services):
             driver.next()
         self.assertIn("bool success", driver.services["/command/stop"]["responseSchema"])
-        answer = std_srvs.srv.TriggerResponse().deserialize(driver.call("/command/stop"))
+        response = driver.call("/command/stop")
+        self.assertIsInstance(response, bytes, response)
+        answer = std_srvs.srv.TriggerResponse().deserialize(response)
         self.assertEqual((True, "stopped", ["stop"]), (answer.success, answer.message, called))
         failure = driver.call("/command/release")
         self.assertIn("brakes are hot", failure["message"])
@@ -339,7 +345,7 @@ class WebView(unittest.TestCase):
                     one.shutdown(socket.SHUT_WR)
                     while one.recv(4096):
                         pass
-                except ConnectionError:
+                except OSError:
                     pass
         for _ in range(60):  # frames of a client gone mad
             client = self.open()
@@ -367,12 +373,12 @@ class WebView(unittest.TestCase):
                 client.subscribe("/rosout")
                 client.close()
         connect(100)
-        watcher = self.open()
         wait_for(lambda: self.node.descriptors() < 60, "connections are closed")
         descriptors, before_kb = self.node.descriptors(), self.node.status("VmRSS")
         connect(1000)
         wait_for(lambda: self.node.descriptors() <= descriptors + 2, "all connections are closed")
         self.assertLess(self.node.status("VmRSS"), before_kb + 3000)
+        watcher = self.open()
         watcher.ask("getParameters", parameterNames=["/run_id"], id="alive")
         self.assertEqual("alive", watcher.next_op("parameterValues")["id"])
 
@@ -429,7 +435,7 @@ class WebView(unittest.TestCase):
             self.assertEqual((path, status, begin), (path, answer.status, body[:len(begin)]))
             if status != 200:
                 connection.close()
-        connection.request("POST", "/", b"x")
+        connection.request("POST", "/")
         self.assertEqual(405, connection.getresponse().status)
 
 

@@ -1,5 +1,7 @@
 #include "graph/graph_reader.h"
 
+#include <xmlrpcpp/XmlRpcException.h>
+
 #include <chrono>
 #include <cstring>
 #include <stdexcept>
@@ -192,14 +194,15 @@ Payload GraphReader::call(const std::string& service, std::string_view request, 
 {
   const auto [host, port] = addressOf(master("lookupService", {service}));
   Peer peer(host, port, limit_s);
-  std::string bytes = encodeHeader({{"callerid", caller_}, {"service", service}, {"md5sum", "*"}});
-  appendUint32(static_cast<uint32_t>(request.size()), &bytes);
-  peer.write(bytes.append(request));
+  peer.write(encodeHeader({{"callerid", caller_}, {"service", service}, {"md5sum", "*"}}));
   HeaderFields fields = decodeHeader(peer.readBlock(MAX_HEADER_BYTES));
   if (fields.count("error") != 0)
   {
     throw std::runtime_error(service + ": " + fields["error"]);
   }
+  std::string bytes;  // not with the header: rospy would lose what comes behind it
+  appendUint32(static_cast<uint32_t>(request.size()), &bytes);
+  peer.write(bytes.append(request));
   const bool well = peer.read(1)[0] == 1;
   const std::string response = peer.readBlock(MAX_RESPONSE_BYTES);
   if (!well)

@@ -41,7 +41,7 @@ class WebSocket:
             head += self.take(1)
         self.head = head.decode()
         if " 101 " not in self.head.split("\r\n")[0]:
-            raise Refused(self.head + self.socket.recv(4096).decode(errors="replace"))
+            raise Refused(self.head + self.take_all().decode(errors="replace"))
 
     def take(self, count):
         while len(self.buffer) < count:
@@ -51,6 +51,14 @@ class WebSocket:
             self.buffer += some
         taken, self.buffer = self.buffer[:count], self.buffer[count:]
         return taken
+
+    def take_all(self):
+        """Until the server ends the connection."""
+        while True:
+            some = self.socket.recv(65536)
+            if not some:
+                return self.buffer
+            self.buffer += some
 
     def send_frame(self, opcode, payload, announced=None):
         """announced: a length that is not the true one."""

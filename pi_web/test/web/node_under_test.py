@@ -2,6 +2,7 @@
 
 import os
 import re
+import signal
 import subprocess
 import threading
 
@@ -24,7 +25,8 @@ class WebViewNode:
         given = {"port": 0, "token_file": self.token_file, "incidents_folder": folder, **parameters}
         self.process = subprocess.Popen(
             [program[0], "__name:=" + name, *("_%s:=%s" % (key, value) for key, value in given.items())],
-            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, bufsize=1)
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, bufsize=1,
+            env={**os.environ, "ROSCONSOLE_STDOUT_LINE_BUFFERED": "1"})
         self.lines = []
         self.url = None
         self._ready = threading.Event()
@@ -60,7 +62,7 @@ class WebViewNode:
 
     def stop(self):
         """@return the exit status"""
-        self.process.terminate()
+        self.process.send_signal(signal.SIGINT)
         try:
             return self.process.wait(20)
         except subprocess.TimeoutExpired:
