@@ -103,8 +103,8 @@ function chooseCamera() {
   select.hidden = topics.length < 2;
   if (topics.join() !== [...select.options].map((one) => one.value).join()) {
     select.replaceChildren(...topics.map((topic) => new Option(topic.replace(/\/web$/, ''), topic)));
-    const first = [watched, topics.find((topic) => topic.includes('left/image')), topics[0], '']
-      .find((topic) => topic === '' || topics.includes(topic));
+    const first = [watched, topics.find((topic) => topic.includes('left/image')), topics[0]]
+      .find((topic) => topics.includes(topic)) || '';
     select.value = first;
     watchCamera(first);
   }
