@@ -23,6 +23,7 @@ MAY_INCLUDE = {
     "pi_offload": ["pi_os_transport", "pi_runtime", "pi_detect", "pi_speech"],
     "pi_vehicle": ["pi_os_transport", "pi_detect", "pi_speech"],
     "pi_simulation": ["pi_os_transport", "pi_slam", "pi_detect", "pi_speech", "pi_vehicle"],
+    "pi_web": [],
     "pi_bringup": [],
 }
 

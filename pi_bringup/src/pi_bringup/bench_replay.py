@@ -177,7 +177,7 @@ class Replay:
         events.subscribe("/diagnostics", DiagnosticArray, self._on_diagnostics)
         launch = started.launch(
             ["pi_bringup", "vehicle.launch", "preload:=%s" % (self._preload or ""), "mounts:=false", "decision:=false",
-             "chassis:=false", "microphone:=false", "rviz:=false", "announce:=false",
+             "chassis:=false", "microphone:=false", "rviz:=false", "web:=false", "announce:=false",
              "recordings:=%s" % (self._output / "recordings"),
              "together:=%s" % str(options.together).lower(), "output:=screen"], self._log)
         events.follow(launch)

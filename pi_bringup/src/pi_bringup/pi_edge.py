@@ -9,7 +9,7 @@ import json
 import os
 import sys
 
-from pi_bringup import incidents, new_service, service
+from pi_bringup import incidents, new_service, service, web_page
 from pi_bringup.doctor import calibration, computer, devices, live, network, sensors, software, vehicle
 from pi_bringup.doctor.result import FAIL, run_check, worst
 from pi_bringup.fleet import commands as fleet
@@ -76,7 +76,8 @@ def checks(options):
 
 def parse(arguments):
     parser = argparse.ArgumentParser(prog="pi_edge", description="Looks after the vehicle's computer and recordings; "
-                                     "begins new services; starts the vehicle with the computer; makes a fleet's keys.")
+                                     "begins new services; starts the vehicle with the computer; shows it in a browser; "
+                                     "makes a fleet's keys.")
     commands = parser.add_subparsers(dest="command", required=True)
     doctor = commands.add_parser("doctor", help="checks sensors, clocks, rights, models, network, and says what to do",
                                  description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -106,6 +107,7 @@ def parse(arguments):
     incidents.add_to(commands)
     service.add_to(commands)
     fleet.add_to(commands)
+    web_page.add_to(commands)
     # rosrun and roslaunch add remappings such as __name:=x.
     options = parser.parse_args([argument for argument in arguments if not argument.startswith("__")])
     options.parser = doctor
@@ -139,10 +141,12 @@ def main():
         leave(new_service.main(options, find_package()))
     if options.command == "incidents":
         leave(incidents.main(options))
-    if options.command.endswith("-service"):
-        leave(service.main(options))
+    if options.command == "open":
+        leave(web_page.main(options))
     if options.command == "fleet":
         leave(fleet.main(options))
+    if options.command.endswith("-service"):
+        leave(service.main(options))
     try:
         results = doctor(options, lambda result: None if options.json else print(result.line()))
     except KeyboardInterrupt:

@@ -43,6 +43,15 @@ class LaunchFiles(unittest.TestCase):
         alone = yaml.safe_load(roslaunch("--dump-params", "pi_detect", "obstacles.launch").stdout)
         self.assertEqual(1.0, alone.get("/obstacles/vehicle/footprint/front"))
 
+    def test_the_page_is_on_loopback_and_off_in_simulation(self):
+        for arguments, page in ((["vehicle.launch"], ("127.0.0.1", False)), (["simulation.launch"], (None, None)),
+                                (["vehicle.launch", "web_address:=0.0.0.0", "web_control:=true"], ("0.0.0.0", True)),
+                                (["simulation.launch", "web:=true", "web_control:=true"], ("127.0.0.1", True))):
+            result = roslaunch("--dump-params", "pi_bringup", *arguments)
+            parameters = yaml.safe_load(result.stdout)
+            self.assertEqual(page, (parameters.get("/web_view/address"), parameters.get("/web_view/allow_control")),
+                             result.stderr)
+
     def test_a_stock_base_is_chosen_by_one_argument(self):
         result = roslaunch("--dump-params", "pi_bringup", "simulation.launch", "base:=twist")
         parameters = yaml.safe_load(result.stdout)

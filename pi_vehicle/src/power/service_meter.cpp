@@ -73,6 +73,7 @@ std::vector<ServiceDescription> defaultServices()
       {"sensors", {"player", "camera", "left_camera", "right_camera", "imu"}, {"playback", "prefetch"}, true},
       {"power", {"power", "vehicle_manager"}, {"power*"}, true},
       {"recording", {"recorder", "vehicle_manager"}, {"recorder*"}, true},
+      {"web", {"web_view"}, {"web_*"}, true},
   };
 }
 

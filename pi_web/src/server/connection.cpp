@@ -1,0 +1,358 @@
+#include "server/connection.h"
+
+#include <netinet/tcp.h>
+#include <sys/socket.h>
+
+#include <algorithm>
+#include <chrono>
+#include <stdexcept>
+#include <utility>
+
+namespace pi_web
+{
+namespace
+{
+
+namespace beast = boost::beast;
+namespace http = boost::beast::http;
+namespace websocket = boost::beast::websocket;
+using boost::beast::error_code;
+
+constexpr auto HTTP_LIMIT = std::chrono::seconds(10);  // for a request, and between two
+constexpr int UNSENT_BYTES = 128 * 1024;               // that the kernel keeps: what waits there cannot be overtaken
+constexpr int MAX_REFUSED = 50;                        // requests of a client that means us no good
+constexpr double BURST_MESSAGES = 100.0;
+
+int64_t steadyNs()
+{
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
+      .count();
+}
+
+/// The first of our sub-protocols that the client offers.
+std::string chosenProtocol(beast::string_view offered)
+{
+  for (const char* const protocol : SUBPROTOCOLS)
+  {
+    for (const auto& one : http::token_list(offered))
+    {
+      if (one == protocol)
+      {
+        return protocol;
+      }
+    }
+  }
+  return "";
+}
+
+std::string_view view(beast::string_view text)
+{
+  return {text.data(), text.size()};
+}
+
+}  // namespace
+
+Connection::Connection(boost::asio::ip::tcp::socket socket, WebServer* server)
+  : server_(server), socket_(std::move(socket)), wake_(*server->context_)
+{
+  error_code ignored;
+  const auto peer = tcp().remote_endpoint(ignored);
+  name_ = peer.address().to_string(ignored) + ":" + std::to_string(peer.port());
+  tcp().set_option(boost::asio::ip::tcp::no_delay(true), ignored);
+  setsockopt(tcp().native_handle(), IPPROTO_TCP, TCP_NOTSENT_LOWAT, &UNSENT_BYTES, sizeof UNSENT_BYTES);
+  server_->connections_.insert(this);
+}
+
+Connection::~Connection()
+{
+  if (server_ != nullptr)
+  {
+    server_->connections_.erase(this);
+  }
+}
+
+void Connection::abandon()
+{
+  server_ = nullptr;
+  error_code ignored;
+  wake_.cancel(ignored);
+  tcp().close(ignored);
+}
+
+void Connection::start()
+{
+  readHttp();
+}
+
+void Connection::readHttp()
+{
+  parser_.emplace();
+  parser_->body_limit(0);  // the header has a limit of 8 kB
+  socket_.next_layer().expires_after(HTTP_LIMIT);
+  http::async_read_header(socket_.next_layer(), input_, *parser_,
+                          [self = shared_from_this()](error_code error, size_t)
+                          {
+                            if (!error && self->server_ != nullptr)
+                            {
+                              self->onHttp();
+                            }
+                          });
+}
+
+void Connection::onHttp()
+{
+  const auto& request = parser_->get();
+  const std::string_view target = view(request.target());
+  const bool websocket_wanted = websocket::is_upgrade(request);
+  const auto file = server_->files_.find(std::string(target.substr(0, target.find('?'))));
+  if (request.method() != http::verb::get && request.method() != http::verb::head)
+  {
+    respond(http::status::method_not_allowed, "text/plain", "only GET\n");
+    return;
+  }
+  if (!websocket_wanted && file == server_->files_.end())
+  {
+    respond(http::status::not_found, "text/plain", "there is no such file\n");
+    return;
+  }
+  if (!websocket_wanted && !file->second.make)
+  {
+    respond(http::status::ok, file->second.type, file->second.body);
+    return;
+  }
+  const Access access =
+      accessOf(server_->options_.access, target, view(request[http::field::host]), view(request[http::field::origin]));
+  if (!access.refusal.empty())
+  {
+    server_->log_(name_ + " is refused: " + access.refusal);
+    respond(http::status::unauthorized, "text/plain", access.refusal + "\n");
+    return;
+  }
+  if (!websocket_wanted)
+  {
+    respond(http::status::ok, file->second.type, file->second.make());
+    return;
+  }
+  const std::string protocol = chosenProtocol(request[http::field::sec_websocket_protocol]);
+  const std::string why = protocol.empty() ? "no common sub-protocol; offer foxglove.sdk.v1 or foxglove.websocket.v1"
+                          : server_->clients_ >= static_cast<size_t>(server_->options_.max_clients)
+                              ? "max_clients = " + std::to_string(server_->options_.max_clients) + " are connected"
+                              : "";
+  if (!why.empty())
+  {
+    server_->log_(name_ + " is refused: " + why);
+    respond(protocol.empty() ? http::status::bad_request : http::status::service_unavailable, "text/plain", why + "\n");
+    return;
+  }
+  control_ = access.control;
+  socket_.set_option(websocket::stream_base::decorator(
+      [protocol](websocket::response_type& response) { response.set(http::field::sec_websocket_protocol, protocol); }));
+  upgrade();
+}
+
+void Connection::respond(http::status status, const std::string& type, std::string body)
+{
+  const auto& request = parser_->get();
+  response_ = FileResponse(status, request.version());
+  response_.set(http::field::content_type, type);
+  response_.set(http::field::cache_control, "no-cache");
+  response_.set("X-Content-Type-Options", "nosniff");
+  response_.set("Referrer-Policy", "no-referrer");  // the address may hold the token
+  response_.set("Content-Security-Policy",
+                "default-src 'self'; img-src 'self' blob:; connect-src 'self' ws: wss:; frame-ancestors 'none'");
+  response_.keep_alive(request.keep_alive() && status == http::status::ok);
+  response_.body() = std::move(body);
+  response_.prepare_payload();
+  if (request.method() == http::verb::head)
+  {
+    response_.body().clear();
+  }
+  socket_.next_layer().expires_after(HTTP_LIMIT);
+  http::async_write(socket_.next_layer(), response_,
+                    [self = shared_from_this()](error_code error, size_t)
+                    {
+                      if (error || self->server_ == nullptr)
+                      {
+                        return;
+                      }
+                      if (self->response_.keep_alive())
+                      {
+                        self->readHttp();
+                        return;
+                      }
+                      error_code ignored;
+                      self->tcp().shutdown(boost::asio::ip::tcp::socket::shutdown_send, ignored);
+                    });
+}
+
+void Connection::upgrade()
+{
+  socket_.next_layer().expires_never();
+  const auto silent = std::chrono::milliseconds(static_cast<int64_t>(server_->options_.silent_s * 1000.0));
+  socket_.set_option(websocket::stream_base::timeout{HTTP_LIMIT, silent, true});
+  socket_.read_message_max(static_cast<size_t>(server_->options_.max_message_bytes));
+  socket_.auto_fragment(false);
+  socket_.async_accept(parser_->get(),
+                       [self = shared_from_this()](error_code error)
+                       {
+                         if (error || self->server_ == nullptr)
+                         {
+                           return;
+                         }
+                         self->parser_.reset();
+                         self->open_ = true;
+                         self->tokens_ns_ = steadyNs();
+                         ++self->server_->clients_;
+                         self->server_->handler_->onOpen(self.get());
+                         self->readMessage();
+                       });
+}
+
+void Connection::readMessage()
+{
+  socket_.async_read(input_,
+                     [self = shared_from_this()](error_code error, size_t)
+                     {
+                       if (self->server_ == nullptr || !self->open_)
+                       {
+                         return;
+                       }
+                       if (error)
+                       {
+                         const bool usual = error == websocket::error::closed || error == boost::asio::error::eof ||
+                                            error == boost::asio::error::connection_reset ||
+                                            error == boost::asio::error::operation_aborted;
+                         self->fail(usual ? "" : error.message());
+                         return;
+                       }
+                       self->onMessage();
+                     });
+}
+
+void Connection::onMessage()
+{
+  const int64_t now_ns = steadyNs();
+  tokens_ = std::min(BURST_MESSAGES,
+                     tokens_ + static_cast<double>(now_ns - tokens_ns_) * 1e-9 * server_->options_.max_messages_per_s);
+  tokens_ns_ = now_ns;
+  if (tokens_ < 1.0)
+  {
+    close("more than max_messages_per_s");
+    return;
+  }
+  tokens_ -= 1.0;
+  const auto bytes = input_.cdata();
+  const std::string_view message(static_cast<const char*>(bytes.data()), bytes.size());
+  try
+  {
+    server_->handler_->onRequest(this, socket_.got_text() ? decodeText(message) : decodeBinary(message));
+  }
+  catch (const std::invalid_argument& error)
+  {
+    answer(statusMessage(StatusLevel::ERROR, error.what()));
+    if (++refused_ == MAX_REFUSED)
+    {
+      close(std::to_string(MAX_REFUSED) + " requests were wrong, at last: " + error.what());
+    }
+  }
+  input_.consume(input_.size());
+  if (open_)
+  {
+    readMessage();
+  }
+}
+
+void Connection::answer(OutMessage message)
+{
+  if (!open_)
+  {
+    return;
+  }
+  if (!queue_.pushAnswer(std::move(message)))
+  {
+    close("it asks and does not read the answers");
+    return;
+  }
+  send();
+}
+
+void Connection::push(uint32_t lane, OutMessage message, size_t most)
+{
+  if (open_)
+  {
+    queue_.push(lane, std::move(message), most);
+    send();
+  }
+}
+
+void Connection::send()
+{
+  if (under_way_ || !open_)
+  {
+    return;
+  }
+  under_way_ = queue_.next(steadyNs());
+  if (!under_way_)
+  {
+    if (const auto ready_ns = queue_.readyAt(); ready_ns && !waking_)
+    {
+      waking_ = true;
+      wake_.expires_at(std::chrono::steady_clock::time_point(std::chrono::nanoseconds(*ready_ns)));
+      wake_.async_wait(
+          [self = shared_from_this()](error_code)
+          {
+            self->waking_ = false;
+            self->send();
+          });
+    }
+    return;
+  }
+  socket_.binary(!under_way_->text);
+  const std::array<boost::asio::const_buffer, 2> buffers = {
+      boost::asio::buffer(under_way_->head),
+      under_way_->body ? boost::asio::buffer(*under_way_->body) : boost::asio::const_buffer()};
+  socket_.async_write(buffers,
+                      [self = shared_from_this()](error_code error, size_t)
+                      {
+                        self->queue_.sent(steadyNs());
+                        self->under_way_.reset();
+                        if (!error)  // an error ends the reading, too
+                        {
+                          self->send();
+                        }
+                      });
+}
+
+/// The connection has ended.
+void Connection::fail(const std::string& why)
+{
+  if (!open_)
+  {
+    return;
+  }
+  open_ = false;
+  if (!why.empty())
+  {
+    server_->log_(name_ + " is disconnected: " + why);
+  }
+  --server_->clients_;
+  server_->handler_->onClose(this);
+  error_code ignored;
+  wake_.cancel(ignored);
+  tcp().close(ignored);  // also ends a write that waits for the client
+}
+
+void Connection::close(const std::string& why)
+{
+  // Not within the handler's call, which may hold the client.
+  boost::asio::post(*server_->context_,
+                    [self = shared_from_this(), why]
+                    {
+                      if (self->server_ != nullptr)
+                      {
+                        self->fail(why);
+                      }
+                    });
+}
+
+}  // namespace pi_web

@@ -1,0 +1,70 @@
+#pragma once
+
+#include "protocol/send_queue.h"
+#include "server/web_server.h"
+
+#include <boost/asio/steady_timer.hpp>
+#include <boost/beast/core.hpp>
+#include <boost/beast/http.hpp>
+#include <boost/beast/websocket.hpp>
+
+#include <memory>
+#include <optional>
+#include <string>
+
+namespace pi_web
+{
+
+/// One TCP connection: requests for files, which may end in a WebSocket. Keeps itself alive while anything is under
+/// way.
+class Connection : public Client, public std::enable_shared_from_this<Connection>
+{
+public:
+  Connection(boost::asio::ip::tcp::socket socket, WebServer* server);
+  ~Connection() override;
+  void start();
+  /// The server ends: no handler is called any more.
+  void abandon();
+
+  const std::string& name() const override { return name_; }
+  bool mayControl() const override { return control_; }
+  void answer(OutMessage message) override;
+  void push(uint32_t lane, OutMessage message, size_t most) override;
+  void forget(uint32_t lane) override { queue_.remove(lane); }
+  bool isReady(uint32_t lane) const override { return queue_.isTaken(lane); }
+  uint64_t dropped() const override { return queue_.dropped(); }
+
+private:
+  using Socket = boost::beast::websocket::stream<boost::beast::tcp_stream>;
+  using Parser = boost::beast::http::request_parser<boost::beast::http::empty_body>;
+  using FileResponse = boost::beast::http::response<boost::beast::http::string_body>;
+
+  void readHttp();
+  void onHttp();
+  void respond(boost::beast::http::status status, const std::string& type, std::string body);
+  void upgrade();
+  void readMessage();
+  void onMessage();
+  void send();
+  void fail(const std::string& why);
+  void close(const std::string& why);
+  boost::asio::ip::tcp::socket& tcp() { return socket_.next_layer().socket(); }
+
+  WebServer* server_;  ///< null once it has ended
+  Socket socket_;
+  std::string name_;
+  boost::beast::flat_buffer input_;
+  std::optional<Parser> parser_;
+  FileResponse response_;
+  SendQueue queue_;
+  std::optional<OutMessage> under_way_;
+  boost::asio::steady_timer wake_;
+  bool waking_ = false;
+  bool open_ = false;  ///< the handler knows the client
+  bool control_ = false;
+  double tokens_ = 100.0;  ///< messages that the client may still send
+  int64_t tokens_ns_ = 0;
+  int refused_ = 0;
+};
+
+}  // namespace pi_web

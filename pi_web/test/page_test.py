@@ -1,0 +1,211 @@
+#!/usr/bin/python3
+"""The page in Chromium, before a played vehicle."""
+
+import base64
+import json
+import math
+import os
+import sys
+import tempfile
+import unittest
+from pathlib import Path
+
+import rospy
+import rostest
+import std_srvs.srv
+from geometry_msgs.msg import PoseStamped
+
+sys.path[:0] = [str(Path(__file__).resolve().parent), str(Path(__file__).resolve().parent / "web")]
+import chromium  # noqa: E402  (found through the line above)
+from node_under_test import TOKEN, WebViewNode  # noqa: E402
+from played_vehicle import BASE_IN_MAP, BOX, PlayedVehicle  # noqa: E402
+from web_view_test import serialised, ten_types, wait_for  # noqa: E402
+
+PICTURES = os.environ.get("PI_WEB_PICTURES", "")
+SEEN = "!document.querySelector('#camera-canvas').hidden && document.querySelector('#doing').textContent === 'stands'"
+# Whether two panels overlap, what is wider than the page, and texts that are cut off.
+LAYOUT = """(() => {
+  const sections = [...document.querySelectorAll('main > section')];
+  const boxes = sections.map((one) => one.getBoundingClientRect());
+  const wrong = [];
+  boxes.forEach((a, i) => boxes.forEach((b, j) => {
+    if (i < j && a.left < b.right - 1 && b.left < a.right - 1 && a.top < b.bottom - 1 && b.top < a.bottom - 1)
+      wrong.push(`${sections[i].id} over ${sections[j].id}`);
+  }));
+  if (document.documentElement.scrollWidth > window.innerWidth) wrong.push('wider than the screen');
+  for (const one of document.querySelectorAll('button, dd, td, strong, #why'))
+    if (one.scrollWidth > one.clientWidth + 1 && one.clientWidth) wrong.push(`cut off: ${one.textContent}`);
+  return wrong;
+})()"""
+
+
+@unittest.skipUnless(chromium.find(), "there is no Chromium")
+class Page(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.TemporaryDirectory()
+        Path(cls.folder.name, "incident_2026-11-29T16-40-00Z_emergency_braking.bag").write_bytes(b"x" * 4200000)
+        cls.node = WebViewNode(cls.folder.name, allow_control=True)
+        cls.vehicle = PlayedVehicle()
+        cls.called = []
+        cls.services = [rospy.Service("/command/" + name, std_srvs.srv.Trigger, cls.serve(name))
+                        for name in ("stop", "release")]
+        cls.page = chromium.Page()
+
+    @classmethod
+    def serve(cls, name):
+        def answer(_):
+            cls.called.append(name)
+            return std_srvs.srv.TriggerResponse(True, name + " done")
+        return answer
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.page.close()
+        cls.vehicle.stop()
+        cls.node.stop()
+        cls.folder.cleanup()
+
+    def show(self, query="?token=" + TOKEN, size=(1440, 900)):
+        self.page.resize(*size)
+        self.page.open(self.node.url + query)
+        self.page.wait_until(SEEN)
+
+    def keep(self, name, **options):
+        if PICTURES:
+            self.page.picture(os.path.join(PICTURES, name + ".png"), **options)
+
+    def pixel(self, canvas, x, y):
+        return self.page.evaluate("[...document.querySelector('%s').getContext('2d').getImageData(%d, %d, 1, 1).data]"
+                                  % (canvas, round(x), round(y)))
+
+    def test_boxes_are_at_the_right_pixels(self):
+        self.show()
+        red = [0xd1, 0x24, 0x2f, 255]  # --person
+        left, top, width, height = BOX
+        self.page.wait_until("document.querySelector('#camera-canvas').getContext('2d')"
+                             ".getImageData(%d, %d, 1, 1).data[0] === 0xd1" % (left, top + height // 2))
+        for x, y in ((left, top + height / 2), (left + width, top + height / 2), (left + width / 2, top + height)):
+            self.assertEqual(red, self.pixel("#camera-canvas", x, y))
+        for x, y in ((left - 6, top + height / 2), (left + 6, top + height / 2), (left + width + 6, top + height / 2)):
+            self.assertNotEqual(red, self.pixel("#camera-canvas", x, y))
+        self.keep("desktop")
+
+    def test_state_and_figures_are_told_in_words(self):
+        self.show()
+        self.page.wait_until("document.querySelector('#power').children.length === 3")
+        text = self.page.evaluate("document.body.innerText")
+        for words in ("a person is 4 m ahead", "76 %", "6.0 W (model)", "28 % of 4 cores", "2 h 13 min",
+                      "odometry few features", "1 of 3 complain", "emergency braking", "localisation", "connected"):
+            self.assertIn(words, text)
+        self.assertEqual([], self.page.problems)
+
+    def test_a_click_sets_the_goal(self):
+        goals = []
+        subscriber = rospy.Subscriber("/goal", PoseStamped, goals.append)
+        self.show()
+        wait_for(lambda: subscriber.get_num_connections() == 1, "the page publishes the goal")
+        self.page.wait_until("!document.querySelector('#goal').disabled")
+        self.page.click_on("#goal")
+        x, y = self.page.middle_of("#map-canvas")
+        scale = 14  # pixels per metre, at first
+        self.page.click(x + 5 * scale, y - 3 * scale)  # the vehicle is in the middle
+        wait_for(lambda: goals, "the goal comes")
+        position = goals[0].pose.position
+        self.assertEqual("map", goals[0].header.frame_id)
+        self.assertLess(math.hypot(position.x - BASE_IN_MAP[0] - 5, position.y - BASE_IN_MAP[1] - 3), 0.1)
+        self.page.click(x, y)  # not armed any more
+        self.page.click_on("#stop")
+        wait_for(lambda: "stop" in self.called, "stop comes")
+        self.page.wait_until("document.querySelector('#hint').textContent === 'stop done'")
+        self.assertEqual(1, len(goals))
+        subscriber.unregister()
+
+    def test_who_only_watches_has_no_buttons(self):
+        self.show(query="")
+        self.assertEqual([True] * 4, self.page.evaluate(
+            "[...document.querySelectorAll('#controls button')].map((one) => one.disabled)"))
+
+    def test_a_phone_has_no_overlap(self):
+        for width, height in ((390, 844), (360, 640), (800, 1100), (1440, 900), (1920, 1080)):
+            self.show(size=(width, height))
+            self.page.wait_until("document.querySelector('#power').children.length === 3")
+            self.assertEqual([], self.page.evaluate(LAYOUT), "at %d px" % width)
+            if width == 390:
+                self.keep("phone", whole=True)
+            if width == 800:
+                self.keep("tablet", whole=True)
+
+    def test_messages_are_decoded_as_published(self):
+        for name, message in ten_types().items():
+            data = serialised(message)
+            full_text = message._full_text
+            decoded = json.loads(self.decode(full_text, data))
+            for field in message.__slots__:
+                self.same(getattr(message, field), decoded[field], name + "." + field)
+
+    def decode(self, definition, data):
+        if self.page.evaluate("location.href") == "about:blank":
+            self.show()
+        return self.page.evaluate("""import('/rosmsg.js').then(({Decoder}) => {
+          const bytes = Uint8Array.from(atob(%s), (c) => c.charCodeAt(0));
+          const plain = (key, value) => ArrayBuffer.isView(value) ? [...value] : Number.isNaN(value) ? 'NaN' : value;
+          return JSON.stringify(new Decoder(%s).decode(new DataView(bytes.buffer)), plain);
+        })""" % (json.dumps(base64.b64encode(data).decode()), json.dumps(definition)))
+
+    def same(self, python, script, what):
+        if hasattr(python, "__slots__") and hasattr(python, "serialize"):
+            for field in python.__slots__:
+                self.same(getattr(python, field), script[field], what + "." + field)
+        elif hasattr(python, "to_sec"):
+            self.assertAlmostEqual(python.to_sec(), script, 6, what)
+        elif isinstance(python, float) and math.isnan(python):
+            self.assertEqual("NaN", script, what)
+        elif isinstance(python, (list, tuple, bytes)):
+            self.assertEqual(len(python), len(script), what)
+            for i, (a, b) in enumerate(zip(python, script)):
+                self.same(a, b, "%s[%d]" % (what, i))
+        elif isinstance(python, float):
+            self.assertAlmostEqual(python, script, 6, what)
+        else:
+            self.assertEqual(python, script, what)
+
+    def test_a_lost_connection_is_shown_and_mended(self):
+        with tempfile.TemporaryDirectory() as folder:
+            node = WebViewNode(folder, name="web_view_mortal")
+            self.page.open(node.url)
+            self.page.wait_until(SEEN)
+            self.assertEqual(True, self.page.evaluate("document.querySelector('#lost').hidden"))
+            port = int(node.url.rstrip("/").rsplit(":", 1)[1])
+            node.stop()
+            text = self.page.wait_until("!document.querySelector('#lost').hidden &&"
+                                        " document.querySelector('#lost').textContent")
+            self.assertIn("Connection lost", text)
+            self.keep("lost")
+            node = WebViewNode(folder, name="web_view_mortal", port=port)
+            self.page.wait_until("document.querySelector('#lost').hidden")
+            node.stop()
+        self.page.problems.clear()  # the browser complains of the connections that failed
+
+    def test_dark_colours(self):
+        page = chromium.Page(dark=True)
+        try:
+            page.open(self.node.url + "?token=" + TOKEN)
+            page.wait_until(SEEN)
+            self.assertEqual("rgb(14, 19, 26)", page.evaluate("getComputedStyle(document.body).backgroundColor"))
+            if PICTURES:
+                page.picture(os.path.join(PICTURES, "dark.png"))
+        finally:
+            page.close()
+
+    def test_the_page_is_there_at_once(self):
+        self.show()
+        first, loaded = self.page.evaluate("[performance.getEntriesByType('paint').map(p => p.startTime)[0],"
+                                           " performance.getEntriesByType('navigation')[0].loadEventEnd]")
+        print("first paint after %.0f ms, loaded after %.0f ms" % (first, loaded))
+        self.assertLess(loaded, 20000)  # the bench judges the figure; this computer may be busy
+
+
+if __name__ == "__main__":
+    rospy.init_node("page_test", disable_signals=True)
+    rostest.rosrun("pi_web", "page", Page)

@@ -1,0 +1,152 @@
+// Ties the connection to map, camera and panels.
+import {CameraView} from './camera.js';
+import {Connection} from './connection.js';
+import {Frames} from './frames.js';
+import {MapView} from './map.js';
+import {Panels} from './panels.js';
+import {poseStamped} from './rosmsg.js';
+
+const GOAL = '/goal';
+const POSE_TYPE = 'geometry_msgs/PoseStamped';
+const SERVICES = {stop: '/command/stop', go: '/command/release', cancel: '/navigation/cancel'};
+const INCIDENTS_AGAIN_MS = 15000;
+const HINT_MS = 6000;
+
+const $ = (id) => document.getElementById(id);
+const frames = new Frames();
+const panels = new Panels();
+const camera = new CameraView($('camera-canvas'), $('no-picture'));
+const map = new MapView($('map-canvas'), frames, onGoal);
+const address = new URL('.', location.href);
+address.protocol = address.protocol === 'https:' ? 'wss:' : 'ws:';
+address.search = location.search;
+
+const connection = new Connection(address.href, {
+  onState(connected, text) {
+    $('connection').textContent = connected ? 'connected' : 'not connected';
+    $('connection').className = `badge ${connected ? 'well' : 'bad'}`;
+    $('lost').hidden = connected;
+    $('lost').textContent = connected ? '' : `Connection lost: ${text}. What you see is old. Trying again.`;
+    if (connected) panels.loadIncidents();
+  },
+  onControl(allowed) {
+    for (const [button, service] of Object.entries(SERVICES)) {
+      $(button).disabled = !(allowed && connection.hasService(service));
+    }
+    $('goal').disabled = !allowed;
+    if (!allowed) arm(false);
+  },
+  onStatus: hint,
+  onTopics: chooseCamera,
+});
+
+let hintTimer = 0;
+function hint(text) {
+  $('hint').textContent = text;
+  clearTimeout(hintTimer);
+  hintTimer = setTimeout(() => { $('hint').textContent = ''; }, HINT_MS);
+}
+
+// ----------------------------------------------------------------------------------------------------------- controls
+
+function arm(on) {
+  map.armed = on;
+  $('goal').setAttribute('aria-pressed', on);
+  $('map-canvas').classList.toggle('armed', on);
+  if (on) hint('Click where to; drag for the heading. Escape ends.');
+}
+
+function onGoal(x, y, heading) {
+  connection.publish(GOAL, poseStamped(map.frame, x, y, heading));
+  map.goal = {x, y};
+  map.changed();
+  arm(false);
+  hint(`goal: ${x.toFixed(1)}, ${y.toFixed(1)}`);
+}
+
+for (const [button, service] of Object.entries(SERVICES)) {
+  $(button).addEventListener('click', async () => {
+    try {
+      const {success, message} = await connection.call(service);
+      hint(message || (success ? 'done' : 'refused'));
+      if (button === 'cancel' && success) map.goal = null;
+      map.changed();
+    } catch (error) {
+      hint(`${button}: ${error.message}`);
+    }
+  });
+}
+$('goal').addEventListener('click', () => arm(!map.armed));
+$('follow').addEventListener('click', () => map.setFollow(!map.follow));
+$('map-canvas').addEventListener('follow', (event) => $('follow').setAttribute('aria-pressed', event.detail));
+const middle = () => [$('map-canvas').clientWidth / 2, $('map-canvas').clientHeight / 2];
+$('in').addEventListener('click', () => map.zoom(1.4, ...middle()));
+$('out').addEventListener('click', () => map.zoom(1 / 1.4, ...middle()));
+document.addEventListener('keydown', (event) => {
+  if (event.key === 'Escape') arm(false);
+});
+matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => map.changed());
+
+// ------------------------------------------------------------------------------------------------------------- camera
+
+let watched = '';
+function watchCamera(topic) {
+  if (topic === watched) return;
+  if (watched) connection.unsubscribe(watched);
+  watched = topic;
+  if (topic) connection.subscribe(topic, timed('picture', (message) => camera.onPicture(message)));
+}
+
+function chooseCamera() {
+  const topics = connection.topicsOf('sensor_msgs/CompressedImage');
+  const select = $('topic');
+  select.hidden = topics.length < 2;
+  if (topics.join() !== [...select.options].map((one) => one.value).join()) {
+    select.replaceChildren(...topics.map((topic) => new Option(topic.replace(/\/web$/, ''), topic)));
+    const first = [watched, topics.find((topic) => topic.includes('left/image')), topics[0]]
+      .find((topic) => topics.includes(topic)) || '';
+    select.value = first;
+    watchCamera(first);
+  }
+}
+$('topic').addEventListener('change', () => watchCamera($('topic').value));
+
+// ------------------------------------------------------------------------------------------------------------- topics
+
+// Notes how old a message was when it came to the vehicle's server, by the vehicle's clock.
+function timed(name, callback) {
+  return (message, topic, stamp) => {
+    const age = stamp - message.header.stamp;
+    if (message.header.stamp > 0 && age > -1 && age < 60) panels.onLatency(name, Math.max(0, age));
+    callback(message);
+  };
+}
+
+connection.publishes(GOAL, POSE_TYPE);
+for (const topic of ['/tf/web', '/tf_static']) {
+  connection.subscribe(topic, (message) => {
+    frames.onTransforms(message);
+    map.changed();
+  });
+}
+connection.subscribe('/odometry/web', timed('pose', (message) => map.onOdometry(message)));
+connection.subscribe('/obstacles/web', timed('obstacles', (message) => map.onObstacles(message)));
+connection.subscribe('/tracks/web', timed('tracks', (message) => camera.onTracks(message)));
+connection.subscribe('/route', (message) => map.onPath('route', message));
+connection.subscribe('/path', (message) => map.onPath('path', message));
+connection.subscribe('/map', (message) => map.onGrid('map', message));
+connection.subscribe('/grid', (message) => map.onGrid('grid', message));
+connection.subscribe('/vehicle_state/web', (message) => panels.onVehicle(message));
+connection.subscribe('/arbiter/state', (message) => panels.onState('arbiter', message));
+connection.subscribe('/command/state', (message) => panels.onState('command', message));
+connection.subscribe('/localisation', (message) => panels.onState('localisation', message));
+connection.subscribe('/drive/feedback', (message) => panels.onState('drive', message));
+connection.subscribe('/power', (message) => panels.onPower(message));
+connection.subscribe('/diagnostics_agg', (message) => panels.onDiagnostics(message));
+connection.subscribe('/incident', (message) => panels.onIncident(message));
+connection.parameters(['/vehicle/footprint'], ([{value}]) => {
+  if (value && value.front > 0) map.footprint = value;
+  map.changed();
+});
+setInterval(() => panels.touch('drawState'), 1000);  // a vehicle that falls silent
+setInterval(() => panels.loadIncidents(), INCIDENTS_AGAIN_MS);

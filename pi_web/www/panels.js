@@ -1,0 +1,193 @@
+// State, health, services, latency and incidents, in words and figures.
+
+const MODES = ['ready', 'driving', 'stopped by the watchdog', 'emergency stop', 'fault', 'disconnected'];
+const LEVELS = ['', 'warn', 'bad', 'bad'];  // of diagnostic_msgs/DiagnosticStatus: OK, WARN, ERROR, STALE
+const MOST_COMPLAINTS = 8;
+const WINDOW = 100;  // messages of which the latency is told
+const OLD_S = 3;
+
+const $ = (id) => document.getElementById(id);
+const percent = (part) => `${Math.round(part * 100)} %`;
+
+function element(tag, text, className = '') {
+  const made = document.createElement(tag);
+  made.textContent = text;
+  made.className = className;
+  return made;
+}
+
+export class Panels {
+  constructor() {
+    this.latencies = new Map();
+    this.figures = new Map();
+    this.heard = {};
+    this.dirty = new Set();
+    this.reset();
+  }
+
+  reset() {
+    this.vehicle = this.arbiter = this.drive = this.command = this.localisation = null;
+  }
+
+  // Draws once per frame what changed.
+  touch(part) {
+    this.dirty.add(part);
+    if (this.dirty.size === 1) {
+      requestAnimationFrame(() => {
+        const parts = [...this.dirty];
+        this.dirty.clear();
+        for (const one of parts) this[one]();
+      });
+    }
+  }
+
+  onVehicle(message) {
+    this.vehicle = message;
+    this.heard.vehicle = Date.now();
+    this.figures.set('odometer', [`${message.odometer.toFixed(1)} m`, '']);
+    if (!Number.isNaN(message.battery_charge)) this.setBattery(message.battery_charge);
+    this.touch('drawState');
+    this.touch('drawHealth');
+  }
+
+  onState(name, message) {
+    this[name] = message;
+    this.heard[name] = Date.now();
+    this.touch('drawState');
+  }
+
+  setBattery(charge) {
+    this.figures.set('battery', [percent(charge), charge < 0.05 ? 'bad' : charge < 0.2 ? 'warn' : '']);
+  }
+
+  onPower(message) {
+    this.power = message;
+    const {cpu, cores, total_watts: watts, measured, battery_charge: charge, remaining_time: left} = message;
+    const share = cpu / Math.max(1, cores);
+    this.figures.set('processor', [`${percent(share)} of ${cores} cores`, share > 0.95 ? 'warn' : '']);
+    this.figures.set('power', [`${watts.toFixed(1)} W${measured ? '' : ' (model)'}`, '']);
+    if (!Number.isNaN(charge)) this.setBattery(charge);
+    if (Number.isFinite(left)) {
+      const minutes = Math.round(left / 60);
+      this.figures.set('battery lasts', [`${Math.floor(minutes / 60)} h ${minutes % 60} min`, '']);
+    }
+    this.touch('drawHealth');
+    this.touch('drawPower');
+  }
+
+  onDiagnostics(message) {
+    // Leaves of the tree alone: groups only repeat them.
+    const leaves = message.status.filter((one) => one.name.split('/').length > 3 || !one.name.startsWith('/'));
+    this.diagnostics = leaves.map((one) => (
+      {level: Math.min(3, one.level), name: one.name.split('/').pop(), text: one.message}));
+    this.touch('drawHealth');
+  }
+
+  onLatency(name, seconds) {
+    const list = this.latencies.get(name) || [];
+    list.push(seconds * 1000);
+    if (list.length > WINDOW) list.shift();
+    this.latencies.set(name, list);
+    this.touch('drawLatency');
+  }
+
+  onIncident(message) {
+    this.newest = message;
+    this.loadIncidents();
+  }
+
+  async loadIncidents() {
+    try {
+      const answer = await fetch(`incidents.json${location.search}`);
+      if (!answer.ok) return;
+      this.incidents = await answer.json();
+      this.touch('drawIncidents');
+    } catch (error) {
+      // The connection is gone; the page says so elsewhere.
+    }
+  }
+
+  // [what it does, its colour, why]
+  words() {
+    const {vehicle, arbiter, drive, command, localisation} = this;
+    const fresh = (name) => Date.now() - (this.heard[name] || 0) < OLD_S * 1000;
+    if (!vehicle && !arbiter) return ['no vehicle', 'warn', 'nobody tells what the vehicle does'];
+    if (vehicle && !fresh('vehicle')) return ['vehicle silent', 'bad', 'the chassis driver says nothing any more'];
+    const reasons = [];
+    if (vehicle && vehicle.mode > 1) reasons.push(vehicle.detail || MODES[vehicle.mode]);
+    if (command && command.stopped && command.reason) reasons.push(command.reason);
+    if (drive && fresh('drive') && drive.feedback.reason) reasons.push(drive.feedback.reason);
+    if (arbiter && arbiter.reason) reasons.push(arbiter.reason);
+    if (localisation && !localisation.valid) reasons.push(`localisation: ${localisation.reason}`);
+    const why = [...new Set(reasons)].join('; ');
+    if ((arbiter && arbiter.emergency) || (vehicle && vehicle.mode === 3)) return ['emergency stop', 'bad', why];
+    if (vehicle && vehicle.mode >= 4) return [MODES[vehicle.mode], 'bad', why];
+    const moving = vehicle ? vehicle.moving : arbiter.driver !== '';
+    if (moving) return ['drives', 'well', why];
+    return ['stands', command && command.stopped ? 'bad' : 'warn', why];
+  }
+
+  drawState() {
+    const [doing, colour, why] = this.words();
+    $('doing').textContent = doing;
+    $('doing').className = colour;
+    $('why').textContent = why;
+    $('speed').textContent = this.vehicle ? `${this.vehicle.speed.toFixed(1)} m/s` : '';
+  }
+
+  drawHealth() {
+    const list = $('figures');
+    list.replaceChildren();
+    for (const name of ['battery', 'battery lasts', 'processor', 'power', 'odometer']) {
+      const figure = this.figures.get(name);
+      if (figure) list.append(element('dt', name), element('dd', figure[0], figure[1]));
+    }
+    const bad = (this.diagnostics || []).filter(({level}) => level > 0).sort((a, b) => b.level - a.level);
+    if (this.diagnostics) {
+      const all = this.diagnostics.length;
+      list.append(element('dt', 'diagnostics'),
+        element('dd', bad.length ? `${bad.length} of ${all} complain` : `${all} well`, bad.length ? LEVELS[bad[0].level] : ''));
+    }
+    $('complaints').replaceChildren(...bad.slice(0, MOST_COMPLAINTS).map(({level, name, text}) => {
+      const item = element('li', '', LEVELS[level]);
+      item.append(element('b', name), ` ${level === 3 ? 'says nothing' : text}`);
+      return item;
+    }));
+    if (bad.length > MOST_COMPLAINTS) $('complaints').append(element('li', `and ${bad.length - MOST_COMPLAINTS} more`));
+  }
+
+  drawPower() {
+    $('no-power').hidden = true;
+    const services = this.power.services.filter((one) => one.running).sort((a, b) => b.cpu - a.cpu);
+    $('power').replaceChildren(...services.map((one) => {
+      const row = document.createElement('tr');
+      row.append(element('td', one.name), element('td', `${(one.cpu * 100).toFixed(1)} %`),
+        element('td', one.memory > 0 ? `${Math.round(one.memory / 1e6)} MB` : ''),
+        element('td', `${one.watts.toFixed(2)} W`));
+      return row;
+    }));
+  }
+
+  drawLatency() {
+    $('latencies').replaceChildren(...[...this.latencies].sort().map(([name, list]) => {
+      const sorted = [...list].sort((a, b) => a - b);
+      const row = document.createElement('tr');
+      row.append(element('td', name), element('td', `${Math.round(sorted[sorted.length >> 1])} ms`),
+        element('td', `${Math.round(sorted[sorted.length - 1])} ms`));
+      return row;
+    }));
+  }
+
+  drawIncidents() {
+    const list = this.incidents || [];
+    $('no-incident').hidden = list.length > 0;
+    $('incident-list').replaceChildren(...list.map(({time, cause, megabytes, file}) => {
+      const when = new Date(time.replace(/T(\d+)-(\d+)-(\d+)Z/, 'T$1:$2:$3Z'));
+      const item = element('li', '');
+      item.title = file;
+      item.append(element('b', cause.replaceAll('_', ' ') || 'incident'),
+        ` ${Number.isNaN(when.getTime()) ? time : when.toLocaleString()}, ${megabytes.toFixed(1)} MB`);
+      return item;
+    }));
+  }
+}
