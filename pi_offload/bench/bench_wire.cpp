@@ -64,7 +64,7 @@ private:
   {
     SpReplier::Callbacks callbacks;
     callbacks.request = [this](const SpReplier::Peer& peer, const Bytes&, int64_t) { replier_.reply(peer, reply_); };
-    callbacks.refused = [](const std::string& reason) { std::cerr << "bench_wire: " << reason << "\n"; };
+    callbacks.problem = [](const std::string& reason) { std::cerr << "bench_wire: " << reason << "\n"; };
     return callbacks;
   }
 

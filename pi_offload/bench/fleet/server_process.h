@@ -1,10 +1,9 @@
 #pragma once
 
-#include <sys/types.h>
-
 #include <map>
 #include <string>
-#include <thread>
+
+#include "fleet/program.h"
 
 namespace pi_offload_bench
 {
@@ -18,25 +17,19 @@ public:
   /// @param config   text of its YAML file, with `health` enabled.
   /// @throws std::runtime_error with what it said if it did not begin to work within 60 s.
   ServerProcess(const std::string& program, const std::string& config);
-  ~ServerProcess();
-  ServerProcess(const ServerProcess&) = delete;
-  ServerProcess& operator=(const ServerProcess&) = delete;
 
   const std::string& address() const { return address_; }
   /// What it tells at /metrics, by name with labels. @throws std::runtime_error if it does not answer.
   std::map<std::string, double> metrics() const;
   double processorSeconds() const;  ///< user and system, so far
   /// SIGTERM; waits for its end. @return its exit status; -1: a signal ended it.
-  int end();
+  int end() { return program_.end(); }
+  void kill() { program_.kill(); }
 
 private:
-  void readLog(int from);
-
-  pid_t process_ = -1;
-  std::string address_;
-  int health_port_ = 0;
-  std::string log_;
-  std::thread reader_;
+  Program program_;
+  const std::string address_;
+  const int health_port_;
 };
 
 }  // namespace pi_offload_bench

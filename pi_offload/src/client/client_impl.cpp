@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 #include <utility>
 
 namespace pi_offload
@@ -15,6 +16,8 @@ namespace
 
 constexpr size_t MOST_REQUESTS = 8192;
 constexpr int64_t FORGET_NS = 30LL * 1000000000;  ///< an older request is not answered any more
+constexpr int64_t CHOOSE_NS = 500000000;          ///< between choices of links
+constexpr double AHEAD_S = 60.0;                  ///< nodes that come in range later need no connection
 constexpr uint32_t CANCEL_ID = 1U << 30U;
 constexpr uint32_t ID_MASK = CANCEL_ID - 1U;
 
@@ -38,15 +41,84 @@ bool usable(const OffloadReply& reply)
 
 }  // namespace
 
-void OffloadClient::Impl::connect(const std::string& node, const SpRequester::Options& link)
+void OffloadClient::Impl::setAddress(const std::string& node, const std::string& address)
 {
   NodeState& state = nodes[node];
-  if (state.requester && state.address == link.address)
+  if (state.address != address)
   {
-    return;
+    state.requester.reset();
+    state.address = address;
+    state.status.up = false;
   }
-  state.requester.reset();
-  state.address = link.address;
+}
+
+void OffloadClient::Impl::chooseLinks(int64_t now_ns)
+{
+  choose_links_ns = now_ns + CHOOSE_NS;
+  struct Candidate
+  {
+    double wait_s;  ///< until it is in range
+    bool connected;
+    std::string id;
+  };
+  std::vector<Candidate> candidates;
+  for (const OffloadEngine::NodeStatus& node : client.engine_.nodes(now_ns))
+  {
+    const double wait_s = node.in_range ? 0.0 : node.residence.window_s() > 0.0 ? node.residence.enters_s : AHEAD_S;
+    if (wait_s < AHEAD_S)
+    {
+      const auto& id = node.description.id;
+      candidates.push_back({wait_s, nodes[id].requester != nullptr, id});
+    }
+  }
+  std::sort(candidates.begin(), candidates.end(),
+            [](const Candidate& a, const Candidate& b)
+            { return std::tie(a.wait_s, b.connected, a.id) < std::tie(b.wait_s, a.connected, b.id); });
+  candidates.resize(std::min(candidates.size(), client.options_.max_connections));
+  for (auto& [id, state] : nodes)
+  {
+    const bool wanted = std::any_of(candidates.begin(), candidates.end(),
+                                    [id = id](const Candidate& candidate) { return candidate.id == id; });
+    if (wanted && !state.requester)
+    {
+      connect(id, state);
+    }
+    else if (!wanted && state.requester)
+    {
+      state.requester.reset();
+      state.connection = 0;
+      onLink(id, state, false, "");
+      state.status.problem = "not in range";
+    }
+  }
+}
+
+std::unique_ptr<Requester> OffloadClient::Impl::makeRequester(const std::string& address,
+                                                              Requester::Callbacks callbacks) const
+{
+  const OffloadClientOptions& options = client.options_;
+  if (options.transport == Transport::DIRECT)
+  {
+    SpRequester::Options link = options.link;
+    link.address = address;
+    return std::make_unique<SpRequester>(link, std::move(callbacks));
+  }
+  NatsRequester::Options link;
+  link.vehicle = options.vehicle;
+  link.network = options.network;
+  link.connection.nats = options.nats;
+  link.connection.nats.servers = {address};
+  link.connection.name = options.vehicle;
+  link.connection.connect_timeout_s = options.link.connect_timeout_s;
+  link.connection.reconnect_s = options.link.reconnect_s;
+  link.connection.max_reconnect_s = options.link.max_reconnect_s;
+  link.connection.max_queued_bytes = options.link.max_queued_bytes;
+  link.connection.only_these = true;
+  return std::make_unique<NatsRequester>(link, std::move(callbacks));
+}
+
+void OffloadClient::Impl::connect(const std::string& node, NodeState& state)
+{
   state.status.up = false;
   state.unanswered_since_ns = 0;
   state.connection = ++last_connection;
@@ -62,7 +134,7 @@ void OffloadClient::Impl::connect(const std::string& node, const SpRequester::Op
           }
         });
   };
-  SpRequester::Callbacks callbacks;
+  Requester::Callbacks callbacks;
   callbacks.reply = [this, post, node](uint32_t, std::vector<uint8_t> body, int64_t received_ns)
   {
     try
@@ -83,7 +155,18 @@ void OffloadClient::Impl::connect(const std::string& node, const SpRequester::Op
   };
   callbacks.link = [this, post, node](bool up, const std::string& reason)
   { post([this, node, up, reason](NodeState& of) { onLink(node, of, up, reason); }); };
-  state.requester = std::make_unique<SpRequester>(link, std::move(callbacks));
+  callbacks.unserved = [this, post, node](uint32_t id)
+  {
+    post(
+        [this, node, id, received_ns = pi_node::monotonicNs()](NodeState& from)
+        {
+          from.unanswered_since_ns = 0;
+          onUnserved(node, id, received_ns);
+        });
+  };
+  callbacks.problem = [this, post, node](const std::string& text)
+  { post([this, text = "node " + node + ": " + text](NodeState&) { client.callbacks_.log(true, text); }); };
+  state.requester = makeRequester(state.address, std::move(callbacks));
 }
 
 bool OffloadClient::Impl::send(const std::string& node, const OffloadRequest& request, int64_t now_ns)
@@ -289,6 +372,8 @@ NodeAdvertisement OffloadClient::Impl::corrected(const std::string& node, const 
   {
     state.status.model = reply.model;
   }
+  // With NATS another site's worker may have answered.
+  advertisement.has_position = advertisement.has_position && client.options_.transport == Transport::DIRECT;
   if (!classes_known)
   {
     advertisement.of_kind[static_cast<size_t>(TaskKind::DETECTION)].served = false;
@@ -358,6 +443,21 @@ void OffloadClient::Impl::onReply(const std::string& node, const OffloadReply& r
   result = nullptr;
 }
 
+void OffloadClient::Impl::onUnserved(const std::string& node, uint32_t id, int64_t received_ns)
+{
+  const auto request =
+      std::find_if(requests.begin(), requests.end(),
+                   [&](const auto& entry) { return (entry.first & ID_MASK) == id && entry.second.node == node; });
+  if (request == requests.end())
+  {
+    return;  // a cancellation
+  }
+  OffloadReply nobody;  // serves nothing
+  nobody.status = OffloadReply::Status::REFUSED;
+  nobody.request = request->first;
+  onReply(node, nobody, received_ns);
+}
+
 void OffloadClient::Impl::onLink(const std::string& node, NodeState& state, bool up, const std::string& reason)
 {
   const int64_t now_ns = pi_node::monotonicNs();
@@ -372,7 +472,7 @@ void OffloadClient::Impl::onLink(const std::string& node, NodeState& state, bool
     client.engine_.onLinkUp(node, now_ns);
     return;
   }
-  if (state.told != reason)  // once, not with each attempt
+  if (!reason.empty() && state.told != reason)  // once, not with each attempt
   {
     state.told = reason;
     client.callbacks_.log(false, "node " + node + ": not connected: " + reason);

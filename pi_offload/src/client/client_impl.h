@@ -11,11 +11,12 @@
 #include <vector>
 
 #include "client/offload_client.h"
+#include "wire/nats_socket.h"
 
 namespace pi_offload
 {
 
-/// Holds a connection to each node and translates between the engine and the messages of the nodes. On the engine
+/// Holds the connections and translates between the engine and the messages of the nodes. On the engine
 /// thread.
 struct OffloadClient::Impl
 {
@@ -44,9 +45,9 @@ struct OffloadClient::Impl
     NodeEstimates transfer;  ///< of the link, without encoding
 
     std::string address;
-    uint64_t connection = 0;          ///< its number; events of a replaced one are ignored
-    int64_t unanswered_since_ns = 0;  ///< 0: no request is unanswered
-    std::unique_ptr<SpRequester> requester;
+    uint64_t connection = 0;               ///< its number; events of a replaced one are ignored
+    int64_t unanswered_since_ns = 0;       ///< 0: no request is unanswered
+    std::unique_ptr<Requester> requester;  ///< null: not in range
   };
 
   explicit Impl(OffloadClient* client)
@@ -59,8 +60,12 @@ struct OffloadClient::Impl
   {
   }
 
-  /// Connects to the address if it is a new one.
-  void connect(const std::string& node, const SpRequester::Options& link);
+  /// Sets the address; a connection to another one ends.
+  void setAddress(const std::string& node, const std::string& address);
+  /// Connects to nodes in range, then to those that come in range next; ends other connections.
+  void chooseLinks(int64_t now_ns);
+  void connect(const std::string& node, NodeState& state);
+  std::unique_ptr<Requester> makeRequester(const std::string& address, Requester::Callbacks callbacks) const;
   /// @return false if it is not connected or too much waits; then nothing is sent.
   bool send(const std::string& node, const OffloadRequest& request, int64_t now_ns);
 
@@ -73,6 +78,8 @@ struct OffloadClient::Impl
   // Events.
   void onEncoded(uint64_t number, Encoding encoding, std::vector<uint8_t> bytes, const std::string& problem);
   void onReply(const std::string& node, const OffloadReply& reply, int64_t received_ns);
+  /// Nobody works at the node, or at any other that its site can reach.
+  void onUnserved(const std::string& node, uint32_t id, int64_t received_ns);
   void onLink(const std::string& node, NodeState& state, bool up, const std::string& reason);
 
   bool encode(uint64_t number, const std::shared_ptr<const TaskData>& data, Encoding encoding);
@@ -88,6 +95,7 @@ struct OffloadClient::Impl
   double eta;
   std::map<std::string, NodeState> nodes;
   uint64_t last_connection = 0;
+  int64_t choose_links_ns = 0;  ///< when to do it next
   std::map<uint64_t, Request> requests;
   std::map<uint64_t, TaskState> tasks;
   const OffloadReply* result = nullptr;  ///< being handed to the engine

@@ -30,6 +30,13 @@ void OffloadClientOptions::validate() const
   const pi_node::OptionCheck check("");
   check.range("unanswered_s", unanswered_s, 0.05, 60.0);
   check.range<size_t>("max_encoding", max_encoding, 1, 64);
+  check.range<size_t>("max_connections", max_connections, 1, 1000);
+  if (transport == Transport::NATS)
+  {
+    requireNatsToken("vehicle", vehicle);
+    requireNatsToken("nats/network", network);
+    nats.validate();
+  }
 }
 
 OffloadClient::OffloadClient(const OffloadClientOptions& options, Callbacks callbacks)
@@ -81,10 +88,18 @@ EventThread::Callbacks OffloadClient::events()
 {
   EventThread::Callbacks events;
   events.next_time = [this]
-  { return callbacks_.next_time ? std::min(engine_.nextTime(), callbacks_.next_time()) : engine_.nextTime(); };
+  {
+    const int64_t own_ns =
+        impl_->nodes.empty() ? engine_.nextTime() : std::min(engine_.nextTime(), impl_->choose_links_ns);
+    return callbacks_.next_time ? std::min(own_ns, callbacks_.next_time()) : own_ns;
+  };
   events.on_time = [this](int64_t now_ns)
   {
     impl_->forgetOld(now_ns);
+    if (now_ns >= impl_->choose_links_ns)
+    {
+      impl_->chooseLinks(now_ns);
+    }
     engine_.onTime(now_ns);
     if (callbacks_.on_time)
     {
@@ -102,11 +117,16 @@ void OffloadClient::setNode(const NodeDescription& node, int64_t now_ns)
   {
     throw std::invalid_argument("node " + node.id + ": address = \"\", must be host:port");
   }
+  if (options_.transport == Transport::NATS)
+  {
+    options_.nats.requireServer("node " + node.id + ": address", node.address);
+  }
   SpRequester::Options link = options_.link;
   link.address = node.address;
   link.validate();
   engine_.setNode(node, now_ns);
-  impl_->connect(node.id, link);
+  impl_->setAddress(node.id, node.address);
+  impl_->chooseLinks(now_ns);
 }
 
 bool OffloadClient::removeNode(const std::string& node, int64_t now_ns)

@@ -11,6 +11,7 @@
 #include "client/picture_encoder.h"
 #include "engine/offload_engine.h"
 #include "wire/event_thread.h"
+#include "wire/nats_connection.h"
 #include "wire/sp_socket.h"
 #include "wire/wire_message.h"
 
@@ -23,9 +24,13 @@ struct OffloadClientOptions
   EngineOptions engine;
   PictureEncoder::Options encoder;
   SpRequester::Options link;  ///< without the address
-  double unanswered_s = 1.0;  ///< without any answer for longer, the connection is renewed
-  size_t max_encoding = 4;    ///< pictures that wait to be encoded; the vehicle does further ones
-  bool use_runtime = false;   ///< encoding is a stage of pi_runtime::Runtime::shared(); false: plain calls
+  Transport transport = Transport::DIRECT;
+  NatsOptions nats;                  ///< `servers` is not used: each node has its own
+  std::string network = "accurate";  ///< NATS: that pictures are wanted from
+  size_t max_connections = 4;        ///< to nodes in range, or that the vehicle reaches soon
+  double unanswered_s = 1.0;         ///< without any answer for longer, the connection is renewed
+  size_t max_encoding = 4;           ///< pictures that wait to be encoded; the vehicle does further ones
+  bool use_runtime = false;          ///< encoding is a stage of pi_runtime::Runtime::shared(); false: plain calls
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
@@ -42,8 +47,8 @@ struct TaskData
   double speech_s = 0.0;  ///< OffloadRequest::speech_s
 };
 
-/// The vehicle's side: runs the engine on the thread `offload_engine`, holds a connection to each node, and encodes
-/// pictures on the thread `offload_encode`.
+/// The vehicle's side: runs the engine on the thread `offload_engine`, holds connections to the nodes in range and
+/// ahead, and encodes pictures on the thread `offload_encode`.
 ///
 /// A node may have another network for DETECTION than the vehicle: objects come with the names of their classes.
 class OffloadClient

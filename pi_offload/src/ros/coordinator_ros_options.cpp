@@ -9,6 +9,7 @@
 
 #include "engine/node_file.h"
 #include "ros/range.h"
+#include "ros/transport.h"
 #include "wire/trusted_interfaces.h"
 
 namespace pi_offload
@@ -120,6 +121,12 @@ static void visitFields(CoordinatorRosOptions& options, Visitor&& visit)
   visit("announcements", options.announcements);
   visit("max_nodes", options.max_nodes);
   visit("trusted_interfaces", client.link.trusted_interfaces);
+  visit("transport", client.transport);
+  visit("nats/servers", client.nats.servers);
+  visit("nats/ca_file", client.nats.ca_file);
+  visit("nats/certificate_file", client.nats.certificate_file);
+  visit("nats/key_file", client.nats.key_file);
+  visit("nats/network", client.network);
   visit("eta", engine.eta);
   visit("battery/eta_full", options.battery.eta_full);
   visit("battery/eta_empty", options.battery.eta_empty);
@@ -169,6 +176,7 @@ static void visitFields(CoordinatorRosOptions& options, Visitor&& visit)
   visit("probes/valid_s", engine.advertisement_valid_s);
   visit("link/max_failures", engine.max_failures);
   visit("link/max_in_flight", engine.max_in_flight);
+  visit("link/max_connections", client.max_connections);
   visit("link/connect_timeout_s", client.link.connect_timeout_s);
   visit("link/reconnect_s", client.link.reconnect_s);
   visit("link/max_reconnect_s", client.link.max_reconnect_s);
@@ -257,6 +265,7 @@ void CoordinatorRosOptions::validate() const
   own.range("probes/valid_s", client.engine.advertisement_valid_s, 0.02, 3600.0);
   own.range("link/max_failures", client.engine.max_failures, 1, 1000);
   own.range<size_t>("link/max_in_flight", client.engine.max_in_flight, 1, 10000);
+  own.range<size_t>("link/max_connections", client.max_connections, 1, 1000);
   own.range("link/unanswered_s", client.unanswered_s, 0.05, 60.0);
   SpRequester::Options link = client.link;
   link.address = "localhost:1";
@@ -280,6 +289,10 @@ OffloadClientOptions CoordinatorRosOptions::clientOptions(const std::string& nam
   engine.computer.least_frequency_ghz = std::min(engine.computer.least_frequency_ghz, engine.computer.frequency_ghz);
   // At worst all waiting pictures are given up one after the other.
   engine.local_lost_s = std::min(3600.0, local_lost_s * static_cast<double>(max_local_waiting + 2));
+  if (client.transport == Transport::NATS && !client.nats.servers.empty())
+  {
+    complete.max_connections = std::max<size_t>(1, complete.max_connections - 1);  // NodeSources has one
+  }
   complete.encoder.max_raw_bytes = complete.link.max_queued_bytes / 2;
   return complete;
 }

@@ -12,6 +12,8 @@
 #include <stdexcept>
 #include <system_error>
 
+#include "ros/transport.h"
+#include "wire/socket_tools.h"
 #include "wire/trusted_interfaces.h"
 
 namespace pi_offload
@@ -119,6 +121,11 @@ static void visitFields(EdgeServerRosOptions& options, Visitor&& visit)
   visit("host", server.replier.host);
   visit("port", options.port);
   visit("trusted_interfaces", server.replier.trusted_interfaces);
+  visit("transport", server.transport);
+  visit("nats/servers", server.nats.servers);
+  visit("nats/ca_file", server.nats.ca_file);
+  visit("nats/certificate_file", server.nats.certificate_file);
+  visit("nats/key_file", server.nats.key_file);
   visit("map_frame", options.map_frame);
   visit("has_position", server.has_position);
   visit("x", server.position.x);
@@ -167,6 +174,7 @@ EdgeServerRosOptions::EdgeServerRosOptions()
 {
   port = PORT;
   health_port = HEALTH_PORT;
+  server.nats.servers = {"127.0.0.1:4222"};
   detector.model = "accurate";
   detector.detector.threads = 1;
 }
@@ -214,6 +222,10 @@ EdgeServerOptions EdgeServerRosOptions::serverOptions() const
   complete.range_m = range.metres;
   complete.max_payload_bytes = max_payload_mb << 20U;
   complete.admission.served = {detection, speech};
+  complete.site = id.empty() ? hostName() : id;
+  complete.network =
+      pi_detect::isModelPath(detector.model) ? std::filesystem::path(detector.model).stem().string() : detector.model;
+  complete.address = server.transport == Transport::NATS ? announcement(0).address : "";
   return complete;
 }
 
@@ -262,12 +274,17 @@ std::string EdgeServerRosOptions::detectionModel(std::string* notice) const
 EdgeNode EdgeServerRosOptions::announcement(uint16_t listening_port) const
 {
   EdgeNode node;
-  const std::string host =
-      server.replier.host == "0.0.0.0" || server.replier.host == "::" ? hostName() : server.replier.host;
+  HostPort at{server.replier.host, listening_port};
+  if (server.transport == Transport::NATS && !server.nats.servers.empty())
+  {
+    at = parseHostPort("nats/servers", server.nats.servers.front());  // the vehicles' way to it
+    at.host = server.nats.tls() && isLoopback(at.host) ? hostName() : at.host;
+  }
+  const std::string host = at.host == "0.0.0.0" || at.host == "::" ? hostName() : at.host;
   node.id = id.empty() ? hostName() : id;
-  node.address = address.empty() ? (host.find(':') == std::string::npos ? host : "[" + host + "]") + ":" +
-                                       std::to_string(listening_port)
-                                 : address;
+  node.address = address.empty()
+                     ? (host.find(':') == std::string::npos ? host : "[" + host + "]") + ":" + std::to_string(at.port)
+                     : address;
   node.frame_id = map_frame;
   node.x = server.position.x;
   node.y = server.position.y;

@@ -4,11 +4,15 @@
 
 #include <algorithm>
 #include <exception>
+#include <limits>
 #include <stdexcept>
+#include <tuple>
+#include <utility>
 #include <vector>
 
 #include "engine/node_file.h"
 #include "ros/conversions.h"
+#include "wire/nats_socket.h"
 
 namespace pi_offload
 {
@@ -28,6 +32,49 @@ NodeSources::NodeSources(ros::NodeHandle node, const CoordinatorRosOptions* opti
   {
     announcements_ =
         node.subscribe("edge_nodes", 256, &NodeSources::onEdgeNode, this, ros::TransportHints().tcpNoDelay());
+  }
+  if (options_->client.transport == Transport::NATS && !options_->client.nats.servers.empty())
+  {
+    NatsConnection::Options directory;
+    directory.nats = options_->client.nats;
+    directory.name = "sites";
+    NatsConnection::Callbacks on;
+    on.message = [this](const NatsConnection::Message& message) { onStatus(message); };
+    on.problem = [this](const std::string& text) { warnings_->warn("nats/servers: " + text); };
+    on.link = [problem = on.problem](bool up, const std::string& reason)
+    { up ? void() : problem("not connected: " + reason); };
+    directory_ = std::make_unique<NatsConnection>(
+        directory, std::vector<NatsConnection::Subscription>{{std::string(STATUS_SUBJECT) + "*"}}, std::move(on));
+  }
+}
+
+/// As EdgeServer::Impl::status() made it. The position is one in the vehicle's map, as in replies.
+void NodeSources::onStatus(const NatsConnection::Message& message)
+{
+  const OffloadReply status = decodeReply(message.body.data(), message.body.size());
+  NodeDescription node;
+  node.id = message.subject.substr(sizeof STATUS_SUBJECT - 1);
+  node.address = status.text;
+  node.network = status.model;
+  node.position = status.advertisement.position;
+  node.range_m =
+      status.advertisement.has_position ? status.advertisement.range_m : std::numeric_limits<double>::infinity();
+  NodeDescription& known = sites_[node.id];
+  const auto fields = [](const NodeDescription& of)
+  { return std::tie(of.address, of.network, of.position.x, of.position.y, of.range_m); };
+  if (fields(known) != fields(node))
+  {
+    known = node;
+    client_->post(
+        [this, node](int64_t now_ns)
+        {
+          std::string problem;
+          addToEngine(node, &problem, now_ns);
+          if (!problem.empty())
+          {
+            warnings_->warn("nats/servers: " + problem);
+          }
+        });
   }
 }
 

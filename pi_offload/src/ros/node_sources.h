@@ -7,6 +7,7 @@
 #include <ros/ros.h>
 
 #include <map>
+#include <memory>
 #include <string>
 
 #include "client/offload_client.h"
@@ -17,8 +18,8 @@
 namespace pi_offload
 {
 
-/// Tells the engine which edge-cloud nodes there are: from the map file, the parameters, `edge_nodes` and
-/// ~register_node. Runs on the service thread.
+/// Tells the engine which edge-cloud nodes there are: from the map file, the parameters, `edge_nodes`,
+/// ~register_node, and what sites say of themselves at nats/servers. Runs on the service thread.
 class NodeSources
 {
 public:
@@ -35,6 +36,7 @@ public:
 
 private:
   void load();
+  void onStatus(const NatsConnection::Message& message);
   void onEdgeNode(const EdgeNodeConstPtr& message);
   /// @param[out] problem  why the node cannot be used; empty if it can. @return false: tf does not know its frame yet.
   bool add(const EdgeNode& message, std::string* problem);
@@ -47,6 +49,8 @@ private:
   pi_node::WarningBoard* const warnings_;
   std::map<std::string, EdgeNode> waiting_;  ///< nodes whose frame tf does not know yet
   ros::Subscriber announcements_;
+  std::map<std::string, NodeDescription> sites_;  ///< as they announced themselves; of the thread of `directory_`
+  std::unique_ptr<NatsConnection> directory_;
 };
 
 }  // namespace pi_offload

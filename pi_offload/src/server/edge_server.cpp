@@ -25,6 +25,16 @@ constexpr double FLUSH_S = 2.0;
 void EdgeServerOptions::validate() const
 {
   replier.validate();
+  if (transport == Transport::NATS)
+  {
+    requireNatsToken("id", site);
+    requireNatsToken("detection/model", network);
+    if (nats.servers.empty())
+    {
+      throw std::invalid_argument("nats/servers = [], must be at least one server for transport nats");
+    }
+    nats.validate();
+  }
   admission.validate();
   const pi_node::OptionCheck check("server");
   constexpr double MOST = std::numeric_limits<double>::max();
@@ -77,15 +87,10 @@ EdgeServer::EdgeServer(const EdgeServerOptions& options, const std::array<Execut
     }
     impl_->workers.push_back(std::move(worker));
   }
-  SpReplier::Callbacks on;
-  on.request = [impl = impl_.get()](const SpReplier::Peer& peer, const std::vector<uint8_t>& body, int64_t received_ns)
-  { impl->onRequest(peer, body, received_ns); };
-  on.closed = [impl = impl_.get()](uint64_t connection, const std::string&) { impl->onClosed(connection); };
-  on.refused = [impl = impl_.get()](const std::string& reason) { impl->log(reason); };
   {
     // Early requests wait for the mutex until the pointer is set.
     const std::lock_guard<std::mutex> lock(impl_->mutex);
-    impl_->replier = std::make_unique<SpReplier>(checked.replier, on);
+    impl_->replier = impl_->makeReplier();
   }
   for (const auto& worker : impl_->workers)
   {
@@ -114,6 +119,7 @@ uint16_t EdgeServer::port() const
 
 bool EdgeServer::drain(double timeout_s)
 {
+  impl_->replier->leave();
   {
     std::unique_lock<std::mutex> lock(impl_->mutex);
     impl_->admission.setDraining(true);
@@ -128,6 +134,7 @@ bool EdgeServer::drain(double timeout_s)
 
 EdgeServer::Health EdgeServer::health() const
 {
+  const bool connected = impl_->replier->connected();
   const std::lock_guard<std::mutex> lock(impl_->mutex);
   const int64_t now_ns = pi_node::monotonicNs();
   Health health;
@@ -135,7 +142,7 @@ EdgeServer::Health EdgeServer::health() const
       impl_->workers.begin(), impl_->workers.end(),
       [&](const std::unique_ptr<Impl::Worker>& worker)
       { return worker->busy && pi_node::secondsBetween(worker->busy_since_ns, now_ns) > impl_->options.max_task_s; });
-  health.ready = health.live && !impl_->admission.draining();
+  health.ready = health.live && connected && !impl_->admission.draining();
   return health;
 }
 

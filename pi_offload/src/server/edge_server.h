@@ -8,6 +8,7 @@
 
 #include "engine/node.h"
 #include "server/admission.h"
+#include "wire/nats_connection.h"
 #include "wire/sp_socket.h"
 #include "wire/wire_message.h"
 
@@ -23,7 +24,12 @@ using ExecutorFactory = std::function<Executor()>;
 
 struct EdgeServerOptions
 {
-  SpReplier::Options replier;              ///< address and limits of connections
+  SpReplier::Options replier;  ///< address and limits of connections; NATS: idle_timeout_s
+  Transport transport = Transport::DIRECT;
+  NatsOptions nats;
+  std::string site = "site";               ///< NATS: name of the node
+  std::string address;                     ///< NATS: of the site's server, told to vehicles
+  std::string network = "accurate";        ///< NATS: name of the network that pictures are asked for
   AdmissionOptions admission;              ///< `served` follows from the executors
   std::string model;                       ///< network of DETECTION, sent in each reply; empty: not sent
   bool has_position = false;               ///< the position is sent to vehicles
@@ -66,7 +72,7 @@ public:
   EdgeServer(const EdgeServer&) = delete;
   EdgeServer& operator=(const EdgeServer&) = delete;
 
-  uint16_t port() const;
+  uint16_t port() const;  ///< 0: it does not listen, as with NATS
 
   /// Refuses new tasks, says so in advertisements, and waits until all tasks are done and answered.
   /// @return false if that took too long; call it again or give up.
@@ -75,7 +81,7 @@ public:
   struct Health
   {
     bool live = false;   ///< no worker hangs
-    bool ready = false;  ///< live and takes tasks
+    bool ready = false;  ///< live, connected and takes tasks
   };
   Health health() const;
 

@@ -9,6 +9,7 @@
 #include <exception>
 #include <optional>
 
+#include "wire/nats_socket.h"
 #include "wire/socket_tools.h"
 
 namespace pi_offload
@@ -43,6 +44,42 @@ OffloadReply EdgeServer::Impl::replyTo(const OffloadRequest& request, OffloadRep
   reply.advertisement.position = options.position;
   reply.advertisement.range_m = options.range_m;
   return reply;
+}
+
+std::unique_ptr<Replier> EdgeServer::Impl::makeReplier()
+{
+  Replier::Callbacks on;
+  on.request = [this](const Replier::Peer& peer, const std::vector<uint8_t>& body, int64_t received_ns)
+  { onRequest(peer, body, received_ns); };
+  on.closed = [this](uint64_t connection, const std::string&) { onClosed(connection); };
+  on.problem = [this](const std::string& text) { log(text); };
+  on.status = [this] { return status(); };
+  if (options.transport == Transport::DIRECT)
+  {
+    return std::make_unique<SpReplier>(options.replier, on);
+  }
+  NatsReplier::Options nats;
+  nats.nats = options.nats;
+  nats.site = options.site;
+  nats.idle_timeout_s = options.replier.idle_timeout_s;
+  for (size_t kind = 0; kind < TASK_KINDS; ++kind)
+  {
+    if (options.admission.served[kind])
+    {
+      const auto of = static_cast<TaskKind>(kind);
+      nats.subjects.push_back(natsSubject(of, of == TaskKind::SPEECH ? SPEECH_NETWORK : options.network));
+    }
+  }
+  return std::make_unique<NatsReplier>(nats, on);
+}
+
+/// As the reply to a probe of nobody; `text` is the address of the site's server.
+std::vector<uint8_t> EdgeServer::Impl::status() const
+{
+  const std::lock_guard<std::mutex> lock(mutex);
+  OffloadReply reply = replyTo(OffloadRequest(), OffloadReply::Status::OK, pi_node::monotonicNs());
+  reply.text = options.address;
+  return encode(reply);
 }
 
 /// Releases the lock while it sends.
@@ -107,7 +144,7 @@ void EdgeServer::Impl::answerExpired(int64_t now_ns, Outgoing* out)
   }
 }
 
-void EdgeServer::Impl::onRequest(const SpReplier::Peer& peer, const std::vector<uint8_t>& body, int64_t received_ns)
+void EdgeServer::Impl::onRequest(const Replier::Peer& peer, const std::vector<uint8_t>& body, int64_t received_ns)
 {
   OffloadRequest request;
   try
@@ -122,6 +159,13 @@ void EdgeServer::Impl::onRequest(const SpReplier::Peer& peer, const std::vector<
     }
     log(peer.address + ": " + error.what());
     replier->close(peer.connection, error.what());
+    return;
+  }
+  if (!peer.vehicle.empty() && peer.vehicle != request.vehicle)
+  {
+    const std::lock_guard<std::mutex> lock(mutex);
+    ++counted.malformed;
+    log(peer.vehicle + " calls itself " + request.vehicle + " in a request");
     return;
   }
   Outgoing out;
@@ -167,7 +211,7 @@ void EdgeServer::Impl::onRequest(const SpReplier::Peer& peer, const std::vector<
 }
 
 /// Under the mutex.
-void EdgeServer::Impl::onTask(const SpReplier::Peer& peer, OffloadRequest request, double excess_s, int64_t now_ns,
+void EdgeServer::Impl::onTask(const Replier::Peer& peer, OffloadRequest request, double excess_s, int64_t now_ns,
                               Outgoing* out)
 {
   const Key key(peer.connection, request.vehicle, request.request);
@@ -216,7 +260,7 @@ void EdgeServer::Impl::onTask(const SpReplier::Peer& peer, OffloadRequest reques
 }
 
 /// Under the mutex. @return text for the reply.
-std::string EdgeServer::Impl::onCancel(const SpReplier::Peer& peer, const OffloadRequest& request)
+std::string EdgeServer::Impl::onCancel(const Replier::Peer& peer, const OffloadRequest& request)
 {
   const auto found = tickets.find(Key(peer.connection, request.vehicle, request.request));
   if (found == tickets.end())

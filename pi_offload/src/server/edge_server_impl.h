@@ -26,7 +26,7 @@ struct EdgeServer::Impl
   using Key = std::tuple<uint64_t, std::string, uint64_t>;
   struct Job
   {
-    SpReplier::Peer peer;
+    Replier::Peer peer;
     OffloadRequest request;
     int64_t received_ns = 0;
     int64_t deadline_ns = 0;
@@ -46,16 +46,18 @@ struct EdgeServer::Impl
     int64_t busy_since_ns = 0;
     std::thread thread;
   };
-  using Outgoing = std::vector<std::pair<SpReplier::Peer, OffloadReply>>;
+  using Outgoing = std::vector<std::pair<Replier::Peer, OffloadReply>>;
 
   Impl(const EdgeServerOptions& options, Callbacks callbacks)
     : options(options), callbacks(std::move(callbacks)), admission(options.admission)
   {
   }
 
-  void onRequest(const SpReplier::Peer& peer, const std::vector<uint8_t>& body, int64_t received_ns);
-  void onTask(const SpReplier::Peer& peer, OffloadRequest request, double excess_s, int64_t now_ns, Outgoing* out);
-  std::string onCancel(const SpReplier::Peer& peer, const OffloadRequest& request);
+  std::unique_ptr<Replier> makeReplier();
+  std::vector<uint8_t> status() const;
+  void onRequest(const Replier::Peer& peer, const std::vector<uint8_t>& body, int64_t received_ns);
+  void onTask(const Replier::Peer& peer, OffloadRequest request, double excess_s, int64_t now_ns, Outgoing* out);
+  std::string onCancel(const Replier::Peer& peer, const OffloadRequest& request);
   void onClosed(uint64_t connection);
   void work(Worker* worker);
   OffloadReply execute(Worker* worker, const OffloadRequest& request, double* service_s);
@@ -83,7 +85,7 @@ struct EdgeServer::Impl
   bool stop = false;
 
   std::vector<std::unique_ptr<Worker>> workers;
-  std::unique_ptr<SpReplier> replier;
+  std::unique_ptr<Replier> replier;
 };
 
 }  // namespace pi_offload

@@ -206,9 +206,9 @@ void SpReplier::Impl::acceptAll()
       return;  // the caller has left; further callers bring another event
     }
     const std::string refusal = trusted.admitIncoming(fd.get(), address);
-    if (!refusal.empty() && callbacks.refused)
+    if (!refusal.empty() && callbacks.problem)
     {
-      callbacks.refused(refusal);
+      callbacks.problem(refusal);
     }
     if (!refusal.empty() || connections.size() >= options.max_connections)
     {

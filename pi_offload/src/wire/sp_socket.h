@@ -1,10 +1,11 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
+
+#include "wire/requester.h"
 
 namespace pi_offload
 {
@@ -13,9 +14,8 @@ namespace pi_offload
 // of libnanomsg; docs/design/offload.md tells why libnanomsg does not stand behind them. Link and close callbacks must
 // not throw. If a reply or request callback throws, the connection is closed with that text as the reason.
 
-/// The vehicle's end: one connection to one node, which is renewed when it breaks. Callbacks come from a thread of this
-/// class. Methods are thread safe.
-class SpRequester
+/// One connection to one node, which is renewed when it breaks. Callbacks come from a thread of this class.
+class SpRequester : public Requester
 {
 public:
   struct Options
@@ -31,33 +31,21 @@ public:
     /// @throws std::invalid_argument naming field, value and bound.
     void validate() const;
   };
-  struct Callbacks
-  {
-    std::function<void(uint32_t id, std::vector<uint8_t> body, int64_t received_ns)> reply;
-    /// `up`: requests can be sent. Else the connection ended or failed; repeated only with a new reason.
-    std::function<void(bool up, const std::string& reason)> link;
-  };
   /// @throws std::invalid_argument for options.
   SpRequester(const Options& options, Callbacks callbacks);
-  ~SpRequester();  ///< Ends the thread and all callbacks. Not from a callback.
-  SpRequester(const SpRequester&) = delete;
-  SpRequester& operator=(const SpRequester&) = delete;
+  ~SpRequester() override;
 
-  /// @param id  of the request, below 2^31; the reply carries it.
-  /// @return false without a connection or if too much is queued; then nothing is sent.
-  bool send(uint32_t id, const std::vector<uint8_t>& body);
-  /// Renews the connection. Data under way is lost.
-  void reconnect(const std::string& reason);
-  bool connected() const;
+  bool send(uint32_t id, const std::vector<uint8_t>& body) override;
+  void reconnect(const std::string& reason) override;
+  bool connected() const override;
 
 private:
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
 
-/// The node's end: accepts connections, hands out requests, sends replies in any order. Callbacks come from a thread of
-/// this class. Methods are thread safe.
-class SpReplier
+/// Accepts connections. Callbacks come from a thread of this class.
+class SpReplier : public Replier
 {
 public:
   struct Options
@@ -76,33 +64,15 @@ public:
     /// @throws std::invalid_argument naming field, value and bound.
     void validate() const;
   };
-  /// Receiver of a reply; copies are cheap.
-  struct Peer
-  {
-    uint64_t connection = 0;
-    std::vector<uint32_t> route;  ///< SP's stack of request numbers, as received
-    std::string address;
-  };
-  struct Callbacks
-  {
-    std::function<void(const Peer& peer, std::vector<uint8_t> body, int64_t received_ns)> request;
-    std::function<void(uint64_t connection, const std::string& reason)>
-        closed;                                              ///< of a connection that had sent its header
-    std::function<void(const std::string& reason)> refused;  ///< a peer that did not come through a trusted interface
-  };
   /// @throws std::runtime_error naming host, port and reason if it cannot or must not listen.
   SpReplier(const Options& options, Callbacks callbacks);
-  ~SpReplier();  ///< Ends the thread and all callbacks. Not from a callback.
-  SpReplier(const SpReplier&) = delete;
-  SpReplier& operator=(const SpReplier&) = delete;
+  ~SpReplier() override;
 
-  uint16_t port() const;
-  /// @return false if the connection is gone, or is closed now because it does not read.
-  bool reply(const Peer& peer, const std::vector<uint8_t>& body);
-  void close(uint64_t connection, const std::string& reason = "closed here");
-  /// Waits until the kernel has all replies. @return false after a timeout.
-  bool flush(double timeout_s);
-  size_t connections() const;
+  uint16_t port() const override;
+  bool reply(const Peer& peer, const std::vector<uint8_t>& body) override;
+  void close(uint64_t connection, const std::string& reason = "closed here") override;
+  bool flush(double timeout_s) override;
+  size_t connections() const override;
 
 private:
   struct Impl;

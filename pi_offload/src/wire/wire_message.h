@@ -96,6 +96,11 @@ struct OffloadReply
 ///   without a name, more than 64 KiB of options, MAX_PAYLOAD, 10000 objects, 1024 labels or 256 bytes of a label.
 std::vector<uint8_t> encode(const OffloadRequest& request);
 std::vector<uint8_t> encode(const OffloadReply& reply);
+/// Of an encoded request.
+inline TaskKind kindOf(const std::vector<uint8_t>& request)
+{
+  return static_cast<TaskKind>(request.at(7));
+}
 /// @throws WireError for a short message, another kind or version, or a length beyond the end.
 OffloadRequest decodeRequest(const uint8_t* data, size_t size);
 OffloadReply decodeReply(const uint8_t* data, size_t size);
