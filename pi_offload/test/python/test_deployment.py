@@ -19,14 +19,9 @@ DEPLOY = PACKAGE / "deploy"
 FLUSH_S = 2  # of a drained server, for the last answers to leave
 
 
-# What pi_edge fleet writes.
-FLEET = {"transport": "direct", "nats/servers": [], "nats/ca_file": "", "nats/certificate_file": "",
-         "nats/key_file": ""}
-
-
 def defaults():
     """Of every parameter, as {"admission/workers": 2}."""
-    return {**FLEET, **flat(yaml.safe_load((PACKAGE / "config/edge_server.yaml").read_text()))}
+    return flat(yaml.safe_load((PACKAGE / "config/edge_server.yaml").read_text()))
 
 
 def flat(tree, prefix=""):
