@@ -35,6 +35,7 @@ TREE = {
     "edge_server_gate: edge server": "/Vehicle/Edge/edge_server_gate: edge server",
     "recorder: recorder": "/Vehicle/Recording/recorder",
     "power: services": "/Vehicle/Power/services",
+    "web_view: clients": "/Vehicle/Web/clients",
     "pi_os_bridge: peers": "/Vehicle/Transport/pi_os_bridge: peers",
     "stranger: part": "/Vehicle/Other/stranger: part",
 }

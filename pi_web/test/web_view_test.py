@@ -292,8 +292,12 @@ class WebView(unittest.TestCase):
         wait_for(lambda: subscriber.get_num_connections() == 1, "the goal's subscriber is connected")
         goal = PoseStamped(header=header())
         goal.pose.position.x = 4.5
-        driver.publish(3, serialised(goal))
-        wait_for(lambda: goals, "the goal comes")
+
+        def comes():
+            driver.publish(3, serialised(goal))  # the publisher may know its subscriber later than that the publisher
+            return goals
+
+        wait_for(comes, "the goal comes")
         self.assertEqual(serialised(goal.pose), serialised(goals[0].pose))
         driver.ask("advertise", channels=[{**channel, "id": 4, "topic": "/motion"}])
         self.assertIn("see publish_topics", driver.next_op("status")["message"])

@@ -135,7 +135,7 @@ TEST_F(VioFaults, SwappedCamerasAreRefusedUntilTheyAreRight)
       << graph_->log.text();
 }
 
-TEST_F(VioFaults, WheelsOfAnotherFrameOrTypeAreNamed)
+TEST_F(VioFaults, WheelsOfAnotherFrameAreNamed)
 {
   ros::NodeHandle node;
   ros::Publisher wheels = node.advertise<nav_msgs::Odometry>("wheel_odometry", 10);
@@ -150,8 +150,12 @@ TEST_F(VioFaults, WheelsOfAnotherFrameOrTypeAreNamed)
   odometry.twist.twist.linear.x = std::nan("");
   wheels.publish(odometry);
   EXPECT_TRUE(isLogged("/wheel_odometry: a number is not finite")) << graph_->log.text();
-  wheels.shutdown();
-  wheels = node.advertise<geometry_msgs::Twist>("wheel_odometry", 10);
+}
+
+TEST_F(VioFaults, WheelsOfAnotherTypeAreNamed)
+{
+  ros::NodeHandle node;
+  ros::Publisher wheels = node.advertise<geometry_msgs::Twist>("wheel_odometry", 10);
   ASSERT_TRUE(until(TIMEOUT_S, [&] { return wheels.getNumSubscribers() > 0; }));
   wheels.publish(geometry_msgs::Twist());
   EXPECT_TRUE(isLogged("/wheel_odometry: is geometry_msgs/Twist, must be nav_msgs/Odometry or")) << graph_->log.text();

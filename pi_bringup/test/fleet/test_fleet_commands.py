@@ -5,12 +5,15 @@ import io
 import os
 import stat
 import subprocess
+import sys
 import tempfile
 import unittest
 from pathlib import Path
 from unittest import mock
 
 import yaml
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
 from pi_bringup import pi_edge
 from pi_bringup.fleet import authority, commands
 

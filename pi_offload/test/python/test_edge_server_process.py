@@ -3,6 +3,7 @@
 EDGE_SERVER names the program; its packages must be found by ROS_PACKAGE_PATH or stand beside it in an install space.
 """
 
+import json
 import os
 import re
 import signal
