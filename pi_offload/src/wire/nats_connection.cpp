@@ -547,7 +547,8 @@ bool NatsConnection::flush(double timeout_s)
 {
   const std::lock_guard<std::mutex> lock(state_->mutex);
   natsConnection* const of = state_->connection;
-  return of != nullptr && natsConnection_FlushTimeout(of, natsMilliseconds(timeout_s)) == NATS_OK;
+  // Without a connection there was no request, so nothing is left to send.
+  return of == nullptr || natsConnection_FlushTimeout(of, natsMilliseconds(timeout_s)) == NATS_OK;
 }
 
 std::string NatsConnection::uniqueToken()
