@@ -3,6 +3,7 @@
 import contextlib
 import json
 import math
+import re
 import shutil
 import threading
 import time
@@ -142,7 +143,7 @@ class CampusDrive:
         if edge:
             nodes = status("coordinator: nodes")
             silent = [name for name in edge.processes
-                      if "connected, " not in nodes[2].get(name, "").replace("not connected", "")]
+                      if not re.search(", (connected|not connected: not in range), ", nodes[2].get(name, ""))]
             need("edge nodes", not silent, "; ".join("%s: %s" % (name, nodes[2].get(name, nodes[1]))
                                                      for name in silent))
         if self._refuses():

@@ -17,6 +17,7 @@ namespace
 constexpr size_t MOST_REQUESTS = 8192;
 constexpr int64_t FORGET_NS = 30LL * 1000000000;  ///< an older request is not answered any more
 constexpr int64_t CHOOSE_NS = 500000000;          ///< between choices of links
+constexpr char NOT_IN_RANGE[] = "not in range";
 constexpr double AHEAD_S = 60.0;                  ///< nodes that come in range later need no connection
 constexpr uint32_t CANCEL_ID = 1U << 30U;
 constexpr uint32_t ID_MASK = CANCEL_ID - 1U;
@@ -49,6 +50,7 @@ void OffloadClient::Impl::setAddress(const std::string& node, const std::string&
     state.requester.reset();
     state.address = address;
     state.status.up = false;
+    state.status.problem = NOT_IN_RANGE;
   }
 }
 
@@ -88,7 +90,7 @@ void OffloadClient::Impl::chooseLinks(int64_t now_ns)
       state.requester.reset();
       state.connection = 0;
       onLink(id, state, false, "");
-      state.status.problem = "not in range";
+      state.status.problem = NOT_IN_RANGE;
     }
   }
 }
@@ -166,6 +168,7 @@ void OffloadClient::Impl::connect(const std::string& node, NodeState& state)
   };
   callbacks.problem = [this, post, node](const std::string& text)
   { post([this, text = "node " + node + ": " + text](NodeState&) { client.callbacks_.log(true, text); }); };
+  state.status.problem.clear();
   state.requester = makeRequester(state.address, std::move(callbacks));
 }
 
