@@ -12,9 +12,8 @@ namespace
 constexpr double ACCELERATION_TIME_S = 0.1;  // for which an acceleration lasts
 constexpr double FADING = 0.85;              // of a velocity that nothing confirms
 // Strong tracking (Zhou and Frank 1996): what is farther off than expected moves otherwise now, so the past counts
-// less.
-constexpr double SURPRISE = 3.0;     // squared Mahalanobis distance
-constexpr double MOST_GROWTH = 8.0;  // of the covariance
+// less, but never less than at the start: its velocity is as unknown then.
+constexpr double SURPRISE = 3.0;  // squared Mahalanobis distance
 
 }  // namespace
 
@@ -28,7 +27,8 @@ void GroundFilter::restart(const Eigen::Vector2d& position, const Eigen::Matrix2
   x_ << position, Eigen::Vector2d::Zero();
   P_.setZero();
   P_.topLeftCorner<2, 2>() = covariance;
-  P_.bottomRightCorner<2, 2>() = speed_sigma * speed_sigma * Eigen::Matrix2d::Identity();
+  start_variance_ = speed_sigma * speed_sigma;
+  P_.bottomRightCorner<2, 2>() = start_variance_ * Eigen::Matrix2d::Identity();
 }
 
 void GroundFilter::predict(double dt_s, double acceleration_sigma, double max_speed)
@@ -52,7 +52,8 @@ void GroundFilter::predict(double dt_s, double acceleration_sigma, double max_sp
 
 void GroundFilter::correct(const Eigen::Vector2d& position, const Eigen::Matrix2d& covariance)
 {
-  P_ *= std::clamp(distance2(position, covariance) / SURPRISE, 1.0, MOST_GROWTH);
+  const double most = std::max(1.0, start_variance_ / std::max(velocityCovariance().diagonal().maxCoeff(), 1e-9));
+  P_ *= std::clamp(distance2(position, covariance) / SURPRISE, 1.0, most);
   const Eigen::Matrix2d S = positionCovariance() + covariance;
   const Eigen::Matrix<double, 4, 2> K = P_.leftCols<2>() * S.inverse();
   x_ += K * (position - x_.head<2>());

@@ -33,6 +33,7 @@ public:
 private:
   Eigen::Vector4d x_;
   Eigen::Matrix4d P_;
+  double start_variance_ = 0.0;  ///< of the velocity
 };
 
 }  // namespace pi_detect::obstacles

@@ -6,10 +6,6 @@
 #include <pi_detect/Detection2DArray.h>
 #include <pi_detect/Track2DArray.h>
 #include <pi_node/test_support/on_graph.h>
-#include <ros/master.h>
-#include <ros/network.h>
-#include <ros/this_node.h>
-#include <xmlrpcpp/XmlRpcClient.h>
 
 #include <fstream>
 #include <iterator>
@@ -57,30 +53,6 @@ TEST(SsdLazy, SubscribesPicturesAlwaysIfAskedTo)
   EXPECT_TRUE(until(TIMEOUT_S, [&camera] { return camera.getNumSubscribers() == 1; }));
 }
 
-/// Files that a node has mapped; empty if it cannot be asked for its process.
-std::string mapsOf(const std::string& node)
-{
-  XmlRpc::XmlRpcValue request, response, payload;
-  request[0] = ros::this_node::getName();
-  request[1] = node;
-  std::string host;
-  uint32_t port = 0;
-  if (!ros::master::execute("lookupNode", request, response, payload, false) ||
-      !ros::network::splitURI(payload, host, port))
-  {
-    return "";
-  }
-  XmlRpc::XmlRpcClient client(host.c_str(), static_cast<int>(port), "/");
-  XmlRpc::XmlRpcValue caller, pid;
-  caller[0] = ros::this_node::getName();
-  if (!client.execute("getPid", caller, pid))
-  {
-    return "";
-  }
-  std::ifstream maps("/proc/" + std::to_string(static_cast<int>(pid[2])) + "/maps");
-  return {std::istreambuf_iterator<char>(maps), std::istreambuf_iterator<char>()};
-}
-
 TEST(SsdNode, LoadsNoOpenClDriverOnTheCpu)
 {
   const ros::Publisher camera = ros::NodeHandle().advertise<sensor_msgs::Image>("/always/image", 1);
@@ -91,7 +63,8 @@ TEST(SsdNode, LoadsNoOpenClDriverOnTheCpu)
                       camera.publish(makePicture(ros::Time::now(), 0, 0));
                       return detections.count() > 0;
                     }));
-  const std::string maps = mapsOf("/always/always");
+  std::ifstream file("/proc/" + std::to_string(processOf("/always/always")) + "/maps");
+  const std::string maps{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
   EXPECT_NE(std::string::npos, maps.find("libopencv_dnn")) << "these are not the node's";
   EXPECT_EQ(std::string::npos, maps.find("pocl"));
   EXPECT_EQ(std::string::npos, maps.find("libLLVM"));

@@ -90,10 +90,15 @@ double allowedSpeed(const Edge& edge, double step_out_speed, const Vehicle& vehi
   return std::max(slow, std::sqrt(delayed * delayed + slow * slow + 2.0 * vehicle.deceleration * room) - delayed);
 }
 
+bool isNotWiderThanPerson(const GroundPolygon& outline)
+{
+  return outline.radius() < MOST_RADIUS;
+}
+
 bool comesOut(const GroundPolygon& seen, const Eigen::Vector2d& velocity, const GroundPolygon& hider,
               const std::vector<Pose2>& way)
 {
-  return seen.radius() > LEAST_RADIUS && seen.radius() < MOST_RADIUS &&
+  return seen.radius() > LEAST_RADIUS && isNotWiderThanPerson(seen) &&
          velocity.dot(towards(way, seen.middle())) > LEAST_SPEED &&
          hider.overlaps({seen.middle(), Eigen::Vector2d::UnitX(), {OUT_REACH, OUT_REACH}}, Eigen::Vector2d::Zero()) &&
          edgeOf(seen, way, 0.0).distance > edgeOf(hider, way, 0.0).distance;

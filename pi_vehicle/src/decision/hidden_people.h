@@ -46,6 +46,8 @@ Edge edgeOf(const GroundPolygon& outline, const std::vector<Pose2>& way, double 
 /// beside and behind the edge: who steps out there walks into the vehicle's side.
 double allowedSpeed(const Edge& edge, double step_out_speed, const Vehicle& vehicle);
 
+bool isNotWiderThanPerson(const GroundPolygon& outline);
+
 /// Whether something that is seen for a moment only can be a person who has just come out from behind `hider`: of a
 /// person's size, beyond the hider's far end, and on its way to the vehicle's, as far as its velocity is known.
 /// @param velocity  over the ground, in the frame of the outlines [m/s].

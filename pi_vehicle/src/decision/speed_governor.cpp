@@ -448,11 +448,17 @@ void SpeedGovernor::findNewcomers()
   const Pose2 T_base_reckoned = track_.back().second.inverse();
   for (Known& known : known_)
   {
-    if (known.out_of >= 0 || !canBePerson(known) || known.followed_s > KNOWN_AFTER_S)
+    if (!canBePerson(known) || known.followed_s > KNOWN_AFTER_S)
     {
       continue;
     }
     const GroundPolygon seen = known.outline.in(T_base_reckoned);
+    if (known.out_of >= 0)
+    {
+      // What became larger is a thing whose end was seen first.
+      known.out_of = hidden_people::isNotWiderThanPerson(seen) ? known.out_of : -1;
+      continue;
+    }
     const Eigen::Vector2d velocity = Pose2{0.0, 0.0, T_base_reckoned.heading} * known.velocity;
     for (const Known& hider : known_)
     {

@@ -488,7 +488,8 @@ TEST(SpeedGovernor, MakesUpForTheAgeOfReports)
 }
 
 /// A box 1.2 m high beside the way, known for long, and what was seen for a moment at its far end; at 2 m/s.
-GovernorOutput comesOut(const std::function<void(ObstacleBox* box, ObstacleBox* newcomer)>& change)
+/// @param later  size of the latter in the next picture.
+GovernorOutput comesOut(const std::function<void(ObstacleBox* box, ObstacleBox* newcomer)>& change, double later = 0.4)
 {
   SpeedGovernor governor;
   GovernorInput input;
@@ -506,14 +507,15 @@ GovernorOutput comesOut(const std::function<void(ObstacleBox* box, ObstacleBox* 
   newcomer.velocity = {0.0, 0.6};
   change(&box, &newcomer);
   GovernorOutput output;
-  for (int i = 0; i <= 20; ++i)
+  for (int i = 0; i <= 21; ++i)
   {
     input.now_ns = i * 100 * MS;
     newcomer.position = box.position + Eigen::Vector2d(1.0, 0.5);
     std::vector<ObstacleBox> seen{box};
-    if (i == 20)
+    if (i >= 20)
     {
       seen.push_back(newcomer);
+      newcomer.size = i == 20 ? Eigen::Vector2d(later, later) : newcomer.size;
     }
     governor.setObstacles(input.now_ns, seen);
     output = governor.update(input);
@@ -533,7 +535,8 @@ TEST(SpeedGovernor, TakesWhatComesOutFromBehindSomethingForAPersonWhoWalksOn)
   EXPECT_FALSE(comesOut([](auto*, auto* newcomer) { newcomer->unseen_s = 2.0; }).emergency);
   EXPECT_FALSE(comesOut([](auto*, auto* newcomer) { newcomer->followed_s = 1.0; }).emergency) << "it stands";
   EXPECT_FALSE(comesOut([](auto*, auto* newcomer) { newcomer->label = "car"; }).emergency);
-  EXPECT_FALSE(comesOut([](auto*, auto* newcomer) { newcomer->size = {1.5, 1.5}; }).emergency);
+  EXPECT_FALSE(comesOut([](auto*, auto* newcomer) { newcomer->size = {1.5, 1.5}; }, 1.5).emergency);
+  EXPECT_FALSE(comesOut([](auto*, auto*) {}, 1.5).emergency) << "the first bit of something large";
   EXPECT_FALSE(comesOut([](auto* box, auto*) { box->top = 0.5; }).emergency) << "nobody was out of sight there";
 }
 

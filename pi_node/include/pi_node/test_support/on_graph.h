@@ -4,8 +4,12 @@
 #include <gtest/gtest.h>
 #include <nodelet/NodeletLoad.h>
 #include <nodelet/NodeletUnload.h>
+#include <ros/master.h>
+#include <ros/network.h>
 #include <ros/ros.h>
 #include <rosgraph_msgs/Log.h>
+#include <sys/types.h>
+#include <xmlrpcpp/XmlRpcClient.h>
 
 #include <chrono>
 #include <condition_variable>
@@ -35,6 +39,25 @@ inline bool until(double timeout_s, const std::function<bool()>& condition)
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   }
   return condition();
+}
+
+/// Process of a node; 0 if it does not answer.
+inline pid_t processOf(const std::string& node)
+{
+  XmlRpc::XmlRpcValue request, response, payload;
+  request[0] = ros::this_node::getName();
+  request[1] = node;
+  std::string host;
+  uint32_t port = 0;
+  if (!ros::master::execute("lookupNode", request, response, payload, false) ||
+      !ros::network::splitURI(payload, host, port))
+  {
+    return 0;
+  }
+  XmlRpc::XmlRpcClient client(host.c_str(), static_cast<int>(port), "/");
+  XmlRpc::XmlRpcValue caller, pid;
+  caller[0] = ros::this_node::getName();
+  return client.execute("getPid", caller, pid) ? static_cast<int>(pid[2]) : 0;
 }
 
 /// Keeps what comes on a topic.
