@@ -23,7 +23,8 @@ using Streams = std::map<std::string, pi_runtime::Stream>;
 Streams streams(bool together)
 {
   const std::string manager = "/manager";
-  const std::set<pid_t> own = {processOf(together ? manager : "/vio"), processOf(together ? manager : "/ssd")};
+  const std::set<pid_t> own = {pi_node::test_support::processOf(together ? manager : "/vio"),
+                               pi_node::test_support::processOf(together ? manager : "/ssd")};
   Streams found;
   pi_runtime::ListStreams list;
   if (ros::service::call("/runtime/list_streams", list))
