@@ -291,21 +291,22 @@ private:
     return by;
   }
 
-  /// What becomes wider or narrower at one end between two pictures has its middle elsewhere, but has moved only as far
-  /// as the other end has. Of a person, a leg or an arm says nothing.
+  /// What becomes wider or narrower at one end between two pictures, while the other one stays about where it was, has
+  /// its middle elsewhere, but has moved only as far as that other end. Of a person, a leg or an arm says nothing.
   /// @return by how much its middle is elsewhere without motion, in odom.
   Eigen::Vector2d grow(const ObstacleMeasurement& measurement, Known* known) const
   {
     const double right = measurement.min.y() - vehicle_.toBase(known->seen_right).y();
     const double left = measurement.max.y() - vehicle_.toBase(known->seen_left).y();
     const bool cut = measurement.cut_left || measurement.cut_right;
+    const double grown = std::abs(left - right);
+    const double least = left * right <= 0.0 ? 0.0 : std::abs(left) < std::abs(right) ? left : right;
     if (cut || known->held || isMoving(*known) || measurement.max.y() - measurement.min.y() < PERSON_WIDTH_M ||
-        std::abs(left - right) < GROWS_M)
+        grown < GROWS_M || std::abs(least) > 0.5 * grown)
     {
       return Eigen::Vector2d::Zero();
     }
-    const double motion = left * right <= 0.0 ? 0.0 : std::abs(left) < std::abs(right) ? left : right;
-    const Eigen::Vector2d by = vehicle_.R_odom_base * Eigen::Vector2d(0.0, 0.5 * (left + right) - motion);
+    const Eigen::Vector2d by = vehicle_.R_odom_base * Eigen::Vector2d(0.0, 0.5 * (left + right) - least);
     known->filter.shift(by);
     return by;
   }
