@@ -10,15 +10,23 @@ import tempfile
 import unittest
 from pathlib import Path
 
+import rosbag
 import rospy
 import rostest
 import std_srvs.srv
 from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry
+from pi_detect.msg import ObstacleArray
+from pi_offload.msg import OffloadDecision
+from pi_runtime.msg import RuntimeStatus, Stream
+from pi_vehicle.msg import ArbiterState, VehicleState
+from tf2_msgs.msg import TFMessage
 
 sys.path[:0] = [str(Path(__file__).resolve().parent), str(Path(__file__).resolve().parent / "web")]
 import chromium  # noqa: E402  (found through the line above)
 from node_under_test import TOKEN, WebViewNode  # noqa: E402
-from played_vehicle import BASE_IN_MAP, BOX, PlayedVehicle  # noqa: E402
+from played_vehicle import (  # noqa: E402
+    BASE_IN_MAP, BOX, CAMERA, FOCAL_PX, HEIGHT, WIDTH, PlayedVehicle, obstacle, set_pose, transform)
 from web_view_test import serialised, ten_types, wait_for  # noqa: E402
 
 PICTURES = os.environ.get("PI_WEB_PICTURES", "")
@@ -90,6 +98,100 @@ class Page(unittest.TestCase):
         for x, y in ((left - 6, top + height / 2), (left + 6, top + height / 2), (left + width + 6, top + height / 2)):
             self.assertNotEqual(red, self.pixel("#camera-canvas", x, y))
         self.keep("desktop")
+
+    def test_the_way_ahead_is_in_the_picture(self):
+        self.show()
+        ahead = 4.0 - CAMERA[0]
+        x, y = WIDTH / 2, HEIGHT / 2 + FOCAL_PX * CAMERA[1] / ahead
+        script = "[...document.querySelector('#camera-canvas').getContext('2d').getImageData(%d, %d, 1, 1).data]"
+        self.page.wait_until("(([r, , b]) => b > r + 30)(%s)" % script % (x, y))
+        aside = FOCAL_PX * 0.55 / ahead  # the vehicle is 0.8 m wide
+        for side in (x - aside - 12, x + aside):  # the route goes 0.13 m to the left there
+            red, _, blue, _ = self.pixel("#camera-canvas", side, y)
+            self.assertLess(abs(blue - red), 12, "at %d" % side)
+
+    def record(self, name, seconds=6.0, **options):
+        """A recording of the vehicle that goes 1 m/s, with a box ahead. @return the path"""
+        path = os.path.join(self.folder.name, name)
+        with rosbag.Bag(path, "w", **options) as bag:
+            def write(topic, message, at, frame=""):
+                stamp = rospy.Time.from_sec(1000.0 + at)
+                message.header.stamp, message.header.frame_id = stamp, frame
+                bag.write(topic, message, stamp)
+            for step in range(int(seconds * 10)):
+                at = 0.1 * step
+                odometry = Odometry(child_frame_id="base_link")
+                set_pose(odometry.pose.pose, at, 0.0, 0.0)
+                write("/odometry", odometry, at, "odom")
+                bag.write("/tf", TFMessage([transform("map", "odom", 0, 0, 0)]), rospy.Time.from_sec(1000.0 + at))
+                write("/vehicle_state", VehicleState(speed=1.0, moving=True, mode=VehicleState.DRIVING), at, "base_link")
+                write("/obstacles", ObstacleArray(obstacles=[obstacle(1, "car", 5.0, 0.0, (1, 1))]), at, "base_link")
+                if step == 30:
+                    write("/arbiter/state", ArbiterState(reason="braking for obstacle 1"), at)
+        return path
+
+    def test_an_incident_is_played_again(self):
+        name = "incident_2026-11-29T17-40-00Z_collision.bag"
+        self.record(name)
+        self.show()
+        self.page.open(self.page.wait_until("[...document.querySelectorAll('#incident-list a')].find("
+                                            "(one) => one.textContent === 'collision').href"))
+        self.page.wait_until("document.querySelector('#connection').textContent === 'recording' &&"
+                             " document.querySelector('#doing').textContent === 'drives'")
+        self.page.wait_until("Number(document.querySelector('#moment').value) > 0.5")
+        self.assertEqual([True] * 4, self.page.evaluate(
+            "[...document.querySelectorAll('#controls button')].map((one) => one.disabled)"))
+        self.page.click_on("#play")  # stands still
+        self.page.wait_until("document.querySelector('#play').textContent === 'Play'")
+        seek = """(() => { const moment = document.querySelector('#moment'); moment.value = %.1f;
+          moment.dispatchEvent(new Event('input')); return true; })()"""
+        self.page.evaluate(seek % 4.0)
+        self.page.wait_until("document.querySelector('#why').textContent === 'braking for obstacle 1'")
+        self.page.evaluate(seek % 1.0)
+        self.page.wait_until("document.querySelector('#why').textContent === ''")
+        self.keep("incident")
+        self.page.evaluate(seek % 5.8)
+        self.page.click_on("#play")
+        self.page.wait_until("document.querySelector('#when').textContent === '5.9 of 5.9 s' &&"
+                             " document.querySelector('#play').textContent === 'Play'")
+        self.page.open(self.page.evaluate("document.querySelector('#live').href"))
+        self.page.wait_until("document.querySelector('#connection').textContent === 'connected'")
+        self.assertEqual([], self.page.problems)
+
+    def test_recordings_that_are_not_whole_are_told(self):
+        cut = self.record("incident_2026-11-29T18-00-00Z_cut.bag")
+        with open(cut, "r+b") as file:
+            file.truncate(os.path.getsize(cut) // 2)
+        self.record("incident_2026-11-29T18-01-00Z_packed.bag", compression="bz2")
+        Path(self.folder.name, "incident_2026-11-29T18-02-00Z_other.bag").write_bytes(b"no bag")
+        for name, words in (("00-00Z_cut", ""), ("01-00Z_packed", "rosbag decompress"), ("02-00Z_other", "no bag of"),
+                            ("03-00Z_gone", "No such file")):
+            self.page.open(self.node.url + "?play=incidents/incident_2026-11-29T18-" + name + ".bag&token=" + TOKEN)
+            if not words:
+                self.page.wait_until("Number(document.querySelector('#moment').value) > 0.5")
+                continue
+            text = self.page.wait_until("!document.querySelector('#lost').hidden &&"
+                                        " document.querySelector('#lost').textContent")
+            self.assertIn(words, text)
+        self.page.problems.clear()  # the browser complains of the file that is not there
+
+    def test_work_of_stages_and_edge_nodes(self):
+        runtime = rospy.Publisher("/runtime/status", RuntimeStatus, queue_size=1, latch=True)
+        runtime.publish(RuntimeStatus(streams=[
+            Stream(name="slam_front_end", unit="cpu0", jobs=400, missed=0, p99_s=0.012),
+            Stream(name="detection", unit="cpu1", jobs=100, missed=4, p99_s=0.131)]))
+        decisions = rospy.Publisher("/offload/decisions", OffloadDecision, queue_size=1, latch=True)
+        decisions.publish(OffloadDecision(kind="detection", how="remote", node="gate", reason="cheapest in time",
+                                          response_time=0.062, by_deadline=True))
+        self.show()
+        self.page.wait_until("!document.querySelector('#offloaded').hidden && !document.querySelector('#streams').hidden")
+        text = self.page.evaluate("document.querySelector('#work').innerText")
+        for words in ("slam front end", "cpu0", "12 ms", "131 ms", "4 %", "100 % edge nodes", "62 ms",
+                      "detection: remote by gate; cheapest in time"):
+            self.assertIn(words, text)
+        self.assertEqual([], self.page.evaluate(LAYOUT))
+        runtime.unregister()
+        decisions.unregister()
 
     def test_state_and_figures_are_told_in_words(self):
         self.show()

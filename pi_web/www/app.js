@@ -4,6 +4,7 @@ import {Connection} from './connection.js';
 import {Frames} from './frames.js';
 import {MapView} from './map.js';
 import {Panels} from './panels.js';
+import {Playback} from './playback.js';
 import {poseStamped} from './rosmsg.js';
 
 const GOAL = '/goal';
@@ -15,19 +16,24 @@ const HINT_MS = 6000;
 const $ = (id) => document.getElementById(id);
 const frames = new Frames();
 const panels = new Panels();
-const camera = new CameraView($('camera-canvas'), $('no-picture'));
 const map = new MapView($('map-canvas'), frames, onGoal);
+const camera = new CameraView($('camera-canvas'), $('no-picture'), map, frames);
+const query = new URLSearchParams(location.search);
+const recording = query.get('play');
+const vehicle = !recording || recording.startsWith('incidents/');  // serves this page
 const address = new URL('.', location.href);
 address.protocol = address.protocol === 'https:' ? 'wss:' : 'ws:';
 address.search = location.search;
 
-const connection = new Connection(address.href, {
+const handlers = {
   onState(connected, text) {
-    $('connection').textContent = connected ? 'connected' : 'not connected';
-    $('connection').className = `badge ${connected ? 'well' : 'bad'}`;
+    $('connection').textContent = connected ? (recording ? 'recording' : 'connected') : 'not connected';
+    $('connection').className = `badge ${!connected ? 'bad' : recording ? '' : 'well'}`;
     $('lost').hidden = connected;
-    $('lost').textContent = connected ? '' : `Connection lost: ${text}. What you see is old. Trying again.`;
-    if (connected) panels.loadIncidents();
+    $('lost').textContent = connected ? ''
+      : recording ? text : `Connection lost: ${text}. What you see is old. Trying again.`;
+    $('player').hidden = !recording;
+    if (connected && vehicle) panels.loadIncidents();
   },
   onControl(allowed) {
     for (const [button, service] of Object.entries(SERVICES)) {
@@ -37,8 +43,17 @@ const connection = new Connection(address.href, {
     if (!allowed) arm(false);
   },
   onStatus: hint,
-  onTopics: chooseCamera,
-});
+  onTopics() {
+    chooseCamera();
+    watchWork();
+  },
+  onReset() {
+    for (const view of [map, camera, panels]) view.reset();
+  },
+  onTime: showTime,
+};
+const connection = recording ? new Playback(`${recording}${location.search}`, handlers)
+  : new Connection(address.href, handlers);
 
 let hintTimer = 0;
 function hint(text) {
@@ -87,6 +102,27 @@ document.addEventListener('keydown', (event) => {
 });
 matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => map.changed());
 
+// ---------------------------------------------------------------------------------------------------------- recording
+
+function showTime(time, begin, end, playing) {
+  $('moment').max = end - begin;
+  $('moment').value = time - begin;
+  $('when').textContent = `${(time - begin).toFixed(1)} of ${(end - begin).toFixed(1)} s`;
+  $('play').textContent = playing ? 'Pause' : 'Play';
+  $('play').setAttribute('aria-pressed', playing);
+}
+
+if (recording) {
+  query.delete('play');
+  $('live').hidden = $('incidents').hidden = !vehicle;
+  $('live').href = `./?${query}`;
+  $('play').addEventListener('click', () => connection.play(!connection.playing));
+  $('moment').addEventListener('input', () => {
+    connection.seek(connection.begin + Number($('moment').value));
+    if (connection.playing) connection.play(true);
+  });
+}
+
 // ------------------------------------------------------------------------------------------------------------- camera
 
 let watched = '';
@@ -94,7 +130,16 @@ function watchCamera(topic) {
   if (topic === watched) return;
   if (watched) connection.unsubscribe(watched);
   watched = topic;
-  if (topic) connection.subscribe(topic, timed('picture', (message) => camera.onPicture(message)));
+  camera.reset();
+  camera.info = null;
+  camera.rectified = /rect/.test(topic);
+  if (!topic) return;
+  connection.subscribe(topic, timed('picture', (message) => camera.onPicture(message)));
+  const about = topic.replace(/\/image[^/]*(\/(web|compressed))?$/, '/camera_info');
+  connection.subscribe(about, (message) => {
+    camera.info = message;
+    connection.unsubscribe(about);  // it does not change
+  });
 }
 
 function chooseCamera() {
@@ -110,6 +155,16 @@ function chooseCamera() {
   }
 }
 $('topic').addEventListener('change', () => watchCamera($('topic').value));
+
+// Topics that are found by their type, as their nodes have different names.
+function watchWork() {
+  for (const topic of connection.topicsOf('pi_runtime/RuntimeStatus')) {
+    connection.subscribe(topic, (message) => panels.onRuntime(message));
+  }
+  for (const topic of connection.topicsOf('pi_offload/OffloadDecision')) {
+    connection.subscribe(topic, (message) => panels.onDecision(message));
+  }
+}
 
 // ------------------------------------------------------------------------------------------------------------- topics
 
@@ -149,4 +204,4 @@ connection.parameters(['/vehicle/footprint'], ([{value}]) => {
   map.changed();
 });
 setInterval(() => panels.touch('drawState'), 1000);  // a vehicle that falls silent
-setInterval(() => panels.loadIncidents(), INCIDENTS_AGAIN_MS);
+if (vehicle) setInterval(() => panels.loadIncidents(), INCIDENTS_AGAIN_MS);

@@ -1,4 +1,4 @@
-// The tree of tf in the plane: enough for a vehicle on the ground.
+// The tree of tf: in the plane, for a vehicle on the ground, and in space, for its cameras.
 
 export function yawOf(q) {
   return Math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z));
@@ -25,20 +25,42 @@ export class Frames {
   onTransforms(message) {
     for (const {header, child_frame_id: child, transform: {translation, rotation}} of message.transforms) {
       this.parents.set(clean(child), {parent: clean(header.frame_id),
-        pose: {x: translation.x, y: translation.y, yaw: yawOf(rotation)}});
+        pose: {x: translation.x, y: translation.y, yaw: yawOf(rotation)}, translation, rotation});
     }
   }
 
-  // To the root of the tree.
-  chain(frame) {
-    let pose = {x: 0, y: 0, yaw: 0};
+  // Links from a frame to the root of its tree.
+  links(frame) {
+    const links = [];
     let name = clean(frame);
-    for (let depth = 0; depth < 50 && this.parents.has(name); ++depth) {
-      const link = this.parents.get(name);
-      pose = compose(link.pose, pose);
-      name = link.parent;
+    for (; links.length < 50 && this.parents.has(name); name = links[links.length - 1].parent) {
+      links.push(this.parents.get(name));
     }
-    return {root: name, pose};
+    return {root: name, links};
+  }
+
+  // Pose of a frame in the root of its tree.
+  chain(frame) {
+    const {root, links} = this.links(frame);
+    return {root, pose: links.reduce((pose, link) => compose(link.pose, pose), {x: 0, y: 0, yaw: 0})};
+  }
+
+  // A function that takes a point in space {x, y, z} from one frame to another; null if tf does not connect them.
+  taking(target, frame) {
+    const from = this.links(frame);
+    const to = this.links(target);
+    if (from.root !== to.root) return null;
+    return (point) => {
+      let p = point;
+      for (const {translation: t, rotation} of from.links) {
+        const r = rotate(rotation, p);
+        p = {x: r.x + t.x, y: r.y + t.y, z: r.z + t.z};
+      }
+      for (const {translation: t, rotation: q} of [...to.links].reverse()) {
+        p = rotate({x: -q.x, y: -q.y, z: -q.z, w: q.w}, {x: p.x - t.x, y: p.y - t.y, z: p.z - t.z});
+      }
+      return p;
+    };
   }
 
   // Pose of a frame in another; null if tf does not connect them.
@@ -48,6 +70,12 @@ export class Frames {
     const to = this.chain(target);
     return from.root === to.root ? compose(inverse(to.pose), from.pose) : null;
   }
+}
+
+function rotate(q, p) {
+  const [a, b, c] = [2 * (q.y * p.z - q.z * p.y), 2 * (q.z * p.x - q.x * p.z), 2 * (q.x * p.y - q.y * p.x)];
+  return {x: p.x + q.w * a + q.y * c - q.z * b, y: p.y + q.w * b + q.z * a - q.x * c,
+    z: p.z + q.w * c + q.x * b - q.y * a};
 }
 
 function clean(frame) { return frame.replace(/^\/+/, ''); }

@@ -1,5 +1,6 @@
 // The map: a canvas that is drawn when something changed.
-import {compose, yawOf} from './frames.js';
+import {now} from './clock.js';
+import {compose, inverse, yawOf} from './frames.js';
 
 const ZOOM = {least: 2, most: 200, first: 14};  // pixels per metre
 const CLICK_PX = 6;      // a longer way of the pointer moves the map
@@ -30,6 +31,13 @@ export class MapView {
     for (const name of ['pointerup', 'pointercancel']) canvas.addEventListener(name, (event) => this.onUp(event));
     canvas.addEventListener('wheel', (event) => this.onWheel(event), {passive: false});
     canvas.addEventListener('keydown', (event) => this.onKey(event));
+  }
+
+  // What was shown is of another time.
+  reset() {
+    this.obstacles = this.odometry = this.goal = null;
+    this.lines.clear();
+    this.changed();
   }
 
   changed() {
@@ -68,7 +76,7 @@ export class MapView {
   }
 
   onObstacles(message) {
-    this.obstacles = {...message, came: Date.now()};
+    this.obstacles = {...message, came: now()};
     this.changed();
   }
 
@@ -87,6 +95,23 @@ export class MapView {
     }
     return this.frames.lookup(this.frame, 'base_link');
   }
+
+  // Points of the route before the vehicle, in its frame, as far as they lie ahead [m].
+  wayAhead(metres) {
+    const line = this.lines.get('route');
+    const base = line && this.poseOf(line.frame);
+    const pose = this.pose();
+    if (!base || !pose) return [];
+    const toVehicle = compose(inverse(pose), base);
+    const points = line.points.map((point) => compose(toVehicle, {x: point.x, y: point.y, yaw: 0}));
+    const nearest = points.reduce((best, point, i) => (
+      Math.hypot(point.x, point.y) < Math.hypot(points[best].x, points[best].y) ? i : best), 0);
+    const way = [];
+    for (let i = nearest; i < points.length && Math.hypot(points[i].x, points[i].y) < metres; ++i) way.push(points[i]);
+    return way;
+  }
+
+  vehicleFrame() { return this.odometry ? this.odometry.child : 'base_link'; }
 
   poseOf(frame) {
     if (this.odometry && frame === this.odometry.child) return this.pose();
@@ -207,7 +232,7 @@ export class MapView {
     if (this.goal) this.drawGoal(context, this.goal);
     if (this.aim) this.drawAim(context);
     if (pose) this.drawVehicle(context, pose);
-    if (this.obstacles && Date.now() - this.obstacles.came < STALE_MS) this.drawObstacles(context);
+    if (this.obstacles && now() - this.obstacles.came < STALE_MS) this.drawObstacles(context);
     this.drawScale(context, h);
   }
 

@@ -1,5 +1,7 @@
 // State, health, services, latency and incidents, in words and figures.
 
+import {now} from './clock.js';
+
 const MODES = ['ready', 'driving', 'stopped by the watchdog', 'emergency stop', 'fault', 'disconnected'];
 const LEVELS = ['', 'warn', 'bad', 'bad'];  // of diagnostic_msgs/DiagnosticStatus: OK, WARN, ERROR, STALE
 const MOST_COMPLAINTS = 8;
@@ -7,6 +9,7 @@ const WINDOW = 100;  // messages of which the latency is told
 const OLD_S = 3;
 
 const $ = (id) => document.getElementById(id);
+const milliseconds = (seconds) => `${Math.round(seconds * 1000)} ms`;
 const percent = (part) => `${Math.round(part * 100)} %`;
 
 function element(tag, text, className = '') {
@@ -16,9 +19,15 @@ function element(tag, text, className = '') {
   return made;
 }
 
+function row(texts, className = '') {
+  const made = document.createElement('tr');
+  made.className = className;
+  made.append(...texts.map((text) => element('td', text)));
+  return made;
+}
+
 export class Panels {
   constructor() {
-    this.latencies = new Map();
     this.figures = new Map();
     this.heard = {};
     this.dirty = new Set();
@@ -26,6 +35,8 @@ export class Panels {
   }
 
   reset() {
+    this.latencies = new Map();
+    this.decisions = new Map();
     this.vehicle = this.arbiter = this.drive = this.command = this.localisation = null;
   }
 
@@ -43,7 +54,7 @@ export class Panels {
 
   onVehicle(message) {
     this.vehicle = message;
-    this.heard.vehicle = Date.now();
+    this.heard.vehicle = now();
     this.figures.set('odometer', [`${message.odometer.toFixed(1)} m`, '']);
     if (!Number.isNaN(message.battery_charge)) this.setBattery(message.battery_charge);
     this.touch('drawState');
@@ -52,7 +63,7 @@ export class Panels {
 
   onState(name, message) {
     this[name] = message;
-    this.heard[name] = Date.now();
+    this.heard[name] = now();
     this.touch('drawState');
   }
 
@@ -91,6 +102,21 @@ export class Panels {
     this.touch('drawLatency');
   }
 
+  onRuntime(message) {
+    this.streams = message.streams;
+    this.touch('drawWork');
+  }
+
+  // pi_offload/OffloadDecision
+  onDecision(message) {
+    const list = this.decisions.get(message.kind) || [];
+    list.push(message);
+    if (list.length > WINDOW) list.shift();
+    this.decisions.set(message.kind, list);
+    this.decision = message;
+    this.touch('drawWork');
+  }
+
   onIncident(message) {
     this.newest = message;
     this.loadIncidents();
@@ -110,7 +136,7 @@ export class Panels {
   // [what it does, its colour, why]
   words() {
     const {vehicle, arbiter, drive, command, localisation} = this;
-    const fresh = (name) => Date.now() - (this.heard[name] || 0) < OLD_S * 1000;
+    const fresh = (name) => Math.abs(now() - (this.heard[name] || 0)) < OLD_S * 1000;
     if (!vehicle && !arbiter) return ['no vehicle', 'warn', 'nobody tells what the vehicle does'];
     if (vehicle && !fresh('vehicle')) return ['vehicle silent', 'bad', 'the chassis driver says nothing any more'];
     const reasons = [];
@@ -160,21 +186,40 @@ export class Panels {
     $('no-power').hidden = true;
     const services = this.power.services.filter((one) => one.running).sort((a, b) => b.cpu - a.cpu);
     $('power').replaceChildren(...services.map((one) => {
-      const row = document.createElement('tr');
-      row.append(element('td', one.name), element('td', `${(one.cpu * 100).toFixed(1)} %`),
-        element('td', one.memory > 0 ? `${Math.round(one.memory / 1e6)} MB` : ''),
-        element('td', `${one.watts.toFixed(2)} W`));
-      return row;
+      return row([one.name, `${(one.cpu * 100).toFixed(1)} %`, one.memory > 0 ? `${Math.round(one.memory / 1e6)} MB` : '',
+        `${one.watts.toFixed(2)} W`]);
     }));
+  }
+
+  // Stages of the services on the computing units, and who does what can be sent away.
+  drawWork() {
+    $('work').hidden = false;
+    const fill = (table, rows) => {
+      $(table).hidden = rows.length === 0;
+      $(table).tBodies[0].replaceChildren(...rows);
+    };
+    fill('streams', (this.streams || []).filter((one) => one.jobs > 0n).map((one) => {
+      const late = Number(one.missed) / Number(one.jobs);
+      return row([one.name.replaceAll('_', ' '), one.unit || 'any', milliseconds(one.p99_s), percent(late)],
+        late > 0.01 ? 'warn' : '');
+    }));
+    fill('offloaded', [...this.decisions].sort().map(([kind, list]) => {
+      const count = (how) => list.filter((one) => one.how === how).length;
+      const times = list.map((one) => one.response_time).sort((a, b) => a - b);
+      const late = list.filter((one) => !one.by_deadline).length / list.length;
+      return row([kind, `${percent(count('remote') / list.length)} edge nodes`,
+        milliseconds(times[times.length >> 1]), percent(late)], late > 0.05 ? 'warn' : '');
+    }));
+    if (this.decision) {
+      const {kind, how, node, reason} = this.decision;
+      $('last-decision').textContent = `${kind}: ${how}${how === 'remote' ? ` by ${node}` : ''}; ${reason}`;
+    }
   }
 
   drawLatency() {
     $('latencies').replaceChildren(...[...this.latencies].sort().map(([name, list]) => {
       const sorted = [...list].sort((a, b) => a - b);
-      const row = document.createElement('tr');
-      row.append(element('td', name), element('td', `${Math.round(sorted[sorted.length >> 1])} ms`),
-        element('td', `${Math.round(sorted[sorted.length - 1])} ms`));
-      return row;
+      return row([name, `${Math.round(sorted[sorted.length >> 1])} ms`, `${Math.round(sorted[sorted.length - 1])} ms`]);
     }));
   }
 
@@ -185,7 +230,11 @@ export class Panels {
       const when = new Date(time.replace(/T(\d+)-(\d+)-(\d+)Z/, 'T$1:$2:$3Z'));
       const item = element('li', '');
       item.title = file;
-      item.append(element('b', cause.replaceAll('_', ' ') || 'incident'),
+      const link = element('a', cause.replaceAll('_', ' ') || 'incident');
+      const query = new URLSearchParams(location.search);
+      query.set('play', `incidents/${file}`);
+      link.href = `?${query}`;
+      item.append(link,
         ` ${Number.isNaN(when.getTime()) ? time : when.toLocaleString()}, ${megabytes.toFixed(1)} MB`);
       return item;
     }));

@@ -1,5 +1,8 @@
-"""pi_edge open: prints the address of the vehicle's page, and starts its server where it does not run."""
+"""pi_edge open: prints the address of the vehicle's page, and starts its server where it does not run. With a recording,
+shows that in the page: no vehicle and no ROS master are needed."""
 
+import http.server
+import shutil
 import socket
 import subprocess
 import sys
@@ -17,6 +20,8 @@ def add_to(commands):
     """Adds the command to pi_edge."""
     command = commands.add_parser("open", help="prints the address of the vehicle's page; starts its server if needed",
                                   description=__doc__)
+    command.add_argument("recording", nargs="?", type=Path, metavar="FILE.bag",
+                         help="of the recorder: an incident, or a piece of the continuous recording")
     command.add_argument("--listen", metavar="ADDRESS", help="where a server that is started listens; 0.0.0.0: "
                          "also for other computers, with a token; default: 127.0.0.1")
     command.add_argument("--port", type=int, help="of a server that is started; default: 8890")
@@ -79,8 +84,58 @@ def start(options):
                                 start_new_session=True), log
 
 
+class Recording(http.server.SimpleHTTPRequestHandler):
+    """Serves the page's folder, and one recording beside it."""
+
+    path_of_recording = None
+
+    def do_GET(self):
+        if self.path.split("?")[0] != "/recording.bag":
+            super().do_GET()
+            return
+        try:
+            file = self.path_of_recording.open("rb")
+        except OSError as error:
+            self.send_error(404, str(error))
+            return
+        with file:
+            self.send_response(200)
+            self.send_header("Content-Type", "application/octet-stream")
+            self.send_header("Content-Length", str(self.path_of_recording.stat().st_size))
+            self.end_headers()
+            shutil.copyfileobj(file, self.wfile)
+
+    def log_message(self, *_):
+        """Says nothing of each file."""
+
+
+def show(recording, port):
+    """Serves the page with a recording until it is interrupted. @return the exit status"""
+    import rospkg
+    if not recording.is_file():
+        print(f"pi_edge open: {recording} is no file; pi_edge incidents lists the recordings", file=sys.stderr)
+        return 1
+    handler = type("Handler", (Recording,), {"path_of_recording": recording.resolve()})
+    folder = rospkg.RosPack().get_path("pi_web") + "/www"
+    try:
+        server = http.server.ThreadingHTTPServer(("127.0.0.1", port),
+                                                 lambda *given: handler(*given, directory=folder))
+    except OSError as error:
+        print(f"pi_edge open: port {port}: {error.strerror}; take another one with --port", file=sys.stderr)
+        return 1
+    print("http://127.0.0.1:%d/?play=recording.bag    Ctrl-C ends" % server.server_port, flush=True)
+    with server:
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:
+            pass
+    return 0
+
+
 def main(options):
     """@return the exit status"""
+    if options.recording:
+        return show(options.recording, options.port or 0)
     import rosgraph  # here: doctor must start where ROS is broken
     master = rosgraph.Master("/pi_edge_open")
     if not master.is_online():

@@ -1,8 +1,16 @@
 """What pi_edge open prints."""
 
+import contextlib
+import io
+import re
 import socket
+import subprocess
+import tempfile
 import threading
 import unittest
+import urllib.error
+import urllib.request
+from pathlib import Path
 
 from pi_bringup import web_page
 
@@ -28,6 +36,33 @@ class WebPage(unittest.TestCase):
                 self.assertEqual(right, web_page.answers(url))
                 thread.join()
         self.assertFalse(web_page.answers(url))
+
+    def test_a_recording_is_served_with_the_page(self):
+        with tempfile.TemporaryDirectory() as folder:
+            bag = Path(folder, "incident.bag")
+            bag.write_bytes(b"#ROSBAG V2.0\n" + bytes(1000))
+            with subprocess.Popen(["rosrun", "pi_bringup", "pi_edge", "open", str(bag)], stdout=subprocess.PIPE,
+                                  text=True) as server:
+                url = re.match(r"(http://127.0.0.1:\d+/)\?play=recording.bag ", server.stdout.readline()).group(1)
+                for path, content in (("recording.bag", bag.read_bytes()), ("?play=recording.bag", b"<!DOCTYPE html>"),
+                                      ("playback.js", b"// A recording")):
+                    with urllib.request.urlopen(url + path) as answer:
+                        self.assertEqual(content, answer.read()[:len(content)])
+                with self.assertRaises(urllib.error.HTTPError):
+                    urllib.request.urlopen(url + "incidents.json")
+                bag.unlink()
+                with self.assertRaises(urllib.error.HTTPError):
+                    urllib.request.urlopen(url + "recording.bag")
+                server.terminate()
+
+    def test_a_recording_that_is_not_there_and_a_port_in_use_are_told(self):
+        told = io.StringIO()
+        with contextlib.redirect_stderr(told), tempfile.NamedTemporaryFile() as file:
+            self.assertEqual(1, web_page.show(Path("/nowhere/x.bag"), 0))
+            with socket.create_server(("127.0.0.1", 0)) as taken:
+                self.assertEqual(1, web_page.show(Path(file.name), taken.getsockname()[1]))
+        self.assertIn("/nowhere/x.bag is no file; pi_edge incidents", told.getvalue())
+        self.assertIn("take another one with --port", told.getvalue())
 
 
 if __name__ == "__main__":

@@ -133,7 +133,9 @@ std::map<std::string, WebFile> WebViewRos::files() const
   std::map<std::string, WebFile> files =
       pageFiles(options_.page_folder.empty() ? own + "/www" : expanded(options_.page_folder));
   const std::string incidents = expanded(options_.incidents_folder);
-  files["/incidents.json"] = {"application/json", "", [incidents] { return incidentsJson(incidents); }};
+  files["/incidents.json"] = {"application/json", "", [incidents] { return incidentsJson(incidents); }, nullptr};
+  files["/incidents/"] = {"application/octet-stream", "", nullptr,
+                          [incidents](const std::string& name) { return incidentFile(incidents, name); }};
   return files;
 }
 

@@ -19,8 +19,9 @@ namespace websocket = boost::beast::websocket;
 using boost::beast::error_code;
 
 constexpr auto HTTP_LIMIT = std::chrono::seconds(10);  // for a request, and between two
-constexpr int UNSENT_BYTES = 128 * 1024;               // that the kernel keeps: what waits there cannot be overtaken
-constexpr int MAX_REFUSED = 50;                        // requests of a client that means us no good
+constexpr auto DOWNLOAD_LIMIT = std::chrono::minutes(10);
+constexpr int UNSENT_BYTES = 128 * 1024;  // that the kernel keeps: what waits there cannot be overtaken
+constexpr int MAX_REFUSED = 50;           // requests of a client that means us no good
 constexpr double BURST_MESSAGES = 100.0;
 
 int64_t steadyNs()
@@ -104,7 +105,13 @@ void Connection::onHttp()
   const auto& request = parser_->get();
   const std::string_view target = view(request.target());
   const bool websocket_wanted = websocket::is_upgrade(request);
-  const auto file = server_->files_.find(std::string(target.substr(0, target.find('?'))));
+  const std::string path(target.substr(0, target.find('?')));
+  const size_t folder_end = path.rfind('/') + 1;
+  auto file = server_->files_.find(path);
+  if (file == server_->files_.end() && folder_end > 1 && folder_end < path.size())
+  {
+    file = server_->files_.find(path.substr(0, folder_end));
+  }
   if (request.method() != http::verb::get && request.method() != http::verb::head)
   {
     respond(http::status::method_not_allowed, "text/plain", "only GET\n");
@@ -115,7 +122,7 @@ void Connection::onHttp()
     respond(http::status::not_found, "text/plain", "there is no such file\n");
     return;
   }
-  if (!websocket_wanted && !file->second.make)
+  if (!websocket_wanted && !file->second.make && !file->second.find)
   {
     respond(http::status::ok, file->second.type, file->second.body);
     return;
@@ -126,6 +133,11 @@ void Connection::onHttp()
   {
     server_->log_(name_ + " is refused: " + access.refusal);
     respond(http::status::unauthorized, "text/plain", access.refusal + "\n");
+    return;
+  }
+  if (!websocket_wanted && file->second.find)
+  {
+    sendFile(file->second.find(path.substr(folder_end)), file->second.type);
     return;
   }
   if (!websocket_wanted)
@@ -155,27 +167,56 @@ void Connection::respond(http::status status, const std::string& type, std::stri
   const auto& request = parser_->get();
   response_ = FileResponse(status, request.version());
   response_.set(http::field::content_type, type);
-  response_.set(http::field::cache_control, "no-cache");
-  response_.set("X-Content-Type-Options", "nosniff");
-  response_.set("Referrer-Policy", "no-referrer");  // the address may hold the token
-  response_.set("Content-Security-Policy",
-                "default-src 'self'; img-src 'self' blob:; connect-src 'self' ws: wss:; frame-ancestors 'none'");
-  response_.keep_alive(request.keep_alive() && status == http::status::ok);
   response_.body() = std::move(body);
   response_.prepare_payload();
   if (request.method() == http::verb::head)
   {
     response_.body().clear();
   }
+  response_.keep_alive(request.keep_alive() && status == http::status::ok);
   socket_.next_layer().expires_after(HTTP_LIMIT);
-  http::async_write(socket_.next_layer(), response_,
-                    [self = shared_from_this()](error_code error, size_t)
+  write(&response_);
+}
+
+void Connection::sendFile(const std::string& path, const std::string& type)
+{
+  const auto& request = parser_->get();
+  http::file_body::value_type file;
+  error_code error;
+  file.open(path.c_str(), beast::file_mode::scan, error);
+  if (path.empty() || error || request.method() == http::verb::head)
+  {
+    respond(path.empty() || error ? http::status::not_found : http::status::ok, "text/plain",
+            path.empty() ? "there is no such file\n"
+            : error      ? error.message() + "\n"
+                         : "");
+    return;
+  }
+  download_ = decltype(download_)(http::status::ok, request.version());
+  download_.set(http::field::content_type, type);
+  download_.body() = std::move(file);
+  download_.prepare_payload();
+  download_.keep_alive(false);
+  socket_.next_layer().expires_after(DOWNLOAD_LIMIT);
+  write(&download_);
+}
+
+template <typename Response>
+void Connection::write(Response* response)
+{
+  response->set(http::field::cache_control, "no-cache");
+  response->set("X-Content-Type-Options", "nosniff");
+  response->set("Referrer-Policy", "no-referrer");  // the address may hold the token
+  response->set("Content-Security-Policy",
+                "default-src 'self'; img-src 'self' blob:; connect-src 'self' ws: wss:; frame-ancestors 'none'");
+  http::async_write(socket_.next_layer(), *response,
+                    [self = shared_from_this(), response](error_code error, size_t)
                     {
                       if (error || self->server_ == nullptr)
                       {
                         return;
                       }
-                      if (self->response_.keep_alive())
+                      if (response->keep_alive())
                       {
                         self->readHttp();
                         return;

@@ -42,6 +42,9 @@ private:
   void readHttp();
   void onHttp();
   void respond(boost::beast::http::status status, const std::string& type, std::string body);
+  void sendFile(const std::string& path, const std::string& type);
+  template <typename Response>
+  void write(Response* response);
   void upgrade();
   void readMessage();
   void onMessage();
@@ -56,6 +59,7 @@ private:
   boost::beast::flat_buffer input_;
   std::optional<Parser> parser_;
   FileResponse response_;
+  boost::beast::http::response<boost::beast::http::file_body> download_;
   SendQueue queue_;
   std::optional<OutMessage> under_way_;
   boost::asio::steady_timer wake_;

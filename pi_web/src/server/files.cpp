@@ -9,6 +9,7 @@
 #include <iterator>
 #include <sstream>
 #include <stdexcept>
+#include <string_view>
 
 namespace pi_web
 {
@@ -19,6 +20,9 @@ namespace fs = std::filesystem;
 
 constexpr uintmax_t MAX_ASSET_BYTES = 16000000;
 constexpr size_t MAX_INCIDENTS = 100;
+// incident_2026-11-29T16-40-00Z_cause.bag, by the recorder
+constexpr std::string_view INCIDENT = "incident_";
+constexpr size_t TIME_LENGTH = 20;
 const std::map<std::string, std::string> TYPES = {{".html", "text/html; charset=utf-8"},
                                                   {".css", "text/css; charset=utf-8"},
                                                   {".js", "text/javascript; charset=utf-8"},
@@ -30,7 +34,19 @@ std::string contentOf(const fs::path& path)
   return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
 }
 
+bool isIncident(const fs::path& name)
+{
+  const std::string text = name.string();
+  return text.rfind(INCIDENT, 0) == 0 && name.extension() == ".bag" &&
+         text.size() > INCIDENT.size() + TIME_LENGTH + 4 && text.find('/') == std::string::npos;
+}
+
 }  // namespace
+
+std::string incidentFile(const std::string& folder, const std::string& name)
+{
+  return isIncident(name) ? (fs::path(folder) / name).string() : "";
+}
 
 std::string expanded(const std::string& path)
 {
@@ -48,7 +64,7 @@ std::map<std::string, WebFile> pageFiles(const std::string& folder)
     if (type != TYPES.end() && entry.is_regular_file())
     {
       const std::string name = entry.path().filename().string();
-      files[name == "index.html" ? "/" : "/" + name] = {type->second, contentOf(entry.path()), nullptr};
+      files[name == "index.html" ? "/" : "/" + name] = {type->second, contentOf(entry.path()), nullptr, nullptr};
     }
   }
   if (files.count("/") == 0)
@@ -109,16 +125,11 @@ std::string assetOf(const std::string& uri)
 
 std::string incidentsJson(const std::string& folder)
 {
-  // incident_2026-11-29T16-40-00Z_cause.bag, by the recorder
-  const std::string prefix = "incident_";
-  constexpr size_t time_length = 20;
   std::vector<fs::directory_entry> entries;
   std::error_code error;
   for (const auto& entry : fs::directory_iterator(folder, error))
   {
-    const std::string name = entry.path().filename().string();
-    if (name.rfind(prefix, 0) == 0 && entry.path().extension() == ".bag" &&
-        name.size() > prefix.size() + time_length + 4)
+    if (isIncident(entry.path().filename()))
     {
       entries.push_back(entry);
     }
@@ -129,10 +140,10 @@ std::string incidentsJson(const std::string& folder)
   for (size_t i = 0; i < std::min(entries.size(), MAX_INCIDENTS); ++i)
   {
     const std::string name = entries[i].path().filename().string();
-    const std::string cause = entries[i].path().stem().string().substr(prefix.size() + time_length);
+    const std::string cause = entries[i].path().stem().string().substr(INCIDENT.size() + TIME_LENGTH);
     const uintmax_t bytes = entries[i].file_size(error);
     list.push_back({{"file", name},
-                    {"time", name.substr(prefix.size(), time_length)},
+                    {"time", name.substr(INCIDENT.size(), TIME_LENGTH)},
                     {"cause", cause.substr(std::min<size_t>(cause.size(), 1))},
                     {"megabytes", error ? 0.0 : static_cast<double>(bytes) / 1e6}});
   }

@@ -19,6 +19,9 @@ std::string packageFolder(const std::string& name);
 /// @throws std::invalid_argument naming uri and rule, also for a path that leads out of the package.
 std::string assetOf(const std::string& uri);
 
+/// Path of a recorder's incident by the name that incidentsJson() tells; "" for all other names.
+std::string incidentFile(const std::string& folder, const std::string& name);
+
 /// The recorder's incidents as JSON, newest first: [{"file", "time", "cause", "megabytes"}].
 std::string incidentsJson(const std::string& folder);
 

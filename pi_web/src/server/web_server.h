@@ -27,12 +27,14 @@ struct WebServerOptions
   AccessOptions access;
 };
 
-/// A file of the page, or an answer made when it is asked for.
+/// A file of the page, an answer made when it is asked for, or the files of a folder. What is not of the page needs
+/// what watching needs.
 struct WebFile
 {
   std::string type;
   std::string body;
-  std::function<std::string()> make;  ///< in place of body; needs what watching needs
+  std::function<std::string()> make;                         ///< in place of body
+  std::function<std::string(const std::string& name)> find;  ///< of a folder, "/NAME/": path of a file; "" if none
 };
 
 class Connection;

@@ -10,12 +10,14 @@ from geometry_msgs.msg import Point32, PoseStamped, TransformStamped
 from nav_msgs.msg import OccupancyGrid, Odometry, Path
 from pi_detect.msg import Obstacle3D, ObstacleArray, Track2D, Track2DArray
 from pi_vehicle.msg import ArbiterState, LocalisationState, PowerState, ServicePower, VehicleState
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import CameraInfo, Image
 from tf2_msgs.msg import TFMessage
 
 WIDTH, HEIGHT = 640, 480
 ODOM_IN_MAP = (10.0, 5.0, math.radians(30))
 BASE_IN_ODOM = (4.0, 1.0, math.radians(15))
+CAMERA = (0.5, 1.0)  # x and z in base_link
+FOCAL_PX = 400.0
 BOX = (200.0, 150.0, 80.0, 160.0)  # left, top, width, height of the person in the picture
 
 
@@ -38,6 +40,21 @@ def transform(parent, child, x, y, yaw):
     result.transform.translation.x, result.transform.translation.y = x, y
     result.transform.rotation.z, result.transform.rotation.w = math.sin(yaw / 2), math.cos(yaw / 2)
     return result
+
+
+def camera_in_base(x, z):
+    """The transform of a camera that looks ahead."""
+    result = transform("base_link", "left_optical", x, 0, 0)
+    result.transform.translation.z = z
+    q = result.transform.rotation
+    q.x, q.y, q.z, q.w = -0.5, 0.5, -0.5, 0.5
+    return result
+
+
+def camera_info():
+    info = CameraInfo(width=WIDTH, height=HEIGHT, distortion_model="plumb_bob", D=[0.0] * 5)
+    info.K = [FOCAL_PX, 0, WIDTH / 2, 0, FOCAL_PX, HEIGHT / 2, 0, 0, 1]
+    return info
 
 
 def obstacle(number, label, x, y, size, velocity=(0.0, 0.0)):
@@ -64,10 +81,10 @@ class PlayedVehicle:
     def __init__(self, picture=None):
         self.reason = "a person is 4 m ahead"
         self._picture = picture or scene()
-        types = {"/tf": TFMessage, "/odometry": Odometry, "/obstacles": ObstacleArray, "/tracks": Track2DArray,
+        types = {"/left/camera_info": CameraInfo, "/tf": TFMessage, "/odometry": Odometry, "/obstacles": ObstacleArray, "/tracks": Track2DArray,
                  "/left/image_raw": Image, "/vehicle_state": VehicleState, "/arbiter/state": ArbiterState,
                  "/power": PowerState, "/diagnostics_agg": DiagnosticArray, "/localisation": LocalisationState}
-        latched = {"/route": Path, "/path": Path, "/map": OccupancyGrid}
+        latched = {"/tf_static": TFMessage, "/route": Path, "/path": Path, "/map": OccupancyGrid}
         self._out = {topic: rospy.Publisher(topic, kind, queue_size=3) for topic, kind in types.items()}
         self._out.update({topic: rospy.Publisher(topic, kind, queue_size=1, latch=True)
                           for topic, kind in latched.items()})
@@ -87,6 +104,7 @@ class PlayedVehicle:
             self._publish()
 
     def _once(self):
+        self._out["/tf_static"].publish(TFMessage([camera_in_base(*CAMERA)]))
         for topic, points in (("/route", [(0, 0), (6, 0.2), (12, 2), (20, 6)]),
                               ("/path", [(-12, -4), (-5, -1), (0, 0)])):
             path = Path()
@@ -129,6 +147,7 @@ class PlayedVehicle:
             track.bbox.center.x, track.bbox.center.y = left + width / 2, top + height / 2
             track.bbox.size_x, track.bbox.size_y = width, height
         send("/left/image_raw", self._picture, "left_optical")
+        send("/left/camera_info", camera_info(), "left_optical")
         send("/tracks", tracks, "left_optical")
         send("/vehicle_state", VehicleState(speed=0.0, mode=VehicleState.READY, detail="ready", odometer=125.4,
                                             battery_charge=0.76), "base_link")
