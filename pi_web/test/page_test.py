@@ -27,7 +27,7 @@ import chromium  # noqa: E402  (found through the line above)
 from node_under_test import TOKEN, WebViewNode  # noqa: E402
 from played_vehicle import (  # noqa: E402
     BASE_IN_MAP, BOX, CAMERA, FOCAL_PX, HEIGHT, WIDTH, PlayedVehicle, obstacle, set_pose, transform)
-from web_view_test import serialised, ten_types, wait_for  # noqa: E402
+from web_view_test import assert_same, serialised, ten_types, wait_for  # noqa: E402
 
 PICTURES = os.environ.get("PI_WEB_PICTURES", "")
 SEEN = "!document.querySelector('#camera-canvas').hidden && document.querySelector('#doing').textContent === 'stands'"
@@ -244,7 +244,7 @@ class Page(unittest.TestCase):
             full_text = message._full_text
             decoded = json.loads(self.decode(full_text, data))
             for field in message.__slots__:
-                self.same(getattr(message, field), decoded[field], name + "." + field)
+                assert_same(self, getattr(message, field), decoded[field], name + "." + field)
 
     def decode(self, definition, data):
         if self.page.evaluate("location.href") == "about:blank":
@@ -254,23 +254,6 @@ class Page(unittest.TestCase):
           const plain = (key, value) => ArrayBuffer.isView(value) ? [...value] : Number.isNaN(value) ? 'NaN' : value;
           return JSON.stringify(new Decoder(%s).decode(new DataView(bytes.buffer)), plain);
         })""" % (json.dumps(base64.b64encode(data).decode()), json.dumps(definition)))
-
-    def same(self, python, script, what):
-        if hasattr(python, "__slots__") and hasattr(python, "serialize"):
-            for field in python.__slots__:
-                self.same(getattr(python, field), script[field], what + "." + field)
-        elif hasattr(python, "to_sec"):
-            self.assertAlmostEqual(python.to_sec(), script, 6, what)
-        elif isinstance(python, float) and math.isnan(python):
-            self.assertEqual("NaN", script, what)
-        elif isinstance(python, (list, tuple, bytes)):
-            self.assertEqual(len(python), len(script), what)
-            for i, (a, b) in enumerate(zip(python, script)):
-                self.same(a, b, "%s[%d]" % (what, i))
-        elif isinstance(python, float):
-            self.assertAlmostEqual(python, script, 6, what)
-        else:
-            self.assertEqual(python, script, what)
 
     def test_a_lost_connection_is_shown_and_mended(self):
         with tempfile.TemporaryDirectory() as folder:

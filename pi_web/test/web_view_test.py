@@ -3,10 +3,13 @@
 
 import http.client
 import io
+import json
+import math
 import os
 import random
 import socket
 import struct
+import subprocess
 import sys
 import tempfile
 import threading
@@ -32,6 +35,7 @@ from foxglove_client import BINARY, TEXT, FoxgloveClient, Refused, WebSocket  # 
 from node_under_test import TOKEN, WebViewNode  # noqa: E402
 
 STAMP = rospy.Time(12, 345)
+NODE_MODULES = os.environ.get("PI_WEB_NODE_MODULES", "")
 
 
 def header(frame="map"):
@@ -68,6 +72,25 @@ def serialised(message):
     buffer = io.BytesIO()
     message.serialize(buffer)
     return buffer.getvalue()
+
+
+def assert_same(test, python, script, what):
+    """A message of genpy and one that JavaScript decoded and wrote as JSON."""
+    if hasattr(python, "__slots__") and hasattr(python, "serialize"):
+        for field in python.__slots__:
+            assert_same(test, getattr(python, field), script[field], what + "." + field)
+    elif hasattr(python, "to_sec"):
+        test.assertAlmostEqual(python.to_sec(), script, 6, what)
+    elif isinstance(python, float) and math.isnan(python):
+        test.assertEqual("NaN", script, what)
+    elif isinstance(python, (list, tuple, bytes)):
+        test.assertEqual(len(python), len(script), what)
+        for i, (a, b) in enumerate(zip(python, script)):
+            assert_same(test, a, b, "%s[%d]" % (what, i))
+    elif isinstance(python, float):
+        test.assertAlmostEqual(python, script, 6, what)
+    else:
+        test.assertEqual(python, script, what)
 
 
 def wait_for(condition, what, limit_s=20.0):
@@ -166,6 +189,30 @@ class WebView(unittest.TestCase):
         later.subscribe("/ten/string")
         self.assertEqual("zwölf", later.decode("/ten/string", later.next_data("/ten/string")[1]).data)
         self.assertEqual(1, publishers["string"].get_num_connections())
+
+    @unittest.skipUnless(NODE_MODULES, "PI_WEB_NODE_MODULES is not set: a folder node_modules with npm's "
+                         "@foxglove/ws-protocol, @foxglove/rosmsg, @foxglove/rosmsg-serialization and ws")
+    def test_a_client_of_others(self):
+        messages = {"/foreign/" + name: message for name, message in ten_types().items()}
+        publishers = [rospy.Publisher(topic, type(message), queue_size=1, latch=True)
+                      for topic, message in messages.items()]
+        for publisher, message in zip(publishers, messages.values()):
+            publisher.publish(message)
+        rospy.set_param("/web_test/foreign", [1.5, "zwei"])
+        stop = rospy.Service("/command/stop", std_srvs.srv.Trigger,
+                             lambda _: std_srvs.srv.TriggerResponse(True, "stopped"))
+        client = subprocess.run(["node", Path(__file__).parent / "web/foreign_client.js", self.node.websocket, TOKEN,
+                                 *messages], env={**os.environ, "NODE_PATH": NODE_MODULES}, timeout=60, text=True,
+                                stdout=subprocess.PIPE, check=True)
+        told = json.loads(client.stdout)
+        for topic, message in messages.items():
+            assert_same(self, message, told["values"][topic], topic)
+        self.assertEqual(([1.5, "zwei"], {"success": True, "message": "stopped"}, "foxglove.sdk.v1"),
+                         (told["value"], told["answer"], told["protocol"]))
+        self.assertIn("401", told["refused"])
+        stop.shutdown()
+        for publisher in publishers:
+            publisher.unregister()
 
     def test_subscribes_only_while_somebody_watches(self):
         with Repeated("/watched", String("x"), 50) as topic:
