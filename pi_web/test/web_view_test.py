@@ -8,6 +8,7 @@ import math
 import os
 import random
 import socket
+import ssl
 import struct
 import subprocess
 import sys
@@ -15,6 +16,7 @@ import tempfile
 import threading
 import time
 import unittest
+import urllib.request
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -91,6 +93,27 @@ def assert_same(test, python, script, what):
         test.assertAlmostEqual(python, script, 6, what)
     else:
         test.assertEqual(python, script, what)
+
+
+def certificates(folder):
+    """Writes ca.pem, certificate.pem and key.pem of a server. @return {name: (certificate, key)} of clients"""
+    def openssl(*words):
+        subprocess.run(["openssl", *words], cwd=folder, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+    new_key = ["-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes"]
+    for authority in ("ca", "other"):
+        openssl("req", "-x509", *new_key, "-days", "2", "-subj", "/CN=authority " + authority, "-keyout",
+                authority + ".key", "-out", authority + ".pem")
+    Path(folder, "names").write_text("subjectAltName = IP:127.0.0.1\n", encoding="ascii")
+    for number, (authority, unit, name) in enumerate((("ca", "vehicle", "server"), ("ca", "operator", "operator"),
+                                                      ("ca", "vehicle", "vehicle"), ("other", "operator", "stranger"))):
+        openssl("req", "-new", *new_key, "-subj", "/OU=%s/CN=%s" % (unit, name), "-keyout", name + ".key", "-out", "request")
+        openssl("x509", "-req", "-in", "request", "-days", "2", "-CA", authority + ".pem", "-CAkey", authority + ".key",
+                "-extfile", "names", "-set_serial", str(number + 1), "-out", name + ".pem")
+    os.rename(os.path.join(folder, "server.pem"), os.path.join(folder, "certificate.pem"))
+    os.rename(os.path.join(folder, "server.key"), os.path.join(folder, "key.pem"))
+    return {name: (os.path.join(folder, name + ".pem"), os.path.join(folder, name + ".key"))
+            for name in ("operator", "vehicle", "stranger")}
 
 
 def wait_for(condition, what, limit_s=20.0):
@@ -503,6 +526,48 @@ class OtherAddresses(unittest.TestCase):
                 client.close()
             finally:
                 node.stop()
+
+    def test_tls_with_the_certificates_of_a_fleet(self):
+        with tempfile.TemporaryDirectory() as folder:
+            ends = certificates(folder)
+            node = WebViewNode(folder, name="web_view_tls", tls_folder=folder, allow_control=True)
+            try:
+                self.assertTrue(node.url.startswith("https://127.0.0.1:"), node.url)
+
+                def client(end=None, query=""):
+                    context = ssl.create_default_context(cafile=os.path.join(folder, "ca.pem"))
+                    if end:
+                        context.load_cert_chain(*ends[end])
+                    opened = FoxgloveClient(node.websocket + query, tls=context)
+                    self.addCleanup(opened.close)
+                    return opened
+
+                for end, query, control in ((None, "", False), (None, "?token=" + TOKEN, True), ("operator", "", True),
+                                            ("vehicle", "", False)):
+                    info = client(end, query).info
+                    self.assertEqual(control, "clientPublish" in info["capabilities"], "%s %s" % (end, query))
+                with self.assertRaises(ssl.SSLCertVerificationError):
+                    FoxgloveClient(node.websocket)
+                with self.assertRaises((ssl.SSLError, ConnectionError)):
+                    client("stranger")
+                context = ssl.create_default_context(cafile=os.path.join(folder, "ca.pem"))
+                with urllib.request.urlopen(node.url, context=context) as page:
+                    self.assertIn(b"<!DOCTYPE html>", page.read())
+                with socket.create_connection(("127.0.0.1", urlsplit(node.url).port)) as plain:
+                    plain.settimeout(20.0)
+                    plain.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
+                    self.assertNotIn(b"200", plain.recv(100))
+                wait_for(lambda: any("TLS" in line for line in node.lines), "the refusals are in the log")
+            finally:
+                node.stop()
+            os.remove(os.path.join(folder, "key.pem"))
+            with self.assertRaises(RuntimeError) as refused:
+                WebViewNode(folder, name="web_view_keyless", tls_folder=folder)
+            self.assertIn("key.pem: No such file", str(refused.exception))
+            os.rename(os.path.join(folder, "vehicle.key"), os.path.join(folder, "key.pem"))
+            with self.assertRaises(RuntimeError) as refused:
+                WebViewNode(folder, name="web_view_wrong_key", tls_folder=folder)
+            self.assertIn("key.pem: it is no PEM, or does not belong", str(refused.exception))
 
     def test_a_port_in_use_and_a_short_token_are_told(self):
         with tempfile.TemporaryDirectory() as folder, socket.socket() as taken:

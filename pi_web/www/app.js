@@ -25,6 +25,7 @@ const address = new URL('.', location.href);
 address.protocol = address.protocol === 'https:' ? 'wss:' : 'ws:';
 address.search = location.search;
 
+let controls = false;
 const handlers = {
   onState(connected, text) {
     $('connection').textContent = connected ? (recording ? 'recording' : 'connected') : 'not connected';
@@ -36,10 +37,11 @@ const handlers = {
     if (connected && vehicle) panels.loadIncidents();
   },
   onControl(allowed) {
+    controls = allowed;
     for (const [button, service] of Object.entries(SERVICES)) {
       $(button).disabled = !(allowed && connection.hasService(service));
     }
-    $('goal').disabled = !allowed;
+    showGoal();
     if (!allowed) arm(false);
   },
   onStatus: hint,
@@ -54,6 +56,9 @@ const handlers = {
 };
 const connection = recording ? new Playback(`${recording}${location.search}`, handlers)
   : new Connection(address.href, handlers);
+
+// A goal is in the map: not before it is known where that is.
+function showGoal() { $('goal').disabled = !(controls && map.isPlaced()); }
 
 let hintTimer = 0;
 function hint(text) {
@@ -182,6 +187,7 @@ for (const topic of ['/tf/web', '/tf_static']) {
   connection.subscribe(topic, (message) => {
     frames.onTransforms(message);
     map.changed();
+    showGoal();
   });
 }
 connection.subscribe('/odometry/web', timed('pose', (message) => map.onOdometry(message)));

@@ -111,6 +111,9 @@ export class MapView {
     return way;
   }
 
+  // Whether tf tells where the vehicle is in the map's frame.
+  isPlaced() { return this.frames.lookup(this.frame, this.odometry ? this.odometry.parent : 'base_link') !== null; }
+
   vehicleFrame() { return this.odometry ? this.odometry.child : 'base_link'; }
 
   poseOf(frame) {

@@ -1,9 +1,11 @@
 """pi_edge open: prints the address of the vehicle's page, and starts its server where it does not run. With a recording,
 shows that in the page: no vehicle and no ROS master are needed."""
 
+import contextlib
 import http.server
 import shutil
 import socket
+import ssl
 import subprocess
 import sys
 import time
@@ -25,6 +27,8 @@ def add_to(commands):
     command.add_argument("--listen", metavar="ADDRESS", help="where a server that is started listens; 0.0.0.0: "
                          "also for other computers, with a token; default: 127.0.0.1")
     command.add_argument("--port", type=int, help="of a server that is started; default: 8890")
+    command.add_argument("--tls", metavar="DIR", help="a server that is started speaks https, by certificate.pem and "
+                         "key.pem of this folder, as pi_edge fleet makes them")
     command.add_argument("--control", action="store_true", help="a server that is started lets those with the token "
                          "stop the vehicle and set goals")
 
@@ -34,7 +38,13 @@ def answers(url):
     parts = urlsplit(url)
     host = "127.0.0.1" if parts.hostname in ("0.0.0.0", "::") else parts.hostname
     try:
-        with socket.create_connection((host, parts.port), ANSWERS_S) as connection:
+        with contextlib.ExitStack() as opened:
+            connection = opened.enter_context(socket.create_connection((host, parts.port), ANSWERS_S))
+            if parts.scheme == "https":
+                # Nothing secret is sent: whose certificate it is tells the browser.
+                context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+                context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+                connection = opened.enter_context(context.wrap_socket(connection))
             connection.settimeout(ANSWERS_S)
             connection.sendall(b"HEAD / HTTP/1.0\r\nHost: localhost\r\n\r\n")
             return connection.recv(12).endswith(b" 200")
@@ -47,7 +57,8 @@ def addresses(url, token, own_addresses):
     parts = urlsplit(url)
     hosts = own_addresses if parts.hostname in ("0.0.0.0", "::") else [parts.hostname]
     query = "?token=" + token if token else ""
-    return ["http://%s:%d/%s" % ("[%s]" % host if ":" in host else host, parts.port, query) for host in hosts]
+    return ["%s://%s:%d/%s" % (parts.scheme, "[%s]" % host if ":" in host else host, parts.port, query)
+            for host in hosts]
 
 
 def own_addresses():
@@ -76,6 +87,7 @@ def start(options):
     words = ["rosrun", "pi_web", "web_view_node"]
     words += ["_address:=" + options.listen] if options.listen else []
     words += ["_port:=%d" % options.port] if options.port is not None else []
+    words += ["_tls_folder:=" + str(Path(options.tls).expanduser().absolute())] if options.tls else []
     words += ["_allow_control:=" + ("true" if options.control else "false")]
     log = Path("~/.ros/pi_edge/web_view.log").expanduser()
     log.parent.mkdir(parents=True, exist_ok=True)
@@ -152,7 +164,7 @@ def main(options):
                 return 1
             time.sleep(0.1)
         print(f"started: process {process.pid}, log {log}; rosnode kill {NODE} ends it")
-    elif options.listen or options.port is not None or options.control:
+    elif options.listen or options.port is not None or options.control or options.tls:
         print("the server already runs with its own options: rosnode kill %s ends it" % NODE)
     for address in addresses(master.getParam(ADDRESS), token_of(master), own_addresses()):
         print(address)

@@ -70,8 +70,9 @@ WebViewRos::WebViewRos(ros::NodeHandle node, ros::NodeHandle private_node)
   updater_.add("web_view", [this](Status& status) { report(status); });
   every(options_.diagnostic_period, &diagnostic_timer_, [this] { updater_.force_update(); });
   const bool v6 = options_.address.find(':') != std::string::npos;
-  const std::string url =
-      "http://" + (v6 ? "[" + options_.address + "]" : options_.address) + ":" + std::to_string(server_->port()) + "/";
+  const std::string url = (options_.tls_folder.empty() ? "http://" : "https://") +
+                          (v6 ? "[" + options_.address + "]" : options_.address) + ":" +
+                          std::to_string(server_->port()) + "/";
   private_node.setParam(ADDRESS_PARAMETER, url);
   ROS_INFO_STREAM_NAMED("web_view", "the vehicle is at "
                                         << url
@@ -117,6 +118,7 @@ WebServerOptions WebViewRos::serverOptions()
   server.max_messages_per_s = options_.max_messages_per_s;
   server.silent_s = options_.silent_s;
   server.access.allow_control = options_.allow_control;
+  server.tls_folder = expanded(options_.tls_folder);
   server.access.host_names = options_.host_names;
   server.access.web_origins = options_.web_origins;
   server.access.token_to_watch = !boost::asio::ip::make_address(options_.address).is_loopback();

@@ -21,6 +21,7 @@ static void visitFields(WebViewRosOptions& options, Visitor&& visit)
   visit("page_folder", options.page_folder);
   visit("incidents_folder", options.incidents_folder);
   visit("token_file", options.token_file);
+  visit("tls_folder", options.tls_folder);
   visit("allow_control", options.allow_control);
   visit("publish_topics", options.publish_topics);
   visit("services", options.services);

@@ -16,6 +16,7 @@ struct WebViewRosOptions : pi_node::NodeParameters<WebViewRosOptions>
   std::string page_folder;  ///< empty: that of this package
   std::string incidents_folder = "~/.ros/pi_edge/recordings";
   std::string token_file = "~/.ros/pi_edge/web_token";
+  std::string tls_folder;  ///< empty: no TLS
   bool allow_control = false;
   std::vector<std::string> publish_topics = {"goal", "initialpose"};
   std::vector<std::string> services = {"command/stop",           "command/release",

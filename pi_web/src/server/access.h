@@ -25,8 +25,10 @@ struct Access
 
 /// Decides by the request's target and headers. A page of another site in the user's browser can reach this computer:
 /// so the name in Host must be ours (against names that were made to point here), and the page in Origin, too.
-/// @param host, origin  the headers; empty: not there.
-Access accessOf(const AccessOptions& options, std::string_view target, std::string_view host, std::string_view origin);
+/// @param host, origin  the headers; empty: not there. @param certified  it showed an operator's certificate, which
+/// counts as the token.
+Access accessOf(const AccessOptions& options, std::string_view target, std::string_view host, std::string_view origin,
+                bool certified = false);
 
 /// Of "/path?token=x&...": "x", decoded; "" if there is none.
 std::string tokenOf(std::string_view target);

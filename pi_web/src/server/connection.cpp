@@ -2,10 +2,13 @@
 
 #include <netinet/tcp.h>
 #include <sys/socket.h>
+#include <boost/asio/ssl/error.hpp>
+#include <boost/beast/ssl.hpp>
 
 #include <algorithm>
 #include <chrono>
 #include <stdexcept>
+#include <type_traits>
 #include <utility>
 
 namespace pi_web
@@ -17,6 +20,7 @@ namespace beast = boost::beast;
 namespace http = boost::beast::http;
 namespace websocket = boost::beast::websocket;
 using boost::beast::error_code;
+using TlsStream = beast::ssl_stream<beast::tcp_stream>;
 
 constexpr auto HTTP_LIMIT = std::chrono::seconds(10);  // for a request, and between two
 constexpr auto DOWNLOAD_LIMIT = std::chrono::minutes(10);
@@ -51,10 +55,25 @@ std::string_view view(beast::string_view text)
   return {text.data(), text.size()};
 }
 
+/// Whether the client showed an operator's certificate of our authority; a wrong one has ended the handshake.
+bool isOperator(SSL* tls)
+{
+  X509* const certificate = SSL_get_peer_certificate(tls);
+  char unit[32] = {};
+  if (certificate != nullptr)
+  {
+    X509_NAME_get_text_by_NID(X509_get_subject_name(certificate), NID_organizationalUnitName, unit, sizeof unit);
+    X509_free(certificate);
+  }
+  return std::string_view(unit) == "operator";
+}
+
 }  // namespace
 
-Connection::Connection(boost::asio::ip::tcp::socket socket, WebServer* server)
-  : server_(server), socket_(std::move(socket)), wake_(*server->context_)
+template <typename Stream>
+template <typename... Arguments>
+ConnectionOver<Stream>::ConnectionOver(WebServer* server, Arguments&&... arguments)
+  : server_(server), socket_(std::forward<Arguments>(arguments)...), wake_(*server->context_)
 {
   error_code ignored;
   const auto peer = tcp().remote_endpoint(ignored);
@@ -64,7 +83,8 @@ Connection::Connection(boost::asio::ip::tcp::socket socket, WebServer* server)
   server_->connections_.insert(this);
 }
 
-Connection::~Connection()
+template <typename Stream>
+ConnectionOver<Stream>::~ConnectionOver()
 {
   if (server_ != nullptr)
   {
@@ -72,7 +92,8 @@ Connection::~Connection()
   }
 }
 
-void Connection::abandon()
+template <typename Stream>
+void ConnectionOver<Stream>::abandon()
 {
   server_ = nullptr;
   error_code ignored;
@@ -80,18 +101,42 @@ void Connection::abandon()
   tcp().close(ignored);
 }
 
-void Connection::start()
+template <typename Stream>
+void ConnectionOver<Stream>::start()
 {
-  readHttp();
+  if constexpr (std::is_same_v<Stream, TlsStream>)
+  {
+    lowest().expires_after(HTTP_LIMIT);
+    socket_.next_layer().async_handshake(boost::asio::ssl::stream_base::server,
+                                         [self = self()](error_code error)
+                                         {
+                                           if (self->server_ == nullptr)
+                                           {
+                                             return;
+                                           }
+                                           if (error)
+                                           {
+                                             self->server_->log_(self->name_ + " is refused: TLS: " + error.message());
+                                             return;
+                                           }
+                                           self->certified_ = isOperator(self->socket_.next_layer().native_handle());
+                                           self->readHttp();
+                                         });
+  }
+  else
+  {
+    readHttp();
+  }
 }
 
-void Connection::readHttp()
+template <typename Stream>
+void ConnectionOver<Stream>::readHttp()
 {
   parser_.emplace();
   parser_->body_limit(0);  // the header has a limit of 8 kB
-  socket_.next_layer().expires_after(HTTP_LIMIT);
+  lowest().expires_after(HTTP_LIMIT);
   http::async_read_header(socket_.next_layer(), input_, *parser_,
-                          [self = shared_from_this()](error_code error, size_t)
+                          [self = self()](error_code error, size_t)
                           {
                             if (!error && self->server_ != nullptr)
                             {
@@ -100,7 +145,8 @@ void Connection::readHttp()
                           });
 }
 
-void Connection::onHttp()
+template <typename Stream>
+void ConnectionOver<Stream>::onHttp()
 {
   const auto& request = parser_->get();
   const std::string_view target = view(request.target());
@@ -127,8 +173,8 @@ void Connection::onHttp()
     respond(http::status::ok, file->second.type, file->second.body);
     return;
   }
-  const Access access =
-      accessOf(server_->options_.access, target, view(request[http::field::host]), view(request[http::field::origin]));
+  const Access access = accessOf(server_->options_.access, target, view(request[http::field::host]),
+                                 view(request[http::field::origin]), certified_);
   if (!access.refusal.empty())
   {
     server_->log_(name_ + " is refused: " + access.refusal);
@@ -162,7 +208,8 @@ void Connection::onHttp()
   upgrade();
 }
 
-void Connection::respond(http::status status, const std::string& type, std::string body)
+template <typename Stream>
+void ConnectionOver<Stream>::respond(http::status status, const std::string& type, std::string body)
 {
   const auto& request = parser_->get();
   response_ = FileResponse(status, request.version());
@@ -174,11 +221,12 @@ void Connection::respond(http::status status, const std::string& type, std::stri
     response_.body().clear();
   }
   response_.keep_alive(request.keep_alive() && status == http::status::ok);
-  socket_.next_layer().expires_after(HTTP_LIMIT);
+  lowest().expires_after(HTTP_LIMIT);
   write(&response_);
 }
 
-void Connection::sendFile(const std::string& path, const std::string& type)
+template <typename Stream>
+void ConnectionOver<Stream>::sendFile(const std::string& path, const std::string& type)
 {
   const auto& request = parser_->get();
   http::file_body::value_type file;
@@ -197,12 +245,13 @@ void Connection::sendFile(const std::string& path, const std::string& type)
   download_.body() = std::move(file);
   download_.prepare_payload();
   download_.keep_alive(false);
-  socket_.next_layer().expires_after(DOWNLOAD_LIMIT);
+  lowest().expires_after(DOWNLOAD_LIMIT);
   write(&download_);
 }
 
+template <typename Stream>
 template <typename Response>
-void Connection::write(Response* response)
+void ConnectionOver<Stream>::write(Response* response)
 {
   response->set(http::field::cache_control, "no-cache");
   response->set("X-Content-Type-Options", "nosniff");
@@ -210,7 +259,7 @@ void Connection::write(Response* response)
   response->set("Content-Security-Policy",
                 "default-src 'self'; img-src 'self' blob:; connect-src 'self' ws: wss:; frame-ancestors 'none'");
   http::async_write(socket_.next_layer(), *response,
-                    [self = shared_from_this(), response](error_code error, size_t)
+                    [self = self(), response](error_code error, size_t)
                     {
                       if (error || self->server_ == nullptr)
                       {
@@ -226,15 +275,16 @@ void Connection::write(Response* response)
                     });
 }
 
-void Connection::upgrade()
+template <typename Stream>
+void ConnectionOver<Stream>::upgrade()
 {
-  socket_.next_layer().expires_never();
+  lowest().expires_never();
   const auto silent = std::chrono::milliseconds(static_cast<int64_t>(server_->options_.silent_s * 1000.0));
   socket_.set_option(websocket::stream_base::timeout{HTTP_LIMIT, silent, true});
   socket_.read_message_max(static_cast<size_t>(server_->options_.max_message_bytes));
   socket_.auto_fragment(false);
   socket_.async_accept(parser_->get(),
-                       [self = shared_from_this()](error_code error)
+                       [self = self()](error_code error)
                        {
                          if (error || self->server_ == nullptr)
                          {
@@ -249,10 +299,11 @@ void Connection::upgrade()
                        });
 }
 
-void Connection::readMessage()
+template <typename Stream>
+void ConnectionOver<Stream>::readMessage()
 {
   socket_.async_read(input_,
-                     [self = shared_from_this()](error_code error, size_t)
+                     [self = self()](error_code error, size_t)
                      {
                        if (self->server_ == nullptr || !self->open_)
                        {
@@ -270,7 +321,8 @@ void Connection::readMessage()
                      });
 }
 
-void Connection::onMessage()
+template <typename Stream>
+void ConnectionOver<Stream>::onMessage()
 {
   const int64_t now_ns = steadyNs();
   tokens_ = std::min(BURST_MESSAGES,
@@ -303,7 +355,8 @@ void Connection::onMessage()
   }
 }
 
-void Connection::answer(OutMessage message)
+template <typename Stream>
+void ConnectionOver<Stream>::answer(OutMessage message)
 {
   if (!open_)
   {
@@ -317,7 +370,8 @@ void Connection::answer(OutMessage message)
   send();
 }
 
-void Connection::push(uint32_t lane, OutMessage message, size_t most)
+template <typename Stream>
+void ConnectionOver<Stream>::push(uint32_t lane, OutMessage message, size_t most)
 {
   if (open_)
   {
@@ -326,7 +380,8 @@ void Connection::push(uint32_t lane, OutMessage message, size_t most)
   }
 }
 
-void Connection::send()
+template <typename Stream>
+void ConnectionOver<Stream>::send()
 {
   if (under_way_ || !open_)
   {
@@ -340,7 +395,7 @@ void Connection::send()
       waking_ = true;
       wake_.expires_at(std::chrono::steady_clock::time_point(std::chrono::nanoseconds(*ready_ns)));
       wake_.async_wait(
-          [self = shared_from_this()](error_code)
+          [self = self()](error_code)
           {
             self->waking_ = false;
             self->send();
@@ -353,7 +408,7 @@ void Connection::send()
       boost::asio::buffer(under_way_->head),
       under_way_->body ? boost::asio::buffer(*under_way_->body) : boost::asio::const_buffer()};
   socket_.async_write(buffers,
-                      [self = shared_from_this()](error_code error, size_t)
+                      [self = self()](error_code error, size_t)
                       {
                         self->queue_.sent(steadyNs());
                         self->under_way_.reset();
@@ -365,7 +420,8 @@ void Connection::send()
 }
 
 /// The connection has ended.
-void Connection::fail(const std::string& why)
+template <typename Stream>
+void ConnectionOver<Stream>::fail(const std::string& why)
 {
   if (!open_)
   {
@@ -383,17 +439,28 @@ void Connection::fail(const std::string& why)
   tcp().close(ignored);  // also ends a write that waits for the client
 }
 
-void Connection::close(const std::string& why)
+template <typename Stream>
+void ConnectionOver<Stream>::close(const std::string& why)
 {
   // Not within the handler's call, which may hold the client.
   boost::asio::post(*server_->context_,
-                    [self = shared_from_this(), why]
+                    [self = self(), why]
                     {
                       if (self->server_ != nullptr)
                       {
                         self->fail(why);
                       }
                     });
+}
+
+std::shared_ptr<Connection> makeConnection(boost::asio::ip::tcp::socket socket, boost::asio::ssl::context* tls,
+                                           WebServer* server)
+{
+  if (tls != nullptr)
+  {
+    return std::make_shared<ConnectionOver<TlsStream>>(server, std::move(socket), *tls);
+  }
+  return std::make_shared<ConnectionOver<beast::tcp_stream>>(server, std::move(socket));
 }
 
 }  // namespace pi_web

@@ -5,11 +5,12 @@
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/ssl/context.hpp>
 #include <boost/asio/steady_timer.hpp>
 
 #include <functional>
 #include <map>
-#include <memory>
+#include <optional>
 #include <set>
 #include <string>
 
@@ -24,6 +25,7 @@ struct WebServerOptions
   int max_message_bytes = 1000000;    ///< of a client's message
   double max_messages_per_s = 200.0;  ///< of a client, in the mean; a hundred more may come at once
   double silent_s = 20.0;             ///< a client that does not answer for so long is disconnected
+  std::string tls_folder;             ///< certificate.pem, key.pem, and ca.pem of operators; empty: no TLS
   AccessOptions access;
 };
 
@@ -46,7 +48,7 @@ class WebServer
 public:
   using Log = std::function<void(const std::string&)>;
   /// Listens. @param files  by their path, as "/". @param log  gets a line for everything that is refused.
-  /// @throws std::runtime_error naming address, port and the way out.
+  /// @throws std::runtime_error naming address and port, or the file of TLS, and the way out.
   WebServer(boost::asio::io_context* context, const WebServerOptions& options, std::map<std::string, WebFile> files,
             ClientHandler* handler, Log log);
   /// Disconnects all.
@@ -56,7 +58,8 @@ public:
   size_t clients() const { return clients_; }
 
 private:
-  friend class Connection;
+  template <typename Stream>
+  friend class ConnectionOver;
   void accept();
 
   boost::asio::io_context* const context_;
@@ -64,6 +67,7 @@ private:
   const std::map<std::string, WebFile> files_;
   ClientHandler* const handler_;
   const Log log_;
+  std::optional<boost::asio::ssl::context> tls_;
   boost::asio::ip::tcp::acceptor acceptor_;
   boost::asio::steady_timer accept_again_;
   std::set<Connection*> connections_;

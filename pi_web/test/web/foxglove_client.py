@@ -4,6 +4,7 @@ import base64
 import json
 import os
 import socket
+import ssl
 import struct
 import time
 from urllib.parse import urlsplit
@@ -18,15 +19,17 @@ class Refused(Exception):
 
 
 class WebSocket:
-    """Blocking; limit_s is that of each operation."""
+    """Blocking; limit_s is that of each operation. tls: an ssl.SSLContext for wss://."""
 
-    def __init__(self, url, protocols=(), headers=(), limit_s=20.0, receive_buffer=0):
+    def __init__(self, url, protocols=(), headers=(), limit_s=20.0, receive_buffer=0, tls=None):
         parts = urlsplit(url)
         self.socket = socket.socket()
         if receive_buffer:
             self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
         self.socket.settimeout(limit_s)
         self.socket.connect((parts.hostname, parts.port))
+        if parts.scheme == "wss":
+            self.socket = (tls or ssl.create_default_context()).wrap_socket(self.socket, server_hostname=parts.hostname)
         path = (parts.path or "/") + ("?" + parts.query if parts.query else "")
         lines = ["GET %s HTTP/1.1" % path, "Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13",
                  "Sec-WebSocket-Key: " + base64.b64encode(os.urandom(16)).decode()]

@@ -9,7 +9,7 @@ import threading
 import roslib.packages
 
 TOKEN = "0123456789abcdef0123"
-READY = re.compile(r"the vehicle is at (http://[\w.\[\]:]+/)")
+READY = re.compile(r"the vehicle is at (https?://[\w.\[\]:]+/)")
 
 
 class WebViewNode:
@@ -47,7 +47,7 @@ class WebViewNode:
 
     @property
     def websocket(self):
-        return self.url.replace("http:", "ws:")
+        return self.url.replace("http", "ws", 1)
 
     @property
     def control(self):

@@ -45,6 +45,8 @@ def add_to(commands):
                                help="letters, digits, '_', '-'")
         add[role].add_argument("--device-folder", default=DEVICE_FOLDER, metavar="DIR",
                                help="where its files lie on its machine; default: %(default)s")
+    add["vehicle"].add_argument("--host", action="append", default=[], metavar="HOST", help="name or address for "
+                                "browsers, of its page by https; repeated: further ones")
     site = add["site"]
     site.add_argument("--host", action="append", required=True, metavar="HOST", help="name or address for vehicles and "
                       "other sites; repeated: further names of its certificate, as *.nats")
@@ -149,7 +151,7 @@ class Fleet:
                 folder.mkdir(mode=0o700, exist_ok=True)
                 member["keys"][role], end = authority.certify(
                     self.authority, folder, [("O", self.name), ("OU", role), ("CN", name)], days,
-                    member["hosts"] if role == "server" else ())
+                    member.get("hosts", ()) if role in ("server", "vehicle") else ())
                 ends.append(end)
             member["expires"] = min(ends)
             if name in self.members:
@@ -197,11 +199,17 @@ def init(folder, options):
     return 0
 
 
-def site_of(fleet, options):
-    """The settings of a new site."""
+def hosts_of(options):
+    """The names and addresses of a new member."""
     for host in options.host:
         if not HOST.fullmatch(host) or len(host) > 253:
             raise FleetError(f"--host = \"{host}\", must be the name or address of a machine, without port")
+    return list(dict.fromkeys(options.host))
+
+
+def site_of(fleet, options):
+    """The settings of a new site."""
+    hosts = hosts_of(options)
     if options.host[0].startswith("*"):
         raise FleetError(f"--host = \"{options.host[0]}\", the first must be one that vehicles can connect to")
     ports = {"port": options.port, "route_port": options.route_port, "http_port": options.http_port}
@@ -214,7 +222,7 @@ def site_of(fleet, options):
         one = fleet.members[name]
         if one["hosts"][0] == options.host[0] and {one["port"], one["route_port"]} & {options.port, options.route_port}:
             raise FleetError(f"--host = {options.host[0]}: {name} has that address and one of its ports already")
-    site = {"hosts": list(dict.fromkeys(options.host)), **ports}
+    site = {"hosts": hosts, **ports}
     if options.at:
         x, y, reach = options.at
         if not (abs(x) < float("inf") and abs(y) < float("inf") and reach >= 0.0):
@@ -237,7 +245,7 @@ def add(fleet, role, options):
     if not options.device_folder.startswith("/") or re.search(r"[\s\"'\\$]", options.device_folder):
         raise FleetError(f"--device-folder = \"{options.device_folder}\", must be an absolute path without spaces and "
                          "quotes")
-    settings = site_of(fleet, options) if role == "site" else {}
+    settings = site_of(fleet, options) if role == "site" else {"hosts": hosts_of(options)} if role == "vehicle" else {}
     for name in names:
         fleet.certify(name, {"role": role, "folder": options.device_folder.rstrip("/"), **settings}, options.days)
     return report(fleet, names, fleet.save())
