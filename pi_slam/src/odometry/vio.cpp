@@ -232,6 +232,10 @@ TrackerPrediction Vio::Impl::predictViews(const ImuPreintegration& since_pair, b
   {
     const NavState predicted = since_pair.predict(filter.state());
     const Eigen::Matrix3d R_body_odom = predicted.q.toRotationMatrix().transpose();
+    if (status != VioStatus::BLIND && odds_since_ns == 0)
+    {
+      prediction.p_last_now = filter.state().q.conjugate() * (predicted.p - filter.state().p);
+    }
     prediction.p_body = [this, R_body_odom, p = predicted.p](int64_t id) -> std::optional<Eigen::Vector3d>
     {
       const LandmarkEstimate* const landmark = window.landmark(id);

@@ -141,6 +141,7 @@ struct Vio::Impl
   Eigen::Quaterniond keyframe_q = Eigen::Quaterniond::Identity();
   std::unordered_map<int64_t, int> strikes;
   Matrix15d common_covariance = Matrix15d::Zero();  ///< of position and heading of the window as a whole
+  int64_t picture_moves_since_ns = 0;  ///< at rest; 0: it does not
   NavState still_state;
   Matrix15d still_covariance = Matrix15d::Zero();
   std::array<FrameFeatures, 4> at_rest;  ///< of pairs at rest, a window of the detector apart; the newest is first
