@@ -1,6 +1,4 @@
 // Odometry with wheels, on rendered drives. The wheels say 2 % too much, with 1 % of noise.
-#include <opencv2/imgproc.hpp>
-
 #include "vio_drive.h"
 
 namespace pi_slam
@@ -155,55 +153,6 @@ TEST_F(WheelsTest, IsUprightWhenItHasSetOff)
   EXPECT_GT(most, 0.0);
   EXPECT_LT(most, 0.5);
   std::cout << "tilt after driving off: " << most << " degrees\n";
-}
-
-/// People pass close by who cover two thirds of the picture, from 3 s on, for as long as PI_SLAM_CROWD_S says.
-TEST_F(WheelsTest, StandsStillInACrowd)
-{
-  const double length_s = std::getenv("PI_SLAM_CROWD_S") != nullptr ? std::atof(std::getenv("PI_SLAM_CROWD_S")) : 30.0;
-  std::vector<StampedPose> poses;
-  for (int i = 0; i <= static_cast<int>(50.0 * length_s); ++i)
-  {
-    StampedPose pose;
-    pose.stamp_ns = 1700000000000000000LL + 20000000LL * i;
-    pose.T_world_body.translation() = Eigen::Vector3d(0.0, 0.0, 1.0);
-    poses.push_back(pose);
-  }
-  const Drive drive(poses, 2, WorldKind::HALL, 0.1, length_s + 1.0);
-  cv::Mat crowd(240, 1600, CV_8UC1);
-  cv::RNG random(1);
-  random.fill(crowd, cv::RNG::UNIFORM, 0, 255);
-  cv::GaussianBlur(crowd, crowd, cv::Size(0, 0), 2.0);
-  cv::normalize(crowd, crowd, 20, 235, cv::NORM_MINMAX);
-  const StereoFrame still = drive.frames.front();
-  Faults faults;
-  faults.pair = [&](double time_s, cv::Mat* left, cv::Mat* right, int64_t*)
-  {
-    *left = still.left.clone();
-    *right = still.right.clone();
-    if (time_s > 3.0)
-    {
-      // At 1.5 m/s and 2 m away: 120 px/s, with 10 px of disparity.
-      const int at = static_cast<int>(120.0 * (time_s - 3.0)) % 1200;
-      const cv::Rect part(40, 10, 230, 215);
-      crowd(cv::Rect(1200 - at, 10, part.width, part.height)).copyTo((*left)(part));
-      crowd(cv::Rect(1200 - at + 10, 10, part.width, part.height)).copyTo((*right)(part));
-    }
-    return true;
-  };
-  useWheels(drive);
-  Vio vio(drive.calibration, makeOptions());
-  const std::vector<Outcome> outcomes = run(&vio, faults, drive);
-  double most = 0.0;
-  for (const Outcome& outcome : outcomes)
-  {
-    most = std::max(most, outcome.error_m);
-  }
-  EXPECT_TRUE(at(outcomes, 2.9).known);
-  EXPECT_EQ(outcomes.back().report.status, VioStatus::STANDSTILL);
-  EXPECT_TRUE(said("while wheels and IMU stand")) << allMessages();
-  EXPECT_LT(most, 0.02);
-  std::cout << length_s << " s in a crowd: " << most << " m\n";
 }
 
 /// Without pictures at all, not black ones: the propagation takes the wheels.

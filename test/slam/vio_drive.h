@@ -24,15 +24,16 @@ using namespace pi_simulation;
 /// 320x240 px at 15 Hz, IMU at 200 Hz.
 struct Drive
 {
-  StereoCalibration calibration = StereoCalibration::makeForwardPair(320, 240, 0.12);
+  StereoCalibration calibration;
   SplineTrajectory trajectory;
   std::vector<ImuSample> imu;
   std::vector<StereoFrame> frames;
 
   /// @param dark_from_s,dark_to_s  black pictures in between, which cost nothing to render.
   Drive(const std::vector<StampedPose>& poses, uint64_t seed, WorldKind kind = WorldKind::HALL,
-        double dark_from_s = 0.0, double dark_to_s = 0.0)
-    : trajectory(SplineTrajectory::fit(poses))
+        double dark_from_s = 0.0, double dark_to_s = 0.0, int width_px = 320)
+    : calibration(StereoCalibration::makeForwardPair(width_px, 3 * width_px / 4, 0.12))
+    , trajectory(SplineTrajectory::fit(poses))
   {
     imu = ImuSimulator(ImuSimulatorOptions()).simulate(trajectory, trajectory.startNs(), trajectory.endNs());
     SyntheticWorldOptions world;
@@ -48,7 +49,7 @@ struct Drive
       {
         StereoFrame dark;
         dark.stamp_ns = stamp_ns;
-        dark.left = dark.right = cv::Mat(240, 320, CV_8UC1, cv::Scalar(0));
+        dark.left = dark.right = cv::Mat(3 * width_px / 4, width_px, CV_8UC1, cv::Scalar(0));
         frames.push_back(dark);
         continue;
       }

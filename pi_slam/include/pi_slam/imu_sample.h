@@ -13,6 +13,7 @@ struct ImuSample
   Eigen::Vector3d w = Eigen::Vector3d::Zero();  ///< angular rate, IMU frame [rad/s]
   Eigen::Vector3d f = Eigen::Vector3d::Zero();  ///< specific force, IMU frame [m/s^2]; at rest it points up
   bool saturated = false;  ///< no full measurement: an axis was at the sensor's limit and holds an earlier value
+  float f_shake = 0.0F;    ///< noise of the force by vibration, beside the sensor's [m/s^2/sqrt(Hz)]
 };
 
 struct ImuBias

@@ -41,6 +41,11 @@ struct StereoCalibration
   /// or none, T_cam_imu; cam1 may have T_cn_cnm1 in place of T_cam_imu.
   /// @throws CalibrationError
   static StereoCalibration loadKalibr(const std::string& camchain_yaml);
+  /// Writes such a file, with its timeshift_cam_imu.
+  /// @param T_body_imu     where the IMU is in the body frame of this calibration.
+  /// @param time_offset_s  stamp of the IMU = stamp of the cameras + this [s].
+  /// @throws CalibrationError if it cannot be written.
+  void saveKalibr(const std::string& camchain_yaml, const Eigen::Isometry3d& T_body_imu, double time_offset_s) const;
 };
 
 }  // namespace pi_slam

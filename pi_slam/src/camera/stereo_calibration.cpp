@@ -2,6 +2,8 @@
 #include <pi_slam/stereo_calibration.h>
 
 #include <cmath>
+#include <fstream>
+#include <iomanip>
 #include <vector>
 
 #include "camera/calibration_yaml.h"
@@ -117,6 +119,34 @@ StereoCalibration StereoCalibration::loadKalibr(const std::string& camchain_yaml
   calibration.left.T_body_camera = T_cam0_imu.inverse();
   calibration.right.T_body_camera = T_cam1_imu.inverse();
   return calibration;
+}
+
+void StereoCalibration::saveKalibr(const std::string& camchain_yaml, const Eigen::Isometry3d& T_body_imu,
+                                   double time_offset_s) const
+{
+  std::ofstream file(camchain_yaml);
+  file << std::setprecision(12);
+  for (const MountedCamera* const camera : {&left, &right})
+  {
+    const CameraModel& model = camera->model;
+    const Eigen::Matrix4d T_cam_imu = (camera->T_body_camera.inverse() * T_body_imu).matrix();
+    const auto& k = model.coefficients;
+    file << (camera == &left ? "cam0" : "cam1") << ":\n  camera_model: pinhole\n  intrinsics: [" << model.fx << ", "
+         << model.fy << ", " << model.cx << ", " << model.cy
+         << "]\n  distortion_model: " << (model.distortion == Distortion::EQUIDISTANT ? "equidistant" : "radtan")
+         << "\n  distortion_coeffs: [" << k[0] << ", " << k[1] << ", " << k[2] << ", " << k[3] << "]\n  resolution: ["
+         << model.width << ", " << model.height << "]\n  timeshift_cam_imu: " << time_offset_s << "\n  T_cam_imu:\n";
+    for (int row = 0; row < 4; ++row)
+    {
+      file << "  - [" << T_cam_imu(row, 0) << ", " << T_cam_imu(row, 1) << ", " << T_cam_imu(row, 2) << ", "
+           << T_cam_imu(row, 3) << "]\n";
+    }
+  }
+  file.close();
+  if (!file)
+  {
+    throw CalibrationError(camchain_yaml + ": cannot be written; its folder is missing, or has no room");
+  }
 }
 
 }  // namespace pi_slam

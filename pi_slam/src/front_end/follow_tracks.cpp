@@ -129,12 +129,12 @@ void StereoTracker::Impl::followTracks(const TrackerPrediction& prediction, doub
   }
   steps.resize(kept);
   const size_t before = tracks.size();
-  keepConsistent(dt_s, report);
+  keepConsistent(prediction, dt_s, report);
   report->tracked = static_cast<int>(tracks.size());
   report->lost = static_cast<int>(before - tracks.size());
 }
 
-void StereoTracker::Impl::keepConsistent(double dt_s, TrackerReport* report)
+void StereoTracker::Impl::keepConsistent(const TrackerPrediction& prediction, double dt_s, TrackerReport* report)
 {
   std::vector<MovedFeature> moved;
   moved.reserve(steps.size());
@@ -147,7 +147,14 @@ void StereoTracker::Impl::keepConsistent(double dt_s, TrackerReport* report)
   front_end::BodyMotion motion;
   motion.R_now_last = R_last_now.conjugate().toRotationMatrix();
   std::vector<uint8_t> consistent;
-  const bool known = motion_check.check(moved, LEAST_GYRO_SIGMA_RAD + GYRO_SIGMA_RAD_S * dt_s, &motion, &consistent);
+  std::optional<front_end::BodyMotion> expected;
+  if (prediction.p_last_now)
+  {
+    expected = front_end::BodyMotion{motion.R_now_last, -(motion.R_now_last * *prediction.p_last_now)};
+  }
+  const bool known = motion_check.check(moved, LEAST_GYRO_SIGMA_RAD + GYRO_SIGMA_RAD_S * dt_s, &motion, &consistent,
+                                        expected ? &*expected : nullptr);
+  report->others_move = motion_check.othersMove();
   velocity = known && dt_s > 0.0 ? Eigen::Vector3d(motion.p_now_last / dt_s) : Eigen::Vector3d::Zero();
   std::vector<double> flow;
   std::vector<double> parallax;

@@ -19,6 +19,8 @@ constexpr size_t LEAST_POINTS = 12;  ///< with depth, for a motion of six unknow
 constexpr size_t LEAST_RAYS = 15;    ///< for a direction of translation
 constexpr double MOST_REJECTED =
     0.5;  ///< part of the features; if it were more, the motion would be the doubtful thing
+constexpr double LEAST_AGAINST = 6.0;        ///< features that contradict the motion that was found
+constexpr double LEAST_PART_AGAINST = 0.08;  ///< likewise, part of all; false matches are fewer
 constexpr double DISPARITY_SIGMA_PX = 0.5;
 constexpr double TRANSLATION_SIGMA_M = 1.0;  ///< holds the translation where all points are far away
 constexpr double LEAST_PARALLAX_PX = 3.0;    ///< below it, a direction of translation says nothing
@@ -220,7 +222,37 @@ void MotionCheck::judgeByTranslation(const std::vector<MovedFeature>& features, 
 }
 
 bool MotionCheck::check(const std::vector<MovedFeature>& features, double rotation_sigma_rad, BodyMotion* motion,
-                        std::vector<uint8_t>* consistent)
+                        std::vector<uint8_t>* consistent, const BodyMotion* expected)
+{
+  others_move_ = false;
+  const bool known = findMotion(features, rotation_sigma_rad, motion, consistent);
+  if (expected == nullptr || points_.size() < LEAST_POINTS)
+  {
+    return known;
+  }
+  std::vector<uint8_t> as_expected(features.size());
+  judgeByMotion(features, *expected, &as_expected);
+  size_t agreeing = 0;
+  size_t against = 0;  // agree with one and not with the other: far points agree with both
+  for (size_t i = 0; i < features.size(); ++i)
+  {
+    agreeing += as_expected[i];
+    against += as_expected[i] != 0 && (!known || (*consistent)[i] == 0) ? 1 : 0;
+  }
+  const auto part = [&features](double of) { return of * static_cast<double>(features.size()); };
+  others_move_ = known ? static_cast<double>(against) >= std::max(LEAST_AGAINST, part(LEAST_PART_AGAINST))
+                       : agreeing >= LEAST_POINTS && static_cast<double>(agreeing) < part(1.0 - MOST_REJECTED);
+  if (!others_move_)
+  {
+    return known;
+  }
+  *consistent = as_expected;
+  *motion = *expected;
+  return true;
+}
+
+bool MotionCheck::findMotion(const std::vector<MovedFeature>& features, double rotation_sigma_rad, BodyMotion* motion,
+                             std::vector<uint8_t>* consistent)
 {
   consistent->assign(features.size(), 1);
   const BodyMotion prior{motion->R_now_last, Eigen::Vector3d::Zero()};

@@ -41,10 +41,18 @@ public:
   /// @param[in,out] motion  R_now_last as known before; replaced by what was found.
   /// @return true if the motion of the body was found, the depths being known. If not, p_now_last is 0.
   /// @param[out] consistent  for each feature; all of them if there are too few to tell, or if most would fall out.
+  /// @param expected  the motion by other sensors; may be null. Where enough features agree with it and not with what
+  ///                  was found, that is the motion of other things: then this one holds.
   bool check(const std::vector<MovedFeature>& features, double rotation_sigma_rad, BodyMotion* motion,
-             std::vector<uint8_t>* consistent);
+             std::vector<uint8_t>* consistent, const BodyMotion* expected = nullptr);
+
+  /// Whether the last check() took the expected motion in place of what it found.
+  bool othersMove() const { return others_move_; }
 
 private:
+  bool findMotion(const std::vector<MovedFeature>& features, double rotation_sigma_rad, BodyMotion* motion,
+                  std::vector<uint8_t>* consistent);
+
   /// Of a feature with depth: what stays the same over the iterations.
   struct Point
   {
@@ -64,6 +72,7 @@ private:
   const StereoGeometry& geometry_;
   const double tolerance_px_;
   std::vector<Point> points_;
+  bool others_move_ = false;
 };
 
 }  // namespace pi_slam::front_end

@@ -43,6 +43,8 @@ struct TrackerPrediction
 {
   /// R_last_now of the body (from the gyro).
   Eigen::Quaterniond R_last_now = Eigen::Quaterniond::Identity();
+  /// p_last_now of the body, where an estimate knows it well: what moves otherwise is not taken for the body's motion.
+  std::optional<Eigen::Vector3d> p_last_now;
   /// Of a landmark known in space: its position in the body frame at the time of this pair; nullopt: by rotation only.
   std::function<std::optional<Eigen::Vector3d>(int64_t id)> p_body;
 };
@@ -57,6 +59,7 @@ struct TrackerReport
   double mean_grey[2] = {0.0, 0.0};  ///< of each picture
   double contrast[2] = {0.0, 0.0};   ///< standard deviation of grey levels
   bool blank[2] = {false, false};    ///< dark, white or without texture: nothing to be seen
+  bool others_move = false;          ///< many features move otherwise than the body: people pass
   /// Median of the distances that features went in the picture, beyond what the rotation explains [px]; 0 for fewer
   /// than 5 features.
   double parallax_px = 0.0;

@@ -63,7 +63,7 @@ struct StereoTracker::Impl
   void followTracks(const TrackerPrediction& prediction, double dt_s, TrackerReport* report);
   void planSteps(const TrackerPrediction& prediction, double dt_s);
   bool planStep(size_t index, int camera, const TrackerPrediction& prediction);
-  void keepConsistent(double dt_s, TrackerReport* report);
+  void keepConsistent(const TrackerPrediction& prediction, double dt_s, TrackerReport* report);
   void matchKnown();
   void matchUnknown();
   void addCorners(size_t max_features);

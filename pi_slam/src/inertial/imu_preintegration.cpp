@@ -261,6 +261,11 @@ bool ImuBuffer::statistics(int64_t from_ns, int64_t to_ns, Eigen::Vector3d* w_me
   return true;
 }
 
+void ImuBuffer::correct(const ImuCorrection& correction)
+{
+  std::transform(samples_.begin(), samples_.end(), samples_.begin(), correction);
+}
+
 void ImuBuffer::forgetBefore(int64_t stamp_ns)
 {
   const auto after = std::upper_bound(samples_.begin(), samples_.end(), stamp_ns,

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <pi_slam/imu_sample.h>
+#include "inertial/imu_correction.h"
 #include "inertial/nav_state.h"
 
 #include <Eigen/Geometry>
@@ -131,6 +132,9 @@ public:
   /// @return false for fewer than 3 samples; nothing is written then.
   bool statistics(int64_t from_ns, int64_t to_ns, Eigen::Vector3d* w_mean, Eigen::Vector3d* f_mean,
                   Eigen::Vector3d* w_deviation, Eigen::Vector3d* f_deviation) const;
+
+  /// Corrects all samples; those to come are corrected already.
+  void correct(const ImuCorrection& correction);
 
   /// Forgets samples that are older than the last one at or before stamp_ns.
   void forgetBefore(int64_t stamp_ns);

@@ -127,6 +127,12 @@ void ImuPropagator::advance(const ImuSample& from, const ImuSample& to, Propagat
   step.propagate(model_, noiseFactor(from, to, gap, model_.accel_noise_density), &now->covariance);
 }
 
+void ImuPropagator::correct(const ImuCorrection& correction)
+{
+  const std::lock_guard<std::mutex> lock(mutex_);
+  std::transform(samples_.begin(), samples_.end(), samples_.begin(), correction);
+}
+
 void ImuPropagator::reset()
 {
   const std::lock_guard<std::mutex> lock(mutex_);

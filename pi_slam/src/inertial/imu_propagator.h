@@ -1,6 +1,7 @@
 #pragma once
 
 #include <pi_slam/imu_sample.h>
+#include "inertial/imu_correction.h"
 #include "inertial/nav_state.h"
 #include "inertial/wheels.h"
 
@@ -46,6 +47,9 @@ public:
   void addWheels(const WheelSample& sample);
   /// @param scale  nullopt: the wheels are not to be used, as at first.
   void setWheels(const WheelOptions& options, const std::optional<WheelScale>& scale);
+
+  /// Corrects the samples that are kept; the poses follow with the next rebase().
+  void correct(const ImuCorrection& correction);
 
   /// No more poses until the next rebase(). Samples are kept.
   void reset();

@@ -24,7 +24,8 @@ inline bool isPlausible(const ImuSample& sample)
 inline ImuSample interpolate(const ImuSample& a, const ImuSample& b, int64_t stamp_ns)
 {
   const double s = static_cast<double>(stamp_ns - a.stamp_ns) / static_cast<double>(b.stamp_ns - a.stamp_ns);
-  return ImuSample{stamp_ns, (1.0 - s) * a.w + s * b.w, (1.0 - s) * a.f + s * b.f, a.saturated || b.saturated};
+  return ImuSample{stamp_ns, (1.0 - s) * a.w + s * b.w, (1.0 - s) * a.f + s * b.f, a.saturated || b.saturated,
+                   std::max(a.f_shake, b.f_shake)};
 }
 
 /// Noise is larger by this in gaps, and where an axis was at its limit.
@@ -83,7 +84,7 @@ inline ImuSample withoutSaturation(const ImuSample& sample, const ImuSample* bef
 struct ImuStep
 {
   ImuStep(const ImuSample& from, const ImuSample& to, const ImuBias& bias, const Eigen::Quaterniond& q_ref_from)
-    : dt(pi_node::seconds(to.stamp_ns - from.stamp_ns))
+    : dt(pi_node::seconds(to.stamp_ns - from.stamp_ns)), f_shake(to.f_shake)
   {
     const Eigen::Vector3d phi = dt * (0.5 * (from.w + to.w) - bias.gyro);
     const Eigen::Vector3d f0 = from.f - bias.accel;
@@ -102,7 +103,8 @@ struct ImuStep
     V_ba = -0.5 * dt * (R0 + R1);
   }
 
-  double dt;  ///< [s]
+  double dt;       ///< [s]
+  double f_shake;  ///< as in ImuSample
   Eigen::Quaterniond q_ref_to;
   Eigen::Vector3d a_ref;  ///< mean specific force, in ref [m/s^2]
   Eigen::Matrix3d Et;     ///< R_to_from
@@ -135,7 +137,7 @@ struct ImuStep
 
     const double square = noise_factor * noise_factor;
     const double gyro = square * model.gyro_noise_density * model.gyro_noise_density / dt;
-    const double accel = square * model.accel_noise_density * model.accel_noise_density * dt;
+    const double accel = (square * model.accel_noise_density * model.accel_noise_density + f_shake * f_shake) * dt;
     const Eigen::Matrix3d theta_theta = gyro * T_bg * T_bg.transpose();
     const Eigen::Matrix3d v_theta = gyro * V_bg * T_bg.transpose();
     Eigen::Matrix3d v_v = gyro * V_bg * V_bg.transpose();

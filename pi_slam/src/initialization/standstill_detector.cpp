@@ -15,8 +15,12 @@ constexpr double LONG_WINDOWS = 4.0;      ///< of the second comparison
 constexpr double LONG_FLOW_FACTOR = 2.0;  ///< tracking drifts with the root of time
 constexpr double LEAVING_FACTOR = 1.5;    ///< of all bounds, for what stands still already
 constexpr double MOVES_FACTOR = 3.0;      ///< of max_flow_px: what is motion for sure, if it is the picture's
-constexpr int PARTS = 8;                  ///< of the window
+constexpr int PARTS = 8;                  ///< of the window, at which pairs are kept
 constexpr size_t MIN_FEATURES = 10;
+constexpr size_t LEAST_STAYED = 6;  ///< features that do not move while most do
+constexpr double FAST_MPS = 0.2;    ///< no vehicle has this speed at once after a rest
+constexpr double SLOW_MPS = 0.05;   ///< faster, as estimated, and a rest needs pictures that do not move
+constexpr double MOVED_S = 2.0;     ///< likewise so long after the IMU ended a rest
 constexpr double LONGEST_PAUSE_S = 1.0;
 constexpr double TOLERANCE_PX = 1.0;     ///< as between two pairs in the tracker, of which a rest has many
 constexpr double ROTATION_SIGMA = 0.01;  ///< at most, of what turns while all else says rest [rad]
@@ -64,12 +68,12 @@ void StandstillDetector::reset()
   pairs_.clear();
   still_ = false;
   crept_ = false;
-  picture_moves_since_ns_ = 0;
+  picture_moves_ = false;
   flow_px_ = -1.0;
 }
 
 bool StandstillDetector::update(const FrameFeatures& features, const ImuBuffer& imu, const ImuBias& bias,
-                                std::optional<bool> at_rest)
+                                std::optional<bool> at_rest, double speed_mps)
 {
   if (!options_.enabled)
   {
@@ -85,41 +89,44 @@ bool StandstillDetector::update(const FrameFeatures& features, const ImuBuffer& 
   const double slack = still_ ? LEAVING_FACTOR : 1.0;
   const FrameFeatures* reference = pairBefore(stamp_ns - std::llround(1e9 * options_.window_s));
   flow_px_ = reference != nullptr ? flowSince(*reference, features) : -1.0;
-  bool calm = flow_px_ >= 0.0 && flow_px_ <= slack * options_.max_flow_px && imuIsCalm(stamp_ns, imu, bias, slack);
+  const std::optional<ImuWindow> window = measureWindow(imu, model_, stamp_ns, options_.window_s);
+  const bool imu_calm = reference != nullptr && window && isCalm(*window, bias, slack);
+  bool calm = false;
+  picture_moves_ = false;
+  crept_ = false;
   if (at_rest)
   {
-    const bool moves = flow_px_ > MOVES_FACTOR * options_.max_flow_px;
-    calm = *at_rest && reference != nullptr && imuIsCalm(stamp_ns, imu, bias, slack);
-    picture_moves_since_ns_ = !calm || !moves ? 0 : picture_moves_since_ns_ == 0 ? stamp_ns : picture_moves_since_ns_;
+    calm = *at_rest && imu_calm;
+    picture_moves_ = calm && flow_px_ > MOVES_FACTOR * options_.max_flow_px;
   }
-  const bool calm_now = calm;
-  const FrameFeatures* earlier = pairBefore(stamp_ns - std::llround(1e9 * (LONG_WINDOWS * options_.window_s)));
-  if (calm && !at_rest && earlier != nullptr && (!still_ || earlier->stamp_ns >= since_ns_))
+  else if (imu_calm)
   {
-    // Features that are no longer seen do not count.
-    calm = flowSince(*earlier, features) <= slack * LONG_FLOW_FACTOR * options_.max_flow_px;
+    const bool few = flow_px_ < 0.0;  // what was in view is covered
+    const FrameFeatures* const moved_since = few ? reference : movedSince(reference, features, slack);
+    const bool imu_at_rest = still_ ? rest_.unmoved(*window)
+                                    : speed_mps <= SLOW_MPS && rest_.quiet(*window) &&
+                                          stamp_ns - imu_moved_ns_ > std::llround(1e9 * MOVED_S);
+    imu_moved_ns_ = still_ && !imu_at_rest ? stamp_ns : imu_moved_ns_;
+    picture_moves_ = moved_since != nullptr && imu_at_rest &&
+                     (few ? still_ && features.features.size() >= MIN_FEATURES : disputed(*moved_since, features));
+    calm = moved_since == nullptr || picture_moves_;
+    crept_ = still_ && !calm && moved_since != nullptr && moved_since != reference;
   }
-  if (calm && still_ && at_rest)
+  if (calm && !still_)
+  {
+    since_ns_ = reference->stamp_ns;
+    first_ = picture_moves_ ? unmovedOf(*reference, features) : features;
+    rest_.beginRest();
+  }
+  else if (calm && at_rest)
   {
     first_ = features;  // the way counts from here on should the wheels cease to tell
   }
-  else if (calm && still_)
-  {
-    const std::optional<double> way_m = wayBetween(first_, features);
-    calm = !way_m || *way_m <= CREPT_M;
-    if (!way_m)
-    {
-      first_ = pairs_.front();  // what was seen then is out of sight
-    }
-  }
-  else if (calm)
-  {
-    calm = at_rest || earlier == nullptr || wayBetween(*earlier, features).value_or(0.0) <= CREEPING_M;
-    since_ns_ = reference->stamp_ns;
-    first_ = features;
-  }
-  crept_ = still_ && calm_now && !calm && !at_rest;
   still_ = calm;
+  if (still_)
+  {
+    rest_.learn(*window, !picture_moves_);
+  }
 
   if (pairs_.empty() || stamp_ns - pairs_.back().stamp_ns >= std::llround(1e9 * (options_.window_s / PARTS)))
   {
@@ -141,7 +148,89 @@ const FrameFeatures* StandstillDetector::pairBefore(int64_t stamp_ns) const
   return after == pairs_.begin() ? nullptr : &*(after - 1);
 }
 
-/// How far pictures say that the body has gone [m]; nullopt: they do not tell.
+/// The pair since which pictures say that the body has moved; null: since none.
+const FrameFeatures* StandstillDetector::movedSince(const FrameFeatures* reference, const FrameFeatures& features,
+                                                    double slack)
+{
+  if (flow_px_ > slack * options_.max_flow_px)
+  {
+    return reference;
+  }
+  const FrameFeatures* const earlier =
+      pairBefore(features.stamp_ns - std::llround(1e9 * (LONG_WINDOWS * options_.window_s)));
+  // Features that are no longer seen do not count.
+  if (earlier != nullptr && (!still_ || earlier->stamp_ns >= since_ns_) &&
+      flowSince(*earlier, features) > slack * LONG_FLOW_FACTOR * options_.max_flow_px)
+  {
+    return earlier;
+  }
+  if (!still_)
+  {
+    return earlier != nullptr && wayBetween(*earlier, features).value_or(0.0) > CREEPING_M ? earlier : nullptr;
+  }
+  const std::optional<double> way_m = wayBetween(first_, features);
+  if (!way_m)
+  {
+    first_ = pairs_.front();  // what was seen then is out of sight
+  }
+  return way_m && *way_m > CREPT_M ? &first_ : nullptr;
+}
+
+/// Whether the motion that pictures show may be that of people: after a rest it is faster than a vehicle can be, or
+/// some of the features have stayed where they were. Pictures alone cannot tell then.
+bool StandstillDetector::disputed(const FrameFeatures& pair, const FrameFeatures& features)
+{
+  const std::optional<double> way_m = wayBetween(pair, features);
+  const bool motion_known = way_m.has_value();
+  if (!motion_known && flow_px_ <= MOVES_FACTOR * options_.max_flow_px)
+  {
+    return false;
+  }
+  if (still_ && (!way_m || *way_m > FAST_MPS * 1e-9 * static_cast<double>(features.stamp_ns - pair.stamp_ns)))
+  {
+    return true;
+  }
+  size_t stayed = 0;
+  size_t against = 0;
+  size_t index = 0;
+  forCommon(pair, features,
+            [&](const FeatureObservation& was, const FeatureObservation& is)
+            {
+              const bool judged = was.seen[LEFT] && was.seen[RIGHT];  // as in wayBetween()
+              if (hasStayed(was, is))
+              {
+                ++stayed;
+                against += motion_known && judged ? 1 - consistent_[index] : motion_known ? 0 : 1;
+              }
+              index += judged ? 1 : 0;
+            });
+  return against >= LEAST_STAYED && 2 * against >= stayed;
+}
+
+bool StandstillDetector::hasStayed(const FeatureObservation& was, const FeatureObservation& is) const
+{
+  const int camera = is.seen[LEFT] && was.seen[LEFT] ? LEFT : RIGHT;
+  return was.seen[camera] && is.seen[camera] &&
+         (was.pixel[camera] - is.pixel[camera]).norm() <= LONG_FLOW_FACTOR * options_.max_flow_px;
+}
+
+FrameFeatures StandstillDetector::unmovedOf(const FrameFeatures& pair, const FrameFeatures& features) const
+{
+  FrameFeatures unmoved;
+  unmoved.stamp_ns = features.stamp_ns;
+  forCommon(pair, features,
+            [&](const FeatureObservation& was, const FeatureObservation& is)
+            {
+              if (hasStayed(was, is))
+              {
+                unmoved.features.push_back(is);
+              }
+            });
+  return unmoved;
+}
+
+/// How far pictures say that the body has gone [m]; nullopt: they do not tell. consistent_ tells of each feature that
+/// both cameras saw in `pair` whether it agrees.
 std::optional<double> StandstillDetector::wayBetween(const FrameFeatures& pair, const FrameFeatures& features)
 {
   moved_.clear();
@@ -189,44 +278,11 @@ double StandstillDetector::flowSince(const FrameFeatures& pair, const FrameFeatu
   return *middle;
 }
 
-bool StandstillDetector::imuIsCalm(int64_t stamp_ns, const ImuBuffer& imu, const ImuBias& bias, double slack) const
+bool StandstillDetector::isCalm(const ImuWindow& window, const ImuBias& bias, double slack) const
 {
-  const int64_t window_ns = std::llround(1e9 * options_.window_s);
-  if (imu.empty() || imu.lastNs() < stamp_ns || imu.firstNs() > stamp_ns - window_ns)
-  {
-    return false;
-  }
-  // Five samples in each part, where there are as many.
-  const int parts = std::clamp(static_cast<int>(options_.window_s * model_.rate_hz / 5.0), 2, PARTS);
-  Eigen::Vector3d w_sum = Eigen::Vector3d::Zero();
-  Eigen::Vector3d w_squares = Eigen::Vector3d::Zero();
-  Eigen::Vector3d f_sum = Eigen::Vector3d::Zero();
-  Eigen::Vector3d f_squares = Eigen::Vector3d::Zero();
-  Eigen::Vector3d f_first = Eigen::Vector3d::Zero();
-  for (int i = 0; i < parts; ++i)
-  {
-    Eigen::Vector3d w, f, w_deviation, f_deviation;
-    const int64_t from_ns = stamp_ns - window_ns + i * window_ns / parts;
-    if (!imu.statistics(from_ns, from_ns + window_ns / parts, &w, &f, &w_deviation, &f_deviation))
-    {
-      return false;
-    }
-    f_first = i == 0 ? f : f_first;
-    w -= bias.gyro;
-    f -= f_first;  // gravity would cost digits
-    w_sum += w;
-    w_squares += w.cwiseAbs2();
-    f_sum += f;
-    f_squares += f.cwiseAbs2();
-  }
-  const Eigen::Vector3d w_mean = w_sum / parts;
-  const Eigen::Vector3d w_deviation = (w_squares / parts - w_mean.cwiseAbs2()).cwiseMax(0.0).cwiseSqrt();
-  const Eigen::Vector3d f_deviation = (f_squares / parts - (f_sum / parts).cwiseAbs2()).cwiseMax(0.0).cwiseSqrt();
-  // Of a mean over one part.
-  const double root = std::sqrt(parts / options_.window_s);
-  return w_mean.cwiseAbs().maxCoeff() <= slack * options_.max_rate &&
-         w_deviation.maxCoeff() <= slack * options_.max_gyro_deviation + root * model_.gyro_noise_density &&
-         f_deviation.maxCoeff() <= slack * options_.max_accel_deviation + root * model_.accel_noise_density;
+  return (window.w - bias.gyro).cwiseAbs().maxCoeff() <= slack * options_.max_rate &&
+         window.w_deviation <= slack * options_.max_gyro_deviation + window.w_noise &&
+         window.f_deviation <= slack * options_.max_accel_deviation + window.f_noise;
 }
 
 }  // namespace pi_slam

@@ -5,6 +5,7 @@
 #include "front_end/motion_check.h"
 #include "front_end/stereo_geometry.h"
 #include "inertial/imu_preintegration.h"
+#include "initialization/rest_statistics.h"
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -40,7 +41,8 @@ struct StandstillOptions
 /// before it may begin, since four windows ago: more than CREPT_M and CREEPING_M is no rest.
 ///
 /// Where wheels tell, they decide together with the IMU: people who fill the picture are no motion then, and a creep is
-/// one at once.
+/// one at once. Where they do not, the IMU decides, by what it showed at rest before (RestStatistics): if pictures
+/// show, after a rest, a speed that no vehicle has at once, or if some of the features have not moved while most have.
 ///
 /// Not thread safe.
 class StandstillDetector
@@ -57,9 +59,10 @@ public:
   /// @param features  of each pair, in order of time; another order, or a second without pairs, starts again.
   /// @param imu       covers the window before the pair; if not, the answer is no.
   /// @param at_rest   by the wheels over the window; nullopt: they do not tell. Then the pictures decide as without.
+  /// @param speed_mps as estimated [m/s].
   /// @return true if the body has stood still over the window that ends at the stamp of `features`.
   bool update(const FrameFeatures& features, const ImuBuffer& imu, const ImuBias& bias,
-              std::optional<bool> at_rest = std::nullopt);
+              std::optional<bool> at_rest = std::nullopt, double speed_mps = 0.0);
 
   /// Since when, if the last update() returned true [ns].
   int64_t sinceNs() const { return since_ns_; }
@@ -67,8 +70,8 @@ public:
   /// Median distance that features went within the window at the last update() [px]; negative: not known.
   double flowPx() const { return flow_px_; }
 
-  /// Since when wheels and IMU have said rest, and pictures motion, at the last update() [ns]; 0: they agree.
-  int64_t pictureMovesSinceNs() const { return picture_moves_since_ns_; }
+  /// Whether the IMU, and wheels if they tell, said rest at the last update(), and pictures motion.
+  bool pictureMoves() const { return picture_moves_; }
 
   /// Whether the last update() ended a rest of which the last window knows nothing: the body has moved for longer.
   bool crept() const { return crept_; }
@@ -76,7 +79,11 @@ public:
   void reset();
 
 private:
-  bool imuIsCalm(int64_t stamp_ns, const ImuBuffer& imu, const ImuBias& bias, double slack) const;
+  bool isCalm(const ImuWindow& window, const ImuBias& bias, double slack) const;
+  const FrameFeatures* movedSince(const FrameFeatures* reference, const FrameFeatures& features, double slack);
+  bool disputed(const FrameFeatures& pair, const FrameFeatures& features);
+  bool hasStayed(const FeatureObservation& was, const FeatureObservation& is) const;
+  FrameFeatures unmovedOf(const FrameFeatures& pair, const FrameFeatures& features) const;
   double flowSince(const FrameFeatures& pair, const FrameFeatures& features);
   std::optional<double> wayBetween(const FrameFeatures& pair, const FrameFeatures& features);
   const FrameFeatures* pairBefore(int64_t stamp_ns) const;
@@ -90,12 +97,14 @@ private:
   std::vector<float> distances_;     ///< kept to allocate once, as are the next two
   std::vector<front_end::MovedFeature> moved_;
   std::vector<uint8_t> consistent_;
+  RestStatistics rest_;
   int64_t last_ns_ = 0;
   int64_t since_ns_ = 0;
-  int64_t picture_moves_since_ns_ = 0;
+  int64_t imu_moved_ns_ = 0;  ///< last it ended a rest
   double flow_px_ = -1.0;
   bool still_ = false;
   bool crept_ = false;
+  bool picture_moves_ = false;
 };
 
 }  // namespace pi_slam

@@ -1,5 +1,7 @@
 #include "odometry/vio_impl.h"
 
+#include "inertial/imu_step.h"
+
 #include <pi_node/durations.h>
 #include <pi_node/formatting.h>
 #include <pi_slam/so3.h>
@@ -24,41 +26,49 @@ constexpr double IMU_KEPT_S = 12.0;  ///< of samples, for the initialiser and lo
 
 std::optional<PropagatedState> Vio::Impl::addImu(ImuSample sample)
 {
-  // Inside, all stamps are those of the cameras.
   const int64_t own_stamp_ns = sample.stamp_ns;
-  sample.stamp_ns -= std::llround(1e9 * options.imu.time_offset_s);
   const int64_t before_ns = inbox_check.empty() ? 0 : inbox_check.lastNs();
   const ImuBuffer::Added added = inbox_check.add(sample);
+  if (added != ImuBuffer::Added::OUT_OF_ORDER && added != ImuBuffer::Added::NOT_FINITE)
+  {
+    // Limits are those of the sensor's own axes.
+    newest_raw = sample = withoutSaturation(sample, newest_raw ? &*newest_raw : nullptr, options.imu);
+    vibration.add(&sample);
+  }
   {
     const std::lock_guard<std::mutex> lock(inbox_mutex);
     switch (added)
     {
       case ImuBuffer::Added::OUT_OF_ORDER:
         imu_message = format("imu/data: stamp goes back by %.4f s, sample ignored; check the driver's clock",
-                             seconds(before_ns - sample.stamp_ns));
+                             seconds(before_ns - own_stamp_ns));
         break;
       case ImuBuffer::Added::NOT_FINITE:
         imu_message = "imu/data: a sample is not finite, ignored; check the driver";
         break;
       case ImuBuffer::Added::GAP:
         imu_message = format("imu/data: gap of %.3f s, bridged by interpolation; check load and transport",
-                             seconds(sample.stamp_ns - before_ns));
+                             seconds(own_stamp_ns - before_ns));
         break;
       case ImuBuffer::Added::SATURATED:
         imu_message = "imu/data: an axis is at the sensor's limit, the pose gets inaccurate; choose a wider range";
         break;
       case ImuBuffer::Added::OK:
+        imu_message = imu_message.empty() ? vibration.message() : imu_message;
         break;
     }
     if (added == ImuBuffer::Added::OUT_OF_ORDER || added == ImuBuffer::Added::NOT_FINITE)
     {
       return std::nullopt;
     }
+    // Inside, all stamps are those of the cameras, and the body is as they are mounted.
+    sample.stamp_ns -= std::llround(1e9 * options.imu.time_offset_s);
+    sample = imu_correction(sample);
     inbox.push_back(sample);
   }
-  inbox_check.forgetBefore(sample.stamp_ns);
+  inbox_check.forgetBefore(own_stamp_ns);
   newest_imu_ns.store(sample.stamp_ns, std::memory_order_release);
-  if (added == ImuBuffer::Added::GAP && seconds(sample.stamp_ns - before_ns) > LONGEST_GAP_S)
+  if (added == ImuBuffer::Added::GAP && seconds(own_stamp_ns - before_ns) > LONGEST_GAP_S)
   {
     propagator.reset();
   }
@@ -160,6 +170,7 @@ FrameReport Vio::Impl::addPair(int64_t stamp_ns, const cv::Mat& left, const cv::
     turnLastKnown(stamp_ns);
     start(&report);
   }
+  refineCalibration(&report);
   if (status == VioStatus::TRACKING && report.keyframe && keyframe_callback)
   {
     offerToMap(stamp_ns, left, right);
@@ -232,6 +243,10 @@ TrackerPrediction Vio::Impl::predictViews(const ImuPreintegration& since_pair, b
   {
     const NavState predicted = since_pair.predict(filter.state());
     const Eigen::Matrix3d R_body_odom = predicted.q.toRotationMatrix().transpose();
+    if (status != VioStatus::BLIND && odds_since_ns == 0)
+    {
+      prediction.p_last_now = filter.state().q.conjugate() * (predicted.p - filter.state().p);
+    }
     prediction.p_body = [this, R_body_odom, p = predicted.p](int64_t id) -> std::optional<Eigen::Vector3d>
     {
       const LandmarkEstimate* const landmark = window.landmark(id);
@@ -357,6 +372,12 @@ FrameFeatures Vio::newestFeatures() const
 {
   const std::lock_guard<std::mutex> lock(impl_->output_mutex);
   return impl_->shown_features;
+}
+
+RigReport Vio::rig() const
+{
+  const std::lock_guard<std::mutex> lock(impl_->output_mutex);
+  return impl_->rig_report;
 }
 
 std::vector<std::pair<std::string, std::string>> Vio::stages() const

@@ -10,6 +10,7 @@
 #include "initialization/initializer.h"
 #include "initialization/standstill_detector.h"
 #include "map/map_frame.h"
+#include "odometry/rig_calibrator.h"
 
 #include <cstdint>
 #include <functional>
@@ -45,6 +46,8 @@ struct VioOptions
   double keyframe_min_interval_s = 0.1;  ///< in [0, 1]
   double max_speed = 30.0;               ///< faster is a failure of the estimate [m/s]; > 0
   double max_blind_s = 10.0;             ///< without pictures that help, before the state is given up [s]; in [0.5, 60]
+  /// Time offset and rotation between cameras and IMU are found and corrected while driving.
+  bool refine_calibration = true;
 
   /// @throws std::invalid_argument that names field, value and bound.
   void validate() const;
@@ -132,6 +135,8 @@ public:
   /// The state at the last pair; nullopt before the start.
   std::optional<PropagatedState> newestCorrected() const;
   FrameFeatures newestFeatures() const;
+  /// What driving has told of time and rotation between cameras and IMU. Any thread.
+  RigReport rig() const;
 
   /// How the runtime's stages do: name and text. Any thread.
   std::vector<std::pair<std::string, std::string>> stages() const;

@@ -165,7 +165,8 @@ void Vio::Impl::track(const ImuPreintegration& since_pair, FrameReport* report)
   report->wheels.known = !wheels.empty();
   report->wheels.scale = wheel_monitor.scale();
   report->wheels.slips = slips;
-  const bool still = standstill.update(features, imu, filter.state().bias, wheelsAtRest(stamp_ns));
+  const bool still =
+      standstill.update(features, imu, filter.state().bias, wheelsAtRest(stamp_ns), filter.state().v.norm());
   if (status == VioStatus::STANDSTILL && !still && !leaveStandstill(report))
   {
     return;
@@ -185,13 +186,15 @@ void Vio::Impl::track(const ImuPreintegration& since_pair, FrameReport* report)
   {
     keepStill();
     wheel_monitor.skip();
-    if (const int64_t since_ns = standstill.pictureMovesSinceNs();
-        since_ns != 0 && seconds(stamp_ns - since_ns) > PICTURE_MOVES_S && report->message.empty())
+    const bool moves = standstill.pictureMoves() || report->tracker.others_move;
+    picture_moves_since_ns = !moves ? 0 : picture_moves_since_ns == 0 ? stamp_ns : picture_moves_since_ns;
+    if (moves && seconds(stamp_ns - picture_moves_since_ns) > PICTURE_MOVES_S && report->message.empty())
     {
-      report->message = format(
-          "pictures move by %.1f px in %.1f s while wheels and IMU stand: the pose is held; something large passes, or "
-          "the vehicle is carried or rolls with its wheels locked",
-          standstill.flowPx(), options.standstill.window_s);
+      report->message =
+          std::string("much of the picture moves while ") +
+          (wheels.empty() ? "the IMU says rest" : "wheels and IMU stand") +
+          ": the pose is held; something large passes, or the vehicle is carried, or rolls with its wheels "
+          "locked";
     }
     last_corrected_ns = stamp_ns;
     report->inliers = static_cast<int>(views.size());

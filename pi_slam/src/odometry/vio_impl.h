@@ -19,13 +19,16 @@
 #include "estimator/window_estimator.h"
 #include "front_end/frame_filter.h"
 #include "inertial/imu_preintegration.h"
+#include "inertial/vibration_meter.h"
 #include "inertial/wheels.h"
+#include "odometry/rig_calibrator.h"
 #include "odometry/vio.h"
 
 namespace pi_slam
 {
 
-/// vio.cpp has the threads, inputs and results; vio_estimate.cpp has the estimate.
+/// vio.cpp has the threads, inputs and results; vio_estimate.cpp has the estimate; vio_calibration.cpp what it tells of
+/// the calibration.
 struct Vio::Impl
 {
   Impl(const StereoCalibration& calibration_in, const VioOptions& options_in,
@@ -41,9 +44,11 @@ struct Vio::Impl
     , standstill(calibration, options.imu, options.standstill)
     , window(calibration, options.imu, options.window)
     , filter(calibration, options.window.pixel_noise)
+    , rig(calibration, options.imu)
     , propagator(options.imu)
     , imu(options.imu)
     , inbox_check(options.imu)
+    , vibration(options.imu)
     , wheel_monitor(options.wheels)
     , since_keyframe(options.imu, ImuBias())
     , budget(options.frame_budget_s)
@@ -86,6 +91,9 @@ struct Vio::Impl
   void rememberKeyframe();
   void offerToMap(int64_t stamp_ns, const cv::Mat& left, const cv::Mat& right);
   std::string failure(const FrameReport& report) const;
+  void refineCalibration(FrameReport* report);
+  void correctImu(const ImuCorrection& due);
+  void beginAgain(const ImuCorrection& due, FrameReport* report);
   void giveUp(const std::string& why, FrameReport* report);
   void publish();
 
@@ -100,6 +108,7 @@ struct Vio::Impl
   StandstillDetector standstill;
   WindowEstimator window;
   FrameFilter filter;
+  RigCalibrator rig;
   ImuPropagator propagator;
 
   // Between the threads.
@@ -107,17 +116,21 @@ struct Vio::Impl
   std::vector<ImuSample> inbox;
   std::vector<WheelSample> wheel_inbox;
   std::string imu_message;
+  ImuCorrection imu_correction;
   std::atomic<int64_t> newest_imu_ns{INT64_MIN};
 
   mutable std::mutex output_mutex;
   std::optional<PropagatedState> corrected;
   FrameFeatures shown_features;
+  RigReport rig_report;
 
   std::function<void(const MapFrame&)> keyframe_callback;
 
   // Of the pictures' thread alone.
   ImuBuffer imu;
-  ImuBuffer inbox_check;  ///< of the IMU's thread: finds gaps and disorder, holds two samples
+  ImuBuffer inbox_check;                ///< of the IMU's thread: finds gaps and disorder, holds two samples
+  std::optional<ImuSample> newest_raw;  ///< likewise
+  VibrationMeter vibration;             ///< likewise
   std::vector<ImuSample> taken;
   std::vector<WheelSample> taken_wheels;
   WheelBuffer wheels;
@@ -141,6 +154,7 @@ struct Vio::Impl
   Eigen::Quaterniond keyframe_q = Eigen::Quaterniond::Identity();
   std::unordered_map<int64_t, int> strikes;
   Matrix15d common_covariance = Matrix15d::Zero();  ///< of position and heading of the window as a whole
+  int64_t picture_moves_since_ns = 0;               ///< at rest; 0: it does not
   NavState still_state;
   Matrix15d still_covariance = Matrix15d::Zero();
   std::array<FrameFeatures, 4> at_rest;  ///< of pairs at rest, a window of the detector apart; the newest is first

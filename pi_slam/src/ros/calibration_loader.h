@@ -29,6 +29,7 @@ struct CalibrationOptions
   bool rectified = false;           ///< camera_info: pictures are rectified, P is used in place of K and D
   std::vector<double> imu_in_base;  ///< IMU frame in base_link: x y z [m] qx qy qz qw; empty: from tf
   std::vector<double> left_in_imu;  ///< camera_info: left optical frame in the IMU's, likewise
+  std::string refined_camchain;     ///< written at the end, with what driving told; empty: not
 
   /// @throws std::invalid_argument that names field, value and bound.
   void validate() const;

@@ -35,6 +35,7 @@ struct VioFigures
   uint64_t single_pictures = 0;      ///< that went on without a partner
   uint64_t odometries = 0;           ///< poses so far
   double delay_s = 0.0;              ///< of the newest pair behind the IMU's samples of the same time
+  RigReport rig;                     ///< what driving told of the calibration
   std::optional<MapStatistics> map;  ///< nullopt: no mapping
   std::vector<std::pair<std::string, std::string>> stages;  ///< of the runtime: name, how it does
 };

@@ -31,8 +31,31 @@ std::string writeMap(Mapper* mapper, const std::string& file)
 
 }  // namespace
 
+void VioServices::saveCalibration() const
+{
+  const std::string& file = options_.calibration.refined_camchain;
+  const VioPipeline::Ptr pipeline = session_.pipeline();
+  if (file.empty() || !pipeline)
+  {
+    return;
+  }
+  const ImuCorrection found = pipeline->vio->rig().used;
+  Eigen::Isometry3d T_body_imu = Eigen::Isometry3d::Identity();
+  T_body_imu.linear() = found.R_body_imu;
+  try
+  {
+    pipeline->cameras.saveKalibr(file, T_body_imu, pipeline->vio_options.imu.time_offset_s - found.late_s);
+    ROS_INFO_STREAM_NAMED("vio", "calibration written to " << file);
+  }
+  catch (const CalibrationError& error)
+  {
+    ROS_ERROR_STREAM_NAMED("vio", "the calibration is not saved: " << error.what());
+  }
+}
+
 void VioServices::saveAtEnd() const
 {
+  saveCalibration();
   const std::string& file = options_.map_file;
   std::string problem;
   try

@@ -29,6 +29,7 @@ private:
   bool loadMap(LoadMap::Request& request, LoadMap::Response& response);
   bool reset(std_srvs::Trigger::Request& request, std_srvs::Trigger::Response& response);
   /// The mapper, or why there is none.
+  void saveCalibration() const;
   std::shared_ptr<Mapper> mapperFor(const std::string& file, std::string* problem) const;
   /// @param work  with the map; its message, unless it throws.
   template <typename Response>

@@ -269,6 +269,7 @@ void VioSession::fill(VioFigures* figures) const
   if (pipeline)
   {
     figures->stages = pipeline->vio->stages();
+    figures->rig = pipeline->vio->rig();
   }
   if (pipeline && pipeline->mapper)
   {

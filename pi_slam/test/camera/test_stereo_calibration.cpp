@@ -48,6 +48,25 @@ cam1:
 
 }  // namespace
 
+TEST(StereoCalibration, WritesWhatKalibrWouldForATurnedImu)
+{
+  const TemporaryFolder folder;
+  const StereoCalibration before = StereoCalibration::loadKalibr(folder.file("before.yaml", CAMCHAIN));
+  Eigen::Isometry3d T_body_imu = Eigen::Isometry3d::Identity();
+  T_body_imu.linear() = Eigen::AngleAxisd(0.02, Eigen::Vector3d::UnitY()).toRotationMatrix();
+  const std::string file = folder.file("after.yaml", "");
+  before.saveKalibr(file, T_body_imu, -0.0087);
+  const StereoCalibration after = StereoCalibration::loadKalibr(file);
+  EXPECT_TRUE(after.left.T_body_camera.isApprox(T_body_imu.inverse() * before.left.T_body_camera, 1e-9));
+  EXPECT_TRUE(after.right.T_body_camera.isApprox(T_body_imu.inverse() * before.right.T_body_camera, 1e-9));
+  EXPECT_EQ(after.right.model.coefficients, before.right.model.coefficients);
+  EXPECT_EQ(after.left.model.width, 512);
+  EXPECT_EQ(after.left.model.distortion, Distortion::EQUIDISTANT);
+  EXPECT_NE(messageOf<CalibrationError>([&] { before.saveKalibr("/nowhere/at/all.yaml", T_body_imu, 0.0); })
+                .find("cannot be written"),
+            std::string::npos);
+}
+
 TEST(StereoCalibration, ReadsEurocFiles)
 {
   const TemporaryFolder folder;

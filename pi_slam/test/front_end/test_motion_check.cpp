@@ -106,6 +106,38 @@ TEST(MotionCheck, FindsMotionAndMovingThingsByDepth)
   }
 }
 
+TEST(MotionCheck, TakesTheExpectedMotionWherePeopleFillThePicture)
+{
+  MotionCheck check(geometry(), TOLERANCE_PX);
+  std::vector<uint8_t> consistent;
+  for (const int moving : {65, 85})
+  {
+    const Scene scene = makeScene(100, moving, Vector3(0.1, 0.0, 0.0), true);
+    BodyMotion motion = gyroOf(scene, 0.004);
+    ASSERT_TRUE(check.check(scene.features, ROTATION_SIGMA_RAD, &motion, &consistent, &scene.truth));
+    EXPECT_TRUE(check.othersMove());
+    const Verdict verdict = judge(scene, consistent);
+    EXPECT_GE(verdict.moving_found, moving * 9 / 10);
+    EXPECT_LE(verdict.still_lost, 2);
+  }
+}
+
+TEST(MotionCheck, DoesNotBelieveAnExpectedMotionThatPicturesContradict)
+{
+  MotionCheck check(geometry(), TOLERANCE_PX);
+  std::vector<uint8_t> consistent;
+  for (const int moving : {0, 30})
+  {
+    const Scene scene = makeScene(100, moving, Vector3(0.4, 0.0, 0.0), true);
+    BodyMotion wrong = scene.truth;
+    wrong.p_now_last *= 0.5;
+    BodyMotion motion = gyroOf(scene, 0.004);
+    ASSERT_TRUE(check.check(scene.features, ROTATION_SIGMA_RAD, &motion, &consistent, &wrong));
+    EXPECT_FALSE(check.othersMove()) << moving;
+    EXPECT_LT((motion.p_now_last - scene.truth.p_now_last).norm(), 0.01);
+  }
+}
+
 TEST(MotionCheck, FindsMovingThingsByDirectionsAlone)
 {
   MotionCheck check(geometry(), TOLERANCE_PX);

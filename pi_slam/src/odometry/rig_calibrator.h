@@ -1,0 +1,69 @@
+#pragma once
+
+#include <pi_slam/stereo_calibration.h>
+#include "front_end/frame_features.h"
+#include "front_end/motion_check.h"
+#include "front_end/stereo_geometry.h"
+#include "inertial/imu_correction.h"
+#include "inertial/imu_preintegration.h"
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+namespace pi_slam
+{
+
+/// What is known of time and rotation between cameras and IMU.
+struct RigReport
+{
+  double late_s = 0.0;                             ///< the cameras' stamps, beyond the calibration [s]
+  double late_deviation_s = 0.015;                 ///< standard deviation [s]
+  Eigen::Vector3d turn = Eigen::Vector3d::Zero();  ///< of the cameras, beyond the calibration, body frame [rad]
+  Eigen::Vector3d turn_deviation = Eigen::Vector3d::Ones();  ///< per axis; large where the motion does not tell it
+  ImuCorrection used;                                        ///< taken over so far
+};
+
+/// Finds by how much the cameras' stamps are late and how far their mounting is turned: both make the rotation between
+/// two pairs by pictures differ from the gyroscope's. A Kalman filter of seven numbers (turn, lateness, bias of the
+/// gyroscope) compares them every 0.2 s. It needs no estimate of pose or speed, so it works before a start too. Its
+/// variances tell what the motion allows: without turns about two axes one angle of the mounting stays unknown, and at
+/// constant rate the lateness. Only what is known well and matters is taken over.
+///
+/// Not thread safe.
+class RigCalibrator
+{
+public:
+  RigCalibrator(const StereoCalibration& calibration, const ImuModel& model);
+  RigCalibrator(const RigCalibrator&) = delete;  // motion_check_ refers to geometry_
+  RigCalibrator& operator=(const RigCalibrator&) = delete;
+
+  /// @param features  of each pair in motion, in order of time. @param imu  corrected as far as known, covers the pair.
+  void add(const FrameFeatures& features, const ImuBuffer& imu);
+
+  /// A correction that is due, for samples that are corrected already; what add() gets from now on must have it.
+  std::optional<ImuCorrection> take();
+
+  RigReport report() const;
+
+private:
+  static constexpr int TURN = 0, LATE = 3, BIAS = 4;
+  using Vector7d = Eigen::Matrix<double, 7, 1>;
+  using Matrix7d = Eigen::Matrix<double, 7, 7>;
+
+  void compare(const FrameFeatures& features, const ImuBuffer& imu);
+
+  const front_end::StereoGeometry geometry_;
+  front_end::MotionCheck motion_check_;
+  FrameFeatures reference_;
+  std::vector<front_end::MovedFeature> moved_;
+  std::vector<uint8_t> consistent_;
+  Vector7d x_ = Vector7d::Zero();
+  Matrix7d P_;
+  double variance_;   ///< of a rotation by pictures [rad^2]
+  int compared_ = 0;  ///< since the last correction
+  ImuCorrection used_;
+};
+
+}  // namespace pi_slam
