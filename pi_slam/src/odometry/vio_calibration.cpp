@@ -19,16 +19,19 @@ constexpr double LEAST_SPEED_DEVIATION = 0.05;  ///< [m/s]
 
 void Vio::Impl::refineCalibration(FrameReport* report)
 {
-  const bool running = status == VioStatus::TRACKING;
-  if (options.refine_calibration && (running || status == VioStatus::INITIALIZING || status == VioStatus::LOST))
+  if (options.refine_calibration && status != VioStatus::STANDSTILL)
   {
     rig.add(features, imu);
     if (const std::optional<ImuCorrection> due = rig.take())
     {
       correctImu(*due);
-      if (running)
+      if (status == VioStatus::TRACKING)
       {
         beginAgain(*due, report);
+      }
+      else if (status == VioStatus::BLIND)
+      {
+        giveUp("the calibration was wrong", report);
       }
       else
       {
