@@ -45,7 +45,7 @@ void OffloadEngine::Impl::setNode(const NodeDescription& description)
   NodeState* node = find(description.id);
   if (node == nullptr)
   {
-    auto added = std::make_unique<NodeState>(options.estimates);
+    auto added = std::make_unique<NodeState>(options.estimates, times);
     node = added.get();
     node->key = ++last_key;
     node->index = nodes.size();
@@ -61,7 +61,7 @@ void OffloadEngine::Impl::setNode(const NodeDescription& description)
     node->estimates = NodeEstimates(options.estimates);
     node->suspended = false;
     node->failures = 0;
-    node->of_kind.fill(NodeState::OfKind());
+    node->of_kind = {NodeState::OfKind(&times[0]), NodeState::OfKind(&times[1])};
   }
   node->description = description;
   node->placed = false;
@@ -335,6 +335,9 @@ void OffloadEngine::Impl::fillView(NodeState& node, TaskKind kind, double input_
   view.load_age_s = node.estimates.advertisementAge(now);
   view.refused_share = refusedShare(node.of_kind[static_cast<size_t>(kind)]);
   view.leased = leased(node, kind);
+  const NodeState::OfKind& of_kind = node.of_kind[static_cast<size_t>(kind)];
+  view.times = &of_kind.times;
+  view.lost = now < of_kind.rests_until_ns;
 }
 
 void OffloadEngine::Impl::heard(NodeState& node, const NodeAdvertisement& advertisement)

@@ -9,16 +9,24 @@ namespace pi_offload
 namespace
 {
 
-/// Factor on the deviation when a choice gives up a fallback that would be in time: the real tail is fatter than that
-/// of the Laplace distribution.
-constexpr double LATE_SCALE = 1.5;
+/// A choice that gives up a fallback which would be in time must be sure: late answers count this many times, and this
+/// share is added, as rare events are not in the distribution.
+constexpr double LATE_SCALE = 2.0;
+constexpr double LATE_SHARE = 0.01;
 
 bool usable(const NodeView& node)
 {
   return node.connected && node.distance_m <= node.range_m && node.residence_s > 0.0;
 }
 
-/// Mean absolute deviation of the response time, with independent parts.
+/// Probability that no answer comes within after_s.
+double unanswered(const NodeView& node, double after_s, const Estimate& answer, double loss_share)
+{
+  static const AnswerTimes laplace;
+  return (node.times != nullptr ? *node.times : laplace).beyond((after_s - answer.mean) / answer.deviation, loss_share);
+}
+
+/// Mean absolute deviation of the answer time, with independent parts.
 double deviationOf(const NodeView& node, double extra_queue_s, double least_s)
 {
   const double queue = node.queue_s.deviation + extra_queue_s;
@@ -98,7 +106,7 @@ public:
     context.highest = localPlan(input);
     context.timeout_s = fallbackTimeout(input, options_);
     context.fallback_in_time = context.timeout_s < input.needs.deadline_s;
-    context.miss_cost_j = options_.miss_cost_j * std::clamp(input.eta / (1.0 - input.eta), 0.1, 10.0);
+    context.miss_cost_j = missCost(options_, input.eta);
 
     const LocalPlan local = localPlanOf(input, options_);
     Choice vehicle;
@@ -115,7 +123,7 @@ public:
     for (size_t i = 0; i < input.nodes.size(); ++i)
     {
       const NodeView& node = input.nodes[i];
-      if (!usable(node))
+      if (!usable(node) || node.lost)
       {
         continue;
       }
@@ -139,7 +147,9 @@ public:
         previous = choice;
       }
     }
-    if (best.decision.node != input.previous_node && best.cost_j > (1.0 - options_.hysteresis) * previous.cost_j)
+    // Ripples change neither node nor back from the vehicle; the vehicle is never dearer than expected.
+    if (best.decision.node != input.previous_node && previous.cost_j <= vehicle.cost_j &&
+        best.cost_j > (1.0 - options_.hysteresis) * previous.cost_j)
     {
       best = previous;
       best.decision.reason = "not enough better elsewhere";
@@ -152,6 +162,15 @@ public:
       best.decision.reason = "to measure the network";
     }
     best.decision.looked_at = input.nodes.size();
+    if (best.decision.node >= 0)
+    {
+      const NodeView& node = input.nodes[static_cast<size_t>(best.decision.node)];
+      const Estimate answer = answerTime(input, node, options_);
+      best.decision.hedge_s =
+          options_.hedge_share > 0.0 && node.times != nullptr
+              ? answer.mean + answer.deviation * node.times->quantile(options_.hedge_share, options_.loss_share)
+              : 0.0;
+    }
     return best.decision;
   }
 
@@ -169,42 +188,32 @@ private:
     double cost_j = HUGE_VAL;  ///< infinite: not allowed
   };
 
-  /// Probability that no answer came within after_s.
-  double unanswered(double after_s, double mean_s, double deviation_s) const
-  {
-    const double x = (after_s - mean_s) / deviation_s;
-    const double late = x >= 0.0 ? 0.5 * std::exp(-x) : 1.0 - 0.5 * std::exp(x);
-    return options_.loss_share + (1.0 - options_.loss_share) * late;
-  }
-
   Choice weigh(const DecisionInput& input, const NodeView& node, double network_s, const Context& context,
                int index) const
   {
     Choice choice;
-    RemotePlan plan = remotePlan(input, node);
-    if (network_s < node.network_s.mean)
-    {
-      plan.network_s = network_s;
-    }
-    const double mean_s = plan.time_s();
+    const RemotePlan plan = remotePlan(input, node);
+    Estimate answer = answerTime(input, node, options_);
     const bool hoping = network_s < node.network_s.mean;
-    const double unsure_queue_s = hoping ? 0.0
-                                         : options_.load_growth * node.load_age_s +
-                                               (node.leased ? 0.0 : options_.unleased_tasks * plan.service_s);
-    const double deviation_s =
-        options_.tail_scale * std::max(deviationOf(node, unsure_queue_s, options_.least_deviation_s), 1e-9);
-    if (!(mean_s + options_.deviations * deviation_s <= options_.residence_share * node.residence_s))
+    if (hoping)
+    {
+      answer.mean -= node.network_s.mean - network_s;
+      answer.deviation = std::hypot(node.service_s.deviation, options_.least_deviation_s);
+    }
+    if (!(answer.mean + options_.deviations * answer.deviation <= options_.residence_share * node.residence_s))
     {
       return choice;
     }
     // Without fallback a late refusal is a miss too: the vehicle may have no time left for the task.
     const double answered = 1.0 - node.refused_share;
-    const double late_scale = context.fallback_in_time ? LATE_SCALE : 1.0;
-    const double late = 1.0 - answered * (1.0 - unanswered(input.needs.deadline_s, mean_s, late_scale * deviation_s));
-    const double fallback = 1.0 - answered * (1.0 - unanswered(context.timeout_s, mean_s, deviation_s));
+    const double late =
+        1.0 - answered * (1.0 - unanswered(node, input.needs.deadline_s, answer, options_.loss_share));
+    const double fallback =
+        1.0 - answered * (1.0 - unanswered(node, context.timeout_s, answer, options_.loss_share));
     const double late_after_fallback = context.fallback_in_time ? fallback * options_.fallback_miss_share : late;
     const double cost_with = fallback * context.highest.energy_j + context.miss_cost_j * late_after_fallback;
-    const double cost_without = late * context.highest.energy_j + context.miss_cost_j * late;
+    const double unsure = LATE_SCALE * late + LATE_SHARE;
+    const double cost_without = unsure * (context.highest.energy_j + context.miss_cost_j);
     const bool falls_back = context.fallback_in_time && cost_with <= cost_without;
 
     Decision& decision = choice.decision;
@@ -213,8 +222,11 @@ private:
     decision.timeout_s = falls_back ? context.timeout_s : input.needs.deadline_s;
     decision.expected_misses = falls_back ? late_after_fallback : late;
     const double by_vehicle = falls_back ? fallback : late;
-    decision.expected_j = plan.energy_j + by_vehicle * context.highest.energy_j;
-    decision.expected_s = (1.0 - by_vehicle) * mean_s + by_vehicle * (decision.timeout_s + context.highest.time_s);
+    // Without an answer the radio waits until the vehicle has done the task.
+    const double awaited_s = std::max(0.0, decision.timeout_s + context.highest.time_s - answer.mean);
+    decision.expected_j =
+        plan.energy_j + by_vehicle * (context.highest.energy_j + input.radio.wait_w * awaited_s);
+    decision.expected_s = (1.0 - by_vehicle) * answer.mean + by_vehicle * (decision.timeout_s + context.highest.time_s);
     decision.reason = falls_back ? "least expected cost" : "least expected cost, without fallback";
     choice.cost_j = decision.expected_j + context.miss_cost_j * decision.expected_misses;
     return choice;
@@ -224,6 +236,48 @@ private:
 };
 
 }  // namespace
+
+Estimate answerTime(const DecisionInput& input, const NodeView& node, const PolicyOptions& options)
+{
+  const RemotePlan plan = remotePlan(input, node);
+  const double unsure_queue_s =
+      options.load_growth * node.load_age_s + (node.leased ? 0.0 : options.unleased_tasks * plan.service_s);
+  return {plan.time_s(), options.tail_scale * std::max(deviationOf(node, unsure_queue_s, options.least_deviation_s), 1e-9)};
+}
+
+double missCost(const PolicyOptions& options, double eta)
+{
+  return options.miss_cost_j * std::clamp(eta / (1.0 - eta), 0.1, 10.0);
+}
+
+Hedge hedgeOf(const DecisionInput& input, const PolicyOptions& options, double fallback_s,
+              const std::function<double(double)>& late)
+{
+  Hedge best;
+  double most_j = 0.0;
+  for (size_t i = 0; i < input.nodes.size(); ++i)
+  {
+    const NodeView& node = input.nodes[i];
+    const Estimate answer = answerTime(input, node, options);
+    if (!usable(node) || node.lost ||
+        !(answer.mean + options.deviations * answer.deviation <= options.residence_share * node.residence_s))
+    {
+      continue;
+    }
+    const double answers = (1.0 - node.refused_share) * (1.0 - unanswered(node, fallback_s, answer, options.loss_share));
+    const double saved_j = late(fallback_s) * answers *
+                           (localPlan(input).energy_j + missCost(options, input.eta) * options.fallback_miss_share);
+    const double energy_j = remotePlan(input, node).energy_j;
+    // An earlier result is worth the budget, too.
+    const double gain_j = saved_j + late(answer.mean) * energy_j - energy_j;
+    if (gain_j > most_j)
+    {
+      most_j = gain_j;
+      best = {static_cast<int>(i), energy_j};
+    }
+  }
+  return best;
+}
 
 std::unique_ptr<Policy> makeDeadline(const PolicyOptions& options)
 {
