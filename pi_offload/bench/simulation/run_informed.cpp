@@ -17,7 +17,7 @@ constexpr double COMING_S = 1.0;       ///< of others' tasks in a sampled future
 constexpr double REMEMBERED_S = 1.0;   ///< they are those of a recent time that began at most so long ago
 constexpr double MARGIN_SIGMAS = 3.5;  ///< of the vehicle's time, at a fallback
 constexpr double FALLBACK_MISS = 0.0005;
-constexpr double RARE = 0.004;  ///< late answers that the sampled futures do not show
+constexpr double RARE = 0.02;  ///< late answers that the sampled futures do not show
 constexpr uint64_t INFORMED = 1000;  ///< purpose of random numbers
 
 }  // namespace

@@ -154,6 +154,10 @@ void OffloadEngine::Impl::measure(NodeState& node)
     node.distance_m = everywhere ? 0.0 : INFINITE;
   }
   const bool in_range = everywhere || node.distance_m <= description.range_m;
+  if (in_range && vehicle.known)
+  {
+    node.estimates.setPlace(vehicle.position);
+  }
   if (in_range && !node.in_range)
   {
     node.placed = false;

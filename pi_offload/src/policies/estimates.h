@@ -1,5 +1,7 @@
 #pragma once
 
+#include <unordered_map>
+
 #include "engine/node.h"
 
 namespace pi_offload
@@ -51,7 +53,7 @@ struct NetworkTime
 ///
 /// The network's time is total - queue - service. A small request (a probe) gives the round trip; a large one, less the
 /// round trip, gives the rate of both directions. Times reported by the node are cut at the total. Numbers that are
-/// negative or not finite are ignored. Not thread safe; allocates nothing.
+/// negative or not finite are ignored. Not thread safe. Allocates only for new places, at most 4096.
 class NodeEstimates
 {
 public:
@@ -79,6 +81,8 @@ public:
   /// time.
   void addTimeout(TaskKind kind, size_t input_bytes, double waited_s, int64_t now_ns);
   void setAdvertisement(const NodeAdvertisement& advertisement, int64_t now_ns);
+  /// The vehicle's position. The usual rate is learned by place, in squares of 10 m: round by round.
+  void setPlace(const Point& position);
   /// Forgets rate and round trip, but not the usual rate. For a new connection, or a vehicle that was out of range.
   void forgetNetwork();
 
@@ -113,6 +117,14 @@ private:
   /// Fading changes within few samples with little noise; a gain of 1/8 would lag by a second.
   MeanDeviation seconds_per_mbit_{0.5, 0.25};
   MeanDeviation usual_seconds_per_mbit_{1.0 / 64.0, 1.0 / 64.0};
+  /// The same of a place.
+  struct Place
+  {
+    MeanDeviation seconds_per_mbit{0.125, 0.125};
+    double samples = 0.0;
+  };
+  std::unordered_map<uint64_t, Place> places_;
+  uint64_t place_ = 0;
   std::array<MeanDeviation, TASK_KINDS> service_;
   std::array<MeanDeviation, TASK_KINDS> queue_;
 };

@@ -9,11 +9,6 @@ namespace pi_offload
 namespace
 {
 
-/// A choice that gives up a fallback which would be in time must be sure: late answers count this many times, and this
-/// share is added, as rare events are not in the distribution.
-constexpr double LATE_SCALE = 2.0;
-constexpr double LATE_SHARE = 0.01;
-
 bool usable(const NodeView& node)
 {
   return node.connected && node.distance_m <= node.range_m && node.residence_s > 0.0;
@@ -204,30 +199,22 @@ private:
     {
       return choice;
     }
-    // Without fallback a late refusal is a miss too: the vehicle may have no time left for the task.
-    const double answered = 1.0 - node.refused_share;
-    const double late =
-        1.0 - answered * (1.0 - unanswered(node, input.needs.deadline_s, answer, options_.loss_share));
-    const double fallback =
-        1.0 - answered * (1.0 - unanswered(node, context.timeout_s, answer, options_.loss_share));
-    const double late_after_fallback = context.fallback_in_time ? fallback * options_.fallback_miss_share : late;
-    const double cost_with = fallback * context.highest.energy_j + context.miss_cost_j * late_after_fallback;
-    const double unsure = LATE_SCALE * late + LATE_SHARE;
-    const double cost_without = unsure * (context.highest.energy_j + context.miss_cost_j);
-    const bool falls_back = context.fallback_in_time && cost_with <= cost_without;
+    // A late refusal is a miss too, without fallback: the vehicle may have no time left for the task.
+    const double until_s = context.fallback_in_time ? context.timeout_s : input.needs.deadline_s;
+    const double late = unanswered(node, until_s, answer, options_.loss_share);
+    const double by_vehicle = 1.0 - (1.0 - node.refused_share) * (1.0 - late);
 
     Decision& decision = choice.decision;
     decision.node = index;
     decision.frequency_ghz = input.computer.frequency_ghz;
-    decision.timeout_s = falls_back ? context.timeout_s : input.needs.deadline_s;
-    decision.expected_misses = falls_back ? late_after_fallback : late;
-    const double by_vehicle = falls_back ? fallback : late;
-    // Without an answer the radio waits until the vehicle has done the task.
-    const double awaited_s = std::max(0.0, decision.timeout_s + context.highest.time_s - answer.mean);
+    decision.timeout_s = until_s;
+    decision.expected_misses = context.fallback_in_time ? by_vehicle * options_.fallback_miss_share : by_vehicle;
+    // Without an answer the radio waits until the vehicle has done the task. A refusal comes at once.
+    const double awaited_s = std::max(0.0, until_s + context.highest.time_s - answer.mean);
     decision.expected_j =
-        plan.energy_j + by_vehicle * (context.highest.energy_j + input.radio.wait_w * awaited_s);
-    decision.expected_s = (1.0 - by_vehicle) * answer.mean + by_vehicle * (decision.timeout_s + context.highest.time_s);
-    decision.reason = falls_back ? "least expected cost" : "least expected cost, without fallback";
+        plan.energy_j + by_vehicle * context.highest.energy_j + late * input.radio.wait_w * awaited_s;
+    decision.expected_s = (1.0 - by_vehicle) * answer.mean + by_vehicle * (until_s + context.highest.time_s);
+    decision.reason = "least expected cost";
     choice.cost_j = decision.expected_j + context.miss_cost_j * decision.expected_misses;
     return choice;
   }

@@ -88,7 +88,7 @@ struct PolicyOptions
   double tail_scale = 1.0;               ///< factor on the deviation of response times
   double least_deviation_s = 0.002;      ///< least deviation of a response time
   double loss_share = 0.002;             ///< requests that stay without an answer in time
-  double fallback_miss_share = 0.005;    ///< fallbacks that start in time and still miss
+  double fallback_miss_share = 0.0005;   ///< fallbacks that start in time and still miss
   double unleased_tasks = 1.0;           ///< extra deviation of the queue without a lease, in service times
   double curiosity_s = 0.2;              ///< a node whose rate is older may get a task to measure the rate
   double load_growth = 0.1;              ///< extra deviation of the queue per second of age of the advertisement [s/s]
