@@ -81,7 +81,7 @@ struct PolicyOptions
   double miss_cost_j = 20.0;  ///< lambda: price of a missed deadline at eta 0.5 [J]
   double deviations = 4.0;    ///< k: t + k deviations must fit into the residence, for `deadline` into the deadline too
   double residence_share = 0.8;          ///< part of the residence for a task
-  double hysteresis = 0.1;               ///< another place must be better by this part
+  double hysteresis = 0.02;              ///< another place must be better by this part
   double fallback_factor = 1.1;          ///< the fallback starts local_s times this before the deadline
   double needed_capacity_gcycles = 0.0;  ///< W of the paper
   bool scale_frequency = false;          ///< local, deadline, expected_cost: work at bestLocalFrequency()
@@ -89,11 +89,11 @@ struct PolicyOptions
   double least_deviation_s = 0.002;      ///< least deviation of a response time
   double loss_share = 0.002;             ///< requests that stay without an answer in time
   double fallback_miss_share = 0.0005;   ///< fallbacks that start in time and still miss
-  double unleased_tasks = 1.0;           ///< extra deviation of the queue without a lease, in service times
-  double curiosity_s = 0.2;              ///< a node whose rate is older may get a task to measure the rate
+  double unleased_tasks = 0.3;           ///< extra deviation of the queue without a lease, in service times
+  double curiosity_s = 0.05;             ///< a node whose rate is older may get a task to measure the rate
   double load_growth = 0.1;              ///< extra deviation of the queue per second of age of the advertisement [s/s]
   double hedge_share = 0.1;  ///< a second node is asked for this part of the tasks at most; of the radio's energy too
-  double lost_j = 2.0;       ///< a node whose tasks cost so much more than the vehicle's rests [J]; 0: never
+  double lost_j = 8.0;       ///< a node whose tasks cost so much more than the vehicle's rests [J]; 0: never
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
