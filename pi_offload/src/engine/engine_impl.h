@@ -188,6 +188,7 @@ struct OffloadEngine::Impl
     int64_t sent_ns = 0;
     double radio_j = 0.0;  ///< of ended requests
     int64_t timer_ns = NEVER_NS;
+    int64_t latest_ns = NEVER_NS;  ///< a fallback that begins later misses the deadline
     int64_t hedge_ns = NEVER_NS;
     const char* reason = "";
     double expected_s = 0.0;  ///< after created_ns
@@ -207,6 +208,8 @@ struct OffloadEngine::Impl
   uint64_t openRequest(NodeState& node, const Task& task);
   /// @return false if the link took nothing.
   bool sendTo(uint64_t id, const Decision& decision, int64_t fallback_ns);
+  /// After the task's creation; a later answer is of little use [s].
+  double usefulUntil(const TaskState& state) const;
   void startLocal(uint64_t id, double frequency_ghz, const char* reason);
   /// Starts fallbacks that are nearly due and would be late behind a run of this task.
   void startOverdue(uint64_t id, double frequency_ghz);

@@ -277,10 +277,10 @@ bool OffloadEngine::Impl::sendTo(uint64_t id, const Decision& decision, int64_t 
   const bool handover = node_before != 0 && node_before != key;
   statistics.of_kind[k].handovers += handover ? 1 : 0;
 
+  state.latest_ns = std::max(fallback_ns, later(state.deadline_ns, -toNs(localNeed(asked.kind))));
   if (fallback_ns < state.deadline_ns)
   {
-    const double useful_s = ANSWER_SHARE * between(fallback_ns, state.deadline_ns);
-    asked.deadline_s = between(asked.created_ns, later(fallback_ns, toNs(useful_s)));
+    asked.deadline_s = usefulUntil(state);
   }
   bool sent = false;
   call([&] { sent = actions.send(name, number, asked); });
@@ -311,6 +311,12 @@ bool OffloadEngine::Impl::sendTo(uint64_t id, const Decision& decision, int64_t 
   last[k].node = 0;
   last[k].name.clear();
   return false;
+}
+
+double OffloadEngine::Impl::usefulUntil(const TaskState& state) const
+{
+  const int64_t latest_ns = state.latest_ns;
+  return between(state.task.created_ns, later(latest_ns, toNs(ANSWER_SHARE * between(latest_ns, state.deadline_ns))));
 }
 
 void OffloadEngine::Impl::startOverdue(uint64_t id, double frequency_ghz)
@@ -437,7 +443,7 @@ void OffloadEngine::Impl::hedge(uint64_t id)
   fillInput(task.kind, task.input_bytes, deadline_s, static_cast<int>(asked->index), true, &input);
   const double passed_s = between(late.sent_ns, now);
   const AnswerTimes& times = asked->of_kind[static_cast<size_t>(task.kind)].times;
-  const Hedge hedge = hedgeOf(input, options.policy, between(now, state.timer_ns), 
+  const Hedge hedge = hedgeOf(input, options.policy, between(now, state.latest_ns),
                               [&](double after_s)
                               {
                                 const double loss = options.policy.loss_share;
@@ -450,10 +456,11 @@ void OffloadEngine::Impl::hedge(uint64_t id)
     return;
   }
   hedge_budget_j -= hedge.energy_j;
+  setTimer(state, later(now, toNs(hedge.fallback_s)));
   NodeState& node = *nodes[static_cast<size_t>(hedge.node)];
   const std::string name = node.description.id;
   Task copy = task;
-  copy.deadline_s = between(task.created_ns, later(state.timer_ns, toNs(ANSWER_SHARE * between(state.timer_ns, state.deadline_ns))));
+  copy.deadline_s = usefulUntil(state);
   const int64_t uplink_before_ns = uplink_until_ns;
   const uint64_t number = openRequest(node, task);
   state.requests[1] = number;

@@ -1,7 +1,9 @@
 #include "policies/policies.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <utility>
 
 namespace pi_offload
 {
@@ -14,11 +16,81 @@ bool usable(const NodeView& node)
   return node.connected && node.distance_m <= node.range_m && node.residence_s > 0.0;
 }
 
+/// Instants at which a hedge or a fallback may begin.
+constexpr size_t INSTANTS = 16;
+
 /// Probability that no answer comes within after_s.
 double unanswered(const NodeView& node, double after_s, const Estimate& answer, double loss_share)
 {
   static const AnswerTimes laplace;
   return (node.times != nullptr ? *node.times : laplace).beyond((after_s - answer.mean) / answer.deviation, loss_share);
+}
+
+/// Whether the vehicle stays in range for the task.
+bool staysInRange(const NodeView& node, const Estimate& answer, const PolicyOptions& options)
+{
+  return answer.mean + options.deviations * answer.deviation <= options.residence_share * node.residence_s;
+}
+
+/// Expected energy and misses from now on, while answers are awaited, with the best time of the fallback.
+struct Wait
+{
+  double cost_j = HUGE_VAL;
+  double fallback_s = 0.0;
+};
+
+/// Probabilities that no answer came, at instants of equal distance; beyond the last one it stays.
+class Curve
+{
+public:
+  Curve() = default;
+  /// @param after  probability that no answer comes until then
+  template <typename After>
+  Curve(double step_s, const After& after)
+  {
+    for (size_t i = 0; i < values_.size(); ++i)
+    {
+      values_[i] = after(static_cast<double>(i) * step_s);
+    }
+  }
+  double operator[](size_t i) const { return values_[std::min(i, values_.size() - 1)]; }
+
+private:
+  std::array<double, 2 * INSTANTS + 1> values_{};
+};
+
+/// What waiting and the fallback cost.
+struct Prices
+{
+  double step_s = 0.0;      ///< between instants; the latest fallback is INSTANTS of them from now
+  size_t earliest = 0;      ///< instant at which the vehicle is free for a fallback
+  size_t running = 0;       ///< instants that the vehicle takes for the task
+  double fallback_j = 0.0;  ///< of the vehicle's computer, and of misses
+  double wait_w = 0.0;
+};
+
+/// The fallback begins when waiting for an answer costs more than it may save. @param from  instant of the decision,
+/// at which `now` is the probability that no answer came: costs are per such case.
+template <typename Unanswered>
+Wait bestWait(const Prices& prices, size_t from, double requests, const Unanswered& unanswered_at)
+{
+  std::array<double, 4 * INSTANTS> waited{};  // energy until the instant
+  const double per_step_j = requests * prices.wait_w * prices.step_s;
+  for (size_t i = from + 1; i < waited.size(); ++i)
+  {
+    waited[i] = waited[i - 1] + per_step_j * 0.5 * (unanswered_at(i - 1) + unanswered_at(i));
+  }
+  Wait best;
+  for (size_t i = std::max(from, prices.earliest); i <= INSTANTS; ++i)
+  {
+    const size_t end = std::min(i + prices.running, waited.size() - 1);
+    const double cost_j = waited[end] + unanswered_at(i) * prices.fallback_j;
+    if (cost_j < best.cost_j)
+    {
+      best = {cost_j, static_cast<double>(i) * prices.step_s};
+    }
+  }
+  return best;
 }
 
 /// Mean absolute deviation of the answer time, with independent parts.
@@ -28,6 +100,37 @@ double deviationOf(const NodeView& node, double extra_queue_s, double least_s)
   const double square = node.network_s.deviation * node.network_s.deviation +
                         node.service_s.deviation * node.service_s.deviation + queue * queue + least_s * least_s;
   return std::sqrt(square);
+}
+
+/// Energy of a request beyond what waiting costs from now on.
+double sendingEnergy(const DecisionInput& input, const NodeView& node)
+{
+  const Radio& radio = input.radio;
+  const double sending_s = input.needs.input_mbit / node.uplink_mbps;
+  const double receiving_s = input.needs.output_mbit / node.downlink_mbps;
+  return (radio.transmit_w - radio.wait_w) * sending_s + (radio.receive_w - radio.wait_w) * receiving_s +
+         radio.tail_w * radio.tail_s;
+}
+
+/// @param latest_s  from now, of the fallback
+Prices pricesOf(const DecisionInput& input, const PolicyOptions& options, double latest_s)
+{
+  const LocalPlan vehicle = localPlan(input);
+  Prices prices;
+  prices.step_s = latest_s / static_cast<double>(INSTANTS);
+  prices.earliest = static_cast<size_t>(std::ceil(std::min(input.local_backlog_s, latest_s) / prices.step_s - 1e-6));
+  prices.running =
+      static_cast<size_t>(std::min(std::ceil((vehicle.time_s - input.local_backlog_s) / prices.step_s), 1e3));
+  prices.fallback_j = vehicle.energy_j + missCost(options, input.eta) * options.fallback_miss_share;
+  prices.wait_w = input.radio.wait_w;
+  return prices;
+}
+
+/// Probability that a second request brings no answer within after_s.
+double hedged(const DecisionInput& input, const NodeView& node, double after_s, const PolicyOptions& options)
+{
+  const double late = unanswered(node, after_s, answerTime(input, node, options), options.loss_share);
+  return 1.0 - (1.0 - node.refused_share) * (1.0 - late);
 }
 
 LocalPlan localPlanOf(const DecisionInput& input, const PolicyOptions& options)
@@ -107,14 +210,11 @@ public:
     Choice vehicle;
     vehicle.decision = localDecision(local, input, "the vehicle is cheapest");
     vehicle.cost_j = local.energy_j + context.miss_cost_j * vehicle.decision.expected_misses;
-    Choice best = vehicle;
-    Choice previous;
-    Choice hopes;    // the cheapest node if its network is one deviation better than expected
-    Choice curious;  // the same node as expected
-    if (input.previous_node < 0)
-    {
-      previous = vehicle;
-    }
+    Choice remote;    // the cheapest node
+    Choice second;    // the next one
+    Choice previous;  // the node of the last task
+    Choice hopes;     // the cheapest node if its network is one deviation better than expected
+    Choice curious;   // the same node as expected
     for (size_t i = 0; i < input.nodes.size(); ++i)
     {
       const NodeView& node = input.nodes[i];
@@ -133,22 +233,31 @@ public:
           curious = choice;
         }
       }
-      if (choice.cost_j < best.cost_j)
-      {
-        best = choice;
-      }
       if (static_cast<int>(i) == input.previous_node)
       {
         previous = choice;
       }
+      if (choice.cost_j < remote.cost_j)
+      {
+        second = std::exchange(remote, choice);
+      }
+      else if (choice.cost_j < second.cost_j)
+      {
+        second = choice;
+      }
     }
-    // Ripples change neither node nor back from the vehicle; the vehicle is never dearer than expected.
-    if (best.decision.node != input.previous_node && previous.cost_j <= vehicle.cost_j &&
-        best.cost_j > (1.0 - options_.hysteresis) * previous.cost_j)
+    // Ripples change no node. They hold no task at a node that is dearer than the vehicle.
+    if (std::isfinite(previous.cost_j) && remote.decision.node != previous.decision.node &&
+        remote.cost_j > (1.0 - options_.hysteresis) * previous.cost_j)
     {
-      best = previous;
-      best.decision.reason = "not enough better elsewhere";
+      second = std::exchange(remote, previous);
+      remote.decision.reason = "not enough better elsewhere";
     }
+    if (context.fallback_in_time && std::isfinite(remote.cost_j))
+    {
+      plan(input, context, std::isfinite(second.cost_j) ? second.decision.node : -1, &remote);
+    }
+    Choice best = remote.cost_j < vehicle.cost_j ? remote : vehicle;
     // A vehicle that does all tasks itself learns nothing about the network.
     if (best.decision.node < 0 && hopes.cost_j < (1.0 - options_.hysteresis) * best.cost_j)
     {
@@ -157,15 +266,6 @@ public:
       best.decision.reason = "to measure the network";
     }
     best.decision.looked_at = input.nodes.size();
-    if (best.decision.node >= 0)
-    {
-      const NodeView& node = input.nodes[static_cast<size_t>(best.decision.node)];
-      const Estimate answer = answerTime(input, node, options_);
-      best.decision.hedge_s =
-          options_.hedge_share > 0.0 && node.times != nullptr
-              ? answer.mean + answer.deviation * node.times->quantile(options_.hedge_share, options_.loss_share)
-              : 0.0;
-    }
     return best.decision;
   }
 
@@ -195,7 +295,7 @@ private:
       answer.mean -= node.network_s.mean - network_s;
       answer.deviation = std::hypot(node.service_s.deviation, options_.least_deviation_s);
     }
-    if (!(answer.mean + options_.deviations * answer.deviation <= options_.residence_share * node.residence_s))
+    if (!staysInRange(node, answer, options_))
     {
       return choice;
     }
@@ -219,6 +319,43 @@ private:
     return choice;
   }
 
+  /// When the fallback begins, and when the second node is asked if no answer came. @param second  index; -1: none
+  void plan(const DecisionInput& input, const Context& context, int second, Choice* choice) const
+  {
+    Decision& decision = choice->decision;
+    const NodeView& node = input.nodes[static_cast<size_t>(decision.node)];
+    const Prices prices = pricesOf(input, options_, context.timeout_s);
+    const Curve first(prices.step_s, [&](double after_s)
+                      { return unanswered(node, after_s, answerTime(input, node, options_), options_.loss_share); });
+    const auto alone = [&](size_t i) { return first[i]; };
+    Wait best = bestWait(prices, 0, 1.0, alone);
+    if (second >= 0 && options_.hedge_share > 0.0)
+    {
+      const NodeView& other = input.nodes[static_cast<size_t>(second)];
+      const Curve reserve(prices.step_s, [&](double after_s) { return hedged(input, other, after_s, options_); });
+      const double sending_j = sendingEnergy(input, other);
+      double waited_j = 0.0;
+      for (size_t at = 1; at < INSTANTS; ++at)
+      {
+        waited_j += prices.wait_w * prices.step_s * 0.5 * (first[at - 1] + first[at]);
+        Wait wait = bestWait(prices, at, 2.0, [&](size_t i) { return first[i] * reserve[i - at]; });
+        wait.cost_j += waited_j + first[at] * sending_j;
+        if (wait.cost_j < best.cost_j)
+        {
+          best = wait;
+          decision.hedge_s = static_cast<double>(at) * prices.step_s;
+        }
+      }
+    }
+    // A refusal comes at once.
+    const double taken = 1.0 - node.refused_share;
+    const double late = unanswered(node, best.fallback_s, answerTime(input, node, options_), options_.loss_share);
+    choice->cost_j = sendingEnergy(input, node) + taken * best.cost_j + node.refused_share * prices.fallback_j;
+    decision.timeout_s = best.fallback_s;
+    decision.expected_misses = (1.0 - taken * (1.0 - late)) * options_.fallback_miss_share;
+    decision.expected_j = choice->cost_j - context.miss_cost_j * decision.expected_misses;
+  }
+
   PolicyOptions options_;
 };
 
@@ -237,30 +374,27 @@ double missCost(const PolicyOptions& options, double eta)
   return options.miss_cost_j * std::clamp(eta / (1.0 - eta), 0.1, 10.0);
 }
 
-Hedge hedgeOf(const DecisionInput& input, const PolicyOptions& options, double fallback_s,
+Hedge hedgeOf(const DecisionInput& input, const PolicyOptions& options, double latest_s,
               const std::function<double(double)>& late)
 {
+  const Prices prices = pricesOf(input, options, latest_s);
+  const Curve first(prices.step_s, late);
+  double least_j = bestWait(prices, 0, 1.0, [&](size_t i) { return first[i]; }).cost_j;
   Hedge best;
-  double most_j = 0.0;
-  for (size_t i = 0; i < input.nodes.size(); ++i)
+  for (size_t n = 0; n < input.nodes.size(); ++n)
   {
-    const NodeView& node = input.nodes[i];
-    const Estimate answer = answerTime(input, node, options);
-    if (!usable(node) || node.lost ||
-        !(answer.mean + options.deviations * answer.deviation <= options.residence_share * node.residence_s))
+    const NodeView& node = input.nodes[n];
+    if (!usable(node) || node.lost || !staysInRange(node, answerTime(input, node, options), options))
     {
       continue;
     }
-    const double answers = (1.0 - node.refused_share) * (1.0 - unanswered(node, fallback_s, answer, options.loss_share));
-    const double saved_j = late(fallback_s) * answers *
-                           (localPlan(input).energy_j + missCost(options, input.eta) * options.fallback_miss_share);
-    const double energy_j = remotePlan(input, node).energy_j;
-    // An earlier result is worth the budget, too.
-    const double gain_j = saved_j + late(answer.mean) * energy_j - energy_j;
-    if (gain_j > most_j)
+    const Curve reserve(prices.step_s, [&](double after_s) { return hedged(input, node, after_s, options); });
+    const Wait wait = bestWait(prices, 0, 2.0, [&](size_t i) { return first[i] * reserve[i]; });
+    const double cost_j = sendingEnergy(input, node) + wait.cost_j;
+    if (cost_j < least_j)
     {
-      most_j = gain_j;
-      best = {static_cast<int>(i), energy_j};
+      least_j = cost_j;
+      best = {static_cast<int>(n), remotePlan(input, node).energy_j, wait.fallback_s};
     }
   }
   return best;

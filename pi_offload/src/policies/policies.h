@@ -40,10 +40,11 @@ struct Hedge
 {
   int node = -1;  ///< index; -1: it does not pay
   double energy_j = 0.0;
+  double fallback_s = 0.0;  ///< until the vehicle does the task itself
 };
-/// @param fallback_s  until the vehicle does the task itself
-/// @param late        probability that the first node does not answer within that time from now
-Hedge hedgeOf(const DecisionInput& input, const PolicyOptions& options, double fallback_s,
+/// @param latest_s  of the fallback, from now
+/// @param late      probability that the first node does not answer within that time from now
+Hedge hedgeOf(const DecisionInput& input, const PolicyOptions& options, double latest_s,
               const std::function<double(double)>& late);
 
 /// Price of a missed deadline [J].
