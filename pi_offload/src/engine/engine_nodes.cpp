@@ -235,7 +235,7 @@ bool OffloadEngine::Impl::connected(const NodeState& node, TaskKind kind) const
 Estimate OffloadEngine::Impl::service(const NodeState& node, TaskKind kind) const
 {
   const auto k = static_cast<size_t>(kind);
-  const MeanDeviation& own = node.estimates.service(kind);
+  const RecentMedian& own = node.estimates.service(kind);
   const NodeAdvertisement::OfKind& said = node.estimates.advertisement().of_kind[k];
   const int64_t served_ns = node.of_kind[k].served_ns;
   const bool recent = own.known() && served_ns != LONG_AGO_NS && pi_node::seconds(now - served_ns) <= SERVICE_MEMORY_S;

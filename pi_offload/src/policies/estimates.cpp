@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 namespace pi_offload
 {
@@ -67,6 +68,31 @@ void MeanDeviation::reset()
   known_ = false;
   mean_ = 0.0;
   deviation_ = 0.0;
+}
+
+void RecentMedian::add(double sample)
+{
+  if (!std::isfinite(sample))
+  {
+    return;
+  }
+  samples_[count_ % WINDOW] = sample;
+  count_ = count_ + 1 < 2 * WINDOW ? count_ + 1 : WINDOW;
+  const auto used = static_cast<std::ptrdiff_t>(std::min(count_, WINDOW));
+  std::array<double, WINDOW> sorted = samples_;
+  const auto middle = sorted.begin() + (used - 1) / 2;
+  std::nth_element(sorted.begin(), middle, sorted.begin() + used);
+  median_ = *middle;
+  for (auto one = sorted.begin(); one != sorted.begin() + used; ++one)
+  {
+    *one = std::abs(*one - median_);
+  }
+  const std::ptrdiff_t usual = used - used / 5;
+  std::nth_element(sorted.begin(), sorted.begin() + usual - 1, sorted.begin() + used);
+  const double sum = std::accumulate(sorted.begin(), sorted.begin() + usual, 0.0);
+  // With few samples half of the median counts as one more.
+  deviation_ = (sum + (count_ < WINDOW ? 0.5 * std::abs(median_) : 0.0)) /
+               static_cast<double>(usual + (count_ < WINDOW && used > 1 ? 1 : 0));
 }
 
 void NodeEstimates::Options::validate() const

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <unordered_map>
 
 #include "engine/node.h"
@@ -28,6 +29,27 @@ private:
   double deviation_gain_;
   bool known_ = false;
   double mean_ = 0.0;
+  double deviation_ = 0.0;
+};
+
+/// Median of the last samples, and their mean absolute deviation from it without the largest fifth: a few very long
+/// times move neither. The first samples count as MeanDeviation's.
+class RecentMedian
+{
+public:
+  /// A sample that is not finite is ignored.
+  void add(double sample);
+  void reset() { count_ = 0; }
+  bool known() const { return count_ > 0; }
+  double mean() const { return median_; }          ///< 0 if unknown
+  double deviation() const { return deviation_; }  ///< 0 if unknown
+
+private:
+  static constexpr size_t WINDOW = 15;
+
+  std::array<double, WINDOW> samples_{};
+  size_t count_ = 0;
+  double median_ = 0.0;
   double deviation_ = 0.0;
 };
 
@@ -97,7 +119,7 @@ public:
   double advertisementAge(int64_t now_ns) const;                             ///< [s]; infinite without one
   const MeanDeviation& roundTrip() const { return round_trip_; }             ///< [s]
   const MeanDeviation& secondsPerMbit() const { return seconds_per_mbit_; }  ///< of the uplink [s/Mbit]
-  const MeanDeviation& service(TaskKind kind) const { return service_[static_cast<size_t>(kind)]; }  ///< [s]
+  const RecentMedian& service(TaskKind kind) const { return service_[static_cast<size_t>(kind)]; }  ///< [s]
   const MeanDeviation& queue(TaskKind kind) const { return queue_[static_cast<size_t>(kind)]; }      ///< [s]
 
 private:
@@ -125,7 +147,7 @@ private:
   };
   std::unordered_map<uint64_t, Place> places_;
   uint64_t place_ = 0;
-  std::array<MeanDeviation, TASK_KINDS> service_;
+  std::array<RecentMedian, TASK_KINDS> service_;
   std::array<MeanDeviation, TASK_KINDS> queue_;
 };
 
