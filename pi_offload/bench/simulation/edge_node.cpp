@@ -26,7 +26,11 @@ AdmissionOptions optionsOf(const Scenario& scenario, size_t node)
 }  // namespace
 
 EdgeNode::EdgeNode(const World& world, size_t node)
-  : world_(&world), node_(node), options_(optionsOf(world.scenario(), node)), admission_(options_), others_(&world.others(node))
+  : world_(&world)
+  , node_(node)
+  , options_(optionsOf(world.scenario(), node))
+  , admission_(options_)
+  , others_(&world.others(node))
 {
 }
 

@@ -14,7 +14,8 @@ constexpr double LONGEST_TASK_S = 60.0;  ///< a task without a result this long 
 
 }  // namespace
 
-Run::Run(const World& world, const std::string& policy) : world_(world), scenario_(world.scenario()), informed_(policy == "informed")
+Run::Run(const World& world, const std::string& policy)
+  : world_(world), scenario_(world.scenario()), informed_(policy == "informed")
 {
   const size_t node_count = scenario_.nodes.size();
   pending_.resize(node_count);

@@ -17,7 +17,7 @@ constexpr double COMING_S = 1.0;       ///< of others' tasks in a sampled future
 constexpr double REMEMBERED_S = 1.0;   ///< they are those of a recent time that began at most so long ago
 constexpr double MARGIN_SIGMAS = 3.5;  ///< of the vehicle's time, at a fallback
 constexpr double FALLBACK_MISS = 0.0005;
-constexpr double RARE = 0.02;  ///< late answers that the sampled futures do not show
+constexpr double RARE = 0.02;        ///< late answers that the sampled futures do not show
 constexpr uint64_t INFORMED = 1000;  ///< purpose of random numbers
 
 }  // namespace
@@ -29,8 +29,7 @@ std::vector<double> Run::sampledAnswers(size_t v, size_t node, const Task& task,
   const Scenario::Network& network = scenario_.network;
   const Scenario::Node& server = scenario_.nodes[node];
   const auto kind = static_cast<size_t>(task.kind);
-  const double receiving_s =
-      megabits(scenario_.stream(task.kind)->output_bytes) / world_.rate_mbps(v, node, now_ns_);
+  const double receiving_s = megabits(scenario_.stream(task.kind)->output_bytes) / world_.rate_mbps(v, node, now_ns_);
   for (int i = 0; i < FUTURES; ++i)
   {
     HashRandom random(world_.seed(), INFORMED, v, node, task.id, i);

@@ -239,8 +239,7 @@ double World::service_s(size_t node, const Task& task) const
 {
   const Scenario::Node& server = scenario_.nodes[node];
   HashRandom random(seed_, SERVICE, node, task.id);
-  const double usual_s =
-      server.service_s[static_cast<size_t>(task.kind)] * random.logNormal(server.service_deviation);
+  const double usual_s = server.service_s[static_cast<size_t>(task.kind)] * random.logNormal(server.service_deviation);
   return random.uniform() < server.slow_share ? server.slow_factor * usual_s : usual_s;
 }
 

@@ -181,10 +181,11 @@ struct OffloadEngine::Impl
     std::array<uint64_t, 2> requests{};  ///< the last one, and that of a hedge; 0: none
     std::string node;                    ///< of the last request
     uint64_t first_node = 0;             ///< key of the node that it was decided for; 0: the vehicle
-    bool local = false;    ///< runs on the vehicle
+    bool local = false;                  ///< runs on the vehicle
     bool local_failed = false;
     double local_ghz = 0.0;  ///< 0: it did not run on the vehicle
     bool retried = false;
+    bool hedged = false;
     int64_t sent_ns = 0;
     double radio_j = 0.0;  ///< of ended requests
     int64_t timer_ns = NEVER_NS;
@@ -298,7 +299,7 @@ struct OffloadEngine::Impl
   std::set<std::pair<int64_t, uint64_t>> timers;    ///< of tasks
   std::set<std::pair<int64_t, uint64_t>> hedges;    ///< of tasks
   double hedge_budget_j = 0.0;
-  std::array<AnswerTimes, TASK_KINDS> times;        ///< of all nodes
+  std::array<AnswerTimes, TASK_KINDS> times;  ///< of all nodes
   uint64_t last_request = 0;
   int64_t uplink_until_ns = LONG_AGO_NS;  ///< expected end of sending
   int64_t uplink_seen_ns = LONG_AGO_NS;   ///< sending had ended then, as answers show

@@ -464,6 +464,7 @@ void OffloadEngine::Impl::hedge(uint64_t id)
   const int64_t uplink_before_ns = uplink_until_ns;
   const uint64_t number = openRequest(node, task);
   state.requests[1] = number;
+  state.hedged = true;
   bool sent = false;
   call([&] { sent = actions.send(name, number, copy); });
   const auto found = requests.find(number);
@@ -476,6 +477,10 @@ void OffloadEngine::Impl::hedge(uint64_t id)
     {
       forgetOwn(*same, number);
       --same->sent;
+    }
+    if (const auto open = tasks.find(id); open != tasks.end())
+    {
+      open->second.hedged = false;
     }
   }
 }
@@ -625,6 +630,7 @@ void OffloadEngine::Impl::finish(uint64_t id, Outcome::How how)
   Outcome outcome;
   outcome.task = state.task;
   outcome.how = how;
+  outcome.hedged = state.hedged;
   outcome.node = state.node;
   outcome.finished_ns = now;
   outcome.by_deadline = how != Outcome::How::ABANDONED && now <= state.deadline_ns;

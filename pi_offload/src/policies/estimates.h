@@ -120,7 +120,7 @@ public:
   const MeanDeviation& roundTrip() const { return round_trip_; }             ///< [s]
   const MeanDeviation& secondsPerMbit() const { return seconds_per_mbit_; }  ///< of the uplink [s/Mbit]
   const RecentMedian& service(TaskKind kind) const { return service_[static_cast<size_t>(kind)]; }  ///< [s]
-  const MeanDeviation& queue(TaskKind kind) const { return queue_[static_cast<size_t>(kind)]; }      ///< [s]
+  const MeanDeviation& queue(TaskKind kind) const { return queue_[static_cast<size_t>(kind)]; }     ///< [s]
 
 private:
   /// Weight of a measurement by its age: a half after memory_s.

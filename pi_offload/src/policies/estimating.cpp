@@ -311,8 +311,7 @@ private:
     decision.expected_misses = context.fallback_in_time ? by_vehicle * options_.fallback_miss_share : by_vehicle;
     // Without an answer the radio waits until the vehicle has done the task. A refusal comes at once.
     const double awaited_s = std::max(0.0, until_s + context.highest.time_s - answer.mean);
-    decision.expected_j =
-        plan.energy_j + by_vehicle * context.highest.energy_j + late * input.radio.wait_w * awaited_s;
+    decision.expected_j = plan.energy_j + by_vehicle * context.highest.energy_j + late * input.radio.wait_w * awaited_s;
     decision.expected_s = (1.0 - by_vehicle) * answer.mean + by_vehicle * (until_s + context.highest.time_s);
     decision.reason = "least expected cost";
     choice.cost_j = decision.expected_j + context.miss_cost_j * decision.expected_misses;
@@ -366,7 +365,8 @@ Estimate answerTime(const DecisionInput& input, const NodeView& node, const Poli
   const RemotePlan plan = remotePlan(input, node);
   const double unsure_queue_s =
       options.load_growth * node.load_age_s + (node.leased ? 0.0 : options.unleased_tasks * plan.service_s);
-  return {plan.time_s(), options.tail_scale * std::max(deviationOf(node, unsure_queue_s, options.least_deviation_s), 1e-9)};
+  return {plan.time_s(),
+          options.tail_scale * std::max(deviationOf(node, unsure_queue_s, options.least_deviation_s), 1e-9)};
 }
 
 double missCost(const PolicyOptions& options, double eta)

@@ -35,11 +35,11 @@ struct NodeView
   Estimate network_s;          ///< for this task's data, both ways
   double network_age_s = 0.0;  ///< age of the measured rate
   Estimate service_s;
-  Estimate queue_s;            ///< advertised, corrected for its age
-  double load_age_s = 0.0;     ///< age of the advertisement
-  double refused_share = 0.0;  ///< of recent tasks: refused or dropped by the node
-  bool leased = false;         ///< the vehicle's lease covers one more task of this kind
-  bool lost = false;           ///< tasks there cost more than on the vehicle lately
+  Estimate queue_s;                    ///< advertised, corrected for its age
+  double load_age_s = 0.0;             ///< age of the advertisement
+  double refused_share = 0.0;          ///< of recent tasks: refused or dropped by the node
+  bool leased = false;                 ///< the vehicle's lease covers one more task of this kind
+  bool lost = false;                   ///< tasks there cost more than on the vehicle lately
   const AnswerTimes* times = nullptr;  ///< of its answers; null: Laplace
 };
 

@@ -94,22 +94,52 @@ TEST(ExpectedCostTimes, TheSeenDistributionDecidesNotTheDeviation)
   EXPECT_EQ(decide(input).node, -1) << "it answers late nearly always";
 }
 
-TEST(ExpectedCostHedge, IsDueWhereATenthOfTheAnswersIsOut)
+TEST(ExpectedCostHedge, IsDueWhereTheRestOfTheAnswersIsFarOut)
+{
+  DecisionInput input = picture();
+  input.radio.wait_w = 0.9;
+  AnswerTimes times;
+  for (int i = 0; i < 1000; ++i)
+  {
+    times.add(i % 5 == 0 ? 60.0 : 0.1);
+  }
+  input.nodes[0].times = &times;
+  EXPECT_EQ(decide(input).hedge_s, 0.0) << "there is no second node";
+  input.nodes.push_back(input.nodes[0]);
+  input.nodes[1].id = "b";
+  input.nodes[1].network_s.mean = 0.01;
+  input.nodes[1].uplink_mbps = 48.0;
+  input.nodes[1].service_s.mean = 0.025;
+  std::swap(input.nodes[0], input.nodes[1]);
+  input.nodes[0].times = nullptr;
+  input.previous_node = 1;
+  PolicyOptions options;
+  options.hysteresis = 0.9;  // at the slow one
+  const Decision decision = decide(input, options);
+  ASSERT_EQ(decision.node, 1);
+  EXPECT_GT(decision.hedge_s, 0.055);
+  EXPECT_LT(decision.hedge_s, 0.08);
+  options.hedge_share = 0.0;
+  EXPECT_EQ(decide(input, options).hedge_s, 0.0);
+}
+
+TEST(ExpectedCostFallback, BeginsWhenNoAnswerIsLikelyAnyMore)
 {
   DecisionInput input = picture();
   AnswerTimes times;
   for (int i = 0; i < 1000; ++i)
   {
-    times.add(i % 20 == 0 ? 60.0 : 0.1);
+    times.add(i % 10 == 0 ? 60.0 : 0.1);
   }
   input.nodes[0].times = &times;
+  EXPECT_GT(decide(input).timeout_s, 0.095) << "waiting costs nothing";
+  input.radio.wait_w = 0.9;
   const Decision decision = decide(input);
   ASSERT_EQ(decision.node, 0);
-  EXPECT_GT(decision.hedge_s, 0.06);
-  EXPECT_LT(decision.hedge_s, 0.075);
-  PolicyOptions options;
-  options.hedge_share = 0.0;
-  EXPECT_EQ(decide(input, options).hedge_s, 0.0);
+  EXPECT_GT(decision.timeout_s, 0.06);
+  EXPECT_LT(decision.timeout_s, 0.085);
+  input.local_backlog_s = 0.09;
+  EXPECT_GT(decide(input).timeout_s, 0.089) << "the vehicle is busy before";
 }
 
 TEST(ExpectedCostCuriosity, MeasuresARateThatIsOldAndMayBeGood)
