@@ -70,7 +70,7 @@ TEST(ExpectedCostGuard, ANodeThatLostAgainstTheVehicleGetsNoTasks)
 TEST(ExpectedCostGuard, HysteresisNeverKeepsATaskAtANodeDearerThanTheVehicle)
 {
   DecisionInput input = picture();
-  input.local_j = 0.99 * decide(input).expected_j;
+  input.local_j = 0.9 * decide(input).expected_j;
   input.previous_node = 0;
   PolicyOptions options;
   options.hysteresis = 0.5;
@@ -108,7 +108,7 @@ TEST(ExpectedCostHedge, IsDueWhereTheRestOfTheAnswersIsFarOut)
   input.nodes.push_back(input.nodes[0]);
   input.nodes[1].id = "b";
   input.nodes[1].network_s.mean = 0.01;
-  input.nodes[1].uplink_mbps = 48.0;
+  input.nodes[1].uplink_mbps = 6.0;
   input.nodes[1].service_s.mean = 0.025;
   std::swap(input.nodes[0], input.nodes[1]);
   input.nodes[0].times = nullptr;
@@ -146,7 +146,7 @@ TEST(ExpectedCostCuriosity, MeasuresARateThatIsOldAndMayBeGood)
 {
   DecisionInput input = picture();
   input.nodes[0].network_s = {0.11, 0.05};
-  input.nodes[0].network_age_s = 0.05;
+  input.nodes[0].network_age_s = 0.0;
   ASSERT_EQ(decide(input).node, -1);
   input.nodes[0].network_age_s = 1.0;
   const Decision decision = decide(input);
