@@ -92,8 +92,8 @@ struct PolicyOptions
   double unleased_tasks = 0.3;           ///< extra deviation of the queue without a lease, in service times
   double curiosity_s = 0.05;             ///< a node whose rate is older may get a task to measure the rate
   double load_growth = 0.1;              ///< extra deviation of the queue per second of age of the advertisement [s/s]
-  double hedge_share = 0.1;  ///< part of the radio's energy for second requests at most; 0: none
-  double lost_j = 8.0;       ///< a node whose tasks cost so much more than the vehicle's rests [J]; 0: never
+  double hedge_share = 0.1;              ///< part of the radio's energy for second requests at most; 0: none
+  double lost_j = 8.0;  ///< a node whose tasks cost so much more than the vehicle's rests [J]; 0: never
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;

@@ -145,6 +145,7 @@ TEST(ExpectedCostFallback, BeginsWhenNoAnswerIsLikelyAnyMore)
 TEST(ExpectedCostCuriosity, MeasuresARateThatIsOldAndMayBeGood)
 {
   DecisionInput input = picture();
+  input.radio.wait_w = 0.9;
   input.nodes[0].network_s = {0.11, 0.05};
   input.nodes[0].network_age_s = 0.0;
   ASSERT_EQ(decide(input).node, -1);
