@@ -57,6 +57,7 @@ std::vector<std::string> split(const std::string& text)
 std::vector<std::string> parsePolicies(const std::string& text)
 {
   std::vector<std::string> known = policyNames();
+  known.emplace_back("informed");
   known.emplace_back("oracle");
   if (text == "all")
   {
@@ -267,7 +268,7 @@ bool parse(int argc, char** argv, CommandLine* line)
   options.add("scenario", po::value(&line->scenario)->required(), "the world, YAML");
   options.addValue("policy", &line->policies,
                    "names with commas between them: local, nearest, nearest_anywhere, paper_literal, paper, deadline, "
-                   "expected_cost, oracle; or all");
+                   "expected_cost, informed, oracle; or all");
   options.addValue("seed", &line->seed, "of the first run");
   options.addValue("seeds", &line->seeds, "runs, each with the next seed, in [1, 10000]");
   options.add("lambda", po::value(&line->lambdas),

@@ -26,8 +26,20 @@ AdmissionOptions optionsOf(const Scenario& scenario, size_t node)
 }  // namespace
 
 EdgeNode::EdgeNode(const World& world, size_t node)
-  : world_(&world), node_(node), options_(optionsOf(world.scenario(), node)), admission_(options_)
+  : world_(&world)
+  , node_(node)
+  , options_(optionsOf(world.scenario(), node))
+  , admission_(options_)
+  , others_(&world.others(node))
 {
+}
+
+EdgeNode EdgeNode::withOthers(const std::vector<OthersTask>* others) const
+{
+  EdgeNode copy = *this;
+  copy.others_ = others;
+  copy.next_other_ = 0;
+  return copy;
 }
 
 size_t EdgeNode::firstToEnd() const
@@ -47,7 +59,7 @@ int64_t EdgeNode::nextTime() const
     return std::numeric_limits<int64_t>::max();
   }
   int64_t at_ns = running_.empty() ? std::numeric_limits<int64_t>::max() : running_[firstToEnd()].ends_ns;
-  const std::vector<OthersTask>& others = world_->others(node_);
+  const std::vector<OthersTask>& others = *others_;
   if (ours_queued_ > 0 && next_other_ < others.size())
   {
     at_ns = std::min(at_ns, others[next_other_].arrived_ns);
@@ -57,7 +69,7 @@ int64_t EdgeNode::nextTime() const
 
 void EdgeNode::advance(int64_t now_ns, std::vector<End>* ends)
 {
-  const std::vector<OthersTask>& others = world_->others(node_);
+  const std::vector<OthersTask>& others = *others_;
   while (true)
   {
     const size_t first = firstToEnd();
@@ -182,7 +194,7 @@ void EdgeNode::restart(int64_t now_ns)
   running_.clear();
   ours_queued_ = 0;
   ours_running_ = 0;
-  const std::vector<OthersTask>& others = world_->others(node_);
+  const std::vector<OthersTask>& others = *others_;
   while (next_other_ < others.size() && others[next_other_].arrived_ns < now_ns)
   {
     ++next_other_;

@@ -45,6 +45,8 @@ public:
   /// @param rate_hz  0 returns the lease.
   void askLease(const std::string& vehicle, TaskKind kind, double rate_hz, int64_t now_ns);
   NodeAdvertisement advertisement(const std::string& vehicle, int64_t now_ns) const;
+  /// A copy with other tasks of others to come. @param others  in the order of arrival; must outlive the copy
+  EdgeNode withOthers(const std::vector<OthersTask>* others) const;
   /// Loses all state.
   void restart(int64_t now_ns);
 
@@ -67,6 +69,7 @@ private:
   size_t node_;
   AdmissionOptions options_;
   Admission admission_;
+  const std::vector<OthersTask>* others_;
   size_t next_other_ = 0;
   std::map<uint64_t, double> service_s_;  ///< of queued tasks
   std::vector<Running> running_;

@@ -14,7 +14,8 @@ constexpr double LONGEST_TASK_S = 60.0;  ///< a task without a result this long 
 
 }  // namespace
 
-Run::Run(const World& world, const std::string& policy) : world_(world), scenario_(world.scenario())
+Run::Run(const World& world, const std::string& policy)
+  : world_(world), scenario_(world.scenario()), informed_(policy == "informed")
 {
   const size_t node_count = scenario_.nodes.size();
   pending_.resize(node_count);
@@ -40,7 +41,7 @@ Run::Run(const World& world, const std::string& policy) : world_(world), scenari
     {
       push(world_.tasks(v).front().created_ns, Event::Type::TASK, v, 0, 0);
     }
-    if (!policy.empty())
+    if (policy != "oracle" && !informed_)
     {
       makeEngine(v, policy);
     }
@@ -158,6 +159,9 @@ void Run::handle(const Event& event)
       break;
     case Event::Type::LINK_UP:
       onLinkUp(event.vehicle, event.node);
+      break;
+    case Event::Type::FALLBACK:
+      onFallback(event.vehicle, event.id);
       break;
   }
 }

@@ -27,7 +27,7 @@ constexpr double megabits(size_t bytes)
 class Run
 {
 public:
-  /// @param policy  of the engine; empty: the oracle decides.
+  /// @param policy  of the engine, "oracle" or "informed".
   Run(const World& world, const std::string& policy);
   /// Call this once.
   SimulationResult run();
@@ -48,6 +48,7 @@ private:
       NODE_DOWN,
       NODE_UP,
       LINK_UP,
+      FALLBACK,  ///< of the informed policy; id: task
     };
     int64_t at_ns = 0;
     uint64_t serial = 0;  ///< order of events of the same time
@@ -98,7 +99,8 @@ private:
   struct Open
   {
     const Task* task = nullptr;
-    uint64_t ticket = 0;  ///< of its request; 0: none
+    std::vector<uint64_t> tickets;  ///< of its requests
+    bool local = false;             ///< the informed policy's fallback began
   };
   struct Vehicle
   {
@@ -126,6 +128,9 @@ private:
 
   void onTask(size_t v, const Task& task);
   void askOracle(size_t v, const Task& task);
+  void askInformed(size_t v, const Task& task, int refused);
+  std::vector<double> sampledAnswers(size_t v, size_t node, const Task& task, int64_t sent_ns);
+  void onFallback(size_t v, uint64_t id);
   /// Energy of the task on the node; nullopt if it would be late.
   std::optional<double> foreseeCost(size_t v, size_t node, const Task& task);
   Arrival arrivalOf(size_t v, size_t node, const Task& task, uint64_t ticket, int64_t arrives_ns) const;
@@ -155,6 +160,7 @@ private:
 
   const World& world_;
   const Scenario& scenario_;
+  const bool informed_;
   std::unordered_map<std::string, size_t> node_of_;
   std::vector<Vehicle> vehicles_;
   std::vector<EdgeNode> nodes_;

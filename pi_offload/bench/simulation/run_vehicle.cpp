@@ -43,7 +43,7 @@ void Run::onTask(size_t v, const Task& task)
   ++result_.of_kind[static_cast<size_t>(task.kind)].tasks;
   if (vehicle.engine == nullptr)
   {
-    askOracle(v, task);
+    informed_ ? askInformed(v, task, -1) : askOracle(v, task);
     return;
   }
   updateVehicle(&vehicle, v);
@@ -88,7 +88,7 @@ bool Run::sendTask(size_t v, size_t node, uint64_t id, const Task& task)
   request.task = task;
   request.sent_ns = now_ns_;
   request.output_bytes = scenario_.stream(task.kind)->output_bytes;
-  vehicle.open[task.id].ticket = ticket;
+  vehicle.open[task.id].tickets.push_back(ticket);
   vehicle.ticket_of[id] = ticket;
 
   const Radio& radio = scenario_.engine.radio;
@@ -177,7 +177,11 @@ void Run::runLocal(size_t v, const Task& task, double frequency_ghz)
   work.task = task;
   work.work_s = highest_s * computer.frequency_ghz / frequency;
   const auto open = vehicle.open.find(task.id);
-  const bool fallback = open == vehicle.open.end() || open->second.ticket != 0;
+  const bool fallback = open == vehicle.open.end() || !open->second.tickets.empty();
+  if (open != vehicle.open.end())
+  {
+    open->second.local = true;
+  }
   (fallback ? vehicle.fallback_j : vehicle.local_j) += energy_j;
   int64_t& free_ns = vehicle.processor_free_ns[kind];
   free_ns = std::max(free_ns, now_ns_) + toNs(work.work_s);
@@ -201,7 +205,7 @@ void Run::onLocalDone(uint64_t id)
   {
     Outcome outcome;
     outcome.task = work.task;
-    outcome.how = open->second.ticket == 0 ? Outcome::How::LOCAL : Outcome::How::FALLBACK;
+    outcome.how = open->second.tickets.empty() ? Outcome::How::LOCAL : Outcome::How::FALLBACK;
     outcome.finished_ns = now_ns_;
     onOutcome(work.vehicle, outcome);
   }
@@ -258,20 +262,27 @@ void Run::onOutcome(size_t v, const Outcome& outcome)
                                                            : outcome.reason;
     ++result_.miss_reasons[how];
   }
-  const auto request = requests_.find(open->second.ticket);
-  if (request != requests_.end())
+  bool answered = open->second.tickets.empty();
+  for (const uint64_t ticket : open->second.tickets)
   {
-    request->second.task_ended = true;
-    if (!request->second.answered)
+    const auto request = requests_.find(ticket);
+    if (request == requests_.end())
     {
-      ++result_.timeouts;
-      stopWaiting(request->second);
+      answered = true;  // refused, or dropped
+      continue;
+    }
+    request->second.task_ended = true;
+    if (request->second.answered)
+    {
+      answered = true;
+      forget(ticket);
     }
     else
     {
-      forget(open->second.ticket);
+      stopWaiting(request->second);
     }
   }
+  result_.timeouts += answered ? 0 : 1;
   vehicle.open.erase(open);
   --tasks_left_;
 }
@@ -337,7 +348,12 @@ void Run::onReply(uint64_t ticket)
     outcome.finished_ns = now_ns_;
     onOutcome(v, outcome);
   }
-  else if (!done)
+  else if (!done && informed_ && vehicle.open.count(reply.task.id) != 0 && !vehicle.open.at(reply.task.id).local)
+  {
+    vehicle.open.at(reply.task.id).tickets.clear();
+    askInformed(v, reply.task, static_cast<int>(reply.node));
+  }
+  else if (!done && !informed_)
   {
     runLocal(v, reply.task, 0.0);
   }

@@ -55,6 +55,8 @@ void visitNode(Part& node, const Visit& visit)
 {
   visit("workers", node.workers, 1, 1024);
   visit("service_deviation", node.service_deviation, 0.0, 3.0);
+  visit("slow_share", node.slow_share, 0.0, 1.0);
+  visit("slow_factor", node.slow_factor, 1.0, 1000.0);
 }
 
 template <typename Part, typename Visit>
@@ -219,6 +221,12 @@ void readEngine(YamlSection* section, EngineOptions* engine)
              of("fallback_factor", policy->fallback_factor);
              of("needed_capacity_gcycles", policy->needed_capacity_gcycles);
              of("scale_frequency", policy->scale_frequency);
+             of("fallback_miss_share", policy->fallback_miss_share);
+             of("curiosity_s", policy->curiosity_s);
+             of("unleased_tasks", policy->unleased_tasks);
+             of("tail_scale", policy->tail_scale);
+             of("hedge_share", policy->hedge_share);
+             of("lost_j", policy->lost_j);
            });
 }
 

@@ -113,13 +113,12 @@ double SimulationResult::fairness() const
 SimulationResult simulate(const Scenario& scenario, const std::string& policy, uint32_t seed)
 {
   scenario.validate();
-  const bool oracle = policy == "oracle";
-  if (!oracle)
+  if (policy != "oracle" && policy != "informed")
   {
     makePolicy(policy, scenario.engine.policy);  // throws for a name that is not known
   }
   const simulation::World world(scenario, seed);
-  return simulation::Run(world, oracle ? std::string() : policy).run();
+  return simulation::Run(world, policy).run();
 }
 
 void compareWithOracle(const SimulationResult& oracle, SimulationResult* result)

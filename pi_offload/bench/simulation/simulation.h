@@ -45,6 +45,8 @@ struct Scenario
     int workers = 2;
     std::array<double, TASK_KINDS> service_s{0.02, 0.15};  ///< mean
     double service_deviation = 0.1;                        ///< standard deviation of the logarithm
+    double slow_share = 0.0;                               ///< part of the tasks that take slow_factor as long
+    double slow_factor = 10.0;
   };
   std::vector<Node> nodes;
 

@@ -238,8 +238,9 @@ double World::downlink_latency_s(size_t vehicle, size_t node, uint64_t key) cons
 double World::service_s(size_t node, const Task& task) const
 {
   const Scenario::Node& server = scenario_.nodes[node];
-  return server.service_s[static_cast<size_t>(task.kind)] *
-         HashRandom(seed_, SERVICE, node, task.id).logNormal(server.service_deviation);
+  HashRandom random(seed_, SERVICE, node, task.id);
+  const double usual_s = server.service_s[static_cast<size_t>(task.kind)] * random.logNormal(server.service_deviation);
+  return random.uniform() < server.slow_share ? server.slow_factor * usual_s : usual_s;
 }
 
 double World::local_s(const Task& task) const

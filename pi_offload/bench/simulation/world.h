@@ -44,6 +44,7 @@ public:
   /// @param scenario  valid; must outlive this.
   World(const Scenario& scenario, uint32_t seed);
 
+  uint32_t seed() const { return seed_; }
   const Scenario& scenario() const { return scenario_; }
   /// In order of creation; ids are unique among all vehicles and not 0.
   const std::vector<Task>& tasks(size_t vehicle) const { return tasks_[vehicle]; }

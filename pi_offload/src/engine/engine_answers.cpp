@@ -19,8 +19,7 @@ void OffloadEngine::Impl::fallBackAll(uint64_t key, const char* reason, bool kee
   std::vector<uint64_t> ids;
   for (const auto& [id, state] : tasks)
   {
-    const auto request = requests.find(state.request);
-    if (request != requests.end() && request->second.open && (key == 0 || request->second.node == key))
+    if (openAt(state, key) != 0)
     {
       ids.push_back(id);
     }
@@ -33,9 +32,19 @@ void OffloadEngine::Impl::fallBackAll(uint64_t key, const char* reason, bool kee
     {
       continue;
     }
-    closeRequest(found->second, keep_answerable, tell_node);
+    uint64_t request = openAt(found->second, key);
+    for (; request != 0 && !keep_answerable; request = openAt(found->second, key))
+    {
+      closeRequest(found->second, request, tell_node);
+    }
+    if (NodeState* node = request == 0 ? nullptr : find(requests.at(request).node))
+    {
+      forgetOwn(*node, request);
+    }
     found = tasks.find(id);
-    if (found == tasks.end() || found->second.local)
+    const uint64_t other = found == tasks.end() ? 0 : openAt(found->second, 0);
+    const bool awaited = key != 0 && other != 0 && requests.at(other).node != key;
+    if (found == tasks.end() || found->second.local || awaited)
     {
       continue;
     }
@@ -127,6 +136,10 @@ bool OffloadEngine::Impl::onReply(const std::string& id, uint64_t number, const 
   {
     return false;
   }
+  if (!found->second.counted)
+  {
+    countAnswer(*node, &found->second);
+  }
   const Request request = found->second;
   const RequestTiming measured = learn(*node, request, timing);
   forgetOwn(*node, number);
@@ -139,8 +152,9 @@ bool OffloadEngine::Impl::onReply(const std::string& id, uint64_t number, const 
   --open_requests;
   ++node->answered;
   TaskState& state = tasks.at(request.task);
-  state.request = 0;
-  state.radio_j += answeredEnergy(*node, request, measured.output_bytes);
+  state.node = id;
+  const double radio_j = answeredEnergy(*node, request, measured.output_bytes);
+  state.radio_j += radio_j;
   finish(request.task, Outcome::How::REMOTE);
   return true;
 }
@@ -179,9 +193,8 @@ void OffloadEngine::Impl::onRefused(const std::string& id, uint64_t number, cons
   }
   --open_requests;
   TaskState& state = tasks.at(request.task);
-  state.request = 0;
-  state.radio_j += unansweredEnergy(state);
-  if (state.local)
+  state.radio_j += unansweredEnergy(request);
+  if (state.local || openAt(state, 0) != 0)
   {
     return;
   }
@@ -191,6 +204,7 @@ void OffloadEngine::Impl::onRefused(const std::string& id, uint64_t number, cons
     return;
   }
   setTimer(state, NEVER_NS);
+  setHedge(state, NEVER_NS);
   if (!sendElsewhere(state, static_cast<int>(node->index)))
   {
     startLocal(request.task, options.computer.frequency_ghz, "the node refused");

@@ -46,7 +46,10 @@ inline double between(int64_t from_ns, int64_t to_ns)
 /// What the engine knows about a node.
 struct NodeState
 {
-  explicit NodeState(const NodeEstimates::Options& options) : estimates(options) {}
+  NodeState(const NodeEstimates::Options& options, const std::array<AnswerTimes, TASK_KINDS>& times)
+    : estimates(options), of_kind{OfKind(&times[0]), OfKind(&times[1])}
+  {
+  }
 
   uint64_t key = 0;  ///< unique for ever, unlike the id
   size_t index = 0;  ///< in Impl::nodes
@@ -83,6 +86,12 @@ struct NodeState
 
   struct OfKind
   {
+    explicit OfKind(const AnswerTimes* usual) : times(usual) {}
+
+    AnswerTimes times;
+    double lost_j = 0.0;  ///< that tasks here cost more than on the vehicle, lately; negative: less
+    int rests = 0;        ///< in a row
+    int64_t rests_until_ns = LONG_AGO_NS;
     MeanDeviation said_queue_s;  ///< as advertised: the usual queue
     double queue_error_s = 0.0;  ///< mean error of the forecast
     int64_t served_ns = LONG_AGO_NS;
@@ -160,22 +169,28 @@ struct OffloadEngine::Impl
     int64_t sent_ns = 0;
     double expected_queue_s = 0.0;  ///< without own tasks
     double expected_own_s = 0.0;
-    bool open = true;  ///< an answer would be the task's result
+    Estimate answer_s;       ///< as expected
+    double rate_mbps = 0.0;  ///< when it was sent
+    bool open = true;        ///< an answer would be the task's result
+    bool counted = false;    ///< in AnswerTimes
   };
   struct TaskState
   {
     Task task;
     int64_t deadline_ns = 0;
-    uint64_t request = 0;  ///< the last one; 0: none
-    std::string node;      ///< of the last request
-    bool local = false;    ///< runs on the vehicle
+    std::array<uint64_t, 2> requests{};  ///< the last one, and that of a hedge; 0: none
+    std::string node;                    ///< of the last request
+    uint64_t first_node = 0;             ///< key of the node that it was decided for; 0: the vehicle
+    bool local = false;                  ///< runs on the vehicle
     bool local_failed = false;
     double local_ghz = 0.0;  ///< 0: it did not run on the vehicle
     bool retried = false;
+    bool hedged = false;
     int64_t sent_ns = 0;
-    double rate_mbps = 0.0;  ///< when it was sent
-    double radio_j = 0.0;    ///< of ended requests
+    double radio_j = 0.0;  ///< of ended requests
     int64_t timer_ns = NEVER_NS;
+    int64_t latest_ns = NEVER_NS;  ///< a fallback that begins later misses the deadline
+    int64_t hedge_ns = NEVER_NS;
     const char* reason = "";
     double expected_s = 0.0;  ///< after created_ns
     double expected_j = 0.0;
@@ -184,6 +199,7 @@ struct OffloadEngine::Impl
 
   /// @param refused  index of a node that is excluded, or -1.
   Decision decide(TaskKind kind, size_t bytes, double remaining_s, int refused);
+  void fillInput(TaskKind kind, size_t bytes, double remaining_s, int refused, bool remote, DecisionInput* in);
   /// When the vehicle begins the task itself.
   int64_t fallbackTime(const Decision& decision, const Task& task, int64_t deadline_ns) const;
   Decision submit(const Task& task);
@@ -193,18 +209,28 @@ struct OffloadEngine::Impl
   uint64_t openRequest(NodeState& node, const Task& task);
   /// @return false if the link took nothing.
   bool sendTo(uint64_t id, const Decision& decision, int64_t fallback_ns);
+  /// After the task's creation; a later answer is of little use [s].
+  double usefulUntil(const TaskState& state) const;
   void startLocal(uint64_t id, double frequency_ghz, const char* reason);
   /// Starts fallbacks that are nearly due and would be late behind a run of this task.
   void startOverdue(uint64_t id, double frequency_ghz);
   double localNeed(TaskKind kind) const;
   void localFailed(uint64_t id, const char* reason);
   void setTimer(TaskState& state, int64_t at_ns);
+  void setHedge(TaskState& state, int64_t at_ns);
   void onTimer(uint64_t id);
+  /// The answer is late: asks another node too if that pays and the budget allows.
+  void hedge(uint64_t id);
   /// Stops waiting for the answer and adds the request's energy.
-  /// @param answerable  an answer before the vehicle's own result still counts.
-  void closeRequest(TaskState& state, bool answerable, bool tell_node);
+  void closeRequest(TaskState& state, uint64_t request, bool tell_node);
+  void closeRequests(TaskState& state, bool tell_node);
+  /// The open request of the task at the node; 0: none. @param node  key; 0: any
+  uint64_t openAt(const TaskState& state, uint64_t node) const;
+  void countAnswer(NodeState& node, Request* request);
+  /// The gain or loss of a task against the vehicle, on its node's account.
+  void account(const TaskState& state, const Outcome& outcome);
   void forgetOwn(NodeState& node, uint64_t request);
-  double unansweredEnergy(const TaskState& state) const;
+  double unansweredEnergy(const Request& request) const;
   bool answerable(const TaskState& state) const;
   void finish(uint64_t id, Outcome::How how);
   void fallBackAll(uint64_t node, const char* reason, bool answerable, bool tell_node);
@@ -271,6 +297,9 @@ struct OffloadEngine::Impl
   size_t open_requests = 0;
   std::deque<std::pair<int64_t, uint64_t>> closed;  ///< time of loss, request
   std::set<std::pair<int64_t, uint64_t>> timers;    ///< of tasks
+  std::set<std::pair<int64_t, uint64_t>> hedges;    ///< of tasks
+  double hedge_budget_j = 0.0;
+  std::array<AnswerTimes, TASK_KINDS> times;  ///< of all nodes
   uint64_t last_request = 0;
   int64_t uplink_until_ns = LONG_AGO_NS;  ///< expected end of sending
   int64_t uplink_seen_ns = LONG_AGO_NS;   ///< sending had ended then, as answers show

@@ -45,7 +45,7 @@ void OffloadEngine::Impl::setNode(const NodeDescription& description)
   NodeState* node = find(description.id);
   if (node == nullptr)
   {
-    auto added = std::make_unique<NodeState>(options.estimates);
+    auto added = std::make_unique<NodeState>(options.estimates, times);
     node = added.get();
     node->key = ++last_key;
     node->index = nodes.size();
@@ -61,7 +61,7 @@ void OffloadEngine::Impl::setNode(const NodeDescription& description)
     node->estimates = NodeEstimates(options.estimates);
     node->suspended = false;
     node->failures = 0;
-    node->of_kind.fill(NodeState::OfKind());
+    node->of_kind = {NodeState::OfKind(&times[0]), NodeState::OfKind(&times[1])};
   }
   node->description = description;
   node->placed = false;
@@ -154,6 +154,10 @@ void OffloadEngine::Impl::measure(NodeState& node)
     node.distance_m = everywhere ? 0.0 : INFINITE;
   }
   const bool in_range = everywhere || node.distance_m <= description.range_m;
+  if (in_range && vehicle.known)
+  {
+    node.estimates.setPlace(vehicle.position);
+  }
   if (in_range && !node.in_range)
   {
     node.placed = false;
@@ -231,7 +235,7 @@ bool OffloadEngine::Impl::connected(const NodeState& node, TaskKind kind) const
 Estimate OffloadEngine::Impl::service(const NodeState& node, TaskKind kind) const
 {
   const auto k = static_cast<size_t>(kind);
-  const MeanDeviation& own = node.estimates.service(kind);
+  const RecentMedian& own = node.estimates.service(kind);
   const NodeAdvertisement::OfKind& said = node.estimates.advertisement().of_kind[k];
   const int64_t served_ns = node.of_kind[k].served_ns;
   const bool recent = own.known() && served_ns != LONG_AGO_NS && pi_node::seconds(now - served_ns) <= SERVICE_MEMORY_S;
@@ -335,6 +339,9 @@ void OffloadEngine::Impl::fillView(NodeState& node, TaskKind kind, double input_
   view.load_age_s = node.estimates.advertisementAge(now);
   view.refused_share = refusedShare(node.of_kind[static_cast<size_t>(kind)]);
   view.leased = leased(node, kind);
+  const NodeState::OfKind& of_kind = node.of_kind[static_cast<size_t>(kind)];
+  view.times = &of_kind.times;
+  view.lost = now < of_kind.rests_until_ns;
 }
 
 void OffloadEngine::Impl::heard(NodeState& node, const NodeAdvertisement& advertisement)

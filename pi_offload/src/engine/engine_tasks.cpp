@@ -1,6 +1,8 @@
 #include "engine/engine_impl.h"
+#include "policies/policies.h"
 
 #include <algorithm>
+#include <cmath>
 #include <sstream>
 #include <stdexcept>
 #include <utility>
@@ -18,7 +20,7 @@ constexpr double TIDY_S = 1.0;
 constexpr size_t RENEWALS_STRAIGHT = 32;
 constexpr size_t RENEWALS_ROUTE = 2;
 /// Margin of a fallback in deviations of the vehicle's time, if that is more than the policy's factor.
-constexpr double LOCAL_DEVIATIONS = 3.0;
+constexpr double LOCAL_DEVIATIONS = 5.0;
 /// Least margin of a fallback [s]: the delay of a timer and a thread on a busy computer.
 constexpr double LEAST_MARGIN_S = 0.01;
 /// The node must answer within this part of the time between fallback and deadline. A later answer is of little use, as
@@ -26,14 +28,21 @@ constexpr double LEAST_MARGIN_S = 0.01;
 constexpr double ANSWER_SHARE = 0.5;
 /// A fallback is nearly due in the last part of its time.
 constexpr double NEARLY_DUE = 0.25;
+/// The budget of hedges is at most the energy of so many tasks' radio.
+constexpr double MOST_HEDGES = 10.0;
+/// Part of a node's account that is left after another task.
+constexpr double ACCOUNT_KEPT = 0.99;
+/// Rest of a node that lost against the vehicle; doubles each time in a row.
+constexpr double FIRST_REST_S = 2.0;
+constexpr int MOST_REST_DOUBLINGS = 5;
 
 }  // namespace
 
-Decision OffloadEngine::Impl::decide(TaskKind kind, size_t bytes, double remaining_s, int refused)
+void OffloadEngine::Impl::fillInput(TaskKind kind, size_t bytes, double remaining_s, int refused, bool remote,
+                                    DecisionInput* filled)
 {
   const auto k = static_cast<size_t>(kind);
-  const bool remote = enabled && open_requests < options.max_in_flight && remaining_s > 0.0;
-  DecisionInput& in = remote ? input : local_input;
+  DecisionInput& in = *filled;
   in.kind = kind;
   in.needs = options.needs[k];
   in.needs.input_mbit = static_cast<double>(bytes) * MBIT_PER_BYTE;
@@ -41,6 +50,7 @@ Decision OffloadEngine::Impl::decide(TaskKind kind, size_t bytes, double remaini
   in.eta = options.eta;
   in.local_backlog_s = local.backlog(kind, now);
   in.local_s = local.measured(kind) ? local.seconds(kind) : 0.0;
+  in.local_need_s = localNeed(kind);
   in.previous_node = -1;
   if (remote)
   {
@@ -74,6 +84,13 @@ Decision OffloadEngine::Impl::decide(TaskKind kind, size_t bytes, double remaini
       in.previous_node = in.previous_node == refused ? -1 : in.previous_node;
     }
   }
+}
+
+Decision OffloadEngine::Impl::decide(TaskKind kind, size_t bytes, double remaining_s, int refused)
+{
+  const bool remote = enabled && open_requests < options.max_in_flight && remaining_s > 0.0;
+  DecisionInput& in = remote ? input : local_input;
+  fillInput(kind, bytes, remaining_s, refused, remote, &in);
   Decision decision = policy->decide(in);
   if (decision.node >= static_cast<int>(in.nodes.size()) || (refused >= 0 && decision.node == refused))
   {
@@ -206,6 +223,7 @@ Decision OffloadEngine::Impl::submit(const Task& given)
 /// Counts a task as sent to the node. @return the number of its request.
 uint64_t OffloadEngine::Impl::openRequest(NodeState& node, const Task& task)
 {
+  const Estimate answer = answerTime(input, input.nodes[node.index], options.policy);
   const QueueForecast forecast = queue(node, task.kind, uplinkTime(node, task.kind));
   Request request;
   request.task = task.id;
@@ -215,6 +233,8 @@ uint64_t OffloadEngine::Impl::openRequest(NodeState& node, const Task& task)
   request.sent_ns = now;
   request.expected_queue_s = forecast.estimate.mean - node.own_share * forecast.own_s;
   request.expected_own_s = forecast.own_s;
+  request.answer_s = answer;
+  request.rate_mbps = node.estimates.rate(now);
   const uint64_t number = ++last_request;
   requests[number] = request;
   ++open_requests;
@@ -239,12 +259,16 @@ bool OffloadEngine::Impl::sendTo(uint64_t id, const Decision& decision, int64_t 
   const int64_t uplink_before_ns = uplink_until_ns;
   const uint64_t number = openRequest(node, asked);
 
-  state.request = number;
+  state.requests = {number, 0};
   state.node = name;
+  state.first_node = key;
   state.sent_ns = now;
-  state.rate_mbps = node.estimates.rate(now);
   state.reason = decision.reason;
   setTimer(state, fallback_ns);
+  if (decision.hedge_s > 0.0)
+  {
+    setHedge(state, later(now, toNs(decision.hedge_s)));
+  }
 
   Last& of_kind = last[k];
   const uint64_t node_before = std::exchange(of_kind.node_before, key);
@@ -253,10 +277,10 @@ bool OffloadEngine::Impl::sendTo(uint64_t id, const Decision& decision, int64_t 
   const bool handover = node_before != 0 && node_before != key;
   statistics.of_kind[k].handovers += handover ? 1 : 0;
 
+  state.latest_ns = std::max(fallback_ns, later(state.deadline_ns, -toNs(localNeed(asked.kind))));
   if (fallback_ns < state.deadline_ns)
   {
-    const double useful_s = ANSWER_SHARE * between(fallback_ns, state.deadline_ns);
-    asked.deadline_s = between(asked.created_ns, later(fallback_ns, toNs(useful_s)));
+    asked.deadline_s = usefulUntil(state);
   }
   bool sent = false;
   call([&] { sent = actions.send(name, number, asked); });
@@ -274,7 +298,9 @@ bool OffloadEngine::Impl::sendTo(uint64_t id, const Decision& decision, int64_t 
     --same->sent;
   }
   TaskState& unsent = tasks.at(id);
-  unsent.request = 0;
+  unsent.requests = {};
+  unsent.first_node = 0;
+  setHedge(unsent, NEVER_NS);
   if (unsent.local || unsent.local_failed)
   {
     return true;  // the link broke within the action, and the vehicle does the task already
@@ -285,6 +311,12 @@ bool OffloadEngine::Impl::sendTo(uint64_t id, const Decision& decision, int64_t 
   last[k].node = 0;
   last[k].name.clear();
   return false;
+}
+
+double OffloadEngine::Impl::usefulUntil(const TaskState& state) const
+{
+  const int64_t latest_ns = state.latest_ns;
+  return between(state.task.created_ns, later(latest_ns, toNs(ANSWER_SHARE * between(latest_ns, state.deadline_ns))));
 }
 
 void OffloadEngine::Impl::startOverdue(uint64_t id, double frequency_ghz)
@@ -333,6 +365,7 @@ void OffloadEngine::Impl::startLocal(uint64_t id, double frequency_ghz, const ch
   state.local = true;
   state.local_ghz = frequency_ghz;
   state.reason = reason;
+  setHedge(state, NEVER_NS);
   setTimer(state, later(now, toNs(options.local_lost_s)));
   local.start(id, task.kind, frequency_ghz, now);
   bool failed = true;
@@ -381,6 +414,77 @@ void OffloadEngine::Impl::setTimer(TaskState& state, int64_t at_ns)
   }
 }
 
+void OffloadEngine::Impl::setHedge(TaskState& state, int64_t at_ns)
+{
+  if (state.hedge_ns != NEVER_NS)
+  {
+    hedges.erase({state.hedge_ns, state.task.id});
+  }
+  state.hedge_ns = at_ns;
+  if (at_ns != NEVER_NS)
+  {
+    hedges.insert({at_ns, state.task.id});
+  }
+}
+
+void OffloadEngine::Impl::hedge(uint64_t id)
+{
+  TaskState& state = tasks.at(id);
+  setHedge(state, NEVER_NS);
+  const auto first = requests.find(state.requests[0]);
+  const NodeState* asked = first == requests.end() || !first->second.open ? nullptr : find(first->second.node);
+  if (asked == nullptr || !enabled || open_requests >= options.max_in_flight)
+  {
+    return;
+  }
+  const Request& late = first->second;
+  const Task& task = state.task;
+  const double deadline_s = between(now, state.deadline_ns);
+  fillInput(task.kind, task.input_bytes, deadline_s, static_cast<int>(asked->index), true, &input);
+  const double passed_s = between(late.sent_ns, now);
+  const AnswerTimes& times = asked->of_kind[static_cast<size_t>(task.kind)].times;
+  const Hedge hedge = hedgeOf(input, options.policy, between(now, state.latest_ns),
+                              [&](double after_s)
+                              {
+                                const double loss = options.policy.loss_share;
+                                const Estimate& answer = late.answer_s;
+                                return times.beyond((passed_s + after_s - answer.mean) / answer.deviation, loss) /
+                                       times.beyond((passed_s - answer.mean) / answer.deviation, loss);
+                              });
+  if (hedge.node < 0 || hedge.energy_j > hedge_budget_j)
+  {
+    return;
+  }
+  hedge_budget_j -= hedge.energy_j;
+  setTimer(state, later(now, toNs(hedge.fallback_s)));
+  NodeState& node = *nodes[static_cast<size_t>(hedge.node)];
+  const std::string name = node.description.id;
+  Task copy = task;
+  copy.deadline_s = usefulUntil(state);
+  const int64_t uplink_before_ns = uplink_until_ns;
+  const uint64_t number = openRequest(node, task);
+  state.requests[1] = number;
+  state.hedged = true;
+  bool sent = false;
+  call([&] { sent = actions.send(name, number, copy); });
+  const auto found = requests.find(number);
+  if (!sent && found != requests.end() && found->second.open)
+  {
+    uplink_until_ns = uplink_before_ns;
+    requests.erase(found);
+    --open_requests;
+    if (NodeState* same = find(name))
+    {
+      forgetOwn(*same, number);
+      --same->sent;
+    }
+    if (const auto open = tasks.find(id); open != tasks.end())
+    {
+      open->second.hedged = false;
+    }
+  }
+}
+
 void OffloadEngine::Impl::onTimer(uint64_t id)
 {
   TaskState& state = tasks.at(id);
@@ -395,7 +499,7 @@ void OffloadEngine::Impl::onTimer(uint64_t id)
     finish(id, Outcome::How::ABANDONED);
     return;
   }
-  const auto request = requests.find(state.request);
+  const auto request = requests.find(state.requests[0]);
   if (request != requests.end() && request->second.open)
   {
     if (NodeState* node = find(request->second.node))
@@ -409,46 +513,100 @@ void OffloadEngine::Impl::onTimer(uint64_t id)
   startLocal(id, options.computer.frequency_ghz, "no answer in time");
 }
 
-bool OffloadEngine::Impl::answerable(const TaskState& state) const
+uint64_t OffloadEngine::Impl::openAt(const TaskState& state, uint64_t node) const
 {
-  const auto found = requests.find(state.request);
-  return found != requests.end() && found->second.open;
+  for (const uint64_t number : state.requests)
+  {
+    const auto found = requests.find(number);
+    if (found != requests.end() && found->second.open && (node == 0 || found->second.node == node))
+    {
+      return number;
+    }
+  }
+  return 0;
 }
 
-double OffloadEngine::Impl::unansweredEnergy(const TaskState& state) const
+bool OffloadEngine::Impl::answerable(const TaskState& state) const
 {
-  const double passed_s = std::max(0.0, between(state.sent_ns, now));
-  const double input_mbit = static_cast<double>(state.task.input_bytes) * MBIT_PER_BYTE;
-  const double sending_s = std::min(passed_s, input_mbit / state.rate_mbps);
+  return openAt(state, 0) != 0;
+}
+
+double OffloadEngine::Impl::unansweredEnergy(const Request& request) const
+{
+  const double passed_s = std::max(0.0, between(request.sent_ns, now));
+  const double input_mbit = static_cast<double>(request.bytes) * MBIT_PER_BYTE;
+  const double sending_s = std::min(passed_s, input_mbit / request.rate_mbps);
   const Radio& radio = options.radio;
   return sending_s * radio.transmit_w + (passed_s - sending_s) * radio.wait_w + radio.tail_w * radio.tail_s;
 }
 
-void OffloadEngine::Impl::closeRequest(TaskState& state, bool keep_answerable, bool tell_node)
+void OffloadEngine::Impl::countAnswer(NodeState& node, Request* request)
 {
-  const auto found = requests.find(state.request);
+  const double passed_s = between(request->sent_ns, now);
+  const auto k = static_cast<size_t>(request->kind);
+  for (AnswerTimes* of : {&node.of_kind[k].times, &times[k]})
+  {
+    const double value = (passed_s - request->answer_s.mean) / request->answer_s.deviation;
+    request->open ? of->add(value) : of->addBeyond(value);
+  }
+  request->counted = true;
+}
+
+void OffloadEngine::Impl::closeRequest(TaskState& state, uint64_t number, bool tell_node)
+{
+  const auto found = requests.find(number);
   if (found == requests.end() || !found->second.open)
   {
     return;
   }
-  const uint64_t number = state.request;
-  NodeState* node = find(found->second.node);
+  Request& request = found->second;
+  NodeState* node = find(request.node);
+  state.radio_j += unansweredEnergy(request);
+  request.open = false;
   if (node != nullptr)
   {
     forgetOwn(*node, number);
+    countAnswer(*node, &request);
   }
-  if (keep_answerable)
+  --open_requests;
+  closed.emplace_back(later(now, toNs(LATE_S)), number);
+  if (tell_node && node != nullptr && actions.cancel)
+  {
+    const std::string name = node->description.id;
+    call([&] { actions.cancel(name, number); });
+  }
+}
+
+void OffloadEngine::Impl::closeRequests(TaskState& state, bool tell_node)
+{
+  for (const uint64_t number : state.requests)
+  {
+    closeRequest(state, number, tell_node);
+  }
+}
+
+void OffloadEngine::Impl::account(const TaskState& state, const Outcome& outcome)
+{
+  NodeState* node = find(state.first_node);
+  if (node == nullptr || !(options.policy.lost_j > 0.0))
   {
     return;
   }
-  state.radio_j += unansweredEnergy(state);
-  found->second.open = false;
-  --open_requests;
-  closed.emplace_back(later(now, toNs(LATE_S)), number);
-  if (tell_node && actions.cancel)
+  const auto k = static_cast<size_t>(state.task.kind);
+  const double vehicle_j = localCost(options.needs[k], options.computer).energy_j;
+  const double miss_j = outcome.by_deadline ? 0.0 : missCost(options.policy, options.eta);
+  NodeState::OfKind& of_kind = node->of_kind[k];
+  // What was saved long ago counts no more, so that a node that became bad rests soon.
+  of_kind.lost_j = ACCOUNT_KEPT * of_kind.lost_j + outcome.energy_j + miss_j - vehicle_j;
+  if (of_kind.lost_j > options.policy.lost_j)
   {
-    const std::string name = state.node;
-    call([&] { actions.cancel(name, number); });
+    const double rest_s = FIRST_REST_S * std::pow(2.0, std::min(of_kind.rests++, MOST_REST_DOUBLINGS));
+    of_kind.rests_until_ns = later(now, toNs(rest_s));
+    of_kind.lost_j = 0.5 * options.policy.lost_j;
+  }
+  else if (of_kind.lost_j < -options.policy.lost_j)
+  {
+    of_kind.rests = 0;
   }
 }
 
@@ -465,12 +623,14 @@ void OffloadEngine::Impl::finish(uint64_t id, Outcome::How how)
   TaskState state = std::move(found->second);
   tasks.erase(found);
   setTimer(state, NEVER_NS);
-  closeRequest(state, false, true);
+  setHedge(state, NEVER_NS);
+  closeRequests(state, true);
 
   const auto k = static_cast<size_t>(state.task.kind);
   Outcome outcome;
   outcome.task = state.task;
   outcome.how = how;
+  outcome.hedged = state.hedged;
   outcome.node = state.node;
   outcome.finished_ns = now;
   outcome.by_deadline = how != Outcome::How::ABANDONED && now <= state.deadline_ns;
@@ -491,12 +651,18 @@ void OffloadEngine::Impl::finish(uint64_t id, Outcome::How how)
   of_kind.abandoned += how == Outcome::How::ABANDONED ? 1 : 0;
   of_kind.missed += outcome.by_deadline ? 0 : 1;
   of_kind.energy_j += outcome.energy_j;
+  hedge_budget_j = std::min(MOST_HEDGES * state.radio_j, hedge_budget_j + options.policy.hedge_share * state.radio_j);
+  account(state, outcome);
   call([&] { actions.deliver(outcome); });
 }
 
 void OffloadEngine::Impl::onTime()
 {
   placeNodes(nodes.size());
+  while (!hedges.empty() && hedges.begin()->first <= now)
+  {
+    hedge(hedges.begin()->second);
+  }
   while (!timers.empty() && timers.begin()->first <= now)
   {
     onTimer(timers.begin()->second);
@@ -532,6 +698,7 @@ void OffloadEngine::Impl::forgetOld()
 int64_t OffloadEngine::Impl::nextTime() const
 {
   int64_t next = timers.empty() ? NEVER_NS : timers.begin()->first;
+  next = hedges.empty() ? next : std::min(next, hedges.begin()->first);
   for (const std::unique_ptr<NodeState>& node : nodes)
   {
     next = std::min(next, probeDue(*node));

@@ -10,7 +10,7 @@ namespace pi_offload
 namespace
 {
 constexpr double MEAN_GAIN = 0.125;
-constexpr double DEVIATION_GAIN = 0.25;
+constexpr double DEVIATION_GAIN = 0.03125;  // a margin of fallbacks must not ripple
 /// Deviation after the first sample, as a part of it: the vehicle's times vary little.
 constexpr double FIRST_DEVIATION = 0.03;
 /// Shorter waits for other kinds tell nothing about shared processors [s].

@@ -37,7 +37,8 @@ struct Outcome
   };
   Task task;
   How how = How::LOCAL;
-  std::string node;  ///< that it was sent to; empty: none
+  std::string node;     ///< that it was sent to last, or that answered; empty: none
+  bool hedged = false;  ///< a second node was asked before the first one answered
   int64_t finished_ns = 0;
   bool by_deadline = false;
   double energy_j = 0.0;    ///< of the radio and, if used, of the vehicle's computer; by the cost model

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 namespace pi_offload
 {
@@ -15,6 +16,11 @@ namespace
 constexpr double LEAST_TRANSFER_SHARE = 0.1;
 /// A usual rate below the first one counts half after this multiple of Options::memory_s.
 constexpr double USUAL_MEMORIES = 15.0;
+/// Squares of the map of usual rates [m], and most of them.
+constexpr double PLACE_M = 10.0;
+constexpr size_t MOST_PLACES = 4096;
+/// The usual rate of all places counts as so many samples of a place.
+constexpr double SAMPLES_ELSEWHERE = 4.0;
 /// Longer times of a node are cut to this [s].
 constexpr double LONGEST_S = 3600.0;
 
@@ -64,6 +70,31 @@ void MeanDeviation::reset()
   deviation_ = 0.0;
 }
 
+void RecentMedian::add(double sample)
+{
+  if (!std::isfinite(sample))
+  {
+    return;
+  }
+  samples_[count_ % WINDOW] = sample;
+  count_ = count_ + 1 < 2 * WINDOW ? count_ + 1 : WINDOW;
+  const auto used = static_cast<std::ptrdiff_t>(std::min(count_, WINDOW));
+  std::array<double, WINDOW> sorted = samples_;
+  const auto middle = sorted.begin() + (used - 1) / 2;
+  std::nth_element(sorted.begin(), middle, sorted.begin() + used);
+  median_ = *middle;
+  for (auto one = sorted.begin(); one != sorted.begin() + used; ++one)
+  {
+    *one = std::abs(*one - median_);
+  }
+  const std::ptrdiff_t usual = used - used / 5;
+  std::nth_element(sorted.begin(), sorted.begin() + usual - 1, sorted.begin() + used);
+  const double sum = std::accumulate(sorted.begin(), sorted.begin() + usual, 0.0);
+  // With few samples half of the median counts as one more.
+  deviation_ = (sum + (count_ < WINDOW ? 0.5 * std::abs(median_) : 0.0)) /
+               static_cast<double>(usual + (count_ < WINDOW && used > 1 ? 1 : 0));
+}
+
 void NodeEstimates::Options::validate() const
 {
   const pi_node::OptionCheck check("estimates");
@@ -110,6 +141,12 @@ void NodeEstimates::addNetwork(double network_s, double megabits, bool small, in
   const double sample = std::min(transfer_s / megabits, 1.0 / options_.least_rate_mbps);
   seconds_per_mbit_.add(sample);
   usual_seconds_per_mbit_.add(sample);
+  if (places_.size() < MOST_PLACES || places_.count(place_) != 0)
+  {
+    Place& place = places_[place_];
+    place.seconds_per_mbit.add(sample);
+    place.samples += 1.0;
+  }
   rate_ns_ = now_ns;
 }
 
@@ -159,6 +196,13 @@ void NodeEstimates::setAdvertisement(const NodeAdvertisement& advertisement, int
   advertised_ns_ = now_ns;
 }
 
+void NodeEstimates::setPlace(const Point& position)
+{
+  const auto square = [](double at)
+  { return static_cast<uint32_t>(static_cast<int32_t>(std::clamp(at / PLACE_M, -1e9, 1e9))); };
+  place_ = (static_cast<uint64_t>(square(position.x)) << 32U) | square(position.y);
+}
+
 void NodeEstimates::forgetNetwork()
 {
   round_trip_.reset();
@@ -187,6 +231,13 @@ NetworkTime NodeEstimates::perMbit(int64_t now_ns) const
   const bool has_usual = usual_seconds_per_mbit_.known();
   double usual = has_usual ? usual_seconds_per_mbit_.mean() : first;
   double usual_deviation = has_usual ? usual_seconds_per_mbit_.deviation() : 0.5 * first;
+  const auto place = places_.find(place_);
+  if (place != places_.end())
+  {
+    const double here = place->second.samples / (place->second.samples + SAMPLES_ELSEWHERE);
+    usual += here * (place->second.seconds_per_mbit.mean() - usual);
+    usual_deviation += here * (place->second.seconds_per_mbit.deviation() - usual_deviation);
+  }
   if (usual > first)
   {
     // Otherwise a node that was slow once is never tried again.

@@ -1,5 +1,8 @@
 #pragma once
 
+#include <array>
+#include <unordered_map>
+
 #include "engine/node.h"
 
 namespace pi_offload
@@ -29,6 +32,27 @@ private:
   double deviation_ = 0.0;
 };
 
+/// Median of the last samples, and their mean absolute deviation from it without the largest fifth: a few very long
+/// times move neither. The first samples count as MeanDeviation's.
+class RecentMedian
+{
+public:
+  /// A sample that is not finite is ignored.
+  void add(double sample);
+  void reset() { count_ = 0; }
+  bool known() const { return count_ > 0; }
+  double mean() const { return median_; }          ///< 0 if unknown
+  double deviation() const { return deviation_; }  ///< 0 if unknown
+
+private:
+  static constexpr size_t WINDOW = 15;
+
+  std::array<double, WINDOW> samples_{};
+  size_t count_ = 0;
+  double median_ = 0.0;
+  double deviation_ = 0.0;
+};
+
 /// One finished request, as the vehicle and the node measured it.
 struct RequestTiming
 {
@@ -51,7 +75,7 @@ struct NetworkTime
 ///
 /// The network's time is total - queue - service. A small request (a probe) gives the round trip; a large one, less the
 /// round trip, gives the rate of both directions. Times reported by the node are cut at the total. Numbers that are
-/// negative or not finite are ignored. Not thread safe; allocates nothing.
+/// negative or not finite are ignored. Not thread safe. Allocates only for new places, at most 4096.
 class NodeEstimates
 {
 public:
@@ -79,6 +103,8 @@ public:
   /// time.
   void addTimeout(TaskKind kind, size_t input_bytes, double waited_s, int64_t now_ns);
   void setAdvertisement(const NodeAdvertisement& advertisement, int64_t now_ns);
+  /// The vehicle's position. The usual rate is learned by place, in squares of 10 m: round by round.
+  void setPlace(const Point& position);
   /// Forgets rate and round trip, but not the usual rate. For a new connection, or a vehicle that was out of range.
   void forgetNetwork();
 
@@ -93,8 +119,8 @@ public:
   double advertisementAge(int64_t now_ns) const;                             ///< [s]; infinite without one
   const MeanDeviation& roundTrip() const { return round_trip_; }             ///< [s]
   const MeanDeviation& secondsPerMbit() const { return seconds_per_mbit_; }  ///< of the uplink [s/Mbit]
-  const MeanDeviation& service(TaskKind kind) const { return service_[static_cast<size_t>(kind)]; }  ///< [s]
-  const MeanDeviation& queue(TaskKind kind) const { return queue_[static_cast<size_t>(kind)]; }      ///< [s]
+  const RecentMedian& service(TaskKind kind) const { return service_[static_cast<size_t>(kind)]; }  ///< [s]
+  const MeanDeviation& queue(TaskKind kind) const { return queue_[static_cast<size_t>(kind)]; }     ///< [s]
 
 private:
   /// Weight of a measurement by its age: a half after memory_s.
@@ -113,7 +139,15 @@ private:
   /// Fading changes within few samples with little noise; a gain of 1/8 would lag by a second.
   MeanDeviation seconds_per_mbit_{0.5, 0.25};
   MeanDeviation usual_seconds_per_mbit_{1.0 / 64.0, 1.0 / 64.0};
-  std::array<MeanDeviation, TASK_KINDS> service_;
+  /// The same of a place.
+  struct Place
+  {
+    MeanDeviation seconds_per_mbit{0.125, 0.125};
+    double samples = 0.0;
+  };
+  std::unordered_map<uint64_t, Place> places_;
+  uint64_t place_ = 0;
+  std::array<RecentMedian, TASK_KINDS> service_;
   std::array<MeanDeviation, TASK_KINDS> queue_;
 };
 

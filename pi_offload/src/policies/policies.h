@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <memory>
 
 #include "policies/policy.h"
@@ -31,6 +32,23 @@ struct RemotePlan
   double time_s() const { return network_s + service_s + queue_s; }
 };
 RemotePlan remotePlan(const DecisionInput& input, const NodeView& node);
+/// Expected answer time and its mean absolute deviation, the unit of AnswerTimes.
+Estimate answerTime(const DecisionInput& input, const NodeView& node, const PolicyOptions& options);
+
+/// A second request, to another node.
+struct Hedge
+{
+  int node = -1;  ///< index; -1: it does not pay
+  double energy_j = 0.0;
+  double fallback_s = 0.0;  ///< until the vehicle does the task itself
+};
+/// @param latest_s  of the fallback, from now
+/// @param late      probability that the first node does not answer within that time from now
+Hedge hedgeOf(const DecisionInput& input, const PolicyOptions& options, double latest_s,
+              const std::function<double(double)>& late);
+
+/// Price of a missed deadline [J].
+double missCost(const PolicyOptions& options, double eta);
 
 /// The latest time at which the vehicle can begin to meet the deadline, with the margin of the options. The deadline if
 /// that time has passed or the backlog takes longer.

@@ -82,6 +82,8 @@ void PolicyOptions::validate() const
   check.range("unleased_tasks", unleased_tasks, 0.0, 100.0);
   check.range("curiosity_s", curiosity_s, 0.0, 1e6);
   check.range("load_growth", load_growth, 0.0, 100.0);
+  check.range("hedge_share", hedge_share, 0.0, 1.0);
+  check.range("lost_j", lost_j, 0.0, 1e6);
 }
 
 LocalPlan localPlan(const DecisionInput& input)
@@ -148,7 +150,8 @@ RemotePlan remotePlan(const DecisionInput& input, const NodeView& node)
 
 double fallbackTimeout(const DecisionInput& input, const PolicyOptions& options)
 {
-  const double timeout = input.needs.deadline_s - localWork(input) * options.fallback_factor;
+  const double need_s = std::max(input.local_need_s, localWork(input) * options.fallback_factor);
+  const double timeout = input.needs.deadline_s - need_s;
   // The backlog shrinks while the vehicle waits for the answer.
   return timeout > 0.0 && timeout >= input.local_backlog_s ? timeout : input.needs.deadline_s;
 }

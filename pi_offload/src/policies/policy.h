@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "engine/node.h"
+#include "policies/answer_times.h"
 #include "policies/cost_model.h"
 
 namespace pi_offload
@@ -34,10 +35,12 @@ struct NodeView
   Estimate network_s;          ///< for this task's data, both ways
   double network_age_s = 0.0;  ///< age of the measured rate
   Estimate service_s;
-  Estimate queue_s;            ///< advertised, corrected for its age
-  double load_age_s = 0.0;     ///< age of the advertisement
-  double refused_share = 0.0;  ///< of recent tasks: refused or dropped by the node
-  bool leased = false;         ///< the vehicle's lease covers one more task of this kind
+  Estimate queue_s;                    ///< advertised, corrected for its age
+  double load_age_s = 0.0;             ///< age of the advertisement
+  double refused_share = 0.0;          ///< of recent tasks: refused or dropped by the node
+  bool leased = false;                 ///< the vehicle's lease covers one more task of this kind
+  bool lost = false;                   ///< tasks there cost more than on the vehicle lately
+  const AnswerTimes* times = nullptr;  ///< of its answers; null: Laplace
 };
 
 /// A task to decide.
@@ -49,6 +52,7 @@ struct DecisionInput
   Radio radio;
   double eta = 0.5;              ///< weight of time in [0, 1]
   double local_backlog_s = 0.0;  ///< wait of a task on the vehicle
+  double local_need_s = 0.0;     ///< time before the deadline at which a fallback must begin; 0: by fallback_factor
   double local_s = 0.0;          ///< measured t_L; 0: use equation 3
   double local_j = 0.0;          ///< measured e_L; 0: use equation 4
   int previous_node = -1;        ///< of the last task of this kind; -1: the vehicle
@@ -65,6 +69,8 @@ struct Decision
   /// which the vehicle can meet the deadline. It is the deadline if the vehicle cannot, and for policies without
   /// fallback (nearest*, paper_literal).
   double timeout_s = 0.0;
+  /// When another node is asked too, if no answer came and the budget allows; 0: never.
+  double hedge_s = 0.0;
   double frequency_ghz = 0.0;  ///< of the vehicle's computer for this task; a fallback runs at the highest
   size_t looked_at = 0;        ///< visits to nodes; figure 12 as printed: (M - 1)^2
   const char* reason = "";     ///< a few words, static
@@ -75,17 +81,19 @@ struct PolicyOptions
   double miss_cost_j = 20.0;  ///< lambda: price of a missed deadline at eta 0.5 [J]
   double deviations = 4.0;    ///< k: t + k deviations must fit into the residence, for `deadline` into the deadline too
   double residence_share = 0.8;          ///< part of the residence for a task
-  double hysteresis = 0.1;               ///< another place must be better by this part
+  double hysteresis = 0.02;              ///< another place must be better by this part
   double fallback_factor = 1.1;          ///< the fallback starts local_s times this before the deadline
   double needed_capacity_gcycles = 0.0;  ///< W of the paper
   bool scale_frequency = false;          ///< local, deadline, expected_cost: work at bestLocalFrequency()
   double tail_scale = 1.0;               ///< factor on the deviation of response times
   double least_deviation_s = 0.002;      ///< least deviation of a response time
   double loss_share = 0.002;             ///< requests that stay without an answer in time
-  double fallback_miss_share = 0.005;    ///< fallbacks that start in time and still miss
-  double unleased_tasks = 1.0;           ///< extra deviation of the queue without a lease, in service times
-  double curiosity_s = 0.2;              ///< a node whose rate is older may get a task to measure the rate
+  double fallback_miss_share = 0.0005;   ///< fallbacks that start in time and still miss
+  double unleased_tasks = 0.3;           ///< extra deviation of the queue without a lease, in service times
+  double curiosity_s = 0.05;             ///< a node whose rate is older may get a task to measure the rate
   double load_growth = 0.1;              ///< extra deviation of the queue per second of age of the advertisement [s/s]
+  double hedge_share = 0.1;              ///< part of the radio's energy for second requests at most; 0: none
+  double lost_j = 8.0;  ///< a node whose tasks cost so much more than the vehicle's rests [J]; 0: never
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;

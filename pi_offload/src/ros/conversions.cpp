@@ -139,6 +139,7 @@ OffloadDecision toMsg(const Outcome& outcome, const std_msgs::Header& header, bo
   message.expected_time = outcome.expected_s;
   message.expected_energy = outcome.expected_j;
   message.expected_misses = outcome.expected_misses;
+  message.hedged = static_cast<uint8_t>(outcome.hedged);
   message.response_time = pi_node::secondsBetween(outcome.task.created_ns, outcome.finished_ns);
   message.by_deadline = static_cast<uint8_t>(outcome.by_deadline);
   message.dropped = static_cast<uint8_t>(dropped);

@@ -159,6 +159,8 @@ static void visitFields(CoordinatorRosOptions& options, Visitor&& visit)
   visit("policy/fallback_miss_share", policy.fallback_miss_share);
   visit("policy/unleased_tasks", policy.unleased_tasks);
   visit("policy/load_growth", policy.load_growth);
+  visit("policy/hedge_share", policy.hedge_share);
+  visit("policy/lost_j", policy.lost_j);
   visit("computer/frequency_ghz", engine.computer.frequency_ghz);
   visit("computer/static_w", engine.computer.static_w);
   visit("computer/beta_w_per_ghz3", engine.computer.beta_w_per_ghz3);

@@ -105,7 +105,7 @@ private:
   };
   struct OfKind
   {
-    MeanDeviation service_s;
+    RecentMedian service_s;
     bool tried = false;
     bool outdated = false;  ///< the next measurement is the first one
     int64_t tried_ns = 0;   ///< when a task of the kind began or ended last

@@ -338,7 +338,7 @@ TEST(PaperDefects, Defect10HasNoHysteresis)
     {
       for (int i = 0; i < 2; ++i)
       {
-        const double ripple = task % 2 == i ? 1.02 : 0.98;
+        const double ripple = task % 2 == i ? 1.005 : 0.995;
         NodeView& view = input.nodes[static_cast<size_t>(i)];
         view.printed_residence_s = view.residence_s = 20.0 * ripple;
         view.uplink_mbps = 20.0 * ripple;

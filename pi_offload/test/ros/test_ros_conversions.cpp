@@ -142,6 +142,7 @@ TEST(Conversions, DecisionsAndStatisticsSayAll)
   outcome.expected_s = 0.125;
   outcome.expected_j = 0.0625;
   outcome.expected_misses = 0.5;
+  outcome.hedged = true;
   const OffloadDecision decision = toMsg(outcome, std_msgs::Header(), true);
   EXPECT_EQ("speech", decision.kind);
   EXPECT_EQ("fallback", decision.how);
@@ -155,7 +156,7 @@ TEST(Conversions, DecisionsAndStatisticsSayAll)
   EXPECT_EQ(0.0625, decision.expected_energy);
   EXPECT_EQ(0.5, decision.expected_misses);
   EXPECT_TRUE(decision.dropped);
-  EXPECT_FALSE(decision.hedged);
+  EXPECT_TRUE(decision.hedged);
 
   OffloadEngine::Statistics::OfKind of_kind;
   of_kind.tasks = 10;

@@ -120,6 +120,7 @@ TEST(Simulation, EveryTaskIsCountedOnceWhateverThePolicy)
   scenario.failures.mean_repair_s = 5.0;
   std::vector<std::string> policies = policyNames();
   policies.emplace_back("oracle");
+  policies.emplace_back("informed");
   for (const std::string& policy : policies)
   {
     const SimulationResult result = simulate(scenario, policy, 2);
