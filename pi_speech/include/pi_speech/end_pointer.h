@@ -3,6 +3,7 @@
 #include <pi_speech/audio.h>
 #include <pi_speech/filter_bank.h>
 
+#include <array>
 #include <cstdint>
 #include <deque>
 #include <functional>
@@ -12,8 +13,8 @@ namespace pi_speech
 
 struct EndPointerOptions
 {
-  double begin_threshold = 0.9;   ///< mean excess over the noise in the bands at which speech begins [ln of energy]
-  double end_threshold = 0.55;    ///< mean excess below which speech pauses
+  double begin_threshold = 0.7;   ///< least mean excess over the noise at which speech begins [ln of energy]
+  double end_threshold = 0.5;     ///< least mean excess below which speech pauses
   double min_level_dbfs = -65.0;  ///< least level of speech, however quiet the noise [dB of full scale]
   double min_speech_s = 0.08;     ///< least speech in an utterance; shorter sounds are clicks
   double end_silence_s = 0.22;    ///< pause that ends an utterance; most of the latency of a command
@@ -39,8 +40,9 @@ struct Utterance
 
 /// Finds speech in a stream of sound by the energy above a running estimate of the noise in each band.
 ///
-/// The estimate follows pauses with a time constant of 0.2 s, rises slowly during speech, and falls fast. A hum, wind
-/// or a motor becomes noise within seconds. Not thread safe.
+/// The estimate follows pauses with a time constant of 0.3 s and rises slowly during speech. What a band does not fall
+/// below for 1.5 s is noise, speech or not. In noise that fluctuates, as rain and motors do, both thresholds rise with
+/// the mean and the spread of its excess. Not thread safe.
 class EndPointer
 {
 public:
@@ -74,6 +76,7 @@ private:
     SPEECH,
   };
   void takeFrame(const int16_t* frame);
+  void followFloor(const BandEnergies& energies);
   void learnNoise(const BandEnergies& energies, double power, bool speech);
   void tell(Event event, bool cut = false);
   void endUtterance(bool cut);
@@ -87,14 +90,22 @@ private:
   int64_t seen_ = 0;
 
   State state_ = State::NOISE;
-  BandEnergies noise_;         ///< ln energies
-  double noise_power_ = 0.0;   ///< mean square of the samples
-  int noise_frames_ = 0;       ///< that the estimate has seen
-  double speech_power_ = 0.0;  ///< sum of mean squares over the utterance's frames of speech
-  int speech_frames_ = 0;      ///< of the utterance
-  int pause_frames_ = 0;       ///< since the last one of speech
-  bool begun_ = false;         ///< BEGIN was told
-  bool paused_ = false;        ///< PAUSE was told since the last frame of speech
+  BandEnergies noise_;     ///< ln energies
+  BandEnergies smoothed_;  ///< ln energies of the last frames
+  /// Least of them in the block in progress and in the blocks before it: what does not fall below for a second is
+  /// noise.
+  std::array<BandEnergies, 5> least_;
+  int block_frames_ = 0;
+  double excess_ = 0.0;         ///< mean over bands and the last frames
+  double excess_mean_ = 0.0;    ///< of noise
+  double excess_spread_ = 0.0;  ///< of noise, mean deviation
+  double noise_power_ = 0.0;    ///< mean square of the samples
+  int noise_frames_ = 0;        ///< that the estimate has seen
+  double speech_power_ = 0.0;   ///< sum of mean squares over the utterance's frames of speech
+  int speech_frames_ = 0;       ///< of the utterance
+  int pause_frames_ = 0;        ///< since the last one of speech
+  bool begun_ = false;          ///< BEGIN was told
+  bool paused_ = false;         ///< PAUSE was told since the last frame of speech
   int64_t speech_begin_ = 0;
   int64_t speech_end_ = 0;
 };

@@ -4,8 +4,11 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <deque>
 #include <optional>
+#include <set>
 #include <string>
+#include <vector>
 
 namespace pi_speech
 {
@@ -25,9 +28,13 @@ struct SoundCheckOptions
 enum class SoundState
 {
   GOOD,
-  CLIPPED,  ///< too loud for the microphone's gain
-  SILENT,   ///< samples come, but nothing is in them
-  MISSING,  ///< no samples come
+  CLIPPED,     ///< too loud for the microphone's gain
+  OFFSET,      ///< far from 0 in the mean: a faulty device or cable
+  CANCELLING,  ///< channels in antiphase: their mean, which is recognised, is silence
+  DEAD,        ///< a channel without sound
+  NARROW,      ///< a lower rate than that of the models
+  SILENT,      ///< samples come, but nothing is in them
+  MISSING,     ///< no samples come
 };
 const char* toString(SoundState state);
 
@@ -57,8 +64,19 @@ public:
   double clippedShare() const { return clipped_share_; }  ///< in the last window
   uint64_t windows() const { return windows_; }
 
+  static constexpr int CLIPPED_FROM = 32700;  ///< some converters stop a little below full scale
+
 private:
+  struct Sums
+  {
+    double sum = 0.0;
+    double squares = 0.0;
+    double variance(double count) const;
+  };
+  void beginWindow();
   std::optional<SoundChange> endWindow();
+  /// Of a window with sound in it: what is wrong with device or cable, or nothing.
+  std::optional<SoundChange> look(const std::vector<double>& variances, double frames);
   std::optional<SoundChange> change(SoundState state, const std::string& text);
 
   const SoundCheckOptions options_;
@@ -73,8 +91,31 @@ private:
   // Of the window that is not full yet.
   size_t count_ = 0;
   size_t clipped_ = 0;
-  double sum_ = 0.0;
-  double squares_ = 0.0;
+  std::vector<Sums> channels_;
+  Sums mean_;                  ///< of the channels' means
+  double frame_ = 0.0;         ///< sum over the channels of the frame in progress
+  std::set<SoundState> told_;  ///< faults of the device, each once per format
+};
+
+/// Which part of a stream's last seconds was clipped. Not thread safe.
+class ClippingRecord
+{
+public:
+  static constexpr double KEPT_S = 8.0;
+
+  /// @param end  sample of the stream behind these ones, which may be at another rate.
+  void add(const int16_t* samples, size_t count, int64_t end);
+  /// Share at full scale of what came since a sample of the stream; 0 if nothing did.
+  double shareSince(int64_t begin) const;
+
+private:
+  struct Chunk
+  {
+    int64_t end;
+    size_t clipped;
+    size_t count;
+  };
+  std::deque<Chunk> chunks_;
 };
 
 }  // namespace pi_speech

@@ -10,11 +10,22 @@ namespace pi_speech
 namespace
 {
 
-constexpr int FIRST_FRAMES = 10;       ///< of a stream, from which the noise is learned with a running mean
-constexpr float NOISE_RATE = 0.05F;    ///< of the estimate in pauses, per frame
-constexpr float SPEECH_RATE = 0.002F;  ///< in speech: what lasts for seconds is noise
-constexpr float SINK_RATE = 0.1F;      ///< where the sound is quieter than the estimate
-constexpr float MOST_EXCESS = 3.0F;    ///< of one band that counts [ln]: no band decides alone
+constexpr int FIRST_FRAMES = 10;         ///< of a stream, from which the noise is learned with a running mean
+constexpr float NOISE_RATE = 0.03F;      ///< of the estimate in pauses, per frame
+constexpr float SPEECH_RATE = 0.002F;    ///< in speech: what lasts for seconds is noise
+constexpr float SINK_RATE = 0.03F;       ///< where the sound is quieter than the estimate
+constexpr float MOST_EXCESS = 3.0F;      ///< of one band that counts [ln]: no band decides alone
+constexpr float FLOOR_RATE = 0.06F;      ///< of the energies whose least is the floor, per frame
+constexpr int FLOOR_BLOCK_FRAMES = 30;   ///< of the least energies; 4 to 5 blocks are longer than a word
+constexpr double EXCESS_RATE = 0.2;      ///< per frame
+constexpr double MOST_THRESHOLD = 1.6;   ///< half of MOST_EXCESS: loud speech is heard in any noise
+constexpr double MOST_THRESHOLDS = 2.0;  ///< of the excess of one frame that counts
+constexpr int EXCESS_DELAY = 3;          ///< frames from speech until the mean excess shows it, and after its end
+constexpr double SPREAD_RATE = 0.01;     ///< of mean and deviation of the excess of noise, per frame
+constexpr double FIRST_EXCESS = 0.3;     ///< of white noise, before any is known
+constexpr double FIRST_SPREAD = 0.05;
+constexpr double BEGIN_SPREADS = 3.0;  ///< mean deviations above the excess of the noise where speech begins
+constexpr double END_SPREADS = 2.5;    ///< the same where it pauses
 constexpr int MOST_GAP_FRAMES = 6;     ///< between frames of speech before the beginning is certain
 
 int framesIn(double seconds)
@@ -88,10 +99,14 @@ void EndPointer::takeFrame(const int16_t* frame)
     noise_ = energies;
     noise_power_ = power;
   }
+  followFloor(energies);
   const double excess = (energies - noise_).cwiseMax(0.0F).cwiseMin(MOST_EXCESS).mean();
-  const double threshold = state_ == State::SPEECH ? options_.end_threshold : options_.begin_threshold;
-  const bool speech = excess > threshold && dbfs(power) > options_.min_level_dbfs;
-  learnNoise(energies, power, speech);
+  const double least = state_ == State::SPEECH ? options_.end_threshold : options_.begin_threshold;
+  const double spreads = state_ == State::SPEECH ? END_SPREADS : BEGIN_SPREADS;
+  const double threshold = std::min(MOST_THRESHOLD, std::max(least, excess_mean_ + spreads * excess_spread_));
+  excess_ += EXCESS_RATE * (std::min(excess, MOST_THRESHOLDS * threshold) - excess_);  // no click lasts
+  const bool speech = excess_ > threshold && dbfs(power) > options_.min_level_dbfs;
+  learnNoise(energies, power, speech || excess > MOST_THRESHOLDS * threshold);
 
   if (state_ == State::NOISE)
   {
@@ -100,7 +115,7 @@ void EndPointer::takeFrame(const int16_t* frame)
       return;
     }
     state_ = State::SPEECH;
-    speech_begin_ = next_frame_;
+    speech_begin_ = std::max(buffer_begin_, next_frame_ - EXCESS_DELAY * HOP_SAMPLES);
     speech_frames_ = 0;
     speech_power_ = 0.0;
     begun_ = false;
@@ -109,8 +124,8 @@ void EndPointer::takeFrame(const int16_t* frame)
   {
     ++speech_frames_;
     speech_power_ += power;
-    speech_end_ = next_frame_ + FRAME_SAMPLES;
-    pause_frames_ = 0;
+    speech_end_ = std::max(speech_begin_, next_frame_ - EXCESS_DELAY * HOP_SAMPLES) + FRAME_SAMPLES;
+    pause_frames_ = EXCESS_DELAY;
     paused_ = false;
     if (!begun_ && speech_frames_ >= framesIn(options_.min_speech_s))
     {
@@ -123,7 +138,7 @@ void EndPointer::takeFrame(const int16_t* frame)
     ++pause_frames_;
     if (!begun_)
     {
-      if (pause_frames_ > MOST_GAP_FRAMES)
+      if (pause_frames_ > MOST_GAP_FRAMES + EXCESS_DELAY)
       {
         state_ = State::NOISE;
       }
@@ -143,9 +158,38 @@ void EndPointer::takeFrame(const int16_t* frame)
   if (static_cast<double>(next_frame_ - speech_begin_) > options_.max_utterance_s * SAMPLE_RATE_HZ)
   {
     endUtterance(true);
-    noise_ = energies;  // what lasts so long is the noise of now
+    noise_ = smoothed_;  // what lasts so long is the noise of now
     noise_power_ = power;
   }
+}
+
+/// Raises the noise to what the bands have not fallen below for a second, speech or not.
+void EndPointer::followFloor(const BandEnergies& energies)
+{
+  if (noise_frames_ == 0)
+  {
+    smoothed_ = energies;
+    least_.fill(BandEnergies::Constant(-1e3F));
+    least_[0] = smoothed_;
+    block_frames_ = 0;
+    excess_ = 0.0;
+    excess_mean_ = FIRST_EXCESS;
+    excess_spread_ = FIRST_SPREAD;
+  }
+  smoothed_ += FLOOR_RATE * (energies - smoothed_);
+  if (++block_frames_ == FLOOR_BLOCK_FRAMES)
+  {
+    block_frames_ = 0;
+    std::rotate(least_.begin(), least_.end() - 1, least_.end());
+    least_[0] = smoothed_;
+  }
+  least_[0] = least_[0].cwiseMin(smoothed_);
+  BandEnergies floor = least_[0];
+  for (const BandEnergies& block : least_)
+  {
+    floor = floor.cwiseMin(block);
+  }
+  noise_ = noise_.cwiseMax(floor);
 }
 
 void EndPointer::learnNoise(const BandEnergies& energies, double power, bool speech)
@@ -162,6 +206,9 @@ void EndPointer::learnNoise(const BandEnergies& energies, double power, bool spe
   }
   if (!speech)
   {
+    const double deviation = std::abs(excess_ - excess_mean_);
+    excess_mean_ += SPREAD_RATE * (excess_ - excess_mean_);
+    excess_spread_ += SPREAD_RATE * (deviation - excess_spread_);
     const float power_rate = power < noise_power_ ? fall : rise;
     noise_power_ += static_cast<double>(power_rate) * (power - noise_power_);
   }

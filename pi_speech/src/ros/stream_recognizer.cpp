@@ -83,6 +83,7 @@ void StreamRecognizer::add(const SoundChunk& chunk)
   frame_id_ = chunk.frame_id;
   samples_.clear();
   stream_.add(chunk.format, chunk.stamp_ns, raw_.data(), raw_.size(), &samples_);
+  clipping_.add(raw_.data(), raw_.size(), stream_.samples());
   recognize([this](const auto& sink) { recognizer_->process(samples_.data(), samples_.size(), sink); });
 }
 
@@ -150,13 +151,20 @@ double StreamRecognizer::cpuSeconds() const
   return static_cast<double>(own.tv_sec) + pi_node::seconds(own.tv_nsec) + stage_.cpuSeconds();
 }
 
-void StreamRecognizer::onRecognition(const Recognition& recognition)
+void StreamRecognizer::onRecognition(Recognition recognition)
 {
   if (forgetting_)
   {
     return;
   }
   const int64_t speech_end = recognizer_begin_ + recognition.speech_end;
+  // Clipped words are often taken for others. A false "stop" is cheap, so fast commands are taken all the same.
+  const double clipped = clipping_.shareSince(recognizer_begin_ + recognition.speech_begin);
+  if (recognition.accepted && clipped >= options_.check.clipped_share && !isFast(recognition.text))
+  {
+    recognition.accepted = false;
+    recognition.reason = format("%.1f %% of its samples are clipped: only fast commands are taken", 100.0 * clipped);
+  }
   VoiceCommand message;
   message.text = recognition.text;
   message.confidence = static_cast<float>(recognition.confidence);
@@ -170,6 +178,13 @@ void StreamRecognizer::onRecognition(const Recognition& recognition)
       static_cast<double>(stream_.samples() - speech_end) / SAMPLE_RATE_HZ + pi_node::secondsSince(came_at_);
   message.latency = ros::Duration(latency_s);
   outputs_.recognition(message, recognition, latency_s);
+}
+
+bool StreamRecognizer::isFast(const std::string& command) const
+{
+  const std::vector<Command>& commands = recognizer_->table().commands;
+  return std::any_of(commands.begin(), commands.end(),
+                     [&command](const Command& each) { return each.fast && each.text == command; });
 }
 
 void StreamRecognizer::onUtterance(const Utterance& utterance, const Recognition& recognition)

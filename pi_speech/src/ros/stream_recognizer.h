@@ -65,7 +65,8 @@ private:
   void noteBreak(const SoundChunk& chunk, SoundStream::Break found, double gap_s);
   /// Runs a step of the recogniser; its errors become warnings.
   void recognize(const std::function<void(const CommandRecognizer::Sink&)>& step);
-  void onRecognition(const Recognition& recognition);
+  void onRecognition(Recognition recognition);
+  bool isFast(const std::string& command) const;
   void onUtterance(const Utterance& utterance, const Recognition& recognition);
 
   const RecognizerRosOptions& options_;
@@ -82,6 +83,7 @@ private:
   std::string frame_id_;
   bool forgetting_ = false;  ///< what is recognised is told to nobody
   Figures figures_;          ///< those that are counted
+  ClippingRecord clipping_;
   std::vector<int16_t> raw_;
   Samples samples_;
 };

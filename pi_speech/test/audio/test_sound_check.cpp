@@ -104,6 +104,95 @@ TEST(SoundCheck, ClippedSoundIsSaidOnceAndWhenItIsOver)
   EXPECT_EQ(States({"clipped", "good"}), stream.states());
 }
 
+/// Sound of two channels that is in each at a gain, and beside it sound of its own.
+std::vector<int16_t> stereo(double left, double right, double duration_s, double own = 0.0)
+{
+  const std::vector<int16_t> common = noise(-30.0, duration_s);
+  std::mt19937 random(8);
+  std::normal_distribution<double> values(0.0, own);
+  std::vector<int16_t> samples;
+  for (const int16_t sample : common)
+  {
+    for (const double gain : {left, right})
+    {
+      samples.push_back(static_cast<int16_t>(std::lround(gain * sample + (own > 0.0 ? values(random) : 0.0))));
+    }
+  }
+  return samples;
+}
+
+TEST(SoundCheck, SoundFarFromZeroIsSaidOnce)
+{
+  Stream stream;
+  std::vector<int16_t> samples = noise(-30.0, 5.0);
+  for (int16_t& sample : samples)
+  {
+    sample = static_cast<int16_t>(sample + 10000);
+  }
+  stream.add(samples);
+  stream.add(noise(-30.0, 2.0));
+  stream.add(samples);
+  ASSERT_EQ(States({"offset", "good"}), stream.states());
+  EXPECT_EQ(0U, stream.said[0].text.find("channel 0 is 0.31 of full scale away from 0")) << stream.said[0].text;
+}
+
+TEST(SoundCheck, ChannelsThatCancelEachOtherAreSaidOnceAcrossPauses)
+{
+  const AudioFormat format{SAMPLE_RATE_HZ, 2};
+  Stream stream;
+  for (int sentence = 0; sentence < 3; ++sentence)
+  {
+    stream.add(stereo(1.0, -1.0, 2.0, 30.0), format);
+    stream.add(stereo(0.0, 0.0, 2.0, 30.0), format);  // the noise of each microphone
+  }
+  ASSERT_EQ(States({"cancelling", "good", "good", "good"}), stream.states());
+  EXPECT_NE(std::string::npos, stream.said[0].text.find("swap the wires")) << stream.said[0].text;
+}
+
+TEST(SoundCheck, AChannelWithoutSoundIsSaid)
+{
+  const AudioFormat format{SAMPLE_RATE_HZ, 2};
+  Stream stream;
+  stream.add(stereo(1.0, 0.0, 3.0), format);
+  ASSERT_EQ(States({"dead channel"}), stream.states());
+  EXPECT_EQ(0U, stream.said[0].text.find("channel 1 has no sound")) << stream.said[0].text;
+}
+
+TEST(SoundCheck, NothingIsSaidOfChannelsThatDifferAsInARoom)
+{
+  const AudioFormat format{SAMPLE_RATE_HZ, 2};
+  for (const double right : {1.0, 0.3, 0.05})
+  {
+    Stream stream;
+    stream.add(stereo(1.0, right, 3.0, 300.0), format);
+    EXPECT_EQ(States(), stream.states()) << right;
+  }
+}
+
+TEST(SoundCheck, ALowRateIsSaid)
+{
+  Stream stream;
+  stream.add(noise(-30.0, 3.0), {8000, 1});
+  ASSERT_EQ(States({"narrow"}), stream.states());
+  EXPECT_EQ(0U, stream.said[0].text.find("sound at 8000 Hz lacks")) << stream.said[0].text;
+}
+
+TEST(ClippingRecord, KnowsTheShareOfThePieceOfAWord)
+{
+  ClippingRecord record;
+  EXPECT_EQ(0.0, record.shareSince(0));
+  const std::vector<int16_t> good(1600, 100);
+  std::vector<int16_t> loud(1600, 100);
+  std::fill_n(loud.begin(), 400, -32768);
+  record.add(good.data(), good.size(), 1600);
+  record.add(loud.data(), loud.size(), 3200);
+  EXPECT_NEAR(0.125, record.shareSince(0), 1e-9);
+  EXPECT_NEAR(0.25, record.shareSince(1600), 1e-9);
+  EXPECT_EQ(0.0, record.shareSince(3200));
+  record.add(good.data(), good.size(), 3200 + static_cast<int64_t>(10.0 * SAMPLE_RATE_HZ));
+  EXPECT_EQ(0.0, record.shareSince(0)) << "older sound is forgotten";
+}
+
 TEST(SoundCheck, FewLoudSamplesAreNotClipped)
 {
   Stream stream;
