@@ -83,7 +83,8 @@ TEST_F(CalibrationTest, FindsHowTheCamerasAreTurned)
     EXPECT_NEAR(found.turn.x() / DEGREE, turn.x() / DEGREE, 0.5);
     EXPECT_NEAR(found.turn.y() / DEGREE, turn.y() / DEGREE, 0.5);
     EXPECT_GT(found.turn_deviation.z(), 3.0 * found.turn_deviation.x());
-    EXPECT_TRUE(said("turned by")) << allMessages();
+    // In small pictures 1 degree in half a minute is not sure enough to be taken over.
+    EXPECT_TRUE(turn_deg < 2.0 || said("turned by")) << allMessages();
     std::cout << turn_deg << " degrees: " << (found.turn / DEGREE).transpose() << " +- "
               << (found.turn_deviation / DEGREE).transpose() << " found, " << rms(outcomes, 0.0) << " m off\n";
   }
