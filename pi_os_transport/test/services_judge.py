@@ -36,10 +36,10 @@ class ServiceTest(harness.TransportTest):
                                 lambda: '%s maps %d rings, expected %d' % (peer.name, rings(peer), wanted))
 
     def assert_calls(self, report, count, failed=0, over_tcp=False):
-        """Of a roscpp node's single-shot calls over TCPROS one more may fail: roscpp closes the socket of a call whose
-        answer, and with it the end of the connection, comes between its sending the request and its first look for the
-        answer. On busy cores that is one call in some 15,000."""
-        spare = 1 if report.get('single_shot') and (over_tcp or not self.preload) else 0
+        """Of a roscpp node's single-shot calls over TCPROS one in a hundred may fail as well: roscpp closes the socket of
+        a call whose answer, and with it the end of the connection, comes between its sending the request and its first
+        look for the answer. On busy cores that is one call in some 15,000, but was two of 300 beside a load of 9."""
+        spare = max(1, count // 100) if report.get('single_shot') and (over_tcp or not self.preload) else 0
         self.assertEqual((report['calls'], report['wrong']), (count, 0), report)
         self.assertIn(report['failed'], range(failed, failed + spare + 1), report)
 

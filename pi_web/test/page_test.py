@@ -20,7 +20,9 @@ from pi_detect.msg import ObstacleArray
 from pi_offload.msg import OffloadDecision
 from pi_runtime.msg import RuntimeStatus, Stream
 from pi_vehicle.msg import ArbiterState, VehicleState
+from std_msgs.msg import ColorRGBA
 from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import Marker, MarkerArray
 
 sys.path[:0] = [str(Path(__file__).resolve().parent), str(Path(__file__).resolve().parent / "web")]
 import chromium  # noqa: E402  (found through the line above)
@@ -183,15 +185,26 @@ class Page(unittest.TestCase):
         decisions = rospy.Publisher("/offload/decisions", OffloadDecision, queue_size=1, latch=True)
         decisions.publish(OffloadDecision(kind="detection", how="remote", node="gate", reason="cheapest in time",
                                           response_time=0.062, by_deadline=True))
+        marker = Marker(ns="nodes", type=Marker.CYLINDER, color=ColorRGBA(0, 0.8, 0.2, 1))
+        marker.header.frame_id = "map"
+        marker.pose.position.x, marker.pose.position.y = BASE_IN_MAP[0] + 6, BASE_IN_MAP[1] - 8
+        markers = rospy.Publisher("/coordinator/markers", MarkerArray, queue_size=1, latch=True)
+        markers.publish(MarkerArray([marker]))
         self.show()
-        self.page.wait_until("!document.querySelector('#offloaded').hidden && !document.querySelector('#streams').hidden")
+        self.page.wait_until(
+            "((one) => [...one.getContext('2d').getImageData(one.width / 2 + 6 * 14, one.height / 2 + 8 * 14, 1, 1).data]"
+            ".join() === '0,204,51,255')(document.querySelector('#map-canvas'))")
+        self.page.wait_until("document.querySelector('#links').innerText.includes('TCPROS')")
+        self.page.wait_until("['#offloaded', '#streams'].every((one) => !document.querySelector(one).hidden)")
         text = self.page.evaluate("document.querySelector('#work').innerText")
         for words in ("slam front end", "cpu0", "12 ms", "131 ms", "4 %", "100 % edge nodes", "62 ms",
                       "detection: remote by gate; cheapest in time"):
             self.assertIn(words, text)
         self.assertEqual([], self.page.evaluate(LAYOUT))
+        self.keep("work")
         runtime.unregister()
         decisions.unregister()
+        markers.unregister()
 
     def test_state_and_figures_are_told_in_words(self):
         self.show()

@@ -98,7 +98,7 @@ def assert_same(test, python, script, what):
 def certificates(folder):
     """Writes ca.pem, certificate.pem and key.pem of a server. @return {name: (certificate, key)} of clients"""
     def openssl(*words):
-        subprocess.run(["openssl", *words], cwd=folder, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        subprocess.run(["openssl", *words], cwd=folder, check=True, capture_output=True)
 
     new_key = ["-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes"]
     for authority in ("ca", "other"):
@@ -107,7 +107,8 @@ def certificates(folder):
     Path(folder, "names").write_text("subjectAltName = IP:127.0.0.1\n", encoding="ascii")
     for number, (authority, unit, name) in enumerate((("ca", "vehicle", "server"), ("ca", "operator", "operator"),
                                                       ("ca", "vehicle", "vehicle"), ("other", "operator", "stranger"))):
-        openssl("req", "-new", *new_key, "-subj", "/OU=%s/CN=%s" % (unit, name), "-keyout", name + ".key", "-out", "request")
+        openssl("req", "-new", *new_key, "-subj", "/OU=%s/CN=%s" % (unit, name), "-keyout", name + ".key",
+                "-out", "request")
         openssl("x509", "-req", "-in", "request", "-days", "2", "-CA", authority + ".pem", "-CAkey", authority + ".key",
                 "-extfile", "names", "-set_serial", str(number + 1), "-out", name + ".pem")
     os.rename(os.path.join(folder, "server.pem"), os.path.join(folder, "certificate.pem"))
@@ -304,6 +305,22 @@ class WebView(unittest.TestCase):
                 for one in message.get("subscribedTopics", [])))
             self.assertTrue(any("/web_view/get_loggers" == one["name"] for one in seen["advertisedServices"]) or
                             seen["op"] == "connectionGraphUpdate")
+
+    def test_links_are_told_by_transport(self):
+        client = self.open()
+        client.wait_for_channels("/rosout")
+        publisher = rospy.Publisher("/linked", String, queue_size=1)
+        subscriber = rospy.Subscriber("/linked", String)
+
+        def told():
+            with urllib.request.urlopen(self.node.url + "links.json") as answer:
+                return [one for one in json.load(answer) if "/linked" in one["topics"]]
+
+        wait_for(told, "the link is told")
+        self.assertEqual("TCPROS", told()[0]["transport"])
+        self.assertGreater(told()[0]["links"], 0)
+        subscriber.unregister()
+        publisher.unregister()
 
     def test_assets_of_packages_alone(self):
         client = self.open()

@@ -11,6 +11,8 @@ const GOAL = '/goal';
 const POSE_TYPE = 'geometry_msgs/PoseStamped';
 const SERVICES = {stop: '/command/stop', go: '/command/release', cancel: '/navigation/cancel'};
 const INCIDENTS_AGAIN_MS = 15000;
+const LINKS_AGAIN_MS = 15000;
+const LINKS_FIRST_MS = 4000;  // after the first question, which only wakes the server
 const HINT_MS = 6000;
 
 const $ = (id) => document.getElementById(id);
@@ -35,6 +37,10 @@ const handlers = {
       : recording ? text : `Connection lost: ${text}. What you see is old. Trying again.`;
     $('player').hidden = !recording;
     if (connected && vehicle) panels.loadIncidents();
+    if (connected && !recording) {
+      panels.loadLinks();
+      setTimeout(() => panels.loadLinks(), LINKS_FIRST_MS);
+    }
   },
   onControl(allowed) {
     controls = allowed;
@@ -195,6 +201,7 @@ connection.subscribe('/obstacles/web', timed('obstacles', (message) => map.onObs
 connection.subscribe('/tracks/web', timed('tracks', (message) => camera.onTracks(message)));
 connection.subscribe('/route', (message) => map.onPath('route', message));
 connection.subscribe('/path', (message) => map.onPath('path', message));
+connection.subscribe('/coordinator/markers', (message) => map.onEdgeNodes(message));
 connection.subscribe('/map', (message) => map.onGrid('map', message));
 connection.subscribe('/grid', (message) => map.onGrid('grid', message));
 connection.subscribe('/vehicle_state/web', (message) => panels.onVehicle(message));
@@ -211,3 +218,4 @@ connection.parameters(['/vehicle/footprint'], ([{value}]) => {
 });
 setInterval(() => panels.touch('drawState'), 1000);  // a vehicle that falls silent
 if (vehicle) setInterval(() => panels.loadIncidents(), INCIDENTS_AGAIN_MS);
+if (!recording) setInterval(() => panels.loadLinks(), LINKS_AGAIN_MS);

@@ -20,6 +20,7 @@ export class MapView {
     this.armed = false;
     this.grids = new Map();
     this.lines = new Map();
+    this.edgeNodes = new Map();
     this.obstacles = null;
     this.odometry = null;
     this.goal = null;
@@ -72,6 +73,16 @@ export class MapView {
 
   onPath(name, message) {
     this.lines.set(name, {frame: message.header.frame_id, points: message.poses.map(({pose}) => pose.position)});
+    this.changed();
+  }
+
+  // The offloading's markers for rviz: places, ranges and names of edge nodes, and which of them works.
+  onEdgeNodes(message) {
+    for (const marker of message.markers) {
+      const key = `${marker.ns} ${marker.id}`;
+      if (marker.action === 2 || marker.action === 3) this.edgeNodes.delete(key);
+      else this.edgeNodes.set(key, marker);
+    }
     this.changed();
   }
 
@@ -232,6 +243,7 @@ export class MapView {
     for (const grid of this.grids.values()) this.drawGrid(context, grid);
     this.drawLine(context, 'path', this.colour('path'), 2);
     this.drawLine(context, 'route', this.colour('route'), 4);
+    this.drawEdgeNodes(context);
     if (this.goal) this.drawGoal(context, this.goal);
     if (this.aim) this.drawAim(context);
     if (pose) this.drawVehicle(context, pose);
@@ -364,6 +376,31 @@ export class MapView {
       }
     }
     context.textAlign = 'start';
+  }
+
+  drawEdgeNodes(context) {
+    context.font = '12px system-ui, sans-serif';
+    for (const {ns, header, pose, points, color, text} of this.edgeNodes.values()) {
+      const base = this.poseOf(header.frame_id);
+      if (!base) continue;
+      const at = (point) => this.toScreen(compose(base, {x: point.x, y: point.y, yaw: 0}));
+      const [x, y] = at(pose.position);
+      context.strokeStyle = context.fillStyle =
+        `rgb(${[color.r, color.g, color.b].map((part) => Math.round(255 * part)).join()})`;
+      if (ns === 'nodes') {
+        context.fillRect(x - 5, y - 5, 10, 10);
+      } else if (ns === 'names') {
+        context.fillStyle = this.colour('text');
+        context.fillText(text, x + 9, y + 4);
+      } else {
+        context.globalAlpha = color.a;
+        context.lineWidth = ns === 'links' ? 2 : 1;
+        context.beginPath();
+        for (const point of points) context.lineTo(...at(point));
+        context.stroke();
+        context.globalAlpha = 1;
+      }
+    }
   }
 
   drawGoal(context, goal) {

@@ -5,6 +5,7 @@ import {now} from './clock.js';
 const MODES = ['ready', 'driving', 'stopped by the watchdog', 'emergency stop', 'fault', 'disconnected'];
 const LEVELS = ['', 'warn', 'bad', 'bad'];  // of diagnostic_msgs/DiagnosticStatus: OK, WARN, ERROR, STALE
 const MOST_COMPLAINTS = 8;
+const MOST_TOPICS = 3;  // that are named
 const WINDOW = 100;  // messages of which the latency is told
 const OLD_S = 3;
 
@@ -133,6 +134,18 @@ export class Panels {
     }
   }
 
+  // What carries the topics, as their publishers tell.
+  async loadLinks() {
+    try {
+      const answer = await fetch(`links.json${location.search}`);
+      if (!answer.ok) return;
+      this.links = await answer.json();
+      this.touch('drawWork');
+    } catch (error) {
+      // As above.
+    }
+  }
+
   // [what it does, its colour, why]
   words() {
     const {vehicle, arbiter, drive, command, localisation} = this;
@@ -209,6 +222,10 @@ export class Panels {
       const late = list.filter((one) => !one.by_deadline).length / list.length;
       return row([kind, `${percent(count('remote') / list.length)} edge nodes`,
         milliseconds(times[times.length >> 1]), percent(late)], late > 0.05 ? 'warn' : '');
+    }));
+    fill('links', (this.links || []).map(({transport, links, topics}) => {
+      const names = topics.slice(0, MOST_TOPICS).join(', ');
+      return row([transport, links, topics.length > MOST_TOPICS ? `${topics.length}` : names]);
     }));
     if (this.decision) {
       const {kind, how, node, reason} = this.decision;

@@ -1,5 +1,7 @@
 #include "graph/graph_messages.h"
 
+#include <algorithm>
+
 namespace pi_web
 {
 namespace
@@ -57,6 +59,17 @@ json graphUpdate(const GraphState& before, const GraphState& now)
     }
   }
   return nullptr;
+}
+
+std::string linksJson(const std::map<std::string, Links>& links)
+{
+  json list = json::array();
+  for (const auto& [transport, one] : links)
+  {
+    list.push_back({{"transport", transport}, {"links", one.count}, {"topics", one.topics}});
+  }
+  std::sort(list.begin(), list.end(), [](const json& a, const json& b) { return a["links"] > b["links"]; });
+  return list.dump(-1, ' ', false, json::error_handler_t::replace);
 }
 
 }  // namespace pi_web

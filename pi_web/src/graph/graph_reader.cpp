@@ -182,6 +182,49 @@ bool GraphReader::learnType(const std::string& topic, const std::string& type, c
   return types_.count(type) != 0;
 }
 
+std::map<std::string, Links> GraphReader::links(const GraphState& graph)
+{
+  std::set<std::string> nodes;
+  for (const auto& [topic, publishers] : graph.publishers)
+  {
+    nodes.insert(publishers.begin(), publishers.end());
+  }
+  nodes.erase(caller_);  // would wait for itself
+  std::map<std::string, Links> result;
+  for (const std::string& node : nodes)
+  {
+    int64_t& not_before_ns = not_before_ns_[node];
+    if (nowNs() < not_before_ns)
+    {
+      continue;
+    }
+    try
+    {
+      // [[id, peer, direction, transport, topic, connected, ...], ...]
+      XmlRpcValue links = execute(master("lookupNode", {node}), "getBusInfo", {});
+      for (int i = 0; i < links.size(); ++i)
+      {
+        XmlRpcValue& link = links[i];
+        if (link.size() > 4 && static_cast<std::string>(link[2]) == "o")
+        {
+          Links& of = result[link[3]];
+          ++of.count;
+          of.topics.insert(link[4]);
+        }
+      }
+    }
+    catch (const std::runtime_error&)
+    {
+      not_before_ns = nowNs() + ASK_AGAIN_NS;
+    }
+    catch (const XmlRpc::XmlRpcException&)
+    {
+      not_before_ns = nowNs() + ASK_AGAIN_NS;
+    }
+  }
+  return result;
+}
+
 std::string GraphReader::serviceType(const std::string& service) const
 {
   const auto [host, port] = addressOf(master("lookupService", {service}));

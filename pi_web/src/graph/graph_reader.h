@@ -29,6 +29,13 @@ struct GraphState
   std::map<std::string, std::string> service_types;          ///< those that are asked for, as far as known
 };
 
+/// Links of topics over one transport, as TCPROS or SHMROS.
+struct Links
+{
+  size_t count = 0;
+  std::set<std::string> topics;
+};
+
 /// Asks master and nodes. All methods wait for an answer, at most limit_s. Not thread safe.
 class GraphReader
 {
@@ -41,6 +48,9 @@ public:
   /// Asks a publisher of the topic for the definition of its messages: with the head of a connection that is closed
   /// before a message. A node that does not answer is not asked again for 10 s. @return whether it is known now.
   bool learnType(const std::string& topic, const std::string& type, const std::set<std::string>& nodes);
+  /// Asks the publishers what carries their topics. A node that does not answer is not asked again for 10 s.
+  /// @return by transport
+  std::map<std::string, Links> links(const GraphState& graph);
   void addType(const std::string& type, const MessageType& definition) { types_[type] = definition; }
   const std::map<std::string, MessageType>& types() const { return types_; }
 

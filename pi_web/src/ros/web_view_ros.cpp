@@ -1,5 +1,6 @@
 #include "ros/web_view_ros.h"
 
+#include "graph/graph_messages.h"
 #include "ros/known_types.h"
 #include "server/files.h"
 
@@ -129,7 +130,7 @@ WebServerOptions WebViewRos::serverOptions()
   return server;
 }
 
-std::map<std::string, WebFile> WebViewRos::files() const
+std::map<std::string, WebFile> WebViewRos::files()
 {
   const std::string own = packageFolder("pi_web");
   std::map<std::string, WebFile> files =
@@ -138,6 +139,14 @@ std::map<std::string, WebFile> WebViewRos::files() const
   files["/incidents.json"] = {"application/json", "", [incidents] { return incidentsJson(incidents); }, nullptr};
   files["/incidents/"] = {"application/octet-stream", "", nullptr,
                           [incidents](const std::string& name) { return incidentFile(incidents, name); }};
+  // Asking all nodes takes a while: a page gets what was known, and what is known then at its next try.
+  files["/links.json"] = {"application/json", "",
+                          [this]
+                          {
+                            links_wanted_ = true;
+                            return links_json_;
+                          },
+                          nullptr};
   return files;
 }
 
@@ -163,9 +172,10 @@ void WebViewRos::readGraph()
   }
   reading_ = true;
   graph_thread_.post(
-      [this]
+      [this, links_wanted = std::exchange(links_wanted_, false)]
       {
         std::optional<GraphState> graph;
+        std::optional<std::string> links;
         try
         {
           graph = reader_->read();
@@ -176,15 +186,20 @@ void WebViewRos::readGraph()
               reader_->learnType(topic, type->second, nodes);
             }
           }
+          if (links_wanted)
+          {
+            links = linksJson(reader_->links(*graph));
+          }
         }
         catch (const std::exception& error)
         {
           warnings_.warn(std::string("the graph is not read: ") + error.what());
         }
         boost::asio::post(context_,
-                          [this, graph = std::move(graph), types = reader_->types()]
+                          [this, graph = std::move(graph), links = std::move(links), types = reader_->types()]
                           {
                             reading_ = false;
+                            links_json_ = links.value_or(links_json_);
                             if (graph)
                             {
                               onGraph(*graph, types);

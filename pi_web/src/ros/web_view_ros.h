@@ -39,7 +39,7 @@ private:
   using Status = diagnostic_updater::DiagnosticStatusWrapper;
 
   WebServerOptions serverOptions();
-  std::map<std::string, WebFile> files() const;
+  std::map<std::string, WebFile> files();
 
   void readGraph();
   void onGraph(const GraphState& graph, const std::map<std::string, MessageType>& types);
@@ -62,6 +62,8 @@ private:
 
   Services services_;
   bool reading_ = false;
+  bool links_wanted_ = false;  ///< somebody asked since the graph was read
+  std::string links_json_ = "[]";
   std::unique_ptr<Channels> channels_;
   std::unique_ptr<ClientPublishers> publishers_;
   std::unique_ptr<ClientRequests> requests_;

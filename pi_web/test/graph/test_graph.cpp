@@ -61,6 +61,14 @@ TEST(GraphUpdate, TellsWhatChanged)
   EXPECT_EQ(json({"/b"}), update["removedTopics"]);
 }
 
+TEST(Links, AreToldByTransport)
+{
+  EXPECT_EQ("[]", linksJson({}));
+  EXPECT_EQ(json({{{"transport", "SHMROS"}, {"links", 3}, {"topics", {"/a", "/b"}}},
+                  {{"transport", "NNROS"}, {"links", 1}, {"topics", {"/c"}}}}),
+            json::parse(linksJson({{"NNROS", {1, {"/c"}}}, {"SHMROS", {3, {"/a", "/b"}}}})));
+}
+
 TEST(Peer, HeadersComeBackAndGarbageIsRefused)
 {
   const HeaderFields fields = {{"topic", "/a"}, {"message_definition", "a=b\nc"}};
