@@ -7,6 +7,7 @@ the new process that takes the place of the dead one.
 import collections
 import contextlib
 import os
+import random
 import socket
 import tempfile
 import time
@@ -210,13 +211,21 @@ class NodesWorld(World):
                 raise Violation('of %d messages that a dead publisher had written came: %s' % (written, flow))
 
 
+def free_port():
+    """Below those that the kernel gives to connections: while no master listens, one that tries to reach it, or another
+    test's, could get that port."""
+    for port in random.sample(range(12000, 30000), 100):
+        with socket.socket() as probe, contextlib.suppress(OSError):
+            probe.bind(('localhost', port))
+            return port
+    raise RuntimeError('none of 100 ports in [12000, 30000) is free')
+
+
 class CoreWorld(World):
     """One device; the victim is pi_core. Linked nodes go on without it, and others find each other through the next."""
 
     def begin(self):
-        with socket.socket() as probe:
-            probe.bind(('localhost', 0))
-            self.port = probe.getsockname()[1]
+        self.port = free_port()
         self.uri = 'http://localhost:%d/' % self.port
         self.topics = 0
         self.logs = self.open.enter_context(tempfile.TemporaryDirectory(prefix='pi_os_sweep_'))
