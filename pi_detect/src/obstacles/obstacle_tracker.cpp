@@ -28,7 +28,6 @@ constexpr double SAME_PLACE = 0.5;  // part of the smaller box inside the other:
 constexpr double START_SPEED_SIGMA = 1.5;  // [m/s]
 constexpr double SIZE_GAIN = 0.2;          // of a new measurement of the size and of its place's error
 constexpr double NARROW_GAIN = 0.1;        // likewise of its width, where one end is not seen
-constexpr double GROWS_M = 0.15;           // from one picture to the next: more of it is seen
 constexpr double STEADY_M = 0.25;          // by which the width of one thing that moves may change on average, ...
 constexpr double STEADY_PART = 0.1;        // and this part of it
 constexpr double GATE_EDGE_M = 0.3;        // of the middle's uncertainty, counts to tell one obstacle from the next
@@ -128,8 +127,6 @@ private:
     Eigen::Matrix2d place_covariance = Eigen::Matrix2d::Zero();  ///< mean of the measurements, in odom
     Eigen::Vector2d seen_at = Eigen::Vector2d::Zero();           ///< estimate at the last measurement, in odom
     Eigen::Matrix2d seen_covariance = Eigen::Matrix2d::Zero();   ///< to find it there again
-    Eigen::Vector2d seen_right = Eigen::Vector2d::Zero();        ///< its ends in the last measurement, in odom
-    Eigen::Vector2d seen_left = Eigen::Vector2d::Zero();
     bool held = false;              ///< not seen for GAP_S, without known motion: stays where it was
     int64_t followed_since_ns = 0;  ///< without a break: what is known of its velocity is from then on
     int hits = 0;
@@ -247,7 +244,7 @@ private:
     known.z_low = measurement.min.z();
     known.z_high = measurement.max.z();
     known.outline.take(stamp_ns, measurement.outline, vehicle_, place.position);
-    see(stamp_ns, measurement, track, &known);
+    see(stamp_ns, track, &known);
     known_.push_back(known);
   }
 
@@ -288,26 +285,6 @@ private:
         vehicle_.R_odom_base * Eigen::Vector2d(0.0, measurement.cut_left ? 0.5 * more : -0.5 * more);
     known->filter.shift(by);
     known->size.y() += more;
-    return by;
-  }
-
-  /// What becomes wider or narrower at one end between two pictures, while the other one stays about where it was, has
-  /// its middle elsewhere, but has moved only as far as that other end. Of a person, a leg or an arm says nothing.
-  /// @return by how much its middle is elsewhere without motion, in odom.
-  Eigen::Vector2d grow(const ObstacleMeasurement& measurement, Known* known) const
-  {
-    const double right = measurement.min.y() - vehicle_.toBase(known->seen_right).y();
-    const double left = measurement.max.y() - vehicle_.toBase(known->seen_left).y();
-    const bool cut = measurement.cut_left || measurement.cut_right;
-    const double grown = std::abs(left - right);
-    const double least = left * right <= 0.0 ? 0.0 : std::abs(left) < std::abs(right) ? left : right;
-    if (cut || known->held || isMoving(*known) || measurement.max.y() - measurement.min.y() < PERSON_WIDTH_M ||
-        grown < GROWS_M || std::abs(least) > 0.5 * grown)
-    {
-      return Eigen::Vector2d::Zero();
-    }
-    const Eigen::Vector2d by = vehicle_.R_odom_base * Eigen::Vector2d(0.0, 0.5 * (left + right) - least);
-    known->filter.shift(by);
     return by;
   }
 
@@ -357,13 +334,13 @@ private:
       known->filter.moveTo(known->seen_at, known->place_covariance);
       known->followed_since_ns = stamp_ns;
       known->moving_hits = 0;
-      see(stamp_ns, measurement, track, known);
+      see(stamp_ns, track, known);
       return;
     }
     const bool one_end = obstacles::showsOneEnd(measurement);
     // If the obstacle did not move, only its visible part has changed: the outline stays in place.
     const Eigen::Vector2d expected = known->filter.position();
-    const Eigen::Vector2d widened = one_end ? widen(measurement, known) : grow(measurement, known);
+    const Eigen::Vector2d widened = one_end ? widen(measurement, known) : Eigen::Vector2d::Zero();
     const Place place = obstacles::placeOf(measurement, known->size, vehicle_);
     known->place_covariance += SIZE_GAIN * (place.covariance - known->place_covariance);
     const Place narrow = obstacles::placeOf(measurement, known->size, vehicle_, GATE_EDGE_M);
@@ -409,7 +386,7 @@ private:
     known->z_high += SIZE_GAIN * (measurement.max.z() - known->z_high);
     known->seen_at = known->filter.position();
     known->seen_covariance = narrow.covariance;
-    see(stamp_ns, measurement, track, known);
+    see(stamp_ns, track, known);
     const bool steady =
         known->unsteady_m < STEADY_M + STEADY_PART * known->size.y() || isSignificant(*known, MOVING_SIGMAS2);
     const bool long_enough = known->class_id >= 0 || followedS(*known) > MOVING_AFTER_S;
@@ -417,11 +394,9 @@ private:
     known->moving_hits = steady && tells && isSignificant(*known) ? known->moving_hits + 1 : 0;
   }
 
-  void see(int64_t stamp_ns, const ObstacleMeasurement& measurement, const ObjectTrack* track, Known* known) const
+  static void see(int64_t stamp_ns, const ObjectTrack* track, Known* known)
   {
     ++known->hits;
-    known->seen_right = vehicle_.toOdom(measurement.min.head<2>());
-    known->seen_left = vehicle_.toOdom({measurement.min.x(), measurement.max.y()});
     known->last_seen_ns = stamp_ns;
     if (track != nullptr)
     {

@@ -562,27 +562,6 @@ TEST(ObstacleTracker, ForgetsTheHedgeThatAPersonWasSeenWith)
   EXPECT_NEAR(2.0, obstacles.front().velocity.y(), 0.4);
 }
 
-/// The far end of a car beside the way, of which more is seen in each picture.
-TEST(ObstacleTracker, TakesNotForMotionThatMoreOfALargeThingIsSeen)
-{
-  constexpr int64_t PICTURE_NS = SECOND_NS / 20;
-  for (const double side : {-1.0, 1.0})
-  {
-    Drive drive;
-    for (int i = 0; i < 20; ++i)
-    {
-      const double width = std::min(2.9, 0.9 + 0.25 * i);
-      ObstacleMeasurement car = makeMeasurement(6.0, side * (2.0 + 0.5 * width));
-      car.min.y() = side * (2.0 + 0.5 * width) - 0.5 * width;
-      car.max.y() = car.min.y() + width;
-      for (const Obstacle& obstacle : drive.at(drive.stamp_ns + i * PICTURE_NS, {car}))
-      {
-        EXPECT_FALSE(obstacle.moving) << "picture " << i << ", " << obstacle.velocity.transpose() << " m/s";
-      }
-    }
-  }
-}
-
 TEST(ObstacleTracker, BelievesTheVelocityOfWhatJustAppearedOnlyIfItHasAClass)
 {
   constexpr int64_t PICTURE_NS = 50000000;
