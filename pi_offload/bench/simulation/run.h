@@ -131,6 +131,8 @@ private:
   void askInformed(size_t v, const Task& task, int refused);
   std::vector<double> sampledAnswers(size_t v, size_t node, const Task& task, int64_t sent_ns);
   void onFallback(size_t v, uint64_t id);
+  /// Does the task at a node, or on the vehicle (-1), without the engine.
+  void place(size_t v, int node, const Task& task);
   /// Energy of the task on the node; nullopt if it would be late.
   std::optional<double> foreseeCost(size_t v, size_t node, const Task& task);
   Arrival arrivalOf(size_t v, size_t node, const Task& task, uint64_t ticket, int64_t arrives_ns) const;

@@ -122,15 +122,11 @@ void Run::askInformed(size_t v, const Task& task, int refused)
       }
     }
   }
-  if (best < 0)
+  place(v, best, task);
+  if (best >= 0)
   {
-    runLocal(v, task, 0.0);
-    return;
+    push(task.created_ns + toNs(best_fallback_s), Event::Type::FALLBACK, v, 0, task.id);
   }
-  result_.handovers += vehicle.last_node[kind] >= 0 && vehicle.last_node[kind] != best ? 1 : 0;
-  vehicle.last_node[kind] = best;
-  sendTask(v, static_cast<size_t>(best), 0, task);
-  push(task.created_ns + toNs(best_fallback_s), Event::Type::FALLBACK, v, 0, task.id);
 }
 
 void Run::onFallback(size_t v, uint64_t id)

@@ -82,14 +82,20 @@ void Run::askOracle(size_t v, const Task& task)
       best = static_cast<int>(n);
     }
   }
-  if (best < 0)
+  place(v, best, task);
+}
+
+void Run::place(size_t v, int node, const Task& task)
+{
+  if (node < 0)
   {
     runLocal(v, task, 0.0);
     return;
   }
-  result_.handovers += vehicle.last_node[kind] >= 0 && vehicle.last_node[kind] != best ? 1 : 0;
-  vehicle.last_node[kind] = best;
-  sendTask(v, static_cast<size_t>(best), 0, task);
+  int& last = vehicles_[v].last_node[static_cast<size_t>(task.kind)];
+  result_.handovers += last >= 0 && last != node ? 1 : 0;
+  last = node;
+  sendTask(v, static_cast<size_t>(node), 0, task);
 }
 
 }  // namespace pi_offload::simulation

@@ -20,6 +20,9 @@ namespace pi_offload
 constexpr int64_t LONG_AGO_NS = std::numeric_limits<int64_t>::min();
 constexpr int64_t NEVER_NS = std::numeric_limits<int64_t>::max();
 
+/// Instants of tasks, the next one first.
+using TaskTimes = std::set<std::pair<int64_t, uint64_t>>;
+
 /// Duration in nanoseconds, cut at 95 years so that sums with instants stay in range.
 inline int64_t toNs(double seconds)
 {
@@ -296,8 +299,8 @@ struct OffloadEngine::Impl
   std::unordered_map<uint64_t, Request> requests;
   size_t open_requests = 0;
   std::deque<std::pair<int64_t, uint64_t>> closed;  ///< time of loss, request
-  std::set<std::pair<int64_t, uint64_t>> timers;    ///< of tasks
-  std::set<std::pair<int64_t, uint64_t>> hedges;    ///< of tasks
+  TaskTimes timers;
+  TaskTimes hedges;
   double hedge_budget_j = 0.0;
   std::array<AnswerTimes, TASK_KINDS> times;  ///< of all nodes
   uint64_t last_request = 0;

@@ -36,6 +36,19 @@ constexpr double ACCOUNT_KEPT = 0.99;
 constexpr double FIRST_REST_S = 2.0;
 constexpr int MOST_REST_DOUBLINGS = 5;
 
+void reschedule(TaskTimes* times, int64_t* time_ns, uint64_t id, int64_t at_ns)
+{
+  if (*time_ns != NEVER_NS)
+  {
+    times->erase({*time_ns, id});
+  }
+  *time_ns = at_ns;
+  if (at_ns != NEVER_NS)
+  {
+    times->insert({at_ns, id});
+  }
+}
+
 }  // namespace
 
 void OffloadEngine::Impl::fillInput(TaskKind kind, size_t bytes, double remaining_s, int refused, bool remote,
@@ -403,28 +416,12 @@ void OffloadEngine::Impl::localFailed(uint64_t id, const char* reason)
 
 void OffloadEngine::Impl::setTimer(TaskState& state, int64_t at_ns)
 {
-  if (state.timer_ns != NEVER_NS)
-  {
-    timers.erase({state.timer_ns, state.task.id});
-  }
-  state.timer_ns = at_ns;
-  if (at_ns != NEVER_NS)
-  {
-    timers.insert({at_ns, state.task.id});
-  }
+  reschedule(&timers, &state.timer_ns, state.task.id, at_ns);
 }
 
 void OffloadEngine::Impl::setHedge(TaskState& state, int64_t at_ns)
 {
-  if (state.hedge_ns != NEVER_NS)
-  {
-    hedges.erase({state.hedge_ns, state.task.id});
-  }
-  state.hedge_ns = at_ns;
-  if (at_ns != NEVER_NS)
-  {
-    hedges.insert({at_ns, state.task.id});
-  }
+  reschedule(&hedges, &state.hedge_ns, state.task.id, at_ns);
 }
 
 void OffloadEngine::Impl::hedge(uint64_t id)

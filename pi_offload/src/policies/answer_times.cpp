@@ -14,7 +14,6 @@ constexpr double REMEMBERED = 300.0;
 /// Part of an unanswered request that is taken as never answered before there are late answers.
 constexpr double NEVER_SHARE = 0.5;
 constexpr double LEAST = -4.0;
-constexpr double MOST = 128.0;
 constexpr double FINE_STEP = 0.25;
 }  // namespace
 
@@ -79,18 +78,6 @@ double AnswerTimes::beyond(double value, double loss_share) const
   const auto bin = static_cast<size_t>(at);
   const double counted = bin + 1 == BINS ? above_[bin] : above_[bin] - (at - static_cast<double>(bin)) * counts_[bin];
   return (PRIOR_ANSWERS * before + counted) / (PRIOR_ANSWERS + above_[0]);
-}
-
-double AnswerTimes::quantile(double share, double loss_share) const
-{
-  double low = LEAST;
-  double high = MOST;
-  for (int i = 0; i < 20; ++i)
-  {
-    const double middle = 0.5 * (low + high);
-    (beyond(middle, loss_share) > share ? low : high) = middle;
-  }
-  return high;
 }
 
 }  // namespace pi_offload

@@ -23,8 +23,6 @@ public:
   void addBeyond(double value);
   /// Probability that no answer comes until `value`. @param loss_share  of Laplace: answers that never come.
   double beyond(double value, double loss_share) const;
-  /// Least value with beyond() of at most `share`.
-  double quantile(double share, double loss_share) const;
 
 private:
   static constexpr size_t FINE = 32;    ///< of 0.25 in [-4, 4]

@@ -126,11 +126,15 @@ Prices pricesOf(const DecisionInput& input, const PolicyOptions& options, double
   return prices;
 }
 
-/// Probability that a second request brings no answer within after_s.
-double hedged(const DecisionInput& input, const NodeView& node, double after_s, const PolicyOptions& options)
+/// Probability that a second request brings no answer.
+Curve reserveOf(const DecisionInput& input, const NodeView& node, double step_s, const PolicyOptions& options)
 {
-  const double late = unanswered(node, after_s, answerTime(input, node, options), options.loss_share);
-  return 1.0 - (1.0 - node.refused_share) * (1.0 - late);
+  const Estimate answer = answerTime(input, node, options);
+  return {step_s, [&](double after_s)
+          {
+            const double late = unanswered(node, after_s, answer, options.loss_share);
+            return 1.0 - (1.0 - node.refused_share) * (1.0 - late);
+          }};
 }
 
 LocalPlan localPlanOf(const DecisionInput& input, const PolicyOptions& options)
@@ -189,9 +193,10 @@ private:
 
 /// Least expected energy, with a price in energy for a missed deadline.
 ///
-/// The response time is taken as Laplace distributed. Its one parameter is the mean absolute deviation, and its tail
-/// falls exponentially like that of a queue: beyond mean + 4 deviations lie 0.9 % (normal: 0.07 %, exponential queue:
-/// 1.9 %). Lost messages and dead nodes are a constant part (loss_share).
+/// The answer time has the distribution of the answers that were seen (AnswerTimes), in units of its mean absolute
+/// deviation. Before there are any it is Laplace's, whose tail falls exponentially like that of a queue: beyond
+/// mean + 4 deviations lie 0.9 % (normal: 0.07 %, exponential queue: 1.9 %), with lost messages and dead nodes as a
+/// constant part (loss_share).
 class ExpectedCost : public Policy
 {
 public:
@@ -324,14 +329,15 @@ private:
     Decision& decision = choice->decision;
     const NodeView& node = input.nodes[static_cast<size_t>(decision.node)];
     const Prices prices = pricesOf(input, options_, context.timeout_s);
-    const Curve first(prices.step_s, [&](double after_s)
-                      { return unanswered(node, after_s, answerTime(input, node, options_), options_.loss_share); });
+    const Estimate answer = answerTime(input, node, options_);
+    const Curve first(prices.step_s,
+                      [&](double after_s) { return unanswered(node, after_s, answer, options_.loss_share); });
     const auto alone = [&](size_t i) { return first[i]; };
     Wait best = bestWait(prices, 0, 1.0, alone);
     if (second >= 0 && options_.hedge_share > 0.0)
     {
       const NodeView& other = input.nodes[static_cast<size_t>(second)];
-      const Curve reserve(prices.step_s, [&](double after_s) { return hedged(input, other, after_s, options_); });
+      const Curve reserve = reserveOf(input, other, prices.step_s, options_);
       const double sending_j = sendingEnergy(input, other);
       double waited_j = 0.0;
       for (size_t at = 1; at < INSTANTS; ++at)
@@ -348,7 +354,7 @@ private:
     }
     // A refusal comes at once.
     const double taken = 1.0 - node.refused_share;
-    const double late = unanswered(node, best.fallback_s, answerTime(input, node, options_), options_.loss_share);
+    const double late = unanswered(node, best.fallback_s, answer, options_.loss_share);
     choice->cost_j = sendingEnergy(input, node) + taken * best.cost_j + node.refused_share * prices.fallback_j;
     decision.timeout_s = best.fallback_s;
     decision.expected_misses = (1.0 - taken * (1.0 - late)) * options_.fallback_miss_share;
@@ -365,8 +371,7 @@ Estimate answerTime(const DecisionInput& input, const NodeView& node, const Poli
   const RemotePlan plan = remotePlan(input, node);
   const double unsure_queue_s =
       options.load_growth * node.load_age_s + (node.leased ? 0.0 : options.unleased_tasks * plan.service_s);
-  return {plan.time_s(),
-          options.tail_scale * std::max(deviationOf(node, unsure_queue_s, options.least_deviation_s), 1e-9)};
+  return {plan.time_s(), std::max(deviationOf(node, unsure_queue_s, options.least_deviation_s), 1e-9)};
 }
 
 double missCost(const PolicyOptions& options, double eta)
@@ -388,7 +393,7 @@ Hedge hedgeOf(const DecisionInput& input, const PolicyOptions& options, double l
     {
       continue;
     }
-    const Curve reserve(prices.step_s, [&](double after_s) { return hedged(input, node, after_s, options); });
+    const Curve reserve = reserveOf(input, node, prices.step_s, options);
     const Wait wait = bestWait(prices, 0, 2.0, [&](size_t i) { return first[i] * reserve[i]; });
     const double cost_j = sendingEnergy(input, node) + wait.cost_j;
     if (cost_j < least_j)

@@ -74,8 +74,6 @@ void PolicyOptions::validate() const
   check.range("hysteresis", hysteresis, 0.0, 0.99);
   check.range("fallback_factor", fallback_factor, 1.0, 10.0);
   check.range("needed_capacity_gcycles", needed_capacity_gcycles, 0.0, 1e12);
-  check.positive("tail_scale", tail_scale);
-  check.range("tail_scale", tail_scale, 0.0, 100.0);
   check.range("least_deviation_s", least_deviation_s, 0.0, 10.0);
   check.range("loss_share", loss_share, 0.0, 1.0);
   check.range("fallback_miss_share", fallback_miss_share, 0.0, 1.0);

@@ -85,7 +85,6 @@ struct PolicyOptions
   double fallback_factor = 1.1;          ///< the fallback starts local_s times this before the deadline
   double needed_capacity_gcycles = 0.0;  ///< W of the paper
   bool scale_frequency = false;          ///< local, deadline, expected_cost: work at bestLocalFrequency()
-  double tail_scale = 1.0;               ///< factor on the deviation of response times
   double least_deviation_s = 0.002;      ///< least deviation of a response time
   double loss_share = 0.002;             ///< requests that stay without an answer in time
   double fallback_miss_share = 0.0005;   ///< fallbacks that start in time and still miss

@@ -153,7 +153,6 @@ static void visitFields(CoordinatorRosOptions& options, Visitor&& visit)
   visit("policy/hysteresis", policy.hysteresis);
   visit("policy/fallback_factor", policy.fallback_factor);
   visit("policy/needed_capacity_gcycles", policy.needed_capacity_gcycles);
-  visit("policy/tail_scale", policy.tail_scale);
   visit("policy/least_deviation_s", policy.least_deviation_s);
   visit("policy/loss_share", policy.loss_share);
   visit("policy/fallback_miss_share", policy.fallback_miss_share);

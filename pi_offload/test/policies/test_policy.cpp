@@ -122,8 +122,7 @@ TEST(Policy, OptionsNameFieldValueAndBound)
         Field{"residence_share", &PolicyOptions::residence_share}, Field{"hysteresis", &PolicyOptions::hysteresis},
         Field{"fallback_factor", &PolicyOptions::fallback_factor},
         Field{"needed_capacity_gcycles", &PolicyOptions::needed_capacity_gcycles},
-        Field{"tail_scale", &PolicyOptions::tail_scale}, Field{"least_deviation_s", &PolicyOptions::least_deviation_s},
-        Field{"loss_share", &PolicyOptions::loss_share},
+        Field{"least_deviation_s", &PolicyOptions::least_deviation_s}, Field{"loss_share", &PolicyOptions::loss_share},
         Field{"fallback_miss_share", &PolicyOptions::fallback_miss_share},
         Field{"unleased_tasks", &PolicyOptions::unleased_tasks}, Field{"load_growth", &PolicyOptions::load_growth}})
   {

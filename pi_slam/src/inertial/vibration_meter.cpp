@@ -14,7 +14,6 @@ namespace
 
 constexpr double AVERAGE_S = 0.2;
 constexpr double SENSOR_PART = 5.0;  ///< of the sensor's noise: a smooth flight comes to three in a fifth of a second
-constexpr double SHAKE_PART = 1.0;   ///< of the power that may fold into the motion's band
 constexpr double LOUD = 1.0;         ///< worth a word [m/s^2]
 constexpr double UNBEARABLE = 4.0;   ///< the IMU says little about speed then [m/s^2]
 
@@ -35,9 +34,9 @@ void VibrationMeter::add(ImuSample* sample)
   last_[1] = last_[0];
   last_[0] = *sample;
   const double sensor = SENSOR_PART * model_.accel_noise_density;
-  const double density = SHAKE_PART * power_.maxCoeff() / model_.rate_hz - sensor * sensor;
+  const double density = power_.maxCoeff() / model_.rate_hz - sensor * sensor;
   sample->f_shake = static_cast<float>(std::sqrt(std::max(0.0, density)));
-  acceleration_ = static_cast<double>(sample->f_shake) * std::sqrt(model_.rate_hz / SHAKE_PART);
+  acceleration_ = static_cast<double>(sample->f_shake) * std::sqrt(model_.rate_hz);
 }
 
 std::string VibrationMeter::message() const

@@ -142,6 +142,29 @@ GraphState GraphReader::read()
   return state;
 }
 
+void GraphReader::askNode(const std::string& node, const std::function<bool()>& ask)
+{
+  int64_t& not_before_ns = not_before_ns_[node];
+  if (nowNs() < not_before_ns)
+  {
+    return;
+  }
+  bool well = false;
+  try
+  {
+    well = ask();
+  }
+  catch (const std::runtime_error&)
+  {
+    // It ended just now, hangs, or publishes no more.
+  }
+  catch (const XmlRpc::XmlRpcException&)
+  {
+    // It answers nonsense.
+  }
+  not_before_ns = well ? 0 : nowNs() + ASK_AGAIN_NS;
+}
+
 bool GraphReader::learnType(const std::string& topic, const std::string& type, const std::set<std::string>& nodes)
 {
   for (const std::string& node : nodes)
@@ -150,34 +173,22 @@ bool GraphReader::learnType(const std::string& topic, const std::string& type, c
     {
       break;
     }
-    int64_t& not_before_ns = not_before_ns_[node];
-    if (nowNs() < not_before_ns)
-    {
-      continue;
-    }
-    try
-    {
-      XmlRpcValue protocols;
-      protocols[0][0] = std::string("TCPROS");
-      XmlRpcValue answer = execute(master("lookupNode", {node}), "requestTopic", {topic, protocols});
-      Peer peer(answer[1], static_cast<uint16_t>(static_cast<int>(answer[2])), limit_s_);
-      peer.write(encodeHeader(
-          {{"callerid", caller_}, {"topic", topic}, {"type", type}, {"md5sum", "*"}, {"tcp_nodelay", "1"}}));
-      HeaderFields fields = decodeHeader(peer.readBlock(MAX_HEADER_BYTES));
-      if (fields["type"] == type && fields["md5sum"].size() == 32)
-      {
-        types_[type] = {fields["md5sum"], fields["message_definition"]};
-      }
-      not_before_ns = fields["type"] == type ? 0 : nowNs() + ASK_AGAIN_NS;
-    }
-    catch (const std::runtime_error&)
-    {
-      not_before_ns = nowNs() + ASK_AGAIN_NS;  // ended just now, hangs, or publishes no more
-    }
-    catch (const XmlRpc::XmlRpcException&)
-    {
-      not_before_ns = nowNs() + ASK_AGAIN_NS;
-    }
+    askNode(node,
+            [&]
+            {
+              XmlRpcValue protocols;
+              protocols[0][0] = std::string("TCPROS");
+              XmlRpcValue answer = execute(master("lookupNode", {node}), "requestTopic", {topic, protocols});
+              Peer peer(answer[1], static_cast<uint16_t>(static_cast<int>(answer[2])), limit_s_);
+              peer.write(encodeHeader(
+                  {{"callerid", caller_}, {"topic", topic}, {"type", type}, {"md5sum", "*"}, {"tcp_nodelay", "1"}}));
+              HeaderFields fields = decodeHeader(peer.readBlock(MAX_HEADER_BYTES));
+              if (fields["type"] == type && fields["md5sum"].size() == 32)
+              {
+                types_[type] = {fields["md5sum"], fields["message_definition"]};
+              }
+              return fields["type"] == type;
+            });
   }
   return types_.count(type) != 0;
 }
@@ -193,34 +204,23 @@ std::map<std::string, Links> GraphReader::links(const GraphState& graph)
   std::map<std::string, Links> result;
   for (const std::string& node : nodes)
   {
-    int64_t& not_before_ns = not_before_ns_[node];
-    if (nowNs() < not_before_ns)
-    {
-      continue;
-    }
-    try
-    {
-      // [[id, peer, direction, transport, topic, connected, ...], ...]
-      XmlRpcValue links = execute(master("lookupNode", {node}), "getBusInfo", {});
-      for (int i = 0; i < links.size(); ++i)
-      {
-        XmlRpcValue& link = links[i];
-        if (link.size() > 4 && static_cast<std::string>(link[2]) == "o")
-        {
-          Links& of = result[link[3]];
-          ++of.count;
-          of.topics.insert(link[4]);
-        }
-      }
-    }
-    catch (const std::runtime_error&)
-    {
-      not_before_ns = nowNs() + ASK_AGAIN_NS;
-    }
-    catch (const XmlRpc::XmlRpcException&)
-    {
-      not_before_ns = nowNs() + ASK_AGAIN_NS;
-    }
+    askNode(node,
+            [&]
+            {
+              // [[id, peer, direction, transport, topic, connected, ...], ...]
+              XmlRpcValue links = execute(master("lookupNode", {node}), "getBusInfo", {});
+              for (int i = 0; i < links.size(); ++i)
+              {
+                XmlRpcValue& link = links[i];
+                if (link.size() > 4 && static_cast<std::string>(link[2]) == "o")
+                {
+                  Links& of = result[link[3]];
+                  ++of.count;
+                  of.topics.insert(link[4]);
+                }
+              }
+              return true;
+            });
   }
   return result;
 }

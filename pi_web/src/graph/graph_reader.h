@@ -5,6 +5,7 @@
 
 #include <xmlrpcpp/XmlRpcValue.h>
 
+#include <functional>
 #include <map>
 #include <set>
 #include <string>
@@ -63,6 +64,8 @@ private:
   XmlRpc::XmlRpcValue execute(const std::string& uri, const std::string& method,
                               const std::vector<XmlRpc::XmlRpcValue>& arguments) const;
   std::string serviceType(const std::string& service) const;
+  /// Does what asks a node, unless that did not answer within the last 10 s. @param ask  false: it is of no use
+  void askNode(const std::string& node, const std::function<bool()>& ask);
 
   const std::string master_uri_;
   const std::string caller_;
