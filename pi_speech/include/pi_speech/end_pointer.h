@@ -92,7 +92,7 @@ private:
   State state_ = State::NOISE;
   BandEnergies noise_;     ///< ln energies
   BandEnergies smoothed_;  ///< ln energies of the last frames
-  /// Least of them in the block in progress and in the blocks before it: what does not fall below for a second is
+  /// Least of them in the block in progress and in the blocks before it: what does not fall below for 1.5 s is
   /// noise.
   std::array<BandEnergies, 5> least_;
   int block_frames_ = 0;

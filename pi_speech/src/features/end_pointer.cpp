@@ -163,7 +163,7 @@ void EndPointer::takeFrame(const int16_t* frame)
   }
 }
 
-/// Raises the noise to what the bands have not fallen below for a second, speech or not.
+/// Raises the noise to what the bands have not fallen below for 1.5 s, speech or not.
 void EndPointer::followFloor(const BandEnergies& energies)
 {
   if (noise_frames_ == 0)
