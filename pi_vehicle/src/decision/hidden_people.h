@@ -21,7 +21,7 @@ struct Vehicle
   double deceleration = 1.0;            ///< to slow down for the edge [m/s^2]
   double emergency_deceleration = 2.5;  ///< once the person is seen [m/s^2]
   double brakes_delay = 0.35;           ///< until a lower limit acts [s]
-  double reaction_time = 0.5;           ///< from where the person can be seen until the brakes act [s]
+  double reaction_time = 0.6;           ///< from where the person can be seen until the brakes act [s]
 };
 
 enum class Who

@@ -35,7 +35,7 @@ struct SpeedGovernorOptions
   double obstacles_timeout = 0.5;  ///< the vehicle stops after this time without a report [s]
   double step_out_speed = 2.0;     ///< of adults who may come from behind what hides them; 0: none do [m/s]
   double child_speed = 1.4;        ///< likewise of children, whom lower things hide [m/s]
-  double step_out_reaction_time = 0.5;  ///< from where they can be seen until the brakes act [s]
+  double step_out_reaction_time = 0.6;  ///< from where they can be seen until the brakes act [s]
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;

