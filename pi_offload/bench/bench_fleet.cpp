@@ -1,6 +1,7 @@
 // A fleet on a road with sites along it: real clients, real servers whose detection only takes its time, real
-// nats-servers in a cluster, and kills of them:
+// nats-servers in a cluster, and what happens to them:
 //   bench_fleet --vehicles 100 --sites 5 --transport nats --kills 10
+//   bench_fleet --vehicles 100 --sites 5 --transport nats --partition 5 --upgrade
 // Each task is counted. Exits with 1 if one did not end exactly once.
 
 #include <pi_node/command_line.h>
@@ -12,6 +13,7 @@
 #include <array>
 #include <chrono>
 #include <cmath>
+#include <csignal>
 #include <cstdio>
 #include <deque>
 #include <filesystem>
@@ -52,6 +54,8 @@ struct Arguments
   double service_s = 0.03;
   size_t bytes = 40000;
   size_t kills = 0;
+  double partition_s = 0.0;
+  bool upgrade = false;
   double warm_up_s = 3.0;
   double measured_s = 20.0;
   uint32_t seed = 1;
@@ -60,6 +64,7 @@ struct Arguments
   std::string site;
 
   bool nats() const { return transport == toString(Transport::NATS); }
+  bool disturbed() const { return kills > 0 || partition_s > 0.0 || upgrade; }
   /// Of each site, for that load.
   int workers() const
   {
@@ -265,6 +270,27 @@ public:
     }
     sites_[site]->revive();
   }
+  /// Nothing of the site answers, and no connection ends, as when its link is cut.
+  void silence(size_t site, bool silent)
+  {
+    const int signal = silent ? SIGSTOP : SIGCONT;
+    ::kill(sites_[site]->process(), signal);
+    if (arguments_.nats())
+    {
+      ::kill(servers_[site]->process(), signal);
+    }
+  }
+  /// The worker drains and ends, then its nats-server; both start again.
+  void upgrade(size_t site)
+  {
+    sites_[site]->end();
+    if (arguments_.nats())
+    {
+      servers_[site]->end();
+      servers_[site]->revive();
+    }
+    sites_[site]->revive();
+  }
   /// Processor time and memory of the nats-servers. @return seconds, MB of all.
   std::pair<double, double> natsUse() const
   {
@@ -335,7 +361,7 @@ OwnUse ownUse()
   return use;
 }
 
-/// Moves the vehicles, makes their tasks, kills and starts again.
+/// Moves the vehicles, makes their tasks, and disturbs the sites.
 class Drive
 {
 public:
@@ -344,15 +370,15 @@ public:
   {
   }
 
-  /// @param measured  tasks count, and kills happen.
+  /// @param measured  tasks count, and the sites are disturbed.
   void run(double duration_s, bool measured)
   {
     const double period_s = 1.0 / (arguments_.rate_hz * static_cast<double>(vehicles_.size()));
     const auto start = std::chrono::steady_clock::now();
-    std::thread killer;  // a server's start takes its time
-    if (measured && arguments_.kills > 0)
+    std::thread trouble;  // a server's start takes its time
+    if (measured && arguments_.disturbed())
     {
-      killer = std::thread([this, start, duration_s] { killAll(start, duration_s); });
+      trouble = std::thread([this, start, duration_s] { disturb(start, duration_s); });
     }
     uint64_t made = 0;
     for (double now_s = 0.0; now_s < duration_s; now_s += STEP_S)
@@ -371,14 +397,17 @@ public:
         }
       }
     }
-    if (killer.joinable())
+    if (trouble.joinable())
     {
-      killer.join();
+      trouble.join();
     }
   }
 
 private:
-  void killAll(std::chrono::steady_clock::time_point start, double duration_s)
+  using Instant = std::chrono::steady_clock::time_point;
+
+  static void pause(double seconds) { std::this_thread::sleep_for(std::chrono::duration<double>(seconds)); }
+  void disturb(Instant start, double duration_s)
   {
     const double period_s = duration_s / static_cast<double>(arguments_.kills + 1);
     for (size_t number = 0; number < arguments_.kills; ++number)
@@ -387,8 +416,27 @@ private:
                                     std::chrono::duration<double>(period_s * (static_cast<double>(number) + 0.5)));
       const size_t site = random_() % arguments_.sites;
       sites_.kill(number, site);
-      std::this_thread::sleep_for(std::chrono::duration<double>(DOWN_S));
+      pause(DOWN_S);
       sites_.revive(number, site);
+    }
+    if (arguments_.partition_s > 0.0)
+    {
+      pause(DOWN_S);
+      const auto cut = [this](bool silent)
+      {
+        for (size_t site = 0; site < (arguments_.sites + 1) / 2; ++site)
+        {
+          sites_.silence(site, silent);
+        }
+      };
+      cut(true);
+      pause(arguments_.partition_s);
+      cut(false);
+    }
+    for (size_t site = 0; arguments_.upgrade && site < arguments_.sites; ++site)
+    {
+      pause(DOWN_S);
+      sites_.upgrade(site);
     }
   }
 
@@ -447,23 +495,25 @@ bool measure(const Arguments& arguments)
   const auto part = [&](uint64_t of)
   { return 100.0 * static_cast<double>(of) / std::max(1.0, static_cast<double>(tally.tasks)); };
   std::printf(
-      "| transport | vehicles | sites x workers | kills | tasks | by a site %% | at home %% | fallback %% | late %% | "
-      "not ended | twice | never served | site's answer p50, p99 [ms] | threads, connections, MB, %% of a core per "
+      "| transport | vehicles | sites x workers | kills, partition [s], upgrades | tasks | by a site %% | at home %% | "
+      "fallback %% | late %% | not ended | twice | never served | site's answer p50, p99 [ms] | threads, connections, "
+      "MB, %% of a core per "
       "vehicle | nats-servers: MB, %% of a core each |\n");
   std::printf("|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|\n");
   std::printf(
-      "| %s | %zu | %zu x %d | %zu | %llu | %.2f | %.2f | %.2f | %.3f | %zu | %llu | %zu | %.1f, %.1f | "
+      "| %s | %zu | %zu x %d | %zu, %.0f, %zu | %llu | %.2f | %.2f | %.2f | %.3f | %zu | %llu | %zu | %.1f, %.1f | "
       "%.1f, %.1f, %.2f, %.2f | %.1f, %.2f |\n",
       arguments.transport.c_str(), vehicles.size(), arguments.sites, arguments.workers(), arguments.kills,
-      static_cast<unsigned long long>(tally.tasks), part(tally.remote), part(tally.local), part(tally.fallback),
-      part(tally.late), open, static_cast<unsigned long long>(tally.twice), vehicles.size() - tally.served.size(),
+      arguments.partition_s, arguments.upgrade ? arguments.sites : 0, static_cast<unsigned long long>(tally.tasks),
+      part(tally.remote), part(tally.local), part(tally.fallback), part(tally.late), open,
+      static_cast<unsigned long long>(tally.twice), vehicles.size() - tally.served.size(),
       percentileMs(&tally.answer_s, 0.5), percentileMs(&tally.answer_s, 0.99), (before.threads - alone.threads) / count,
       (before.sockets - alone.sockets) / count, (after.memory_mb - alone.memory_mb) / count,
       100.0 * (after.processor_s - before.processor_s) / arguments.measured_s / count,
       nats_after.second / static_cast<double>(arguments.sites),
-      arguments.kills > 0 ? std::nan("")
-                          : 100.0 * (nats_after.first - nats_before.first) / arguments.measured_s /
-                                static_cast<double>(arguments.sites));
+      arguments.disturbed() ? std::nan("")
+                            : 100.0 * (nats_after.first - nats_before.first) / arguments.measured_s /
+                                  static_cast<double>(arguments.sites));
   return open == 0 && tally.twice == 0 && tally.abandoned == 0 && (tally.tasks > 0 || arguments.rate_hz == 0.0);
 }
 
@@ -472,7 +522,7 @@ bool measure(const Arguments& arguments)
 int main(int argc, char** argv)
 {
   Arguments arguments;
-  pi_node::CommandLine line("bench_fleet [options]: vehicles, sites and kills, each task counted");
+  pi_node::CommandLine line("bench_fleet [options]: vehicles, sites and what happens to these, each task counted");
   line.addValue("vehicles", &arguments.vehicles, "number");
   line.addValue("sites", &arguments.sites, "number, 100 m apart along the road");
   line.addValue("transport", &arguments.transport, "nats or direct");
@@ -481,9 +531,11 @@ int main(int argc, char** argv)
   line.addValue("service", &arguments.service_s, "[s] that a picture takes at a site");
   line.addValue("bytes", &arguments.bytes, "of a picture");
   line.addValue("kills", &arguments.kills, "kill -9 of a worker, in turn with that of a worker and its nats-server");
+  line.addValue("partition", &arguments.partition_s, "[s] that half of the sites are silent, after the kills");
+  line.addFlag("upgrade", &arguments.upgrade, "then each site drains, ends and starts again, one after the other");
   line.addValue("warm-up", &arguments.warm_up_s, "[s]");
   line.addValue("duration", &arguments.measured_s, "[s] measured");
-  line.addValue("seed", &arguments.seed, "of the kills");
+  line.addValue("seed", &arguments.seed, "of the places of the kills");
   line.addValue("policy", &arguments.policy, "of the vehicles");
   line.addValue("host", &arguments.host, "where vehicles reach sites: 127.0.0.2 for a link that tc shapes");
   line.addValue("site", &arguments.site, "used by itself: be the site of this file");

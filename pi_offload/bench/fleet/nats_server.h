@@ -17,6 +17,7 @@ public:
   explicit NatsServer(const std::string& config = "max_payload: 8MB", const std::string& host = "127.0.0.1");
 
   void kill() { program_.reset(); }
+  void end() { program_->end(); }  ///< SIGTERM, and waits
   void revive();
   pid_t process() const { return program_->process(); }
   std::string address() const { return "127.0.0.1:" + port_; }

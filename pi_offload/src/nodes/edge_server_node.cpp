@@ -102,7 +102,7 @@ std::unique_ptr<HealthEndpoint> makeHealth(const EdgeServerRosOptions& options, 
   HealthEndpoint::Callbacks probes;
   probes.live = [&server] { return server.health().live; };
   probes.ready = [&server] { return server.health().ready; };
-  probes.metrics = [&server] { return prometheusText(server.statistics(), server.health()); };
+  probes.metrics = [&server] { return server.metrics(); };
   return std::make_unique<HealthEndpoint>(options.healthOptions(), std::move(probes));
 }
 

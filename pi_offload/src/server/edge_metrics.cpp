@@ -1,74 +1,108 @@
-#include "server/edge_server.h"
+#include "server/edge_metrics.h"
+
+#include <prometheus/metric_family.h>
+#include <prometheus/text_serializer.h>
 
 #include <sstream>
+#include <utility>
+#include <vector>
 
 namespace pi_offload
 {
 namespace
 {
 
-class MetricsText
+using prometheus::ClientMetric;
+using prometheus::MetricType;
+
+/// From a small network on a quick computer to speech in a full queue [s].
+const prometheus::Histogram::BucketBoundaries BOUNDS_S = {0.005, 0.01, 0.02, 0.03, 0.05, 0.075,
+                                                          0.1,   0.15, 0.2,  0.3,  0.5,  1.0};
+
+class Families
 {
 public:
-  MetricsText() { out_.precision(12); }
-
-  template <typename Value>
-  void add(const char* name, const char* type, const char* help, Value value)
+  void add(const char* name, MetricType type, const char* help, double value)
   {
-    head(name, type, help);
-    out_ << "pi_offload_" << name << " " << value << "\n";
+    family(name, type, help).metric.push_back(metricOf(type, value));
   }
-  /// One value for each kind of task. @param value  takes the index of the kind.
-  template <typename ValueOf>
-  void addByKind(const char* name, const char* type, const char* help, const ValueOf& value)
+  /// One metric for each kind of task. @param metric  takes the index of the kind.
+  template <typename MetricOf>
+  void addByKind(const char* name, MetricType type, const char* help, const MetricOf& metric)
   {
-    head(name, type, help);
+    prometheus::MetricFamily& added = family(name, type, help);
     for (size_t kind = 0; kind < TASK_KINDS; ++kind)
     {
-      out_ << "pi_offload_" << name << "{kind=\"" << toString(static_cast<TaskKind>(kind)) << "\"} " << value(kind)
-           << "\n";
+      added.metric.push_back(metric(kind));
+      added.metric.back().label.push_back({"kind", toString(static_cast<TaskKind>(kind))});
     }
   }
-  std::string text() const { return out_.str(); }
-
-private:
-  void head(const char* name, const char* type, const char* help)
+  static ClientMetric metricOf(MetricType type, double value)
   {
-    out_ << "# HELP pi_offload_" << name << " " << help << "\n# TYPE pi_offload_" << name << " " << type << "\n";
+    ClientMetric metric;
+    (type == MetricType::Counter ? metric.counter.value : metric.gauge.value) = value;
+    return metric;
+  }
+  std::string text() const
+  {
+    std::ostringstream out;
+    prometheus::TextSerializer().Serialize(out, families_);
+    return out.str();
   }
 
-  std::ostringstream out_;
+private:
+  prometheus::MetricFamily& family(const char* name, MetricType type, const char* help)
+  {
+    families_.push_back({"pi_offload_" + std::string(name), help, type, {}});
+    return families_.back();
+  }
+
+  std::vector<prometheus::MetricFamily> families_;
 };
 
 }  // namespace
 
-std::string prometheusText(const EdgeServer::Statistics& statistics, const EdgeServer::Health& health)
+TaskDurations::TaskDurations() : waiting(BOUNDS_S), service(BOUNDS_S) {}
+
+std::string prometheusText(const EdgeServer::Statistics& statistics, const EdgeServer::Health& health,
+                           const std::array<TaskDurations, TASK_KINDS>& durations)
 {
-  MetricsText text;
+  constexpr MetricType COUNTER = MetricType::Counter;
+  constexpr MetricType GAUGE = MetricType::Gauge;
+  constexpr MetricType HISTOGRAM = MetricType::Histogram;
+  Families families;
+  const auto count = [&](const char* name, const char* help, auto value)
+  { families.add(name, COUNTER, help, static_cast<double>(value)); };
+  const auto gauge = [&](const char* name, const char* help, auto value)
+  { families.add(name, GAUGE, help, static_cast<double>(value)); };
   const auto& of_kind = statistics.of_kind;
-  text.addByKind("tasks_done_total", "counter", "Tasks done.", [&](size_t kind) { return of_kind[kind].done; });
-  text.addByKind("tasks_failed_total", "counter", "Tasks that were taken and failed.",
-                 [&](size_t kind) { return of_kind[kind].failed; });
-  text.addByKind("service_seconds", "gauge", "Recent mean time of a task on a worker.",
-                 [&](size_t kind) { return of_kind[kind].service_s; });
-  text.add("tasks_taken_total", "counter", "Tasks taken.", statistics.admission.taken);
-  text.add("tasks_refused_total", "counter", "Tasks refused.", statistics.admission.refused);
-  text.add("tasks_expired_total", "counter", "Tasks taken, but not done in time.", statistics.admission.expired);
-  text.add("tasks_cancelled_total", "counter", "Tasks called back by their vehicle.", statistics.cancelled);
-  text.add("tasks_repeated_total", "counter", "Tasks that came more than once.", statistics.repeated);
-  text.add("probes_total", "counter", "Probes answered.", statistics.probes);
-  text.add("malformed_total", "counter", "Messages that were no request.", statistics.malformed);
-  text.add("unanswered_total", "counter", "Replies for connections that had ended.", statistics.unanswered);
-  text.add("busy_seconds_total", "counter", "Time of all workers on tasks.", statistics.admission.busy_s);
-  text.add("workers", "gauge", "Worker threads.", statistics.workers);
-  text.add("running", "gauge", "Tasks that run.", statistics.running);
-  text.add("queued", "gauge", "Tasks that wait for a worker.", statistics.queued);
-  text.add("connections", "gauge", "Open connections.", statistics.connections);
-  text.add("vehicles", "gauge", "Vehicles that are connected.", statistics.vehicles);
-  text.add("draining", "gauge", "1: takes no more tasks.", statistics.draining ? 1 : 0);
-  text.add("live", "gauge", "1: no worker hangs.", health.live ? 1 : 0);
-  text.add("ready", "gauge", "1: takes tasks.", health.ready ? 1 : 0);
-  return text.text();
+  families.addByKind("tasks_done_total", COUNTER, "Tasks done.",
+                     [&](size_t kind) { return Families::metricOf(COUNTER, static_cast<double>(of_kind[kind].done)); });
+  families.addByKind("tasks_failed_total", COUNTER, "Tasks that were taken and failed.",
+                     [&](size_t kind)
+                     { return Families::metricOf(COUNTER, static_cast<double>(of_kind[kind].failed)); });
+  families.addByKind("task_service_seconds", HISTOGRAM, "Time of a task on a worker.",
+                     [&](size_t kind) { return durations[kind].service.Collect(); });
+  families.addByKind("task_waiting_seconds", HISTOGRAM, "Time from the arrival of a task until a worker takes it.",
+                     [&](size_t kind) { return durations[kind].waiting.Collect(); });
+  count("tasks_taken_total", "Tasks taken.", statistics.admission.taken);
+  count("tasks_refused_total", "Tasks refused.", statistics.admission.refused);
+  count("tasks_expired_total", "Tasks taken, but not done in time.", statistics.admission.expired);
+  count("tasks_cancelled_total", "Tasks called back by their vehicle.", statistics.cancelled);
+  count("tasks_repeated_total", "Tasks that came more than once.", statistics.repeated);
+  count("probes_total", "Probes answered.", statistics.probes);
+  count("malformed_total", "Messages that were no request.", statistics.malformed);
+  count("unanswered_total", "Replies for connections that had ended.", statistics.unanswered);
+  count("busy_seconds_total", "Time of all workers on tasks.", statistics.admission.busy_s);
+  gauge("workers", "Worker threads.", statistics.workers);
+  gauge("running", "Tasks that run.", statistics.running);
+  gauge("queued", "Tasks that wait for a worker.", statistics.queued);
+  gauge("connections", "Open connections.", statistics.connections);
+  gauge("vehicles", "Vehicles that are connected.", statistics.vehicles);
+  gauge("draining", "1: takes no more tasks.", statistics.draining);
+  gauge("live", "1: no worker hangs.", health.live);
+  gauge("ready", "1: takes tasks.", health.ready);
+  return families.text();
 }
 
 }  // namespace pi_offload

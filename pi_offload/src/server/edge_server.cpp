@@ -167,4 +167,9 @@ EdgeServer::Statistics EdgeServer::statistics() const
   return statistics;
 }
 
+std::string EdgeServer::metrics() const
+{
+  return prometheusText(statistics(), health(), impl_->durations);
+}
+
 }  // namespace pi_offload

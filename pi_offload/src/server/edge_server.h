@@ -109,13 +109,11 @@ public:
     bool draining = false;
   };
   Statistics statistics() const;
+  std::string metrics() const;  ///< for Prometheus, in text format 0.0.4: statistics, health, histograms of durations
 
 private:
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
-
-/// Text format 0.0.4 of Prometheus.
-std::string prometheusText(const EdgeServer::Statistics& statistics, const EdgeServer::Health& health);
 
 }  // namespace pi_offload

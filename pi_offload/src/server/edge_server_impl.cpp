@@ -382,6 +382,8 @@ void EdgeServer::Impl::work(Worker* worker)
     OffloadReply reply = replyTo(request, result.status, end_ns);
     reply.queue_s = std::max(0.0, pi_node::secondsBetween(job.received_ns, begin_ns));
     reply.service_s = service_s;
+    durations[static_cast<size_t>(task->kind)].waiting.Observe(reply.queue_s);
+    durations[static_cast<size_t>(task->kind)].service.Observe(service_s);
     reply.text = std::move(result.text);
     reply.objects = std::move(result.objects);
     if (!result.model.empty())

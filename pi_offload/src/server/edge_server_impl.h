@@ -13,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "server/edge_metrics.h"
 #include "server/edge_server.h"
 #include "wire/one_way_delay.h"
 
@@ -81,6 +82,7 @@ struct EdgeServer::Impl
   size_t payload_bytes = 0;
   size_t sending = 0;  ///< threads that send replies
   uint64_t next_ticket = 1;
+  std::array<TaskDurations, TASK_KINDS> durations;
   Statistics counted;
   bool stop = false;
 

@@ -1,21 +1,22 @@
 #include "server/health_endpoint.h"
 
-#include <pi_node/durations.h>
 #include <pi_node/option_check.h>
 #include <pi_node/unique_fd.h>
-#include <pi_os_transport/sp_stream.h>
-
-#include <poll.h>
 #include <sys/socket.h>
 
-#include <algorithm>
-#include <atomic>
-#include <cerrno>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <boost/beast/core.hpp>
+#include <boost/beast/http.hpp>
+
+#include <array>
+#include <chrono>
 #include <exception>
+#include <optional>
 #include <stdexcept>
 #include <thread>
 #include <utility>
-#include <vector>
 
 #include "wire/socket_tools.h"
 
@@ -24,15 +25,131 @@ namespace pi_offload
 namespace
 {
 
-constexpr size_t MAX_REQUEST_BYTES = 8192;
+namespace beast = boost::beast;
+namespace http = boost::beast::http;
+using boost::asio::ip::tcp;
 
-std::string answer(int status, const char* reason, const std::string& type, const std::string& body, bool head_only)
+constexpr uint32_t MAX_REQUEST_BYTES = 8192;
+constexpr char PLAIN[] = "text/plain; charset=utf-8";
+
+using Response = http::response<http::string_body>;
+
+Response responseOf(http::status status, const std::string& type, std::string body)
 {
-  std::string text = "HTTP/1.1 " + std::to_string(status) + " " + reason + "\r\nContent-Type: " + type +
-                     "\r\nContent-Length: " + std::to_string(body.size()) + "\r\nConnection: close\r\n";
-  text += status == 405 ? "Allow: GET, HEAD\r\n\r\n" : "\r\n";
-  return head_only ? text : text + body;
+  Response response(status, 11);
+  response.set(http::field::content_type, type);
+  response.body() = std::move(body);
+  response.prepare_payload();
+  response.keep_alive(false);
+  return response;
 }
+
+Response answerTo(http::verb method, beast::string_view target, const HealthEndpoint::Callbacks& callbacks)
+{
+  if (method != http::verb::get && method != http::verb::head)
+  {
+    Response refusal = responseOf(http::status::method_not_allowed, PLAIN, "only GET and HEAD\n");
+    refusal.set(http::field::allow, "GET, HEAD");
+    return refusal;
+  }
+  const beast::string_view path = target.substr(0, target.find('?'));
+  try
+  {
+    if (path == "/metrics")
+    {
+      return responseOf(http::status::ok, "text/plain; version=0.0.4; charset=utf-8", callbacks.metrics());
+    }
+    if (path == "/healthz")
+    {
+      return callbacks.live() ? responseOf(http::status::ok, PLAIN, "live\n")
+                              : responseOf(http::status::service_unavailable, PLAIN, "not live\n");
+    }
+    if (path == "/readyz")
+    {
+      return callbacks.ready() ? responseOf(http::status::ok, PLAIN, "ready\n")
+                               : responseOf(http::status::service_unavailable, PLAIN, "not ready\n");
+    }
+  }
+  catch (const std::exception& error)
+  {
+    return responseOf(http::status::internal_server_error, PLAIN, std::string(error.what()) + "\n");
+  }
+  return responseOf(http::status::not_found, PLAIN, "there are /healthz, /readyz and /metrics\n");
+}
+
+/// Lives while anything is under way.
+class Connection : public std::enable_shared_from_this<Connection>
+{
+public:
+  Connection(tcp::socket socket, const HealthEndpoint::Callbacks& callbacks, size_t* open)
+    : stream_(std::move(socket)), callbacks_(callbacks), open_(*open)
+  {
+    ++open_;
+  }
+  ~Connection() { --open_; }
+
+  void serve(double timeout_s)
+  {
+    stream_.expires_after(std::chrono::milliseconds(static_cast<int64_t>(1e3 * timeout_s)));
+    parser_.header_limit(MAX_REQUEST_BYTES);
+    http::async_read_header(stream_, input_, parser_,
+                            [self = shared_from_this()](beast::error_code error, size_t) { self->respond(error); });
+  }
+
+private:
+  void respond(beast::error_code error)
+  {
+    const bool is_request = !error;
+    if (!is_request && error.category() != make_error_code(http::error::bad_method).category())
+    {
+      return;  // gone, or too late
+    }
+    if (error == http::error::end_of_stream)
+    {
+      return;
+    }
+    const auto& request = parser_.get();
+    response_ = is_request ? answerTo(request.method(), request.target(), callbacks_)
+                           : responseOf(http::status::bad_request, PLAIN, "no HTTP request\n");
+    serializer_.emplace(response_);
+    const auto finish = [self = shared_from_this()](beast::error_code failed, size_t)
+    {
+      if (!failed)
+      {
+        self->stream_.socket().shutdown(tcp::socket::shutdown_send, failed);
+        self->discard();
+      }
+    };
+    if (is_request && request.method() == http::verb::head)
+    {
+      http::async_write_header(stream_, *serializer_, finish);
+      return;
+    }
+    http::async_write(stream_, *serializer_, finish);
+  }
+
+  /// Until the peer closes the connection or its time is over: closed with unread bytes, what was sent could be lost.
+  void discard()
+  {
+    stream_.async_read_some(boost::asio::buffer(discarded_),
+                            [self = shared_from_this()](beast::error_code error, size_t)
+                            {
+                              if (!error)
+                              {
+                                self->discard();
+                              }
+                            });
+  }
+
+  beast::tcp_stream stream_;
+  const HealthEndpoint::Callbacks& callbacks_;
+  size_t& open_;
+  beast::flat_buffer input_;
+  http::request_parser<http::empty_body> parser_;
+  Response response_;
+  std::optional<http::response_serializer<http::string_body>> serializer_;
+  std::array<char, 1024> discarded_{};
+};
 
 }  // namespace
 
@@ -45,184 +162,51 @@ void HealthEndpoint::Options::validate() const
 
 struct HealthEndpoint::Impl
 {
-  struct Connection
+  Impl(const Options& options, Callbacks callbacks)
+    : options(options), callbacks(std::move(callbacks)), port(options.port), acceptor(context), accept_again(context)
   {
-    pi_node::UniqueFd fd;
-    int64_t until_ns = 0;
-    std::string request;
-    std::string response;
-    size_t sent = 0;
-    bool answered = false;  ///< the response is made
-    bool finished = false;  ///< and sent
-  };
+    pi_node::UniqueFd listener = listenOn(options.host, &port);
+    sockaddr_storage address{};
+    socklen_t length = sizeof address;
+    getsockname(listener.get(), reinterpret_cast<sockaddr*>(&address), &length);
+    acceptor.assign(address.ss_family == AF_INET6 ? tcp::v6() : tcp::v4(), listener.release());
+    accept();
+    thread = std::thread([this] { context.run(); });
+  }
+  ~Impl()
+  {
+    context.stop();
+    thread.join();
+  }
 
-  void run();
-  void acceptAll();
-  bool serve(Connection* connection);
-  bool readRequest(Connection* connection);
-  std::string respond(const std::string& request) const;
+  void accept()
+  {
+    acceptor.async_accept(
+        [this](beast::error_code error, tcp::socket socket)
+        {
+          if (error)
+          {
+            accept_again.expires_after(std::chrono::milliseconds(static_cast<int64_t>(1e3 * ACCEPT_PAUSE_S)));
+            accept_again.async_wait([this](beast::error_code) { accept(); });
+            return;
+          }
+          if (open < options.max_connections)
+          {
+            std::make_shared<Connection>(std::move(socket), callbacks, &open)->serve(options.timeout_s);
+          }
+          accept();
+        });
+  }
 
-  Options options;
-  Callbacks callbacks;
-  WakeEvent wake;
-  pi_node::UniqueFd listener;
-  uint16_t port = 0;
-  std::vector<Connection> connections;
-  int64_t accept_again_ns = 0;
-  std::atomic<bool> stop{false};
+  const Options options;
+  const Callbacks callbacks;
+  uint16_t port;
+  size_t open = 0;                  // before the context, whose end ends the connections
+  boost::asio::io_context context;  // runs on the thread alone
+  tcp::acceptor acceptor;
+  boost::asio::steady_timer accept_again;  // after the descriptors ran out
   std::thread thread;
 };
-
-/// @param request  up to the empty line; anything else is a bad request.
-std::string HealthEndpoint::Impl::respond(const std::string& request) const
-{
-  const std::string plain = "text/plain; charset=utf-8";
-  const std::string line = request.substr(0, request.find_first_of("\r\n"));
-  const size_t first = line.find(' ');
-  const size_t second = first == std::string::npos ? first : line.find(' ', first + 1);
-  if (second == std::string::npos || line.compare(second + 1, 5, "HTTP/") != 0)
-  {
-    return answer(400, "Bad Request", plain, "no HTTP request\n", false);
-  }
-  const std::string method = line.substr(0, first);
-  std::string path = line.substr(first + 1, second - first - 1);
-  path = path.substr(0, path.find('?'));
-  const bool head_only = method == "HEAD";
-  if (method != "GET" && !head_only)
-  {
-    return answer(405, "Method Not Allowed", plain, "only GET and HEAD\n", false);
-  }
-  try
-  {
-    if (path == "/metrics")
-    {
-      return answer(200, "OK", "text/plain; version=0.0.4; charset=utf-8", callbacks.metrics(), head_only);
-    }
-    if (path == "/healthz" || path == "/readyz")
-    {
-      const bool live = path == "/healthz";
-      const bool fine = live ? callbacks.live() : callbacks.ready();
-      return fine ? answer(200, "OK", plain, live ? "live\n" : "ready\n", head_only)
-                  : answer(503, "Service Unavailable", plain, live ? "not live\n" : "not ready\n", head_only);
-    }
-  }
-  catch (const std::exception& error)
-  {
-    return answer(500, "Internal Server Error", plain, std::string(error.what()) + "\n", head_only);
-  }
-  return answer(404, "Not Found", plain, "there are /healthz, /readyz and /metrics\n", head_only);
-}
-
-/// @return false: the connection is over.
-bool HealthEndpoint::Impl::readRequest(Connection* connection)
-{
-  char bytes[2048];
-  const ssize_t count = recv(connection->fd.get(), bytes, sizeof(bytes), MSG_DONTWAIT);
-  if (count == 0)
-  {
-    return false;
-  }
-  if (count < 0)
-  {
-    return pi_os_transport::isTemporary(errno);
-  }
-  if (connection->answered)
-  {
-    return true;  // further bytes are ignored
-  }
-  connection->request.append(bytes, static_cast<size_t>(count));
-  const bool whole = connection->request.find("\r\n\r\n") != std::string::npos ||
-                     connection->request.find("\n\n") != std::string::npos;
-  if (whole || connection->request.size() > MAX_REQUEST_BYTES)
-  {
-    connection->response = whole ? respond(connection->request) : respond("");
-    connection->request.clear();
-    connection->answered = true;
-  }
-  return true;
-}
-
-/// @return false: the connection is over.
-bool HealthEndpoint::Impl::serve(Connection* connection)
-{
-  if (!readRequest(connection))
-  {
-    return false;
-  }
-  while (connection->sent < connection->response.size())
-  {
-    const ssize_t count = send(connection->fd.get(), connection->response.data() + connection->sent,
-                               connection->response.size() - connection->sent, MSG_NOSIGNAL | MSG_DONTWAIT);
-    if (count < 0)
-    {
-      return pi_os_transport::isTemporary(errno);
-    }
-    connection->sent += static_cast<size_t>(count);
-  }
-  if (connection->answered && !connection->finished)
-  {
-    // The connection ends when the peer closes it or its time is over.
-    connection->finished = true;
-    shutdown(connection->fd.get(), SHUT_WR);
-  }
-  return true;
-}
-
-void HealthEndpoint::Impl::acceptAll()
-{
-  for (;;)
-  {
-    pi_node::UniqueFd fd(accept4(listener.get(), nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC));
-    if (!fd)
-    {
-      if (isShortage(errno))
-      {
-        accept_again_ns = pi_node::monotonicNs() + static_cast<int64_t>(ACCEPT_PAUSE_S * 1e9);
-      }
-      return;
-    }
-    if (connections.size() < options.max_connections)
-    {
-      connections.emplace_back();
-      connections.back().fd = std::move(fd);
-      connections.back().until_ns = pi_node::monotonicNs() + static_cast<int64_t>(options.timeout_s * 1e9);
-    }
-  }
-}
-
-void HealthEndpoint::Impl::run()
-{
-  std::vector<pollfd> watched;
-  while (!stop)
-  {
-    int64_t next_ns = accept_again_ns != 0 ? accept_again_ns : INT64_MAX;
-    watched.assign({{wake.fd(), POLLIN, 0}, {accept_again_ns != 0 ? -1 : listener.get(), POLLIN, 0}});
-    for (const Connection& connection : connections)
-    {
-      const bool writes = connection.sent < connection.response.size();
-      watched.push_back({connection.fd.get(), static_cast<short>(POLLIN | (writes ? POLLOUT : 0)), 0});
-      next_ns = std::min(next_ns, connection.until_ns);
-    }
-    poll(watched.data(), watched.size(), pollTimeout(next_ns));
-    const int64_t now_ns = pi_node::monotonicNs();
-    for (size_t index = connections.size(); index-- > 0;)
-    {
-      Connection& connection = connections[index];
-      if (now_ns >= connection.until_ns || (watched[index + 2].revents != 0 && !serve(&connection)))
-      {
-        connections.erase(connections.begin() + static_cast<std::ptrdiff_t>(index));
-      }
-    }
-    if (watched[1].revents != 0)
-    {
-      acceptAll();
-    }
-    if (accept_again_ns != 0 && now_ns >= accept_again_ns)
-    {
-      accept_again_ns = 0;
-    }
-  }
-}
 
 HealthEndpoint::HealthEndpoint(const Options& options, Callbacks callbacks)
 {
@@ -231,20 +215,10 @@ HealthEndpoint::HealthEndpoint(const Options& options, Callbacks callbacks)
   {
     throw std::invalid_argument("health: a callback is missing, live, ready and metrics are needed");
   }
-  impl_ = std::make_unique<Impl>();
-  impl_->options = options;
-  impl_->callbacks = std::move(callbacks);
-  impl_->port = options.port;
-  impl_->listener = listenOn(options.host, &impl_->port);
-  impl_->thread = std::thread([impl = impl_.get()] { impl->run(); });
+  impl_ = std::make_unique<Impl>(options, std::move(callbacks));
 }
 
-HealthEndpoint::~HealthEndpoint()
-{
-  impl_->stop = true;
-  impl_->wake.wake();
-  impl_->thread.join();
-}
+HealthEndpoint::~HealthEndpoint() = default;
 
 uint16_t HealthEndpoint::port() const
 {

@@ -729,7 +729,7 @@ TEST(EdgeServer, MetricsAreAsPrometheusReadsThem)
   Vehicle vehicle(server.port());
   vehicle.task(1);
   vehicle.replies.take();
-  const std::string text = prometheusText(server.statistics(), server.health());
+  const std::string text = server.metrics();
   const std::string kind = toString(TaskKind::DETECTION);
   EXPECT_NE(
       text.find("# TYPE pi_offload_tasks_done_total counter\npi_offload_tasks_done_total{kind=\"" + kind + "\"} 1\n"),
@@ -737,6 +737,13 @@ TEST(EdgeServer, MetricsAreAsPrometheusReadsThem)
       << text;
   EXPECT_NE(text.find("\npi_offload_ready 1\n"), std::string::npos);
   EXPECT_NE(text.find("\npi_offload_workers 1\n"), std::string::npos);
+  for (const std::string& histogram : {"task_service", "task_waiting"})
+  {
+    const std::string name = "pi_offload_" + histogram + "_seconds";
+    EXPECT_NE(text.find("# TYPE " + name + " histogram\n"), std::string::npos);
+    EXPECT_NE(text.find("\n" + name + "_count{kind=\"" + kind + "\"} 1\n"), std::string::npos);
+    EXPECT_NE(text.find("\n" + name + "_bucket{kind=\"" + kind + "\",le=\"+Inf\"} 1\n"), std::string::npos);
+  }
   std::istringstream lines(text);
   for (std::string line; std::getline(lines, line);)
   {

@@ -62,7 +62,7 @@ std::string cameraYaml(const pi_slam::MountedCamera& camera, double rate_hz)
        << ", " << model.cy << "]\ndistortion_model: "
        << (model.distortion == pi_slam::Distortion::EQUIDISTANT ? "equidistant" : "radial-tangential")
        << "\ndistortion_coefficients: [";
-  for (size_t i = 0; i < model.coefficients.size(); ++i)
+  for (size_t i = 0; i < model.usedCoefficients(); ++i)
   {
     yaml << (i == 0 ? "" : ", ") << (model.distortion == pi_slam::Distortion::NONE ? 0.0 : model.coefficients[i]);
   }

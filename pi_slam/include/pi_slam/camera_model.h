@@ -10,7 +10,8 @@ namespace pi_slam
 enum class Distortion
 {
   NONE,         ///< plain pinhole; coefficients unused
-  RADTAN,       ///< radial-tangential: k1, k2, p1, p2 (Brown 1966; as in OpenCV and Kalibr)
+  RADTAN,       ///< radial-tangential: k1, k2, p1, p2 (Brown 1966; as in OpenCV and Kalibr), then k3, and k4 to k6 of
+                ///< the rational model, as OpenCV orders them
   EQUIDISTANT,  ///< fisheye: k1 to k4 of theta (Kannala and Brandt 2006; as cv::fisheye and Kalibr's "equidistant")
 };
 
@@ -25,7 +26,10 @@ struct CameraModel
   double cx = 0.0;
   double cy = 0.0;
   Distortion distortion = Distortion::NONE;
-  std::array<double, 4> coefficients{};
+  std::array<double, 8> coefficients{};  ///< those that the lens has not are 0
+
+  /// Of the coefficients, how many files have to name: 4, with k3 5, with k4 to k6 8.
+  size_t usedCoefficients() const;
 
   /// @throws std::invalid_argument that names the field, its value and the bound.
   void validate() const;

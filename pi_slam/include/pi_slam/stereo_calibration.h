@@ -33,7 +33,7 @@ struct StereoCalibration
   static StereoCalibration makeForwardPair(int width = 640, int height = 480, double baseline_m = 0.12);
 
   /// Reads two sensor.yaml of an EuRoC recording (T_BS, resolution, intrinsics, distortion_model radial-tangential,
-  /// equidistant or none, distortion_coefficients).
+  /// equidistant or none, distortion_coefficients: 4, or 5 with k3, or 8 with k3 to k6 of radial-tangential).
   /// @throws CalibrationError
   static StereoCalibration loadEuroc(const std::string& left_yaml, const std::string& right_yaml);
 

@@ -59,10 +59,15 @@ public:
     return parse<double>(key, "a number", [](const YAML::Node& node) { return node.as<double>(); });
   }
 
+  std::vector<double> numbers(const std::string& key) const
+  {
+    return parse<std::vector<double>>(key, "a list of numbers",
+                                      [](const YAML::Node& node) { return node.as<std::vector<double>>(); });
+  }
+
   std::vector<double> numbers(const std::string& key, size_t count) const
   {
-    const auto values = parse<std::vector<double>>(
-        key, "a list of numbers", [](const YAML::Node& node) { return node.as<std::vector<double>>(); });
+    const std::vector<double> values = numbers(key);
     if (values.size() != count)
     {
       throw CalibrationError(name_ + ": " + key + " has " + std::to_string(values.size()) + " values, expected " +

@@ -11,7 +11,27 @@ namespace pi_slam
 namespace
 {
 
-using Coefficients = std::array<double, 4>;
+using Coefficients = decltype(CameraModel::coefficients);
+
+/// (1 + k1 s + k2 s^2 + k3 s^3) / (1 + k4 s + k5 s^2 + k6 s^3) of s = r^2.
+struct Radial
+{
+  double value;
+  double slope;  ///< by s
+};
+
+Radial radialOf(const Coefficients& k, double s)
+{
+  const double above = 1.0 + s * (k[0] + s * (k[1] + s * k[4]));
+  const double above_slope = k[0] + s * (2.0 * k[1] + s * 3.0 * k[4]);
+  if (k[5] == 0.0 && k[6] == 0.0 && k[7] == 0.0)
+  {
+    return {above, above_slope};
+  }
+  const double below = 1.0 + s * (k[5] + s * (k[6] + s * k[7]));
+  const double below_slope = k[5] + s * (2.0 * k[6] + s * 3.0 * k[7]);
+  return {above / below, (above_slope * below - above * below_slope) / (below * below)};
+}
 
 /// Distorted point of normalised coordinates and its derivative by them.
 struct RadtanPoint
@@ -25,8 +45,9 @@ RadtanPoint distortRadtan(const Coefficients& k, const Eigen::Vector2d& m)
   const double x = m.x();
   const double y = m.y();
   const double r2 = x * x + y * y;
-  const double radial = 1.0 + r2 * (k[0] + r2 * k[1]);
-  const double slope = 2.0 * (k[0] + 2.0 * r2 * k[1]);  // d radial / dx = slope x
+  const Radial along = radialOf(k, r2);
+  const double radial = along.value;
+  const double slope = 2.0 * along.slope;  // d radial / dx = slope x
   RadtanPoint point;
   point.value = {x * radial + 2.0 * k[2] * x * y + k[3] * (r2 + 2.0 * x * x),
                  y * radial + k[2] * (r2 + 2.0 * y * y) + 2.0 * k[3] * x * y};
@@ -36,9 +57,24 @@ RadtanPoint distortRadtan(const Coefficients& k, const Eigen::Vector2d& m)
   return point;
 }
 
-/// True up to the radius at which r (1 + k1 r^2 + k2 r^4) turns back: beyond it, pixels have two directions.
+/// True up to the radius at which r radial(r^2) turns back: beyond it, pixels have two directions.
 bool isBeforeFold(const Coefficients& k, double r2)
 {
+  if (k[4] != 0.0 || k[5] != 0.0 || k[6] != 0.0 || k[7] != 0.0)
+  {
+    // No closed form; lenses are smooth, so a few places on the way tell.
+    constexpr int PLACES = 8;
+    for (int i = 1; i <= PLACES; ++i)
+    {
+      const double s = r2 * i / PLACES;
+      const Radial radial = radialOf(k, s);
+      if (!(radial.value > 0.0 && radial.value + 2.0 * s * radial.slope > 0.0))
+      {
+        return false;
+      }
+    }
+    return true;
+  }
   // Smallest positive root s = r^2 of 1 + 3 k1 s + 5 k2 s^2.
   const double a = 5.0 * k[1];
   const double b = 3.0 * k[0];
@@ -112,6 +148,12 @@ std::optional<double> undistortEquidistant(const Coefficients& k, double distort
 }
 
 }  // namespace
+
+size_t CameraModel::usedCoefficients() const
+{
+  const auto& k = coefficients;
+  return k[5] != 0.0 || k[6] != 0.0 || k[7] != 0.0 ? 8 : k[4] != 0.0 ? 5 : 4;
+}
 
 void CameraModel::validate() const
 {

@@ -46,7 +46,14 @@ CameraModel readModel(const YamlMap& yaml, const std::string& file)
   if (model.distortion != Distortion::NONE)
   {
     const char* key = yaml.has("distortion_coeffs") ? "distortion_coeffs" : "distortion_coefficients";
-    const std::vector<double> coefficients = yaml.numbers(key, 4);
+    const std::vector<double> coefficients = yaml.numbers(key);
+    const size_t count = coefficients.size();
+    const bool radial = model.distortion == Distortion::RADTAN;
+    if (count != 4 && !(radial && (count == 5 || count == 8)))
+    {
+      throw CalibrationError(file + ": " + key + " has " + std::to_string(count) + " values, expected 4" +
+                             (radial ? ", or 5 with k3, or 8 with k3 to k6" : ""));
+    }
     std::copy(coefficients.begin(), coefficients.end(), model.coefficients.begin());
   }
   try
@@ -134,8 +141,13 @@ void StereoCalibration::saveKalibr(const std::string& camchain_yaml, const Eigen
     file << (camera == &left ? "cam0" : "cam1") << ":\n  camera_model: pinhole\n  intrinsics: [" << model.fx << ", "
          << model.fy << ", " << model.cx << ", " << model.cy
          << "]\n  distortion_model: " << (model.distortion == Distortion::EQUIDISTANT ? "equidistant" : "radtan")
-         << "\n  distortion_coeffs: [" << k[0] << ", " << k[1] << ", " << k[2] << ", " << k[3] << "]\n  resolution: ["
-         << model.width << ", " << model.height << "]\n  timeshift_cam_imu: " << time_offset_s << "\n  T_cam_imu:\n";
+         << "\n  distortion_coeffs: [" << k[0];
+    for (size_t i = 1; i < model.usedCoefficients(); ++i)
+    {
+      file << ", " << k[i];
+    }
+    file << "]\n  resolution: [" << model.width << ", " << model.height << "]\n  timeshift_cam_imu: " << time_offset_s
+         << "\n  T_cam_imu:\n";
     for (int row = 0; row < 4; ++row)
     {
       file << "  - [" << T_cam_imu(row, 0) << ", " << T_cam_imu(row, 1) << ", " << T_cam_imu(row, 2) << ", "

@@ -142,9 +142,9 @@ void putCamera(const MountedCamera& camera, Writer* writer)
     writer->put(value);
   }
   writer->put(static_cast<int32_t>(camera.model.distortion));
-  for (const double value : camera.model.coefficients)
+  for (size_t i = 0; i < 4; ++i)
   {
-    writer->put(value);
+    writer->put(camera.model.coefficients[i]);
   }
   writer->putPose(camera.T_body_camera);
 }

@@ -14,7 +14,7 @@ namespace pi_slam::map
 
 /// The content of a map file, little-endian:
 ///   magic "PISLMAP" and a zero, version (u32), 0 (u32), length of the whole file (u64)
-///   calibration, per camera: width, height (i32), fx, fy, cx, cy (f64), distortion (i32), 4 coefficients (f64),
+///   calibration, per camera: width, height (i32), fx, fy, cx, cy (f64), distortion (i32), first 4 coefficients (f64),
 ///     position and quaternion x, y, z, w of T_body_camera (7 f64)
 ///   number of nodes and edges (u64), then nodes and edges one after the other
 ///   from version 2 on: number of patches of the grid (u64), then each: segment (u32), way, corner and cell (4 f64),

@@ -275,10 +275,11 @@ void Vio::Impl::runFrontEnd(const cv::Mat& left, const cv::Mat& right, const Tra
     const std::string which = tracked.blank[LEFT] && tracked.blank[RIGHT] ? "both pictures are"
                               : tracked.blank[LEFT]                       ? "left picture is"
                                                                           : "right picture is";
-    report->message = which + format(
-                                  " without content (mean grey %.0f, contrast %.1f); check lens cap, light and "
-                                  "exposure",
-                                  tracked.mean_grey[camera], tracked.contrast[camera]);
+    report->message =
+        (camera == LEFT ? left : right).empty()
+            ? which + " missing: it was lost on its way, or its camera is silent"
+            : which + format(" without content (mean grey %.0f, contrast %.1f); check lens cap, light and exposure",
+                             tracked.mean_grey[camera], tracked.contrast[camera]);
   }
 }
 

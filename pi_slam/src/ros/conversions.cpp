@@ -50,13 +50,13 @@ void readDistortion(const sensor_msgs::CameraInfo& info, CameraModel* model)
   else if (name == "plumb_bob" || name == "rational_polynomial")
   {
     model->distortion = Distortion::RADTAN;
-    for (size_t i = 4; i < info.D.size(); ++i)
+    for (size_t i = model->coefficients.size(); i < info.D.size(); ++i)
     {
       if (info.D[i] != 0.0)
       {
         throw std::invalid_argument("D[" + std::to_string(i) + "] = " + std::to_string(info.D[i]) +
-                                    ", must be 0: only k1, k2, p1, p2 are known; calibrate with two radial "
-                                    "coefficients, or rectify the pictures and set calibration/rectified");
+                                    ", must be 0: thin prisms and tilted sensors are not known; calibrate without "
+                                    "them, or rectify the pictures and set calibration/rectified");
       }
     }
   }
@@ -64,7 +64,7 @@ void readDistortion(const sensor_msgs::CameraInfo& info, CameraModel* model)
   {
     throw std::invalid_argument("distortion_model = \"" + name + "\", must be plumb_bob or equidistant");
   }
-  for (size_t i = 0; i < 4; ++i)
+  for (size_t i = 0; i < model->coefficients.size(); ++i)
   {
     model->coefficients[i] = coefficient(info.D, i);
   }

@@ -46,8 +46,8 @@ cv::Mat fromMsg(const pi_os_transport::zero_copy::ImageHandle& image);
 
 /// Camera of a camera_info: K and D of the picture as the lens shows it, or P of the rectified one; binning and region
 /// of interest are taken into account.
-/// @throws std::invalid_argument naming the field that is wrong: not calibrated, a distortion that is not plumb_bob
-///         with k3 = 0, equidistant or none.
+/// @throws std::invalid_argument naming the field that is wrong: not calibrated, a distortion that is not plumb_bob,
+///         rational_polynomial without thin prism and tilt, equidistant or none.
 CameraModel fromMsg(const sensor_msgs::CameraInfo& info, bool rectified);
 
 geometry_msgs::Pose toMsg(const Eigen::Isometry3d& T_parent_child);

@@ -16,6 +16,8 @@ namespace
 constexpr size_t MAX_WAITING = 32;
 /// Stamps of cameras that run at the same time differ by less [s]; more is a picture that is missing.
 constexpr double MAX_MISMATCH_S = 0.02;
+/// Likewise, of the time between two pictures: free-running cameras are at most half of it apart.
+constexpr double MAX_MISMATCH_PERIODS = 0.75;
 
 }  // namespace
 
@@ -30,6 +32,8 @@ void PairMatcher::clear()
   waiting_[RIGHT].clear();
   passed_ns_ = INT64_MIN;
   newest_ns_ = INT64_MIN;
+  last_ns_[LEFT] = last_ns_[RIGHT] = INT64_MIN;
+  period_ns_ = INT64_MAX;
 }
 
 std::optional<double> PairMatcher::takeMismatch()
@@ -60,6 +64,11 @@ void PairMatcher::add(int camera, int64_t stamp_ns, const cv::Mat& picture, std:
     return;
   }
   own.push_back({stamp_ns, picture});
+  if (last_ns_[camera] != INT64_MIN)
+  {
+    period_ns_ = std::min(period_ns_, stamp_ns - last_ns_[camera]);
+  }
+  last_ns_[camera] = stamp_ns;
   newest_ns_ = std::max(newest_ns_, stamp_ns);
   while (!waiting_[LEFT].empty() && !waiting_[RIGHT].empty())
   {
@@ -70,7 +79,7 @@ void PairMatcher::add(int camera, int64_t stamp_ns, const cv::Mat& picture, std:
     {
       // Stamps increase, so the older one's partner cannot come any more.
       const double difference_s = pi_node::seconds(std::abs(difference_ns));
-      if (difference_s < MAX_MISMATCH_S)
+      if (difference_s < std::min(MAX_MISMATCH_S, MAX_MISMATCH_PERIODS * pi_node::seconds(period_ns_)))
       {
         mismatch_s_ = difference_s;
       }

@@ -37,8 +37,8 @@ public:
   uint64_t late() const { return late_; }      ///< pictures not used, as newer ones have gone on already
   uint64_t single() const { return single_; }  ///< pictures that went on alone
 
-  /// By how much the stamps of two neighbouring pictures missed the tolerance since the last call [s], if they did so
-  /// without any other partner between them: cameras that are not triggered together.
+  /// By how much the stamps of two neighbouring pictures missed the tolerance since the last call [s]: cameras that are
+  /// not triggered together. Stamps a frame or more apart are those of different pairs, whose partners were lost.
   std::optional<double> takeMismatch();
 
 private:
@@ -54,6 +54,8 @@ private:
   std::deque<Picture> waiting_[2];
   int64_t passed_ns_ = INT64_MIN;  ///< newest stamp that has gone on
   int64_t newest_ns_ = INT64_MIN;
+  int64_t last_ns_[2] = {INT64_MIN, INT64_MIN};  ///< of each camera
+  int64_t period_ns_ = INT64_MAX;                ///< shortest between two pictures of a camera
   uint64_t late_ = 0;
   uint64_t single_ = 0;
   std::optional<double> mismatch_s_;

@@ -22,6 +22,7 @@ using diagnostic_msgs::DiagnosticStatus;
 constexpr size_t KEPT_FRAMES = 1000;
 constexpr size_t KEPT_IMU_SAMPLES = 2000;
 constexpr double LONGEST_GAP_S = 0.02;  // at 200 Hz, four poses
+constexpr double LOST_PICTURES_PER_S = 0.5;
 
 }  // namespace
 
@@ -158,6 +159,14 @@ void VioDiagnostics::reportInputs(Status& status) const
   else if (silent != nullptr)
   {
     status.summary(DiagnosticStatus::WARN, "nothing on " + silent->topic);
+  }
+  else if (const uint64_t single = now_.single_pictures - std::min(now_.single_pictures, before_.single_pictures);
+           interval_s_ > 0.0 && static_cast<double>(single) > LOST_PICTURES_PER_S * interval_s_)
+  {
+    status.summary(DiagnosticStatus::WARN,
+                   format("%.1f pictures per second come without their partner: they are lost on their way; check "
+                          "the cameras' links and the load of the computer",
+                          static_cast<double>(single) / interval_s_));
   }
   else
   {

@@ -3,6 +3,8 @@
 #include <pi_slam/camera_model.h>
 
 #include <cmath>
+#include <opencv2/calib3d.hpp>
+#include <vector>
 
 using pi_slam::CameraModel;
 using pi_slam::Distortion;
@@ -12,7 +14,7 @@ namespace
 
 using pi_node::test_support::messageOf;
 
-CameraModel makeCamera(Distortion distortion, const std::array<double, 4>& coefficients)
+CameraModel makeCamera(Distortion distortion, const std::array<double, 8>& coefficients)
 {
   CameraModel camera;
   camera.width = 752;
@@ -28,6 +30,9 @@ CameraModel makeCamera(Distortion distortion, const std::array<double, 4>& coeff
 
 const CameraModel PINHOLE = makeCamera(Distortion::NONE, {});
 const CameraModel RADTAN = makeCamera(Distortion::RADTAN, {-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05});
+// As cameras with wide lenses come from their factory: with k3, and as a rational model.
+const CameraModel WITH_K3 = makeCamera(Distortion::RADTAN, {-0.17, 0.025, 1.0e-4, -3.0e-4, -0.0021});
+const CameraModel RATIONAL = makeCamera(Distortion::RADTAN, {9.45, -12.6, 4.0e-4, -7.0e-4, 15.8, 9.26, -12.2, 15.5});
 const CameraModel FISHEYE = makeCamera(Distortion::EQUIDISTANT, {0.0034, 0.00076, -0.0033, 0.0011});
 
 }  // namespace
@@ -68,7 +73,7 @@ TEST_P(Models, CentreOfProjectionHasNoPixel)
   EXPECT_FALSE(GetParam().project({0.0, 0.0, -1.0}));
 }
 
-INSTANTIATE_TEST_SUITE_P(CameraModel, Models, testing::Values(PINHOLE, RADTAN, FISHEYE));
+INSTANTIATE_TEST_SUITE_P(CameraModel, Models, testing::Values(PINHOLE, RADTAN, WITH_K3, RATIONAL, FISHEYE));
 
 TEST(CameraModel, ProjectsAsOpenCvDefinesRadialTangential)
 {
@@ -82,6 +87,25 @@ TEST(CameraModel, ProjectsAsOpenCvDefinesRadialTangential)
   ASSERT_TRUE(pixel);
   EXPECT_NEAR(pixel->x(), 458.654 * x + 367.215, 1e-9);
   EXPECT_NEAR(pixel->y(), 457.296 * y + 248.375, 1e-9);
+}
+
+TEST(CameraModel, ProjectsAsOpenCvDoes)
+{
+  for (const CameraModel& camera : {RADTAN, WITH_K3, RATIONAL})
+  {
+    const cv::Matx33d K(camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1);
+    const std::vector<cv::Point3d> points = {{1.0, -0.5, 2.0}, {-0.3, 0.9, 1.5}, {0.01, 0.02, 1.0}};
+    std::vector<cv::Point2d> expected;
+    cv::projectPoints(points, cv::Vec3d(), cv::Vec3d(), K,
+                      std::vector<double>(camera.coefficients.begin(), camera.coefficients.end()), expected);
+    for (size_t i = 0; i < points.size(); ++i)
+    {
+      const auto pixel = camera.project({points[i].x, points[i].y, points[i].z});
+      ASSERT_TRUE(pixel);
+      EXPECT_NEAR(expected[i].x, pixel->x(), 1e-9);
+      EXPECT_NEAR(expected[i].y, pixel->y(), 1e-9);
+    }
+  }
 }
 
 TEST(CameraModel, FisheyeSeesBeyondNinetyDegrees)
@@ -105,6 +129,10 @@ TEST(CameraModel, HasNoPixelWhereDistortionFoldsBack)
   EXPECT_TRUE(camera.project({1.0, 0.0, 1.0}));
   EXPECT_FALSE(camera.project({1.1, 0.0, 1.0}));
   EXPECT_FALSE(camera.unproject({camera.cx + 0.8 * camera.fx, camera.cy}));
+  // r (1 - 0.1 r^6) turns back at r = (1 / 0.7)^(1 / 6) = 1.061.
+  const CameraModel with_k3 = makeCamera(Distortion::RADTAN, {0.0, 0.0, 0.0, 0.0, -0.1});
+  EXPECT_TRUE(with_k3.project({1.05, 0.0, 1.0}));
+  EXPECT_FALSE(with_k3.project({1.2, 0.0, 1.0}));
 }
 
 TEST(CameraModel, RefusesValuesOutOfRangeByName)

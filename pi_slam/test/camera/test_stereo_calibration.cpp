@@ -67,6 +67,29 @@ TEST(StereoCalibration, WritesWhatKalibrWouldForATurnedImu)
             std::string::npos);
 }
 
+TEST(StereoCalibration, LensesHaveFourFiveOrEightCoefficients)
+{
+  const TemporaryFolder folder;
+  const auto load = [&](const std::string& distortion, const std::string& more)
+  {
+    std::string yaml = eurocYaml(distortion);
+    yaml.insert(yaml.rfind(']'), more);
+    const std::string file = folder.file("camera.yaml", yaml);
+    return StereoCalibration::loadEuroc(file, file);
+  };
+  StereoCalibration with_k3 = load("radial-tangential", ", -0.0021");
+  EXPECT_EQ(-0.0021, with_k3.left.model.coefficients[4]);
+  EXPECT_EQ(0.5, load("radial-tangential", ", 0.1, 0.3, 0.4, 0.5").left.model.coefficients[7]);
+  EXPECT_NE(messageOf<CalibrationError>([&] { load("radial-tangential", ", 0.1, 0.3"); })
+                .find("distortion_coefficients has 6 values, expected 4, or 5 with k3, or 8 with k3 to k6"),
+            std::string::npos);
+  EXPECT_NE(messageOf<CalibrationError>([&] { load("equidistant", ", 0.1"); }).find("has 5 values, expected 4"),
+            std::string::npos);
+  const std::string file = folder.file("kalibr.yaml", "");
+  with_k3.saveKalibr(file, Eigen::Isometry3d::Identity(), 0.0);
+  EXPECT_EQ(with_k3.left.model.coefficients, StereoCalibration::loadKalibr(file).left.model.coefficients);
+}
+
 TEST(StereoCalibration, ReadsEurocFiles)
 {
   const TemporaryFolder folder;

@@ -104,6 +104,21 @@ TEST_F(PairMatcherTest, CamerasThatAreNotTriggeredTogetherAreTold)
   EXPECT_FALSE(matcher.takeMismatch());
 }
 
+TEST_F(PairMatcherTest, PicturesThatWereLostAreNoCamerasThatAreNotTriggeredTogether)
+{
+  add(LEFT, 100);
+  add(RIGHT, 100);
+  add(LEFT, 117);  // 60 Hz
+  add(RIGHT, 134);
+  add(RIGHT, 151);
+  add(LEFT, 151);
+  EXPECT_EQ("LR100 L117 R134 LR151", text());
+  EXPECT_FALSE(matcher.takeMismatch());
+  add(LEFT, 168);
+  add(RIGHT, 176);
+  EXPECT_TRUE(matcher.takeMismatch()) << "half a frame apart";
+}
+
 TEST_F(PairMatcherTest, StampsThatHardlyAdvanceDoNotPileUp)
 {
   for (int64_t i = 0; i < 1000; ++i)

@@ -238,6 +238,12 @@ TEST(RosConversions, CameraInfoGivesTheRawOrTheRectifiedCamera)
   EXPECT_EQ(Distortion::NONE, rectified.distortion);
   EXPECT_EQ(435.0, rectified.fy);
   EXPECT_EQ(364.0, rectified.cx);
+  sensor_msgs::CameraInfo wide = makeInfo();
+  wide.D[4] = -0.0021;
+  EXPECT_EQ(-0.0021, fromMsg(wide, false).coefficients[4]);
+  wide.distortion_model = "rational_polynomial";
+  wide.D = {9.45, -12.6, 4.0e-4, -7.0e-4, 15.8, 9.26, -12.2, 15.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
+  EXPECT_EQ(15.5, fromMsg(wide, false).coefficients[7]);
   sensor_msgs::CameraInfo fisheye = makeInfo();
   fisheye.distortion_model = "equidistant";
   fisheye.D = {0.01, -0.02, 0.003, 0.0};
@@ -268,8 +274,9 @@ TEST(RosConversions, CameraInfoThatIsNoCalibrationIsNamed)
   info.K[0] = 0.0;
   EXPECT_TRUE(contains(text(info), "K[0] = 0"));
   info = makeInfo();
-  info.D[4] = 0.1;
-  EXPECT_TRUE(contains(text(info), "D[4] = 0.1"));
+  info.D.resize(9, 0.0);
+  info.D[8] = 0.1;
+  EXPECT_TRUE(contains(text(info), "D[8] = 0.1"));
   info = makeInfo();
   info.distortion_model = "barrel";
   EXPECT_TRUE(contains(text(info), "distortion_model = \"barrel\""));

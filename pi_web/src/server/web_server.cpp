@@ -2,14 +2,8 @@
 
 #include "server/connection.h"
 
-#include <unistd.h>
-
 #include <boost/asio/ip/address.hpp>
 #include <boost/asio/socket_base.hpp>
-#include <boost/asio/ssl/verify_mode.hpp>
-#include <cerrno>
-#include <cstring>
-#include <filesystem>
 #include <stdexcept>
 #include <utility>
 
@@ -23,41 +17,6 @@ using boost::asio::ip::tcp;
 constexpr size_t SPARE_CONNECTIONS = 64;                       // that load files, beside the clients
 constexpr auto ACCEPT_AGAIN = std::chrono::milliseconds(200);  // after the descriptors ran out
 
-/// @throws std::runtime_error naming the file.
-std::optional<boost::asio::ssl::context> tlsOf(const std::filesystem::path& folder)
-{
-  namespace ssl = boost::asio::ssl;
-  if (folder.empty())
-  {
-    return std::nullopt;
-  }
-  std::optional<ssl::context> tls(ssl::context::tls_server);
-  tls->set_options(ssl::context::default_workarounds | ssl::context::no_tlsv1 | ssl::context::no_tlsv1_1);
-  std::filesystem::path file = folder / "certificate.pem";
-  try
-  {
-    tls->use_certificate_chain_file(file.string());
-    file = folder / "key.pem";
-    tls->use_private_key_file(file.string(), ssl::context::pem);
-    file = folder / "ca.pem";
-    if (std::filesystem::exists(file))
-    {
-      tls->load_verify_file(file.string());
-      tls->set_verify_mode(ssl::verify_peer);  // who has none may still have the token
-    }
-  }
-  catch (const boost::system::system_error& error)
-  {
-    const bool readable = access(file.c_str(), R_OK) == 0;
-    throw std::runtime_error(
-        "tls_folder: " + file.string() + ": " +
-        (readable ? "it is no PEM, or does not belong to the certificate (" + error.code().message() + ")"
-                  : std::string(std::strerror(errno))) +
-        "; pi_edge fleet makes such folders");
-  }
-  return tls;
-}
-
 }  // namespace
 
 WebServer::WebServer(boost::asio::io_context* context, const WebServerOptions& options,
@@ -67,7 +26,7 @@ WebServer::WebServer(boost::asio::io_context* context, const WebServerOptions& o
   , files_(std::move(files))
   , handler_(handler)
   , log_(std::move(log))
-  , tls_(tlsOf(options.tls_folder))
+  , maker_(options.tls_folder.empty() ? plainConnections() : tlsConnections(options.tls_folder))
   , acceptor_(*context)
   , accept_again_(*context)
 {
@@ -121,7 +80,7 @@ void WebServer::accept()
         }
         if (connections_.size() < static_cast<size_t>(options_.max_clients) + SPARE_CONNECTIONS)
         {
-          makeConnection(std::move(socket), tls_ ? &*tls_ : nullptr, this)->start();
+          maker_->make(std::move(socket), this)->start();
         }
         else
         {

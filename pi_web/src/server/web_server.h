@@ -5,12 +5,11 @@
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
-#include <boost/asio/ssl/context.hpp>
 #include <boost/asio/steady_timer.hpp>
 
 #include <functional>
 #include <map>
-#include <optional>
+#include <memory>
 #include <set>
 #include <string>
 
@@ -40,6 +39,7 @@ struct WebFile
 };
 
 class Connection;
+class ConnectionMaker;
 
 /// Serves files over HTTP, and clients over WebSockets of the same port. All calls and callbacks on the thread that
 /// runs the context.
@@ -67,7 +67,7 @@ private:
   const std::map<std::string, WebFile> files_;
   ClientHandler* const handler_;
   const Log log_;
-  std::optional<boost::asio::ssl::context> tls_;
+  const std::unique_ptr<ConnectionMaker> maker_;
   boost::asio::ip::tcp::acceptor acceptor_;
   boost::asio::steady_timer accept_again_;
   std::set<Connection*> connections_;

@@ -1,4 +1,4 @@
-"""Real clients and servers while a server is killed: each task ends once, whatever the transport.
+"""Real clients and servers while sites are killed, cut off and upgraded: each task ends once, whatever the transport.
 
 BENCH_FLEET names the program.
 """
@@ -14,12 +14,12 @@ class Fleet(unittest.TestCase):
             with self.subTest(transport):
                 run = subprocess.run(
                     [os.environ["BENCH_FLEET"], "--transport", transport, "--vehicles", "20", "--sites", "2",
-                     "--rate", "2", "--kills", "1", "--duration", "6", "--bytes", "10000"],
+                     "--rate", "2", "--kills", "1", "--partition", "1", "--upgrade", "--duration", "9", "--bytes", "10000"],
                     stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=180)
                 self.assertEqual(0, run.returncode, run.stdout)
                 cells = [cell.strip() for cell in run.stdout.strip().splitlines()[-1].split("|")]
                 self.assertEqual([transport, "20"], cells[1:3])
-                self.assertGreaterEqual(int(cells[5]), 200, run.stdout)
+                self.assertGreaterEqual(int(cells[5]), 300, run.stdout)
                 self.assertEqual(["0", "0"], cells[10:12], run.stdout)  # not ended, ended twice
 
 
