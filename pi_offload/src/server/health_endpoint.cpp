@@ -1,5 +1,6 @@
 #include "server/health_endpoint.h"
 
+#include <fcntl.h>
 #include <pi_node/option_check.h>
 #include <pi_node/unique_fd.h>
 #include <sys/socket.h>
@@ -165,11 +166,11 @@ struct HealthEndpoint::Impl
   Impl(const Options& options, Callbacks callbacks)
     : options(options), callbacks(std::move(callbacks)), port(options.port), acceptor(context), accept_again(context)
   {
-    pi_node::UniqueFd listener = listenOn(options.host, &port);
+    const pi_node::UniqueFd listener = listenOn(options.host, &port);
     sockaddr_storage address{};
     socklen_t length = sizeof address;
     getsockname(listener.get(), reinterpret_cast<sockaddr*>(&address), &length);
-    acceptor.assign(address.ss_family == AF_INET6 ? tcp::v6() : tcp::v4(), listener.release());
+    acceptor.assign(address.ss_family == AF_INET6 ? tcp::v6() : tcp::v4(), fcntl(listener.get(), F_DUPFD_CLOEXEC, 0));
     accept();
     thread = std::thread([this] { context.run(); });
   }

@@ -16,8 +16,7 @@ constexpr double SIDE_DEPTH = 0.5;        // of the side that faces the way: its
 constexpr double CONTACT_SPEED = 0.5;     // that hurts nobody [m/s]
 constexpr double OUT_REACH = 1.0;         // from what hid somebody to where the stereo cameras see them first [m]
 constexpr double LEAST_RADIUS = 0.2;      // of a circle around a person who is seen in part; poles are thinner [m]
-constexpr double MOST_RADIUS = 0.7;
-constexpr double LEAST_SPEED = 0.35;  // that a child was found to have after three pictures, not yet certain [m/s]
+constexpr double LEAST_SPEED = 0.35;      // that a child was found to have after three pictures, not yet certain [m/s]
 
 struct Beside
 {
@@ -90,18 +89,18 @@ double allowedSpeed(const Edge& edge, double step_out_speed, const Vehicle& vehi
   return std::max(slow, std::sqrt(delayed * delayed + slow * slow + 2.0 * vehicle.deceleration * room) - delayed);
 }
 
-bool isNotWiderThanPerson(const GroundPolygon& outline)
+bool isNotWiderThanPerson(const GroundPolygon& outline, const Eigen::Vector2d& eye)
 {
-  return outline.radius() < MOST_RADIUS;
+  return outline.widthFrom(eye) < HIDING_WIDTH;
 }
 
 bool comesOut(const GroundPolygon& seen, const Eigen::Vector2d& velocity, const GroundPolygon& hider,
               const std::vector<Pose2>& way)
 {
-  return seen.radius() > LEAST_RADIUS && isNotWiderThanPerson(seen) &&
+  return seen.radius() > LEAST_RADIUS && isNotWiderThanPerson(seen, way.front().position()) &&
          velocity.dot(towards(way, seen.middle())) > LEAST_SPEED &&
          hider.overlaps({seen.middle(), Eigen::Vector2d::UnitX(), {OUT_REACH, OUT_REACH}}, Eigen::Vector2d::Zero()) &&
-         edgeOf(seen, way, 0.0).distance > edgeOf(hider, way, 0.0).distance;
+         placeOf(seen.middle(), way, 0.0).along > edgeOf(hider, way, 0.0).distance;
 }
 
 Eigen::Vector2d towards(const std::vector<Pose2>& way, const Eigen::Vector2d& point)

@@ -46,11 +46,12 @@ Edge edgeOf(const GroundPolygon& outline, const std::vector<Pose2>& way, double 
 /// beside and behind the edge: who steps out there walks into the vehicle's side.
 double allowedSpeed(const Edge& edge, double step_out_speed, const Vehicle& vehicle);
 
-bool isNotWiderThanPerson(const GroundPolygon& outline);
+/// Across the line of sight: what is seen for a moment only may be a metre long along it, as far as is known.
+bool isNotWiderThanPerson(const GroundPolygon& outline, const Eigen::Vector2d& eye);
 
 /// Whether something that is seen for a moment only can be a person who has just come out from behind `hider`: of a
 /// person's size, beyond the hider's far end, and on its way to the vehicle's, as far as its velocity is known.
-/// @param velocity  over the ground, in the frame of the outlines [m/s].
+/// @param velocity  over the ground, in the frame of the outlines [m/s]. @param way  not empty, begins at the vehicle.
 bool comesOut(const GroundPolygon& seen, const Eigen::Vector2d& velocity, const GroundPolygon& hider,
               const std::vector<Pose2>& way);
 

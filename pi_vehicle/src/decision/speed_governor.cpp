@@ -29,6 +29,8 @@ constexpr double HIDING_SEEN_FROM = 4.0;  // nearer, outlines change with what h
 constexpr double KNOWN_AFTER_S = 0.6;     // of being followed: then it is clear how it moves
 constexpr double OUT_OF_VIEW_S = 1.5;     // for which who came out and left the view walks on, who left it walking runs
 constexpr double LOST_S = 0.15;           // unseen for longer, it is not one picture that failed
+constexpr double FOLLOWS_LIMIT = 0.2;     // above a limit that falls, comfortable braking follows it [m/s]
+constexpr double LATE_FOR_LIMIT = 0.7;    // so much above it takes emergency braking, between the two a part [m/s]
 constexpr char PERSON[] = "person";
 constexpr double REACH_STEP = 0.5;  // along the way, to see which obstacles are far from it [m]
 
@@ -456,7 +458,7 @@ void SpeedGovernor::findNewcomers()
     if (known.out_of >= 0)
     {
       // What became larger is a thing whose end was seen first.
-      known.out_of = hidden_people::isNotWiderThanPerson(seen) ? known.out_of : -1;
+      known.out_of = hidden_people::isNotWiderThanPerson(seen, way_.front().position()) ? known.out_of : -1;
       continue;
     }
     const Eigen::Vector2d velocity = Pose2{0.0, 0.0, T_base_reckoned.heading} * known.velocity;
@@ -667,6 +669,12 @@ GovernorOutput SpeedGovernor::update(const GovernorInput& input)
   limit_ = std::min(bound.speed, std::max(limit_, speed) + options_.rise * dt);
   limit_ = std::min(bound.speed, std::max(limit_, options_.min_speed));
   output.speed_limit = limit_;
+  if (bound.by_hidden)
+  {
+    // A limit that was known late is not made up for by braking as it falls.
+    const double late = std::clamp((speed - limit_ - FOLLOWS_LIMIT) / (LATE_FOR_LIMIT - FOLLOWS_LIMIT), 0.0, 1.0);
+    output.max_deceleration += late * (options_.limits.emergency_deceleration - options_.limits.deceleration);
+  }
   if (output.obstacle_id >= 0)
   {
     output.reason = bound.by_hidden ? "slowing beside obstacle " + id + ", which may hide a person"

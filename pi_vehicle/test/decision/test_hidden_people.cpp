@@ -69,6 +69,9 @@ TEST(HiddenPeople, ComeOutNearWhatHidThemTowardsTheWay)
   EXPECT_FALSE(comesOut(seen(5.0, -1.8, 0.2), walks, box, way)) << "before it";
   EXPECT_FALSE(comesOut(seen(6.5, -2.0, 0.8), walks, box, way)) << "larger than a person";
   EXPECT_FALSE(comesOut(seen(6.5, -2.0, 0.1), walks, box, way)) << "a pole";
+  const Eigen::Vector2d ahead(6.3, -1.9);
+  const Pose2 sight{ahead.x(), ahead.y(), std::atan2(ahead.y(), ahead.x())};
+  EXPECT_TRUE(comesOut(GroundPolygon::box(sight, {1.0, 0.3}), walks, box, way)) << "its far side is hardly known";
   EXPECT_FALSE(comesOut(seen(6.5, -2.0, 0.2), {0.6, 0.1}, box, way)) << "along the way";
   EXPECT_TRUE(towards(way, {6.5, -2.0}).isApprox(Eigen::Vector2d(0.0, 1.0)));
   EXPECT_TRUE(towards(way, {6.5, 2.0}).isApprox(Eigen::Vector2d(0.0, -1.0)));

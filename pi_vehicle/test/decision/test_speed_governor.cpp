@@ -296,6 +296,31 @@ TEST(SpeedGovernor, SaysThatItSlowsDownForWhatMayBeHidden)
   EXPECT_GT(before.least_speed, 0.4);
 }
 
+TEST(SpeedGovernor, BrakesHarderForWhatIsKnownLateToHideAPerson)
+{
+  const auto hardest = [](double seen_after_s, double* speed_at_edge)
+  {
+    World world = cruising();
+    Mover box{{world.vehicle.pose.x + 12.0, -2.1}};
+    box.size = {1.6, 1.0};
+    box.top = 1.8;
+    box.seen_from_s = world.time + seen_after_s;
+    world.movers.push_back(box);
+    while (world.vehicle.pose.x + SpeedGovernorOptions().footprint.front < box.position.x())
+    {
+      world.step();
+    }
+    *speed_at_edge = world.vehicle.speed;
+    return world.hardest;
+  };
+  double early_mps = 0.0;
+  double late_mps = 0.0;
+  EXPECT_LT(hardest(0.0, &early_mps), 1.3);
+  EXPECT_GT(hardest(2.4, &late_mps), 1.8);
+  EXPECT_LT(early_mps, 1.2);
+  EXPECT_LT(late_mps, 1.2);
+}
+
 TEST(SpeedGovernor, DrivesOnBesideWhatHidesNobody)
 {
   const auto leastSpeed = [](const Eigen::Vector2d& middle, const Eigen::Vector2d& size, double top)
