@@ -50,6 +50,7 @@ TEST_F(WheelsTest, ReckonsInTheDarkByWheels)
     const Outcome& before = at(outcomes, DARK_S - 0.1);
     const Outcome& end = at(outcomes, DARK_S + length_s - 0.1);
     ASSERT_TRUE(before.known) << allMessages();
+    EXPECT_NE("", scaleComplaint(end.report.wheels.scale)) << "2 % are named";
     EXPECT_EQ(end.report.status, VioStatus::BLIND);
     EXPECT_GE(end.report.wheels.slips, 2u);
     EXPECT_TRUE(said("by IMU and wheels")) << allMessages();

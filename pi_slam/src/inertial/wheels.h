@@ -44,6 +44,10 @@ struct WheelScale
   double deviation = 0.02;
 };
 
+/// That wheels and cameras measure different ways, and what that may come from; empty: the scale is near 1, or not yet
+/// known well enough.
+std::string scaleComplaint(const WheelScale& scale);
+
 /// The way of the wheels between two times, integrated with the rotation of the IMU.
 struct WheelWay
 {

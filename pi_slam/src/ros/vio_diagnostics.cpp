@@ -101,7 +101,9 @@ void VioDiagnostics::reportOdometry(Status& status)
   }
   else if (state == VioStatus::TRACKING || state == VioStatus::STANDSTILL)
   {
-    status.summary(DiagnosticStatus::OK, summary);
+    const std::string complaint = frame_->wheels.known ? scaleComplaint(frame_->wheels.scale) : "";
+    status.summary(complaint.empty() ? DiagnosticStatus::OK : DiagnosticStatus::WARN,
+                   complaint.empty() ? summary : complaint);
   }
   else
   {

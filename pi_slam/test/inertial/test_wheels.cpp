@@ -60,6 +60,18 @@ NavState rolling(const WheelOptions& options)
 
 }  // namespace
 
+TEST(WheelScale, ThatIsFarFromOneIsNamed)
+{
+  EXPECT_EQ("", scaleComplaint({1.0, 0.001}));
+  EXPECT_EQ("", scaleComplaint({0.99, 0.001})) << "a matter of tyres";
+  EXPECT_EQ("", scaleComplaint({1.03, 0.01})) << "not known well yet";
+  EXPECT_EQ(
+      "the cameras measure 2.0 % less way than the wheels; check the cameras' baseline in the calibration, and the "
+      "wheels' radius",
+      scaleComplaint({0.98, 0.002}));
+  EXPECT_NE(std::string::npos, scaleComplaint({1.1, 0.002}).find("10.0 % more way"));
+}
+
 TEST(WheelBuffer, GivesMeansBetweenAnyTwoTimes)
 {
   WheelBuffer wheels;
