@@ -31,7 +31,7 @@ constexpr double COMPARED_M = 1.0;           ///< way of one comparison with the
 constexpr double COMPARED_S = 4.0;           ///< slower is not compared: the pictures know scale by motion
 constexpr double COMPARED_NOISE = 0.01;      ///< of one comparison: wheels 1 %
 constexpr double SCALE_WALK = 1e-4;          ///< of the scale, by comparison: tyres warm up, load changes
-constexpr double NAMED_SCALE_ERROR = 0.015;    ///< more is no matter of tyre pressure, and worth a message
+constexpr double NAMED_SCALE_ERROR = 0.015;  ///< more is no matter of tyre pressure, and worth a message
 constexpr double LARGEST_SCALE_ERROR = 0.2;  ///< that is a matter of tyres
 constexpr int MAX_WRONG = 5;                 ///< comparisons in a row, after which it is no slip
 constexpr int MAX_WRONG_TURNS = 2;           ///< likewise of the turns
@@ -64,9 +64,10 @@ std::string scaleComplaint(const WheelScale& scale)
   {
     return "";
   }
-  return format("the cameras measure %.1f %% %s way than the wheels; check the cameras' baseline in the "
-                         "calibration, and the wheels' radius",
-                         100.0 * std::abs(error), error > 0.0 ? "more" : "less");
+  return format(
+      "the cameras measure %.1f %% %s way than the wheels; check the cameras' baseline in the "
+      "calibration, and the wheels' radius",
+      100.0 * std::abs(error), error > 0.0 ? "more" : "less");
 }
 
 Eigen::Vector3d WheelWay::deviation(const WheelOptions& options, const WheelScale& scale) const
