@@ -2,8 +2,10 @@
 
 #include <Eigen/Geometry>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
+#include "map/earth.h"
 #include "map/feature_set.h"
 #include "map/occupancy_cells.h"
 
@@ -57,11 +59,25 @@ struct GridPatch
   OccupancyCells cells;      ///< in odom
 };
 
+/// What GNSS measured near a node: p_antenna = p_node + Rz(heading_node) shift is `p_local` in the frame of the map's
+/// GeoPoint.
+struct MapFix
+{
+  uint32_t node = 0;
+  Eigen::Vector3d shift = Eigen::Vector3d::Zero();
+  Eigen::Vector3d p_local = Eigen::Vector3d::Zero();
+  double deviation = 1.0;     ///< to each side [m]
+  double up_deviation = 2.0;  ///< [m]
+};
+
 struct MapData
 {
   std::vector<MapNode> nodes;  ///< in the order in which they were made
   std::vector<MapEdge> edges;
   std::vector<GridPatch> patches;  ///< oldest first
+  std::optional<GeoPoint> origin;  ///< of the local frame on earth; nullopt: nothing is known of it
+  std::vector<MapFix> fixes;       ///< oldest first
+  std::optional<EarthPlace> earth; ///< in that frame; nullopt: not known yet
 };
 
 /// How odometry drifts: a random walk over the way, so that errors of position and heading grow with its root.

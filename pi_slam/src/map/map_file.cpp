@@ -20,8 +20,10 @@ namespace
 {
 
 constexpr char MAGIC[8] = "PISLMAP";
-constexpr uint32_t VERSION = 2;
-constexpr uint32_t OLDEST_VERSION = 1;  ///< without patches of the grid
+constexpr uint32_t VERSION = 3;
+constexpr uint32_t EARTH_VERSION = 3;  ///< the first with a place on earth
+constexpr uint32_t GRID_VERSION = 2;   ///< the first with patches of the grid
+constexpr uint32_t OLDEST_VERSION = 1;
 constexpr size_t HEADER_BYTES = 24;
 constexpr size_t CHECKSUM_BYTES = 8;
 constexpr uint64_t MOST_BYTES = 8ULL << 30;
@@ -132,6 +134,7 @@ constexpr size_t FEATURE_BYTES = 5 * 4 + 2 + DESCRIPTOR_BYTES;
 constexpr size_t NODE_BYTES = 8 + 4 + 8 + 7 * 8 + 4 * 8 + 4 + 3 * 4;
 constexpr size_t EDGE_BYTES = 4 + 4 + 1 + 6 * 8;
 constexpr size_t PATCH_BYTES = 4 + 4 * 8 + 4 + 4;
+constexpr size_t FIX_BYTES = 4 + 8 * 8;
 
 void putCamera(const MountedCamera& camera, Writer* writer)
 {
@@ -318,6 +321,59 @@ GridPatch getPatch(Reader* reader)
   return patch;
 }
 
+void putEarth(const MapData& map, Writer* writer)
+{
+  const GeoPoint origin = map.origin.value_or(GeoPoint());
+  writer->put<uint32_t>(map.origin ? 1 : 0);
+  for (const double value : {origin.latitude_deg, origin.longitude_deg, origin.height_m})
+  {
+    writer->put(value);
+  }
+  const EarthPlace place = map.earth.value_or(EarthPlace());
+  writer->put<uint32_t>(map.earth ? 1 : 0);
+  writer->putMatrix(place.position);
+  writer->put(place.heading);
+  writer->put<uint64_t>(map.fixes.size());
+  for (const MapFix& fix : map.fixes)
+  {
+    writer->put(fix.node);
+    writer->putMatrix(fix.shift);
+    writer->putMatrix(fix.p_local);
+    writer->put(fix.deviation);
+    writer->put(fix.up_deviation);
+  }
+}
+
+void getEarth(uint32_t nodes, MapData* map, Reader* reader)
+{
+  const bool has_origin = reader->getBetween<uint32_t>("whether an origin on earth is known", 0, 1) == 1;
+  GeoPoint origin;
+  origin.latitude_deg = reader->getBetween("latitude", -90.0, 90.0);
+  origin.longitude_deg = reader->getBetween("longitude", -360.0, 360.0);
+  origin.height_m = reader->getBetween("height", -1e5, 1e5);
+  map->origin = has_origin ? std::make_optional(origin) : std::nullopt;
+  const bool has_place = reader->getBetween<uint32_t>("whether the place on earth is known", 0, 1) == 1;
+  EarthPlace place;
+  place.position = reader->getPosition("place on earth");
+  place.heading = reader->getBetween("heading on earth", -1e6, 1e6);
+  map->earth = has_origin && has_place ? std::make_optional(place) : std::nullopt;
+  const uint64_t fixes = reader->getCount("number of fixes", FIX_BYTES);
+  if (fixes > 0 && (!has_origin || nodes == 0))
+  {
+    reader->refuse("it has " + std::to_string(fixes) + " fixes of GNSS, but no origin on earth or no keyframe");
+  }
+  for (uint64_t i = 0; i < fixes; ++i)
+  {
+    MapFix fix;
+    fix.node = reader->getBetween<uint32_t>("node of a fix", 0, nodes - 1);
+    fix.shift = reader->getPosition("shift of a fix");
+    fix.p_local = reader->getPosition("place of a fix");
+    fix.deviation = reader->getBetween("deviation of a fix", 1e-6, 1e7);
+    fix.up_deviation = reader->getBetween("deviation of a fix", 1e-6, 1e7);
+    map->fixes.push_back(fix);
+  }
+}
+
 [[noreturn]] void failed(const std::string& file, const char* action)
 {
   throw MapError("map " + file + ": cannot " + action + ": " + std::strerror(errno));
@@ -363,6 +419,7 @@ std::vector<uint8_t> encodeMap(const MapData& map, const StereoCalibration& cali
   {
     putPatch(patch, &writer);
   }
+  putEarth(map, &writer);
   const uint64_t length = writer.bytes.size() + CHECKSUM_BYTES;
   std::memcpy(writer.bytes.data() + HEADER_BYTES - sizeof(length), &length, sizeof(length));
   writer.put(crc64(writer.bytes.data(), writer.bytes.size()));
@@ -421,10 +478,14 @@ MapData decodeMap(const std::vector<uint8_t>& bytes, const StereoCalibration& ca
   {
     map.edges.push_back(getEdge(static_cast<uint32_t>(nodes), &reader));
   }
-  const auto patches = version >= VERSION ? reader.getCount("number of grids", PATCH_BYTES) : 0;
+  const auto patches = version >= GRID_VERSION ? reader.getCount("number of grids", PATCH_BYTES) : 0;
   for (uint64_t i = 0; i < patches; ++i)
   {
     map.patches.push_back(getPatch(&reader));
+  }
+  if (version >= EARTH_VERSION)
+  {
+    getEarth(static_cast<uint32_t>(nodes), &map, &reader);
   }
   if (reader.left() != 0)
   {

@@ -17,6 +17,8 @@ namespace pi_slam
 namespace
 {
 
+constexpr size_t MOST_WAITING_FIXES = 200;
+
 /// The pose of odom in map, turned about z alone, that puts the body there.
 Eigen::Isometry3d uprightMapOdom(const Eigen::Isometry3d& T_odom_body, const Eigen::Isometry3d& T_map_body)
 {
@@ -80,6 +82,16 @@ MapData selected(const MapData& map, const std::function<bool(const MapNode&)>& 
       part.edges.push_back(edge);
     }
   }
+  part.origin = map.origin;
+  for (MapFix fix : map.fixes)
+  {
+    if (moved[fix.node] >= 0)
+    {
+      fix.node = static_cast<uint32_t>(moved[fix.node]);
+      part.fixes.push_back(fix);
+    }
+  }
+  part.earth = part.fixes.empty() ? std::nullopt : map.earth;
   return part;
 }
 
@@ -113,6 +125,8 @@ void Mapper::Impl::reset()
   loops_pending = false;
   large_correction = false;
   witnesses.clear();
+  waiting_fixes.clear();
+  fixes_pending = false;
   loops = 0;
   last_add_ms = 0.0;
   filter = DriftFilter();
@@ -141,6 +155,13 @@ void Mapper::Impl::publish()
   statistics.localized = !loaded || (was_localized && segment_begun && ownPart() == 0);
   statistics.covariance = filter.covariance();
   statistics.last_add_ms = last_add_ms;
+  statistics.fixes = data.fixes.size();
+  if (data.origin && data.earth)
+  {
+    const LocalFrame local(*data.origin);
+    statistics.on_earth = MapOnEarth{local.T_earth_local() * data.earth->T_local_map(),
+                                     local.toGeo(data.earth->position), data.earth->heading};
+  }
   std::lock_guard<std::mutex> lock(published_mutex);
   published = statistics;
   published_T_map_odom = filter.T_map_odom();
@@ -227,6 +248,25 @@ void Mapper::add(const MapFrame& frame)
   const bool begins_anew = std::exchange(impl_->next_begins_anew, false);
   lock.unlock();
   impl_->process(frame, begins_anew);
+}
+
+void Mapper::addFix(const GnssFix& fix)
+{
+  if (!fix.antenna.isValid() || !(fix.deviation > 0.0 && fix.deviation < 1e6) ||
+      !(fix.up_deviation > 0.0 && fix.up_deviation < 1e6) || !fix.p_body_antenna.allFinite())
+  {
+    throw std::invalid_argument("GNSS: latitude " + std::to_string(fix.antenna.latitude_deg) + ", longitude " +
+                                std::to_string(fix.antenna.longitude_deg) + ", height " +
+                                std::to_string(fix.antenna.height_m) + " m, deviation " +
+                                std::to_string(fix.deviation) + " and " + std::to_string(fix.up_deviation) +
+                                " m, or the place of the antenna, are out of range");
+  }
+  std::lock_guard<std::mutex> lock(impl_->map_mutex);
+  impl_->waiting_fixes.push_back(fix);
+  if (impl_->waiting_fixes.size() > MOST_WAITING_FIXES)
+  {
+    impl_->waiting_fixes.pop_front();
+  }
 }
 
 void Mapper::flush()

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <pi_slam/stereo_calibration.h>
+#include "map/earth.h"
 #include "map/map_frame.h"
 #include "map/occupancy_cells.h"
 
@@ -45,6 +46,24 @@ struct MapperOptions
   void validate() const;
 };
 
+/// A position by GNSS.
+struct GnssFix
+{
+  int64_t stamp_ns = 0;
+  map::GeoPoint antenna;
+  double deviation = 1.0;                                ///< east and north [m]; > 0
+  double up_deviation = 2.0;                             ///< [m]; > 0
+  Eigen::Vector3d p_body_antenna = Eigen::Vector3d::Zero();  ///< the lever arm [m]
+};
+
+/// Where the map lies on earth.
+struct MapOnEarth
+{
+  Eigen::Isometry3d T_earth_map = Eigen::Isometry3d::Identity();  ///< earth as in REP 105: earth-centred, earth-fixed
+  map::GeoPoint origin;                                           ///< of the map's frame
+  double heading_rad = 0.0;                                       ///< of its x axis, from east to north
+};
+
 struct MapStatistics
 {
   size_t keyframes = 0;
@@ -57,6 +76,8 @@ struct MapStatistics
   Eigen::Matrix4d covariance = Eigen::Matrix4d::Zero();
   double last_add_ms = 0.0;  ///< work for the last frame
   size_t skipped = 0;        ///< frames for which there was no time
+  size_t fixes = 0;          ///< of GNSS, in the map
+  std::optional<MapOnEarth> on_earth;  ///< nullopt: not known
 };
 
 struct MapPoint
@@ -85,6 +106,11 @@ public:
   /// known ground, frames between keyframes help.
   /// @throws std::invalid_argument for pictures of another size or type, or a pose that is none.
   void add(const MapFrame& frame);
+  /// Offers a position by GNSS, in order of time. It is tied to the keyframe before it as soon as frames have passed it.
+  /// The map gets its place on earth when the fixes tell a heading; from then on they straighten it, as much as they are
+  /// worth beside odometry and loops. Wrong ones (multipath) hardly count.
+  /// @throws std::invalid_argument for numbers that are none.
+  void addFix(const GnssFix& fix);
   /// Returns when no frame waits or is in work.
   void flush();
 

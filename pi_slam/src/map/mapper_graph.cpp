@@ -30,6 +30,10 @@ constexpr double WELL_KNOWN = 2.0;         ///< times the least inliers: needs n
 constexpr double GRID_STEP_M = 5.0;        ///< way between patches of the grid
 constexpr double GRID_BEHIND_M = 6.0;  ///< when a patch is cut out, its middle is so far behind: nothing nearer comes
 constexpr double GRID_REACH_M = 12.0;  ///< of a patch to each side
+constexpr double LONGEST_BETWEEN_S = 0.5;  ///< of two frames, for a fix between them
+constexpr double FARTHEST_FIX_M = 5.0;     ///< of the antenna from the node, by the way since it
+constexpr double FIX_FACTOR = 2.0;         ///< on the deviations of GNSS, as errors of neighbours are alike
+constexpr size_t MOST_FIXES = 4000;
 constexpr size_t PLAIN_NODES = 100;    ///< without features, that any map may have; else as many as keyframes
 
 }  // namespace
@@ -77,7 +81,7 @@ bool Mapper::Impl::isAttemptDue(const MapFrame& frame) const
 
 bool Mapper::Impl::isCorrectionDue() const
 {
-  return loops_pending && nodes_since_correction >= NODES_PER_CORRECTION + data.nodes.size() / CORRECTION_PART;
+  return (loops_pending || fixes_pending) && nodes_since_correction >= NODES_PER_CORRECTION + data.nodes.size() / CORRECTION_PART;
 }
 
 void Mapper::Impl::process(const MapFrame& frame, bool begins_anew)
@@ -112,6 +116,7 @@ void Mapper::Impl::process(const MapFrame& frame, bool begins_anew)
     }
     boundMap();
   }
+  tieFixes(frame);
   last_add_ms = 1e3 * pi_node::secondsSince(start);
   publish();
 }
@@ -221,7 +226,54 @@ void Mapper::Impl::correct()
   }
   nodes_since_correction = 0;
   loops_pending = false;
+  fixes_pending = false;
   large_correction = false;
+}
+
+/// Ties the fixes between the last frame and this one to the segment's newest node.
+void Mapper::Impl::tieFixes(const MapFrame& frame)
+{
+  while (!waiting_fixes.empty() && waiting_fixes.front().stamp_ns <= frame.stamp_ns)
+  {
+    const GnssFix& fix = waiting_fixes.front();
+    const double between_s = pi_node::secondsBetween(last_frame.stamp_ns, frame.stamp_ns);
+    if (fix.stamp_ns >= last_frame.stamp_ns && between_s > 0.0 && between_s < LONGEST_BETWEEN_S)
+    {
+      const double part = pi_node::secondsBetween(last_frame.stamp_ns, fix.stamp_ns) / between_s;
+      Eigen::Isometry3d T_odom_body = Eigen::Isometry3d::Identity();
+      T_odom_body.linear() = Eigen::Quaterniond(last_frame.T_odom_body.linear())
+                                 .slerp(part, Eigen::Quaterniond(frame.T_odom_body.linear()))
+                                 .toRotationMatrix();
+      T_odom_body.translation() =
+          (1.0 - part) * last_frame.T_odom_body.translation() + part * frame.T_odom_body.translation();
+      tieFix(fix, T_odom_body);
+    }
+    waiting_fixes.pop_front();
+  }
+  last_frame.stamp_ns = frame.stamp_ns;
+  last_frame.T_odom_body = frame.T_odom_body;
+}
+
+void Mapper::Impl::tieFix(const GnssFix& fix, const Eigen::Isometry3d& T_odom_body)
+{
+  if (last_node < 0 || isWaiting())
+  {
+    return;
+  }
+  const MapNode& node = data.nodes[static_cast<size_t>(last_node)];
+  const Eigen::Vector3d shift = T_odom_body * fix.p_body_antenna - node.T_odom_body.translation();
+  const bool same_node = !data.fixes.empty() && static_cast<int64_t>(data.fixes.back().node) == last_node;
+  if (same_node || shift.norm() > FARTHEST_FIX_M + fix.p_body_antenna.norm())
+  {
+    return;  // one fix for a place: standing still for an hour must not outweigh the drive
+  }
+  if (!data.origin)
+  {
+    data.origin = fix.antenna;
+  }
+  data.fixes.push_back({static_cast<uint32_t>(last_node), shift, LocalFrame(*data.origin).toLocal(fix.antenna),
+                        FIX_FACTOR * fix.deviation, FIX_FACTOR * fix.up_deviation});
+  fixes_pending = true;
 }
 
 /// Cuts a patch out of the last grid if the vehicle went far enough. @param behind_m  of its middle.
@@ -298,6 +350,14 @@ void Mapper::Impl::boundMap()
   if (const auto moved = thinOut(&data, keyframes + std::max(keyframes, PLAIN_NODES)))
   {
     last_node = last_node >= 0 ? (*moved)[static_cast<size_t>(last_node)] : -1;
+  }
+  if (data.fixes.size() > MOST_FIXES)
+  {
+    // Of the older half every other one goes.
+    size_t number = 0;
+    const auto middle = data.fixes.begin() + static_cast<std::ptrdiff_t>(MOST_FIXES / 2);
+    data.fixes.erase(std::remove_if(data.fixes.begin(), middle, [&number](const MapFix&) { return number++ % 2 != 0; }),
+                     middle);
   }
 }
 

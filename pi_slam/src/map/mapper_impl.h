@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cmath>
 #include <condition_variable>
+#include <deque>
 #include <mutex>
 #include <optional>
 #include <thread>
@@ -90,6 +91,8 @@ struct Mapper::Impl
   void addLoop(uint32_t to, const RecognizedPlace& place);
   void correct();
   void boundMap();
+  void tieFixes(const MapFrame& frame);
+  void tieFix(const GnssFix& fix, const Eigen::Isometry3d& T_odom_body);
   void keepGrid(double behind_m);
   std::optional<GridPatch> newestGrid() const;
   void reset();
@@ -137,6 +140,9 @@ struct Mapper::Impl
     double travelled_m;
   };
   std::vector<Witness> witnesses;
+  std::deque<GnssFix> waiting_fixes;  ///< that no frame has passed yet
+  bool fixes_pending = false;         ///< tied since the graph was corrected last
+  MapFrame last_frame;                ///< without pictures
   size_t loops = 0;
   double last_add_ms = 0.0;
 

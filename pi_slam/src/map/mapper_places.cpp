@@ -61,6 +61,11 @@ bool Mapper::Impl::hasWitness(const MapFrame& frame, const RecognizedPlace& plac
 void Mapper::Impl::movePart(uint32_t part, const Eigen::Isometry3d& shift)
 {
   const double turn = headingOf(shift);
+  if (data.earth && !data.fixes.empty() && part_of_segment[data.nodes[data.fixes.front().node].segment] == part)
+  {
+    const Eigen::Isometry3d T_local_map = data.earth->T_local_map() * shift.inverse();
+    data.earth = EarthPlace{T_local_map.translation(), headingOf(T_local_map)};
+  }
   for (MapNode& node : data.nodes)
   {
     if (part_of_segment[node.segment] == part)

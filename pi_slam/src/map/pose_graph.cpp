@@ -15,7 +15,8 @@ namespace
 
 using State = std::array<double, 4>;  // x, y, z, heading
 
-constexpr double ROBUST = 3.0;  ///< deviations from which on a loop counts less
+constexpr double ROBUST = 3.0;      ///< deviations from which on a loop counts less
+constexpr double FIX_ROBUST = 2.0;  ///< likewise of GNSS, which is often wrong by far more: multipath
 
 /// Residuals of one edge over its deviations: shift in the axes of `from`, then turn.
 class EdgeError : public ceres::SizedCostFunction<4, 4, 4>
@@ -61,8 +62,48 @@ private:
   const MapEdge edge_;
 };
 
-/// The first node of each connected part.
-std::vector<uint32_t> anchorsOf(const MapData& map)
+/// Residuals of a fix of GNSS over its deviations, by node and place on earth.
+class FixError : public ceres::SizedCostFunction<3, 4, 4>
+{
+public:
+  explicit FixError(const MapFix& fix) : fix_(fix) {}
+
+  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override
+  {
+    const Eigen::Map<const Eigen::Vector3d> node(parameters[0]);
+    const Eigen::Map<const Eigen::Vector3d> place(parameters[1]);
+    const Eigen::Matrix3d node_turn = aboutZ(parameters[0][3]);
+    const Eigen::Matrix3d turn = aboutZ(parameters[1][3]);
+    const Eigen::Vector3d shift = node_turn * fix_.shift;
+    const Eigen::Vector3d antenna = turn * (node + shift);
+    const Eigen::Vector3d weight(1.0 / fix_.deviation, 1.0 / fix_.deviation, 1.0 / fix_.up_deviation);
+    Eigen::Map<Eigen::Vector3d>(residuals) = weight.cwiseProduct(antenna + place - fix_.p_local);
+    using Jacobian = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
+    if (jacobians != nullptr && jacobians[0] != nullptr)
+    {
+      Eigen::Map<Jacobian> J(jacobians[0]);
+      J.leftCols<3>() = weight.asDiagonal() * turn;
+      J.col(3) = weight.cwiseProduct(turn * Eigen::Vector3d::UnitZ().cross(shift));
+    }
+    if (jacobians != nullptr && jacobians[1] != nullptr)
+    {
+      Eigen::Map<Jacobian> J(jacobians[1]);
+      J.leftCols<3>() = weight.asDiagonal();
+      J.col(3) = weight.cwiseProduct(Eigen::Vector3d::UnitZ().cross(antenna));
+    }
+    return true;
+  }
+
+private:
+  static Eigen::Matrix3d aboutZ(double angle)
+  {
+    return Eigen::AngleAxisd(angle, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+  }
+  const MapFix fix_;
+};
+
+/// The first node of the connected part of each node.
+std::vector<uint32_t> rootsOf(const MapData& map)
 {
   std::vector<uint32_t> parent(map.nodes.size());
   std::iota(parent.begin(), parent.end(), 0U);
@@ -81,15 +122,25 @@ std::vector<uint32_t> anchorsOf(const MapData& map)
     const uint32_t b = root(edge.to);
     parent[std::max(a, b)] = std::min(a, b);
   }
-  std::vector<uint32_t> anchors;
   for (uint32_t i = 0; i < parent.size(); ++i)
   {
-    if (parent[i] == i)
+    parent[i] = root(i);
+  }
+  return parent;
+}
+
+/// The fixes of the connected part that has the oldest one: others have a place of their own until they are joined.
+std::vector<MapFix> usedFixes(const MapData& map, const std::vector<uint32_t>& roots)
+{
+  std::vector<MapFix> fixes;
+  for (const MapFix& fix : map.fixes)
+  {
+    if (roots[fix.node] == roots[map.fixes.front().node])
     {
-      anchors.push_back(i);
+      fixes.push_back(fix);
     }
   }
-  return anchors;
+  return fixes;
 }
 
 /// Whether a loop is so far off that it counts less than in full.
@@ -105,7 +156,9 @@ bool hasContradiction(const MapData& map, const std::vector<State>& states)
                      });
 }
 
-bool solve(const MapData& map, bool first, std::vector<State>* states)
+/// @param earth  null: its place is not known.
+bool solve(const MapData& map, const std::vector<uint32_t>& roots, bool first, std::vector<State>* states,
+           State* earth)
 {
   ceres::Problem problem;
   for (State& state : *states)
@@ -121,9 +174,21 @@ bool solve(const MapData& map, bool first, std::vector<State>* states)
     }
     problem.AddResidualBlock(new EdgeError(edge), loss, (*states)[edge.from].data(), (*states)[edge.to].data());
   }
-  for (const uint32_t anchor : anchorsOf(map))
+  if (earth != nullptr)
   {
-    problem.SetParameterBlockConstant((*states)[anchor].data());
+    problem.AddParameterBlock(earth->data(), 4);
+    for (const MapFix& fix : usedFixes(map, roots))
+    {
+      problem.AddResidualBlock(new FixError(fix), new ceres::CauchyLoss(FIX_ROBUST), (*states)[fix.node].data(),
+                               earth->data());
+    }
+  }
+  for (uint32_t i = 0; i < roots.size(); ++i)
+  {
+    if (roots[i] == i)
+    {
+      problem.SetParameterBlockConstant((*states)[i].data());
+    }
   }
   ceres::Solver::Options options;
   options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
@@ -138,6 +203,22 @@ bool solve(const MapData& map, bool first, std::vector<State>* states)
 
 }  // namespace
 
+std::optional<EarthPlace> locateOnEarth(const MapData& map)
+{
+  if (map.earth || map.fixes.empty())
+  {
+    return map.earth;
+  }
+  std::vector<PlacePair> pairs;
+  for (const MapFix& fix : usedFixes(map, rootsOf(map)))
+  {
+    const MapNode& node = map.nodes[fix.node];
+    const Eigen::Vector3d shift = Eigen::AngleAxisd(node.heading, Eigen::Vector3d::UnitZ()) * fix.shift;
+    pairs.push_back({node.p_map_body + shift, fix.p_local, fix.deviation});
+  }
+  return findEarthPlace(pairs);
+}
+
 bool optimizePoseGraph(MapData* map)
 {
   if (map->nodes.size() < 2 || map->edges.empty())
@@ -150,7 +231,16 @@ bool optimizePoseGraph(MapData* map)
     const MapNode& node = map->nodes[i];
     states[i] = {node.p_map_body.x(), node.p_map_body.y(), node.p_map_body.z(), node.heading};
   }
-  if (!solve(*map, true, &states) || (hasContradiction(*map, states) && !solve(*map, false, &states)) ||
+  const std::vector<uint32_t> roots = rootsOf(*map);
+  const std::optional<EarthPlace> place = map->fixes.empty() ? std::nullopt : locateOnEarth(*map);
+  State earth{};
+  if (place)
+  {
+    earth = {place->position.x(), place->position.y(), place->position.z(), place->heading};
+  }
+  State* const on_earth = place ? &earth : nullptr;
+  if (!solve(*map, roots, true, &states, on_earth) ||
+      (hasContradiction(*map, states) && !solve(*map, roots, false, &states, on_earth)) ||
       !std::all_of(states.begin(), states.end(),
                    [](const State& state) { return Eigen::Map<const Eigen::Vector4d>(state.data()).allFinite(); }))
   {
@@ -160,6 +250,10 @@ bool optimizePoseGraph(MapData* map)
   {
     map->nodes[i].p_map_body = Eigen::Vector3d(states[i][0], states[i][1], states[i][2]);
     map->nodes[i].heading = states[i][3];
+  }
+  if (place)
+  {
+    map->earth = EarthPlace{Eigen::Vector3d(earth[0], earth[1], earth[2]), earth[3]};
   }
   return true;
 }

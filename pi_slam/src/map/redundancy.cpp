@@ -185,6 +185,15 @@ std::optional<std::vector<int64_t>> thinOut(MapData* map, size_t most)
     edge.to = static_cast<uint32_t>(moved[edge.to]);
     edges.push_back(edge);
   }
+  for (MapFix& fix : map->fixes)
+  {
+    for (; to[fix.node] >= 0; fix.node = static_cast<uint32_t>(to[fix.node]))
+    {
+      const MapEdge& edge = map->edges[static_cast<size_t>(next[fix.node])];
+      fix.shift = turned(-edge.turn, fix.shift - edge.shift);
+    }
+    fix.node = static_cast<uint32_t>(moved[fix.node]);
+  }
   map->nodes = std::move(nodes);
   map->edges = std::move(edges);
   return moved;

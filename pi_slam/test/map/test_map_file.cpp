@@ -69,6 +69,9 @@ MapData makeMap()
   patch.travelled_m = 1.5;
   patch.cells = {{-3.0, 4.0}, 0.1, 3, 2, {-1, 0, 100, 50, 7, -1}};
   map.patches.push_back(patch);
+  map.origin = GeoPoint{47.3769, 8.5417, 408.0};
+  map.earth = EarthPlace{{12.5, -3.0, 1.5}, 0.75};
+  map.fixes.push_back({1, {0.3, -0.2, 1.0}, {14.0, -2.0, 2.5}, 1.5, 3.0});
   return map;
 }
 
@@ -136,19 +139,37 @@ TEST(MapFile, GivesBackWhatWasWritten)
   EXPECT_EQ(3, back.patches[0].cells.width);
   EXPECT_EQ(2, back.patches[0].cells.height);
   EXPECT_EQ(map.patches[0].cells.cells, back.patches[0].cells.cells);
+  ASSERT_TRUE(back.origin && back.earth);
+  EXPECT_EQ(8.5417, back.origin->longitude_deg);
+  EXPECT_EQ(map.earth->position, back.earth->position);
+  EXPECT_EQ(0.75, back.earth->heading);
+  ASSERT_EQ(1u, back.fixes.size());
+  EXPECT_EQ(1u, back.fixes[0].node);
+  EXPECT_EQ(map.fixes[0].shift, back.fixes[0].shift);
+  EXPECT_EQ(map.fixes[0].p_local, back.fixes[0].p_local);
+  EXPECT_EQ(3.0, back.fixes[0].up_deviation);
 }
 
-TEST(MapFile, ReadsVersionOneWhichHasNoGrid)
+TEST(MapFile, ReadsOlderVersionsWhichHaveNoGridOrNoPlaceOnEarth)
 {
+  constexpr std::ptrdiff_t CHECKSUM = 8;
+  constexpr std::ptrdiff_t PATCHES = 8;                       // their number
+  constexpr std::ptrdiff_t EARTH = 4 + 3 * 8 + 4 + 4 * 8 + 8;  // without fixes
   const StereoCalibration calibration = StereoCalibration::makeForwardPair();
   MapData map = makeMap();
   map.patches.clear();
-  std::vector<uint8_t> bytes = encodeMap(map, calibration);
-  bytes.erase(bytes.end() - 16, bytes.end() - 8);  // the number of patches
-  bytes[8] = 1;
-  const MapData back = decodeMap(sealed(bytes), calibration, "file");
-  EXPECT_EQ(map.nodes.size(), back.nodes.size());
-  EXPECT_TRUE(back.patches.empty());
+  map.fixes.clear();
+  const std::vector<uint8_t> newest = encodeMap(map, calibration);
+  for (const uint8_t version : {1, 2})
+  {
+    std::vector<uint8_t> bytes = newest;
+    bytes.erase(bytes.end() - CHECKSUM - EARTH - (version == 1 ? PATCHES : 0), bytes.end() - CHECKSUM);
+    bytes[8] = version;
+    const MapData back = decodeMap(sealed(bytes), calibration, "file");
+    EXPECT_EQ(map.nodes.size(), back.nodes.size());
+    EXPECT_TRUE(back.patches.empty());
+    EXPECT_FALSE(back.origin || back.earth);
+  }
 }
 
 TEST(MapFile, RefusesEveryTruncation)
@@ -205,6 +226,10 @@ TEST(MapFile, SurvivesAnyBytesUnderARightChecksum)
         EXPECT_LT(edge.from, map.nodes.size());
         EXPECT_LT(edge.to, map.nodes.size());
       }
+      for (const MapFix& fix : map.fixes)
+      {
+        EXPECT_LT(fix.node, map.nodes.size());
+      }
     }
     catch (const MapError&)
     {
@@ -228,7 +253,7 @@ TEST(MapFile, SaysWhatIsWrong)
   bytes[100] ^= 1;
   EXPECT_EQ("map a.map: its checksum is wrong, the file is damaged; make the map anew", decode(bytes, calibration));
   bytes[8] = 9;
-  EXPECT_EQ("map a.map: it is of version 9, only 1 to 2 can be read; make the map anew", decode(bytes, calibration));
+  EXPECT_EQ("map a.map: it is of version 9, only 1 to 3 can be read; make the map anew", decode(bytes, calibration));
   bytes[0] = 'X';
   EXPECT_EQ("map a.map: it is no map of this program; make the map anew", decode(bytes, calibration));
 }
