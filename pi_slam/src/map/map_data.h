@@ -74,10 +74,10 @@ struct MapData
 {
   std::vector<MapNode> nodes;  ///< in the order in which they were made
   std::vector<MapEdge> edges;
-  std::vector<GridPatch> patches;  ///< oldest first
-  std::optional<GeoPoint> origin;  ///< of the local frame on earth; nullopt: nothing is known of it
-  std::vector<MapFix> fixes;       ///< oldest first
-  std::optional<EarthPlace> earth; ///< in that frame; nullopt: not known yet
+  std::vector<GridPatch> patches;   ///< oldest first
+  std::optional<GeoPoint> origin;   ///< of the local frame on earth; nullopt: nothing is known of it
+  std::vector<MapFix> fixes;        ///< oldest first
+  std::optional<EarthPlace> earth;  ///< in that frame; nullopt: not known yet
 };
 
 /// How odometry drifts: a random walk over the way, so that errors of position and heading grow with its root.

@@ -19,7 +19,8 @@ namespace pi_slam::map
 ///   number of nodes and edges (u64), then nodes and edges one after the other
 ///   from version 2 on: number of patches of the grid (u64), then each: segment (u32), way, corner and cell (4 f64),
 ///     width and height (u32), cells (i8)
-///   from version 3 on: whether an origin on earth is known (u32), its latitude, longitude [degrees] and height (3 f64);
+///   from version 3 on: whether an origin on earth is known (u32), its latitude, longitude [degrees] and height (3
+///   f64);
 ///     whether the place on earth is known (u32), its x, y, z and heading (4 f64); number of fixes (u64), then each:
 ///     node (u32), shift, place (3 f64 each), deviations (2 f64)
 ///   CRC-64 (ECMA-182, reflected, as in XZ) of all bytes before (u64)

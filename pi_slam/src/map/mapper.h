@@ -51,8 +51,8 @@ struct GnssFix
 {
   int64_t stamp_ns = 0;
   map::GeoPoint antenna;
-  double deviation = 1.0;                                ///< east and north [m]; > 0
-  double up_deviation = 2.0;                             ///< [m]; > 0
+  double deviation = 1.0;                                    ///< east and north [m]; > 0
+  double up_deviation = 2.0;                                 ///< [m]; > 0
   Eigen::Vector3d p_body_antenna = Eigen::Vector3d::Zero();  ///< the lever arm [m]
 };
 
@@ -74,9 +74,9 @@ struct MapStatistics
   bool localized = false;  ///< map and odom belong together: always true without a loaded map
   /// Of x, y, z of the body in map [m] and heading [rad], by recognised places and the way since.
   Eigen::Matrix4d covariance = Eigen::Matrix4d::Zero();
-  double last_add_ms = 0.0;  ///< work for the last frame
-  size_t skipped = 0;        ///< frames for which there was no time
-  size_t fixes = 0;          ///< of GNSS, in the map
+  double last_add_ms = 0.0;            ///< work for the last frame
+  size_t skipped = 0;                  ///< frames for which there was no time
+  size_t fixes = 0;                    ///< of GNSS, in the map
   std::optional<MapOnEarth> on_earth;  ///< nullopt: not known
 };
 
@@ -106,9 +106,9 @@ public:
   /// known ground, frames between keyframes help.
   /// @throws std::invalid_argument for pictures of another size or type, or a pose that is none.
   void add(const MapFrame& frame);
-  /// Offers a position by GNSS, in order of time. It is tied to the keyframe before it as soon as frames have passed it.
-  /// The map gets its place on earth when the fixes tell a heading; from then on they straighten it, as much as they are
-  /// worth beside odometry and loops. Wrong ones (multipath) hardly count.
+  /// Offers a position by GNSS, in order of time. It is tied to the keyframe before it as soon as frames have passed
+  /// it. The map gets its place on earth when the fixes tell a heading; from then on they straighten it, as much as
+  /// they are worth beside odometry and loops. Wrong ones (multipath) hardly count.
   /// @throws std::invalid_argument for numbers that are none.
   void addFix(const GnssFix& fix);
   /// Returns when no frame waits or is in work.

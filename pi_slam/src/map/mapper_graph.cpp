@@ -34,7 +34,7 @@ constexpr double LONGEST_BETWEEN_S = 0.5;  ///< of two frames, for a fix between
 constexpr double FARTHEST_FIX_M = 5.0;     ///< of the antenna from the node, by the way since it
 constexpr double FIX_FACTOR = 2.0;         ///< on the deviations of GNSS, as errors of neighbours are alike
 constexpr size_t MOST_FIXES = 4000;
-constexpr size_t PLAIN_NODES = 100;    ///< without features, that any map may have; else as many as keyframes
+constexpr size_t PLAIN_NODES = 100;  ///< without features, that any map may have; else as many as keyframes
 
 }  // namespace
 
@@ -81,7 +81,8 @@ bool Mapper::Impl::isAttemptDue(const MapFrame& frame) const
 
 bool Mapper::Impl::isCorrectionDue() const
 {
-  return (loops_pending || fixes_pending) && nodes_since_correction >= NODES_PER_CORRECTION + data.nodes.size() / CORRECTION_PART;
+  return (loops_pending || fixes_pending) &&
+         nodes_since_correction >= NODES_PER_CORRECTION + data.nodes.size() / CORRECTION_PART;
 }
 
 void Mapper::Impl::process(const MapFrame& frame, bool begins_anew)

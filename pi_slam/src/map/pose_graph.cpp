@@ -157,8 +157,7 @@ bool hasContradiction(const MapData& map, const std::vector<State>& states)
 }
 
 /// @param earth  null: its place is not known.
-bool solve(const MapData& map, const std::vector<uint32_t>& roots, bool first, std::vector<State>* states,
-           State* earth)
+bool solve(const MapData& map, const std::vector<uint32_t>& roots, bool first, std::vector<State>* states, State* earth)
 {
   ceres::Problem problem;
   for (State& state : *states)

@@ -219,6 +219,17 @@ void VioDiagnostics::reportMap(Status& status) const
   status.add("places recognised again", map.loops);
   status.add("loaded from a file", map.loaded ? "yes" : "no");
   status.add("localised", map.localized ? "yes" : "no");
+  if (map.fixes > 0 || map.on_earth)
+  {
+    status.add("positions by GNSS", map.fixes);
+  }
+  if (map.on_earth)
+  {
+    const auto& origin = map.on_earth->origin;
+    status.add("origin of the map on earth",
+               format("%.7f, %.7f degrees, %.1f m", origin.latitude_deg, origin.longitude_deg, origin.height_m));
+    status.add("its x axis, from east to north [deg]", format("%.2f", 180.0 / M_PI * map.on_earth->heading_rad));
+  }
   status.add("time of the last frame [ms]", format("%.2f", map.last_add_ms));
   status.add("frames skipped to keep up", map.skipped);
 }

@@ -40,6 +40,7 @@ VioRos::VioRos(ros::NodeHandle node, ros::NodeHandle private_node)
             &outputs_, &warnings_, &diagnostics_)
   , services_(options_, service_thread_.handle(private_node), &session_)
   , grid_(options_, service_thread_.handle(node), &session_, &warnings_)
+  , gnss_(options_, service_thread_.handle(node), &session_, &topics_.gnss, &warnings_)
   , initial_pose_(options_, service_thread_.handle(node), &session_, &warnings_)
 {
   const auto repeat = [this](double period_s, auto&& function)
@@ -53,8 +54,12 @@ VioRos::VioRos(ros::NodeHandle node, ros::NodeHandle private_node)
   repeat(options_.path_period_s, [this] { outputs_.publishPath(); });
   repeat(options_.points_period_s, [this] { outputs_.publishPoints(); });
   repeat(options_.diagnostic_period, [this] { publishDiagnostics(); });
-  timers_.push_back(
-      pi_node::VehicleTimer(service_thread_.handle(node), options_.map_period_s, [this] { grid_.publish(); }));
+  timers_.push_back(pi_node::VehicleTimer(service_thread_.handle(node), options_.map_period_s,
+                                          [this]
+                                          {
+                                            grid_.publish();
+                                            gnss_.publish();
+                                          }));
 
   calibrator_.prepare();  // with everything from files there is nothing to wait for
   if (runtime_)
@@ -94,7 +99,7 @@ VioRos::~VioRos()
 void VioRos::watchInputs()
 {
   for (const pi_node::InputTopic* input :
-       {&topics_.imu, &topics_.pictures[LEFT], &topics_.pictures[RIGHT], &topics_.wheels})
+       {&topics_.imu, &topics_.pictures[LEFT], &topics_.pictures[RIGHT], &topics_.wheels, &topics_.gnss})
   {
     const double silent_s = input->silentSeconds();
     if (!input->topic.empty() && silent_s > options_.input_timeout_s)
@@ -109,7 +114,7 @@ void VioRos::publishDiagnostics()
 {
   VioFigures figures;
   for (const pi_node::InputTopic* input :
-       {&topics_.imu, &topics_.pictures[LEFT], &topics_.pictures[RIGHT], &topics_.wheels})
+       {&topics_.imu, &topics_.pictures[LEFT], &topics_.pictures[RIGHT], &topics_.wheels, &topics_.gnss})
   {
     if (!input->topic.empty())
     {

@@ -10,6 +10,7 @@
 
 #include "ros/vio_calibrator.h"
 #include "ros/vio_diagnostics.h"
+#include "ros/vio_gnss.h"
 #include "ros/vio_grid.h"
 #include "ros/vio_initial_pose.h"
 #include "ros/vio_inputs.h"
@@ -63,6 +64,7 @@ private:
   VioInputs inputs_;
   VioServices services_;
   VioGrid grid_;
+  VioGnss gnss_;
   VioInitialPose initial_pose_;
   std::vector<pi_node::VehicleTimer> timers_;
   boost::signals2::connection receiving_;  ///< on roscpp's thread that receives messages

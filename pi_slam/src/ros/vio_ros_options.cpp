@@ -2,6 +2,8 @@
 
 #include <pi_node/ros/parameter_tree.h>
 
+#include <algorithm>
+#include <cmath>
 #include <set>
 #include <stdexcept>
 #include <variant>
@@ -50,6 +52,7 @@ static void visitFields(VioRosOptions& options, Visitor&& visit)
   visit("map_frame", options.map_frame);
   visit("odom_frame", options.odom_frame);
   visit("base_link_frame", options.base_link_frame);
+  visit("earth_frame", options.earth_frame);
   visit("publish_tf", options.publish_tf);
   visit("publish_map_tf", options.publish_map_tf);
   visit("tf_rate_hz", options.tf_rate_hz);
@@ -58,6 +61,8 @@ static void visitFields(VioRosOptions& options, Visitor&& visit)
   visit("map_file", options.map_file);
   visit("save_map", options.save_map);
   visit("wheel_topic", options.wheel_topic);
+  visit("gnss_topic", options.gnss_topic);
+  visit("gnss_antenna", options.gnss_antenna);
   visit("zero_copy", options.zero_copy);
   visit("queue_size", options.queue_size);
   visit("imu_queue_size", options.imu_queue_size);
@@ -94,6 +99,13 @@ void VioRosOptions::validate() const
   requireFrame("base_link_frame", base_link_frame);
   require(std::set<std::string>{map_frame, odom_frame, base_link_frame}.size() == 3, "odom_frame",
           "\"" + odom_frame + "\"", "another frame than map_frame and base_link_frame, which differ too");
+  requireFrame("earth_frame", earth_frame);
+  require(std::set<std::string>{map_frame, odom_frame, base_link_frame}.count(earth_frame) == 0, "earth_frame",
+          "\"" + earth_frame + "\"", "another frame than map_frame, odom_frame and base_link_frame");
+  require(mapping || gnss_topic.empty(), "gnss_topic", "\"" + gnss_topic + "\"", "empty with mapping = false");
+  require(gnss_antenna.size() == 3 && std::all_of(gnss_antenna.begin(), gnss_antenna.end(),
+                                                  [](double value) { return std::abs(value) <= 100.0; }),
+          "gnss_antenna", "of " + std::to_string(gnss_antenna.size()) + " values", "x, y and z, each in [-100, 100] m");
   require(tf_rate_hz >= 0.0 && tf_rate_hz <= MAX_TF_RATE_HZ, "tf_rate_hz", tf_rate_hz, "in [0, 4000]");
   require(mapping || map_file.empty(), "map_file", "\"" + map_file + "\"", "empty with mapping = false");
   require(!save_map || !map_file.empty(), "save_map", "true", "false without map_file");

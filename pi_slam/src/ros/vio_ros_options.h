@@ -6,6 +6,7 @@
 #include "ros/calibration_loader.h"
 
 #include <string>
+#include <vector>
 
 namespace pi_slam
 {
@@ -21,9 +22,10 @@ struct VioRosOptions : pi_node::NodeParameters<VioRosOptions>
   std::string map_frame = "map";
   std::string odom_frame = "odom";
   std::string base_link_frame = "base_link";
-  bool publish_tf = true;      ///< odom -> base_link
-  bool publish_map_tf = true;  ///< map -> odom
-  double tf_rate_hz = 50.0;    ///< of both; 0: with every IMU sample. Consumers interpolate, 200 Hz would be wasted
+  std::string earth_frame = "earth";  ///< of tf earth -> map, with GNSS
+  bool publish_tf = true;             ///< odom -> base_link
+  bool publish_map_tf = true;         ///< map -> odom
+  double tf_rate_hz = 50.0;  ///< of both; 0: with every IMU sample. Consumers interpolate, 200 Hz would be wasted
 
   bool use_runtime = true;  ///< heavy stages are jobs of pi_runtime::Runtime::shared(); false: plain calls
 
@@ -31,7 +33,9 @@ struct VioRosOptions : pi_node::NodeParameters<VioRosOptions>
   std::string map_file;   ///< map to begin with, as save_map wrote it; empty: none
   bool save_map = false;  ///< write the map to map_file when the node ends; the one before becomes map_file.before
 
-  std::string wheel_topic;          ///< nav_msgs/Odometry or geometry_msgs/TwistStamped of the base; empty: no wheels
+  std::string wheel_topic;  ///< nav_msgs/Odometry or geometry_msgs/TwistStamped of the base; empty: no wheels
+  std::string gnss_topic;   ///< sensor_msgs/NavSatFix; empty: no GNSS
+  std::vector<double> gnss_antenna = {0.0, 0.0, 0.0};  ///< in base_link: x y z [m]
   bool zero_copy = true;            ///< pictures are read where their publisher wrote them, if the transport can
   int queue_size = 4;               ///< pairs that wait for the worker; the oldest go when it falls behind
   int imu_queue_size = 1000;        ///< samples that wait for their thread

@@ -68,7 +68,10 @@ public:
     }
   }
 
-  Eigen::Vector3d onEarth(const Eigen::Vector3d& p) const { return turned(HEADING, p) + Eigen::Vector3d(3.0, -7.0, 2.0); }
+  Eigen::Vector3d onEarth(const Eigen::Vector3d& p) const
+  {
+    return turned(HEADING, p) + Eigen::Vector3d(3.0, -7.0, 2.0);
+  }
 
   /// RMS of the places of all nodes on the plane [m].
   double off() const

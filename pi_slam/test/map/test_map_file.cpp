@@ -153,7 +153,7 @@ TEST(MapFile, GivesBackWhatWasWritten)
 TEST(MapFile, ReadsOlderVersionsWhichHaveNoGridOrNoPlaceOnEarth)
 {
   constexpr std::ptrdiff_t CHECKSUM = 8;
-  constexpr std::ptrdiff_t PATCHES = 8;                       // their number
+  constexpr std::ptrdiff_t PATCHES = 8;                        // their number
   constexpr std::ptrdiff_t EARTH = 4 + 3 * 8 + 4 + 4 * 8 + 8;  // without fixes
   const StereoCalibration calibration = StereoCalibration::makeForwardPair();
   MapData map = makeMap();
