@@ -190,13 +190,20 @@ function timed(name, callback) {
 
 connection.publishes(GOAL, POSE_TYPE);
 for (const topic of ['/tf/web', '/tf_static']) {
-  connection.subscribe(topic, (message) => {
+  connection.subscribe(topic, (message, name, stamp) => {
     frames.onTransforms(message);
+    for (const one of message.transforms) {
+      if (one.child_frame_id === map.vehicleFrame()) timed('pose', () => {})(one, name, stamp);
+    }
     map.changed();
     showGoal();
   });
 }
-connection.subscribe('/odometry/web', timed('pose', (message) => map.onOdometry(message)));
+connection.subscribe('/odometry/web', timed('pose', (message) => {
+  map.onOdometry(message);
+  // It comes 200 times per second, and then tells nothing new.
+  if (frames.lookup(map.frame, map.vehicleFrame())) connection.unsubscribe('/odometry/web');
+}));
 connection.subscribe('/obstacles/web', timed('obstacles', (message) => map.onObstacles(message)));
 connection.subscribe('/tracks/web', timed('tracks', (message) => camera.onTracks(message)));
 connection.subscribe('/route', (message) => map.onPath('route', message));

@@ -98,13 +98,12 @@ export class MapView {
     this.changed();
   }
 
-  // In the frame of the map; null while unknown. Odometry is newer than tf, and there without it.
+  // In the frame of the map; null while unknown. Where tf does not tell it, odometry does.
   pose() {
-    if (this.odometry) {
-      const parent = this.frames.lookup(this.frame, this.odometry.parent);
-      return parent ? compose(parent, this.odometry.pose) : this.odometry.pose;
-    }
-    return this.frames.lookup(this.frame, 'base_link');
+    const placed = this.frames.lookup(this.frame, this.vehicleFrame());
+    if (placed || !this.odometry) return placed;
+    const parent = this.frames.lookup(this.frame, this.odometry.parent);
+    return parent ? compose(parent, this.odometry.pose) : this.odometry.pose;
   }
 
   // Points of the route before the vehicle, in its frame, as far as they lie ahead [m].
