@@ -28,11 +28,10 @@ constexpr int64_t AT_REST_NS = 300000000;  ///< only so often
 constexpr int MAX_PER_PLACE = 3;           ///< keyframes that look the same way
 constexpr double WELL_KNOWN = 2.0;         ///< times the least inliers: needs no further keyframe
 constexpr double GRID_STEP_M = 5.0;        ///< way between patches of the grid
-constexpr double GRID_BEHIND_M = 6.0;  ///< when a patch is cut out, its middle is so far behind: nothing nearer comes
-constexpr double GRID_REACH_M = 12.0;  ///< of a patch to each side
-constexpr double LONGEST_BETWEEN_S = 0.5;  ///< of two frames, for a fix between them
-constexpr double FARTHEST_FIX_M = 5.0;     ///< of the antenna from the node, by the way since it
-constexpr double FIX_FACTOR = 2.0;         ///< on the deviations of GNSS, as errors of neighbours are alike
+constexpr double GRID_BEHIND_M = 6.0;   ///< when a patch is cut out, its middle is so far behind: nothing nearer comes
+constexpr double GRID_REACH_M = 12.0;   ///< of a patch to each side
+constexpr double FARTHEST_FIX_M = 5.0;  ///< of the antenna from the node, by the way since it
+constexpr double FIX_FACTOR = 2.0;      ///< on the deviations of GNSS, as errors of neighbours are alike
 constexpr size_t MOST_FIXES = 4000;
 constexpr size_t PLAIN_NODES = 100;  ///< without features, that any map may have; else as many as keyframes
 
@@ -51,6 +50,7 @@ void Mapper::Impl::beginSegment(const MapFrame& frame)
   odometry_factor = 1.0;
   last_node = -1;
   witnesses.clear();
+  recent.clear();
   filter.start(frame.T_odom_body, filter.T_map_odom(), Eigen::Matrix4d::Identity() * FIRST_DEVIATION * FIRST_DEVIATION);
   T_odom_last = frame.T_odom_body;
   T_odom_attempt = frame.T_odom_body;
@@ -231,28 +231,19 @@ void Mapper::Impl::correct()
   large_correction = false;
 }
 
-/// Ties the fixes between the last frame and this one to the segment's newest node.
+/// Ties the fixes that a frame has passed to the segment's newest node. Those of receivers that are later than the
+/// history is long are lost.
 void Mapper::Impl::tieFixes(const MapFrame& frame)
 {
+  recent.add(frame.stamp_ns, frame.T_odom_body);
   while (!waiting_fixes.empty() && waiting_fixes.front().stamp_ns <= frame.stamp_ns)
   {
-    const GnssFix& fix = waiting_fixes.front();
-    const double between_s = pi_node::secondsBetween(last_frame.stamp_ns, frame.stamp_ns);
-    if (fix.stamp_ns >= last_frame.stamp_ns && between_s > 0.0 && between_s < LONGEST_BETWEEN_S)
+    if (const std::optional<Eigen::Isometry3d> T_odom_body = recent.at(waiting_fixes.front().stamp_ns))
     {
-      const double part = pi_node::secondsBetween(last_frame.stamp_ns, fix.stamp_ns) / between_s;
-      Eigen::Isometry3d T_odom_body = Eigen::Isometry3d::Identity();
-      T_odom_body.linear() = Eigen::Quaterniond(last_frame.T_odom_body.linear())
-                                 .slerp(part, Eigen::Quaterniond(frame.T_odom_body.linear()))
-                                 .toRotationMatrix();
-      T_odom_body.translation() =
-          (1.0 - part) * last_frame.T_odom_body.translation() + part * frame.T_odom_body.translation();
-      tieFix(fix, T_odom_body);
+      tieFix(waiting_fixes.front(), *T_odom_body);
     }
     waiting_fixes.pop_front();
   }
-  last_frame.stamp_ns = frame.stamp_ns;
-  last_frame.T_odom_body = frame.T_odom_body;
 }
 
 void Mapper::Impl::tieFix(const GnssFix& fix, const Eigen::Isometry3d& T_odom_body)

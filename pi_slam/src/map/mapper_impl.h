@@ -18,6 +18,7 @@
 #include "map/mapper.h"
 #include "map/place_recognizer.h"
 #include "map/voxel_cloud.h"
+#include "odometry/pose_history.h"
 
 namespace pi_slam
 {
@@ -140,9 +141,10 @@ struct Mapper::Impl
     double travelled_m;
   };
   std::vector<Witness> witnesses;
+  static constexpr int64_t HISTORY_NS = 3000000000;
   std::deque<GnssFix> waiting_fixes;  ///< that no frame has passed yet
   bool fixes_pending = false;         ///< tied since the graph was corrected last
-  MapFrame last_frame;                ///< without pictures
+  PoseHistory recent{HISTORY_NS, 0};  ///< T_odom_body of the segment's last frames
   size_t loops = 0;
   double last_add_ms = 0.0;
 
