@@ -64,10 +64,8 @@ std::string scaleComplaint(const WheelScale& scale)
   {
     return "";
   }
-  return format(
-      "the cameras measure %.1f %% %s way than the wheels; check the cameras' baseline in the "
-      "calibration, and the wheels' radius",
-      100.0 * std::abs(error), error > 0.0 ? "more" : "less");
+  return format("the cameras measure %.1f %% ", 100.0 * std::abs(error)) + (error > 0.0 ? "more" : "less") +
+         " way than the wheels; check the cameras' baseline in the calibration, and the wheels' radius";
 }
 
 Eigen::Vector3d WheelWay::deviation(const WheelOptions& options, const WheelScale& scale) const

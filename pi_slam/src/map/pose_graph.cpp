@@ -77,7 +77,8 @@ public:
     const Eigen::Vector3d shift = node_turn * fix_.shift;
     const Eigen::Vector3d antenna = turn * (node + shift);
     const Eigen::Vector3d weight(1.0 / fix_.deviation, 1.0 / fix_.deviation, 1.0 / fix_.up_deviation);
-    Eigen::Map<Eigen::Vector3d>(residuals) = weight.cwiseProduct(antenna + place - fix_.p_local);
+    Eigen::Map<Eigen::Vector3d> r(residuals);
+    r = weight.cwiseProduct(antenna + place - fix_.p_local);
     using Jacobian = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
     if (jacobians != nullptr && jacobians[0] != nullptr)
     {
