@@ -62,7 +62,7 @@ public:
       }
       direction = 1.2 * std::sin(NODE_M * i / 130.0);
       const Eigen::Vector3d step = NODE_M * Eigen::Vector3d(std::cos(direction), std::sin(direction), 0.0);
-      odom_heading += 0.002 * std::sqrt(NODE_M) * normal_(random_);
+      odom_heading += 0.0015 * normal_(random_);
       p += step;
       p_odom += 1.004 * turned(odom_heading, step);
     }
@@ -207,7 +207,7 @@ TEST(Mapper, GetsItsPlaceOnEarth)
     {
       GnssFix fix;
       fix.stamp_ns = 1000000000 + std::llround(1e9 * (time_s - 0.02));
-      fix.deviation = 1.5;
+      fix.deviation = 3.0;
       fix.up_deviation = 3.0;
       fix.p_body_antenna = Eigen::Vector3d(-0.5, 0.3, 1.0);
       fix.antenna = local.toGeo(truth.T_local_map() * (poseAt(time_s - 0.02) * fix.p_body_antenna) +
