@@ -18,6 +18,7 @@
 #include <deque>
 #include <filesystem>
 #include <fstream>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <random>
@@ -86,6 +87,7 @@ struct Tally
   uint64_t twice = 0;
   std::set<size_t> served;  ///< vehicles
   std::vector<double> answer_s;
+  std::map<std::string, std::vector<double>> late_s;  ///< by how long, by who did them and why
 };
 
 /// A vehicle that goes along the road; its own detector only takes its time.
@@ -180,7 +182,13 @@ private:
     {
       return;
     }
-    tally_.late += outcome.by_deadline ? 0U : 1U;
+    if (!outcome.by_deadline)
+    {
+      ++tally_.late;
+      const char* const by = outcome.how == Outcome::How::REMOTE ? "a site" : "the vehicle";
+      tally_.late_s[std::string("by ") + by + ", " + (*outcome.reason != '\0' ? outcome.reason : "as decided")]
+          .push_back(pi_node::secondsBetween(outcome.task.created_ns, outcome.finished_ns) - DEADLINE_S);
+    }
     switch (outcome.how)
     {
       case Outcome::How::LOCAL:
@@ -514,6 +522,11 @@ bool measure(const Arguments& arguments)
       arguments.disturbed() ? std::nan("")
                             : 100.0 * (nats_after.first - nats_before.first) / arguments.measured_s /
                                   static_cast<double>(arguments.sites));
+  for (auto& [why, values] : tally.late_s)
+  {
+    std::printf("late: %zu %s: by %.1f ms (p50), %.1f ms (p99)\n", values.size(), why.c_str(),
+                percentileMs(&values, 0.5), percentileMs(&values, 0.99));
+  }
   return open == 0 && tally.twice == 0 && tally.abandoned == 0 && (tally.tasks > 0 || arguments.rate_hz == 0.0);
 }
 

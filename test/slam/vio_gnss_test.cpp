@@ -91,7 +91,7 @@ TEST_F(VioGnssTest, PlacesTheMapOnEarth)
     drive_.play(from_s, from_s + STEP_S, 1.0);
     publisher_.publish(fixAt(from_s));  // later than the pictures, as receivers are
   }
-  ASSERT_TRUE(until(TIMEOUT_S, [&] { return newest(tf_static_, "earth"); })) << log_.text();
+  ASSERT_TRUE(until(TIMEOUT_S, [&] { return newest(tf_static_, "earth").has_value(); })) << log_.text();
   const Eigen::Isometry3d T_earth_base =
       *newest(tf_static_, "earth") * *newest(tf_, "map") * fromMsg(odometry_.messages().back()->pose.pose);
   const Eigen::Isometry3d truth = local_.T_earth_local() * T_local_world() * T_world_base(DRIVE_S - STEP_S);

@@ -737,7 +737,7 @@ TEST(EdgeServer, MetricsAreAsPrometheusReadsThem)
       << text;
   EXPECT_NE(text.find("\npi_offload_ready 1\n"), std::string::npos);
   EXPECT_NE(text.find("\npi_offload_workers 1\n"), std::string::npos);
-  for (const std::string& histogram : {"task_service", "task_waiting"})
+  for (const std::string histogram : {"task_service", "task_waiting"})
   {
     const std::string name = "pi_offload_" + histogram + "_seconds";
     EXPECT_NE(text.find("# TYPE " + name + " histogram\n"), std::string::npos);

@@ -266,6 +266,7 @@ void Mapper::Impl::tieFix(const GnssFix& fix, const Eigen::Isometry3d& T_odom_bo
   data.fixes.push_back({static_cast<uint32_t>(last_node), shift, LocalFrame(*data.origin).toLocal(fix.antenna),
                         FIX_FACTOR * fix.deviation, FIX_FACTOR * fix.up_deviation});
   fixes_pending = true;
+  large_correction = large_correction || (!data.earth && locateOnEarth(data));
 }
 
 /// Cuts a patch out of the last grid if the vehicle went far enough. @param behind_m  of its middle.

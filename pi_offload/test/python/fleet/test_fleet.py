@@ -17,7 +17,8 @@ class Fleet(unittest.TestCase):
                      "--rate", "2", "--kills", "1", "--partition", "1", "--upgrade", "--duration", "9", "--bytes", "10000"],
                     stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=180)
                 self.assertEqual(0, run.returncode, run.stdout)
-                cells = [cell.strip() for cell in run.stdout.strip().splitlines()[-1].split("|")]
+                row = next(line for line in run.stdout.splitlines() if line.startswith("| %s |" % transport))
+                cells = [cell.strip() for cell in row.split("|")]
                 self.assertEqual([transport, "20"], cells[1:3])
                 self.assertGreaterEqual(int(cells[5]), 300, run.stdout)
                 self.assertEqual(["0", "0"], cells[10:12], run.stdout)  # not ended, ended twice
