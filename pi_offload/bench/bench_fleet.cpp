@@ -321,11 +321,23 @@ public:
   }
 
 private:
+  /// Below those that connections get from the kernel: one of these could have taken it before its server starts.
   static uint16_t freePort()
   {
-    uint16_t port = 0;
-    listenOn("127.0.0.1", &port);
-    return port;
+    static std::mt19937 random(std::random_device{}());
+    for (;;)
+    {
+      auto port = static_cast<uint16_t>(20000 + random() % 12000);
+      try
+      {
+        listenOn("127.0.0.1", &port);
+        return port;
+      }
+      catch (const std::runtime_error&)
+      {
+        // taken
+      }
+    }
   }
 
   const Arguments& arguments_;
