@@ -1,5 +1,6 @@
 #!/usr/bin/python3
-"""Judge of edge_worker.test: a white square in a black picture, until it is found. The vehicle's detector finds nothing."""
+"""Judge of edge_worker.test: a white square in a black picture, until it is found. The vehicle's detector finds
+nothing."""
 import threading
 import unittest
 

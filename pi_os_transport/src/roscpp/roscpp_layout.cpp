@@ -1,7 +1,7 @@
 // The layout of the classes of roscpp whose private members this library uses (-fno-access-control). The layout is the
 // same in roscpp 1.15.15 (Debian 12) and 1.17.0 (Debian 13). roscpp promises nothing about these members: another
-// version may move them, or give them another meaning. If an assertion fails, compare the sources of that roscpp with those of a
-// version above, member by member. Then run the tests of this package and change the numbers here.
+// version may move them, or give them another meaning. If an assertion fails, compare the sources of that roscpp with
+// those of a version above, member by member. Then run the tests of this package and change the numbers here.
 
 #include <ros/callback_queue.h>
 #include <ros/publication.h>
@@ -32,7 +32,7 @@
 #endif
 
 #ifdef PI_OS_BYTES
-#define PI_OS_SIZE(type, x86_64, arm64)                           \
+#define PI_OS_SIZE(type, x86_64, arm64)                          \
   static_assert(sizeof(ros::type) == PI_OS_BYTES(x86_64, arm64), \
                 "roscpp has another layout of ros::" #type ": see roscpp_layout.cpp")
 #define PI_OS_MEMBER(type, member, x86_64, arm64)                          \
