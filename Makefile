@@ -1,4 +1,4 @@
-# Sets up, builds and runs the suite on Debian 12. "make help" lists the targets.
+# Sets up, builds and runs the suite on Debian 12 and 13. "make help" lists the targets.
 # Everything goes to build/ and install/; the system gets only the packages of dependencies.txt.
 
 ifneq ($(words $(CURDIR)),1)
@@ -46,6 +46,9 @@ help:
 	@echo 'make fuzz         fuzzes every decoder of what peers supply, ARGS="10" minutes each; needs clang'
 	@echo 'make build        missing Debian packages, Release build in build/, install space in install/, networks'
 	@echo 'make image        container image of an edge node, from Debian packages: needs mmdebstrap'
+	@echo 'make platforms    make check and make demo in a fresh Debian of its own; ARGS="trixie": only there; needs debootstrap'
+	@echo 'make deb          Debian packages in build/deb; needs debhelper and dh-python, runs lintian where there is one'
+	@echo 'make sbom         what the suite runs with on this system: SPDX, build/pi-edge-VERSION.spdx.json'
 	@echo "make networks     the detector's public networks (7.5 MB), if they are not here; make build does so as well"
 	@echo 'make clean        removes build/ and install/'
 	@echo 'ARGS="..." is passed on to the program that a demo, a benchmark or conformance runs; JOBS=N limits the compilers.'
@@ -110,6 +113,11 @@ image: build
 	@. $(INSTALL)/setup.sh && exec rosrun pi_offload edge_image --prefix $(INSTALL) \
 	  --output $(BUILD)/image/edge_server.oci.tar $(ARGS)
 
+# In a copy of the files, as the build leaves traces in its folder. What it needs: debian/control.
+.PHONY: deb
+deb:
+	@exec scripts/build_packages $(BUILD)/deb $(JOBS)
+
 .PHONY: bench
 bench: build
 	@. $(INSTALL)/setup.sh && exec rosrun pi_os_transport bench_transport $(ARGS)
@@ -146,6 +154,19 @@ sanitize: dependencies
 fuzz: dependencies
 	@mkdir -p $(BUILD)/fuzz
 	@exec pi_os_transport/test/fuzz/run $(BUILD)/fuzz $(JOBS) $(ARGS)
+
+# Of this system. Versions of other packages differ: make it on the system that the release is for.
+.PHONY: sbom
+sbom: dependencies
+	@mkdir -p $(BUILD)
+	@version=$$(sed -n 's|.*<version>\(.*\)</version>.*|\1|p' package.xml) && \
+	scripts/make_sbom $$version $$(sed 's/#.*//' dependencies.txt) >$(BUILD)/pi-edge-$$version.spdx.json && \
+	ls $(BUILD)/pi-edge-$$version.spdx.json
+
+# For each half an hour of compiling on two cores, and 6 GB. Needs root and debootstrap.
+.PHONY: platforms
+platforms:
+	@for release in $(or $(ARGS),bookworm trixie); do test/clean_chroot.sh --release $$release || exit; done
 
 .PHONY: clean
 clean:

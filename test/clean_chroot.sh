@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Proves that the suite sets itself up on a fresh Debian 12: makes a minimal system with debootstrap, copies the suite
+# Proves that the suite sets itself up on a fresh Debian: makes a minimal system with debootstrap, copies the suite
 # in, and runs there what a newcomer runs. Needs root, debootstrap and about 6 GB; takes its packages from $MIRROR.
 #
 # All mounts live in a mount namespace of their own and all processes in a process namespace: both end with this
@@ -10,7 +10,8 @@ set -euo pipefail
 
 usage() {
   cat <<END
-usage: test/clean_chroot.sh [--working-tree] [--keep] [--targets "check demo"] [FOLDER]
+usage: test/clean_chroot.sh [--release bookworm] [--working-tree] [--keep] [--targets "check demo"] [FOLDER]
+  --release       of Debian, bookworm or trixie (default: bookworm)
   --working-tree  copy the files as they are now, not the last commit
   --keep          leave FOLDER behind
   --targets       what to make, in this order (default: "check demo")
@@ -115,9 +116,10 @@ if [ "${1-}" = --inside ]; then
   exit
 fi
 
-which=HEAD keep=no targets='check demo' root=
+release=bookworm which=HEAD keep=no targets='check demo' root=
 while [ $# -gt 0 ]; do
   case $1 in
+    --release) release=${2?--release needs a value}; shift ;;
     --working-tree) which=working-tree ;;
     --keep) keep=yes ;;
     --targets) targets=${2?--targets needs a value}; shift ;;
@@ -128,6 +130,10 @@ while [ $# -gt 0 ]; do
   shift
 done
 
+case $release in
+  bookworm | trixie) ;;
+  *) fail "--release $release: must be bookworm or trixie" ;;
+esac
 [ "$(id -u)" = 0 ] || fail 'needs root, to make a system and to mount inside it: run it with sudo'
 command -v debootstrap >/dev/null || fail 'debootstrap is missing: apt-get install debootstrap'
 top=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
@@ -158,8 +164,8 @@ trap finish EXIT
 trap 'exit 130' INT
 trap 'exit 143' TERM HUP
 
-echo "Debian 12 (minbase) into $root"
-if ! debootstrap --variant=minbase bookworm "$root" ${MIRROR:+"$MIRROR"} >"$root.log" 2>&1; then
+echo "Debian $release (minbase) into $root"
+if ! debootstrap --variant=minbase "$release" "$root" ${MIRROR:+"$MIRROR"} >"$root.log" 2>&1; then
   tail -n 20 "$root.log" >&2
   fail "debootstrap failed; the whole log is $root.log"
 fi

@@ -36,7 +36,8 @@ int main()
   task.codelet = makeCodelet(codelet);
   task.arguments = {Argument::in(x), Argument::inOut(y), Argument::value(2.0f)};
   task.range = COUNT;
-  const TaskResult& result = runtime.submit(task).wait();
+  const TaskHandle handle = runtime.submit(task);
+  const TaskResult& result = handle.wait();  // of the handle
   std::printf("%s on %s by %s: y[5] = %g\n", toString(result.outcome), result.unit.c_str(), result.executor.c_str(),
               static_cast<double>(y->hostAs<float>(Access::READ)[5]));
   return result.ok() ? 0 : 1;

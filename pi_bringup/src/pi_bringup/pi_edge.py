@@ -8,6 +8,7 @@ import functools
 import json
 import os
 import sys
+from pathlib import Path
 
 from pi_bringup import incidents, new_service, service, web_page
 from pi_bringup.doctor import calibration, computer, devices, live, network, sensors, software, vehicle
@@ -75,8 +76,8 @@ def checks(options):
 
 
 def parse(arguments):
-    parser = argparse.ArgumentParser(prog="pi_edge", description="Looks after the vehicle's computer and recordings; "
-                                     "begins new services; starts the vehicle with the computer; shows it in a browser; "
+    parser = argparse.ArgumentParser(prog="pi_edge", description="Drives a demo; looks after the vehicle's computer and "
+                                     "recordings; begins new services; starts the vehicle with the computer; shows it in a browser; "
                                      "makes a fleet's keys.")
     commands = parser.add_subparsers(dest="command", required=True)
     doctor = commands.add_parser("doctor", help="checks sensors, clocks, rights, models, network, and says what to do",
@@ -104,12 +105,19 @@ def parse(arguments):
                              description=new_service.__doc__)
     package.add_argument("name", metavar="NAME", help="of the package, as lane_keeper")
     package.add_argument("--folder", default=".", metavar="DIR", help="gets the folder NAME; default: here")
+    commands.add_parser("demo", add_help=False, help="drives a simulated vehicle from A to B over π-OS and over TCPROS, "
+                        "with a report; demo --help lists its options")
     incidents.add_to(commands)
     service.add_to(commands)
     fleet.add_to(commands)
     web_page.add_to(commands)
     # rosrun and roslaunch add remappings such as __name:=x.
-    options = parser.parse_args([argument for argument in arguments if not argument.startswith("__")])
+    words = [argument for argument in arguments if not argument.startswith("__")]
+    options, rest = parser.parse_known_args(words)
+    if options.command == "demo":
+        options.arguments = words[1:]
+    elif rest:
+        parser.error("unrecognized arguments: %s" % " ".join(rest))
     options.parser = doctor
     return options
 
@@ -134,8 +142,16 @@ def find_package():
     return roslib.packages.get_pkg_dir("pi_bringup")
 
 
+def drive_demo_in_campus(arguments):
+    """Becomes "drive_campus --demo", which lies beside this program."""
+    program = str(Path(sys.argv[0]).resolve().with_name("drive_campus"))
+    os.execv(program, [program, "--demo", *arguments])
+
+
 def main():
     options = parse(sys.argv[1:])
+    if options.command == "demo":
+        drive_demo_in_campus(options.arguments)
     sys.stdout.reconfigure(line_buffering=True, errors="replace")
     if options.command == "new":
         leave(new_service.main(options, find_package()))

@@ -29,8 +29,13 @@ MOST_REASONS = 3               # that are spoken
 PASSED_ON = ("ROS_MASTER_URI", "ROS_HOSTNAME", "ROS_IP", "PI_EDGE_DATA")
 WARN, ERROR, STALE = 1, 2, 3   # of diagnostic_msgs/DiagnosticStatus
 ODOMETRY = "/Localisation/odometry"  # warns until it knows the pose; other warnings do not stop the vehicle
+INSTALLED = 'Written by "pi_edge install-service", which also renews it. systemctl status pi-edge; journalctl -u pi-edge'
+# Of the package: an instance per user. Arguments of vehicle.launch in the file are split at spaces.
+PACKAGED = """\
+systemctl enable pi-edge@USER; further arguments in /etc/pi_edge/vehicle.conf: PI_EDGE_ARGUMENTS=chassis_port:=/dev/ttyUSB0
+# "pi_edge install-service" writes a unit with launch file, arguments and network of the calling shell in its place."""
 TEMPLATE = """\
-# Written by "pi_edge install-service", which also renews it. systemctl status pi-edge; journalctl -u pi-edge
+# {origin}
 [Unit]
 Description=π-Edge: {launch}
 Wants=network-online.target time-sync.target
@@ -127,11 +132,21 @@ def unit_text(user, launch, given, environment):
     words = [find_space(environment) / "setup.sh", "--launch", launch,
              "--args", shlex.join(launch_arguments(launch, account.pw_dir, given))]
     return TEMPLATE.format(
-        launch=launch, user=user, home=account.pw_dir, stop_s=LAUNCH_ENDS_S + 10,
+        origin=INSTALLED, launch=launch, user=user, home=account.pw_dir, stop_s=LAUNCH_ENDS_S + 10,
         priority=WANTED_PRIORITY, nice=WANTED_NICE,
         environment="".join(f"Environment={quoted(name + '=' + environment[name])}\n" for name in PASSED_ON
                             if environment.get(name)),
         command=" ".join(["/bin/sh", "-c", *(quoted(str(word)) for word in (script, *words))]))
+
+
+def packaged_unit(space):
+    """The unit of the packages, whose user is its instance, as pi-edge@alice. @param space  their install space"""
+    script = (f'. {space}/setup.sh && exec rosrun pi_bringup pi_edge run-service --args '
+              f'"{" ".join(launch_arguments(LAUNCH, "$HOME", ""))} $PI_EDGE_ARGUMENTS"')
+    return TEMPLATE.format(
+        origin=PACKAGED, launch=LAUNCH, user="%i", home="~", stop_s=LAUNCH_ENDS_S + 10,
+        priority=WANTED_PRIORITY, nice=WANTED_NICE, environment="EnvironmentFile=-/etc/pi_edge/vehicle.conf\n",
+        command="/bin/sh -c " + quoted(script))
 
 
 def as_root(*command):

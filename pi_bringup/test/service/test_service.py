@@ -62,6 +62,24 @@ class Unit(unittest.TestCase):
             with self.subTest(part), self.assertRaisesRegex(service.ServiceError, re.escape(part)):
                 service.unit_text(*arguments[:3], environment)
 
+    def test_the_packages_unit_has_an_instance_per_user(self):
+        """And its line of the shell starts run-service with files of that user and the arguments of the file."""
+        with tempfile.TemporaryDirectory() as folder:
+            (Path(folder) / "setup.sh").touch()
+            rosrun = Path(folder) / "rosrun"
+            rosrun.write_text('#!/bin/sh\nprintf "%s\\n" "$@"\n', encoding="utf-8")
+            rosrun.chmod(0o755)
+            text = service.packaged_unit(folder)
+            self.assertIn("\nUser=%i\nWorkingDirectory=~\n", text)
+            self.assertIn("\nEnvironmentFile=-/etc/pi_edge/vehicle.conf\n", text)
+            line = re.search(r'^ExecStart=/bin/sh -c "(.*)"$', text, re.MULTILINE).group(1)
+            words = subprocess.run(
+                ["/bin/sh", "-c", re.sub(r"\\(.)", r"\1", line).replace("$$", "$")], capture_output=True, text=True,
+                check=True, env={"PATH": f"{folder}:/usr/bin:/bin", "HOME": "/home/alice", "PI_EDGE_ARGUMENTS": "web:=false"})
+            self.assertEqual(["pi_bringup", "pi_edge", "run-service", "--args"], words.stdout.splitlines()[:4])
+            self.assertEqual(
+                service.launch_arguments(service.LAUNCH, "/home/alice", "web:=false"), words.stdout.splitlines()[4].split())
+
     @unittest.skipUnless(shutil.which("systemd-analyze"), "systemd-analyze is not installed")
     def test_systemd_finds_nothing_wrong(self):
         with tempfile.TemporaryDirectory() as folder:

@@ -79,13 +79,23 @@ bool skipsFill(const void* memory, int value, size_t bytes)
 
 void complain(const char* what, const char* detail)
 {
-  char line[1024];
+  char line[2 * PATH_MAX];
   const int length =
       snprintf(line, sizeof(line), "pi_os_transport: %s%s; topics of this process stay on TCPROS\n", what, detail);
   if (length > 0 && write(STDERR_FILENO, line, strnlen(line, sizeof(line))) < 0)
   {
     // nowhere left to report it
   }
+}
+
+/// Names the file behind `roscpp_path`, whose name has the version of roscpp.
+void complainOfMissing(const char* symbol, const char* roscpp_path)
+{
+  char resolved[PATH_MAX];
+  char what[PATH_MAX + 64];
+  snprintf(what, sizeof(what), "unknown roscpp: %s lacks ",
+           realpath(roscpp_path, resolved) != nullptr ? resolved : roscpp_path);
+  complain(what, symbol);
 }
 
 int findRoscpp(dl_phdr_info* info, size_t, void* result)
@@ -208,17 +218,20 @@ void resolveAll()
   shim.set_pool = setPool;
   shim.set_capture = setCapture;
   shim.zero_fill = zeroFill;
-  bool complete = true;
+  const char* missing = nullptr;
   for (int hook = 0; hook < PI_OS_HOOK_COUNT; ++hook)
   {
     shim.original[hook] = dlsym(roscpp, SYMBOLS[hook]);
     if (shim.original[hook] == nullptr)
     {
-      complain("this libroscpp lacks ", SYMBOLS[hook]);
-      complete = false;
+      missing = SYMBOLS[hook];
     }
   }
-  if (complete)
+  if (missing != nullptr)
+  {
+    complainOfMissing(missing, roscpp_path);
+  }
+  else
   {
     attachCompanion();
   }

@@ -8,7 +8,6 @@
 
 #include <climits>
 #include <cstdlib>
-#include <cstring>
 #include <mutex>
 #include <optional>
 #include <string>
@@ -87,16 +86,17 @@ void writeHeader(ros::Connection* self, const ros::M_string& fields, const ros::
   runtime.original.write_header(self, OfferScope::extend(&extended) ? extended : fields, written);
 }
 
-/// True if `path` is the libroscpp that this file was compiled for, whose private members it uses.
-bool isKnownRoscpp(const char* path)
+/// The file behind a link as libroscpp.so.4d. Its name has the version, which differs where the link does not.
+std::string fileBehind(const char* path)
 {
   char resolved[PATH_MAX];
-  if (realpath(path, resolved) == nullptr)
-  {
-    return false;
-  }
-  const char* slash = std::strrchr(resolved, '/');
-  return std::strcmp(slash != nullptr ? slash + 1 : resolved, ROSCPP_FILE_NAME) == 0;
+  return realpath(path, resolved) != nullptr ? resolved : path;
+}
+
+/// True if `file` is the libroscpp that this library was compiled for, whose private members it uses.
+bool isKnownRoscpp(const std::string& file)
+{
+  return file.substr(file.rfind('/') + 1) == ROSCPP_FILE_NAME;
 }
 
 int attach(PiOsShim* shim)
@@ -109,12 +109,13 @@ int attach(PiOsShim* shim)
         "this node stay on TCPROS. Install both from one build");
     return 1;
   }
-  if (!isKnownRoscpp(shim->roscpp_path))
+  const std::string roscpp = fileBehind(shim->roscpp_path);
+  if (!isKnownRoscpp(roscpp))
   {
     ROS_WARN(
         "pi_os_transport: this node runs with %s, but the library was built for %s; topics and services of this node "
         "stay on TCPROS. Build pi_os_transport against the installed roscpp",
-        shim->roscpp_path, ROSCPP_FILE_NAME);
+        roscpp.c_str(), ROSCPP_FILE_NAME);
     return 1;
   }
   Runtime& runtime = Runtime::instance();

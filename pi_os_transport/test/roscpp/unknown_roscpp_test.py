@@ -15,35 +15,58 @@ COMPANION = 'libpi_os_transport_roscpp.so'
 
 class UnknownRoscpp(harness.TransportTest):
 
-    def library_path(self):
-        """Folder with a copy of libroscpp under a version that does not exist."""
-        found = {line.split(None, 5)[5] for line in self.maps if 'libroscpp.so' in line}
+    def installed(self, peer):
+        """The file of libroscpp in the process of a peer, and its soname."""
+        found = {line.split(None, 5)[5] for line in harness.mappings(peer.pid) if 'libroscpp.so' in line}
         original = found.pop()
-        soname = next(name for name in os.listdir(os.path.dirname(original))
-                      if re.match(r'libroscpp\.so\.\d+[a-z]*$', name))
-        folder = self.scratch()
-        shutil.copy(original, os.path.join(folder, 'libroscpp.so.9.99.99'))
-        os.symlink('libroscpp.so.9.99.99', os.path.join(folder, soname))
-        return folder
+        return original, next(name for name in os.listdir(os.path.dirname(original))
+                              if re.match(r'libroscpp\.so\.\d+[a-z]*$', name))
 
-    def test_falls_back_to_tcp_with_one_warning(self):
+    def talk_with_roscpp(self, change, name):
+        """Fifty messages from a talker whose libroscpp, of the file `name`, holds change(content of the true one).
+
+        @return the talker, its topic, and the path of this libroscpp"""
         topic = self.topic()
         listener, = self.peers('listener')
-        self.maps = harness.mappings(listener.pid)
-        folder = self.library_path()
-        talker = self.peer('talker', env={'LD_LIBRARY_PATH': folder})
-        self.assertTrue([line for line in harness.mappings(talker.pid) if folder in line])
+        original, soname = self.installed(listener)
+        library = os.path.join(self.scratch(), name)
+        with open(original, 'rb') as source, open(library, 'wb') as copy:
+            copy.write(change(source.read()))
+        os.symlink(name, os.path.join(os.path.dirname(library), soname))
+        talker = self.peer('talker', env={'LD_LIBRARY_PATH': os.path.dirname(library)})
+        self.assertTrue([line for line in harness.mappings(talker.pid) if library in line])
         talker.call('advertise', topic=topic, queue=100)
         listener.call('subscribe', topic=topic, queue=100)
         talker.call('await_subscribers', n=1)
         talker.call('publish', count=50, sizes='100,200000')
         self.assert_complete(listener.call('await_received', seq=50), 50)
         self.assertEqual(talker.transports(topic, 'o'), ['TCPROS'])
+        self.assertEqual(listener.warnings(), [])
+        return talker, library
+
+    def test_unknown_version_falls_back_to_tcp_with_one_warning(self):
+        talker, library = self.talk_with_roscpp(lambda content: content, 'libroscpp.so.9.99.99')
         said = talker.warnings()
         self.assertEqual(len(said), 1 if self.preload else 0, talker.lines)
         if self.preload:
-            self.assertIn(folder, said[0])
-        self.assertEqual(listener.warnings(), [])
+            self.assertIn('this node runs with %s, but the library was built for libroscpp.so.1.' % library, said[0])
+
+    def test_lacking_function_falls_back_to_tcp_with_one_warning(self):
+        # Other letters with the same hash: libroscpp itself still finds its function, by the changed name.
+        self.assertEqual(33 * ord('c') + ord('o'), 33 * ord('d') + ord('N'))
+        function, renamed = b'_ZN3ros12TransportTCP7connectERKNSt', b'_ZN3ros12TransportTCP7dNnnectERKNSt'
+
+        def rename(content):
+            self.assertEqual(content.count(function), 1)
+            return content.replace(function, renamed)
+
+        talker, library = self.talk_with_roscpp(rename, 'libroscpp.so.9.99.99')
+        self.assertEqual(talker.warnings(), [])
+        said = talker.output('unknown roscpp')
+        self.assertEqual(len(said), 1 if self.preload else 0, talker.lines)
+        if self.preload:
+            self.assertIn('unknown roscpp: %s lacks %s' % (library, function.decode()), said[0])
+            self.assertIn('stay on TCPROS', said[0])
 
     def copied_library(self, companion_bytes):
         """The library in a folder of its own, beside the first companion_bytes of its part for roscpp."""

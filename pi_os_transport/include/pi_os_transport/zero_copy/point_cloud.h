@@ -5,7 +5,7 @@
 
 #include <pcl/conversions.h>
 #include <pcl/point_cloud.h>
-#include <pcl/point_traits.h>
+#include <pcl/type_traits.h>
 #include <sensor_msgs/PointCloud2.h>
 
 #include <boost/shared_ptr.hpp>
