@@ -4,6 +4,7 @@
 #include <pi_detect/LabelArray.h>
 #include <pi_detect/ros/conversions.h>
 #include <pi_node/test_support/on_graph.h>
+#include <pi_node/test_support/soak.h>
 #include <pi_offload/Nodes.h>
 #include <pi_offload/OffloadDecision.h>
 #include <pi_offload/RegisterNode.h>
