@@ -18,6 +18,7 @@
 #include <deque>
 #include <filesystem>
 #include <fstream>
+#include <future>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -390,15 +391,34 @@ public:
   {
   }
 
+  ~Drive()
+  {
+    over_.set_value();
+    if (trouble_.joinable())
+    {
+      trouble_.join();
+    }
+  }
+  Drive(const Drive&) = delete;
+  Drive& operator=(const Drive&) = delete;
+
   /// @param measured  tasks count, and the sites are disturbed.
   void run(double duration_s, bool measured)
   {
     const double period_s = 1.0 / (arguments_.rate_hz * static_cast<double>(vehicles_.size()));
     const auto start = std::chrono::steady_clock::now();
-    std::thread trouble;  // a server's start takes its time
+    std::promise<void> disturbed;
     if (measured && arguments_.disturbed())
     {
-      trouble = std::thread([this, start, duration_s] { disturb(start, duration_s); });
+      // A server's start takes its time; and servers end with the thread that started them.
+      trouble_ = std::thread(
+          [this, start, duration_s, &disturbed]
+          {
+            const std::future<void> over = over_.get_future();
+            disturb(start, duration_s);
+            disturbed.set_value();
+            over.wait();
+          });
     }
     uint64_t made = 0;
     for (double now_s = 0.0; now_s < duration_s; now_s += STEP_S)
@@ -417,9 +437,9 @@ public:
         }
       }
     }
-    if (trouble.joinable())
+    if (trouble_.joinable())
     {
-      trouble.join();
+      disturbed.get_future().wait();
     }
   }
 
@@ -468,6 +488,8 @@ private:
   std::mt19937 random_;
   double time_s_ = 0.0;
   size_t next_ = 0;
+  std::promise<void> over_;
+  std::thread trouble_;
 };
 
 double percentileMs(std::vector<double>* values, double share)
