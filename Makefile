@@ -47,7 +47,7 @@ help:
 	@echo 'make build        missing Debian packages, Release build in build/, install space in install/, networks'
 	@echo 'make image        container image of an edge node, from Debian packages: needs mmdebstrap'
 	@echo 'make platforms    make check and make demo in a fresh Debian of its own; ARGS="trixie": only there; needs debootstrap'
-	@echo 'make deb          Debian packages in build/deb; needs debhelper and dh-python, runs lintian where there is one'
+	@echo 'make deb          Debian packages in build/deb; needs debhelper and, runs lintian where there is one'
 	@echo 'make sbom         what the suite runs with on this system: SPDX, build/pi-edge-VERSION.spdx.json'
 	@echo "make networks     the detector's public networks (7.5 MB), if they are not here; make build does so as well"
 	@echo 'make clean        removes build/ and install/'
