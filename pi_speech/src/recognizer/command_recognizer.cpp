@@ -4,6 +4,7 @@
 #include <pi_speech/command_recognizer.h>
 #include "features/speech_features.h"
 #include "hmm/word_models.h"
+#include "network/word_spotter.h"
 #include "recognizer/grammar.h"
 #include "recognizer/words.h"
 
@@ -36,6 +37,11 @@ constexpr size_t MOST_SEARCHES = 64;
 /// Talk is two in a row of this many garbage words.
 constexpr size_t TALK_WORDS = 100;
 constexpr int TALK_WORDS_IN_A_ROW = 2;
+/// Two answers for the same command whose ends are closer than that are for the same word.
+constexpr int64_t NEVER = -100L * SAMPLE_RATE_HZ;
+constexpr int64_t SAME_WORD = SAMPLE_RATE_HZ / 2;
+/// Silence that is put behind a single utterance: the network decides a little after a word.
+constexpr size_t NETWORK_TAIL = SAMPLE_RATE_HZ * 3 / 10;
 
 double seconds(int64_t samples)
 {
@@ -134,6 +140,11 @@ struct CommandRecognizer::Impl
                   [this](EndPointer::Event event, const Utterance& utterance) { onEvent(event, utterance); })
   {
     table.validate();
+    loadWordNetwork();
+    if (spotted.size() == table.commands.size())
+    {
+      return;  // PocketSphinx has nothing to decide
+    }
     std::vector<std::string> words = table.words();
     std::vector<std::string> garbage;
     if (options.mode == RecognitionMode::SAFE)
@@ -169,6 +180,46 @@ struct CommandRecognizer::Impl
     loadWordModels();
   }
 
+  /// Commands of one word that the network knows are left to it, unless the word is also part of a longer command.
+  void loadWordNetwork()
+  {
+    if (options.word_network.empty())
+    {
+      return;
+    }
+    WordNetwork network = WordNetwork::load(options.word_network);
+    std::vector<SpottedWord> words;
+    for (size_t i = 0; i < table.commands.size(); ++i)
+    {
+      const Command& command = table.commands[i];
+      if (network.find(command.text) >= 0 && (command.fast || !isPartOfAnother(command.text)))
+      {
+        words.push_back({command.text, thresholdOf(command), command.fast});
+        spotted.push_back(i);
+      }
+    }
+    if (!words.empty())
+    {
+      spotter.emplace(network, words);
+      single_spotter.emplace(std::move(network), words);
+    }
+  }
+
+  bool isPartOfAnother(const std::string& word) const
+  {
+    return std::any_of(table.commands.begin(), table.commands.end(),
+                       [&word](const Command& command)
+                       {
+                         const std::vector<std::string> words = splitWords(command.text);
+                         return words.size() > 1 && std::find(words.begin(), words.end(), word) != words.end();
+                       });
+  }
+
+  double thresholdOf(const Command& command) const
+  {
+    return command.threshold > 0.0 ? command.threshold : options.threshold;
+  }
+
   /// Uses the models if they have all words of all commands.
   void loadWordModels()
   {
@@ -195,6 +246,100 @@ struct CommandRecognizer::Impl
     }
   }
 
+  /// Gives the sound to the network and to the end-pointer in steps so short that their answers come in order.
+  void process(const int16_t* samples, size_t count)
+  {
+    if (!spotter)
+    {
+      end_pointer.process(samples, count);
+      return;
+    }
+    const auto sink_of_network = [this](const WordSpotter::Spotted& found) { onSpotted(found); };
+    while (count > 0)
+    {
+      const size_t step = std::min(count, static_cast<size_t>(HOP_SAMPLES));
+      end_pointer.process(samples, step);
+      spotter->process(samples, step, sink_of_network);
+      samples += step;
+      count -= step;
+    }
+  }
+
+  /// Ends what is in progress. What the network has nearly heard counts as at the end of an utterance.
+  void flush()
+  {
+    if (spotter)
+    {
+      spotter->restart(end_pointer.samplesSeen(),
+                       [this](const WordSpotter::Spotted& found) { onSpotted(found); });
+    }
+    end_pointer.flush();
+    tellHeld();
+  }
+
+  void reset()
+  {
+    end_pointer.reset();
+    if (spotter)
+    {
+      spotter->restart(0, [](const WordSpotter::Spotted&) {});
+    }
+    held.reset();
+    told_end = NEVER;
+  }
+
+  /// Tells a word of the stream. While other computers are asked, only fast commands do not wait for their answer.
+  void onSpotted(const WordSpotter::Spotted& found)
+  {
+    Recognition recognition = fromNetwork(found);
+    recognition.accepted = true;
+    recognition.fast = true;
+    recognition.decided_at = end_pointer.samplesSeen();
+    if (elsewhere && end_pointer.inSpeech() && !table.commands[spotted[found.word]].fast)
+    {
+      tellHeld();
+      held = recognition;
+      return;
+    }
+    tellSpotted(recognition);
+  }
+
+  void tellSpotted(const Recognition& recognition)
+  {
+    if (recognition.text == told_text && recognition.speech_end < told_end + SAME_WORD)
+    {
+      return;  // the decision about the utterance was faster
+    }
+    told_text = recognition.text;
+    told_end = recognition.speech_end;
+    told = recognition;
+    if (*sink)
+    {
+      (*sink)(recognition);
+    }
+  }
+
+  void tellHeld()
+  {
+    if (held)
+    {
+      held->decided_at = end_pointer.samplesSeen();
+      tellSpotted(*held);
+      held.reset();
+    }
+  }
+
+  Recognition fromNetwork(const WordSpotter::Spotted& found) const
+  {
+    Recognition recognition;
+    recognition.text = table.commands[spotted[found.word]].text;
+    recognition.confidence = found.confidence;
+    recognition.speech_begin = found.begin;
+    recognition.speech_end = found.end;
+    recognition.evidence.command = recognition.text;
+    return recognition;
+  }
+
   void onEvent(EndPointer::Event event, const Utterance& utterance)
   {
     switch (event)
@@ -204,6 +349,11 @@ struct CommandRecognizer::Impl
         told_fast = false;
         return;
       case EndPointer::Event::PAUSE:
+        // The network needs no pause.
+        if (!sphinx && !elsewhere)
+        {
+          return;
+        }
         // Decides before it is certain that the speech has ended, so that the command comes without delay.
         early = decide(utterance);
         early_end = utterance.speech_end;
@@ -211,6 +361,10 @@ struct CommandRecognizer::Impl
         return;
       case EndPointer::Event::END:
         break;
+    }
+    if (endSpotted(utterance))
+    {
+      return;
     }
     const bool is_decided = early && early_end == utterance.speech_end && !utterance.cut;
     Recognition recognition = is_decided ? *early : decide(utterance);
@@ -227,6 +381,26 @@ struct CommandRecognizer::Impl
     {
       utterance_sink(utterance, recognition);
     }
+  }
+
+  /// Ends an utterance in which the network has heard something. @return false if there is more to decide.
+  bool endSpotted(const Utterance& utterance)
+  {
+    const bool answered = early && early->accepted && !early->place.empty() && early_end == utterance.speech_end;
+    if (held && !answered)
+    {
+      tellHeld();
+    }
+    held.reset();
+    if (told_end < utterance.begin || (sphinx && !utterance.cut) || answered)
+    {
+      return false;
+    }
+    if (utterance_sink)
+    {
+      utterance_sink(utterance, told);
+    }
+    return true;
   }
 
   void tellFast(const Utterance& utterance)
@@ -258,6 +432,15 @@ struct CommandRecognizer::Impl
     recognition->speech_begin = utterance.speech_begin;
     recognition->speech_end = utterance.speech_end;
     recognition->decided_at = end_pointer.samplesSeen();
+    if (recognition->accepted)
+    {
+      if (recognition->text == told_text && told_end >= utterance.begin)
+      {
+        return;  // the network has heard it in the stream
+      }
+      told_text = recognition->text;
+      told_end = recognition->speech_end;
+    }
     if (*sink)
     {
       (*sink)(*recognition);
@@ -331,8 +514,40 @@ struct CommandRecognizer::Impl
     return hypotheses;
   }
 
+  /// The word that the network hears best in a single piece of sound.
+  const WordPeaks::Peak& listenToPiece(const int16_t* samples, size_t count)
+  {
+    const auto ignore = [](const WordSpotter::Spotted&) {};
+    single_spotter->restart(0, ignore);
+    single_spotter->process(samples, count, ignore);
+    const Samples tail(NETWORK_TAIL, 0);
+    single_spotter->process(tail.data(), tail.size(), ignore);
+    return single_spotter->best();
+  }
+
+  void chooseByNetwork(const int16_t* samples, size_t count, double speech_s, Recognition* recognition)
+  {
+    const WordPeaks::Peak& best = listenToPiece(samples, count);
+    if (count == 0 || best.probability <= 0.0)
+    {
+      recognition->reason = "no speech was understood";
+      return;
+    }
+    const Command& command = table.commands[spotted[best.word]];
+    recognition->text = command.text;
+    recognition->confidence = best.probability;
+    recognition->evidence.command = command.text;
+    recognition->evidence.speech_s = speech_s;
+    judge(command, recognition);
+  }
+
   void choose(const int16_t* samples, size_t count, double speech_s, Recognition* recognition)
   {
+    if (!sphinx)
+    {
+      chooseByNetwork(samples, count, speech_s, recognition);
+      return;
+    }
     sphinx->listen(samples, count);
     const std::vector<SphinxHypothesis> hypotheses = searchCommands();
     std::vector<double> scores;
@@ -362,6 +577,11 @@ struct CommandRecognizer::Impl
       return;
     }
     const Command& candidate = table.commands[best];
+    if (std::find(spotted.begin(), spotted.end(), best) != spotted.end())
+    {
+      chooseByNetwork(samples, count, speech_s, recognition);
+      return;
+    }
     recognition->text = candidate.text;
     evidence.command = candidate.text;
     evidence.has_word_models = word_scorer.has_value();
@@ -401,7 +621,7 @@ struct CommandRecognizer::Impl
   {
     const double speech_s = recognition->evidence.speech_s;
     const double most_s = LEAST_COMMAND_S + MORE_PER_WORD_S * recognition->evidence.words;
-    const double threshold = candidate.threshold > 0.0 ? candidate.threshold : options.threshold;
+    const double threshold = thresholdOf(candidate);
     if (options.mode == RecognitionMode::CLOSED)
     {
       recognition->accepted = true;
@@ -430,6 +650,9 @@ struct CommandRecognizer::Impl
   std::optional<WordScorer> word_scorer;
   std::vector<WordSequence> sequences;  ///< of the commands
   std::optional<ConfidenceModel> confidence;
+  std::vector<size_t> spotted;                ///< commands that the network hears
+  std::optional<WordSpotter> spotter;         ///< of the stream; none: the network hears no command
+  std::optional<WordSpotter> single_spotter;  ///< of single utterances
   Runner runner = [](double, const std::function<void()>& work) { work(); };
   Elsewhere elsewhere;
   UtteranceSink utterance_sink;
@@ -439,6 +662,11 @@ struct CommandRecognizer::Impl
   int64_t early_end = 0;             ///< where the speech ended then
   bool told_fast = false;
   Recognition fast;
+  // Of the network in the stream.
+  std::optional<Recognition> held;  ///< waits for the answer of other computers
+  Recognition told;                 ///< the last word
+  std::string told_text;            ///< the last accepted command of both
+  int64_t told_end = NEVER;         ///< where it ended
 };
 
 CommandRecognizer::CommandRecognizer(const RecognizerOptions& options, const CommandTable& table)
@@ -458,23 +686,33 @@ bool CommandRecognizer::usesWordModels() const
   return impl_->word_scorer.has_value();
 }
 
+std::vector<std::string> CommandRecognizer::spottedCommands() const
+{
+  std::vector<std::string> texts;
+  for (const size_t command : impl_->spotted)
+  {
+    texts.push_back(impl_->table.commands[command].text);
+  }
+  return texts;
+}
+
 void CommandRecognizer::process(const int16_t* samples, size_t count, const Sink& sink)
 {
   impl_->sink = &sink;
-  impl_->end_pointer.process(samples, count);
+  impl_->process(samples, count);
   impl_->sink = nullptr;
 }
 
 void CommandRecognizer::flush(const Sink& sink)
 {
   impl_->sink = &sink;
-  impl_->end_pointer.flush();
+  impl_->flush();
   impl_->sink = nullptr;
 }
 
 void CommandRecognizer::reset()
 {
-  impl_->end_pointer.reset();
+  impl_->reset();
 }
 
 void CommandRecognizer::setRunner(Runner runner)

@@ -15,7 +15,8 @@ namespace pi_speech
 struct RecognizerRosOptions : pi_node::NodeParameters<RecognizerRosOptions>
 {
   std::string commands;  ///< YAML file of the commands, absolute; empty: the package's commands.yaml
-  /// Its files are absolute; empty: the package's. word_models and sphinx.adaptation may be "none".
+  /// Its files are absolute; empty: the package's. word_network, word_models and sphinx.adaptation may be
+  /// "none".
   RecognizerOptions recognizer;
   bool use_runtime = true;  ///< decisions are a stage of pi_runtime::Runtime::shared(); false: plain calls
   /// Service (pi_speech/RecognizeUtterance) that is asked for each utterance first, such as pi_offload's; empty: none.
