@@ -95,7 +95,7 @@ std::string speechConfig(const std::string& name)
 SpeechExecutorOptions speechOptions()
 {
   SpeechExecutorOptions options;
-  options.recognizer.word_models = speechConfig("word_models.bin");
+  options.recognizer.word_network = speechConfig("word_network.bin");
   options.recognizer.garbage_words = speechConfig("garbage_words.txt");
   options.recognizer.confidence = speechConfig("confidence.yaml");
   options.recognizer.sphinx.check_model = false;

@@ -2,8 +2,6 @@
 #include <pi_node/formatting.h>
 #include <pi_node/option_check.h>
 #include <pi_speech/command_recognizer.h>
-#include "features/speech_features.h"
-#include "hmm/word_models.h"
 #include "network/word_spotter.h"
 #include "recognizer/grammar.h"
 #include "recognizer/words.h"
@@ -23,8 +21,7 @@ namespace
 
 using pi_node::secondsSince;
 
-/// Scales of log-likelihoods for the choice of a command and for margins: frames are not independent.
-constexpr double WORD_SCALE = 0.5;
+/// Scale of log-likelihoods for the choice of a command and for margins: frames are not independent.
 constexpr double SPHINX_SCALE = 0.25;
 /// A command's score in place of none, and least frames that ratios are taken over.
 constexpr double NO_SCORE = -2000.0;
@@ -177,7 +174,6 @@ struct CommandRecognizer::Impl
     std::sort(words.begin(), words.end());
     words.erase(std::unique(words.begin(), words.end()), words.end());
     sphinx = std::make_unique<SphinxDecoder>(options.sphinx, grammars, words);
-    loadWordModels();
   }
 
   /// Commands of one word that the network knows are left to it, unless the word is also part of a longer command.
@@ -189,6 +185,7 @@ struct CommandRecognizer::Impl
     }
     WordNetwork network = WordNetwork::load(options.word_network);
     std::vector<SpottedWord> words;
+    std::vector<SpottedWord> words_of_stream;
     for (size_t i = 0; i < table.commands.size(); ++i)
     {
       const Command& command = table.commands[i];
@@ -196,11 +193,19 @@ struct CommandRecognizer::Impl
       {
         words.push_back({command.text, thresholdOf(command), command.fast});
         spotted.push_back(i);
+        if (command.fast || options.all_in_running_speech)
+        {
+          words_of_stream.push_back(words.back());
+          spotted_in_stream.push_back(i);
+        }
       }
+    }
+    if (!words_of_stream.empty())
+    {
+      spotter.emplace(network, words_of_stream);
     }
     if (!words.empty())
     {
-      spotter.emplace(network, words);
       single_spotter.emplace(std::move(network), words);
     }
   }
@@ -218,32 +223,6 @@ struct CommandRecognizer::Impl
   double thresholdOf(const Command& command) const
   {
     return command.threshold > 0.0 ? command.threshold : options.threshold;
-  }
-
-  /// Uses the models if they have all words of all commands.
-  void loadWordModels()
-  {
-    if (options.word_models.empty())
-    {
-      return;
-    }
-    word_scorer.emplace(WordModels::load(options.word_models));
-    for (const Command& command : table.commands)
-    {
-      WordSequence sequence;
-      for (const std::string& word : splitWords(command.text))
-      {
-        const int found = word_scorer->find(word);
-        if (found < 0)
-        {
-          word_scorer.reset();
-          sequences.clear();
-          return;
-        }
-        sequence.push_back(found);
-      }
-      sequences.push_back(sequence);
-    }
   }
 
   /// Gives the sound to the network and to the end-pointer in steps so short that their answers come in order.
@@ -295,7 +274,7 @@ struct CommandRecognizer::Impl
     recognition.accepted = true;
     recognition.fast = true;
     recognition.decided_at = end_pointer.samplesSeen();
-    if (elsewhere && end_pointer.inSpeech() && !table.commands[spotted[found.word]].fast)
+    if (elsewhere && end_pointer.inSpeech() && !table.commands[spotted_in_stream[found.word]].fast)
     {
       tellHeld();
       held = recognition;
@@ -332,7 +311,7 @@ struct CommandRecognizer::Impl
   Recognition fromNetwork(const WordSpotter::Spotted& found) const
   {
     Recognition recognition;
-    recognition.text = table.commands[spotted[found.word]].text;
+    recognition.text = table.commands[spotted_in_stream[found.word]].text;
     recognition.confidence = found.confidence;
     recognition.speech_begin = found.begin;
     recognition.speech_end = found.end;
@@ -349,11 +328,6 @@ struct CommandRecognizer::Impl
         told_fast = false;
         return;
       case EndPointer::Event::PAUSE:
-        // The network needs no pause.
-        if (!sphinx && !elsewhere)
-        {
-          return;
-        }
         // Decides before it is certain that the speech has ended, so that the command comes without delay.
         early = decide(utterance);
         early_end = utterance.speech_end;
@@ -417,7 +391,7 @@ struct CommandRecognizer::Impl
 
   bool isSure(const Recognition& recognition) const
   {
-    if (!confidence || recognition.confidence < options.sure_confidence || options.sure_confidence >= 1.0)
+    if ((sphinx && !confidence) || recognition.confidence < options.sure_confidence || options.sure_confidence >= 1.0)
     {
       return false;
     }
@@ -560,16 +534,6 @@ struct CommandRecognizer::Impl
       any = any || !hypothesis.words.empty();
     }
     Evidence& evidence = recognition->evidence;
-    WordScorer::Scores words;
-    if (word_scorer)
-    {
-      words = word_scorer->score(features.compute(samples, count), sequences);
-      for (size_t i = 0; i < logits.size(); ++i)
-      {
-        logits[i] += WORD_SCALE * static_cast<double>(words.sequences[i]);
-        any = any || std::isfinite(words.sequences[i]);
-      }
-    }
     const auto best = static_cast<size_t>(std::max_element(logits.begin(), logits.end()) - logits.begin());
     if (!any || !std::isfinite(logits[best]))
     {
@@ -584,16 +548,9 @@ struct CommandRecognizer::Impl
     }
     recognition->text = candidate.text;
     evidence.command = candidate.text;
-    evidence.has_word_models = word_scorer.has_value();
     evidence.words = static_cast<int>(1 + std::count(candidate.text.begin(), candidate.text.end(), ' '));
     evidence.speech_s = speech_s;
     evidence.word_margin = margin(logits[best], sumOfOthers(logits, best));
-    if (word_scorer)
-    {
-      const double score = words.sequences[best];
-      evidence.filler_margin = WORD_SCALE * margin(score, words.filler);
-      evidence.background_margin = WORD_SCALE * margin(score, words.background);
-    }
     recognition->confidence = 1.0;
     if (confidence)
     {
@@ -643,14 +600,12 @@ struct CommandRecognizer::Impl
   const RecognizerOptions options;
   const CommandTable table;
   EndPointer end_pointer;
-  SpeechFeatures features;
   std::unique_ptr<SphinxDecoder> sphinx;  ///< its first grammar has all commands
   size_t first_command_grammar = 0;       ///< then each command has one; 0: none
   size_t first_garbage_grammar = 0;       ///< garbage words, then talk; 0: none
-  std::optional<WordScorer> word_scorer;
-  std::vector<WordSequence> sequences;  ///< of the commands
   std::optional<ConfidenceModel> confidence;
   std::vector<size_t> spotted;                ///< commands that the network hears
+  std::vector<size_t> spotted_in_stream;      ///< those that need no pause
   std::optional<WordSpotter> spotter;         ///< of the stream; none: the network hears no command
   std::optional<WordSpotter> single_spotter;  ///< of single utterances
   Runner runner = [](double, const std::function<void()>& work) { work(); };
@@ -681,15 +636,10 @@ const CommandTable& CommandRecognizer::table() const
   return impl_->table;
 }
 
-bool CommandRecognizer::usesWordModels() const
-{
-  return impl_->word_scorer.has_value();
-}
-
 std::vector<std::string> CommandRecognizer::spottedCommands() const
 {
   std::vector<std::string> texts;
-  for (const size_t command : impl_->spotted)
+  for (const size_t command : impl_->spotted_in_stream)
   {
     texts.push_back(impl_->table.commands[command].text);
   }

@@ -108,7 +108,6 @@ void RecognizerDiagnostics::reportRecognition(Status& status)
   status.add("commands", now_.stream.understood);
   status.add("mode", now_.mode);
   status.add("commands heard in running speech", now_.stream.spotted);
-  status.add("models of whole words", now_.stream.word_models ? "in use" : "not in use");
   status.add("heard", accepted_ + rejected_);
   status.add("accepted", accepted_);
   status.add("accepted before the pause", fast_);

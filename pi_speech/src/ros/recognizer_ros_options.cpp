@@ -19,7 +19,6 @@ constexpr char COMMANDS[] = "config/commands.yaml";
 constexpr char GARBAGE_WORDS[] = "config/garbage_words.txt";
 constexpr char CONFIDENCE[] = "config/confidence.yaml";
 constexpr char WORD_NETWORK[] = "config/word_network.bin";
-constexpr char WORD_MODELS[] = "config/word_models.bin";
 constexpr char ADAPTATION[] = "config/adaptation";
 constexpr char NONE[] = "none";
 
@@ -67,7 +66,7 @@ static void visitFields(RecognizerRosOptions& options, Visitor&& visit)
   visit("sphinx/guess_words", sphinx.guess_words);
   visit("sphinx/check_model", sphinx.check_model);
   visit("word_network", recognizer.word_network);
-  visit("word_models", recognizer.word_models);
+  visit("all_in_running_speech", recognizer.all_in_running_speech);
   visit("garbage_words", recognizer.garbage_words);
   visit("confidence", recognizer.confidence);
   visit("use_runtime", options.use_runtime);
@@ -99,7 +98,6 @@ void RecognizerRosOptions::validate() const
 {
   requirePath("commands", commands);
   requirePath("word_network", recognizer.word_network, true);
-  requirePath("word_models", recognizer.word_models, true);
   requirePath("garbage_words", recognizer.garbage_words);
   requirePath("confidence", recognizer.confidence);
   requireModel("sphinx/acoustic_model", recognizer.sphinx.acoustic_model);
@@ -141,7 +139,6 @@ RecognizerOptions RecognizerRosOptions::recognizerOptions(const std::string& pac
     }
   };
   complementIfThere(WORD_NETWORK, &complete.word_network);
-  complementIfThere(WORD_MODELS, &complete.word_models);
   if (complete.sphinx.adaptation == NONE || complete.sphinx.acoustic_model == SphinxModel().acoustic_model)
   {
     complementIfThere(ADAPTATION, &complete.sphinx.adaptation);

@@ -25,6 +25,7 @@ RecognizerOptions networkOptions(RecognitionMode mode = RecognitionMode::SAFE)
   RecognizerOptions options;
   options.mode = mode;
   options.word_network = toneNetwork();
+  options.all_in_running_speech = true;
   options.garbage_words = std::string(PI_SPEECH_CONFIG) + "/garbage_words.txt";
   options.confidence = std::string(PI_SPEECH_CONFIG) + "/confidence.yaml";
   options.sphinx.check_model = false;
@@ -106,7 +107,6 @@ TEST_F(SpottedCommands, AreHeardInsideASentence)
 TEST_F(SpottedCommands, AreNamed)
 {
   EXPECT_EQ((Texts{"go", "left", "stop"}), recognizer_->spottedCommands());
-  EXPECT_FALSE(recognizer_->usesWordModels());
 }
 
 TEST_F(SpottedCommands, SpeechWithoutOneIsRejected)
@@ -217,6 +217,36 @@ TEST_F(SpottedCommands, WaitForOtherComputersExceptFastOnes)
   say(&stop, "stop", 0.9);
   hear(stop);
   EXPECT_EQ(Texts{"stop"}, accepted());
+}
+
+TEST(SpottedCommandsByDefault, AreThoseThatAreFast)
+{
+  RecognizerOptions options = networkOptions();
+  options.all_in_running_speech = false;
+  options.sure_confidence = 1.0;  // none is told at a pause that does not end the utterance
+  CommandRecognizer recognizer(options, table("go, left, {text: stop, fast: true}"));
+  EXPECT_EQ(Texts{"stop"}, recognizer.spottedCommands());
+  std::vector<Recognition> told;
+  const CommandRecognizer::Sink sink = [&](const Recognition& recognition)
+  {
+    if (recognition.accepted)
+    {
+      told.push_back(recognition);
+    }
+  };
+  const Samples talk = sentence();
+  recognizer.process(talk.data(), talk.size(), sink);
+  ASSERT_EQ(1U, told.size());
+  EXPECT_EQ("stop", told[0].text);
+
+  // Alone, with a pause behind it, the other is heard, too.
+  Samples alone = whiteNoise(2.0, 30.0);
+  say(&alone, "left", 1.0);
+  told.clear();
+  recognizer.process(alone.data(), alone.size(), sink);
+  ASSERT_EQ(1U, told.size());
+  EXPECT_EQ("left", told[0].text);
+  EXPECT_GT(told[0].confidence, 0.5);
 }
 
 TEST(SpottedCommandsBesidePhrases, AreThoseThatNoPhraseContains)

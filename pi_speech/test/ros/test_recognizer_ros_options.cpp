@@ -29,7 +29,6 @@ TEST(RecognizerRosOptions, ParametersComeBackAsTheyWere)
   options.recognizer.mode = RecognitionMode::CLOSED;
   options.recognizer.threshold = 0.75;
   options.recognizer.word_network = "none";
-  options.recognizer.word_models = "none";
   options.recognizer.end_pointer.end_silence_s = 0.4;
   options.recognizer.sphinx.check_model = false;
   options.recognizer.sphinx.adaptation = "/an/adaptation";
@@ -69,8 +68,6 @@ TEST(RecognizerRosOptions, NamesParameterValueAndBound)
                "parameter /recognizer/commands = \"commands.yaml\", must be an absolute path");
   EXPECT_PRED2(begins, recognizer_reader.refusal("word_network: words.bin"),
                "parameter /recognizer/word_network = \"words.bin\", must be");
-  EXPECT_PRED2(begins, recognizer_reader.refusal("word_models: words.bin"),
-               "parameter /recognizer/word_models = \"words.bin\", must be");
   EXPECT_PRED2(begins, recognizer_reader.refusal("sphinx: {adaptation: adapted}"),
                "parameter /recognizer/sphinx/adaptation = \"adapted\", must be an absolute path, or none, or empty");
   EXPECT_PRED2(begins, recognizer_reader.refusal("sphinx: {acoustic_model: \"\"}"),
@@ -93,16 +90,11 @@ TEST(RecognizerRosOptions, FilesThatAreNotGivenAreThePackages)
   EXPECT_EQ(package.path() + "/config/garbage_words.txt", own.garbage_words);
   EXPECT_EQ(package.path() + "/config/confidence.yaml", own.confidence);
   EXPECT_EQ("", own.word_network);  // it has none
-  EXPECT_EQ("", own.word_models);
   std::filesystem::create_directory(package.path() + "/config");
   const std::string network = package.file("config/word_network.bin", "");
   EXPECT_EQ(network, options.recognizerOptions(package.path()).word_network);
   options.recognizer.word_network = "none";
   EXPECT_EQ("", options.recognizerOptions(package.path()).word_network);
-  const std::string models = package.file("config/word_models.bin", "");
-  EXPECT_EQ(models, options.recognizerOptions(package.path()).word_models);
-  options.recognizer.word_models = "none";
-  EXPECT_EQ("", options.recognizerOptions(package.path()).word_models);
 
   EXPECT_EQ("", own.sphinx.adaptation);  // it has none
   const std::string adaptation = package.path() + "/config/adaptation";
@@ -116,14 +108,12 @@ TEST(RecognizerRosOptions, FilesThatAreNotGivenAreThePackages)
 
   options.commands = "/a";
   options.recognizer.word_network = "/n";
-  options.recognizer.word_models = "/b";
   options.recognizer.garbage_words = "/c";
   options.recognizer.confidence = "/d";
   options.recognizer.sphinx.adaptation = "/e";
   EXPECT_EQ("/a", options.commandsFile(package.path()));
   const RecognizerOptions given = options.recognizerOptions(package.path());
   EXPECT_EQ("/n", given.word_network);
-  EXPECT_EQ("/b", given.word_models);
   EXPECT_EQ("/c", given.garbage_words);
   EXPECT_EQ("/d", given.confidence);
   EXPECT_EQ("/e", given.sphinx.adaptation);

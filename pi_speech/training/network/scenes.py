@@ -68,7 +68,7 @@ class Mixer:
         count = int(SCENE_S * SAMPLE_RATE_HZ)
         voice = np.zeros(count, np.float32)
         events = []
-        kind = random.choice(["words", "inside", "talk", "noise"], p=[0.45, 0.3, 0.2, 0.05])
+        kind = random.choice(["words", "inside", "talk", "noise"], p=[0.3, 0.25, 0.25, 0.2])
         if kind == "words":
             self._add_words(voice, events)
         elif kind == "inside":
