@@ -636,7 +636,7 @@ bool parse(int argc, char** argv, Arguments* line)
               "sound files or folders, looped: streams without commands");
   options.add("speech", po::value(&line->speech)->multitoken(), "sound files or folders: streams of talk");
   options.addValue("threshold", &recognizer.threshold, "least confidence, in (0, 1)");
-  options.addValue("word-models", &recognizer.word_models, "models of whole words; none: without");
+  options.addValue("word-network", &recognizer.word_network, "network that hears words in the stream; none: without");
   options.addValue("confidence", &recognizer.confidence, "weights of the confidence");
   options.addValue("garbage-words", &recognizer.garbage_words, "of other speech");
   options.addPositional("list", &line->list, "no list of clips is named");
@@ -648,9 +648,9 @@ bool parse(int argc, char** argv, Arguments* line)
   {
     throw po::error("--every " + std::to_string(line->every) + ", must be at least 1");
   }
-  if (recognizer.word_models == "none")
+  if (recognizer.word_network == "none")
   {
-    recognizer.word_models.clear();
+    recognizer.word_network.clear();
   }
   recognizer.validate();
   return true;

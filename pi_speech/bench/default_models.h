@@ -39,10 +39,10 @@ inline std::string packageFile(const std::string& name)
   return !configFolder().empty() && std::filesystem::exists(file, ignored) ? file : "";
 }
 
-/// The options with this package's models; without models of whole words where the package has none.
+/// The options with this package's models; without a network where the package has none.
 inline RecognizerOptions withDefaultModels(RecognizerOptions options = {})
 {
-  options.word_models = packageFile("word_models.bin");
+  options.word_network = packageFile("word_network.bin");
   options.garbage_words = packageFile("garbage_words.txt");
   options.confidence = packageFile("confidence.yaml");
   options.sphinx.adaptation = packageFile("adaptation");

@@ -373,7 +373,7 @@ int run(const Arguments& line)
   }
   CommandRecognizer recognizer(line.recognizer, table);
   std::cerr << table.commands.size() << " commands, " << toString(line.recognizer.mode) << ", "
-            << (recognizer.usesWordModels() ? "with" : "without") << " models of whole words\n";
+            << recognizer.spottedCommands().size() << " of them heard in running speech\n";
   TableFile output(line.output);
   std::vector<std::string> header = COLUMNS;
   header.insert(header.end(), list.columns.begin(), list.columns.end());
@@ -455,7 +455,8 @@ bool parse(int argc, char** argv, Arguments* line)
               "table of what each confidence comes from, for calibrate_confidence");
   options.addValue("mode", &line->mode, "safe: other words are rejected; closed: each clip is a command");
   options.addValue("threshold", &recognizer.threshold, "least confidence, in (0, 1)");
-  options.addValue("word-models", &recognizer.word_models, "models of whole words; none: without");
+  options.addValue("word-network", &recognizer.word_network, "network that hears words in the stream; none: without");
+  options.addFlag("running-speech", &recognizer.all_in_running_speech, "hear all words of the network inside sentences");
   options.addValue("confidence", &recognizer.confidence, "weights of the confidence");
   options.addValue("garbage-words", &recognizer.garbage_words, "words that stand for other speech");
   options.addValue("acoustic-model", &sphinx.acoustic_model, "folder");
@@ -495,9 +496,9 @@ bool parse(int argc, char** argv, Arguments* line)
   {
     throw po::error("--evidence needs a file of weights, --confidence: any will do, they have no part in the evidence");
   }
-  if (recognizer.word_models == "none")
+  if (recognizer.word_network == "none")
   {
-    recognizer.word_models.clear();
+    recognizer.word_network.clear();
   }
   if (sphinx.adaptation == "none")
   {

@@ -47,7 +47,7 @@ def read_clips(data, every=1):
 
 
 def write_list(path, clips):
-    """A list that recognize_files and train_word_models read from any folder."""
+    """A list that recognize_files reads from any folder."""
     Path(path).write_text("file\tword\tspeaker\n" + "".join(f"{clip.path}\t{clip.word}\t{clip.speaker}\n"
                                                             for clip in clips))
 

@@ -18,7 +18,7 @@ PROGRAMS = {"flac": "flac", "pocketsphinx_batch": "pocketsphinx", "pocketsphinx_
             str(BAUM_WELCH): "sphinxtrain"}  # program -> Debian package
 FILES = {ACOUSTIC_MODEL / "mdef": "pocketsphinx-en-us", DICTIONARY: "pocketsphinx-en-us"}
 PACKAGES = ("flac", "pocketsphinx", "pocketsphinx-en-us", "python3-numpy", "sphinxtrain")
-TOOLS = ("recognize_files", "train_word_models")
+TOOLS = ("recognize_files",)
 
 
 def missing_packages(programs=None, files=None):

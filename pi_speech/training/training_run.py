@@ -26,7 +26,6 @@ from pi_speech.errors import ToolError
 from steps import Steps
 
 OTHER, BACKGROUND = "_unknown_", "_silence_"  # words in the list of clips that are no command
-SETS = ("with_word_models", "without_word_models")  # of evidence
 TAIL_S = "0.5"  # of its own background behind each clip
 PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -58,7 +57,7 @@ def parse(arguments):
                         help="noises of the noisy copies, mono, 16 kHz, 16 bits; white and pink are always among them")
     parser.add_argument("--work", type=Path, required=True, metavar="DIR", help="what is made on the way")
     parser.add_argument("--output", type=Path, required=True, metavar="DIR",
-                        help="where adaptation/, word_models.bin, confidence.yaml and training.json go")
+                        help="where adaptation/, confidence.yaml and training.json go")
     parser.add_argument("--commands", type=Path, default=PACKAGE / "config/commands.yaml", metavar="YAML",
                         help="table of the commands, of one word each; default: that of pi_speech")
     parser.add_argument("--every", type=number_from(1), default=1, metavar="N",
@@ -69,7 +68,7 @@ def parse(arguments):
     parser.add_argument("--max-false-background", type=share, default=0.03,
                         help="the same of background; default: %(default)s")
     parser.add_argument("--tools", type=Path, metavar="DIR",
-                        help="of train_word_models and recognize_files; default: by CMAKE_PREFIX_PATH")
+                        help="of recognize_files; default: by CMAKE_PREFIX_PATH")
     return parser.parse_args(arguments)
 
 
@@ -137,7 +136,7 @@ class Run:
                            "snr_db": [noise.LEAST_SNR_DB, noise.MOST_SNR_DB]},
             "versions": {"pi_speech": package_version(), **requirements.versions()}}
         models = [*range(folds.FOLDS), folds.ALL]
-        steps = 8 + 2 * folds.FOLDS + 2 * len(models) + len(SETS) * folds.FOLDS
+        steps = 8 + 2 * folds.FOLDS + len(models) + folds.FOLDS
         self.steps = Steps(self.work, self.settings, steps, lambda line: print(line, file=sys.stderr, flush=True))
         self.models = models
 
@@ -162,11 +161,8 @@ class Run:
                 run(name, adapt.count, self.steps.call, self.base, name, transcripts, self.work / f"features_{copy}",
                     self.work / name)
         frames = {model: run(f"adaptation_{model}", self.adapt, model) for model in self.models}
-        for model in self.models:
-            run(f"word_models_{model}", self.train_word_models, model)
-        for name in SETS:
-            for fold in range(folds.FOLDS):
-                run(f"evidence_{name}_{fold}", self.gather_evidence, name, fold)
+        for fold in range(folds.FOLDS):
+            run(f"evidence_{fold}", self.gather_evidence, fold)
         figures = run("confidence", self.calibrate, again=True)
         return self.deliver(copies, variants, frames, figures)
 
@@ -210,36 +206,24 @@ class Run:
         return adapt.adapt(self.base, counts, self.work / f"adaptation_{model}",
                            pronunciations.extra_text(self._extra()))
 
-    def train_word_models(self, model):
-        """White and pink noise only: the recorded noises stay unheard."""
-        command = [self.tools["train_word_models"], "--clips", self.work / "clips.tsv", "--words", *self.words,
-                   "--seed", self.arguments.seed, "--folds", folds.FOLDS,
-                   "--output", self.work / f"word_models_{model}.bin"]
-        if model != folds.ALL:
-            command += ["--leave-out", model]
-        self.steps.call(f"word_models_{model}", command)
-
-    def gather_evidence(self, name, fold):
+    def gather_evidence(self, fold):
         """Of the fold's speakers by models that have not heard them."""
         folder = self.work / "evidence"
         folder.mkdir(exist_ok=True)
-        word_models = self.work / f"word_models_{fold}.bin" if name == SETS[0] else "none"
-        self.steps.call(f"evidence_{name}_{fold}", [
+        self.steps.call(f"evidence_{fold}", [
             self.tools["recognize_files"], self.work / f"clips_{fold}.tsv", "--quiet", "--tail", TAIL_S,
             "--commands", self.arguments.commands, "--adaptation", self.work / f"adaptation_{fold}",
-            "--word-models", word_models,
-            "--output", folder / f"results_{name}_{fold}.tsv", "--evidence", folder / f"{name}_{fold}.tsv"])
+            "--word-network", "none",
+            "--output", folder / f"results_{fold}.tsv", "--evidence", folder / f"evidence_{fold}.tsv"])
 
     def calibrate(self):
         """@return what calibrate_confidence says about clips that were held out"""
         folder = self.work / "evidence"
         other = {clip.word for clip in self.clips} - {*self.words, BACKGROUND}
-        for name in SETS:
-            join_tables([folder / f"{name}_{fold}.tsv" for fold in range(folds.FOLDS)], folder / f"{name}.tsv")
+        join_tables([folder / f"evidence_{fold}.tsv" for fold in range(folds.FOLDS)], folder / "evidence.tsv")
         said = self.steps.call("calibrate_confidence", [
             sys.executable, PACKAGE / "scripts/calibrate_confidence",
-            *(part for name in SETS for part in (f"--{name.replace('_', '-')}", folder / f"{name}.tsv")),
-            "--output", self.work / "confidence.yaml", "--plot", self.work / "confidence.png",
+            "--evidence", folder / "evidence.tsv", "--output", self.work / "confidence.yaml", "--plot", self.work / "confidence.png",
             "--max-false-other", self.arguments.max_false_other,
             "--max-false-background", self.arguments.max_false_background,
             "--other", ",".join(sorted(other)), "--background", BACKGROUND],
@@ -251,8 +235,7 @@ class Run:
         output = self.arguments.output
         files = {f"adaptation/{name}": self.work / "adaptation_all" / name
                  for name in ("means", "sendump", "pronunciations.dict")}
-        files.update({"word_models.bin": self.work / "word_models_all.bin",
-                      "confidence.yaml": self.work / "confidence.yaml",
+        files.update({"confidence.yaml": self.work / "confidence.yaml",
                       "confidence.png": self.work / "confidence.png"})
         summary = {
             **self.settings,

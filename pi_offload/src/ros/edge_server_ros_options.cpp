@@ -251,7 +251,7 @@ std::array<ExecutorFactory, TASK_KINDS> EdgeServerRosOptions::executors() const
     pi_speech::RecognizerOptions& models = complete.recognizer;
     models.garbage_words = packaged("pi_speech", "config/garbage_words.txt", "speech/enabled to false");
     models.confidence = packaged("pi_speech", "config/confidence.yaml", "speech/enabled to false");
-    models.word_models = packageFile("pi_speech", "config/word_models.bin");  // these two are not in each package
+    models.word_network = packageFile("pi_speech", "config/word_network.bin");  // these two are not in each package
     models.sphinx.adaptation = packageFile("pi_speech", "config/adaptation");
     complete.commands = pi_speech::CommandTable::load(
         commands.empty() ? packaged("pi_speech", "config/commands.yaml", "speech/commands") : commands);

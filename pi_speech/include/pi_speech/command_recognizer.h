@@ -34,7 +34,10 @@ struct RecognizerOptions
   double max_command_s = 2.5;  ///< of speech; longer speech is talk, no command. For mode SAFE
   EndPointerOptions end_pointer;
   SphinxModel sphinx;
-  std::string word_models;    ///< file of WordModels; empty: none. Used if it has all words of the table
+  /// File of a WordNetwork. It hears its words of the table in running speech; empty: none, PocketSphinx decides alone.
+  std::string word_network;
+  /// All words of the network are heard inside sentences, not only those of fast commands. The others need a pause.
+  bool all_in_running_speech = false;
   std::string garbage_words;  ///< list of words that stand for other speech
   std::string confidence;     ///< file of ConfidenceModel
 
@@ -59,8 +62,9 @@ struct Recognition
   Evidence evidence;    ///< for the command; undefined without one
 };
 
-/// Recognises spoken commands in a stream of sound: finds utterances, decodes each with PocketSphinx and models of
-/// whole words, and computes a confidence from both. Not thread safe.
+/// Recognises spoken commands in a stream of sound. Commands of one word that the word network knows are decided
+/// by it: fast ones wherever they are said, others at a pause. For all others it finds utterances, decodes each with PocketSphinx, and computes a confidence.
+/// Not thread safe.
 class CommandRecognizer
 {
 public:
@@ -71,12 +75,13 @@ public:
   CommandRecognizer& operator=(const CommandRecognizer&) = delete;
 
   const CommandTable& table() const;
-  /// Whether models of whole words take part.
-  bool usesWordModels() const;
+  /// Commands that the word network hears in running speech.
+  std::vector<std::string> spottedCommands() const;
 
   /// Called for each utterance that has ended, and for fast commands, on the thread of process().
   using Sink = std::function<void(const Recognition& recognition)>;
-  /// @param samples  the next of the stream. At the end of an utterance it takes about 70 ms per second of speech.
+  /// @param samples  the next of the stream. At the end of an utterance PocketSphinx takes about 70 ms per second of
+  ///   speech; the word network takes 10 ms per second of sound.
   void process(const int16_t* samples, size_t count, const Sink& sink);
   /// Ends an utterance in progress, because the stream ends or has a gap.
   void flush(const Sink& sink);

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <map>
 #include <string>
 #include <vector>
 
@@ -11,10 +10,7 @@ namespace pi_speech
 struct Evidence
 {
   std::string command;  ///< the candidate's text
-  bool has_word_models = false;
-  double word_margin = 0.0;        ///< ln of the candidate's posterior over that of all other commands, of all models
-  double filler_margin = 0.0;      ///< ln likelihood of the words' models over that of other speech; 0 without them
-  double background_margin = 0.0;  ///< the same over background
+  double word_margin = 0.0;  ///< ln of the candidate's posterior over that of all other commands
   // PocketSphinx's ln likelihoods of the whole utterance: the candidate's less that of another hypothesis, per frame of
   // the candidate's words.
   double garbage_ratio = 0.0;  ///< the best garbage word
@@ -25,8 +21,7 @@ struct Evidence
   int words = 1;               ///< of the candidate
 };
 
-/// Logistic model of the confidence, with one set of weights for use with word models and one for use without. With
-/// word models each word has its own bias.
+/// Logistic model of the confidence.
 class ConfidenceModel
 {
 public:
@@ -36,8 +31,7 @@ public:
 
   /// Reads
   /// @code{.yaml}
-  /// with_word_models: {bias: -1.0, word_margin: 0.3, ..., word_biases: {stop: 0.4, ...}}
-  /// without_word_models: {bias: ...}
+  /// {bias: -1.0, word_margin: 0.3, ...}
   /// @endcode
   /// @throws std::runtime_error naming the file and what is wrong: missing, no YAML, a weight missing or unknown.
   static ConfidenceModel load(const std::string& path);
@@ -46,16 +40,8 @@ public:
   double confidence(const Evidence& evidence) const;
 
 private:
-  struct Weights
-  {
-    double bias = 0.0;
-    std::vector<double> features;               ///< in the order of featureNames()
-    std::map<std::string, double> word_biases;  ///< words that are not there have 0
-  };
-  static Weights readWeights(const std::string& path, const std::string& name);
-
-  Weights with_word_models_;
-  Weights without_word_models_;
+  double bias_ = 0.0;
+  std::vector<double> weights_;  ///< in the order of featureNames()
 };
 
 }  // namespace pi_speech

@@ -1,8 +1,7 @@
 """Fits the weights of the confidence to clips of commands, other speech and background.
 
-  recognize_files LIST.tsv --output a.tsv --evidence with.tsv
-  recognize_files LIST.tsv --output b.tsv --evidence without.tsv --word-models none
-  calibrate_confidence --with-word-models with.tsv --without-word-models without.tsv --output confidence.yaml
+  recognize_files LIST.tsv --output results.tsv --evidence evidence.tsv --word-network none
+  calibrate_confidence --evidence evidence.tsv --output confidence.yaml
 
 The weights are those of a logistic regression with a ridge: is the candidate what was said? Figures are
 cross-validated: each clip is judged by weights and a threshold that come from the speakers of the other parts,
@@ -20,15 +19,12 @@ from pathlib import Path
 import numpy as np
 
 from pi_speech import plots
-from pi_speech.calibration import (FOLDS, WORD_BIAS, add_word_biases, choose_threshold, clip_scores, cross_validated_logits, fit_all,
-                                   held_out_rates, load_evidence, rates_at)
+from pi_speech.calibration import (FOLDS, choose_threshold, clip_scores, cross_validated_logits, fit_all, held_out_rates,
+                                   load_evidence, rates_at)
 from pi_speech.errors import ToolError
 from pi_speech.evaluate_commands import add_labels
 from pi_speech.logistic_regression import Logistic
 from pi_speech.truth import Labels
-
-SETS = ("with_word_models", "without_word_models")  # in the file
-
 
 def number_between(low, high):
     """A type for argparse: low < number < high."""
@@ -44,9 +40,8 @@ def number_between(low, high):
 def parse(arguments):
     parser = argparse.ArgumentParser(prog="calibrate_confidence", description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    for name in SETS:
-        parser.add_argument("--" + name.replace("_", "-"), type=Path, required=True, metavar="EVIDENCE.tsv",
-                            help="of recognize_files --evidence" + (' --word-models none' if "out" in name else ""))
+    parser.add_argument("--evidence", type=Path, required=True, metavar="EVIDENCE.tsv",
+                        help="of recognize_files --evidence --word-network none")
     parser.add_argument("--output", type=Path, required=True, metavar="confidence.yaml", help="file to write")
     parser.add_argument("--plot", type=Path, metavar="FILE.png", help="draw right commands over false alarms")
     parser.add_argument("--max-false-other", type=number_between(0, 1), default=0.06,
@@ -68,13 +63,11 @@ def parse(arguments):
 
 
 class Calibrated:
-    """One set of weights and how well it does."""
+    """The weights and how well they do."""
 
-    def __init__(self, path, arguments, word_biases):
+    def __init__(self, path, arguments):
         labels = Labels(arguments.other, arguments.background, arguments.commands)
         self.evidence = load_evidence(path, labels, arguments.word_column, arguments.speaker_column)
-        if word_biases:
-            self.evidence = add_word_biases(self.evidence)
         self.best, self.right = clip_scores(self.evidence, cross_validated_logits(self.evidence, arguments.ridge))
         free = 1.0 - arguments.margin
         self.threshold = choose_threshold(self.evidence, self.best, self.right, free * arguments.max_false_other,
@@ -94,41 +87,33 @@ class Calibrated:
                 f"{100 * rates.false_background:.1f} % of {int(truth.is_background.sum())} of background")
 
 
-def yaml_text(sets, arguments):
-    """@param sets  name -> Calibrated"""
+def yaml_text(calibrated, arguments):
     lines = ["# Weights of the confidence that a command was said, by calibrate_confidence: logistic regression, ridge "
              f"{arguments.ridge:g}.",
              f"# Confidence {arguments.threshold:g} is where false alarms keep below {arguments.max_false_other:g} of "
              f"other speech and {arguments.max_false_background:g} of",
              f"# background, less a margin of {100 * arguments.margin:g} %. Figures are cross-validated over speakers, "
-             f"in {FOLDS} parts."]
-    for name, calibrated in sets.items():
-        lines += ["", f"# From {Path(calibrated.evidence.path).name}:", *(f"#   {part}" for part in
-                  calibrated.summary().split("; ")), f"{name}:", f"  bias: {calibrated.model.bias:.6g}"]
-        weights = dict(zip(calibrated.evidence.names, calibrated.model.weights))
-        lines += [f"  {feature}: {weight:.6g}" for feature, weight in weights.items()
-                  if not feature.startswith(WORD_BIAS)]
-        biases = {feature[len(WORD_BIAS):]: weight for feature, weight in weights.items()
-                  if feature.startswith(WORD_BIAS)}
-        if biases:
-            lines += ["  word_biases:", *(f'    "{word}": {weight:.6g}' for word, weight in biases.items())]
+             f"in {FOLDS} parts.",
+             "", f"# From {Path(calibrated.evidence.path).name}:",
+             *(f"#   {part}" for part in calibrated.summary().split("; ")), f"bias: {calibrated.model.bias:.6g}",
+             *(f"{feature}: {weight:.6g}" for feature, weight in zip(calibrated.evidence.names,
+                                                                     calibrated.model.weights))]
     return "\n".join(lines) + "\n"
 
 
-def plot(sets, path):
+def plot(calibrated, path):
     """@throws ToolError"""
     pyplot = plots.pyplot()
     figure, axes = pyplot.subplots(figsize=(7, 5))
-    for name, calibrated in sets.items():
-        best, right = calibrated.best, calibrated.right
-        levels = np.sort(best[np.isfinite(best)])[::-1]
-        points = [rates_at(calibrated.evidence, best, right, level) for level in levels]
-        accuracy = [100 * point.accuracy for point in points]
-        for field, title, style in (("false_other", "other speech", "-"), ("false_background", "background", "--")):
-            line, = axes.plot([100 * getattr(point, field) for point in points], accuracy, style,
-                              label=f"{name.replace('_', ' ')}, {title}", drawstyle="steps-post")
-            axes.plot([100 * getattr(calibrated.rates, field)], [100 * calibrated.rates.accuracy], "o",
-                      color=line.get_color())
+    best, right = calibrated.best, calibrated.right
+    levels = np.sort(best[np.isfinite(best)])[::-1]
+    points = [rates_at(calibrated.evidence, best, right, level) for level in levels]
+    accuracy = [100 * point.accuracy for point in points]
+    for field, title, style in (("false_other", "other speech", "-"), ("false_background", "background", "--")):
+        line, = axes.plot([100 * getattr(point, field) for point in points], accuracy, style, label=title,
+                          drawstyle="steps-post")
+        axes.plot([100 * getattr(calibrated.rates, field)], [100 * calibrated.rates.accuracy], "o",
+                  color=line.get_color())
     axes.set(xlim=(0, 50), ylim=(0, 102), xlabel="false alarms [% of clips]", ylabel="commands accepted and right [%]",
              title="cross-validated over speakers (dots: the threshold chosen from all)")
     axes.grid(alpha=0.3)
@@ -151,17 +136,11 @@ def write_complete(path, content):
 
 
 def run(arguments):
-    sets = {name: Calibrated(getattr(arguments, name), arguments, name == SETS[0]) for name in SETS}
-    features = [[name for name in calibrated.evidence.names if not name.startswith(WORD_BIAS)]
-                for calibrated in sets.values()]
-    if features[0] != features[1]:
-        raise ToolError(f"{arguments.with_word_models} and {arguments.without_word_models} have different features: "
-                        "write both by the same recognize_files")
-    for name, calibrated in sets.items():
-        print(f"{name}: {calibrated.summary()}")
+    calibrated = Calibrated(arguments.evidence, arguments)
+    print(f"confidence: {calibrated.summary()}")
     if arguments.plot:
-        plot(sets, arguments.plot)
-    write_complete(arguments.output, yaml_text(sets, arguments))
+        plot(calibrated, arguments.plot)
+    write_complete(arguments.output, yaml_text(calibrated, arguments))
 
 
 def main(arguments=None):

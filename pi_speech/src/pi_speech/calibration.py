@@ -1,7 +1,7 @@
 """Fits the model of the confidence to evidence of clips, with cross-validation over speakers."""
 
 import zlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -37,18 +37,6 @@ class Rates:
 
 def fold_of(speaker):
     return zlib.crc32(speaker.encode()) % FOLDS
-
-
-WORD_BIAS = "word_biases/"  # in front of a word, as the name of a feature
-
-
-def add_word_biases(evidence):
-    """The same with a feature for each word: its share of the candidate's words."""
-    words = sorted({word for candidate in evidence.candidates for word in candidate.split()})
-    shares = np.array([[candidate.split().count(word) / max(1, len(candidate.split())) for word in words]
-                       for candidate in evidence.candidates])
-    return replace(evidence, names=evidence.names + [WORD_BIAS + word for word in words],
-                   features=np.hstack([evidence.features, shares]))
 
 
 def load_evidence(path, labels, word_column, speaker_column):

@@ -2,8 +2,7 @@
 #include <pi_node/formatting.h>
 #include <pi_node/option_check.h>
 #include <pi_speech/command_recognizer.h>
-#include "features/speech_features.h"
-#include "hmm/word_models.h"
+#include "network/word_spotter.h"
 #include "recognizer/grammar.h"
 #include "recognizer/words.h"
 
@@ -22,8 +21,7 @@ namespace
 
 using pi_node::secondsSince;
 
-/// Scales of log-likelihoods for the choice of a command and for margins: frames are not independent.
-constexpr double WORD_SCALE = 0.5;
+/// Scale of log-likelihoods for the choice of a command and for margins: frames are not independent.
 constexpr double SPHINX_SCALE = 0.25;
 /// A command's score in place of none, and least frames that ratios are taken over.
 constexpr double NO_SCORE = -2000.0;
@@ -36,6 +34,11 @@ constexpr size_t MOST_SEARCHES = 64;
 /// Talk is two in a row of this many garbage words.
 constexpr size_t TALK_WORDS = 100;
 constexpr int TALK_WORDS_IN_A_ROW = 2;
+/// Two answers for the same command whose ends are closer than that are for the same word.
+constexpr int64_t NEVER = -100L * SAMPLE_RATE_HZ;
+constexpr int64_t SAME_WORD = SAMPLE_RATE_HZ / 2;
+/// Silence that is put behind a single utterance: the network decides a little after a word.
+constexpr size_t NETWORK_TAIL = SAMPLE_RATE_HZ * 3 / 10;
 
 double seconds(int64_t samples)
 {
@@ -134,6 +137,11 @@ struct CommandRecognizer::Impl
                   [this](EndPointer::Event event, const Utterance& utterance) { onEvent(event, utterance); })
   {
     table.validate();
+    loadWordNetwork();
+    if (spotted.size() == table.commands.size())
+    {
+      return;  // PocketSphinx has nothing to decide
+    }
     std::vector<std::string> words = table.words();
     std::vector<std::string> garbage;
     if (options.mode == RecognitionMode::SAFE)
@@ -166,33 +174,149 @@ struct CommandRecognizer::Impl
     std::sort(words.begin(), words.end());
     words.erase(std::unique(words.begin(), words.end()), words.end());
     sphinx = std::make_unique<SphinxDecoder>(options.sphinx, grammars, words);
-    loadWordModels();
   }
 
-  /// Uses the models if they have all words of all commands.
-  void loadWordModels()
+  /// Commands of one word that the network knows are left to it, unless the word is also part of a longer command.
+  void loadWordNetwork()
   {
-    if (options.word_models.empty())
+    if (options.word_network.empty())
     {
       return;
     }
-    word_scorer.emplace(WordModels::load(options.word_models));
-    for (const Command& command : table.commands)
+    WordNetwork network = WordNetwork::load(options.word_network);
+    std::vector<SpottedWord> words;
+    std::vector<SpottedWord> words_of_stream;
+    for (size_t i = 0; i < table.commands.size(); ++i)
     {
-      WordSequence sequence;
-      for (const std::string& word : splitWords(command.text))
+      const Command& command = table.commands[i];
+      if (network.find(command.text) >= 0 && (command.fast || !isPartOfAnother(command.text)))
       {
-        const int found = word_scorer->find(word);
-        if (found < 0)
+        words.push_back({command.text, thresholdOf(command), command.fast});
+        spotted.push_back(i);
+        if (command.fast || options.all_in_running_speech)
         {
-          word_scorer.reset();
-          sequences.clear();
-          return;
+          words_of_stream.push_back(words.back());
+          spotted_in_stream.push_back(i);
         }
-        sequence.push_back(found);
       }
-      sequences.push_back(sequence);
     }
+    if (!words_of_stream.empty())
+    {
+      spotter.emplace(network, words_of_stream);
+    }
+    if (!words.empty())
+    {
+      single_spotter.emplace(std::move(network), words);
+    }
+  }
+
+  bool isPartOfAnother(const std::string& word) const
+  {
+    return std::any_of(table.commands.begin(), table.commands.end(),
+                       [&word](const Command& command)
+                       {
+                         const std::vector<std::string> words = splitWords(command.text);
+                         return words.size() > 1 && std::find(words.begin(), words.end(), word) != words.end();
+                       });
+  }
+
+  double thresholdOf(const Command& command) const
+  {
+    return command.threshold > 0.0 ? command.threshold : options.threshold;
+  }
+
+  /// Gives the sound to the network and to the end-pointer in steps so short that their answers come in order.
+  void process(const int16_t* samples, size_t count)
+  {
+    if (!spotter)
+    {
+      end_pointer.process(samples, count);
+      return;
+    }
+    const auto sink_of_network = [this](const WordSpotter::Spotted& found) { onSpotted(found); };
+    while (count > 0)
+    {
+      const size_t step = std::min(count, static_cast<size_t>(HOP_SAMPLES));
+      end_pointer.process(samples, step);
+      spotter->process(samples, step, sink_of_network);
+      samples += step;
+      count -= step;
+    }
+  }
+
+  /// Ends what is in progress. What the network has nearly heard counts as at the end of an utterance.
+  void flush()
+  {
+    if (spotter)
+    {
+      spotter->restart(end_pointer.samplesSeen(),
+                       [this](const WordSpotter::Spotted& found) { onSpotted(found); });
+    }
+    end_pointer.flush();
+    tellHeld();
+  }
+
+  void reset()
+  {
+    end_pointer.reset();
+    if (spotter)
+    {
+      spotter->restart(0, [](const WordSpotter::Spotted&) {});
+    }
+    held.reset();
+    told_end = NEVER;
+  }
+
+  /// Tells a word of the stream. While other computers are asked, only fast commands do not wait for their answer.
+  void onSpotted(const WordSpotter::Spotted& found)
+  {
+    Recognition recognition = fromNetwork(found);
+    recognition.accepted = true;
+    recognition.fast = true;
+    recognition.decided_at = end_pointer.samplesSeen();
+    if (elsewhere && end_pointer.inSpeech() && !table.commands[spotted_in_stream[found.word]].fast)
+    {
+      tellHeld();
+      held = recognition;
+      return;
+    }
+    tellSpotted(recognition);
+  }
+
+  void tellSpotted(const Recognition& recognition)
+  {
+    if (recognition.text == told_text && recognition.speech_end < told_end + SAME_WORD)
+    {
+      return;  // the decision about the utterance was faster
+    }
+    told_text = recognition.text;
+    told_end = recognition.speech_end;
+    told = recognition;
+    if (*sink)
+    {
+      (*sink)(recognition);
+    }
+  }
+
+  void tellHeld()
+  {
+    if (held)
+    {
+      held->decided_at = end_pointer.samplesSeen();
+      tellSpotted(*held);
+      held.reset();
+    }
+  }
+
+  Recognition fromNetwork(const WordSpotter::Spotted& found) const
+  {
+    Recognition recognition;
+    recognition.text = table.commands[spotted_in_stream[found.word]].text;
+    recognition.confidence = found.confidence;
+    recognition.speech_begin = found.begin;
+    recognition.speech_end = found.end;
+    recognition.evidence.command = recognition.text;
+    return recognition;
   }
 
   void onEvent(EndPointer::Event event, const Utterance& utterance)
@@ -212,6 +336,10 @@ struct CommandRecognizer::Impl
       case EndPointer::Event::END:
         break;
     }
+    if (endSpotted(utterance))
+    {
+      return;
+    }
     const bool is_decided = early && early_end == utterance.speech_end && !utterance.cut;
     Recognition recognition = is_decided ? *early : decide(utterance);
     // A command that was reported early is not reported again, but another command is.
@@ -229,6 +357,26 @@ struct CommandRecognizer::Impl
     }
   }
 
+  /// Ends an utterance in which the network has heard something. @return false if there is more to decide.
+  bool endSpotted(const Utterance& utterance)
+  {
+    const bool answered = early && early->accepted && !early->place.empty() && early_end == utterance.speech_end;
+    if (held && !answered)
+    {
+      tellHeld();
+    }
+    held.reset();
+    if (told_end < utterance.begin || (sphinx && !utterance.cut) || answered)
+    {
+      return false;
+    }
+    if (utterance_sink)
+    {
+      utterance_sink(utterance, told);
+    }
+    return true;
+  }
+
   void tellFast(const Utterance& utterance)
   {
     const auto command = find(early->text);
@@ -243,7 +391,7 @@ struct CommandRecognizer::Impl
 
   bool isSure(const Recognition& recognition) const
   {
-    if (!confidence || recognition.confidence < options.sure_confidence || options.sure_confidence >= 1.0)
+    if ((sphinx && !confidence) || recognition.confidence < options.sure_confidence || options.sure_confidence >= 1.0)
     {
       return false;
     }
@@ -258,6 +406,15 @@ struct CommandRecognizer::Impl
     recognition->speech_begin = utterance.speech_begin;
     recognition->speech_end = utterance.speech_end;
     recognition->decided_at = end_pointer.samplesSeen();
+    if (recognition->accepted)
+    {
+      if (recognition->text == told_text && told_end >= utterance.begin)
+      {
+        return;  // the network has heard it in the stream
+      }
+      told_text = recognition->text;
+      told_end = recognition->speech_end;
+    }
     if (*sink)
     {
       (*sink)(*recognition);
@@ -331,8 +488,40 @@ struct CommandRecognizer::Impl
     return hypotheses;
   }
 
+  /// The word that the network hears best in a single piece of sound.
+  const WordPeaks::Peak& listenToPiece(const int16_t* samples, size_t count)
+  {
+    const auto ignore = [](const WordSpotter::Spotted&) {};
+    single_spotter->restart(0, ignore);
+    single_spotter->process(samples, count, ignore);
+    const Samples tail(NETWORK_TAIL, 0);
+    single_spotter->process(tail.data(), tail.size(), ignore);
+    return single_spotter->best();
+  }
+
+  void chooseByNetwork(const int16_t* samples, size_t count, double speech_s, Recognition* recognition)
+  {
+    const WordPeaks::Peak& best = listenToPiece(samples, count);
+    if (count == 0 || best.probability <= 0.0)
+    {
+      recognition->reason = "no speech was understood";
+      return;
+    }
+    const Command& command = table.commands[spotted[best.word]];
+    recognition->text = command.text;
+    recognition->confidence = best.probability;
+    recognition->evidence.command = command.text;
+    recognition->evidence.speech_s = speech_s;
+    judge(command, recognition);
+  }
+
   void choose(const int16_t* samples, size_t count, double speech_s, Recognition* recognition)
   {
+    if (!sphinx)
+    {
+      chooseByNetwork(samples, count, speech_s, recognition);
+      return;
+    }
     sphinx->listen(samples, count);
     const std::vector<SphinxHypothesis> hypotheses = searchCommands();
     std::vector<double> scores;
@@ -345,16 +534,6 @@ struct CommandRecognizer::Impl
       any = any || !hypothesis.words.empty();
     }
     Evidence& evidence = recognition->evidence;
-    WordScorer::Scores words;
-    if (word_scorer)
-    {
-      words = word_scorer->score(features.compute(samples, count), sequences);
-      for (size_t i = 0; i < logits.size(); ++i)
-      {
-        logits[i] += WORD_SCALE * static_cast<double>(words.sequences[i]);
-        any = any || std::isfinite(words.sequences[i]);
-      }
-    }
     const auto best = static_cast<size_t>(std::max_element(logits.begin(), logits.end()) - logits.begin());
     if (!any || !std::isfinite(logits[best]))
     {
@@ -362,18 +541,16 @@ struct CommandRecognizer::Impl
       return;
     }
     const Command& candidate = table.commands[best];
+    if (std::find(spotted.begin(), spotted.end(), best) != spotted.end())
+    {
+      chooseByNetwork(samples, count, speech_s, recognition);
+      return;
+    }
     recognition->text = candidate.text;
     evidence.command = candidate.text;
-    evidence.has_word_models = word_scorer.has_value();
     evidence.words = static_cast<int>(1 + std::count(candidate.text.begin(), candidate.text.end(), ' '));
     evidence.speech_s = speech_s;
     evidence.word_margin = margin(logits[best], sumOfOthers(logits, best));
-    if (word_scorer)
-    {
-      const double score = words.sequences[best];
-      evidence.filler_margin = WORD_SCALE * margin(score, words.filler);
-      evidence.background_margin = WORD_SCALE * margin(score, words.background);
-    }
     recognition->confidence = 1.0;
     if (confidence)
     {
@@ -401,7 +578,7 @@ struct CommandRecognizer::Impl
   {
     const double speech_s = recognition->evidence.speech_s;
     const double most_s = LEAST_COMMAND_S + MORE_PER_WORD_S * recognition->evidence.words;
-    const double threshold = candidate.threshold > 0.0 ? candidate.threshold : options.threshold;
+    const double threshold = thresholdOf(candidate);
     if (options.mode == RecognitionMode::CLOSED)
     {
       recognition->accepted = true;
@@ -423,13 +600,14 @@ struct CommandRecognizer::Impl
   const RecognizerOptions options;
   const CommandTable table;
   EndPointer end_pointer;
-  SpeechFeatures features;
   std::unique_ptr<SphinxDecoder> sphinx;  ///< its first grammar has all commands
   size_t first_command_grammar = 0;       ///< then each command has one; 0: none
   size_t first_garbage_grammar = 0;       ///< garbage words, then talk; 0: none
-  std::optional<WordScorer> word_scorer;
-  std::vector<WordSequence> sequences;  ///< of the commands
   std::optional<ConfidenceModel> confidence;
+  std::vector<size_t> spotted;                ///< commands that the network hears
+  std::vector<size_t> spotted_in_stream;      ///< those that need no pause
+  std::optional<WordSpotter> spotter;         ///< of the stream; none: the network hears no command
+  std::optional<WordSpotter> single_spotter;  ///< of single utterances
   Runner runner = [](double, const std::function<void()>& work) { work(); };
   Elsewhere elsewhere;
   UtteranceSink utterance_sink;
@@ -439,6 +617,11 @@ struct CommandRecognizer::Impl
   int64_t early_end = 0;             ///< where the speech ended then
   bool told_fast = false;
   Recognition fast;
+  // Of the network in the stream.
+  std::optional<Recognition> held;  ///< waits for the answer of other computers
+  Recognition told;                 ///< the last word
+  std::string told_text;            ///< the last accepted command of both
+  int64_t told_end = NEVER;         ///< where it ended
 };
 
 CommandRecognizer::CommandRecognizer(const RecognizerOptions& options, const CommandTable& table)
@@ -453,28 +636,33 @@ const CommandTable& CommandRecognizer::table() const
   return impl_->table;
 }
 
-bool CommandRecognizer::usesWordModels() const
+std::vector<std::string> CommandRecognizer::spottedCommands() const
 {
-  return impl_->word_scorer.has_value();
+  std::vector<std::string> texts;
+  for (const size_t command : impl_->spotted_in_stream)
+  {
+    texts.push_back(impl_->table.commands[command].text);
+  }
+  return texts;
 }
 
 void CommandRecognizer::process(const int16_t* samples, size_t count, const Sink& sink)
 {
   impl_->sink = &sink;
-  impl_->end_pointer.process(samples, count);
+  impl_->process(samples, count);
   impl_->sink = nullptr;
 }
 
 void CommandRecognizer::flush(const Sink& sink)
 {
   impl_->sink = &sink;
-  impl_->end_pointer.flush();
+  impl_->flush();
   impl_->sink = nullptr;
 }
 
 void CommandRecognizer::reset()
 {
-  impl_->end_pointer.reset();
+  impl_->reset();
 }
 
 void CommandRecognizer::setRunner(Runner runner)

@@ -3,9 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <stdexcept>
-
-#include "recognizer/words.h"
 
 namespace pi_speech
 {
@@ -24,8 +23,8 @@ constexpr double MOST_SPEECH_S = 5.0;
 const std::vector<std::string>& ConfidenceModel::featureNames()
 {
   static const std::vector<std::string> NAMES{
-      "word_margin", "filler_margin", "background_margin", "garbage_ratio",        "talk_ratio",
-      "phone_ratio", "word_score",    "log_speech_s",      "log_speech_s_squared", "more_words"};
+      "word_margin", "garbage_ratio", "talk_ratio", "phone_ratio",
+      "word_score",  "log_speech_s",  "log_speech_s_squared", "more_words"};
   return NAMES;
 }
 
@@ -33,8 +32,6 @@ std::vector<double> ConfidenceModel::features(const Evidence& evidence)
 {
   const double log_speech = std::log(std::clamp(evidence.speech_s, LEAST_SPEECH_S, MOST_SPEECH_S) / evidence.words);
   return {std::clamp(evidence.word_margin, -MOST_MARGIN, MOST_MARGIN),
-          std::clamp(evidence.filler_margin, -MOST_MARGIN, MOST_MARGIN),
-          std::clamp(evidence.background_margin, -MOST_MARGIN, MOST_MARGIN),
           std::clamp(evidence.garbage_ratio, -MOST_RATIO, MOST_RATIO),
           std::clamp(evidence.talk_ratio, -MOST_RATIO, MOST_RATIO),
           std::clamp(evidence.phone_ratio, -MOST_RATIO, MOST_RATIO),
@@ -44,61 +41,41 @@ std::vector<double> ConfidenceModel::features(const Evidence& evidence)
           static_cast<double>(evidence.words - 1)};
 }
 
-ConfidenceModel::Weights ConfidenceModel::readWeights(const std::string& path, const std::string& name)
-{
-  const YAML::Node node = YAML::LoadFile(path)[name];
-  if (!node || !node.IsMap())
-  {
-    throw std::runtime_error(name + " is missing, or no map of weights: write the file by calibrate_confidence");
-  }
-  const std::vector<std::string>& names = featureNames();
-  Weights weights;
-  std::map<std::string, double> values;
-  for (const auto& entry : node)
-  {
-    const auto key = entry.first.as<std::string>();
-    if (key == "word_biases")
-    {
-      weights.word_biases = entry.second.as<std::map<std::string, double>>();
-      for (const auto& [word, bias] : weights.word_biases)
-      {
-        if (!std::isfinite(bias))
-        {
-          throw std::runtime_error(name + "/word_biases/" + word + " is no number");
-        }
-      }
-      continue;
-    }
-    if (key != "bias" && std::find(names.begin(), names.end(), key) == names.end())
-    {
-      throw std::runtime_error(name + "/" + key + " is no evidence that this program knows");
-    }
-    values[key] = entry.second.as<double>();
-  }
-  const auto take = [&](const std::string& key)
-  {
-    const auto value = values.find(key);
-    if (value == values.end() || !std::isfinite(value->second))
-    {
-      throw std::runtime_error(name + "/" + key + " is missing, or no number");
-    }
-    return value->second;
-  };
-  weights.bias = take("bias");
-  for (const std::string& key : names)
-  {
-    weights.features.push_back(take(key));
-  }
-  return weights;
-}
-
 ConfidenceModel ConfidenceModel::load(const std::string& path)
 {
   try
   {
+    const YAML::Node node = YAML::LoadFile(path);
+    if (!node.IsMap())
+    {
+      throw std::runtime_error("is no map of weights: write the file by calibrate_confidence");
+    }
+    const std::vector<std::string>& names = featureNames();
+    std::map<std::string, double> values;
+    for (const auto& entry : node)
+    {
+      const auto key = entry.first.as<std::string>();
+      if (key != "bias" && std::find(names.begin(), names.end(), key) == names.end())
+      {
+        throw std::runtime_error(key + " is no evidence that this program knows");
+      }
+      values[key] = entry.second.as<double>();
+    }
+    const auto take = [&](const std::string& key)
+    {
+      const auto value = values.find(key);
+      if (value == values.end() || !std::isfinite(value->second))
+      {
+        throw std::runtime_error(key + " is missing, or no number");
+      }
+      return value->second;
+    };
     ConfidenceModel model;
-    model.with_word_models_ = readWeights(path, "with_word_models");
-    model.without_word_models_ = readWeights(path, "without_word_models");
+    model.bias_ = take("bias");
+    for (const std::string& key : names)
+    {
+      model.weights_.push_back(take(key));
+    }
     return model;
   }
   catch (const YAML::BadFile&)
@@ -113,20 +90,13 @@ ConfidenceModel ConfidenceModel::load(const std::string& path)
 
 double ConfidenceModel::confidence(const Evidence& evidence) const
 {
-  const Weights& weights = evidence.has_word_models ? with_word_models_ : without_word_models_;
   const std::vector<double> values = features(evidence);
-  double logit = weights.bias;
+  double logit = bias_;
   for (size_t i = 0; i < values.size(); ++i)
   {
-    logit += weights.features[i] * values[i];
+    logit += weights_[i] * values[i];
   }
-  double word_bias = 0.0;
-  for (const std::string& word : splitWords(evidence.command))
-  {
-    const auto bias = weights.word_biases.find(word);
-    word_bias += bias == weights.word_biases.end() ? 0.0 : bias->second / evidence.words;
-  }
-  return 1.0 / (1.0 + std::exp(-(logit + word_bias)));
+  return 1.0 / (1.0 + std::exp(-logit));
 }
 
 }  // namespace pi_speech

@@ -65,8 +65,8 @@ bool CommandLoader::load(const Source& source, std::string* message)
     const CommandTable table = source.file.empty() ? tableOf(source.texts) : CommandTable::load(source.file);
     auto recognizer = std::make_unique<CommandRecognizer>(options_.recognizerOptions(package_), table);
     const std::string understood = boost::algorithm::join(recognizer->table().texts(), ", ");
-    *message = "understands " + understood + " (" + (recognizer->usesWordModels() ? "with" : "without") +
-               " models of whole words)";
+    const std::string spotted = boost::algorithm::join(recognizer->spottedCommands(), ", ");
+    *message = "understands " + understood + " (in running speech: " + (spotted.empty() ? "none" : spotted) + ")";
     ROS_INFO_STREAM_NAMED("recognizer", *message);
     worker_->use(std::move(recognizer), understood);
     return true;

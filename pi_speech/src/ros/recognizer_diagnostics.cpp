@@ -107,7 +107,7 @@ void RecognizerDiagnostics::reportRecognition(Status& status)
   status.add("state", stateOf(now_));
   status.add("commands", now_.stream.understood);
   status.add("mode", now_.mode);
-  status.add("models of whole words", now_.stream.word_models ? "in use" : "not in use");
+  status.add("commands heard in running speech", now_.stream.spotted);
   status.add("heard", accepted_ + rejected_);
   status.add("accepted", accepted_);
   status.add("accepted before the pause", fast_);

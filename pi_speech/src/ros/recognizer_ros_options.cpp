@@ -18,7 +18,7 @@ namespace
 constexpr char COMMANDS[] = "config/commands.yaml";
 constexpr char GARBAGE_WORDS[] = "config/garbage_words.txt";
 constexpr char CONFIDENCE[] = "config/confidence.yaml";
-constexpr char WORD_MODELS[] = "config/word_models.bin";
+constexpr char WORD_NETWORK[] = "config/word_network.bin";
 constexpr char ADAPTATION[] = "config/adaptation";
 constexpr char NONE[] = "none";
 
@@ -65,7 +65,8 @@ static void visitFields(RecognizerRosOptions& options, Visitor&& visit)
   visit("sphinx/adaptation", sphinx.adaptation);
   visit("sphinx/guess_words", sphinx.guess_words);
   visit("sphinx/check_model", sphinx.check_model);
-  visit("word_models", recognizer.word_models);
+  visit("word_network", recognizer.word_network);
+  visit("all_in_running_speech", recognizer.all_in_running_speech);
   visit("garbage_words", recognizer.garbage_words);
   visit("confidence", recognizer.confidence);
   visit("use_runtime", options.use_runtime);
@@ -96,7 +97,7 @@ static void read(const XmlRpcValue& value, RecognitionMode* field)
 void RecognizerRosOptions::validate() const
 {
   requirePath("commands", commands);
-  requirePath("word_models", recognizer.word_models, true);
+  requirePath("word_network", recognizer.word_network, true);
   requirePath("garbage_words", recognizer.garbage_words);
   requirePath("confidence", recognizer.confidence);
   requireModel("sphinx/acoustic_model", recognizer.sphinx.acoustic_model);
@@ -137,7 +138,7 @@ RecognizerOptions RecognizerRosOptions::recognizerOptions(const std::string& pac
       complement(name, path);
     }
   };
-  complementIfThere(WORD_MODELS, &complete.word_models);
+  complementIfThere(WORD_NETWORK, &complete.word_network);
   if (complete.sphinx.adaptation == NONE || complete.sphinx.acoustic_model == SphinxModel().acoustic_model)
   {
     complementIfThere(ADAPTATION, &complete.sphinx.adaptation);

@@ -15,7 +15,7 @@ namespace pi_speech
 struct RecognizerRosOptions : pi_node::NodeParameters<RecognizerRosOptions>
 {
   std::string commands;  ///< YAML file of the commands, absolute; empty: the package's commands.yaml
-  /// Its files are absolute; empty: the package's. word_models and sphinx.adaptation may be "none".
+  /// Its files are absolute; empty: the package's. word_network and sphinx.adaptation may be "none".
   RecognizerOptions recognizer;
   bool use_runtime = true;  ///< decisions are a stage of pi_runtime::Runtime::shared(); false: plain calls
   /// Service (pi_speech/RecognizeUtterance) that is asked for each utterance first, such as pi_offload's; empty: none.
@@ -39,7 +39,7 @@ struct RecognizerRosOptions : pi_node::NodeParameters<RecognizerRosOptions>
   void validate() const;
 
   /// The recogniser's options with the package's files where none is given.
-  /// @param package  folder of pi_speech; one without word models or adaptation is used without. Its adaptation
+  /// @param package  folder of pi_speech; one without network or adaptation is used without. Its adaptation
   ///   belongs to the default acoustic model, and is not used with others.
   RecognizerOptions recognizerOptions(const std::string& package) const;
   /// @param package  as above.

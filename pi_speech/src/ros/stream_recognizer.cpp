@@ -56,7 +56,7 @@ void StreamRecognizer::use(std::unique_ptr<CommandRecognizer> recognizer, const 
   }
   figures_.understood = understood;
   figures_.commands = commands.size();
-  figures_.word_models = recognizer_->usesWordModels();
+  figures_.spotted = recognizer_->spottedCommands().size();
 }
 
 void StreamRecognizer::add(const SoundChunk& chunk)

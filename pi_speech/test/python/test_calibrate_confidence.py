@@ -12,8 +12,8 @@ import numpy as np
 import yaml
 
 from pi_speech.calibrate_confidence import main
-from pi_speech.calibration import (WORD_BIAS, add_word_biases, choose_threshold, clip_scores, cross_validated_logits,
-                                   fit_all, fold_of, held_out_rates, load_evidence, rates_at)
+from pi_speech.calibration import (choose_threshold, clip_scores, cross_validated_logits, fit_all, fold_of,
+                                   held_out_rates, load_evidence, rates_at)
 from pi_speech.errors import ToolError
 from pi_speech.truth import Labels
 from speech_tables import as_text
@@ -39,25 +39,23 @@ class CalibrateConfidence(unittest.TestCase):
         folder = tempfile.TemporaryDirectory()
         self.addCleanup(folder.cleanup)
         self.folder = Path(folder.name)
-        self.with_models, self.without = self.folder / "with.tsv", self.folder / "without.tsv"
+        self.evidence = self.folder / "evidence.tsv"
         self.output = self.folder / "confidence.yaml"
         self.rows = made_clips()
-        self.with_models.write_text(as_text(self.rows, COLUMNS))
-        self.without.write_text(as_text(made_clips(2), COLUMNS))
+        self.evidence.write_text(as_text(self.rows, COLUMNS))
 
     def run_tool(self, *arguments):
         """@return (exit status, output, errors)"""
         output, errors = io.StringIO(), io.StringIO()
         with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
             try:
-                status = main(["--with-word-models", str(self.with_models), "--without-word-models", str(self.without),
-                               "--output", str(self.output), *map(str, arguments)])
+                status = main(["--evidence", str(self.evidence), "--output", str(self.output), *map(str, arguments)])
             except SystemExit as left:
                 status = left.code
         return status, output.getvalue(), errors.getvalue()
 
     def load(self):
-        return load_evidence(self.with_models, Labels(), "word", "speaker")
+        return load_evidence(self.evidence, Labels(), "word", "speaker")
 
     def refused(self, *needles):
         status, output, errors = self.run_tool()
@@ -69,30 +67,25 @@ class CalibrateConfidence(unittest.TestCase):
     def test_folds_are_those_of_the_check_sum(self):
         self.assertEqual(fold_of("123456789"), 0xcbf43926 % 5)  # the check value of CRC-32
 
-    def test_both_sets_are_written_with_all_weights(self):
+    def test_all_weights_are_written(self):
         status, output, errors = self.run_tool("--plot", self.folder / "roc.png")
         self.assertEqual((status, errors), (0, ""))
-        content = yaml.safe_load(self.output.read_text())
-        self.assertEqual(list(content), ["with_word_models", "without_word_models"])
-        biases = content["with_word_models"].pop("word_biases")
-        self.assertEqual(list(biases), sorted({row[4] for row in self.rows} - {""}))
-        for weights in content.values():
-            self.assertEqual(list(weights), ["bias", "margin", "agrees", "constant"])
-            self.assertGreater(weights["margin"], 0.5)
-            self.assertGreater(weights["agrees"], 0.5)
-            self.assertEqual(weights["constant"], 0.0)
-        self.assertRegex(output, r"(?m)^with_word_models: 400 commands: \d+\.\d % accepted and right, ")
+        weights = yaml.safe_load(self.output.read_text())
+        self.assertEqual(list(weights), ["bias", "margin", "agrees", "constant"])
+        self.assertGreater(weights["margin"], 0.5)
+        self.assertGreater(weights["agrees"], 0.5)
+        self.assertEqual(weights["constant"], 0.0)
+        self.assertRegex(output, r"(?m)^confidence: 400 commands: \d+\.\d % accepted and right, ")
         self.assertEqual((self.folder / "roc.png").read_bytes()[:4], b"\x89PNG")
         self.assertEqual(sorted(path.name for path in self.folder.iterdir()),
-                         ["confidence.yaml", "roc.png", "with.tsv", "without.tsv"])
+                         ["confidence.yaml", "evidence.tsv", "roc.png"])
 
     def test_the_threshold_of_the_recogniser_keeps_the_limits(self):
         for threshold in (0.5, 0.7):
             self.run_tool("--threshold", threshold)
-            weights = yaml.safe_load(self.output.read_text())["with_word_models"]
-            evidence = add_word_biases(self.load())
-            known = {**weights, **{WORD_BIAS + word: bias for word, bias in weights["word_biases"].items()}}
-            logits = weights["bias"] + evidence.features @ [known[name] for name in evidence.names]
+            weights = yaml.safe_load(self.output.read_text())
+            evidence = self.load()
+            logits = weights["bias"] + evidence.features @ [weights[name] for name in evidence.names]
             best, right = clip_scores(evidence, logits)
             rates = rates_at(evidence, best, right, np.log(threshold / (1.0 - threshold)))
             # 0.048 and 0.024 are wanted of the cross-validation; a fit to all may do a clip or two of 200 otherwise.
@@ -115,7 +108,7 @@ class CalibrateConfidence(unittest.TestCase):
         for i, row in enumerate(self.rows):
             right = row[4] == row[1]
             rows.append((*row[:5], 0.0, 0, (1.0 if right else -1.0) if fold_of(row[2]) == 0 else 0.0))
-        self.with_models.write_text(as_text(rows, COLUMNS))
+        self.evidence.write_text(as_text(rows, COLUMNS))
         evidence = self.load()
         held_out = evidence.folds[evidence.clips] == 0
         self.assertGreater(np.ptp(fit_all(evidence, 1.0).logits(evidence.features)[held_out]), 1.0)
@@ -137,7 +130,7 @@ class CalibrateConfidence(unittest.TestCase):
     def test_the_surest_candidate_stands_for_its_clip(self):
         rows = [*self.rows, ("0.flac", self.rows[0][1], self.rows[0][2], "", "left", 9.0, 1, 3.5),
                 ("none.flac", "_silence_", "s0", "no speech", "", 0.0, 0, 0.0)]
-        self.with_models.write_text(as_text(rows, COLUMNS))
+        self.evidence.write_text(as_text(rows, COLUMNS))
         evidence = self.load()
         self.assertEqual(len(evidence.truth.words), len(self.rows) + 1)
         best, right = clip_scores(evidence, evidence.features[:, 0])
@@ -147,28 +140,26 @@ class CalibrateConfidence(unittest.TestCase):
 
     def test_limits_that_cannot_be_kept_are_an_error(self):
         rows = [(*row[:5], 50.0 if row[1] == "_silence_" else row[5], *row[6:]) for row in self.rows]
-        self.with_models.write_text(as_text(rows, COLUMNS))
+        self.evidence.write_text(as_text(rows, COLUMNS))
         evidence = self.load()
         with self.assertRaisesRegex(ToolError, "no threshold keeps false alarms below 0.05 of other speech and 0.01"):
             choose_threshold(evidence, *clip_scores(evidence, evidence.features[:, 0]), 0.05, 0.01)
 
     def test_what_cannot_be_used_is_named_in_one_line(self):
-        self.with_models.write_text(as_text([row for row in self.rows if row[1] != "_silence_"], COLUMNS))
-        self.refused("with.tsv has no clips of background")
-        self.with_models.write_text(as_text([row[:5] for row in self.rows], COLUMNS[:5]))
-        self.refused("with.tsv has no features behind the column candidate")
-        self.with_models.write_text(as_text([row[1:] for row in self.rows], COLUMNS[1:]))
-        self.refused("with.tsv has no column file;")
-        self.with_models.write_text(as_text([(*row[:5], "x", *row[6:]) for row in self.rows], COLUMNS))
-        self.refused("with.tsv:2: margin = 'x', must be a finite number")
-        self.with_models.write_text(as_text([*self.rows, ("0.flac", "_unknown_", *self.rows[0][2:])], COLUMNS))
-        self.refused("with.tsv: 0.flac has several values of word")
-        self.with_models.write_text(as_text([(*row[:2], "one", *row[3:]) for row in self.rows], COLUMNS))
+        self.evidence.write_text(as_text([row for row in self.rows if row[1] != "_silence_"], COLUMNS))
+        self.refused("evidence.tsv has no clips of background")
+        self.evidence.write_text(as_text([row[:5] for row in self.rows], COLUMNS[:5]))
+        self.refused("evidence.tsv has no features behind the column candidate")
+        self.evidence.write_text(as_text([row[1:] for row in self.rows], COLUMNS[1:]))
+        self.refused("evidence.tsv has no column file;")
+        self.evidence.write_text(as_text([(*row[:5], "x", *row[6:]) for row in self.rows], COLUMNS))
+        self.refused("evidence.tsv:2: margin = 'x', must be a finite number")
+        self.evidence.write_text(as_text([*self.rows, ("0.flac", "_unknown_", *self.rows[0][2:])], COLUMNS))
+        self.refused("evidence.tsv: 0.flac has several values of word")
+        self.evidence.write_text(as_text([(*row[:2], "one", *row[3:]) for row in self.rows], COLUMNS))
         self.refused("all speakers fall into one of 5 parts")
-        self.with_models.write_text(as_text([(*row[:4], "left", *row[5:]) for row in self.rows], COLUMNS))
-        self.refused("with.tsv: 0 of", "candidates are right")
-        self.with_models.write_text(as_text(self.rows, (*COLUMNS[:-1], "other_feature")))
-        self.refused("have different features")
+        self.evidence.write_text(as_text([(*row[:4], "left", *row[5:]) for row in self.rows], COLUMNS))
+        self.refused("evidence.tsv: 0 of", "candidates are right")
 
     def test_a_file_that_cannot_be_written_is_one_line(self):
         self.output = self.folder / "missing" / "confidence.yaml"

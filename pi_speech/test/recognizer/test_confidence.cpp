@@ -21,7 +21,7 @@ namespace
 using Weights = std::map<std::string, std::string>;
 
 /// All weights 0, but for those given. An empty one is left out.
-std::string section(const std::string& name, const Weights& given)
+std::string textOf(const Weights& given)
 {
   Weights weights{{"bias", "0"}};
   for (const std::string& feature : ConfidenceModel::featureNames())
@@ -32,19 +32,18 @@ std::string section(const std::string& name, const Weights& given)
   {
     weights[key] = value;
   }
-  std::string text = name + ":\n";
+  std::string text;
   for (const auto& [key, value] : weights)
   {
-    text += value.empty() ? "" : "  " + key + ": " + value + "\n";
+    text += value.empty() ? "" : key + ": " + value + "\n";
   }
   return text;
 }
 
-ConfidenceModel model(const Weights& with_word_models, const Weights& without_word_models = {})
+ConfidenceModel model(const Weights& weights)
 {
   const TemporaryFolder folder;
-  return ConfidenceModel::load(folder.file("confidence.yaml", section("with_word_models", with_word_models) +
-                                                                  section("without_word_models", without_word_models)));
+  return ConfidenceModel::load(folder.file("confidence.yaml", textOf(weights)));
 }
 
 /// The message without the path that it has to begin with.
@@ -69,10 +68,7 @@ Evidence evidence(const std::string& command = "stop")
 {
   Evidence result;
   result.command = command;
-  result.has_word_models = true;
   result.word_margin = 3.0;
-  result.filler_margin = 2.0;
-  result.background_margin = 5.0;
   result.garbage_ratio = 0.8;
   result.talk_ratio = 0.7;
   result.phone_ratio = -0.5;
@@ -90,13 +86,8 @@ double logit(double probability)
 TEST(Confidence, TheFileOfThePackageIsRead)
 {
   const ConfidenceModel model = ConfidenceModel::load(std::string(PI_SPEECH_CONFIG) + "/confidence.yaml");
-  for (const bool has_word_models : {false, true})
-  {
-    Evidence any = evidence();
-    any.has_word_models = has_word_models;
-    EXPECT_GT(model.confidence(any), 0.0);
-    EXPECT_LT(model.confidence(any), 1.0);
-  }
+  EXPECT_GT(model.confidence(evidence()), 0.0);
+  EXPECT_LT(model.confidence(evidence()), 1.0);
 }
 
 TEST(Confidence, ThereIsANameForEachFeature)
@@ -139,8 +130,6 @@ TEST(Confidence, EachPieceOfEvidenceCounts)
     changed[name] = base;
   }
   changed["word_margin"].word_margin += 1.0;
-  changed["filler_margin"].filler_margin += 1.0;
-  changed["background_margin"].background_margin += 1.0;
   changed["garbage_ratio"].garbage_ratio -= 1.0;
   changed["talk_ratio"].talk_ratio -= 1.0;
   changed["phone_ratio"].phone_ratio -= 1.0;
@@ -167,7 +156,7 @@ TEST(Confidence, ExtremeEvidenceStaysAProbability)
   for (const double sign : {-1.0, 1.0})
   {
     Evidence any = evidence();
-    any.word_margin = any.filler_margin = any.background_margin = sign * infinity;
+    any.word_margin = sign * infinity;
     any.garbage_ratio = any.talk_ratio = any.phone_ratio = any.word_score = sign * infinity;
     any.speech_s = sign > 0.0 ? 1e9 : 0.0;
     const double confidence = extreme.confidence(any);
@@ -177,61 +166,25 @@ TEST(Confidence, ExtremeEvidenceStaysAProbability)
   }
 }
 
-TEST(Confidence, WithoutWordModelsOtherWeightsCount)
-{
-  const ConfidenceModel two = model({{"bias", "2"}}, {{"bias", "-2"}});
-  Evidence any = evidence();
-
-  EXPECT_NEAR(2.0, logit(two.confidence(any)), 1e-9);
-  any.has_word_models = false;
-  EXPECT_NEAR(-2.0, logit(two.confidence(any)), 1e-9);
-}
-
-TEST(Confidence, WordsHaveBiasesOfTheirOwn)
-{
-  const ConfidenceModel biased = model({{"bias", "1"}, {"word_biases", "{stop: 0.5, go: -1.0, left: 2.0}"}});
-
-  EXPECT_NEAR(1.5, logit(biased.confidence(evidence("stop"))), 1e-9);
-  EXPECT_NEAR(0.0, logit(biased.confidence(evidence("go"))), 1e-9);
-  EXPECT_NEAR(1.0, logit(biased.confidence(evidence("home"))), 1e-9);
-  // Of more words it is the mean.
-  EXPECT_NEAR(1.5, logit(biased.confidence(evidence("go left"))), 1e-9);
-  EXPECT_NEAR(0.5, logit(biased.confidence(evidence("go home"))), 1e-9);
-}
-
 TEST(Confidence, AWeightThatIsMissingIsNamed)
 {
   for (const std::string& name : ConfidenceModel::featureNames())
   {
-    EXPECT_TRUE(
-        contains(confidenceError(section("with_word_models", {{name, ""}}) + section("without_word_models", {})),
-                 "with_word_models/" + name + " is missing"));
+    EXPECT_TRUE(contains(confidenceError(textOf({{name, ""}})), name + " is missing"));
   }
-  EXPECT_TRUE(
-      contains(confidenceError(section("with_word_models", {}) + section("without_word_models", {{"bias", ""}})),
-               "without_word_models/bias is missing"));
-  EXPECT_TRUE(contains(confidenceError(section("with_word_models", {})), "without_word_models is missing"));
+  EXPECT_TRUE(contains(confidenceError(textOf({{"bias", ""}})), "bias is missing"));
 }
 
 TEST(Confidence, AWeightThatIsUnknownIsNamed)
 {
-  EXPECT_TRUE(
-      contains(confidenceError(section("with_word_models", {{"loudness", "1"}}) + section("without_word_models", {})),
-               "with_word_models/loudness"));
+  EXPECT_TRUE(contains(confidenceError(textOf({{"loudness", "1"}})), "loudness"));
 }
 
 TEST(Confidence, WhatIsNoNumberIsAnError)
 {
   for (const char* value : {"much", ".nan", ".inf", "[1, 2]"})
   {
-    EXPECT_NE("", confidenceError(section("with_word_models", {{"bias", value}}) + section("without_word_models", {})))
-        << value;
-  }
-  for (const char* value : {"3", "{stop: loud}", "[1, 2]", "{stop: .nan}"})
-  {
-    EXPECT_NE(
-        "", confidenceError(section("with_word_models", {{"word_biases", value}}) + section("without_word_models", {})))
-        << value;
+    EXPECT_NE("", confidenceError(textOf({{"bias", value}}))) << value;
   }
 }
 
@@ -241,7 +194,6 @@ TEST(Confidence, WhatIsNoSuchFileIsAnError)
   EXPECT_NE("", confidenceError("bias: [1"));
   EXPECT_NE("", confidenceError("just a text"));
   EXPECT_NE("", confidenceError("- a\n- list\n"));
-  EXPECT_NE("", confidenceError("with_word_models: 3\nwithout_word_models: 4\n"));
   EXPECT_NE("", confidenceError(std::string("\0\1\2\3", 4)));
   const TemporaryFolder folder;
   for (const std::string& path : {folder.path() + "/missing.yaml", folder.path()})

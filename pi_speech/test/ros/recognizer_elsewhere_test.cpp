@@ -18,7 +18,7 @@ namespace
 {
 
 using Texts = std::vector<std::string>;
-constexpr char STOP[] = "stop/5f814c23_nohash_0.flac";
+constexpr char LEFT[] = "left/1acc97de_nohash_0.flac";
 
 /// The service, in a thread of its own.
 class Elsewhere
@@ -155,9 +155,9 @@ TEST(RecognizerElsewhere, RecognisesItselfWhatTheServiceDoesNotHandleOrAnswer)
     ASSERT_TRUE(recognizer.load());
     ASSERT_TRUE(recognizer.waitUntilReady()) << recognizer.text();
     ASSERT_TRUE(source.waitForListener());
-    source.send(spoken(STOP));
+    source.send(spoken(LEFT));
     ASSERT_TRUE(recognizer.waitForCommands(1)) << recognizer.text();
-    EXPECT_EQ(Texts{"stop"}, recognizer.heard());
+    EXPECT_EQ(Texts{"left"}, recognizer.heard());
     EXPECT_EQ(1U, elsewhere.calls());  // it is not asked again before it has answered
     std::lock_guard<std::mutex> lock(mutex);
     over = true;
@@ -169,9 +169,9 @@ TEST(RecognizerElsewhere, RecognisesItselfWhatTheServiceDoesNotHandleOrAnswer)
   ASSERT_TRUE(recognizer.load());
   ASSERT_TRUE(recognizer.waitUntilReady()) << recognizer.text();
   ASSERT_TRUE(source.waitForListener());
-  source.send(spoken(STOP));
+  source.send(spoken(LEFT));
   ASSERT_TRUE(recognizer.waitForCommands(1)) << recognizer.text();
-  EXPECT_EQ(Texts{"stop"}, recognizer.heard());
+  EXPECT_EQ(Texts{"left"}, recognizer.heard());
 }
 
 }  // namespace

@@ -85,9 +85,8 @@ TEST(Recognizer, CommandsOfAPlayerComeInOrderWithTheTimesOfTheirSound)
     EXPECT_EQ("microphone", command.header.frame_id);
     EXPECT_GT(command.confidence, 0.0F);
     EXPECT_LE(command.confidence, 1.0F);
-    EXPECT_TRUE(command.text == "stop" || command.confidence >= 0.8F || !command.fast);
-    // The pause that is waited for belongs to the latency, whatever the rate of playing.
-    EXPECT_GE(command.latency.toSec(), 0.09);
+    EXPECT_TRUE(command.fast);  // all are heard in the stream
+    EXPECT_GT(command.latency.toSec(), 0.0);
     EXPECT_LE(command.latency.toSec(), TIMEOUT_S);
   }
   recognizer.diagnostics.clear();
@@ -324,6 +323,7 @@ TEST(Recognizer, SpeechEndsWhereSoundStaysAwayOrIsMissing)
   recognizer.set("check/missing_s", 0.5);
   recognizer.set("end_pointer/end_silence_s", 1.0);  // longer than what follows the word in the clip
   recognizer.set("end_pointer/early_silence_s", 0.0);
+  recognizer.set("word_network", std::string("none"));  // it does not wait for an end
   ASSERT_TRUE(recognizer.load());
   ASSERT_TRUE(recognizer.waitUntilReady()) << recognizer.text();
   ASSERT_TRUE(source.waitForListener());
@@ -398,6 +398,7 @@ TEST(Recognizer, DecisionsAreAStageOfTheRuntimeThatTheProcessShares)
     SourceOnGraph source("plain_calls");
     RecognizerOnGraph recognizer("plain_calls");
     recognizer.set("use_runtime", false);
+    recognizer.set("word_network", std::string("none"));
     ASSERT_TRUE(recognizer.load());
     ASSERT_TRUE(recognizer.waitUntilReady()) << recognizer.text();
     ASSERT_TRUE(source.waitForListener());
@@ -409,6 +410,7 @@ TEST(Recognizer, DecisionsAreAStageOfTheRuntimeThatTheProcessShares)
   }
   SourceOnGraph source("tasks");
   RecognizerOnGraph recognizer("tasks");
+  recognizer.set("word_network", std::string("none"));  // PocketSphinx decides
   ASSERT_TRUE(recognizer.load());
   ASSERT_TRUE(recognizer.waitUntilReady()) << recognizer.text();
   ASSERT_TRUE(source.waitForListener());

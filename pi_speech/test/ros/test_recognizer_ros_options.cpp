@@ -28,7 +28,7 @@ TEST(RecognizerRosOptions, ParametersComeBackAsTheyWere)
   options.commands = "/a/commands.yaml";
   options.recognizer.mode = RecognitionMode::CLOSED;
   options.recognizer.threshold = 0.75;
-  options.recognizer.word_models = "none";
+  options.recognizer.word_network = "none";
   options.recognizer.end_pointer.end_silence_s = 0.4;
   options.recognizer.sphinx.check_model = false;
   options.recognizer.sphinx.adaptation = "/an/adaptation";
@@ -66,8 +66,8 @@ TEST(RecognizerRosOptions, NamesParameterValueAndBound)
                "parameter /recognizer/check/silent_s = 0, must be in ");
   EXPECT_PRED2(begins, recognizer_reader.refusal("commands: commands.yaml"),
                "parameter /recognizer/commands = \"commands.yaml\", must be an absolute path");
-  EXPECT_PRED2(begins, recognizer_reader.refusal("word_models: words.bin"),
-               "parameter /recognizer/word_models = \"words.bin\", must be");
+  EXPECT_PRED2(begins, recognizer_reader.refusal("word_network: words.bin"),
+               "parameter /recognizer/word_network = \"words.bin\", must be");
   EXPECT_PRED2(begins, recognizer_reader.refusal("sphinx: {adaptation: adapted}"),
                "parameter /recognizer/sphinx/adaptation = \"adapted\", must be an absolute path, or none, or empty");
   EXPECT_PRED2(begins, recognizer_reader.refusal("sphinx: {acoustic_model: \"\"}"),
@@ -89,12 +89,12 @@ TEST(RecognizerRosOptions, FilesThatAreNotGivenAreThePackages)
   const RecognizerOptions own = options.recognizerOptions(package.path());
   EXPECT_EQ(package.path() + "/config/garbage_words.txt", own.garbage_words);
   EXPECT_EQ(package.path() + "/config/confidence.yaml", own.confidence);
-  EXPECT_EQ("", own.word_models);  // it has none
+  EXPECT_EQ("", own.word_network);  // it has none
   std::filesystem::create_directory(package.path() + "/config");
-  const std::string models = package.file("config/word_models.bin", "");
-  EXPECT_EQ(models, options.recognizerOptions(package.path()).word_models);
-  options.recognizer.word_models = "none";
-  EXPECT_EQ("", options.recognizerOptions(package.path()).word_models);
+  const std::string network = package.file("config/word_network.bin", "");
+  EXPECT_EQ(network, options.recognizerOptions(package.path()).word_network);
+  options.recognizer.word_network = "none";
+  EXPECT_EQ("", options.recognizerOptions(package.path()).word_network);
 
   EXPECT_EQ("", own.sphinx.adaptation);  // it has none
   const std::string adaptation = package.path() + "/config/adaptation";
@@ -107,13 +107,13 @@ TEST(RecognizerRosOptions, FilesThatAreNotGivenAreThePackages)
   EXPECT_EQ("", options.recognizerOptions(package.path()).sphinx.adaptation);
 
   options.commands = "/a";
-  options.recognizer.word_models = "/b";
+  options.recognizer.word_network = "/n";
   options.recognizer.garbage_words = "/c";
   options.recognizer.confidence = "/d";
   options.recognizer.sphinx.adaptation = "/e";
   EXPECT_EQ("/a", options.commandsFile(package.path()));
   const RecognizerOptions given = options.recognizerOptions(package.path());
-  EXPECT_EQ("/b", given.word_models);
+  EXPECT_EQ("/n", given.word_network);
   EXPECT_EQ("/c", given.garbage_words);
   EXPECT_EQ("/d", given.confidence);
   EXPECT_EQ("/e", given.sphinx.adaptation);

@@ -29,8 +29,8 @@ class Folds(unittest.TestCase):
     def setUp(self):
         self.clips = [clip(word, speakers_of(part, 1)[0]) for part in range(5) for word in ("go", "stop")]
 
-    def test_the_parts_are_those_of_the_trainer_of_word_models(self):
-        # CRC-32 of "123456789" is 0xCBF43926, as train_word_models computes it
+    def test_the_parts_come_from_the_check_sum_of_the_speaker(self):
+        # CRC-32 of "123456789" is 0xCBF43926
         self.assertEqual(folds.fold_of("123456789"), 0xCBF43926 % 5)
 
     def test_clips_of_a_speaker_stay_together(self):

@@ -46,8 +46,8 @@ class Inputs(unittest.TestCase):
             (self.folder / name).chmod(0o755)
         self.assertEqual(requirements.find_tools(self.folder)["recognize_files"],
                          (self.folder / "recognize_files").resolve())
-        (self.folder / "train_word_models").unlink()
-        with self.assertRaisesRegex(ToolError, "train_word_models is not in"):
+        (self.folder / "recognize_files").unlink()
+        with self.assertRaisesRegex(ToolError, "recognize_files is not in"):
             requirements.find_tools(self.folder)
 
     def test_numbers_out_of_range_are_refused(self):
