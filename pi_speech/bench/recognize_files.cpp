@@ -456,7 +456,8 @@ bool parse(int argc, char** argv, Arguments* line)
   options.addValue("mode", &line->mode, "safe: other words are rejected; closed: each clip is a command");
   options.addValue("threshold", &recognizer.threshold, "least confidence, in (0, 1)");
   options.addValue("word-network", &recognizer.word_network, "network that hears words in the stream; none: without");
-  options.addFlag("running-speech", &recognizer.all_in_running_speech, "hear all words of the network inside sentences");
+  options.addFlag("running-speech", &recognizer.all_in_running_speech,
+                  "hear all words of the network inside sentences");
   options.addValue("confidence", &recognizer.confidence, "weights of the confidence");
   options.addValue("garbage-words", &recognizer.garbage_words, "words that stand for other speech");
   options.addValue("acoustic-model", &sphinx.acoustic_model, "folder");

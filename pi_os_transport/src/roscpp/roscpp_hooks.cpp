@@ -1,6 +1,6 @@
 // libpi_os_transport_roscpp.so: attaches to roscpp and contains the hooks of a node's start. The other hooks are in
-// {transmit,receive,latch,deserialize,queue,service}_hooks.cpp. These files are compiled without access control, because the hooks
-// replace member functions of roscpp.
+// {transmit,receive,latch,deserialize,queue,service}_hooks.cpp. These files are compiled without access control,
+// because the hooks replace member functions of roscpp.
 
 #include <ros/console.h>
 #include <ros/param.h>

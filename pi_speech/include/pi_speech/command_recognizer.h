@@ -63,8 +63,8 @@ struct Recognition
 };
 
 /// Recognises spoken commands in a stream of sound. Commands of one word that the word network knows are decided
-/// by it: fast ones wherever they are said, others at a pause. For all others it finds utterances, decodes each with PocketSphinx, and computes a confidence.
-/// Not thread safe.
+/// by it: fast ones wherever they are said, others at a pause. For all others it finds utterances, decodes each with
+/// PocketSphinx, and computes a confidence. Not thread safe.
 class CommandRecognizer
 {
 public:

@@ -9,7 +9,7 @@ namespace pi_speech
 /// Evidence for a candidate command, from which its confidence is computed. Logarithms are natural.
 struct Evidence
 {
-  std::string command;  ///< the candidate's text
+  std::string command;       ///< the candidate's text
   double word_margin = 0.0;  ///< ln of the candidate's posterior over that of all other commands
   // PocketSphinx's ln likelihoods of the whole utterance: the candidate's less that of another hypothesis, per frame of
   // the candidate's words.

@@ -14,11 +14,12 @@ struct SpottedWord
 {
   std::string word;
   double threshold = 0.5;  ///< least mean probability, in (0, 1]
-  bool fast = false;  ///< told when the threshold is reached; others wait for their peak, as another word may fit better
+  bool fast =
+      false;  ///< told when the threshold is reached; others wait for their peak, as another word may fit better
 };
 
-/// Decides which words are heard from their probabilities in steps of 20 ms: those whose mean over 0.1 s has a peak above
-/// their threshold. A word is heard again after its mean has fallen below half of the threshold. Not thread safe.
+/// Decides which words are heard from their probabilities in steps of 20 ms: those whose mean over 0.1 s has a peak
+/// above their threshold. A word is heard again after its mean has fallen below half of the threshold. Not thread safe.
 class WordPeaks
 {
 public:
@@ -26,7 +27,7 @@ public:
 
   struct Peak
   {
-    size_t word = 0;          ///< number in the list of words
+    size_t word = 0;           ///< number in the list of words
     double probability = 0.0;  ///< mean
     int age_steps = 0;         ///< since the probability of the word has risen, which is about where it ends
   };
@@ -57,8 +58,8 @@ private:
   const std::vector<SpottedWord> words_;
   const std::vector<Eigen::Index> outputs_;
   std::vector<State> states_;
-  size_t oldest_ = 0;    ///< in the rings
-  int steps_left_ = 0;   ///< in which only fast words are told
+  size_t oldest_ = 0;   ///< in the rings
+  int steps_left_ = 0;  ///< in which only fast words are told
   Peak best_;
 };
 

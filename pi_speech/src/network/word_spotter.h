@@ -19,7 +19,7 @@ class WordSpotter
 public:
   struct Spotted
   {
-    size_t word = 0;         ///< in the order of the constructor's list
+    size_t word = 0;          ///< in the order of the constructor's list
     double confidence = 0.0;  ///< mean probability
     int64_t begin = 0;        ///< about where the word began [samples since the beginning of the stream]
     int64_t end = 0;          ///< about where it ended

@@ -249,8 +249,7 @@ struct CommandRecognizer::Impl
   {
     if (spotter)
     {
-      spotter->restart(end_pointer.samplesSeen(),
-                       [this](const WordSpotter::Spotted& found) { onSpotted(found); });
+      spotter->restart(end_pointer.samplesSeen(), [this](const WordSpotter::Spotted& found) { onSpotted(found); });
     }
     end_pointer.flush();
     tellHeld();

@@ -22,9 +22,8 @@ constexpr double MOST_SPEECH_S = 5.0;
 
 const std::vector<std::string>& ConfidenceModel::featureNames()
 {
-  static const std::vector<std::string> NAMES{
-      "word_margin", "garbage_ratio", "talk_ratio", "phone_ratio",
-      "word_score",  "log_speech_s",  "log_speech_s_squared", "more_words"};
+  static const std::vector<std::string> NAMES{"word_margin", "garbage_ratio", "talk_ratio",           "phone_ratio",
+                                              "word_score",  "log_speech_s",  "log_speech_s_squared", "more_words"};
   return NAMES;
 }
 

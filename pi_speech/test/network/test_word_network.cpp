@@ -129,8 +129,10 @@ TEST_F(WordNetworkFile, OfAnotherKindOrMissingIsNamed)
   const std::string longer = folder_.file("long.bin", bytes_ + "x");
   const std::string missing = folder_.path() + "/missing.bin";
 
-  EXPECT_EQ(0U, loadErrorOfNetwork(text).find(text + ": this is no file of a word network")) << loadErrorOfNetwork(text);
-  EXPECT_EQ(0U, loadErrorOfNetwork(longer).find(longer + ": the word network is damaged")) << loadErrorOfNetwork(longer);
+  EXPECT_EQ(0U, loadErrorOfNetwork(text).find(text + ": this is no file of a word network"))
+      << loadErrorOfNetwork(text);
+  EXPECT_EQ(0U, loadErrorOfNetwork(longer).find(longer + ": the word network is damaged"))
+      << loadErrorOfNetwork(longer);
   EXPECT_EQ(0U, loadErrorOfNetwork(missing).find(missing + ": ")) << loadErrorOfNetwork(missing);
   EXPECT_NE(std::string::npos, loadErrorOfNetwork(missing).find("No such file")) << loadErrorOfNetwork(missing);
   EXPECT_EQ(0U, loadErrorOfNetwork(folder_.path()).find(folder_.path() + ": ")) << loadErrorOfNetwork(folder_.path());

@@ -29,7 +29,9 @@ std::vector<SpottedAt> listen(WordSpotter* spotter, const Samples& samples, size
     const size_t count = std::min(chunk, samples.size() - begin);
     at += static_cast<int64_t>(count);
     spotter->process(samples.data() + begin, count,
-                     [&](const WordSpotter::Spotted& spotted) { heard.push_back({spotted, at}); });
+                     [&](const WordSpotter::Spotted& spotted) {
+                       heard.push_back({spotted, at});
+                     });
   }
   return heard;
 }

@@ -21,8 +21,8 @@ inline void say(Samples* samples, const std::string& word, double begin_s)
   const double hertz = word == "go" ? 400.0 : word == "left" ? 1000.0 : word == "stop" ? 2200.0 : 4500.0;
   for (size_t i = samplesIn(begin_s); i < samplesIn(begin_s + 0.3); ++i)
   {
-    samples->at(i) = toSample(samples->at(i) + 3000.0 * std::sin(2.0 * M_PI * hertz * static_cast<double>(i) /
-                                                                 SAMPLE_RATE_HZ));
+    samples->at(i) =
+        toSample(samples->at(i) + 3000.0 * std::sin(2.0 * M_PI * hertz * static_cast<double>(i) / SAMPLE_RATE_HZ));
   }
 }
 

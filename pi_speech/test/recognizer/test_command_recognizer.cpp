@@ -631,8 +631,7 @@ TEST_F(CommandRecognizerTest, AFileThatIsWrongIsNamed)
   EXPECT_EQ("", errorOf(optionsOf(RecognitionMode::SAFE)));
   for (const std::string& path : {bad, missing, folder.path()})
   {
-    for (std::string RecognizerOptions::*file :
-         {&RecognizerOptions::garbage_words, &RecognizerOptions::confidence})
+    for (std::string RecognizerOptions::*file : {&RecognizerOptions::garbage_words, &RecognizerOptions::confidence})
     {
       RecognizerOptions options = optionsOf(RecognitionMode::SAFE);
       options.*file = path;

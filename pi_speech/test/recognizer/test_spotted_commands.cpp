@@ -45,10 +45,7 @@ protected:
                                   { utterances_.emplace_back(utterance, recognition); });
   }
 
-  void hear(const Samples& samples)
-  {
-    recognizer_->process(samples.data(), samples.size(), sink_);
-  }
+  void hear(const Samples& samples) { recognizer_->process(samples.data(), samples.size(), sink_); }
 
   Texts accepted() const
   {
