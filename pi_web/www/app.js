@@ -180,10 +180,14 @@ function watchWork() {
 // ------------------------------------------------------------------------------------------------------------- topics
 
 // Notes how old a message was when it came to the vehicle's server, by the vehicle's clock.
+function noteAge(name, {header}, stamp) {
+  const age = stamp - header.stamp;
+  if (header.stamp > 0 && age > -1 && age < 60) panels.onLatency(name, Math.max(0, age));
+}
+
 function timed(name, callback) {
   return (message, topic, stamp) => {
-    const age = stamp - message.header.stamp;
-    if (message.header.stamp > 0 && age > -1 && age < 60) panels.onLatency(name, Math.max(0, age));
+    noteAge(name, message, stamp);
     callback(message);
   };
 }
@@ -192,9 +196,8 @@ connection.publishes(GOAL, POSE_TYPE);
 for (const topic of ['/tf/web', '/tf_static']) {
   connection.subscribe(topic, (message, name, stamp) => {
     frames.onTransforms(message);
-    for (const one of message.transforms) {
-      if (one.child_frame_id === map.vehicleFrame()) timed('pose', () => {})(one, name, stamp);
-    }
+    const ofVehicle = message.transforms.find((one) => one.child_frame_id === map.vehicleFrame());
+    if (ofVehicle) noteAge('pose', ofVehicle, stamp);
     map.changed();
     showGoal();
   });

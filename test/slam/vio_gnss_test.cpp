@@ -76,7 +76,6 @@ protected:
   const map::LocalFrame local_{{47.3769, 8.5417, 408.0}};
   Collector<nav_msgs::Odometry> odometry_{"odometry", 5000};
   Collector<tf2_msgs::TFMessage> tf_{"/tf", 5000};
-  Collector<tf2_msgs::TFMessage> tf_static_{"/tf_static", 100};
   LogCollector log_;
   ros::Publisher publisher_;
 };
@@ -91,9 +90,9 @@ TEST_F(VioGnssTest, PlacesTheMapOnEarth)
     drive_.play(from_s, from_s + STEP_S, 1.0);
     publisher_.publish(fixAt(from_s));  // later than the pictures, as receivers are
   }
-  ASSERT_TRUE(until(TIMEOUT_S, [&] { return newest(tf_static_, "earth").has_value(); })) << log_.text();
+  ASSERT_TRUE(until(TIMEOUT_S, [&] { return newest(tf_, "earth").has_value(); })) << log_.text();
   const Eigen::Isometry3d T_earth_base =
-      *newest(tf_static_, "earth") * *newest(tf_, "map") * fromMsg(odometry_.messages().back()->pose.pose);
+      *newest(tf_, "earth") * *newest(tf_, "map") * fromMsg(odometry_.messages().back()->pose.pose);
   const Eigen::Isometry3d truth = local_.T_earth_local() * T_local_world() * T_world_base(DRIVE_S - STEP_S);
   EXPECT_LT((T_earth_base.translation() - truth.translation()).norm(), 0.5);
   EXPECT_LT(Eigen::AngleAxisd(truth.linear().transpose() * T_earth_base.linear()).angle(), 0.1);

@@ -76,9 +76,9 @@ def checks(options):
 
 
 def parse(arguments):
-    parser = argparse.ArgumentParser(prog="pi_edge", description="Drives a demo; looks after the vehicle's computer and "
-                                     "recordings; begins new services; starts the vehicle with the computer; shows it in a browser; "
-                                     "makes a fleet's keys.")
+    parser = argparse.ArgumentParser(prog="pi_edge", description="Drives a demo; looks after the vehicle's computer "
+                                     "and recordings; begins new services; starts the vehicle with the computer; "
+                                     "shows it in a browser; makes a fleet's keys.")
     commands = parser.add_subparsers(dest="command", required=True)
     doctor = commands.add_parser("doctor", help="checks sensors, clocks, rights, models, network, and says what to do",
                                  description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)

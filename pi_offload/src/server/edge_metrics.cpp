@@ -75,16 +75,19 @@ std::string prometheusText(const EdgeServer::Statistics& statistics, const EdgeS
   { families.add(name, COUNTER, help, static_cast<double>(value)); };
   const auto gauge = [&](const char* name, const char* help, auto value)
   { families.add(name, GAUGE, help, static_cast<double>(value)); };
-  const auto& of_kind = statistics.of_kind;
-  families.addByKind("tasks_done_total", COUNTER, "Tasks done.",
-                     [&](size_t kind) { return Families::metricOf(COUNTER, static_cast<double>(of_kind[kind].done)); });
-  families.addByKind("tasks_failed_total", COUNTER, "Tasks that were taken and failed.",
-                     [&](size_t kind)
-                     { return Families::metricOf(COUNTER, static_cast<double>(of_kind[kind].failed)); });
-  families.addByKind("task_service_seconds", HISTOGRAM, "Time of a task on a worker.",
-                     [&](size_t kind) { return durations[kind].service.Collect(); });
-  families.addByKind("task_waiting_seconds", HISTOGRAM, "Time from the arrival of a task until a worker takes it.",
-                     [&](size_t kind) { return durations[kind].waiting.Collect(); });
+  const auto count_by_kind = [&](const char* name, const char* help, uint64_t EdgeServer::Statistics::OfKind::*value)
+  {
+    families.addByKind(name, COUNTER, help,
+                       [&](size_t kind)
+                       { return Families::metricOf(COUNTER, static_cast<double>(statistics.of_kind[kind].*value)); });
+  };
+  const auto histogram = [&](const char* name, const char* help, prometheus::Histogram TaskDurations::*of)
+  { families.addByKind(name, HISTOGRAM, help, [&](size_t kind) { return (durations[kind].*of).Collect(); }); };
+  count_by_kind("tasks_done_total", "Tasks done.", &EdgeServer::Statistics::OfKind::done);
+  count_by_kind("tasks_failed_total", "Tasks that were taken and failed.", &EdgeServer::Statistics::OfKind::failed);
+  histogram("task_service_seconds", "Time of a task on a worker.", &TaskDurations::service);
+  histogram("task_waiting_seconds", "Time from the arrival of a task until a worker takes it.",
+            &TaskDurations::waiting);
   count("tasks_taken_total", "Tasks taken.", statistics.admission.taken);
   count("tasks_refused_total", "Tasks refused.", statistics.admission.refused);
   count("tasks_expired_total", "Tasks taken, but not done in time.", statistics.admission.expired);

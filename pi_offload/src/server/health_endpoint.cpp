@@ -1,6 +1,7 @@
 #include "server/health_endpoint.h"
 
 #include <fcntl.h>
+#include <pi_node/durations.h>
 #include <pi_node/option_check.h>
 #include <pi_node/unique_fd.h>
 #include <sys/socket.h>
@@ -91,7 +92,7 @@ public:
 
   void serve(double timeout_s)
   {
-    stream_.expires_after(std::chrono::milliseconds(static_cast<int64_t>(1e3 * timeout_s)));
+    stream_.expires_after(std::chrono::nanoseconds(pi_node::nanoseconds(timeout_s)));
     parser_.header_limit(MAX_REQUEST_BYTES);
     http::async_read_header(stream_, input_, parser_,
                             [self = shared_from_this()](beast::error_code error, size_t) { self->respond(error); });
@@ -187,7 +188,7 @@ struct HealthEndpoint::Impl
         {
           if (error)
           {
-            accept_again.expires_after(std::chrono::milliseconds(static_cast<int64_t>(1e3 * ACCEPT_PAUSE_S)));
+            accept_again.expires_after(std::chrono::nanoseconds(pi_node::nanoseconds(ACCEPT_PAUSE_S)));
             accept_again.async_wait([this](beast::error_code) { accept(); });
             return;
           }

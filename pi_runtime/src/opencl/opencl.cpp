@@ -1,5 +1,7 @@
 #include <pi_runtime/opencl.h>
 
+#include <pi_node/fnv1a.h>
+
 #include <unistd.h>
 
 #include <algorithm>
@@ -163,20 +165,10 @@ void findOnPlatform(cl_platform_id platform, std::vector<OpenClDeviceInfo>* foun
   }
 }
 
-uint64_t fnv1a(std::string_view text)
-{
-  uint64_t hash = 14695981039346656037ull;
-  for (const unsigned char letter : text)
-  {
-    hash = (hash ^ letter) * 1099511628211ull;
-  }
-  return hash;
-}
-
 /// Stands in front of a binary in the cache, as drivers need not survive a damaged one (PoCL 3.1 ends the process).
 std::string sealOf(std::string_view binary)
 {
-  const uint64_t hash = fnv1a(binary);
+  const uint64_t hash = pi_node::fnv1a(binary);
   return std::string(reinterpret_cast<const char*>(&hash), sizeof hash);
 }
 
@@ -186,7 +178,7 @@ std::string cacheFileName(const OpenClContext& context, size_t device, const Ope
                           '\0' + context.info().name + '\0' + context.info().driver + '\0' +
                           std::to_string(deviceValue<cl_uint>(context.device(device), CL_DEVICE_MAX_COMPUTE_UNITS));
   char name[32];
-  std::snprintf(name, sizeof name, "%016llx.clbin", static_cast<unsigned long long>(fnv1a(key)));
+  std::snprintf(name, sizeof name, "%016llx.clbin", static_cast<unsigned long long>(pi_node::fnv1a(key)));
   return name;
 }
 

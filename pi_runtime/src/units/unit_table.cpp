@@ -1,6 +1,7 @@
 #include "units/unit_table.h"
 
 #include <fcntl.h>
+#include <pi_node/fnv1a.h>
 #include <pthread.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
@@ -49,16 +50,12 @@ std::string fileName(const std::string& key)
 {
   constexpr size_t LEGIBLE = 64;
   const std::string plain = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-";
-  uint64_t hash = 14695981039346656037U;  // FNV-1a: the same in every program, which std::hash does not promise
   std::string legible;
   for (const char character : key)
   {
     legible += plain.find(character) != std::string::npos ? character : '_';
   }
-  for (const char character : key + "/" + std::to_string(UnitTable::VERSION))
-  {
-    hash = (hash ^ static_cast<uint8_t>(character)) * 1099511628211U;
-  }
+  const uint64_t hash = pi_node::fnv1a(key + "/" + std::to_string(UnitTable::VERSION));
   char digits[17];
   std::snprintf(digits, sizeof digits, "%016llx", static_cast<unsigned long long>(hash));
   return "pi_runtime." + std::to_string(geteuid()) + "." + legible.substr(0, LEGIBLE) + "." + digits;

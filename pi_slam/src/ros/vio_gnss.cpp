@@ -15,8 +15,6 @@ namespace
 constexpr uint32_t QUEUE = 50;
 constexpr double UNKNOWN_DEVIATION_M = 5.0;  ///< of a receiver that tells none
 constexpr double LEAST_DEVIATION_M = 0.02;   ///< of any receiver
-constexpr double MOVED_M = 0.005;            ///< by which the place has to change to be sent again
-constexpr double TURNED_RAD = 1e-5;
 
 double deviationOf(double variance)
 {
@@ -79,28 +77,6 @@ void VioGnss::onFix(const sensor_msgs::NavSatFix& message)
   {
     warnings_.error(topic_.topic + ": " + error.what() + "; left out");
   }
-}
-
-void VioGnss::publish()
-{
-  const VioPipeline::Ptr pipeline = session_.pipeline();
-  if (!pipeline || !pipeline->mapper)
-  {
-    return;
-  }
-  const std::optional<MapOnEarth> on_earth = pipeline->mapper->statistics().on_earth;
-  if (!on_earth)
-  {
-    return;
-  }
-  const Eigen::Isometry3d& T_earth_map = on_earth->T_earth_map;
-  const Eigen::AngleAxisd turned(published_.linear().transpose() * T_earth_map.linear());
-  if ((T_earth_map.translation() - published_.translation()).norm() < MOVED_M && turned.angle() < TURNED_RAD)
-  {
-    return;
-  }
-  published_ = T_earth_map;
-  broadcaster_.sendTransform(toTransform(T_earth_map, ros::Time::now(), options_.earth_frame, options_.map_frame));
 }
 
 }  // namespace pi_slam

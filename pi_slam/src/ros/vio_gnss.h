@@ -4,24 +4,19 @@
 #include <pi_node/ros/warning_board.h>
 #include <ros/ros.h>
 #include <sensor_msgs/NavSatFix.h>
-#include <tf2_ros/static_transform_broadcaster.h>
 
 #include "ros/vio_session.h"
 
 namespace pi_slam
 {
 
-/// Brings positions by GNSS (sensor_msgs/NavSatFix on gnss_topic) to the map, and tells where it lies: tf earth -> map,
-/// static, sent again when it has changed. Off without a topic.
+/// Brings positions by GNSS (sensor_msgs/NavSatFix on gnss_topic) to the map. Off without a topic.
 class VioGnss
 {
 public:
   /// Callbacks come on the queue of the handle. The other arguments outlive it. @param topic  gets the name.
   VioGnss(const VioRosOptions& options, ros::NodeHandle node, VioSession* session, pi_node::InputTopic* topic,
           pi_node::WarningBoard* warnings);
-
-  /// On the thread of the handle's queue.
-  void publish();
 
 private:
   void onFix(const sensor_msgs::NavSatFix& message);
@@ -30,8 +25,6 @@ private:
   VioSession& session_;
   pi_node::InputTopic& topic_;
   pi_node::WarningBoard& warnings_;
-  Eigen::Isometry3d published_ = Eigen::Isometry3d::Identity();
-  tf2_ros::StaticTransformBroadcaster broadcaster_;
   ros::Subscriber fixes_;
 };
 

@@ -75,6 +75,10 @@ void VioOutputs::publishTransforms(const VioPipeline& pipeline, const nav_msgs::
   if (options_.publish_map_tf)
   {
     transforms.push_back(toTransform(place.T_map_odom, stamp, options_.map_frame, options_.odom_frame));
+    if (place.T_earth_map)
+    {
+      transforms.push_back(toTransform(*place.T_earth_map, stamp, options_.earth_frame, options_.map_frame));
+    }
   }
   if (!transforms.empty())
   {

@@ -54,12 +54,8 @@ VioRos::VioRos(ros::NodeHandle node, ros::NodeHandle private_node)
   repeat(options_.path_period_s, [this] { outputs_.publishPath(); });
   repeat(options_.points_period_s, [this] { outputs_.publishPoints(); });
   repeat(options_.diagnostic_period, [this] { publishDiagnostics(); });
-  timers_.push_back(pi_node::VehicleTimer(service_thread_.handle(node), options_.map_period_s,
-                                          [this]
-                                          {
-                                            grid_.publish();
-                                            gnss_.publish();
-                                          }));
+  timers_.push_back(
+      pi_node::VehicleTimer(service_thread_.handle(node), options_.map_period_s, [this] { grid_.publish(); }));
 
   calibrator_.prepare();  // with everything from files there is nothing to wait for
   if (runtime_)

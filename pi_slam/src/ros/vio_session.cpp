@@ -46,7 +46,8 @@ bool VioSession::replaceLocked(VioPipeline::Ptr pipeline)
     pipeline_.swap(pipeline);  // the old one ends after the lock
     ++generation_;
     matcher_.clear();
-    map_place_ = {pipeline_->mapper ? pipeline_->mapper->T_map_odom() : Eigen::Isometry3d::Identity(), std::nullopt};
+    map_place_ = {pipeline_->mapper ? pipeline_->mapper->T_map_odom() : Eigen::Isometry3d::Identity(), std::nullopt,
+                  std::nullopt};
     path_.clear();
     history_.clear();
     last_odometry_ns = 0;
@@ -195,6 +196,7 @@ void VioSession::updateMapPlace(const VioPipeline& pipeline, uint64_t generation
     map_place_.T_map_odom = pipeline.mapper->T_map_odom();
     const MapStatistics map = pipeline.mapper->statistics();
     map_place_.covariance = map.localized ? std::optional(map.covariance) : std::nullopt;
+    map_place_.T_earth_map = map.on_earth ? std::optional(map.on_earth->T_earth_map) : std::nullopt;
   }
 }
 

@@ -55,7 +55,8 @@ public:
   struct MapPlace
   {
     Eigen::Isometry3d T_map_odom = Eigen::Isometry3d::Identity();
-    std::optional<Eigen::Matrix4d> covariance;  ///< of MapStatistics; nullopt: not localised in the map
+    std::optional<Eigen::Matrix4d> covariance;     ///< of MapStatistics; nullopt: not localised in the map
+    std::optional<Eigen::Isometry3d> T_earth_map;  ///< likewise; nullopt: not known
   };
 
   /// The arguments outlive it.

@@ -1,5 +1,7 @@
 #include "network/word_network.h"
 
+#include <pi_node/fnv1a.h>
+
 #include <algorithm>
 #include <cerrno>
 #include <cmath>
@@ -32,17 +34,6 @@ constexpr int MOST_DILATION = 1024;
 constexpr float SMOOTHING = 0.025F;
 constexpr float GAIN_EXPONENT = 0.98F;
 constexpr float OFFSET = 2.0F;
-
-/// FNV-1a.
-uint64_t checkSum(const std::string& bytes)
-{
-  uint64_t hash = 14695981039346656037ULL;
-  for (const char byte : bytes)
-  {
-    hash = (hash ^ static_cast<unsigned char>(byte)) * 1099511628211ULL;
-  }
-  return hash;
-}
 
 /// Takes fields from the front.
 class FieldReader
@@ -150,7 +141,7 @@ int WordNetwork::find(const std::string& word) const
   return found == words.end() ? -1 : static_cast<int>(found - words.begin());
 }
 
-WordNetwork WordNetwork::load(const std::string& path)
+std::shared_ptr<const WordNetwork> WordNetwork::load(const std::string& path)
 {
   const std::string way_out = "; install the package again, or train the network by train_word_network";
   std::ifstream stream(path, std::ios::binary);
@@ -177,14 +168,14 @@ WordNetwork WordNetwork::load(const std::string& path)
                              std::to_string(VERSION) + way_out);
   }
   const std::string bytes{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
-  if (bytes.size() != length || checkSum(bytes) != sum)
+  if (bytes.size() != length || pi_node::fnv1a(bytes) != sum)
   {
     throw std::runtime_error(path + ": the word network is damaged: " + std::to_string(bytes.size()) + " bytes of " +
                              std::to_string(length) + ", or a wrong check sum" + way_out);
   }
   try
   {
-    return parse(bytes);
+    return std::make_shared<const WordNetwork>(parse(bytes));
   }
   catch (const std::invalid_argument& error)
   {
@@ -192,18 +183,18 @@ WordNetwork WordNetwork::load(const std::string& path)
   }
 }
 
-WordNetworkStream::WordNetworkStream(WordNetwork network) : network_(std::move(network))
+WordNetworkStream::WordNetworkStream(std::shared_ptr<const WordNetwork> network) : network_(std::move(network))
 {
-  const Eigen::Index channels = network_.channels();
-  stem_inputs_.resize(BANDS, network_.stem.weights.cols() / BANDS);
-  for (const WordNetwork::Convolution& layer : network_.layers)
+  const Eigen::Index channels = network_->channels();
+  stem_inputs_.resize(BANDS, network_->stem.weights.cols() / BANDS);
+  for (const WordNetwork::Convolution& layer : network_->layers)
   {
-    past_.push_back({Eigen::MatrixXf(channels, (network_.kernel - 1) * layer.dilation + 1), 0});
+    past_.push_back({Eigen::MatrixXf(channels, (network_->kernel - 1) * layer.dilation + 1), 0});
   }
-  gathered_.resize(network_.kernel * channels);
+  gathered_.resize(network_->kernel * channels);
   state_.resize(channels);
   outputs_.resize(channels);
-  probabilities_.resize(network_.head_bias.size());
+  probabilities_.resize(network_->head_bias.size());
   reset();
 }
 
@@ -245,27 +236,27 @@ bool WordNetworkStream::add(const BandEnergies& energies)
 
 void WordNetworkStream::runLayers()
 {
-  const Eigen::Index channels = network_.channels();
+  const Eigen::Index channels = network_->channels();
   state_.noalias() =
-      network_.stem.weights * Eigen::Map<const Eigen::VectorXf>(stem_inputs_.data(), stem_inputs_.size());
-  state_ = (state_ + network_.stem.bias).cwiseMax(0.0F);
+      network_->stem.weights * Eigen::Map<const Eigen::VectorXf>(stem_inputs_.data(), stem_inputs_.size());
+  state_ = (state_ + network_->stem.bias).cwiseMax(0.0F);
   for (size_t i = 0; i < past_.size(); ++i)
   {
-    const WordNetwork::Convolution& layer = network_.layers[i];
+    const WordNetwork::Convolution& layer = network_->layers[i];
     Past& past = past_[i];
     const Eigen::Index size = past.inputs.cols();
     past.newest = (past.newest + 1) % size;
     past.inputs.col(past.newest) = state_;
-    for (int k = 0; k < network_.kernel; ++k)
+    for (int k = 0; k < network_->kernel; ++k)
     {
-      const Eigen::Index age = static_cast<Eigen::Index>(network_.kernel - 1 - k) * layer.dilation;
+      const Eigen::Index age = static_cast<Eigen::Index>(network_->kernel - 1 - k) * layer.dilation;
       gathered_.segment(k * channels, channels) = past.inputs.col((past.newest + size - age) % size);
     }
     outputs_.noalias() = layer.weights * gathered_;
     state_ += (outputs_ + layer.bias).cwiseMax(0.0F);
   }
-  probabilities_.noalias() = network_.head_weights * state_;
-  probabilities_ += network_.head_bias;
+  probabilities_.noalias() = network_->head_weights * state_;
+  probabilities_ += network_->head_bias;
   probabilities_ = (probabilities_.array() - probabilities_.maxCoeff()).exp();
   probabilities_ /= probabilities_.sum();
 }

@@ -3,6 +3,7 @@
 #include <pi_speech/filter_bank.h>
 
 #include <Eigen/Core>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -34,7 +35,7 @@ struct WordNetwork
 
   /// Reads the file that train_word_network writes: little endian, with a check sum.
   /// @throws std::runtime_error naming the file and what is wrong: missing, not of this kind, truncated, damaged.
-  static WordNetwork load(const std::string& path);
+  static std::shared_ptr<const WordNetwork> load(const std::string& path);
 };
 
 /// A WordNetwork that runs along a stream. Allocates nothing after the constructor. Not thread safe.
@@ -43,9 +44,10 @@ class WordNetworkStream
 public:
   static constexpr int FRAMES_PER_STEP = 2;  ///< from one output to the next
 
-  explicit WordNetworkStream(WordNetwork network);
+  /// @param network  not null; streams may share it.
+  explicit WordNetworkStream(std::shared_ptr<const WordNetwork> network);
 
-  const WordNetwork& network() const { return network_; }
+  const WordNetwork& network() const { return *network_; }
   /// @param energies  of the next frame. @return whether there are new outputs.
   bool add(const BandEnergies& energies);
   /// Probabilities of the words, and last of anything else.
@@ -62,7 +64,7 @@ private:
   };
   void runLayers();
 
-  const WordNetwork network_;
+  const std::shared_ptr<const WordNetwork> network_;
   BandEnergies smooth_;          ///< mean energies of the last frames
   Eigen::MatrixXf stem_inputs_;  ///< normalised energies, the newest in the last column
   std::vector<Past> past_;       ///< of the layers

@@ -29,7 +29,7 @@ std::vector<Eigen::Index> outputsOf(const WordNetwork& network, const std::vecto
 
 }  // namespace
 
-WordSpotter::WordSpotter(WordNetwork network, const std::vector<SpottedWord>& words)
+WordSpotter::WordSpotter(std::shared_ptr<const WordNetwork> network, const std::vector<SpottedWord>& words)
   : network_(std::move(network)), peaks_(words, outputsOf(network_.network(), words))
 {
   frame_.reserve(FRAME_SAMPLES);

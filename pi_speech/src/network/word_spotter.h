@@ -7,6 +7,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <vector>
 
 namespace pi_speech
@@ -27,7 +28,7 @@ public:
   using Sink = std::function<void(const Spotted& spotted)>;
 
   /// @throws std::invalid_argument if the network does not know a word.
-  WordSpotter(WordNetwork network, const std::vector<SpottedWord>& words);
+  WordSpotter(std::shared_ptr<const WordNetwork> network, const std::vector<SpottedWord>& words);
 
   void process(const int16_t* samples, size_t count, const Sink& sink);
   /// Forgets the sound before, because another piece begins. A word that waits for its peak is told.

@@ -34,8 +34,8 @@ constexpr size_t MOST_SEARCHES = 64;
 /// Talk is two in a row of this many garbage words.
 constexpr size_t TALK_WORDS = 100;
 constexpr int TALK_WORDS_IN_A_ROW = 2;
-/// Two answers for the same command whose ends are closer than that are for the same word.
 constexpr int64_t NEVER = -100L * SAMPLE_RATE_HZ;
+/// Two answers for the same command whose ends are closer than that are for the same word.
 constexpr int64_t SAME_WORD = SAMPLE_RATE_HZ / 2;
 /// Silence that is put behind a single utterance: the network decides a little after a word.
 constexpr size_t NETWORK_TAIL = SAMPLE_RATE_HZ * 3 / 10;
@@ -183,13 +183,13 @@ struct CommandRecognizer::Impl
     {
       return;
     }
-    WordNetwork network = WordNetwork::load(options.word_network);
+    const std::shared_ptr<const WordNetwork> network = WordNetwork::load(options.word_network);
     std::vector<SpottedWord> words;
     std::vector<SpottedWord> words_of_stream;
     for (size_t i = 0; i < table.commands.size(); ++i)
     {
       const Command& command = table.commands[i];
-      if (network.find(command.text) >= 0 && (command.fast || !isPartOfAnother(command.text)))
+      if (network->find(command.text) >= 0 && (command.fast || !isPartOfAnother(command.text)))
       {
         words.push_back({command.text, thresholdOf(command), command.fast});
         spotted.push_back(i);
@@ -206,7 +206,7 @@ struct CommandRecognizer::Impl
     }
     if (!words.empty())
     {
-      single_spotter.emplace(std::move(network), words);
+      single_spotter.emplace(network, words);
     }
   }
 

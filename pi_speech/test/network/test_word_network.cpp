@@ -93,7 +93,7 @@ TEST(WordNetwork, AnswersAsInTraining)
 
 TEST_F(WordNetworkFile, HasWordsAndSizes)
 {
-  const WordNetwork network = WordNetwork::load(GOLDEN_NETWORK);
+  const WordNetwork network = *WordNetwork::load(GOLDEN_NETWORK);
 
   EXPECT_EQ((std::vector<std::string>{"go", "stop"}), network.words);
   EXPECT_EQ(0, network.find("go"));
