@@ -600,9 +600,10 @@ int main(int argc, char** argv)
           throw std::invalid_argument("transport = " + arguments.transport + ", must be nats or direct");
         }
         if (arguments.vehicles < 1 || arguments.sites < 1 || arguments.sites > 100 || !(arguments.load > 0.0) ||
-            !(arguments.rate_hz >= 0.0) || !(arguments.service_s > 0.0))
+            !(arguments.rate_hz >= 0.0) || !(arguments.service_s > 0.0) || !(arguments.partition_s >= 0.0))
         {
-          throw std::invalid_argument("vehicles, sites, load and service must be positive, sites at most 100");
+          throw std::invalid_argument(
+              "vehicles, sites, load and service must be positive, sites at most 100, rate and partition not negative");
         }
         rlimit limit{};
         getrlimit(RLIMIT_NOFILE, &limit);

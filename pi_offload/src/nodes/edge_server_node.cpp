@@ -88,6 +88,11 @@ EdgeServerRosOptions loadOptions(const Arguments& arguments, const Log& log)
                                                           : EdgeServerRosOptions::loadFile(arguments.config, &unknown);
   for (const std::string& name : unknown)
   {
+    if (arguments.check)
+    {
+      throw std::invalid_argument(arguments.config + ": parameter " + name +
+                                  " means nothing here; see config/edge_server.yaml");
+    }
     log.warn("parameter " + name + " means nothing here; see config/edge_server.yaml");
   }
   return options;

@@ -176,6 +176,10 @@ TEST(EdgeServer, SaysWhatIsWrongOnce)
   const std::string wrong = folder.file("wrong.yaml", "{admission: {workers: many}}");
   EXPECT_EQ("edge_server: error: " + wrong + ": parameter admission/workers = many, must be a whole number\n",
             said({"--config", wrong, "--check"}, 1));
+  const std::string misspelt = folder.file("misspelt.yaml", "{heatlh: {port: 5681}}");
+  EXPECT_EQ(
+      "edge_server: error: " + misspelt + ": parameter heatlh/port means nothing here; see config/edge_server.yaml\n",
+      said({"--config", misspelt, "--check"}, 1));
   const std::string taken = folder.file("taken.yaml", "{host: 127.0.0.1, port: 56801, detection: {enabled: false}}");
   EXPECT_NE(std::string::npos, said({"--config", taken}, 1).find("127.0.0.1:56801")) << "the port is taken";
 }
