@@ -115,11 +115,11 @@ private:
       check_cpu_ns_ = 0;
       ack.data = next_sequence_;
     }
-    say("{\"event\": \"ready\"}");
     if (expectation.window > 0)
     {
-      ack_publisher_.publish(ack);
+      ack_publisher_.publish(ack);  // before the answer: after it, messages come, and a later count must not be undone
     }
+    say("{\"event\": \"ready\"}");
   }
 
   void listen(std::size_t count)
