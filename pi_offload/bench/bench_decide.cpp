@@ -60,8 +60,6 @@ DecisionInput randomInput(size_t nodes, bool worst, std::mt19937* random)
     view.network_s = {0.5 / view.uplink_mbps + 0.01, 0.005 * share(*random)};
     view.service_s = {0.02, 0.002};
     view.queue_s = {0.05 * share(*random), 0.005};
-    view.load_age_s = 0.2 * share(*random);
-    view.leased = share(*random) < 0.3;
     input.nodes.push_back(view);
   }
   return input;

@@ -223,7 +223,6 @@ void readEngine(YamlSection* section, EngineOptions* engine)
              of("scale_frequency", policy->scale_frequency);
              of("fallback_miss_share", policy->fallback_miss_share);
              of("curiosity_s", policy->curiosity_s);
-             of("unleased_tasks", policy->unleased_tasks);
              of("hedge_share", policy->hedge_share);
              of("lost_j", policy->lost_j);
            });

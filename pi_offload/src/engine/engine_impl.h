@@ -147,7 +147,6 @@ struct OffloadEngine::Impl
   double uplinkTime(const NodeState& node, TaskKind kind) const;
   Estimate service(const NodeState& node, TaskKind kind) const;
   double uplinkBacklog() const;
-  bool leased(const NodeState& node, TaskKind kind) const;
   double refusedShare(const NodeState::OfKind& of_kind) const;
   void countRefused(NodeState::OfKind& of_kind, bool refused) const;
   double tokens(const NodeState& node, TaskKind kind) const;

@@ -297,13 +297,6 @@ double OffloadEngine::Impl::uplinkBacklog() const
   return std::clamp(between(now, uplink_until_ns), 0.0, LONGEST_BACKLOG_S);
 }
 
-bool OffloadEngine::Impl::leased(const NodeState& node, TaskKind kind) const
-{
-  const NodeAdvertisement::OfKind& said = node.estimates.advertisement().of_kind[static_cast<size_t>(kind)];
-  return said.lease_rate_hz > 0.0 && said.lease_until_s > node.estimates.advertisementAge(now) &&
-         tokens(node, kind) >= 1.0;
-}
-
 /// Fades while nothing is sent; otherwise a node that refused is never tried again.
 double OffloadEngine::Impl::refusedShare(const NodeState::OfKind& of_kind) const
 {
@@ -336,9 +329,7 @@ void OffloadEngine::Impl::fillView(NodeState& node, TaskKind kind, double input_
   view.network_age_s = node.estimates.rateAge(now);
   view.service_s = service(node, kind);
   view.queue_s = queue(node, kind, uplinkTime(node, kind)).estimate;
-  view.load_age_s = node.estimates.advertisementAge(now);
   view.refused_share = refusedShare(node.of_kind[static_cast<size_t>(kind)]);
-  view.leased = leased(node, kind);
   const NodeState::OfKind& of_kind = node.of_kind[static_cast<size_t>(kind)];
   view.times = &of_kind.times;
   view.lost = now < of_kind.rests_until_ns;

@@ -94,11 +94,11 @@ Wait bestWait(const Prices& prices, size_t from, double requests, const Unanswer
 }
 
 /// Mean absolute deviation of the answer time, with independent parts.
-double deviationOf(const NodeView& node, double extra_queue_s, double least_s)
+double deviationOf(const NodeView& node, double least_s)
 {
-  const double queue = node.queue_s.deviation + extra_queue_s;
   const double square = node.network_s.deviation * node.network_s.deviation +
-                        node.service_s.deviation * node.service_s.deviation + queue * queue + least_s * least_s;
+                        node.service_s.deviation * node.service_s.deviation +
+                        node.queue_s.deviation * node.queue_s.deviation + least_s * least_s;
   return std::sqrt(square);
 }
 
@@ -164,7 +164,7 @@ public:
       }
       const RemotePlan plan = remotePlan(input, node);
       const double bound = std::min(input.needs.deadline_s, options_.residence_share * node.residence_s);
-      const double slow_s = plan.time_s() + options_.deviations * deviationOf(node, 0.0, options_.least_deviation_s);
+      const double slow_s = plan.time_s() + options_.deviations * deviationOf(node, options_.least_deviation_s);
       if (slow_s <= bound && plan.energy_j < least)
       {
         best = static_cast<int>(i);
@@ -369,9 +369,7 @@ private:
 Estimate answerTime(const DecisionInput& input, const NodeView& node, const PolicyOptions& options)
 {
   const RemotePlan plan = remotePlan(input, node);
-  const double unsure_queue_s =
-      options.load_growth * node.load_age_s + (node.leased ? 0.0 : options.unleased_tasks * plan.service_s);
-  return {plan.time_s(), std::max(deviationOf(node, unsure_queue_s, options.least_deviation_s), 1e-9)};
+  return {plan.time_s(), std::max(deviationOf(node, options.least_deviation_s), 1e-9)};
 }
 
 double missCost(const PolicyOptions& options, double eta)

@@ -77,9 +77,7 @@ void PolicyOptions::validate() const
   check.range("least_deviation_s", least_deviation_s, 0.0, 10.0);
   check.range("loss_share", loss_share, 0.0, 1.0);
   check.range("fallback_miss_share", fallback_miss_share, 0.0, 1.0);
-  check.range("unleased_tasks", unleased_tasks, 0.0, 100.0);
   check.range("curiosity_s", curiosity_s, 0.0, 1e6);
-  check.range("load_growth", load_growth, 0.0, 100.0);
   check.range("hedge_share", hedge_share, 0.0, 1.0);
   check.range("lost_j", lost_j, 0.0, 1e6);
 }

@@ -36,9 +36,7 @@ struct NodeView
   double network_age_s = 0.0;  ///< age of the measured rate
   Estimate service_s;
   Estimate queue_s;                    ///< advertised, corrected for its age
-  double load_age_s = 0.0;             ///< age of the advertisement
   double refused_share = 0.0;          ///< of recent tasks: refused or dropped by the node
-  bool leased = false;                 ///< the vehicle's lease covers one more task of this kind
   bool lost = false;                   ///< tasks there cost more than on the vehicle lately
   const AnswerTimes* times = nullptr;  ///< of its answers; null: Laplace
 };
@@ -88,9 +86,7 @@ struct PolicyOptions
   double least_deviation_s = 0.002;      ///< least deviation of a response time
   double loss_share = 0.002;             ///< requests that stay without an answer in time
   double fallback_miss_share = 0.0005;   ///< fallbacks that start in time and still miss
-  double unleased_tasks = 0.3;           ///< extra deviation of the queue without a lease, in service times
   double curiosity_s = 0.05;             ///< a node whose rate is older may get a task to measure the rate
-  double load_growth = 0.1;              ///< extra deviation of the queue per second of age of the advertisement [s/s]
   double hedge_share = 0.1;              ///< part of the radio's energy for second requests at most; 0: none
   double lost_j = 8.0;  ///< a node whose tasks cost so much more than the vehicle's rests [J]; 0: never
 

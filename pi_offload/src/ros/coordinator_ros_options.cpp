@@ -156,8 +156,6 @@ static void visitFields(CoordinatorRosOptions& options, Visitor&& visit)
   visit("policy/least_deviation_s", policy.least_deviation_s);
   visit("policy/loss_share", policy.loss_share);
   visit("policy/fallback_miss_share", policy.fallback_miss_share);
-  visit("policy/unleased_tasks", policy.unleased_tasks);
-  visit("policy/load_growth", policy.load_growth);
   visit("policy/hedge_share", policy.hedge_share);
   visit("policy/lost_j", policy.lost_j);
   visit("computer/frequency_ghz", engine.computer.frequency_ghz);

@@ -22,7 +22,6 @@ DecisionInput picture()
   node.downlink_mbps = 12.0;
   node.network_s = {0.04, 0.002};
   node.service_s = {0.02, 0.001};
-  node.leased = true;
   DecisionInput input;
   input.needs = {0.171, 0.48, 0.008, 0.2};
   input.local_s = 0.09;

@@ -32,7 +32,6 @@ NodeView node(double t_c, double capacity = 10.0)
   view.frequency_ghz = 10.0;
   view.uplink_mbps = 20.0;
   view.downlink_mbps = 20.0;
-  view.leased = true;
   return view;
 }
 
@@ -146,7 +145,7 @@ TEST(PaperDefects, Defect7ReservesNothing)
   EXPECT_EQ(chosen("paper_literal", first), 0);
   EXPECT_EQ(chosen("paper_literal", second), 0) << "both pass";
 
-  // A lease is given to one of them.
+  // A lease is given to one of them: its tasks go before those that wait.
   AdmissionOptions options;
   options.workers = 1;
   options.first_service_s = {0.07, 0.07};
@@ -154,20 +153,26 @@ TEST(PaperDefects, Defect7ReservesNothing)
   constexpr double PICTURES_HZ = 10.0;
   EXPECT_EQ(admission.lease("first", TaskKind::DETECTION, PICTURES_HZ, 1), PICTURES_HZ);
   EXPECT_EQ(admission.lease("second", TaskKind::DETECTION, PICTURES_HZ, 1), 0.0);
+  ServerTask waiting;
+  waiting.ticket = 1;
+  waiting.vehicle = "third";
+  waiting.kind = TaskKind::DETECTION;
+  waiting.arrived_ns = 1;
+  waiting.remaining_s = 1.0;
+  ASSERT_EQ(admission.submit(waiting), Admission::Verdict::TAKEN);
   for (auto [input, vehicle] : {std::pair(&first, "first"), std::pair(&second, "second")})
   {
     const NodeAdvertisement advertisement = admission.advertisement(vehicle, 1);
     const NodeAdvertisement::OfKind& said = advertisement.of_kind[static_cast<size_t>(TaskKind::DETECTION)];
     NodeView& wanted = input->nodes[0];
     wanted.service_s = {said.service_s, 0.002};
-    wanted.leased = said.lease_rate_hz > 0.0 && said.lease_until_s > 0.0;
+    wanted.queue_s = {said.queue_s, 0.002};
     NodeView& slower = input->nodes[1];  // nobody else wants it
     slower.service_s = {0.072, 0.002};
-    slower.leased = true;
     input->local_s = 0.09;
   }
   EXPECT_EQ(chosen("expected_cost", first), 0);
-  EXPECT_EQ(chosen("expected_cost", second), 1) << "who has no lease goes where it has one";
+  EXPECT_EQ(chosen("expected_cost", second), 1) << "who has no lease goes where nobody waits";
 }
 
 TEST(PaperDefects, Defect8LeavesOutMostOfTimeAndEnergy)

@@ -61,7 +61,6 @@ NodeView goodNode(const std::string& id = "good")
   node.network_s = {0.0244, 0.002};
   node.service_s = {0.019, 0.001};
   node.queue_s = {0.0, 0.001};
-  node.leased = true;
   return node;
 }
 
@@ -123,8 +122,7 @@ TEST(Policy, OptionsNameFieldValueAndBound)
         Field{"fallback_factor", &PolicyOptions::fallback_factor},
         Field{"needed_capacity_gcycles", &PolicyOptions::needed_capacity_gcycles},
         Field{"least_deviation_s", &PolicyOptions::least_deviation_s}, Field{"loss_share", &PolicyOptions::loss_share},
-        Field{"fallback_miss_share", &PolicyOptions::fallback_miss_share},
-        Field{"unleased_tasks", &PolicyOptions::unleased_tasks}, Field{"load_growth", &PolicyOptions::load_growth}})
+        Field{"fallback_miss_share", &PolicyOptions::fallback_miss_share}})
   {
     for (const double bad : {-1.0, std::nan(""), NEVER})
     {
@@ -202,7 +200,7 @@ TEST(Policy, NoneCrashesOnNumbersThatAreNone)
         for (double* field : {&node.distance_m, &node.range_m, &node.residence_s, &node.printed_residence_s,
                               &node.capacity_gcycles, &node.frequency_ghz, &node.uplink_mbps, &node.downlink_mbps,
                               &node.network_s.mean, &node.network_s.deviation, &node.service_s.mean,
-                              &node.service_s.deviation, &node.queue_s.mean, &node.queue_s.deviation, &node.load_age_s})
+                              &node.service_s.deviation, &node.queue_s.mean, &node.queue_s.deviation})
         {
           *field = any();
         }
@@ -466,27 +464,6 @@ TEST(ExpectedCost, StaysHomeWhereTheNodeIsHardlyInTime)
   EXPECT_EQ(decide("expected_cost", input).node, -1) << "the fallback would be needed too often";
   node.queue_s = {0.01, 0.002};
   EXPECT_EQ(decide("expected_cost", picture({node})).node, 0);
-}
-
-TEST(ExpectedCost, DoesNotTrustAQueueThatItHasNoLeaseFor)
-{
-  NodeView node = goodNode();
-  node.service_s.mean = 0.03;
-  const double leased = decide("expected_cost", picture({node})).expected_j;
-  node.leased = false;
-  EXPECT_GT(decide("expected_cost", picture({node})).expected_j, leased + 0.001);
-
-  NodeView other = goodNode("leased");
-  other.service_s.mean = 0.03;
-  EXPECT_EQ(decide("expected_cost", picture({node, other})).node, 1);
-}
-
-TEST(ExpectedCost, DoesNotTrustOldNews)
-{
-  NodeView fresh = goodNode("fresh");
-  NodeView stale = goodNode("stale");
-  stale.load_age_s = 0.8;
-  EXPECT_EQ(decide("expected_cost", picture({stale, fresh})).node, 1);
 }
 
 TEST(ExpectedCost, MustBeDoneWithinAShareOfTheResidence)
