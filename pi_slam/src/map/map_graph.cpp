@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "map/map_grid.h"
+#include "map/mapper.h"
 #include "map/pose_graph.h"
 #include "map/redundancy.h"
 
@@ -24,6 +25,7 @@ constexpr size_t CORRECTION_PART = 20;       ///< and one in so many of the whol
 constexpr double LOOP_DEVIATION = 1.5;       ///< factor on the deviations of loops: neighbours share errors
 constexpr double FIX_FACTOR = 2.0;           ///< on the deviations of GNSS, as errors of neighbours are alike
 constexpr size_t MOST_FIXES = 4000;
+constexpr double TILE_M = 30.0;      ///< side of a tile: as far as a camera recognises anything
 constexpr size_t PLAIN_NODES = 100;  ///< without features, that any map may have; else as many as keyframes
 
 /// The nodes that `keep` selects, and what ties them.
@@ -74,17 +76,27 @@ double angleBetween(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b)
 }
 
 MapGraph::MapGraph(const StereoCalibration& calibration, const PlaceVerifierOptions& options,
-                   std::shared_ptr<pi_runtime::Runtime> runtime)
+                   std::shared_ptr<pi_runtime::Runtime> runtime, const std::string& tile_folder)
   : recognizer_(calibration, options, std::move(runtime))
 {
+  try
+  {
+    store_ = tile_folder.empty() ? nullptr : std::make_unique<FeatureStore>(tile_folder);
+  }
+  catch (const MapError& error)
+  {
+    disk_defect_ = error.what();
+  }
 }
 
 void MapGraph::clear()
 {
   data_ = MapData();
+  counts_.reset();
   recognizer_.clear();
   next_serial_ = 0;
   part_of_segment_.clear();
+  searched_.reset();
   nodes_since_correction_ = 0;
   ties_pending_ = false;
 }
@@ -105,6 +117,7 @@ void MapGraph::load(MapData data)
   }
   part_of_segment_.assign(segments.size(), 0);
   data_ = std::move(data);
+  counts_.reset();
   next_serial_ = data_.nodes.size();
   for (const MapNode& node : data_.nodes)
   {
@@ -115,20 +128,35 @@ void MapGraph::load(MapData data)
   }
 }
 
-size_t MapGraph::keyframes() const
+void MapGraph::store(MapNode* node) const
 {
-  return static_cast<size_t>(std::count_if(data_.nodes.begin(), data_.nodes.end(),
-                                           [](const MapNode& node) { return node.features != nullptr; }));
+  if (store_ && node->features)
+  {
+    node->stored = store_->write(*node->features);
+    node->features.reset();
+  }
+}
+
+const MapGraph::Counts& MapGraph::counts() const
+{
+  if (!counts_)
+  {
+    counts_.emplace();
+    for (const MapNode& node : data_.nodes)
+    {
+      counts_->keyframes += node.isKeyframe() ? 1 : 0;
+      counts_->in_memory += node.features ? 1 : 0;
+      counts_->landmarks += node.features ? node.features->size() : node.stored ? node.stored->size() : 0;
+      counts_->bytes += node.features ? node.features->bytes() : 0;
+    }
+  }
+  return *counts_;
 }
 
 size_t MapGraph::bytes() const
 {
-  size_t bytes =
-      recognizer_.bytes() + data_.nodes.capacity() * sizeof(MapNode) + data_.edges.capacity() * sizeof(MapEdge);
-  for (const MapNode& node : data_.nodes)
-  {
-    bytes += node.features ? node.features->bytes() : 0;
-  }
+  size_t bytes = counts().bytes + recognizer_.bytes() + data_.nodes.capacity() * sizeof(MapNode) +
+                 data_.edges.capacity() * sizeof(MapEdge);
   for (const GridPatch& patch : data_.patches)
   {
     bytes += sizeof(GridPatch) + patch.cells.cells.capacity();
@@ -166,30 +194,31 @@ void MapGraph::joinParts(uint32_t a, uint32_t b)
   std::replace(part_of_segment_.begin(), part_of_segment_.end(), std::max(a, b), std::min(a, b));
 }
 
-MapData MapGraph::largestPart(const std::optional<GridPatch>& newest) const
+uint32_t MapGraph::largestPart() const
 {
   std::map<uint32_t, size_t> keyframes;
   for (const MapNode& node : data_.nodes)
   {
-    keyframes[partOf(node.segment)] += node.features ? 1 : 0;
+    keyframes[partOf(node.segment)] += node.isKeyframe() ? 1 : 0;
   }
   const auto most = std::max_element(keyframes.begin(), keyframes.end(),
                                      [](const auto& a, const auto& b) { return a.second < b.second; });
-  if (most == keyframes.end())
-  {
-    return MapData();
-  }
-  const auto isIn = [&](uint32_t segment) { return partOf(segment) == most->first; };
-  MapData part = selected(data_, [&](const MapNode& node) { return isIn(node.segment); });
-  part.patches = data_.patches;
+  return most == keyframes.end() ? 0 : most->first;
+}
+
+MapData MapGraph::copyOf(uint32_t part, const std::optional<GridPatch>& newest) const
+{
+  const auto isIn = [&](uint32_t segment) { return partOf(segment) == part; };
+  MapData copy = selected(data_, [&](const MapNode& node) { return isIn(node.segment); });
+  copy.patches = data_.patches;
   if (newest)
   {
-    part.patches.push_back(*newest);
+    copy.patches.push_back(*newest);
   }
-  part.patches.erase(std::remove_if(part.patches.begin(), part.patches.end(),
+  copy.patches.erase(std::remove_if(copy.patches.begin(), copy.patches.end(),
                                     [&](const GridPatch& patch) { return !isIn(patch.segment); }),
-                     part.patches.end());
-  return part;
+                     copy.patches.end());
+  return copy;
 }
 
 uint32_t MapGraph::add(MapNode node, std::optional<uint32_t> before, double odometry_factor)
@@ -201,6 +230,7 @@ uint32_t MapGraph::add(MapNode node, std::optional<uint32_t> before, double odom
   }
   const auto index = static_cast<uint32_t>(data_.nodes.size());
   data_.nodes.push_back(std::move(node));
+  counts_.reset();
   ++nodes_since_correction_;
   if (!before)
   {
@@ -297,6 +327,8 @@ std::optional<std::vector<int64_t>> MapGraph::bound(size_t most_keyframes, doubl
   {
     recognizer_.remove(data_.nodes[node]);
     data_.nodes[node].features.reset();
+    data_.nodes[node].stored.reset();
+    counts_.reset();
   }
   if (data_.fixes.size() > MOST_FIXES)
   {
@@ -307,8 +339,138 @@ std::optional<std::vector<int64_t>> MapGraph::bound(size_t most_keyframes, doubl
         std::remove_if(data_.fixes.begin(), middle, [&number](const MapFix&) { return number++ % 2 != 0; }), middle);
   }
   // The map must grow with the area that was seen, not with time.
-  const size_t there = keyframes();
+  const size_t there = counts().keyframes;
   return thinOut(&data_, there + std::max(there, PLAIN_NODES));
+}
+
+MapGraph::Tile MapGraph::tileOf(const MapNode& node) const
+{
+  const auto index = [](double metres) { return static_cast<int>(std::floor(metres / TILE_M)); };
+  return {static_cast<int>(partOf(node.segment)), index(node.p_map_body.x()), index(node.p_map_body.y())};
+}
+
+/// The map's tiles, each with its number of keyframes.
+std::map<MapGraph::Tile, size_t> MapGraph::tiles() const
+{
+  std::map<Tile, size_t> counts;
+  for (const MapNode& node : data_.nodes)
+  {
+    if (node.isKeyframe())
+    {
+      ++counts[tileOf(node)];
+    }
+  }
+  return counts;
+}
+
+void MapGraph::bringIn(MapNode* node)
+{
+  try
+  {
+    node->features = node->stored->load();
+    recognizer_.add(*node);
+  }
+  catch (const MapError& error)
+  {
+    disk_defect_ = error.what();
+    node->stored.reset();
+  }
+}
+
+void MapGraph::bringOut(MapNode* node)
+{
+  try
+  {
+    node->stored = node->stored ? node->stored : store_->write(*node->features);
+  }
+  catch (const MapError& error)
+  {
+    disk_defect_ = error.what();
+  }
+  recognizer_.remove(*node);
+  node->features.reset();
+}
+
+/// @param tiles  sorted.
+void MapGraph::keepInMemory(const std::vector<Tile>& tiles)
+{
+  counts_.reset();
+  // Out first, so that memory never holds both.
+  for (const bool inside : {false, true})
+  {
+    for (MapNode& node : data_.nodes)
+    {
+      if (node.isKeyframe() && std::binary_search(tiles.begin(), tiles.end(), tileOf(node)) == inside &&
+          (node.features != nullptr) != inside)
+      {
+        inside ? bringIn(&node) : bringOut(&node);
+      }
+    }
+  }
+}
+
+void MapGraph::loadAround(const Eigen::Vector3d& p_map, uint32_t part, size_t most)
+{
+  if (!store_)
+  {
+    return;
+  }
+  const std::map<Tile, size_t> counts = tiles();
+  struct Candidate
+  {
+    double distance;
+    Tile tile;
+    size_t keyframes;
+  };
+  std::vector<Candidate> order;
+  for (const auto& [tile, count] : counts)
+  {
+    // Where other parts lie nobody knows: they come last.
+    const Eigen::Vector2d middle = TILE_M * Eigen::Vector2d(tile[1] + 0.5, tile[2] + 0.5);
+    const double distance = (middle - p_map.head<2>()).norm();
+    order.push_back({tile[0] == static_cast<int>(part) ? distance : distance + 1e9, tile, count});
+  }
+  std::sort(order.begin(), order.end(),
+            [](const Candidate& a, const Candidate& b)
+            { return a.distance != b.distance ? a.distance < b.distance : a.tile < b.tile; });
+  std::vector<Tile> chosen;
+  size_t sum = 0;
+  for (const Candidate& candidate : order)
+  {
+    sum += candidate.keyframes;
+    if (sum > most && !chosen.empty())
+    {
+      break;
+    }
+    chosen.push_back(candidate.tile);
+  }
+  std::sort(chosen.begin(), chosen.end());
+  keepInMemory(chosen);
+}
+
+void MapGraph::loadNext(size_t most)
+{
+  if (!store_)
+  {
+    return;
+  }
+  const std::map<Tile, size_t> counts = tiles();
+  std::vector<Tile> chosen;
+  size_t sum = 0;
+  auto next = searched_ ? counts.upper_bound(*searched_) : counts.begin();
+  for (size_t i = 0; i < counts.size(); ++i, ++next)
+  {
+    next = next == counts.end() ? counts.begin() : next;
+    sum += next->second;
+    if (sum > most && !chosen.empty())
+    {
+      break;
+    }
+    chosen.push_back(next->first);
+    searched_ = next->first;
+  }
+  std::sort(chosen.begin(), chosen.end());
+  keepInMemory(chosen);
 }
 
 int MapGraph::countNear(const Eigen::Isometry3d& T_map_body, uint32_t part, double distance_m, double angle_rad) const
@@ -316,7 +478,7 @@ int MapGraph::countNear(const Eigen::Isometry3d& T_map_body, uint32_t part, doub
   return static_cast<int>(std::count_if(data_.nodes.begin(), data_.nodes.end(),
                                         [&](const MapNode& node)
                                         {
-                                          return node.features && partOf(node.segment) == part &&
+                                          return node.isKeyframe() && partOf(node.segment) == part &&
                                                  (node.p_map_body - T_map_body.translation()).norm() < distance_m &&
                                                  angleBetween(node.T_map_body(), T_map_body) < angle_rad;
                                         }));

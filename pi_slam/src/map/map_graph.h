@@ -2,8 +2,11 @@
 
 #include <pi_slam/stereo_calibration.h>
 
+#include <array>
+#include <map>
 #include <memory>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "map/map_data.h"
@@ -19,21 +22,39 @@ double headingOf(const Eigen::Isometry3d& T);
 double angleBetween(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b);
 
 /// The nodes of the map, what ties them to each other, and the index of their looks. Segments of odometry that nothing
-/// ties together are parts of their own: places are comparable within a part only. Not thread safe.
+/// ties together are parts of their own: places are comparable within a part only. With a store, features of far
+/// keyframes lie on disk, in square tiles of ground that come and go as a whole. Not thread safe.
 class MapGraph
 {
 public:
+  /// @param tile_folder  empty: all features stay in memory; so they do if nothing can be written there, see
+  /// diskDefect().
   MapGraph(const StereoCalibration& calibration, const PlaceVerifierOptions& options,
-           std::shared_ptr<pi_runtime::Runtime> runtime);
+           std::shared_ptr<pi_runtime::Runtime> runtime, const std::string& tile_folder = "");
 
   void clear();
   /// Replaces the map by one from a file, as part 0.
   void load(MapData data);
+  /// Brings features of a node that is none of this map yet from memory to the disk, if there is a store. Any thread.
+  /// @throws MapError if the disk refuses them.
+  void store(MapNode* node) const;
   const MapData& data() const { return data_; }
   bool isEmpty() const { return data_.nodes.empty(); }
-  size_t keyframes() const;
+  struct Counts
+  {
+    size_t keyframes = 0;
+    size_t in_memory = 0;  ///< of them
+    size_t landmarks = 0;
+    size_t bytes = 0;  ///< of features in memory
+  };
+  const Counts& counts() const;
   /// Memory, about.
   size_t bytes() const;
+  bool hasStore() const { return store_ != nullptr; }
+  /// Size of the file of tiles.
+  uint64_t bytesOnDisk() const { return store_ ? store_->bytes() : 0; }
+  /// What the disk refused; empty: nothing.
+  const std::string& diskDefect() const { return disk_defect_; }
 
   /// A new segment, a part of its own. @return its number.
   uint32_t beginSegment();
@@ -42,9 +63,11 @@ public:
   void movePart(uint32_t part, const Eigen::Isometry3d& shift);
   /// Both parts lie in map as they should: from now on they are one, with the smaller number.
   void joinParts(uint32_t a, uint32_t b);
-  /// The part with the most keyframes, as a map of its own; empty if there is none.
+  /// The part with the most keyframes; 0 if there is none.
+  uint32_t largestPart() const;
+  /// A part as a map of its own.
   /// @param newest  a patch of the grid beyond those of the map; nullopt: none.
-  MapData largestPart(const std::optional<GridPatch>& newest) const;
+  MapData copyOf(uint32_t part, const std::optional<GridPatch>& newest) const;
 
   /// Appends a node, with its serial, and the edge of odometry from the one before.
   /// @param before           the newest node of its segment; nullopt: it is the first.
@@ -71,6 +94,12 @@ public:
   /// @return where each node has gone (-1: taken out); nullopt if the indices are as they were.
   std::optional<std::vector<int64_t>> bound(size_t most_keyframes, double distance_m, double angle_rad);
 
+  /// Brings the tiles around a place into memory, and others to the disk, so that memory holds some `most` keyframes.
+  /// A set that the disk refuses is lost: its node is a keyframe no more, and diskDefect() tells why.
+  void loadAround(const Eigen::Vector3d& p_map, uint32_t part, size_t most);
+  /// Brings the tiles after those of the last call into memory instead: call by call the whole map can be searched.
+  void loadNext(size_t most);
+
   /// Keyframes of a part near a pose, in distance and angle.
   int countNear(const Eigen::Isometry3d& T_map_body, uint32_t part, double distance_m, double angle_rad) const;
   /// As PlaceRecognizer. @param query  its own_part is filled in.
@@ -79,9 +108,19 @@ public:
   std::optional<RecognizedPlace> placeAnywhere(PlaceQuery query);
 
 private:
+  using Tile = std::array<int, 3>;  ///< part, and which square of ground
+  Tile tileOf(const MapNode& node) const;
+  std::map<Tile, size_t> tiles() const;
+  void keepInMemory(const std::vector<Tile>& tiles);
+  void bringIn(MapNode* node);
+  void bringOut(MapNode* node);
   void fillOwnPart(PlaceQuery* query) const;
 
   MapData data_;
+  std::unique_ptr<FeatureStore> store_;  ///< null: none
+  std::string disk_defect_;
+  mutable std::optional<Counts> counts_;  ///< nullopt: nodes have changed since
+  std::optional<Tile> searched_;          ///< the last tile of loadNext()
   PlaceRecognizer recognizer_;
   uint64_t next_serial_ = 0;
   /// Segments with the same number are tied to each other in the map. 0: the part of the oldest segment, or the loaded

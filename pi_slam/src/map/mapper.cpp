@@ -4,6 +4,7 @@
 #include <pthread.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -61,7 +62,7 @@ void checkFrame(const MapFrame& frame, const StereoCalibration& calibration)
 
 bool hasKeyframes(const MapData& map)
 {
-  return std::any_of(map.nodes.begin(), map.nodes.end(), [](const MapNode& node) { return node.features != nullptr; });
+  return std::any_of(map.nodes.begin(), map.nodes.end(), [](const MapNode& node) { return node.isKeyframe(); });
 }
 
 }  // namespace
@@ -73,6 +74,11 @@ void MapperOptions::validate() const
   check.range("keyframe_angle_deg", keyframe_angle_deg, 1.0, 90.0);
   check.range("features", features, 50, 2000);
   check.range<size_t>("max_keyframes", max_keyframes, 10, 100000);
+  check.range<size_t>("max_stored_keyframes", max_stored_keyframes, 10, 1000000);
+  if (!tile_folder.empty() && !std::filesystem::is_directory(tile_folder))
+  {
+    throw std::invalid_argument("map/tile_folder = \"" + tile_folder + "\", must be a folder that exists, or empty");
+  }
   check.range("max_landmark_range_m", max_landmark_range_m, 1.0, 200.0);
   check.range("voxel_m", voxel_m, 0.01, 5.0);
   check.range("min_inliers", min_inliers, 8, 1000);
@@ -96,11 +102,11 @@ void Mapper::Impl::publish()
   const MapData& data = graph.data();
   MapStatistics statistics;
   statistics.bytes = graph.bytes();
-  statistics.keyframes = graph.keyframes();
-  for (const MapNode& node : data.nodes)
-  {
-    statistics.landmarks += node.features ? node.features->size() : 0;
-  }
+  statistics.keyframes = graph.counts().keyframes;
+  statistics.keyframes_in_memory = graph.counts().in_memory;
+  statistics.landmarks = graph.counts().landmarks;
+  statistics.bytes_on_disk = graph.bytesOnDisk();
+  statistics.disk_defect = graph.diskDefect();
   statistics.loops = loops;
   statistics.loaded = loaded;
   statistics.localized = !loaded || (was_localized && segment && ownPart() == 0);
@@ -116,6 +122,19 @@ void Mapper::Impl::publish()
   std::lock_guard<std::mutex> lock(published_mutex);
   published = statistics;
   published_T_map_odom = filter.T_map_odom();
+}
+
+MapData Mapper::Impl::placedNodes() const
+{
+  MapData copy;  // features are shared
+  for (const MapNode& node : graph.data().nodes)
+  {
+    if (isPlaced(node.segment))
+    {
+      copy.nodes.push_back(node);
+    }
+  }
+  return copy;
 }
 
 void Mapper::Impl::dropWaiting()
@@ -263,7 +282,7 @@ std::vector<std::pair<int64_t, Eigen::Isometry3d>> Mapper::path() const
   std::vector<std::pair<int64_t, Eigen::Isometry3d>> path;
   for (const MapNode& node : impl_->graph.data().nodes)
   {
-    if (!node.loaded)
+    if (!node.loaded && impl_->isPlaced(node.segment))
     {
       path.emplace_back(node.stamp_ns, node.T_map_body());
     }
@@ -274,10 +293,10 @@ std::vector<std::pair<int64_t, Eigen::Isometry3d>> Mapper::path() const
 std::vector<MapPoint> Mapper::cloud() const
 {
   std::lock_guard<std::mutex> cloud_lock(impl_->cloud_mutex);
-  MapData copy;  // features are shared
+  MapData copy;
   {
     std::lock_guard<std::mutex> lock(impl_->map_mutex);
-    copy.nodes = impl_->graph.data().nodes;
+    copy = impl_->placedNodes();
   }
   return impl_->voxels.update(copy);
 }
@@ -301,21 +320,30 @@ std::string Mapper::stage() const
 
 void Mapper::save(const std::string& file) const
 {
-  MapData largest;  // of the parts whose places relative to each other are not known
+  MapData part;  // of those whose places relative to each other are not known
   {
     std::lock_guard<std::mutex> lock(impl_->map_mutex);
-    largest = impl_->graph.largestPart(impl_->newestGrid());
+    part = impl_->graph.copyOf(impl_->loaded ? 0 : impl_->graph.largestPart(), impl_->newestGrid());
   }
-  if (!hasKeyframes(largest))
+  if (!hasKeyframes(part))
   {
     throw MapError("map " + file + ": there are no keyframes to be saved; drive first");
   }
-  writeFileAtomically(file, encodeMap(largest, impl_->calibration));
+  writeMap(file, part, impl_->calibration);
 }
 
 void Mapper::load(const std::string& file)
 {
-  MapData loaded = decodeMap(readFile(file), impl_->calibration, file);
+  size_t in_memory = 0;
+  MapData loaded = readMap(file, impl_->calibration,
+                           [&](MapNode* node)
+                           {
+                             in_memory += node->features ? 1 : 0;
+                             if (in_memory > impl_->options.max_keyframes)
+                             {
+                               impl_->graph.store(node);
+                             }
+                           });
   if (!hasKeyframes(loaded))
   {
     throw MapError("map " + file + ": it has no keyframes; make the map anew");

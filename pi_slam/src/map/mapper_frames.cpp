@@ -20,6 +20,9 @@ constexpr double AT_REST_RAD = 0.01;
 constexpr int64_t AT_REST_NS = 300000000;  ///< only so often
 constexpr int MAX_PER_PLACE = 3;           ///< keyframes that look the same way
 constexpr double WELL_KNOWN = 2.0;         ///< times the least inliers: needs no further keyframe
+constexpr double TILES_STEP_M = 15.0;      ///< way after which tiles are loaded anew
+constexpr double TILES_PART = 0.9;         ///< of the keyframes in memory that may be, after that
+constexpr int ATTEMPTS_PER_TURN = 8;       ///< to recognise a place, until other tiles are loaded
 constexpr double GRID_STEP_M = 5.0;        ///< way between patches of the grid
 constexpr double GRID_BEHIND_M = 6.0;   ///< when a patch is cut out, its middle is so far behind: nothing nearer comes
 constexpr double GRID_REACH_M = 12.0;   ///< of a patch to each side
@@ -40,7 +43,9 @@ void Mapper::Impl::beginSegment(const MapFrame& frame)
 
 bool Mapper::Impl::isNodeDue(const MapFrame& frame) const
 {
-  return !isWaiting() &&
+  const bool full =
+      isWaiting() && graph.counts().keyframes >= mostKeyframes();  // no place of the file's map must go for it
+  return !full &&
          (!segment->last_node || isApart(frame.T_odom_body, graph.data().nodes[*segment->last_node].T_odom_body,
                                          options.keyframe_distance_m, keyframeAngle()));
 }
@@ -89,6 +94,8 @@ void Mapper::Impl::process(const MapFrame& frame, bool begins_anew)
       correct();
     }
     boundMap();
+    segment->attempts += places.empty() ? 1 : 0;
+    settleTiles();
   }
   tieFixes(frame);
   last_add_ms = 1e3 * pi_node::secondsSince(start);
@@ -228,19 +235,58 @@ std::optional<OccupancyCells> Mapper::grid() const
   std::optional<GridPatch> newest;
   {
     std::lock_guard<std::mutex> lock(impl_->map_mutex);
-    copy.nodes = impl_->graph.data().nodes;
-    copy.patches = impl_->graph.data().patches;
-    newest = impl_->newestGrid();
+    copy = impl_->placedNodes();
+    for (const GridPatch& patch : impl_->graph.data().patches)
+    {
+      if (impl_->isPlaced(patch.segment))
+      {
+        copy.patches.push_back(patch);
+      }
+    }
+    newest = impl_->segment && impl_->isPlaced(impl_->segment->number) ? impl_->newestGrid() : std::nullopt;
   }
   return composeGrid(copy, newest ? &*newest : nullptr);
 }
 
+size_t Mapper::Impl::mostKeyframes() const
+{
+  return graph.hasStore() ? options.max_stored_keyframes : options.max_keyframes;
+}
+
 void Mapper::Impl::boundMap()
 {
-  const auto moved = graph.bound(options.max_keyframes, options.keyframe_distance_m, keyframeAngle());
+  if (isWaiting())
+  {
+    return;  // which keyframes look at the same ground is known once the body is localised
+  }
+  const auto moved = graph.bound(mostKeyframes(), options.keyframe_distance_m, keyframeAngle());
   if (moved && segment && segment->last_node)
   {
     segment->last_node = static_cast<uint32_t>((*moved)[*segment->last_node]);
+  }
+}
+
+/// Keeps the ground about the body in memory. While nobody knows where it is in the map, all of the map in turns.
+void Mapper::Impl::settleTiles()
+{
+  const auto most = static_cast<size_t>(TILES_PART * static_cast<double>(options.max_keyframes));
+  const size_t in_memory = graph.counts().in_memory;
+  if (!graph.hasStore() || (in_memory <= options.max_keyframes && in_memory == graph.counts().keyframes))
+  {
+    return;
+  }
+  const Eigen::Vector3d p_map_body = filter.T_map_body().translation();
+  const bool moved = segment->tiles_at && (p_map_body - *segment->tiles_at).norm() > TILES_STEP_M;
+  if (!segment->tiles_at || in_memory > options.max_keyframes || (moved && ownPart() == 0))
+  {
+    graph.loadAround(p_map_body, 0, most);
+    segment->tiles_at = p_map_body;
+    segment->attempts = 0;
+  }
+  else if (ownPart() != 0 && segment->attempts >= ATTEMPTS_PER_TURN)
+  {
+    graph.loadNext(most);
+    segment->attempts = 0;
   }
 }
 

@@ -48,13 +48,15 @@ struct Segment
   Eigen::Isometry3d T_odom_last;     ///< of the frame before
   Eigen::Isometry3d T_odom_attempt;  ///< of the frame that was looked at last
   int64_t attempt_ns = 0;
-  Eigen::Isometry3d T_odom_anywhere;  ///< of the frame that was looked for in the whole map last
-  std::optional<uint32_t> last_node;  ///< index of the newest node
-  double odometry_factor = 1.0;       ///< on the deviations of the next edge of odometry
-  OccupancyCells last_grid;           ///< around the vehicle, in odom; empty: none so far
-  double gridded_m = 0.0;             ///< way up to the last patch of a grid
-  std::vector<Witness> witnesses;     ///< oldest first
-  PoseHistory recent{HISTORY_NS, 0};  ///< T_odom_body of the last frames
+  Eigen::Isometry3d T_odom_anywhere;        ///< of the frame that was looked for in the whole map last
+  std::optional<uint32_t> last_node;        ///< index of the newest node
+  double odometry_factor = 1.0;             ///< on the deviations of the next edge of odometry
+  OccupancyCells last_grid;                 ///< around the vehicle, in odom; empty: none so far
+  double gridded_m = 0.0;                   ///< way up to the last patch of a grid
+  std::optional<Eigen::Vector3d> tiles_at;  ///< where the body was in map when tiles were loaded around it
+  int attempts = 0;                         ///< in vain to recognise a place of another part
+  std::vector<Witness> witnesses;           ///< oldest first
+  PoseHistory recent{HISTORY_NS, 0};        ///< T_odom_body of the last frames
 };
 
 /// mapper.cpp has queue, thread and files; mapper_frames.cpp adds frames to the map; mapper_places.cpp recognises
@@ -66,7 +68,7 @@ struct Mapper::Impl
     : calibration(camera_calibration)
     , options(mapper_options)
     , extractor(calibration, options.features, options.kernel_tasks ? runtime : nullptr)
-    , graph(calibration, verifierOptions(options), options.kernel_tasks ? runtime : nullptr)
+    , graph(calibration, verifierOptions(options), options.kernel_tasks ? runtime : nullptr, options.tile_folder)
     , voxels(options.voxel_m, options.max_landmark_range_m)
     // Tasks within a run would wait for the unit that the run is on.
     , stage(options.kernel_tasks ? nullptr : runtime, {"slam_map", std::chrono::nanoseconds(0), STAGE_DEADLINE})
@@ -96,12 +98,12 @@ struct Mapper::Impl
   bool hasWitness(const MapFrame& frame, const RecognizedPlace& place);
   void joinParts(const MapFrame& frame, RecognizedPlace* place);
   void moveTo(const Eigen::Isometry3d& T_map_odom);
-  void movePart(uint32_t part, const Eigen::Isometry3d& shift);
   bool isKeyframe(const FeatureSet& features, const std::vector<RecognizedPlace>& places) const;
   void addNode(const MapFrame& frame, FeatureSetPtr features, const std::vector<RecognizedPlace>& places);
   void doubtOdometry(const RecognizedPlace& place);
   void correct();
   void boundMap();
+  void settleTiles();
   void tieFixes(const MapFrame& frame);
   void tieFix(const GnssFix& fix, const Eigen::Isometry3d& T_odom_body);
   void keepGrid(double behind_m);
@@ -109,8 +111,12 @@ struct Mapper::Impl
   void reset();
   void publish();
   double keyframeAngle() const { return options.keyframe_angle_deg * M_PI / 180.0; }
-  /// Frames are not added: there is a map from a file, in which the body is not localised yet.
+  size_t mostKeyframes() const;
+  /// There is a map from a file, in which the body is not localised yet. What is driven is a part of its own.
   bool isWaiting() const { return loaded && !was_localized; }
+  /// Whether a segment lies in map as it should: not while it is a part beside a map from a file.
+  bool isPlaced(uint32_t number) const { return !loaded || graph.partOf(number) == 0; }
+  MapData placedNodes() const;
   uint32_t ownPart() const { return graph.partOf(segment->number); }
 
   const StereoCalibration calibration;

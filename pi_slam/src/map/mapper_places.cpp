@@ -77,6 +77,7 @@ void Mapper::Impl::joinParts(const MapFrame& frame, RecognizedPlace* place)
     place->match.T_map_body = filter.T_map_body();
   }
   graph.joinParts(own, other);
+  segment->tiles_at.reset();
   was_localized = was_localized || ownPart() == 0;
 }
 
@@ -172,9 +173,16 @@ std::vector<RecognizedPlace> Mapper::Impl::recognize(const MapFrame& frame, cons
   query.segment = segment->number;
   query.travelled_m = segment->travelled_m;
   std::vector<RecognizedPlace> places;
-  recognizeNear(frame, query, &places);
-  if (places.empty() &&
-      (ownPart() != 0 || isApart(frame.T_odom_body, segment->T_odom_anywhere, ANYWHERE_M, ANYWHERE_RAD)))
+  const bool is_placed = ownPart() == 0;  // else a place of another part comes first: it tells where this one lies
+  if (!is_placed)
+  {
+    recognizeAnywhere(frame, query, &places);
+  }
+  if (places.empty())
+  {
+    recognizeNear(frame, query, &places);
+  }
+  if (places.empty() && is_placed && isApart(frame.T_odom_body, segment->T_odom_anywhere, ANYWHERE_M, ANYWHERE_RAD))
   {
     recognizeAnywhere(frame, query, &places);
   }

@@ -4,7 +4,9 @@
 
 #include <cmath>
 #include <filesystem>
+#include <fstream>
 #include <random>
+#include <sstream>
 
 #include "map/map_file.h"
 
@@ -15,6 +17,20 @@ using namespace pi_slam;
 using pi_node::test_support::messageOf;
 using pi_node::test_support::TemporaryFolder;
 using namespace pi_slam::map;
+
+std::vector<uint8_t> encodeMap(const MapData& map, const StereoCalibration& calibration)
+{
+  std::ostringstream stream;
+  pi_slam::map::encodeMap(map, calibration, &stream);
+  const std::string bytes = stream.str();
+  return {bytes.begin(), bytes.end()};
+}
+
+MapData decodeMap(const std::vector<uint8_t>& bytes, const StereoCalibration& calibration, const std::string& name)
+{
+  std::istringstream stream(std::string(bytes.begin(), bytes.end()));
+  return pi_slam::map::decodeMap(&stream, bytes.size(), calibration, name, [](MapNode*) {});
+}
 
 MapData makeMap()
 {
@@ -262,8 +278,9 @@ TEST(MapFile, ReplacesAFileAsAWholeAndLeavesNothingBehind)
 {
   const TemporaryFolder folder;
   const std::string file = folder.file("a.map", "old");
-  writeFileAtomically(file, {1, 2, 3});
-  EXPECT_EQ((std::vector<uint8_t>{1, 2, 3}), readFile(file));
+  writeFileAtomically(file, [](std::ostream* stream) { *stream << "new"; });
+  std::ifstream stream(file);
+  EXPECT_EQ("new", std::string(std::istreambuf_iterator<char>(stream), {}));
   size_t files = 0;
   for (const auto& entry : std::filesystem::directory_iterator(folder.path()))
   {
@@ -276,11 +293,17 @@ TEST(MapFile, NamesAFileThatCannotBeWrittenOrRead)
 {
   const TemporaryFolder folder;
   const std::string missing = folder.path() + "/no/a.map";
-  EXPECT_NE(std::string::npos, messageOf<MapError>([&] { writeFileAtomically(missing, {1}); }).find(missing));
-  EXPECT_NE(std::string::npos, messageOf<MapError>([&] { readFile(missing); }).find("No such file"));
-  EXPECT_NE(std::string::npos, messageOf<MapError>([&] { readFile(folder.path()); }).find("no plain file"));
+  const StereoCalibration calibration = StereoCalibration::makeForwardPair();
+  const MapData map = makeMap();
+  const auto readingOf = [&](const std::string& file)
+  { return messageOf<MapError>([&] { readMap(file, calibration, [](MapNode*) {}); }); };
+  EXPECT_NE(std::string::npos, messageOf<MapError>([&] { writeMap(missing, map, calibration); }).find(missing));
+  EXPECT_NE(std::string::npos, readingOf(missing).find("No such file"));
+  EXPECT_NE(std::string::npos, readingOf(folder.path()).find("no plain file"));
   // A folder in the file's place: what was written beside it goes away again.
-  EXPECT_THROW(writeFileAtomically(folder.path(), {1}), MapError);
+  EXPECT_THROW(writeMap(folder.path(), map, calibration), MapError);
+  writeMap(folder.path() + "/a.map", map, calibration);
+  EXPECT_EQ("", readingOf(folder.path() + "/a.map"));
 }
 
 }  // namespace
