@@ -51,20 +51,21 @@ FeatureSetPtr elsewhere(const FeatureSet& set, std::mt19937_64* random)
   return other;
 }
 
-MapData gridOfRounds(int count)
+/// A circle driven again and again; every node recognises the one a round before.
+MapData gridOfRounds(int count, int round)
 {
   std::mt19937_64 random(1);
   std::normal_distribution<double> noise;
   MapData map;
-  constexpr int ROUND = 450;
+  const double radius = 36.0 / 450.0 * round;
   for (int i = 0; i < count; ++i)
   {
-    const double angle = 2.0 * M_PI * i / ROUND;
+    const double angle = 2.0 * M_PI * i / round;
     MapNode node;
-    node.p_map_body = Eigen::Vector3d(36.0 * std::cos(angle), 36.0 * std::sin(angle), 0.0) +
+    node.p_map_body = Eigen::Vector3d(radius * std::cos(angle), radius * std::sin(angle), 0.0) +
                       1e-3 * i * Eigen::Vector3d(noise(random), noise(random), noise(random));
     map.nodes.push_back(node);
-    for (const int back : {1, ROUND})
+    for (const int back : {1, round})
     {
       if (i >= back)
       {
@@ -72,9 +73,9 @@ MapData gridOfRounds(int count)
         edge.from = static_cast<uint32_t>(i - back);
         edge.to = static_cast<uint32_t>(i);
         edge.loop = back != 1;
-        const double before = 2.0 * M_PI * (i - back) / ROUND;
+        const double before = 2.0 * M_PI * (i - back) / round;
         edge.shift =
-            36.0 * Eigen::Vector3d(std::cos(angle) - std::cos(before), std::sin(angle) - std::sin(before), 0.0);
+            radius * Eigen::Vector3d(std::cos(angle) - std::cos(before), std::sin(angle) - std::sin(before), 0.0);
         edge.position_deviation = 0.01;
         edge.heading_deviation = 0.002;
         map.edges.push_back(edge);
@@ -198,9 +199,9 @@ int main()
                 millisecondsOf(30, [&] { index.query(*sets[turn++ % sets.size()]); }),
                 1e-6 * static_cast<double>(index.bytes()), 1e-6 * static_cast<double>(bytes));
   }
-  for (const int size : {100, 1000, 3000, 30000})
+  for (const auto& [size, round] : {std::pair(100, 450), {1000, 450}, {3000, 450}, {30000, 15000}})
   {
-    MapData map = gridOfRounds(size);
+    MapData map = gridOfRounds(size, round);
     std::printf("correction of %5d nodes   %8.2f ms (%zu edges)\n", size,
                 millisecondsOf(1, [&] { optimizePoseGraph(&map); }), map.edges.size());
   }

@@ -55,6 +55,11 @@ protected:
     calibration_ = StereoCalibration::makeForwardPair();
     StereoRendererOptions renderer_options;
     renderer_options.threads = 2;
+    SyntheticWorldOptions later = options;
+    later.parked = false;
+    StereoRendererOptions dim = renderer_options;
+    dim.brightness *= 0.5;
+    later_ = std::make_unique<StereoRenderer>(SyntheticWorld::build(later, drive), calibration_, dim);
     renderer_ = std::make_unique<StereoRenderer>(SyntheticWorld::build(options, drive), calibration_, renderer_options);
     start_ = drive.front().T_world_body;
     for (int i = 0; i <= 20; ++i)
@@ -66,15 +71,16 @@ protected:
   {
     frames_.clear();
     renderer_.reset();
+    later_.reset();
   }
 
   /// A frame whose odometry is the truth; the map's origin is the start of the drive.
-  static MapFrame shoot(double along_m, double side_m, double turn_deg)
+  static MapFrame shoot(double along_m, double side_m, double turn_deg, StereoRenderer* renderer = renderer_.get())
   {
     Eigen::Isometry3d T = start_;
     T.translation() += Eigen::Vector3d(along_m, side_m, 0.0);
     T = T * turnZ(turn_deg);
-    const StereoFrame pictures = renderer_->render(T, 1700000000000000000LL);
+    const StereoFrame pictures = renderer->render(T, 1700000000000000000LL);
     MapFrame frame;
     frame.stamp_ns = 1000000 * static_cast<int64_t>(1000.0 * along_m + 1.0);
     frame.T_odom_body = T;
@@ -100,12 +106,14 @@ protected:
 
   static StereoCalibration calibration_;
   static std::unique_ptr<StereoRenderer> renderer_;
+  static std::unique_ptr<StereoRenderer> later_;  ///< all that was parked has left, half the light
   static Eigen::Isometry3d start_;
   static std::vector<MapFrame> frames_;
 };
 
 StereoCalibration Street::calibration_;
 std::unique_ptr<StereoRenderer> Street::renderer_;
+std::unique_ptr<StereoRenderer> Street::later_;
 Eigen::Isometry3d Street::start_;
 std::vector<MapFrame> Street::frames_;
 
@@ -252,6 +260,32 @@ TEST_F(Street, StartsLocalizedInALoadedMapFromAnotherHeading)
   EXPECT_LT((error * p - p).norm(), 0.1);
   EXPECT_LT(Eigen::AngleAxisd(error.linear()).angle(), 0.01);
   EXPECT_GE(mapper.path().size(), 1u);
+}
+
+TEST_F(Street, IsRecognisedAfterAChangeFromAnotherPlaceAndInHalfTheLight)
+{
+  const TemporaryFolder folder;
+  const std::string file = folder.path() + "/street.map";
+  {
+    Mapper mapper(calibration_, testOptions());
+    drive(&mapper);
+    mapper.save(file);
+  }
+  const Eigen::Isometry3d T_odom_map = Eigen::Translation3d(5.0, 5.0, 0.0) * turnZ(-100.0);
+  for (const double side : {1.0, -1.0})
+  {
+    Mapper mapper(calibration_, testOptions());
+    mapper.load(file);
+    Eigen::Vector3d p = Eigen::Vector3d::Zero();
+    for (int i = 0; i < 8 && !mapper.statistics().localized; ++i)
+    {
+      const MapFrame frame = shoot(4.0 + 0.3 * i, 1.5 * side, -30.0 * side, later_.get());
+      p = frame.T_odom_body.translation();
+      mapper.add(seenBy(frame, T_odom_map));
+    }
+    ASSERT_TRUE(mapper.statistics().localized) << side;
+    EXPECT_LT((mapper.T_map_odom() * T_odom_map * p - p).norm(), 0.4);
+  }
 }
 
 TEST_F(Street, IsPutWhereItIsSaidToBeAndTakesItsMapAlong)
