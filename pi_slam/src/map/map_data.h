@@ -8,7 +8,7 @@
 #include "map/earth.h"
 #include "map/feature_set.h"
 #include "map/feature_store.h"
-#include "map/occupancy_cells.h"
+#include "map/packed_cells.h"
 
 namespace pi_slam::map
 {
@@ -61,7 +61,7 @@ struct GridPatch
 {
   uint32_t segment = 0;
   double travelled_m = 0.0;  ///< way of the segment up to the middle of the patch
-  OccupancyCells cells;      ///< in odom
+  PackedCells cells;         ///< in odom
 };
 
 /// What GNSS measured near a node: p_antenna = p_node + Rz(heading_node) shift is `p_local` in the frame of the map's

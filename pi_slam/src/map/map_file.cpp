@@ -311,13 +311,14 @@ MapEdge getEdge(uint32_t nodes, Reader* reader)
 
 void putPatch(const GridPatch& patch, Writer* writer)
 {
+  const OccupancyCells grid = patch.cells.unpack();
   writer->put(patch.segment);
   writer->put(patch.travelled_m);
-  writer->putMatrix(patch.cells.origin);
-  writer->put(patch.cells.cell_m);
-  writer->put(static_cast<uint32_t>(patch.cells.width));
-  writer->put(static_cast<uint32_t>(patch.cells.height));
-  writer->bytes.insert(writer->bytes.end(), patch.cells.cells.begin(), patch.cells.cells.end());
+  writer->putMatrix(grid.origin);
+  writer->put(grid.cell_m);
+  writer->put(static_cast<uint32_t>(grid.width));
+  writer->put(static_cast<uint32_t>(grid.height));
+  writer->bytes.insert(writer->bytes.end(), grid.cells.begin(), grid.cells.end());
 }
 
 GridPatch getPatch(Reader* reader)
@@ -325,27 +326,28 @@ GridPatch getPatch(Reader* reader)
   GridPatch patch;
   patch.segment = reader->getBetween<uint32_t>("segment of a grid", 0, 1U << 30);
   patch.travelled_m = reader->getBetween("way of a grid", 0.0, 1e9);
+  OccupancyCells grid;
   for (int i = 0; i < 2; ++i)
   {
-    patch.cells.origin(i) = reader->getBetween("corner of a grid", -FARTHEST, FARTHEST);
+    grid.origin(i) = reader->getBetween("corner of a grid", -FARTHEST, FARTHEST);
   }
-  patch.cells.cell_m = reader->getBetween("cell of a grid", 0.01, 10.0);
+  grid.cell_m = reader->getBetween("cell of a grid", 0.01, 10.0);
   const auto width = reader->getBetween<uint32_t>("width of a grid", 1, 1U << 15);
   const auto height = reader->getBetween<uint32_t>("height of a grid", 1, 1U << 15);
-  patch.cells.width = static_cast<int>(width);
-  patch.cells.height = static_cast<int>(height);
+  grid.width = static_cast<int>(width);
+  grid.height = static_cast<int>(height);
   const size_t count = static_cast<size_t>(width) * height;
   if (count > reader->left())
   {
     reader->refuse("a grid of " + std::to_string(count) + " cells goes beyond its end");
   }
-  patch.cells.cells.resize(count);
-  reader->copy(patch.cells.cells.data(), count);
-  if (std::any_of(patch.cells.cells.begin(), patch.cells.cells.end(),
-                  [](int8_t cell) { return cell < -1 || cell > 100; }))
+  grid.cells.resize(count);
+  reader->copy(grid.cells.data(), count);
+  if (std::any_of(grid.cells.begin(), grid.cells.end(), [](int8_t cell) { return cell < -1 || cell > 100; }))
   {
     reader->refuse("a cell of a grid is not in [-1, 100]");
   }
+  patch.cells = grid;
   return patch;
 }
 
@@ -432,13 +434,13 @@ FeatureSetPtr decodeFeatures(const std::vector<uint8_t>& bytes, size_t count, co
 
 void encodeMap(const MapData& map, const StereoCalibration& calibration, std::ostream* stream)
 {
-  Writer end;  // what comes after nodes and edges
-  end.put<uint64_t>(map.patches.size());
+  Writer earth;
+  putEarth(map, &earth);
+  uint64_t patch_bytes = 0;
   for (const GridPatch& patch : map.patches)
   {
-    putPatch(patch, &end);
+    patch_bytes += PATCH_BYTES + patch.cells.count();
   }
-  putEarth(map, &end);
   Writer cameras;
   putCamera(calibration.left, &cameras);
   putCamera(calibration.right, &cameras);
@@ -453,7 +455,8 @@ void encodeMap(const MapData& map, const StereoCalibration& calibration, std::os
   writer.put(VERSION);
   writer.put<uint32_t>(0);
   writer.put<uint64_t>(HEADER_BYTES + cameras.bytes.size() + 2 * sizeof(uint64_t) + map.nodes.size() * NODE_BYTES +
-                       features * FEATURE_BYTES + map.edges.size() * EDGE_BYTES + end.bytes.size() + CHECKSUM_BYTES);
+                       features * FEATURE_BYTES + map.edges.size() * EDGE_BYTES + sizeof(uint64_t) + patch_bytes +
+                       earth.bytes.size() + CHECKSUM_BYTES);
   writer.bytes.insert(writer.bytes.end(), cameras.bytes.begin(), cameras.bytes.end());
   writer.put<uint64_t>(map.nodes.size());
   writer.put<uint64_t>(map.edges.size());
@@ -466,7 +469,13 @@ void encodeMap(const MapData& map, const StereoCalibration& calibration, std::os
   {
     putEdge(edge, &writer);
   }
-  writer.bytes.insert(writer.bytes.end(), end.bytes.begin(), end.bytes.end());
+  writer.put<uint64_t>(map.patches.size());
+  for (const GridPatch& patch : map.patches)
+  {
+    putPatch(patch, &writer);
+    writer.flush(stream);
+  }
+  writer.bytes.insert(writer.bytes.end(), earth.bytes.begin(), earth.bytes.end());
   writer.flush(stream);
   writer.put(writer.checksum());
   writer.flush(stream);

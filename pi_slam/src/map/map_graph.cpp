@@ -159,7 +159,7 @@ size_t MapGraph::bytes() const
                  data_.edges.capacity() * sizeof(MapEdge);
   for (const GridPatch& patch : data_.patches)
   {
-    bytes += sizeof(GridPatch) + patch.cells.cells.capacity();
+    bytes += patch.cells.bytes();
   }
   return bytes;
 }

@@ -194,7 +194,7 @@ void Mapper::Impl::keepGrid(double behind_m)
   const MapNode* middle = nodeOf(graph.data(), patch);
   patch.travelled_m = middle->travelled_m;
   patch.cells = cutOut(segment->last_grid, middle->T_odom_body.translation().head<2>(), GRID_REACH_M);
-  if (!patch.cells.cells.empty())
+  if (patch.cells.count() > 0)
   {
     graph.addPatch(std::move(patch));
   }

@@ -92,6 +92,7 @@ void Mapper::Impl::moveTo(const Eigen::Isometry3d& T_map_odom)
   {
     graph.movePart(ownPart(), T_map_odom * filter.T_map_odom().inverse());
     segment->witnesses.clear();
+    segment->tiles_at.reset();  // places are looked for about the new pose first
   }
   filter.turn(T_map_odom);
 }

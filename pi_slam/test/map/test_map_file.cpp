@@ -83,7 +83,7 @@ MapData makeMap()
   GridPatch patch;
   patch.segment = 1;
   patch.travelled_m = 1.5;
-  patch.cells = {{-3.0, 4.0}, 0.1, 3, 2, {-1, 0, 100, 50, 7, -1}};
+  patch.cells = OccupancyCells{{-3.0, 4.0}, 0.1, 3, 2, {-1, 0, 100, 50, 7, -1}};
   map.patches.push_back(patch);
   map.origin = GeoPoint{47.3769, 8.5417, 408.0};
   map.earth = EarthPlace{{12.5, -3.0, 1.5}, 0.75};
@@ -150,11 +150,12 @@ TEST(MapFile, GivesBackWhatWasWritten)
   ASSERT_EQ(1u, back.patches.size());
   EXPECT_EQ(1u, back.patches[0].segment);
   EXPECT_EQ(1.5, back.patches[0].travelled_m);
-  EXPECT_EQ(map.patches[0].cells.origin, back.patches[0].cells.origin);
-  EXPECT_EQ(0.1, back.patches[0].cells.cell_m);
-  EXPECT_EQ(3, back.patches[0].cells.width);
-  EXPECT_EQ(2, back.patches[0].cells.height);
-  EXPECT_EQ(map.patches[0].cells.cells, back.patches[0].cells.cells);
+  const OccupancyCells grid = back.patches[0].cells.unpack();
+  EXPECT_EQ(Eigen::Vector2d(-3.0, 4.0), grid.origin);
+  EXPECT_EQ(0.1, grid.cell_m);
+  EXPECT_EQ(3, grid.width);
+  EXPECT_EQ(2, grid.height);
+  EXPECT_EQ((std::vector<int8_t>{-1, 0, 100, 50, 7, -1}), grid.cells);
   ASSERT_TRUE(back.origin && back.earth);
   EXPECT_EQ(8.5417, back.origin->longitude_deg);
   EXPECT_EQ(map.earth->position, back.earth->position);

@@ -94,8 +94,7 @@ TEST(MapGraph, CopiesOnlyWhatBelongsToAPart)
   const uint32_t second = drive(&graph, 6);
   GridPatch patch;
   patch.segment = 0;
-  patch.cells.cells = {0};
-  patch.cells.width = patch.cells.height = 1;
+  patch.cells = OccupancyCells{Eigen::Vector2d::Zero(), 0.1, 1, 1, {0}};
   graph.addPatch(patch);
   patch.segment = second;
   patch.travelled_m = 2.0;
