@@ -1,17 +1,19 @@
 // bench_map: what a map costs: a frame on new ground, a frame that looks for its place in maps of several sizes, the
 // correction of the pose graph, memory, file and cloud. Pictures are rendered; odometry is the truth.
+#include <unistd.h>
+#include "drives/vehicle_path.h"
 #include "map/mapper.h"
 #include "renderer/stereo_renderer.h"
-#include "drives/vehicle_path.h"
-#include <unistd.h>
 
 #include <chrono>
 #include <cstdio>
 #include <filesystem>
+#include <fstream>
 #include <random>
 #include <thread>
 
 #include "map/feature_extractor.h"
+#include "map/map_graph.h"
 #include "map/place_index.h"
 #include "map/place_verifier.h"
 #include "map/pose_graph.h"
@@ -49,20 +51,21 @@ FeatureSetPtr elsewhere(const FeatureSet& set, std::mt19937_64* random)
   return other;
 }
 
-MapData gridOfRounds(int count)
+/// A circle driven again and again; every node recognises the one a round before.
+MapData gridOfRounds(int count, int round)
 {
   std::mt19937_64 random(1);
   std::normal_distribution<double> noise;
   MapData map;
-  constexpr int ROUND = 450;
+  const double radius = 36.0 / 450.0 * round;
   for (int i = 0; i < count; ++i)
   {
-    const double angle = 2.0 * M_PI * i / ROUND;
+    const double angle = 2.0 * M_PI * i / round;
     MapNode node;
-    node.p_map_body = Eigen::Vector3d(36.0 * std::cos(angle), 36.0 * std::sin(angle), 0.0) +
+    node.p_map_body = Eigen::Vector3d(radius * std::cos(angle), radius * std::sin(angle), 0.0) +
                       1e-3 * i * Eigen::Vector3d(noise(random), noise(random), noise(random));
     map.nodes.push_back(node);
-    for (const int back : {1, ROUND})
+    for (const int back : {1, round})
     {
       if (i >= back)
       {
@@ -70,9 +73,9 @@ MapData gridOfRounds(int count)
         edge.from = static_cast<uint32_t>(i - back);
         edge.to = static_cast<uint32_t>(i);
         edge.loop = back != 1;
-        const double before = 2.0 * M_PI * (i - back) / ROUND;
+        const double before = 2.0 * M_PI * (i - back) / round;
         edge.shift =
-            36.0 * Eigen::Vector3d(std::cos(angle) - std::cos(before), std::sin(angle) - std::sin(before), 0.0);
+            radius * Eigen::Vector3d(std::cos(angle) - std::cos(before), std::sin(angle) - std::sin(before), 0.0);
         edge.position_deviation = 0.01;
         edge.heading_deviation = 0.002;
         map.edges.push_back(edge);
@@ -80,6 +83,57 @@ MapData gridOfRounds(int count)
     }
   }
   return map;
+}
+
+double residentMegabytes()
+{
+  std::ifstream stream("/proc/self/statm");
+  double pages = 0.0;
+  stream >> pages >> pages;
+  return 1e-6 * pages * static_cast<double>(sysconf(_SC_PAGESIZE));
+}
+
+/// A drive of many kilometres over new ground, a keyframe every half metre; what lies far away goes to the disk.
+void driveFar(const StereoCalibration& calibration, const std::vector<FeatureSetPtr>& sets, size_t keyframes)
+{
+  const size_t most = MapperOptions().max_keyframes;
+  const std::string folder = std::filesystem::temp_directory_path().string();
+  std::mt19937_64 random(1);
+  MapGraph graph(calibration, PlaceVerifierOptions(), nullptr, folder);
+  const uint32_t segment = graph.beginSegment();
+  std::optional<uint32_t> last;
+  double worst_ms = 0.0;
+  double sum_ms = 0.0;
+  std::printf("far drive, tiles in %s\n", folder.c_str());
+  for (size_t i = 0; i < keyframes; ++i)
+  {
+    MapNode node;
+    node.segment = segment;
+    node.travelled_m = 0.5 * static_cast<double>(i);
+    node.T_odom_body.translation() = Eigen::Vector3d(node.travelled_m, 0.0, 0.0);
+    node.p_map_body = node.T_odom_body.translation();
+    node.features = elsewhere(*sets[i % sets.size()], &random);
+    last = graph.add(std::move(node), last, 1.0);
+    if (graph.counts().in_memory > most)
+    {
+      const double ms =
+          millisecondsOf(1, [&] { graph.loadAround(graph.data().nodes[*last].p_map_body, 0, most * 9 / 10); });
+      worst_ms = std::max(worst_ms, ms);
+      sum_ms += ms;
+    }
+    if ((i + 1) % (keyframes / 5) == 0)
+    {
+      std::printf(
+          "%7.1f km, %5zu keyframes    %5zu in memory, map %6.1f MB, process %6.1f MB, disk %6.1f MB, tiles "
+          "%.2f ms per keyframe (worst %.1f)\n",
+          0.5e-3 * static_cast<double>(i + 1), graph.counts().keyframes, graph.counts().in_memory,
+          1e-6 * static_cast<double>(graph.bytes()), residentMegabytes(),
+          1e-6 * static_cast<double>(graph.bytesOnDisk()), sum_ms / static_cast<double>(i + 1), worst_ms);
+    }
+  }
+  const auto back = [&] { graph.loadAround(Eigen::Vector3d::Zero(), 0, most * 9 / 10); };
+  std::printf("back at the start           %8.2f ms for %zu keyframes\n", millisecondsOf(1, back),
+              graph.counts().in_memory);
 }
 
 }  // namespace
@@ -145,12 +199,13 @@ int main()
                 millisecondsOf(30, [&] { index.query(*sets[turn++ % sets.size()]); }),
                 1e-6 * static_cast<double>(index.bytes()), 1e-6 * static_cast<double>(bytes));
   }
-  for (const int size : {100, 1000, 3000})
+  for (const auto& [size, round] : {std::pair(100, 450), {1000, 450}, {3000, 450}, {30000, 15000}})
   {
-    MapData map = gridOfRounds(size);
-    std::printf("correction of %4d nodes    %8.2f ms (%zu edges)\n", size,
+    MapData map = gridOfRounds(size, round);
+    std::printf("correction of %5d nodes   %8.2f ms (%zu edges)\n", size,
                 millisecondsOf(1, [&] { optimizePoseGraph(&map); }), map.edges.size());
   }
+  driveFar(calibration, sets, MapperOptions().max_stored_keyframes);
 
   MapperOptions options;
   options.threaded = false;

@@ -1,13 +1,14 @@
 // bench_relocalisation: a map of a drive through a synthetic world is saved and loaded; then the vehicle starts at
 // random places beside the path, turned by up to 45 degrees, and has to find out where it is. Starts in another world
 // show whether it claims to know where it cannot.
+#include <unistd.h>
+#include "drives/vehicle_path.h"
 #include "map/mapper.h"
 #include "renderer/stereo_renderer.h"
-#include "drives/vehicle_path.h"
-#include <unistd.h>
 
 #include <boost/program_options.hpp>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <iostream>
@@ -32,6 +33,9 @@ struct Arguments
   double speed = 0.5;
   double turn_deg = 45.0;
   double side_m = 0.5;
+  bool exactly = false;
+  bool parked_left = false;
+  double light = 1.0;
   std::string path = "campus_loop";
   int threads = 2;
 };
@@ -42,7 +46,7 @@ struct World
   std::shared_ptr<const SyntheticWorld> world;
 };
 
-World makeWorld(const Arguments& arguments, uint64_t seed)
+World makeWorld(const Arguments& arguments, uint64_t seed, bool parked)
 {
   World world;
   VehiclePathOptions path;
@@ -53,6 +57,7 @@ World makeWorld(const Arguments& arguments, uint64_t seed)
   SyntheticWorldOptions options;
   options.kind = path.shape == PathShape::HALL_LOOP ? WorldKind::HALL : WorldKind::CAMPUS;
   options.seed = seed;
+  options.parked = parked;
   options.road = pathLine(path.shape, path.speed * path.duration_s);
   world.world = SyntheticWorld::build(options, world.drive);
   return world;
@@ -87,10 +92,15 @@ Eigen::Isometry3d startOf(const World& world, const Arguments& arguments, std::m
   std::uniform_real_distribution<double> unit(-1.0, 1.0);
   std::uniform_int_distribution<size_t> any(0, world.drive.size() - 1);
   const StampedPose& pose = world.drive[any(*random)];
-  *turn_deg = arguments.turn_deg * unit(*random);
+  const auto offset = [&](double most)
+  {
+    const double part = unit(*random);
+    return most * (arguments.exactly ? std::copysign(1.0, part) : part);
+  };
+  *turn_deg = offset(arguments.turn_deg);
   *stamp_ns = world.drive[any(*random) / 2].stamp_ns;  // things that move are elsewhere now
   Eigen::Isometry3d T = pose.T_world_body;
-  T.translate(Eigen::Vector3d(0.0, arguments.side_m * unit(*random), 0.0));
+  T.translate(Eigen::Vector3d(0.0, offset(arguments.side_m), 0.0));
   T.rotate(Eigen::AngleAxisd(*turn_deg * M_PI / 180.0, Eigen::Vector3d::UnitZ()));
   return T;
 }
@@ -133,7 +143,7 @@ Outcome start(const std::string& file, const Arguments& arguments, StereoRendere
 
 int run(const Arguments& arguments)
 {
-  const World world = makeWorld(arguments, arguments.seed);
+  const World world = makeWorld(arguments, arguments.seed, true);
   const StereoCalibration calibration = StereoCalibration::makeForwardPair();
   StereoRendererOptions renderer_options;
   renderer_options.threads = arguments.threads;
@@ -162,6 +172,11 @@ int run(const Arguments& arguments)
       (std::filesystem::temp_directory_path() / ("bench_relocalisation_" + std::to_string(getpid()) + ".map")).string();
   mapper.save(file);
 
+  // The starts are later: parked things may have left, and the light may be another.
+  renderer_options.brightness *= arguments.light;
+  const World later = makeWorld(arguments, arguments.seed, !arguments.parked_left);
+  StereoRenderer later_renderer(later.world, calibration, renderer_options);
+
   std::mt19937_64 random(arguments.seed);
   int good = 0;
   int wrong = 0;
@@ -172,7 +187,7 @@ int run(const Arguments& arguments)
     double turn_deg = 0.0;
     int64_t stamp_ns = 0;
     const Eigen::Isometry3d T = startOf(world, arguments, &random, &turn_deg, &stamp_ns);
-    const Outcome outcome = start(file, arguments, &renderer, calibration, T, stamp_ns);
+    const Outcome outcome = start(file, arguments, &later_renderer, calibration, T, stamp_ns);
     const Eigen::Isometry3d error = (T_world_map * outcome.T_map_body).inverse() * outcome.T_world_body;
     const double distance = error.translation().norm();
     const double yaw_deg = Eigen::AngleAxisd(error.linear()).angle() * 180.0 / M_PI;
@@ -183,7 +198,7 @@ int run(const Arguments& arguments)
     std::printf(" %8.1f\n", outcome.mean_ms);
   }
   int mistaken = 0;
-  const World other = makeWorld(arguments, arguments.seed + 1000);
+  const World other = makeWorld(arguments, arguments.seed + 1000, true);
   StereoRenderer other_renderer(other.world, calibration, renderer_options);
   for (int i = 0; i < arguments.strangers; ++i)
   {
@@ -221,6 +236,9 @@ int main(int argc, char** argv)
       "speed", po::value(&arguments.speed)->default_value(arguments.speed), "after the start [m/s]")(
       "turn", po::value(&arguments.turn_deg)->default_value(arguments.turn_deg), "largest, off the path [deg]")(
       "side", po::value(&arguments.side_m)->default_value(arguments.side_m), "largest, off the path [m]")(
+      "exactly", po::bool_switch(&arguments.exactly), "every start is off by turn and side, to a side by chance")(
+      "parked-left", po::bool_switch(&arguments.parked_left), "all parked things have left when the starts come")(
+      "light", po::value(&arguments.light)->default_value(arguments.light), "of the starts, as part of the map's")(
       "path", po::value(&arguments.path)->default_value(arguments.path), "campus_loop, hall_loop, ...")(
       "threads,j", po::value(&arguments.threads)->default_value(arguments.threads), "of the renderer");
   try

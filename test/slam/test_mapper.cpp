@@ -55,6 +55,11 @@ protected:
     calibration_ = StereoCalibration::makeForwardPair();
     StereoRendererOptions renderer_options;
     renderer_options.threads = 2;
+    SyntheticWorldOptions later = options;
+    later.parked = false;
+    StereoRendererOptions dim = renderer_options;
+    dim.brightness *= 0.5;
+    later_ = std::make_unique<StereoRenderer>(SyntheticWorld::build(later, drive), calibration_, dim);
     renderer_ = std::make_unique<StereoRenderer>(SyntheticWorld::build(options, drive), calibration_, renderer_options);
     start_ = drive.front().T_world_body;
     for (int i = 0; i <= 20; ++i)
@@ -66,15 +71,16 @@ protected:
   {
     frames_.clear();
     renderer_.reset();
+    later_.reset();
   }
 
   /// A frame whose odometry is the truth; the map's origin is the start of the drive.
-  static MapFrame shoot(double along_m, double side_m, double turn_deg)
+  static MapFrame shoot(double along_m, double side_m, double turn_deg, StereoRenderer* renderer = renderer_.get())
   {
     Eigen::Isometry3d T = start_;
     T.translation() += Eigen::Vector3d(along_m, side_m, 0.0);
     T = T * turnZ(turn_deg);
-    const StereoFrame pictures = renderer_->render(T, 1700000000000000000LL);
+    const StereoFrame pictures = renderer->render(T, 1700000000000000000LL);
     MapFrame frame;
     frame.stamp_ns = 1000000 * static_cast<int64_t>(1000.0 * along_m + 1.0);
     frame.T_odom_body = T;
@@ -100,12 +106,14 @@ protected:
 
   static StereoCalibration calibration_;
   static std::unique_ptr<StereoRenderer> renderer_;
+  static std::unique_ptr<StereoRenderer> later_;  ///< all that was parked has left, half the light
   static Eigen::Isometry3d start_;
   static std::vector<MapFrame> frames_;
 };
 
 StereoCalibration Street::calibration_;
 std::unique_ptr<StereoRenderer> Street::renderer_;
+std::unique_ptr<StereoRenderer> Street::later_;
 Eigen::Isometry3d Street::start_;
 std::vector<MapFrame> Street::frames_;
 
@@ -252,6 +260,32 @@ TEST_F(Street, StartsLocalizedInALoadedMapFromAnotherHeading)
   EXPECT_LT((error * p - p).norm(), 0.1);
   EXPECT_LT(Eigen::AngleAxisd(error.linear()).angle(), 0.01);
   EXPECT_GE(mapper.path().size(), 1u);
+}
+
+TEST_F(Street, IsRecognisedAfterAChangeFromAnotherPlaceAndInHalfTheLight)
+{
+  const TemporaryFolder folder;
+  const std::string file = folder.path() + "/street.map";
+  {
+    Mapper mapper(calibration_, testOptions());
+    drive(&mapper);
+    mapper.save(file);
+  }
+  const Eigen::Isometry3d T_odom_map = Eigen::Translation3d(5.0, 5.0, 0.0) * turnZ(-100.0);
+  for (const double side : {1.0, -1.0})
+  {
+    Mapper mapper(calibration_, testOptions());
+    mapper.load(file);
+    Eigen::Vector3d p = Eigen::Vector3d::Zero();
+    for (int i = 0; i < 8 && !mapper.statistics().localized; ++i)
+    {
+      const MapFrame frame = shoot(4.0 + 0.3 * i, 1.5 * side, -30.0 * side, later_.get());
+      p = frame.T_odom_body.translation();
+      mapper.add(seenBy(frame, T_odom_map));
+    }
+    ASSERT_TRUE(mapper.statistics().localized) << side;
+    EXPECT_LT((mapper.T_map_odom() * T_odom_map * p - p).norm(), 0.4);
+  }
 }
 
 TEST_F(Street, IsPutWhereItIsSaidToBeAndTakesItsMapAlong)
@@ -423,6 +457,112 @@ TEST_F(Street, StaysWithinItsBound)
   }
   EXPECT_GE(mapper.statistics().keyframes, 9u);
   EXPECT_LE(mapper.path().size(), frames_.size());
+}
+
+TEST_F(Street, KeepsOnDiskWhatGoesBeyondItsBound)
+{
+  const TemporaryFolder folder;
+  MapperOptions options = testOptions();
+  options.max_keyframes = 25;
+  options.tile_folder = folder.path();
+  options.loop_closure = false;  // the way between both places is none that can be driven
+  std::vector<MapFrame> far;     // the street looked at backwards, as another one 200 m away
+  for (int i = 0; i <= 20; ++i)
+  {
+    far.push_back(shoot(0.6 * i, 0.0, 175.0));
+    far.back().T_odom_body.translation().x() += 200.0;
+  }
+  const std::string file = folder.path() + "/two_streets.map";
+  {
+    Mapper mapper(calibration_, options);
+    for (const std::vector<MapFrame>* frames : {&frames_, &far})
+    {
+      for (const MapFrame& frame : *frames)
+      {
+        mapper.add(frame);
+        EXPECT_LE(mapper.statistics().keyframes_in_memory, 25u);
+      }
+    }
+    const MapStatistics statistics = mapper.statistics();
+    EXPECT_EQ(42u, statistics.keyframes);
+    EXPECT_GT(statistics.bytes_on_disk, 15u * 5000u);
+    EXPECT_EQ("", statistics.disk_defect);
+    mapper.save(file);
+  }
+  // Any place of it is found, though not all of them fit into memory.
+  const Eigen::Isometry3d T_odom_map = Eigen::Translation3d(5.0, 5.0, 0.0) * turnZ(-100.0);
+  for (const MapFrame& place : {frames_[2], frames_[18], far[4], far[16]})
+  {
+    Mapper mapper(calibration_, options);
+    mapper.load(file);
+    EXPECT_EQ(42u, mapper.statistics().keyframes);
+    EXPECT_LE(mapper.statistics().keyframes_in_memory, 25u);
+    for (int attempt = 0; attempt < 40 && !mapper.statistics().localized; ++attempt)
+    {
+      MapFrame frame = seenBy(place, T_odom_map);
+      frame.stamp_ns += 400000000LL * attempt;  // at rest
+      mapper.add(frame);
+    }
+    ASSERT_TRUE(mapper.statistics().localized);
+    const Eigen::Vector3d p = place.T_odom_body.translation();
+    EXPECT_LT((mapper.T_map_odom() * T_odom_map * p - p).norm(), 0.1);
+  }
+}
+
+TEST(MapperOptions, NamesAFolderOfTilesThatIsMissing)
+{
+  MapperOptions options;
+  options.tile_folder = "/nowhere";
+  EXPECT_EQ("map/tile_folder = \"/nowhere\", must be a folder that exists, or empty",
+            messageOf<std::invalid_argument>([&] { options.validate(); }));
+}
+
+TEST_F(Street, JoinsASecondDriveThatBeganElsewhereToTheMapOfAFile)
+{
+  const TemporaryFolder folder;
+  const std::string file = folder.path() + "/street.map";
+  {
+    Mapper mapper(calibration_, testOptions());
+    for (size_t i = 12; i < frames_.size(); ++i)
+    {
+      mapper.add(frames_[i]);
+    }
+    mapper.save(file);
+  }
+  const Eigen::Isometry3d T_odom_map = Eigen::Translation3d(5.0, 5.0, 0.0) * turnZ(-100.0);
+  Mapper mapper(calibration_, testOptions());
+  mapper.load(file);
+  const size_t known = mapper.statistics().keyframes;
+  mapper.add(seenBy(frames_[0], T_odom_map));
+  EXPECT_FALSE(mapper.statistics().localized);
+  EXPECT_TRUE(mapper.path().empty());  // where it lies in the map nobody knows yet
+  EXPECT_TRUE(mapper.cloud().size() > 0);
+  mapper.save(file);
+  {
+    Mapper unchanged(calibration_, testOptions());
+    unchanged.load(file);
+    EXPECT_EQ(known, unchanged.statistics().keyframes) << "what is not joined must not go into the file";
+  }
+  drive(&mapper, T_odom_map);
+  EXPECT_TRUE(mapper.statistics().localized);
+  EXPECT_GE(mapper.statistics().keyframes, known + 8);
+  for (const auto& [stamp_ns, T_map_body] : mapper.path())
+  {
+    const auto frame = std::find_if(frames_.begin(), frames_.end(),
+                                    [stamp = stamp_ns](const MapFrame& candidate)
+                                    { return candidate.stamp_ns + SECOND_ROUND_NS == stamp; });
+    ASSERT_NE(frames_.end(), frame);
+    EXPECT_LT((T_map_body.translation() - frame->T_odom_body.translation()).norm(), 0.15);
+  }
+  // A third drive is recognised where only the second one was.
+  mapper.save(file);
+  Mapper third(calibration_, testOptions());
+  third.load(file);
+  for (size_t i = 2; i < 6; ++i)
+  {
+    third.add(seenBy(frames_[i], T_odom_map));
+  }
+  EXPECT_TRUE(third.statistics().localized);
 }
 
 TEST_F(Street, GrowsWithTheGroundAndNotWithTheTimeOnIt)

@@ -163,10 +163,9 @@ void buildCampus(const SyntheticWorldOptions& options, const std::vector<pi_slam
   {
     addMoving(&builder);
   }
-  if (options.parked)
-  {
-    addParked(&builder);
-  }
+  builder.setAbsent(!options.parked);
+  addParked(&builder);
+  builder.setAbsent(false);
   addBuildings(&builder);
   addFurniture(&builder);
   addRing(&builder);

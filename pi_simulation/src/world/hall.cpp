@@ -122,16 +122,15 @@ void addFloorThings(const Room& room, bool parked, SceneBuilder* builder)
     {
       prop = makeSign(&random);
     }
-    else if (parked)
+    else
     {
       prop = makeBox(&random, 1.2);
     }
-    else
-    {
-      continue;
-    }
+    const bool box = prop.class_name == "box";
+    builder->setAbsent(box && !parked);
     // Bulky things keep apart, else one could not see through the hall.
-    builder->place(prop, base, heading, 1.0, prop.class_name == "box" ? 0.3 : 1.5);
+    builder->place(prop, base, heading, 1.0, box ? 0.3 : 1.5);
+    builder->setAbsent(false);
   }
 }
 

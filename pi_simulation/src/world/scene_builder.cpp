@@ -160,6 +160,10 @@ bool SceneBuilder::place(const Prop& prop, const Eigen::Vector3d& base, double h
   {
     taken_.push_back(footprint);
   }
+  if (absent_)
+  {
+    return true;
+  }
   const int id = addObject(prop, base, heading);
   const Eigen::Matrix3f rotation =
       Eigen::AngleAxisf(static_cast<float>(heading), Eigen::Vector3f::UnitZ()).toRotationMatrix();

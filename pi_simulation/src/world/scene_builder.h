@@ -36,6 +36,9 @@ public:
   /// Adds an actor, and keeps its way free of later props.
   void addActor(const Prop& prop, const std::vector<Eigen::Vector2d>& way);
 
+  /// While set, place() keeps the room of a prop, but does not add it.
+  void setAbsent(bool absent) { absent_ = absent; }
+
   Random& random() { return random_; }
   /// Smallest and largest position of the path, road included [m].
   const Eigen::Vector3d& low() const { return low_; }
@@ -72,6 +75,7 @@ private:
   std::vector<Eigen::Vector2d> line_;
   std::vector<Footprint> taken_;
   int actors_ = 0;
+  bool absent_ = false;
   Eigen::Vector3d low_;
   Eigen::Vector3d high_;
 };

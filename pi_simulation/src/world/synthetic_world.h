@@ -49,7 +49,7 @@ struct SyntheticWorldOptions
 {
   WorldKind kind = WorldKind::CAMPUS;
   uint64_t seed = 1;
-  bool parked = true;    ///< parked cars and boxes beside the way
+  bool parked = true;    ///< parked cars and boxes beside the way; without them all else stands as if they were there
   bool crossing = true;  ///< people and carts that move, some across the way
   std::vector<ActorOptions> actors;
   double ground_z = 0.0;  ///< height of the ground or floor in the world [m], below the whole path

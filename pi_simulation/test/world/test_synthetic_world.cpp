@@ -112,6 +112,26 @@ TEST_P(Worlds, AnEmptyStreetHasNothingParkedOrCrossing)
   EXPECT_GE(empty.size(), 3u);
 }
 
+TEST_P(Worlds, WithoutWhatIsParkedAllElseStandsWhereItStood)
+{
+  const std::vector<pi_slam::StampedPose> drive = makeDrive(GetParam().shape);
+  SyntheticWorldOptions options = makeOptions(GetParam());
+  const std::vector<ObstacleState> before = SyntheticWorld::build(options, drive)->obstaclesAt(drive[500].stamp_ns);
+  options.parked = false;
+  const std::vector<ObstacleState> after = SyntheticWorld::build(options, drive)->obstaclesAt(drive[500].stamp_ns);
+  EXPECT_LT(after.size() + 3, before.size());
+  size_t next = 0;
+  for (const ObstacleState& object : before)
+  {
+    const bool stayed =
+        next < after.size() && object.T_world_object.translation() == after[next].T_world_object.translation();
+    next += stayed ? 1 : 0;
+    EXPECT_EQ(stayed, object.class_name != "car" && object.class_name != "box" && object.class_name != "cone")
+        << object.class_name;
+  }
+  EXPECT_EQ(after.size(), next);
+}
+
 TEST_P(Worlds, TheSeedDecides)
 {
   const std::vector<pi_slam::StampedPose> drive = makeDrive(GetParam().shape);

@@ -7,12 +7,13 @@
 
 #include "map/earth.h"
 #include "map/feature_set.h"
-#include "map/occupancy_cells.h"
+#include "map/feature_store.h"
+#include "map/packed_cells.h"
 
 namespace pi_slam::map
 {
 
-/// A place where the body was. With features it is a keyframe.
+/// A place where the body was. With features, in memory or on disk, it is a keyframe.
 ///
 /// In map it stands as odometry has it, turned about z: R_map_body = Rz(heading) * R_odom_body, so that no axis of the
 /// body has to be the one from which a heading could be read.
@@ -26,8 +27,12 @@ struct MapNode
   Eigen::Isometry3d T_odom_body = Eigen::Isometry3d::Identity();
   double heading = 0.0;  ///< of the odom frame in map, as at this node [rad]
   Eigen::Vector3d p_map_body = Eigen::Vector3d::Zero();
-  FeatureSetPtr features;  ///< null: none are kept
+  FeatureSetPtr features;    ///< null: not in memory
+  StoredFeaturesPtr stored;  ///< null: not on disk
 
+  bool isKeyframe() const { return features || stored; }
+  /// From memory, or from the disk; null if the node is no keyframe. @throws MapError if the disk fails.
+  FeatureSetPtr allFeatures() const { return features || !stored ? features : stored->load(); }
   Eigen::Isometry3d T_map_body() const
   {
     Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
@@ -56,7 +61,7 @@ struct GridPatch
 {
   uint32_t segment = 0;
   double travelled_m = 0.0;  ///< way of the segment up to the middle of the patch
-  OccupancyCells cells;      ///< in odom
+  PackedCells cells;         ///< in odom
 };
 
 /// What GNSS measured near a node: p_antenna = p_node + Rz(heading_node) shift is `p_local` in the frame of the map's

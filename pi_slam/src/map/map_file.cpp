@@ -12,6 +12,7 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <sstream>
 
 namespace pi_slam::map
 {
@@ -30,6 +31,9 @@ constexpr uint64_t MOST_BYTES = 8ULL << 30;
 constexpr double FARTHEST = 1e7;  ///< no position is beyond [m]
 
 static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "maps are written as they lie in memory");
+
+constexpr uint64_t ALL_ONES = ~uint64_t{0};
+using Crc64 = boost::crc_optimal<64, 0x42F0E1EBA9EA3693ULL, ALL_ONES, ALL_ONES, true, true>;
 
 class Writer
 {
@@ -55,14 +59,30 @@ public:
     putMatrix(Eigen::Quaterniond(T.linear()).coeffs());
   }
 
+  /// Hands on what was put so far, so that memory never holds the whole map.
+  void flush(std::ostream* stream)
+  {
+    crc_.process_bytes(bytes.data(), bytes.size());
+    stream->write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+    bytes.clear();
+  }
+  /// Of all that was handed on.
+  uint64_t checksum() const { return crc_.checksum(); }
+
   std::vector<uint8_t> bytes;
+
+private:
+  Crc64 crc_;
 };
 
-/// Reads numbers from the bytes, and refuses those out of range.
+/// Reads numbers from a stream, and refuses those out of range.
 class Reader
 {
 public:
-  Reader(const uint8_t* bytes, size_t count, std::string name) : at_(bytes), left_(count), name_(std::move(name)) {}
+  /// @param count  bytes that the stream has from where it stands.
+  Reader(std::istream* stream, size_t count, std::string name) : stream_(stream), left_(count), name_(std::move(name))
+  {
+  }
 
   [[noreturn]] void refuse(const std::string& defect) const
   {
@@ -118,14 +138,16 @@ public:
     {
       refuse("its records go beyond its end");
     }
-    std::memcpy(target, at_, bytes);
-    at_ += bytes;
+    if (bytes > 0 && !stream_->read(static_cast<char*>(target), static_cast<std::streamsize>(bytes)))
+    {
+      refuse("it cannot be read to its end");
+    }
     left_ -= bytes;
   }
   size_t left() const { return left_; }
 
 private:
-  const uint8_t* at_;
+  std::istream* const stream_;
   size_t left_;
   const std::string name_;
 };
@@ -175,17 +197,8 @@ void checkCamera(const MountedCamera& camera, const char* side, Reader* reader)
   reader->getPose("T_body_camera");
 }
 
-void putNode(const MapNode& node, Writer* writer)
+void putFeatures(const FeatureSet& set, Writer* writer)
 {
-  writer->put(node.stamp_ns);
-  writer->put(node.segment);
-  writer->put(node.travelled_m);
-  writer->putPose(node.T_odom_body);
-  writer->put(node.heading);
-  writer->putMatrix(node.p_map_body);
-  const FeatureSet none;
-  const FeatureSet& set = node.features ? *node.features : none;
-  writer->put(static_cast<uint32_t>(set.size()));
   writer->putMatrix(set.p_body_camera);
   for (const MapFeature& feature : set.features)
   {
@@ -196,6 +209,21 @@ void putNode(const MapNode& node, Writer* writer)
     writer->put(feature.level);
   }
   writer->bytes.insert(writer->bytes.end(), set.descriptors.begin(), set.descriptors.end());
+}
+
+void putNode(const MapNode& node, Writer* writer)
+{
+  writer->put(node.stamp_ns);
+  writer->put(node.segment);
+  writer->put(node.travelled_m);
+  writer->putPose(node.T_odom_body);
+  writer->put(node.heading);
+  writer->putMatrix(node.p_map_body);
+  const FeatureSet none;
+  const FeatureSetPtr features = node.allFeatures();
+  const FeatureSet& set = features ? *features : none;
+  writer->put(static_cast<uint32_t>(set.size()));
+  putFeatures(set, writer);
 }
 
 FeatureSetPtr getFeatures(uint32_t count, Reader* reader)
@@ -283,13 +311,14 @@ MapEdge getEdge(uint32_t nodes, Reader* reader)
 
 void putPatch(const GridPatch& patch, Writer* writer)
 {
+  const OccupancyCells grid = patch.cells.unpack();
   writer->put(patch.segment);
   writer->put(patch.travelled_m);
-  writer->putMatrix(patch.cells.origin);
-  writer->put(patch.cells.cell_m);
-  writer->put(static_cast<uint32_t>(patch.cells.width));
-  writer->put(static_cast<uint32_t>(patch.cells.height));
-  writer->bytes.insert(writer->bytes.end(), patch.cells.cells.begin(), patch.cells.cells.end());
+  writer->putMatrix(grid.origin);
+  writer->put(grid.cell_m);
+  writer->put(static_cast<uint32_t>(grid.width));
+  writer->put(static_cast<uint32_t>(grid.height));
+  writer->bytes.insert(writer->bytes.end(), grid.cells.begin(), grid.cells.end());
 }
 
 GridPatch getPatch(Reader* reader)
@@ -297,27 +326,28 @@ GridPatch getPatch(Reader* reader)
   GridPatch patch;
   patch.segment = reader->getBetween<uint32_t>("segment of a grid", 0, 1U << 30);
   patch.travelled_m = reader->getBetween("way of a grid", 0.0, 1e9);
+  OccupancyCells grid;
   for (int i = 0; i < 2; ++i)
   {
-    patch.cells.origin(i) = reader->getBetween("corner of a grid", -FARTHEST, FARTHEST);
+    grid.origin(i) = reader->getBetween("corner of a grid", -FARTHEST, FARTHEST);
   }
-  patch.cells.cell_m = reader->getBetween("cell of a grid", 0.01, 10.0);
+  grid.cell_m = reader->getBetween("cell of a grid", 0.01, 10.0);
   const auto width = reader->getBetween<uint32_t>("width of a grid", 1, 1U << 15);
   const auto height = reader->getBetween<uint32_t>("height of a grid", 1, 1U << 15);
-  patch.cells.width = static_cast<int>(width);
-  patch.cells.height = static_cast<int>(height);
+  grid.width = static_cast<int>(width);
+  grid.height = static_cast<int>(height);
   const size_t count = static_cast<size_t>(width) * height;
   if (count > reader->left())
   {
     reader->refuse("a grid of " + std::to_string(count) + " cells goes beyond its end");
   }
-  patch.cells.cells.resize(count);
-  reader->copy(patch.cells.cells.data(), count);
-  if (std::any_of(patch.cells.cells.begin(), patch.cells.cells.end(),
-                  [](int8_t cell) { return cell < -1 || cell > 100; }))
+  grid.cells.resize(count);
+  reader->copy(grid.cells.data(), count);
+  if (std::any_of(grid.cells.begin(), grid.cells.end(), [](int8_t cell) { return cell < -1 || cell > 100; }))
   {
     reader->refuse("a cell of a grid is not in [-1, 100]");
   }
+  patch.cells = grid;
   return patch;
 }
 
@@ -383,32 +413,57 @@ void getEarth(uint32_t nodes, MapData* map, Reader* reader)
 
 uint64_t crc64(const uint8_t* bytes, size_t count)
 {
-  constexpr uint64_t ALL_ONES = ~uint64_t{0};
-  boost::crc_optimal<64, 0x42F0E1EBA9EA3693ULL, ALL_ONES, ALL_ONES, true, true> crc;
+  Crc64 crc;
   crc.process_bytes(bytes, count);
   return crc.checksum();
 }
 
-std::vector<uint8_t> encodeMap(const MapData& map, const StereoCalibration& calibration)
+std::vector<uint8_t> encodeFeatures(const FeatureSet& set)
 {
   Writer writer;
+  putFeatures(set, &writer);
+  return std::move(writer.bytes);
+}
+
+FeatureSetPtr decodeFeatures(const std::vector<uint8_t>& bytes, size_t count, const std::string& name)
+{
+  std::istringstream stream(std::string(bytes.begin(), bytes.end()));
+  Reader reader(&stream, bytes.size(), name);
+  return getFeatures(static_cast<uint32_t>(count), &reader);
+}
+
+void encodeMap(const MapData& map, const StereoCalibration& calibration, std::ostream* stream)
+{
+  Writer earth;
+  putEarth(map, &earth);
+  uint64_t patch_bytes = 0;
+  for (const GridPatch& patch : map.patches)
+  {
+    patch_bytes += PATCH_BYTES + patch.cells.count();
+  }
+  Writer cameras;
+  putCamera(calibration.left, &cameras);
+  putCamera(calibration.right, &cameras);
   size_t features = 0;
   for (const MapNode& node : map.nodes)
   {
-    features += node.features ? node.features->size() : 0;
+    features += node.features ? node.features->size() : node.stored ? node.stored->size() : 0;
   }
-  writer.bytes.reserve(1024 + map.nodes.size() * NODE_BYTES + features * FEATURE_BYTES + map.edges.size() * EDGE_BYTES);
+
+  Writer writer;
   writer.bytes.insert(writer.bytes.end(), MAGIC, MAGIC + sizeof(MAGIC));
   writer.put(VERSION);
   writer.put<uint32_t>(0);
-  writer.put<uint64_t>(0);
-  putCamera(calibration.left, &writer);
-  putCamera(calibration.right, &writer);
+  writer.put<uint64_t>(HEADER_BYTES + cameras.bytes.size() + 2 * sizeof(uint64_t) + map.nodes.size() * NODE_BYTES +
+                       features * FEATURE_BYTES + map.edges.size() * EDGE_BYTES + sizeof(uint64_t) + patch_bytes +
+                       earth.bytes.size() + CHECKSUM_BYTES);
+  writer.bytes.insert(writer.bytes.end(), cameras.bytes.begin(), cameras.bytes.end());
   writer.put<uint64_t>(map.nodes.size());
   writer.put<uint64_t>(map.edges.size());
   for (const MapNode& node : map.nodes)
   {
     putNode(node, &writer);
+    writer.flush(stream);
   }
   for (const MapEdge& edge : map.edges)
   {
@@ -418,27 +473,45 @@ std::vector<uint8_t> encodeMap(const MapData& map, const StereoCalibration& cali
   for (const GridPatch& patch : map.patches)
   {
     putPatch(patch, &writer);
+    writer.flush(stream);
   }
-  putEarth(map, &writer);
-  const uint64_t length = writer.bytes.size() + CHECKSUM_BYTES;
-  std::memcpy(writer.bytes.data() + HEADER_BYTES - sizeof(length), &length, sizeof(length));
-  writer.put(crc64(writer.bytes.data(), writer.bytes.size()));
-  return std::move(writer.bytes);
+  writer.bytes.insert(writer.bytes.end(), earth.bytes.begin(), earth.bytes.end());
+  writer.flush(stream);
+  writer.put(writer.checksum());
+  writer.flush(stream);
 }
 
-MapData decodeMap(const std::vector<uint8_t>& bytes, const StereoCalibration& calibration, const std::string& name)
+namespace
 {
-  const size_t size = bytes.size();
-  Reader header(bytes.data(), std::min(size, HEADER_BYTES), name);
+
+/// Of the stream's first `count` bytes; leaves it at their end.
+uint64_t checksumOf(std::istream* stream, uint64_t count)
+{
+  Crc64 crc;
+  std::vector<char> chunk(1U << 20);
+  for (uint64_t left = count; left > 0 && *stream;)
+  {
+    stream->read(chunk.data(), static_cast<std::streamsize>(std::min<uint64_t>(left, chunk.size())));
+    crc.process_bytes(chunk.data(), static_cast<size_t>(stream->gcount()));
+    left -= static_cast<uint64_t>(stream->gcount());
+  }
+  return crc.checksum();
+}
+
+/// @return the version.
+uint32_t checkHeader(std::istream* stream, uint64_t size, const std::string& name)
+{
+  Reader header(stream, std::min<uint64_t>(size, HEADER_BYTES), name);
   if (size < HEADER_BYTES + CHECKSUM_BYTES)
   {
     header.refuse("it has " + std::to_string(size) + " bytes, too few for a map");
   }
-  if (std::memcmp(bytes.data(), MAGIC, sizeof(MAGIC)) != 0)
+  char magic[sizeof(MAGIC)];
+  header.copy(magic, sizeof(magic));
+  if (std::memcmp(magic, MAGIC, sizeof(MAGIC)) != 0)
   {
     header.refuse("it is no map of this program");
   }
-  header.get<uint64_t>();
   const auto version = header.get<uint32_t>();
   header.get<uint32_t>();
   const auto length = header.get<uint64_t>();
@@ -451,13 +524,24 @@ MapData decodeMap(const std::vector<uint8_t>& bytes, const StereoCalibration& ca
   {
     header.refuse("it has " + std::to_string(size) + " bytes, should have " + std::to_string(length));
   }
-  uint64_t checksum;
-  std::memcpy(&checksum, bytes.data() + size - CHECKSUM_BYTES, sizeof(checksum));
-  if (checksum != crc64(bytes.data(), size - CHECKSUM_BYTES))
+  stream->seekg(0);
+  const uint64_t checksum = checksumOf(stream, size - CHECKSUM_BYTES);
+  Reader end(stream, CHECKSUM_BYTES, name);
+  if (end.get<uint64_t>() != checksum)
   {
     header.refuse("its checksum is wrong, the file is damaged");
   }
-  Reader reader(bytes.data() + HEADER_BYTES, size - HEADER_BYTES - CHECKSUM_BYTES, name);
+  stream->seekg(HEADER_BYTES);
+  return version;
+}
+
+}  // namespace
+
+MapData decodeMap(std::istream* stream, uint64_t size, const StereoCalibration& calibration, const std::string& name,
+                  const std::function<void(MapNode*)>& taken)
+{
+  const uint32_t version = checkHeader(stream, size, name);
+  Reader reader(stream, size - HEADER_BYTES - CHECKSUM_BYTES, name);
   checkCamera(calibration.left, "left", &reader);
   checkCamera(calibration.right, "right", &reader);
   const auto nodes = reader.getCount("number of keyframes", NODE_BYTES);
@@ -472,6 +556,7 @@ MapData decodeMap(const std::vector<uint8_t>& bytes, const StereoCalibration& ca
   {
     map.nodes.push_back(getNode(&reader));
     map.nodes.back().serial = i;
+    taken(&map.nodes.back());
   }
   map.edges.reserve(edges);
   for (uint64_t i = 0; i < edges; ++i)
@@ -494,7 +579,30 @@ MapData decodeMap(const std::vector<uint8_t>& bytes, const StereoCalibration& ca
   return map;
 }
 
-void writeFileAtomically(const std::string& file, const std::vector<uint8_t>& bytes)
+void writeMap(const std::string& file, const MapData& map, const StereoCalibration& calibration)
+{
+  writeFileAtomically(file, [&](std::ostream* stream) { encodeMap(map, calibration, stream); });
+}
+
+MapData readMap(const std::string& file, const StereoCalibration& calibration,
+                const std::function<void(MapNode*)>& taken)
+{
+  namespace fs = std::filesystem;
+  std::ifstream stream(file, std::ios::binary);
+  if (!stream)
+  {
+    failed(file, "open it");
+  }
+  std::error_code unknown;
+  const uint64_t size = fs::is_regular_file(file, unknown) ? fs::file_size(file, unknown) : MOST_BYTES + 1;
+  if (unknown || size > MOST_BYTES)
+  {
+    throw MapError("map " + file + ": it is no plain file of at most 8 GiB; give the file of a saved map");
+  }
+  return decodeMap(&stream, size, calibration, file, taken);
+}
+
+void writeFileAtomically(const std::string& file, const std::function<void(std::ostream*)>& write)
 {
   std::string beside = file + ".XXXXXX";
   pi_node::UniqueFd descriptor(::mkostemp(beside.data(), O_CLOEXEC));
@@ -505,15 +613,12 @@ void writeFileAtomically(const std::string& file, const std::vector<uint8_t>& by
   try
   {
     ::fchmod(descriptor.get(), 0644);
-    size_t written = 0;
-    while (written < bytes.size())
+    std::ofstream stream(beside, std::ios::binary);
+    write(&stream);
+    stream.close();
+    if (!stream)
     {
-      const ssize_t count = ::write(descriptor.get(), bytes.data() + written, bytes.size() - written);
-      if (count < 0 && errno != EINTR)
-      {
-        failed(file, "write");
-      }
-      written += count > 0 ? static_cast<size_t>(count) : 0;
+      failed(file, "write");
     }
     if (::fsync(descriptor.get()) != 0 || !descriptor.reset())
     {
@@ -536,30 +641,6 @@ void writeFileAtomically(const std::string& file, const std::vector<uint8_t>& by
   {
     ::fsync(parent.get());
   }
-}
-
-std::vector<uint8_t> readFile(const std::string& file)
-{
-  namespace fs = std::filesystem;
-  std::ifstream stream(file, std::ios::binary);
-  if (!stream)
-  {
-    failed(file, "open it");
-  }
-  std::error_code unknown;
-  const uint64_t size = fs::is_regular_file(file, unknown) ? fs::file_size(file, unknown) : MOST_BYTES + 1;
-  if (unknown || size > MOST_BYTES)
-  {
-    throw MapError("map " + file + ": it is no plain file of at most 8 GiB; give the file of a saved map");
-  }
-  std::vector<uint8_t> bytes(size);
-  stream.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(size));
-  if (stream.bad())
-  {
-    failed(file, "read it");
-  }
-  bytes.resize(static_cast<size_t>(stream.gcount()));
-  return bytes;
 }
 
 }  // namespace pi_slam::map

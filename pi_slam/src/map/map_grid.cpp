@@ -17,19 +17,20 @@ constexpr double SAME_DIRECTION_RAD = 0.8;  // between the directions in which t
 /// Where a patch stands in map.
 struct Placed
 {
-  Placed(const OccupancyCells& patch, const MapNode& node)
+  Placed(const PackedCells& patch, const MapNode& node)
     : cells(&patch), R_map_odom(node.heading), p_map_odom(node.T_map_odom().translation().head<2>())
   {
-    for (const int x : {0, patch.width})
+    const OccupancyCells& frame = patch.frame();
+    for (const int x : {0, frame.width})
     {
-      for (const int y : {0, patch.height})
+      for (const int y : {0, frame.height})
       {
-        bounds.extend(R_map_odom * (patch.origin + patch.cell_m * Eigen::Vector2d(x, y)) + p_map_odom);
+        bounds.extend(R_map_odom * (frame.origin + frame.cell_m * Eigen::Vector2d(x, y)) + p_map_odom);
       }
     }
   }
 
-  const OccupancyCells* cells;
+  const PackedCells* cells;
   Eigen::Rotation2Dd R_map_odom;
   Eigen::Vector2d p_map_odom;
   Eigen::AlignedBox2d bounds;  ///< in map
@@ -48,7 +49,7 @@ void draw(const Placed& placed, OccupancyCells* grid)
 {
   const auto from = ((placed.bounds.min() - grid->origin) / grid->cell_m).array().floor().max(0.0).cast<int>().eval();
   const auto to = ((placed.bounds.max() - grid->origin) / grid->cell_m).array().ceil().cast<int>().eval();
-  const OccupancyCells& cells = *placed.cells;
+  const OccupancyCells cells = placed.cells->unpack();
   const Eigen::Rotation2Dd R_odom_map = placed.R_map_odom.inverse();
   const Eigen::Vector2d step = R_odom_map * Eigen::Vector2d(grid->cell_m, 0.0) / cells.cell_m;
   for (int y = from.y(); y < std::min(to.y(), grid->height); ++y)
@@ -144,7 +145,7 @@ std::optional<OccupancyCells> composeGrid(const MapData& map, const GridPatch* n
     return std::nullopt;
   }
   OccupancyCells grid;
-  grid.cell_m = all.front().cells->cell_m;
+  grid.cell_m = all.front().cells->frame().cell_m;
   Eigen::AlignedBox2d bounds;
   for (const Placed& placed : all)
   {

@@ -3,8 +3,8 @@
 #include <pi_node/option_check.h>
 #include <pthread.h>
 
-#include <functional>
-#include <map>
+#include <algorithm>
+#include <filesystem>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -60,39 +60,9 @@ void checkFrame(const MapFrame& frame, const StereoCalibration& calibration)
   }
 }
 
-/// The nodes that `keep` selects, and the edges between them.
-MapData selected(const MapData& map, const std::function<bool(const MapNode&)>& keep)
+bool hasKeyframes(const MapData& map)
 {
-  MapData part;
-  std::vector<int64_t> moved(map.nodes.size(), -1);
-  for (size_t i = 0; i < map.nodes.size(); ++i)
-  {
-    if (keep(map.nodes[i]))
-    {
-      moved[i] = static_cast<int64_t>(part.nodes.size());
-      part.nodes.push_back(map.nodes[i]);
-    }
-  }
-  for (MapEdge edge : map.edges)
-  {
-    if (moved[edge.from] >= 0 && moved[edge.to] >= 0)
-    {
-      edge.from = static_cast<uint32_t>(moved[edge.from]);
-      edge.to = static_cast<uint32_t>(moved[edge.to]);
-      part.edges.push_back(edge);
-    }
-  }
-  part.origin = map.origin;
-  for (MapFix fix : map.fixes)
-  {
-    if (moved[fix.node] >= 0)
-    {
-      fix.node = static_cast<uint32_t>(moved[fix.node]);
-      part.fixes.push_back(fix);
-    }
-  }
-  part.earth = part.fixes.empty() ? std::nullopt : map.earth;
-  return part;
+  return std::any_of(map.nodes.begin(), map.nodes.end(), [](const MapNode& node) { return node.isKeyframe(); });
 }
 
 }  // namespace
@@ -104,6 +74,11 @@ void MapperOptions::validate() const
   check.range("keyframe_angle_deg", keyframe_angle_deg, 1.0, 90.0);
   check.range("features", features, 50, 2000);
   check.range<size_t>("max_keyframes", max_keyframes, 10, 100000);
+  check.range<size_t>("max_stored_keyframes", max_stored_keyframes, 10, 1000000);
+  if (!tile_folder.empty() && !std::filesystem::is_directory(tile_folder))
+  {
+    throw std::invalid_argument("map/tile_folder = \"" + tile_folder + "\", must be a folder that exists, or empty");
+  }
   check.range("max_landmark_range_m", max_landmark_range_m, 1.0, 200.0);
   check.range("voxel_m", voxel_m, 0.01, 5.0);
   check.range("min_inliers", min_inliers, 8, 1000);
@@ -111,22 +86,12 @@ void MapperOptions::validate() const
 
 void Mapper::Impl::reset()
 {
-  recognizer.clear();
-  data = MapData();
-  last_grid = OccupancyCells();
-  next_serial = 0;
-  part_of_segment.clear();
-  segment_begun = false;
-  recognized_any = false;
-  last_node = -1;
+  graph.clear();
+  segment.reset();
   loaded = false;
   was_localized = true;
-  nodes_since_correction = 0;
-  loops_pending = false;
   large_correction = false;
-  witnesses.clear();
   waiting_fixes.clear();
-  fixes_pending = false;
   loops = 0;
   last_add_ms = 0.0;
   filter = DriftFilter();
@@ -134,25 +99,17 @@ void Mapper::Impl::reset()
 
 void Mapper::Impl::publish()
 {
+  const MapData& data = graph.data();
   MapStatistics statistics;
-  statistics.bytes =
-      recognizer.bytes() + data.nodes.capacity() * sizeof(MapNode) + data.edges.capacity() * sizeof(MapEdge);
-  for (const MapNode& node : data.nodes)
-  {
-    if (node.features)
-    {
-      ++statistics.keyframes;
-      statistics.landmarks += node.features->size();
-      statistics.bytes += node.features->bytes();
-    }
-  }
-  for (const GridPatch& patch : data.patches)
-  {
-    statistics.bytes += sizeof(GridPatch) + patch.cells.cells.capacity();
-  }
+  statistics.bytes = graph.bytes();
+  statistics.keyframes = graph.counts().keyframes;
+  statistics.keyframes_in_memory = graph.counts().in_memory;
+  statistics.landmarks = graph.counts().landmarks;
+  statistics.bytes_on_disk = graph.bytesOnDisk();
+  statistics.disk_defect = graph.diskDefect();
   statistics.loops = loops;
   statistics.loaded = loaded;
-  statistics.localized = !loaded || (was_localized && segment_begun && ownPart() == 0);
+  statistics.localized = !loaded || (was_localized && segment && ownPart() == 0);
   statistics.covariance = filter.covariance();
   statistics.last_add_ms = last_add_ms;
   statistics.fixes = data.fixes.size();
@@ -165,6 +122,19 @@ void Mapper::Impl::publish()
   std::lock_guard<std::mutex> lock(published_mutex);
   published = statistics;
   published_T_map_odom = filter.T_map_odom();
+}
+
+MapData Mapper::Impl::placedNodes() const
+{
+  MapData copy;  // features are shared
+  for (const MapNode& node : graph.data().nodes)
+  {
+    if (isPlaced(node.segment))
+    {
+      copy.nodes.push_back(node);
+    }
+  }
+  return copy;
 }
 
 void Mapper::Impl::dropWaiting()
@@ -294,7 +264,7 @@ void Mapper::setPose(const Eigen::Isometry3d& T_odom_body, const Eigen::Isometry
   std::lock_guard<std::mutex> lock(impl_->map_mutex);
   if (impl_->next_begins_anew)
   {
-    impl_->segment_begun = false;  // it has ended: its frames stay where they are
+    impl_->segment.reset();  // it has ended: its frames stay where they are
   }
   impl_->moveTo(uprightMapOdom(T_odom_body, T_map_body));
   impl_->publish();
@@ -310,9 +280,9 @@ std::vector<std::pair<int64_t, Eigen::Isometry3d>> Mapper::path() const
 {
   std::lock_guard<std::mutex> lock(impl_->map_mutex);
   std::vector<std::pair<int64_t, Eigen::Isometry3d>> path;
-  for (const MapNode& node : impl_->data.nodes)
+  for (const MapNode& node : impl_->graph.data().nodes)
   {
-    if (!node.loaded)
+    if (!node.loaded && impl_->isPlaced(node.segment))
     {
       path.emplace_back(node.stamp_ns, node.T_map_body());
     }
@@ -323,10 +293,10 @@ std::vector<std::pair<int64_t, Eigen::Isometry3d>> Mapper::path() const
 std::vector<MapPoint> Mapper::cloud() const
 {
   std::lock_guard<std::mutex> cloud_lock(impl_->cloud_mutex);
-  MapData copy;  // features are shared
+  MapData copy;
   {
     std::lock_guard<std::mutex> lock(impl_->map_mutex);
-    copy.nodes = impl_->data.nodes;
+    copy = impl_->placedNodes();
   }
   return impl_->voxels.update(copy);
 }
@@ -350,69 +320,38 @@ std::string Mapper::stage() const
 
 void Mapper::save(const std::string& file) const
 {
-  MapData largest;  // of the parts whose places relative to each other are not known
+  MapData part;  // of those whose places relative to each other are not known
   {
     std::lock_guard<std::mutex> lock(impl_->map_mutex);
-    std::map<uint32_t, size_t> keyframes;
-    for (const MapNode& node : impl_->data.nodes)
-    {
-      keyframes[impl_->part_of_segment[node.segment]] += node.features ? 1 : 0;
-    }
-    const auto most = std::max_element(keyframes.begin(), keyframes.end(),
-                                       [](const auto& a, const auto& b) { return a.second < b.second; });
-    if (most != keyframes.end())
-    {
-      largest = selected(impl_->data,
-                         [&](const MapNode& node) { return impl_->part_of_segment[node.segment] == most->first; });
-      largest.patches = impl_->data.patches;
-      if (std::optional<GridPatch> newest = impl_->newestGrid())
-      {
-        largest.patches.push_back(std::move(*newest));
-      }
-      largest.patches.erase(
-          std::remove_if(largest.patches.begin(), largest.patches.end(),
-                         [&](const GridPatch& patch) { return impl_->part_of_segment[patch.segment] != most->first; }),
-          largest.patches.end());
-    }
+    part = impl_->graph.copyOf(impl_->loaded ? 0 : impl_->graph.largestPart(), impl_->newestGrid());
   }
-  if (countKeyframes(largest) == 0)
+  if (!hasKeyframes(part))
   {
     throw MapError("map " + file + ": there are no keyframes to be saved; drive first");
   }
-  writeFileAtomically(file, encodeMap(largest, impl_->calibration));
+  writeMap(file, part, impl_->calibration);
 }
 
 void Mapper::load(const std::string& file)
 {
-  MapData loaded = decodeMap(readFile(file), impl_->calibration, file);
-  if (countKeyframes(loaded) == 0)
+  size_t in_memory = 0;
+  MapData loaded = readMap(file, impl_->calibration,
+                           [&](MapNode* node)
+                           {
+                             in_memory += node->features ? 1 : 0;
+                             if (in_memory > impl_->options.max_keyframes)
+                             {
+                               impl_->graph.store(node);
+                             }
+                           });
+  if (!hasKeyframes(loaded))
   {
     throw MapError("map " + file + ": it has no keyframes; make the map anew");
-  }
-  std::map<uint32_t, uint32_t> segments;  // the file's numbers, from 0 on
-  for (MapNode& node : loaded.nodes)
-  {
-    node.segment = segments.emplace(node.segment, static_cast<uint32_t>(segments.size())).first->second;
-  }
-  const auto lost = [&](const GridPatch& patch) { return segments.count(patch.segment) == 0; };
-  loaded.patches.erase(std::remove_if(loaded.patches.begin(), loaded.patches.end(), lost), loaded.patches.end());
-  for (GridPatch& patch : loaded.patches)
-  {
-    patch.segment = segments.at(patch.segment);
   }
   impl_->dropWaiting();
   std::lock_guard<std::mutex> lock(impl_->map_mutex);
   impl_->reset();
-  impl_->part_of_segment.assign(segments.size(), 0);
-  impl_->data = std::move(loaded);
-  impl_->next_serial = impl_->data.nodes.size();
-  for (const MapNode& node : impl_->data.nodes)
-  {
-    if (node.features)
-    {
-      impl_->recognizer.add(node);
-    }
-  }
+  impl_->graph.load(std::move(loaded));
   impl_->loaded = true;
   impl_->was_localized = false;
   impl_->boundMap();

@@ -31,12 +31,14 @@ public:
 
 struct MapperOptions
 {
-  double keyframe_distance_m = 0.5;    ///< between keyframes of the map; in [0.05, 10]
-  double keyframe_angle_deg = 15.0;    ///< likewise; in [1, 90]
-  int features = 300;                  ///< with descriptor, per keyframe; in [50, 2000]
-  size_t max_keyframes = 3000;         ///< beyond it, the most redundant ones go; in [10, 100000]
-  double max_landmark_range_m = 25.0;  ///< of points in the cloud; in [1, 200]
-  double voxel_m = 0.1;                ///< of the cloud's filter; in [0.01, 5]
+  double keyframe_distance_m = 0.5;     ///< between keyframes of the map; in [0.05, 10]
+  double keyframe_angle_deg = 15.0;     ///< likewise; in [1, 90]
+  int features = 300;                   ///< with descriptor, per keyframe; in [50, 2000]
+  size_t max_keyframes = 3000;          ///< in memory; beyond it, the most redundant ones go; in [10, 100000]
+  std::string tile_folder;              ///< where others than these are kept for this run; empty: nowhere
+  size_t max_stored_keyframes = 30000;  ///< with it: beyond it the most redundant ones go; in [10, 1000000]
+  double max_landmark_range_m = 25.0;   ///< of points in the cloud; in [1, 200]
+  double voxel_m = 0.1;                 ///< of the cloud's filter; in [0.01, 5]
   bool loop_closure = true;
   int min_inliers = 25;       ///< of a place recognised again; in [8, 1000]
   bool threaded = true;       ///< a thread of its own with a queue of one; false: add() does the work
@@ -67,11 +69,14 @@ struct MapOnEarth
 struct MapStatistics
 {
   size_t keyframes = 0;
+  size_t keyframes_in_memory = 0;  ///< the others' features lie on disk
   size_t landmarks = 0;
-  size_t bytes = 0;        ///< memory of the map, about
-  size_t loops = 0;        ///< places recognised again so far
-  bool loaded = false;     ///< there is a map from a file
-  bool localized = false;  ///< map and odom belong together: always true without a loaded map
+  size_t bytes = 0;            ///< memory of the map, about
+  uint64_t bytes_on_disk = 0;  ///< of its tiles
+  std::string disk_defect;     ///< what the disk refused, so that places are lost; empty: nothing
+  size_t loops = 0;            ///< places recognised again so far
+  bool loaded = false;         ///< there is a map from a file
+  bool localized = false;      ///< map and odom belong together: always true without a loaded map
   /// Of x, y, z of the body in map [m] and heading [rad], by recognised places and the way since.
   Eigen::Matrix4d covariance = Eigen::Matrix4d::Zero();
   double last_add_ms = 0.0;            ///< work for the last frame
@@ -149,11 +154,11 @@ public:
   std::string stage() const;
 
   /// Writes the map, with a checksum, first beside the file and then in its place. Of parts that nothing joins (after
-  /// odometryReset()) the largest one is written.
+  /// odometryReset()) the largest one is written; of a loaded map, that one and what was joined to it.
   /// @throws MapError for a file that cannot be written, or an empty map.
   void save(const std::string& file) const;
-  /// Replaces the map. Until the first place in it is recognised, statistics().localized is false and frames are not
-  /// added; then T_map_odom jumps there and mapping continues.
+  /// Replaces the map. Until the first place in it is recognised, statistics().localized is false, and what is driven
+  /// is a map of its own beside it, which neither path nor cloud show. Then T_map_odom jumps there, and both are one.
   /// @throws MapError for a file that is missing, truncated, damaged, of another version, or made with cameras of
   ///         another size; the map is unchanged then.
   void load(const std::string& file);

@@ -1,8 +1,6 @@
 #pragma once
 
-#include <algorithm>
 #include <chrono>
-#include <cmath>
 #include <condition_variable>
 #include <deque>
 #include <mutex>
@@ -14,9 +12,8 @@
 
 #include "map/drift_filter.h"
 #include "map/feature_extractor.h"
-#include "map/map_data.h"
+#include "map/map_graph.h"
 #include "map/mapper.h"
-#include "map/place_recognizer.h"
 #include "map/voxel_cloud.h"
 #include "odometry/pose_history.h"
 
@@ -25,28 +22,45 @@ namespace pi_slam
 
 using namespace map;
 
-inline double angleBetween(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b)
-{
-  return Eigen::AngleAxisd(a.linear().transpose() * b.linear()).angle();
-}
-
 inline bool isApart(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b, double distance_m, double angle_rad)
 {
   return (a.translation() - b.translation()).norm() >= distance_m || angleBetween(a, b) >= angle_rad;
 }
 
-inline double headingOf(const Eigen::Isometry3d& T_map_odom)
+/// A place that a picture showed, as a witness for those that come.
+struct Witness
 {
-  return std::atan2(T_map_odom.linear()(1, 0), T_map_odom.linear()(0, 0));
-}
+  Eigen::Isometry3d T_odom_body;
+  Eigen::Isometry3d T_map_odom;
+  uint32_t part;
+  double travelled_m;
+};
 
-inline size_t countKeyframes(const MapData& map)
+/// The stretch of odometry that is being driven: since the start, or since odometry began anew.
+struct Segment
 {
-  return static_cast<size_t>(
-      std::count_if(map.nodes.begin(), map.nodes.end(), [](const MapNode& node) { return node.features != nullptr; }));
-}
+  static constexpr int64_t HISTORY_NS = 3000000000;
 
-/// mapper.cpp has queue, threads and files; mapper_places.cpp recognises places; mapper_graph.cpp builds the map.
+  uint32_t number = 0;
+  double travelled_m = 0.0;
+  double recognized_at_m = 0.0;      ///< way when a place was recognised last; where it began if none was
+  bool recognized_any = false;       ///< a place, so far
+  Eigen::Isometry3d T_odom_last;     ///< of the frame before
+  Eigen::Isometry3d T_odom_attempt;  ///< of the frame that was looked at last
+  int64_t attempt_ns = 0;
+  Eigen::Isometry3d T_odom_anywhere;        ///< of the frame that was looked for in the whole map last
+  std::optional<uint32_t> last_node;        ///< index of the newest node
+  double odometry_factor = 1.0;             ///< on the deviations of the next edge of odometry
+  OccupancyCells last_grid;                 ///< around the vehicle, in odom; empty: none so far
+  double gridded_m = 0.0;                   ///< way up to the last patch of a grid
+  std::optional<Eigen::Vector3d> tiles_at;  ///< where the body was in map when tiles were loaded around it
+  int attempts = 0;                         ///< in vain to recognise a place of another part
+  std::vector<Witness> witnesses;           ///< oldest first
+  PoseHistory recent{HISTORY_NS, 0};        ///< T_odom_body of the last frames
+};
+
+/// mapper.cpp has queue, thread and files; mapper_frames.cpp adds frames to the map; mapper_places.cpp recognises
+/// places.
 struct Mapper::Impl
 {
   Impl(const StereoCalibration& camera_calibration, const MapperOptions& mapper_options,
@@ -54,7 +68,7 @@ struct Mapper::Impl
     : calibration(camera_calibration)
     , options(mapper_options)
     , extractor(calibration, options.features, options.kernel_tasks ? runtime : nullptr)
-    , recognizer(calibration, verifierOptions(options), options.kernel_tasks ? runtime : nullptr)
+    , graph(calibration, verifierOptions(options), options.kernel_tasks ? runtime : nullptr, options.tile_folder)
     , voxels(options.voxel_m, options.max_landmark_range_m)
     // Tasks within a run would wait for the unit that the run is on.
     , stage(options.kernel_tasks ? nullptr : runtime, {"slam_map", std::chrono::nanoseconds(0), STAGE_DEADLINE})
@@ -84,67 +98,39 @@ struct Mapper::Impl
   bool hasWitness(const MapFrame& frame, const RecognizedPlace& place);
   void joinParts(const MapFrame& frame, RecognizedPlace* place);
   void moveTo(const Eigen::Isometry3d& T_map_odom);
-  void movePart(uint32_t part, const Eigen::Isometry3d& shift);
   bool isKeyframe(const FeatureSet& features, const std::vector<RecognizedPlace>& places) const;
   void addNode(const MapFrame& frame, FeatureSetPtr features, const std::vector<RecognizedPlace>& places);
   void doubtOdometry(const RecognizedPlace& place);
-  void addOdometry(uint32_t to);
-  void addLoop(uint32_t to, const RecognizedPlace& place);
   void correct();
   void boundMap();
+  void settleTiles();
   void tieFixes(const MapFrame& frame);
   void tieFix(const GnssFix& fix, const Eigen::Isometry3d& T_odom_body);
   void keepGrid(double behind_m);
   std::optional<GridPatch> newestGrid() const;
   void reset();
   void publish();
-  bool isCorrectionDue() const;
-  /// Frames are not added: there is a map from a file, in which the body is not localised yet.
+  double keyframeAngle() const { return options.keyframe_angle_deg * M_PI / 180.0; }
+  size_t mostKeyframes() const;
+  /// There is a map from a file, in which the body is not localised yet. What is driven is a part of its own.
   bool isWaiting() const { return loaded && !was_localized; }
-  uint32_t ownPart() const { return part_of_segment[segment]; }
+  /// Whether a segment lies in map as it should: not while it is a part beside a map from a file.
+  bool isPlaced(uint32_t number) const { return !loaded || graph.partOf(number) == 0; }
+  MapData placedNodes() const;
+  uint32_t ownPart() const { return graph.partOf(segment->number); }
 
   const StereoCalibration calibration;
   const MapperOptions options;
 
   mutable std::mutex map_mutex;  ///< taken after queue_mutex
   FeatureExtractor extractor;
-  PlaceRecognizer recognizer;
-  DriftFilter filter;
-  MapData data;
-  uint64_t next_serial = 0;
-  /// Segments with the same number are tied to each other in the map. 0: the part of the oldest segment, or the loaded
-  /// one.
-  std::vector<uint32_t> part_of_segment;
-  uint32_t segment = 0;
-  bool segment_begun = false;
-  double travelled_m = 0.0;      ///< way of this segment
-  double recognized_at_m = 0.0;  ///< of it, when a place was recognised last; where it began if none was
-  bool recognized_any = false;   ///< in this segment
+  MapGraph graph;
+  DriftFilter filter;              ///< the body in map
+  std::optional<Segment> segment;  ///< nullopt: the next frame begins one
   bool loaded = false;
-  bool was_localized = true;         ///< at least once since the map was loaded
-  Eigen::Isometry3d T_odom_last;     ///< of the frame before
-  Eigen::Isometry3d T_odom_attempt;  ///< of the frame that was looked at last
-  int64_t attempt_ns = 0;
-  Eigen::Isometry3d T_odom_anywhere;  ///< of the frame that was looked for in the whole map last
-  int64_t last_node = -1;             ///< index of the segment's newest node
-  size_t nodes_since_correction = 0;
-  bool loops_pending = false;
+  bool was_localized = true;  ///< at least once since the map was loaded
   bool large_correction = false;
-  OccupancyCells last_grid;      ///< around the vehicle, in odom; empty: none of this segment
-  double gridded_m = 0.0;        ///< way of the segment up to its last patch of a grid
-  double odometry_factor = 1.0;  ///< on the deviations of the next edge of odometry
-  struct Witness
-  {
-    Eigen::Isometry3d T_odom_body;
-    Eigen::Isometry3d T_map_odom;
-    uint32_t part;
-    double travelled_m;
-  };
-  std::vector<Witness> witnesses;
-  static constexpr int64_t HISTORY_NS = 3000000000;
   std::deque<GnssFix> waiting_fixes;  ///< that no frame has passed yet
-  bool fixes_pending = false;         ///< tied since the graph was corrected last
-  PoseHistory recent{HISTORY_NS, 0};  ///< T_odom_body of the segment's last frames
   size_t loops = 0;
   double last_add_ms = 0.0;
 

@@ -32,7 +32,7 @@ constexpr double ANYWHERE_RAD = 0.5;
 bool Mapper::Impl::fits(const RecognizedPlace& place) const
 {
   const DriftFilter::Innovation innovation = filter.innovation(place.match);
-  const double way = travelled_m - recognized_at_m;
+  const double way = segment->travelled_m - segment->recognized_at_m;
   return innovation.distance_m < GATE_M + GATE_PER_M * way && innovation.angle_rad < GATE_RAD + GATE_RAD_PER_M * way;
 }
 
@@ -40,77 +40,59 @@ bool Mapper::Impl::fits(const RecognizedPlace& place) const
 bool Mapper::Impl::hasWitness(const MapFrame& frame, const RecognizedPlace& place)
 {
   const Eigen::Isometry3d& T_map_odom = place.match.T_map_odom;
-  const uint32_t part = part_of_segment[data.nodes[place.node].segment];
+  const uint32_t part = graph.partOf(graph.data().nodes[place.node].segment);
   bool agreed = false;
-  for (const Witness& witness : witnesses)
+  for (const Witness& witness : segment->witnesses)
   {
     // Both are measurements of odom; compared at the body.
     const Eigen::Isometry3d before = witness.T_map_odom * frame.T_odom_body;
-    agreed = agreed || (witness.part == part && travelled_m - witness.travelled_m < AGREEMENT_WAY_M &&
+    agreed = agreed || (witness.part == part && segment->travelled_m - witness.travelled_m < AGREEMENT_WAY_M &&
                         isApart(witness.T_odom_body, frame.T_odom_body, OTHER_VIEW_M, OTHER_VIEW_RAD) &&
                         !isApart(before, place.match.T_map_body, AGREEMENT_M, AGREEMENT_RAD));
   }
+  std::vector<Witness>& witnesses = segment->witnesses;
   if (witnesses.size() == MOST_WITNESSES)
   {
     witnesses.erase(witnesses.begin());
   }
-  witnesses.push_back({frame.T_odom_body, T_map_odom, part, travelled_m});
+  witnesses.push_back({frame.T_odom_body, T_map_odom, part, segment->travelled_m});
   return agreed;
-}
-
-void Mapper::Impl::movePart(uint32_t part, const Eigen::Isometry3d& shift)
-{
-  const double turn = headingOf(shift);
-  if (data.earth && !data.fixes.empty() && part_of_segment[data.nodes[data.fixes.front().node].segment] == part)
-  {
-    const Eigen::Isometry3d T_local_map = data.earth->T_local_map() * shift.inverse();
-    data.earth = EarthPlace{T_local_map.translation(), headingOf(T_local_map)};
-  }
-  for (MapNode& node : data.nodes)
-  {
-    if (part_of_segment[node.segment] == part)
-    {
-      node.p_map_body = shift * node.p_map_body;
-      node.heading += turn;
-    }
-  }
 }
 
 /// A place of another part of the map was recognised: joins both parts.
 void Mapper::Impl::joinParts(const MapFrame& frame, RecognizedPlace* place)
 {
   const uint32_t own = ownPart();
-  const uint32_t other = part_of_segment[data.nodes[place->node].segment];
+  const uint32_t other = graph.partOf(graph.data().nodes[place->node].segment);
   const Eigen::Isometry3d shift = place->match.T_map_odom * filter.T_map_odom().inverse();
   if (own != 0)
   {
-    movePart(own, shift);
+    graph.movePart(own, shift);
     filter.start(frame.T_odom_body, place->match.T_map_odom, place->match.covariance);
   }
   else
   {
-    movePart(other, shift.inverse());
+    graph.movePart(other, shift.inverse());
     place->match.T_map_odom = filter.T_map_odom();
     place->match.T_map_body = filter.T_map_body();
   }
-  for (uint32_t& part : part_of_segment)
-  {
-    part = part == std::max(own, other) ? std::min(own, other) : part;
-  }
+  graph.joinParts(own, other);
+  segment->tiles_at.reset();
   was_localized = was_localized || ownPart() == 0;
 }
 
 /// Moves odom, and what was mapped by it; a map from a file stays.
 void Mapper::Impl::moveTo(const Eigen::Isometry3d& T_map_odom)
 {
-  if (segment_begun && ownPart() == 0 && loaded)
+  if (segment && ownPart() == 0 && loaded)
   {
-    segment_begun = false;  // what comes is a part of its own
+    segment.reset();  // what comes is a part of its own
   }
-  else if (segment_begun)
+  else if (segment)
   {
-    movePart(ownPart(), T_map_odom * filter.T_map_odom().inverse());
-    witnesses.clear();
+    graph.movePart(ownPart(), T_map_odom * filter.T_map_odom().inverse());
+    segment->witnesses.clear();
+    segment->tiles_at.reset();  // places are looked for about the new pose first
   }
   filter.turn(T_map_odom);
 }
@@ -124,16 +106,8 @@ void Mapper::Impl::doubtOdometry(const RecognizedPlace& place)
   {
     return;
   }
-  odometry_factor = factor;
-  for (MapEdge& edge : data.edges)
-  {
-    const MapNode& to = data.nodes[edge.to];
-    if (!edge.loop && !to.loaded && to.segment == segment && to.travelled_m > recognized_at_m)
-    {
-      edge.position_deviation *= factor;
-      edge.heading_deviation *= factor;
-    }
-  }
+  segment->odometry_factor = factor;
+  graph.doubtOdometry(segment->number, segment->recognized_at_m, factor);
 }
 
 /// Recognises places near where the body should be.
@@ -141,7 +115,7 @@ void Mapper::Impl::recognizeNear(const MapFrame& frame, const PlaceQuery& query,
 {
   const double deviation = std::sqrt(filter.covariance().topLeftCorner<3, 3>().trace());
   const double radius = std::min(MOST_SEARCH_M, SEARCH_M + 2.0 * deviation);
-  for (const RecognizedPlace& place : recognizer.near(data, query, filter.T_map_body(), radius, PLACES_NEAR))
+  for (const RecognizedPlace& place : graph.placesNear(query, filter.T_map_body(), radius, PLACES_NEAR))
   {
     const DriftFilter::Innovation innovation = filter.innovation(place.match);
     if (!fits(place))
@@ -168,13 +142,13 @@ void Mapper::Impl::recognizeNear(const MapFrame& frame, const PlaceQuery& query,
 void Mapper::Impl::recognizeAnywhere(const MapFrame& frame, const PlaceQuery& query,
                                      std::vector<RecognizedPlace>* places)
 {
-  T_odom_anywhere = frame.T_odom_body;
-  std::optional<RecognizedPlace> place = recognizer.anywhere(data, query, ownPart() != 0);
+  segment->T_odom_anywhere = frame.T_odom_body;
+  std::optional<RecognizedPlace> place = graph.placeAnywhere(query);
   if (!place)
   {
     return;
   }
-  const bool same_part = query.own_part[data.nodes[place->node].segment];
+  const bool same_part = graph.partOf(graph.data().nodes[place->node].segment) == ownPart();
   if ((same_part && !fits(*place)) || !(place->strong || hasWitness(frame, *place)))
   {
     return;
@@ -197,23 +171,27 @@ std::vector<RecognizedPlace> Mapper::Impl::recognize(const MapFrame& frame, cons
   PlaceQuery query;
   query.features = &features;
   query.T_odom_body = frame.T_odom_body;
-  query.segment = segment;
-  query.travelled_m = travelled_m;
-  for (const uint32_t part : part_of_segment)
-  {
-    query.own_part.push_back(part == ownPart());
-  }
+  query.segment = segment->number;
+  query.travelled_m = segment->travelled_m;
   std::vector<RecognizedPlace> places;
-  recognizeNear(frame, query, &places);
-  if (places.empty() && (ownPart() != 0 || isApart(frame.T_odom_body, T_odom_anywhere, ANYWHERE_M, ANYWHERE_RAD)))
+  const bool is_placed = ownPart() == 0;  // else a place of another part comes first: it tells where this one lies
+  if (!is_placed)
+  {
+    recognizeAnywhere(frame, query, &places);
+  }
+  if (places.empty())
+  {
+    recognizeNear(frame, query, &places);
+  }
+  if (places.empty() && is_placed && isApart(frame.T_odom_body, segment->T_odom_anywhere, ANYWHERE_M, ANYWHERE_RAD))
   {
     recognizeAnywhere(frame, query, &places);
   }
   if (!places.empty())
   {
     ++loops;
-    recognized_at_m = travelled_m;
-    recognized_any = true;
+    segment->recognized_at_m = segment->travelled_m;
+    segment->recognized_any = true;
   }
   return places;
 }

@@ -26,7 +26,7 @@ std::vector<size_t> redundantKeyframes(const MapData& map, size_t most, double d
   std::vector<size_t> keyframes;
   for (size_t i = 0; i < map.nodes.size(); ++i)
   {
-    if (map.nodes[i].features)
+    if (map.nodes[i].isKeyframe())
     {
       keyframes.push_back(i);
     }
@@ -133,7 +133,7 @@ std::optional<std::vector<int64_t>> thinOut(MapData* map, size_t most)
   std::vector<size_t> plain;
   for (size_t i = 0; i + NEWEST_NODES < count; ++i)
   {
-    if (!map->nodes[i].features && next[i] >= 0)
+    if (!map->nodes[i].isKeyframe() && next[i] >= 0)
     {
       plain.push_back(i);
     }

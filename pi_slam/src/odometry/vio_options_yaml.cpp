@@ -131,6 +131,10 @@ private:
       }
       **count = static_cast<size_t>(value);
     }
+    else if (std::string* const* text = std::get_if<std::string*>(&field.value))
+    {
+      **text = parse<std::string>(field.key, node, "a text");
+    }
     else
     {
       const auto value = parse<double>(field.key, node, "a number");
@@ -224,6 +228,8 @@ std::vector<OptionField> optionFields(VioOptions* vio, MapperOptions* mapper)
       {"map/keyframe_angle_deg", &mapper->keyframe_angle_deg},
       {"map/features", &mapper->features},
       {"map/max_keyframes", &mapper->max_keyframes},
+      {"map/tile_folder", &mapper->tile_folder},
+      {"map/max_stored_keyframes", &mapper->max_stored_keyframes},
       {"map/max_landmark_range_m", &mapper->max_landmark_range_m},
       {"map/voxel_m", &mapper->voxel_m},
       {"map/loop_closure", &mapper->loop_closure},

@@ -208,14 +208,20 @@ void VioDiagnostics::reportMap(Status& status) const
   {
     status.summary(DiagnosticStatus::WARN, "map loaded, no place in it recognised yet");
   }
+  else if (!map.disk_defect.empty())
+  {
+    status.summary(DiagnosticStatus::WARN, "places of the map were lost: " + map.disk_defect);
+  }
   else
   {
     status.summary(DiagnosticStatus::OK,
                    std::to_string(map.keyframes) + " keyframes, " + std::to_string(map.landmarks) + " landmarks");
   }
   status.add("keyframes", map.keyframes);
+  status.add("keyframes in memory", map.keyframes_in_memory);
   status.add("landmarks", map.landmarks);
   status.add("memory [MiB]", format("%.1f", static_cast<double>(map.bytes) / (1024.0 * 1024.0)));
+  status.add("tiles on disk [MiB]", format("%.1f", static_cast<double>(map.bytes_on_disk) / (1024.0 * 1024.0)));
   status.add("places recognised again", map.loops);
   status.add("loaded from a file", map.loaded ? "yes" : "no");
   status.add("localised", map.localized ? "yes" : "no");

@@ -2,8 +2,27 @@
 
 #include <pi_node/vehicle_clock.h>
 
+#include <filesystem>
+
 namespace pi_slam
 {
+
+namespace
+{
+
+/// Tiles lie beside the map's file, if nobody said where.
+MapperOptions mapperOptions(const VioRosOptions& options)
+{
+  MapperOptions mapper = options.mapper;
+  const std::filesystem::path folder = std::filesystem::path(options.map_file).parent_path();
+  if (mapper.tile_folder.empty() && !options.map_file.empty())
+  {
+    mapper.tile_folder = folder.empty() ? "." : folder.string();
+  }
+  return mapper;
+}
+
+}  // namespace
 
 VioPipeline::Ptr VioPipeline::make(const VioRosOptions& options, const RuntimePtr& runtime,
                                    const FileCalibration& calibration, const Eigen::Isometry3d& T_base_body)
@@ -23,7 +42,7 @@ VioPipeline::Ptr VioPipeline::make(const VioRosOptions& options, const RuntimePt
       calibration.imu.gyro_noise_density * calibration.imu.gyro_noise_density * calibration.imu.rate_hz;
   if (options.mapping)
   {
-    pipeline->mapper = std::make_shared<Mapper>(calibration.cameras, options.mapper, runtime);
+    pipeline->mapper = std::make_shared<Mapper>(calibration.cameras, mapperOptions(options), runtime);
   }
   pipeline->startVio(runtime);
   return pipeline;
@@ -34,7 +53,7 @@ VioPipeline::Ptr VioPipeline::again(const VioRosOptions& options, const RuntimeP
   const auto pipeline = std::make_shared<VioPipeline>(*this);
   if (pipeline->mapper && forget_map)
   {
-    pipeline->mapper = std::make_shared<Mapper>(pipeline->cameras, options.mapper, runtime);
+    pipeline->mapper = std::make_shared<Mapper>(pipeline->cameras, mapperOptions(options), runtime);
   }
   pipeline->startVio(runtime);
   return pipeline;

@@ -4,7 +4,9 @@
 
 #include <cmath>
 #include <filesystem>
+#include <fstream>
 #include <random>
+#include <sstream>
 
 #include "map/map_file.h"
 
@@ -15,6 +17,20 @@ using namespace pi_slam;
 using pi_node::test_support::messageOf;
 using pi_node::test_support::TemporaryFolder;
 using namespace pi_slam::map;
+
+std::vector<uint8_t> encodeMap(const MapData& map, const StereoCalibration& calibration)
+{
+  std::ostringstream stream;
+  pi_slam::map::encodeMap(map, calibration, &stream);
+  const std::string bytes = stream.str();
+  return {bytes.begin(), bytes.end()};
+}
+
+MapData decodeMap(const std::vector<uint8_t>& bytes, const StereoCalibration& calibration, const std::string& name)
+{
+  std::istringstream stream(std::string(bytes.begin(), bytes.end()));
+  return pi_slam::map::decodeMap(&stream, bytes.size(), calibration, name, [](MapNode*) {});
+}
 
 MapData makeMap()
 {
@@ -67,7 +83,7 @@ MapData makeMap()
   GridPatch patch;
   patch.segment = 1;
   patch.travelled_m = 1.5;
-  patch.cells = {{-3.0, 4.0}, 0.1, 3, 2, {-1, 0, 100, 50, 7, -1}};
+  patch.cells = OccupancyCells{{-3.0, 4.0}, 0.1, 3, 2, {-1, 0, 100, 50, 7, -1}};
   map.patches.push_back(patch);
   map.origin = GeoPoint{47.3769, 8.5417, 408.0};
   map.earth = EarthPlace{{12.5, -3.0, 1.5}, 0.75};
@@ -134,11 +150,12 @@ TEST(MapFile, GivesBackWhatWasWritten)
   ASSERT_EQ(1u, back.patches.size());
   EXPECT_EQ(1u, back.patches[0].segment);
   EXPECT_EQ(1.5, back.patches[0].travelled_m);
-  EXPECT_EQ(map.patches[0].cells.origin, back.patches[0].cells.origin);
-  EXPECT_EQ(0.1, back.patches[0].cells.cell_m);
-  EXPECT_EQ(3, back.patches[0].cells.width);
-  EXPECT_EQ(2, back.patches[0].cells.height);
-  EXPECT_EQ(map.patches[0].cells.cells, back.patches[0].cells.cells);
+  const OccupancyCells grid = back.patches[0].cells.unpack();
+  EXPECT_EQ(Eigen::Vector2d(-3.0, 4.0), grid.origin);
+  EXPECT_EQ(0.1, grid.cell_m);
+  EXPECT_EQ(3, grid.width);
+  EXPECT_EQ(2, grid.height);
+  EXPECT_EQ((std::vector<int8_t>{-1, 0, 100, 50, 7, -1}), grid.cells);
   ASSERT_TRUE(back.origin && back.earth);
   EXPECT_EQ(8.5417, back.origin->longitude_deg);
   EXPECT_EQ(map.earth->position, back.earth->position);
@@ -262,8 +279,9 @@ TEST(MapFile, ReplacesAFileAsAWholeAndLeavesNothingBehind)
 {
   const TemporaryFolder folder;
   const std::string file = folder.file("a.map", "old");
-  writeFileAtomically(file, {1, 2, 3});
-  EXPECT_EQ((std::vector<uint8_t>{1, 2, 3}), readFile(file));
+  writeFileAtomically(file, [](std::ostream* stream) { *stream << "new"; });
+  std::ifstream stream(file);
+  EXPECT_EQ("new", std::string(std::istreambuf_iterator<char>(stream), {}));
   size_t files = 0;
   for (const auto& entry : std::filesystem::directory_iterator(folder.path()))
   {
@@ -276,11 +294,17 @@ TEST(MapFile, NamesAFileThatCannotBeWrittenOrRead)
 {
   const TemporaryFolder folder;
   const std::string missing = folder.path() + "/no/a.map";
-  EXPECT_NE(std::string::npos, messageOf<MapError>([&] { writeFileAtomically(missing, {1}); }).find(missing));
-  EXPECT_NE(std::string::npos, messageOf<MapError>([&] { readFile(missing); }).find("No such file"));
-  EXPECT_NE(std::string::npos, messageOf<MapError>([&] { readFile(folder.path()); }).find("no plain file"));
+  const StereoCalibration calibration = StereoCalibration::makeForwardPair();
+  const MapData map = makeMap();
+  const auto readingOf = [&](const std::string& file)
+  { return messageOf<MapError>([&] { readMap(file, calibration, [](MapNode*) {}); }); };
+  EXPECT_NE(std::string::npos, messageOf<MapError>([&] { writeMap(missing, map, calibration); }).find(missing));
+  EXPECT_NE(std::string::npos, readingOf(missing).find("No such file"));
+  EXPECT_NE(std::string::npos, readingOf(folder.path()).find("no plain file"));
   // A folder in the file's place: what was written beside it goes away again.
-  EXPECT_THROW(writeFileAtomically(folder.path(), {1}), MapError);
+  EXPECT_THROW(writeMap(folder.path(), map, calibration), MapError);
+  writeMap(folder.path() + "/a.map", map, calibration);
+  EXPECT_EQ("", readingOf(folder.path() + "/a.map"));
 }
 
 }  // namespace

@@ -33,7 +33,7 @@ GridPatch patchAt(double x, double y, int8_t value, double travelled_m)
 {
   GridPatch patch;
   patch.travelled_m = travelled_m;
-  patch.cells = {{x - 1.0, y - 1.0}, 0.1, 20, 20, std::vector<int8_t>(400, value)};
+  patch.cells = OccupancyCells{{x - 1.0, y - 1.0}, 0.1, 20, 20, std::vector<int8_t>(400, value)};
   return patch;
 }
 
@@ -81,11 +81,12 @@ TEST(MapGrid, TheLatestThatKnowsACellCounts)
   MapData map = mapWithNodes(20, 0.0);
   addPatch(&map, patchAt(5.0, 0.0, 100, 5.0));
   GridPatch later = patchAt(8.0, 0.0, -1, 8.0);
-  later.cells = {{4.0, -1.0}, 0.1, 40, 20, std::vector<int8_t>(800, -1)};
+  OccupancyCells cells{{4.0, -1.0}, 0.1, 40, 20, std::vector<int8_t>(800, -1)};
   for (int row = 0; row < 20; ++row)
   {
-    later.cells.cells[static_cast<size_t>(row * 40)] = 0;  // knows only x from 4.0 to 4.1
+    cells.cells[static_cast<size_t>(row * 40)] = 0;  // knows only x from 4.0 to 4.1
   }
+  later.cells = cells;
   addPatch(&map, later);
   const auto grid = composeGrid(map, nullptr);
   ASSERT_TRUE(grid);
@@ -121,6 +122,30 @@ TEST(MapGrid, PatchesOfLostSegmentsAreLeftOut)
   addPatch(&map, lost);
   EXPECT_TRUE(map.patches.empty());
   EXPECT_FALSE(composeGrid(map, &lost));
+}
+
+TEST(PackedCells, GivesBackEveryCellAndTakesLittle)
+{
+  OccupancyCells street{{-3.0, 4.5}, 0.1, 240, 230, {}};
+  for (int y = 0; y < street.height; ++y)
+  {
+    for (int x = 0; x < street.width; ++x)
+    {
+      const bool on_road = std::abs(y - 115) < 40;
+      const bool wall = std::abs(std::abs(y - 115) - 42) < 2;
+      street.cells.push_back(static_cast<int8_t>(wall ? 60 + (7 * x) % 41 : on_road ? (x * y) % 3 : -1));
+    }
+  }
+  const PackedCells packed(street);
+  const OccupancyCells back = packed.unpack();
+  EXPECT_EQ(street.cells, back.cells);
+  EXPECT_EQ(street.origin, back.origin);
+  EXPECT_EQ(street.width, back.width);
+  EXPECT_EQ(street.height, back.height);
+  EXPECT_EQ(street.cells.size(), packed.count());
+  EXPECT_LT(packed.bytes(), street.cells.size() / 5);
+  EXPECT_EQ(0u, PackedCells().count());
+  EXPECT_TRUE(PackedCells().unpack().cells.empty());
 }
 
 TEST(MapGrid, CutsOutWhatThereIs)

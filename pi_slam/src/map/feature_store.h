@@ -1,0 +1,44 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "map/feature_set.h"
+
+namespace pi_slam::map
+{
+
+/// A set of features on disk. Its room there is used again once the last pointer has gone. Any thread may load it.
+class StoredFeatures
+{
+public:
+  virtual ~StoredFeatures() = default;
+  /// Number of features.
+  virtual size_t size() const = 0;
+  /// @throws MapError if the disk does not give it back as it was written.
+  virtual FeatureSetPtr load() const = 0;
+};
+using StoredFeaturesPtr = std::shared_ptr<const StoredFeatures>;
+
+/// Feature sets of keyframes that lie too far away to be kept in memory: in a file without a name, which goes with the
+/// process. Any thread may use it.
+class FeatureStore
+{
+public:
+  /// @param folder  on a disk: a file system in memory would gain nothing.
+  /// @throws MapError for a folder in which no file can be made.
+  explicit FeatureStore(const std::string& folder);
+  ~FeatureStore();
+
+  /// @throws MapError if there is no room, or the disk fails.
+  StoredFeaturesPtr write(const FeatureSet& features);
+  /// Size of the file [bytes].
+  uint64_t bytes() const;
+
+private:
+  class File;
+  std::shared_ptr<File> file_;
+};
+
+}  // namespace pi_slam::map
