@@ -329,10 +329,11 @@ void Vio::Impl::publish()
   shown_features = features;
 }
 
-Vio::Vio(const StereoCalibration& calibration, const VioOptions& options, std::shared_ptr<pi_runtime::Runtime> runtime)
+Vio::Vio(const StereoCalibration& calibration, const VioOptions& options, std::shared_ptr<pi_runtime::Runtime> runtime,
+         const RigReport& found)
 {
   options.validate();
-  impl_ = std::make_unique<Impl>(calibration, options, std::move(runtime));
+  impl_ = std::make_unique<Impl>(calibration, options, std::move(runtime), found);
 }
 
 Vio::~Vio() = default;

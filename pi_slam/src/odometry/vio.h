@@ -109,9 +109,10 @@ class Vio
 public:
   /// @param runtime  runs the stages slam_front_end and slam_window, or the kernels with options.tracker.kernel_tasks;
   /// null: all is called directly.
+  /// @param found  rig() of odometry before, with the same calibration.
   /// @throws std::invalid_argument for options or a calibration out of range.
   Vio(const StereoCalibration& calibration, const VioOptions& options,
-      std::shared_ptr<pi_runtime::Runtime> runtime = nullptr);
+      std::shared_ptr<pi_runtime::Runtime> runtime = nullptr, const RigReport& found = RigReport());
   ~Vio();
 
   /// Never waits for pictures. Samples must come in order of time; imuMessage() tells their faults.

@@ -32,7 +32,7 @@ namespace pi_slam
 struct Vio::Impl
 {
   Impl(const StereoCalibration& calibration_in, const VioOptions& options_in,
-       std::shared_ptr<pi_runtime::Runtime> runtime)
+       std::shared_ptr<pi_runtime::Runtime> runtime, const RigReport& found)
     : calibration(calibration_in)
     , options(options_in)
     , cameras(estimator::cameraGeometry(calibration))
@@ -44,8 +44,10 @@ struct Vio::Impl
     , standstill(calibration, options.imu, options.standstill)
     , window(calibration, options.imu, options.window)
     , filter(calibration, options.window.pixel_noise)
-    , rig(calibration, options.imu)
+    , rig(calibration, options.imu, found)
     , propagator(options.imu)
+    , imu_correction(found.used)
+    , rig_report(found)
     , imu(options.imu)
     , inbox_check(options.imu)
     , vibration(options.imu)
@@ -93,7 +95,7 @@ struct Vio::Impl
   std::string failure(const FrameReport& report) const;
   void refineCalibration(FrameReport* report);
   void correctImu(const ImuCorrection& due);
-  void beginAgain(const ImuCorrection& due, FrameReport* report);
+  void correctEstimate(const ImuCorrection& due, FrameReport* report);
   void giveUp(const std::string& why, FrameReport* report);
   void publish();
 
@@ -101,6 +103,7 @@ struct Vio::Impl
   const VioOptions options;
   const std::array<estimator::CameraGeometry, 2> cameras;
   static constexpr std::chrono::milliseconds WINDOW_DEADLINE{100};  ///< about the time between two keyframes
+  static constexpr int MIN_VIEWS = 10;                              ///< that a correction by pictures needs
   pi_runtime::Stage front_end_stage;
   pi_runtime::Stage window_stage;
   StereoTracker tracker;
