@@ -177,6 +177,7 @@ std::vector<OptionField> optionFields(VioOptions* vio, MapperOptions* mapper)
       {"tracker/window_px", &tracker.window_px},
       {"tracker/max_iterations", &tracker.max_iterations},
       {"tracker/epsilon_px", &tracker.epsilon_px},
+      {"tracker/slow_px", &tracker.slow_px},
       {"tracker/max_residual", &tracker.max_residual},
       {"tracker/epipolar_px", &tracker.epipolar_px},
       {"tracker/min_depth_m", &tracker.min_depth_m},
