@@ -19,6 +19,7 @@ using pi_node::seconds;
 using pi_node::secondsSince;
 
 constexpr double LONGEST_GAP_S = 0.2;  ///< of the IMU, after which there is no pose before pictures have corrected it
+constexpr double LEAST_RATE_S = 0.02;  ///< over which the body's rate is averaged
 constexpr double WHEELS_KEPT_S = 6.0;
 constexpr double IMU_KEPT_S = 12.0;  ///< of samples, for the initialiser and long gaps
 
@@ -155,15 +156,19 @@ FrameReport Vio::Impl::addPair(int64_t stamp_ns, const cv::Mat& left, const cv::
     since_pair = imu.integrate(last_pair_ns, stamp_ns, running ? filter.state().bias : ImuBias(), nullptr);
   }
 
-  const std::optional<NavState> before = running ? std::optional(filter.state()) : std::nullopt;
+  const Eigen::Quaterniond q_before = filter.state().q;
   const TrackerPrediction prediction = predictViews(since_pair, running);
   front_end_stage.run([&] { runFrontEnd(left, right, prediction, stamp_ns, &report); });
+  if (options.readout_s > 0.0)
+  {
+    straighten(running);
+  }
   report.front_end_ms = 1e3 * secondsSince(begin);
   last_pair_ns = stamp_ns;
   if (running)
   {
     track(since_pair, &report);
-    last_rate = logSo3(before->q.conjugate() * filter.state().q) / since_pair.duration();
+    last_rate = logSo3(q_before.conjugate() * filter.state().q) / since_pair.duration();
   }
   else
   {
@@ -280,6 +285,20 @@ void Vio::Impl::runFrontEnd(const cv::Mat& left, const cv::Mat& right, const Tra
             ? which + " missing: it was lost on its way, or its camera is silent"
             : which + format(" without content (mean grey %.0f, contrast %.1f); check lens cap, light and exposure",
                              tracked.mean_grey[camera], tracked.contrast[camera]);
+  }
+}
+
+/// Takes what rolling shutters saw to the time of the stamp.
+void Vio::Impl::straighten(bool running)
+{
+  Eigen::Vector3d w, f, w_deviation, f_deviation;
+  const int64_t stamp_ns = features.stamp_ns;
+  if (imu.statistics(stamp_ns - std::llround(1e9 * std::max(options.readout_s, LEAST_RATE_S)), stamp_ns, &w, &f,
+                     &w_deviation, &f_deviation))
+  {
+    const NavState& last = filter.state();
+    shutter.correct(running ? Eigen::Vector3d(w - last.bias.gyro) : w,
+                    running ? Eigen::Vector3d(last.q.conjugate() * last.v) : Eigen::Vector3d::Zero(), &features);
   }
 }
 

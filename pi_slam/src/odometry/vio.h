@@ -46,6 +46,8 @@ struct VioOptions
   double keyframe_min_interval_s = 0.1;  ///< in [0, 1]
   double max_speed = 30.0;               ///< faster is a failure of the estimate [m/s]; > 0
   double max_blind_s = 10.0;             ///< without pictures that help, before the state is given up [s]; in [0.5, 60]
+  double readout_s = 0.0;  ///< of rolling shutters: from the first row to the last [s]; 0: global shutters.
+                           ///< Stamps are those of the middle row; in [0, 0.1]
   /// Time offset and rotation between cameras and IMU are found and corrected while driving.
   bool refine_calibration = true;
 

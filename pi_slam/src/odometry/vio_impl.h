@@ -18,6 +18,7 @@
 #include "estimator/frame_budget.h"
 #include "estimator/window_estimator.h"
 #include "front_end/frame_filter.h"
+#include "front_end/rolling_shutter.h"
 #include "inertial/imu_preintegration.h"
 #include "inertial/vibration_meter.h"
 #include "inertial/wheels.h"
@@ -40,6 +41,7 @@ struct Vio::Impl
     , front_end_stage(options.tracker.kernel_tasks ? nullptr : runtime, {"slam_front_end"})
     , window_stage(runtime, {"slam_window", std::chrono::nanoseconds(0), WINDOW_DEADLINE})
     , tracker(calibration, options.tracker, std::move(runtime))
+    , shutter(calibration, options.readout_s)
     , initializer(calibration, options.imu, options.initializer)
     , standstill(calibration, options.imu, options.standstill)
     , window(calibration, options.imu, options.window)
@@ -70,6 +72,7 @@ struct Vio::Impl
   TrackerPrediction predictViews(const ImuPreintegration& since_pair, bool running);
   void runFrontEnd(const cv::Mat& left, const cv::Mat& right, const TrackerPrediction& prediction, int64_t stamp_ns,
                    FrameReport* report);
+  void straighten(bool running);
   void start(FrameReport* report);
   void turnLastKnown(int64_t stamp_ns);
   void displaceOdom(const NavState& now);
@@ -107,6 +110,7 @@ struct Vio::Impl
   pi_runtime::Stage front_end_stage;
   pi_runtime::Stage window_stage;
   StereoTracker tracker;
+  RollingShutter shutter;
   Initializer initializer;
   StandstillDetector standstill;
   WindowEstimator window;

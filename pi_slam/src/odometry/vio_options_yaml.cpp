@@ -219,6 +219,7 @@ std::vector<OptionField> optionFields(VioOptions* vio, MapperOptions* mapper)
       {"vio/keyframe_min_interval_s", &vio->keyframe_min_interval_s},
       {"vio/max_speed", &vio->max_speed},
       {"vio/max_blind_s", &vio->max_blind_s},
+      {"vio/readout_s", &vio->readout_s},
       {"vio/refine_calibration", &vio->refine_calibration},
 
       {"map/keyframe_distance_m", &mapper->keyframe_distance_m},
