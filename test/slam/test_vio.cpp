@@ -129,6 +129,8 @@ TEST_F(VioTest, StandsStillWithoutDrift)
   const Outcome& early = at(outcomes, 14.5);
   ASSERT_EQ(early.report.status, VioStatus::STANDSTILL) << toString(early.report.status);
   EXPECT_LT((outcomes.back().state.p - early.state.p).norm(), 1e-3);
+  EXPECT_GT(early.report.front_end_cpu_ms, 0.0);
+  EXPECT_LT(early.report.front_end_cpu_ms, early.report.front_end_ms + 0.1);  // two clocks
 }
 
 TEST_F(VioTest, DrivesOnInTheDark)

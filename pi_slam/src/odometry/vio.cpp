@@ -8,6 +8,7 @@
 
 #include <chrono>
 #include <cmath>
+#include <ctime>
 
 namespace pi_slam
 {
@@ -22,6 +23,13 @@ constexpr double LONGEST_GAP_S = 0.2;  ///< of the IMU, after which there is no 
 constexpr double LEAST_RATE_S = 0.02;  ///< over which the body's rate is averaged
 constexpr double WHEELS_KEPT_S = 6.0;
 constexpr double IMU_KEPT_S = 12.0;  ///< of samples, for the initialiser and long gaps
+
+double threadCpuSeconds()
+{
+  timespec now{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
 
 }  // namespace
 
@@ -158,7 +166,13 @@ FrameReport Vio::Impl::addPair(int64_t stamp_ns, const cv::Mat& left, const cv::
 
   const Eigen::Quaterniond q_before = filter.state().q;
   const TrackerPrediction prediction = predictViews(since_pair, running);
-  front_end_stage.run([&] { runFrontEnd(left, right, prediction, stamp_ns, &report); });
+  front_end_stage.run(
+      [&]
+      {
+        const double begin_cpu_s = threadCpuSeconds();
+        runFrontEnd(left, right, prediction, stamp_ns, &report);
+        report.front_end_cpu_ms = 1e3 * (threadCpuSeconds() - begin_cpu_s);
+      });
   if (options.readout_s > 0.0)
   {
     straighten(running);

@@ -92,6 +92,7 @@ struct FrameReport
   int iterations = 0;    ///< of the window's optimisation, 0 without one
   bool reduced = false;  ///< fewer features or iterations than asked for, to stay within the budget
   double front_end_ms = 0.0;
+  double front_end_cpu_ms = 0.0;  ///< of that, processor time of its thread; the rest it waited
   double filter_ms = 0.0;
   double window_ms = 0.0;
   double total_ms = 0.0;

@@ -128,6 +128,9 @@ void VioDiagnostics::reportOdometry(Status& status)
   if (frame_)
   {
     status.add("front end [ms]", format("%.2f", frame_->front_end_ms));
+    status.add("front end, processor time [ms]", format("%.2f", frame_->front_end_cpu_ms));
+    status.add("front end, waited [ms]",
+               format("%.2f", std::max(0.0, frame_->front_end_ms - frame_->front_end_cpu_ms)));
     status.add("filter [ms]", format("%.2f", frame_->filter_ms));
     status.add("window [ms]", format("%.2f", frame_->window_ms));
     status.add("features", frame_->features);
