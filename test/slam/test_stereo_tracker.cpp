@@ -376,6 +376,41 @@ TEST(StereoTracker, StartsFromKnownPositionsWhereTheyAreGiven)
   EXPECT_GT(with, 2 * without);
 }
 
+/// To the side by 0.5 mm per pair, which is less than 0.05 px: features go as far as their disparity says. (They lagged
+/// by some percent while their patches were cut out anew in each picture.)
+TEST(StereoTracker, FollowsASlowMotionWithoutLag)
+{
+  constexpr double STEP_M = 5e-4;
+  constexpr int STEPS = 150;
+  Walk walk(StereoCalibration::makeForwardPair(WIDTH, HEIGHT, 0.12));
+  walk.move(Vector3::Zero());
+  std::map<int64_t, FeatureObservation> first;
+  for (const FeatureObservation& feature : walk.track().features)
+  {
+    first[feature.id] = feature;
+  }
+  for (int i = 0; i < STEPS; ++i)
+  {
+    walk.move(Vector3(0.0, STEP_M, 0.0));
+    walk.track();
+  }
+  double way_px = 0.0;
+  double disparity_px = 0.0;
+  int count = 0;
+  for (const FeatureObservation& is : walk.features().features)
+  {
+    const auto was = first.find(is.id);
+    if (was != first.end() && was->second.seen[LEFT] && was->second.seen[RIGHT] && is.seen[LEFT])
+    {
+      way_px += is.pixel[LEFT].x() - was->second.pixel[LEFT].x();
+      disparity_px += was->second.pixel[LEFT].x() - was->second.pixel[RIGHT].x();
+      ++count;
+    }
+  }
+  ASSERT_GT(count, 40);
+  EXPECT_NEAR(way_px / disparity_px, STEPS * STEP_M / 0.12, 0.015 * STEPS * STEP_M / 0.12);
+}
+
 TEST(StereoTracker, SurvivesAChangeOfExposure)
 {
   Walk walk;

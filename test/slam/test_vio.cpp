@@ -99,8 +99,7 @@ TEST_F(VioTest, KnowsItsSpeedWhenItHasSetOff)
   }
 }
 
-/// At 2 cm/s, then at 4 cm/s: less than what the detector of standstill sees between two pairs. What remains is scale:
-/// distances of landmarks that a standing pair of cameras saw.
+/// At 2 cm/s, then at 4 cm/s: less than what the detector of standstill sees between two pairs.
 TEST_F(VioTest, LosesNoWayWhenItCreeps)
 {
   const std::vector<StampedPose> path = creepingPath();
@@ -112,12 +111,14 @@ TEST_F(VioTest, LosesNoWayWhenItCreeps)
     const std::vector<Outcome> outcomes = run(&vio, Faults(), drive);
     ASSERT_EQ(at(outcomes, 3.5).report.status, VioStatus::STANDSTILL);
     EXPECT_EQ(outcomes.back().report.status, VioStatus::STANDSTILL);
+    double most = 0.0;
     for (const Outcome& outcome : outcomes)
     {
-      // In the campus, where things are farther away, 0.02 is missed.
-      EXPECT_LT(outcome.error_m, kind == WorldKind::HALL ? 0.02 : 0.05)
-          << "at " << outcome.time_s << " s of " << path.back().T_world_body.translation().x() << " m";
+      most = std::max(most, outcome.error_m);
+      EXPECT_LT(outcome.error_m, 0.02) << "at " << outcome.time_s << " s of "
+                                       << path.back().T_world_body.translation().x() << " m";
     }
+    std::cout << "creep: " << most << " m lost at most, " << outcomes.back().error_m << " at the end\n";
   }
 }
 
@@ -128,6 +129,8 @@ TEST_F(VioTest, StandsStillWithoutDrift)
   const Outcome& early = at(outcomes, 14.5);
   ASSERT_EQ(early.report.status, VioStatus::STANDSTILL) << toString(early.report.status);
   EXPECT_LT((outcomes.back().state.p - early.state.p).norm(), 1e-3);
+  EXPECT_GT(early.report.front_end_cpu_ms, 0.0);
+  EXPECT_LT(early.report.front_end_cpu_ms, early.report.front_end_ms + 0.1);  // two clocks
 }
 
 TEST_F(VioTest, DrivesOnInTheDark)

@@ -130,8 +130,7 @@ TEST_F(WheelsTest, LosesNoWayWhenItCreeps)
     {
       most = std::max(most, outcome.error_m);
     }
-    // In the campus, where things are farther away, 0.02 is missed (0.044 without wheels).
-    EXPECT_LT(most, kind == WorldKind::HALL ? 0.02 : 0.03);
+    EXPECT_LT(most, 0.02);
     std::cout << "creep: " << most << " m lost\n";
   }
 }

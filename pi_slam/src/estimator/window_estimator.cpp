@@ -5,6 +5,8 @@
 #include "estimator/triangulation.h"
 #include "estimator/window_problem.h"
 
+#include <pi_slam/so3.h>
+
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
@@ -15,6 +17,7 @@ namespace pi_slam
 {
 
 using estimator::Landmark;
+using estimator::Turn;
 using estimator::View;
 
 namespace
@@ -31,8 +34,41 @@ constexpr double FIRST_ACCEL_BIAS = 0.1;  ///< of common MEMS sensors; on a stra
 /// Views of landmarks are believed up to this when they are triangulated [standard deviations].
 constexpr double TRIANGULATION_ERROR = 3.0;
 
+/// What a correction of the IMU leaves unknown.
+constexpr double TILT_PART = 0.3;     ///< of its angle, in roll and pitch
+constexpr double GRAVITY_PART = 0.5;  ///< of what its angle and time do to the force, in the accelerometer's bias
+constexpr double LEAST_GYRO_DEVIATION = 1e-3;   ///< [rad/s]
+constexpr double USUAL_RATE = 0.5;              ///< with which the vehicle turned meanwhile [rad/s]
+constexpr double USUAL_RATE_CHANGE = 1.0;       ///< likewise [rad/s^2]
+constexpr double LEAST_SPEED_DEVIATION = 0.05;  ///< [m/s]
+
 /// Variance of a pose that is taken as exact [m^2, rad^2].
 constexpr double EXACT_POSE = 1e-10;
+
+/// Errors, one standard deviation each, of tilt that all states have in common, and of velocity and biases of the
+/// first.
+Eigen::MatrixXd commonErrors(const std::vector<NavState>& states, double tilt_rad, double speed, double gyro_bias,
+                             double accel_bias)
+{
+  constexpr int TILT = 0, FIRST = 2;
+  Eigen::MatrixXd errors = Eigen::MatrixXd::Zero(15 * static_cast<Eigen::Index>(states.size()), FIRST + 9);
+  for (size_t i = 0; i < states.size(); ++i)
+  {
+    const Eigen::Index at = 15 * static_cast<Eigen::Index>(i);
+    for (const int axis : {0, 1})
+    {
+      const Eigen::Vector3d tilt = tilt_rad * Eigen::Vector3d::Unit(axis);
+      errors.block<3, 1>(at, TILT + axis) = tilt.cross(states[i].p - states.back().p);
+      errors.block<3, 1>(at + 3, TILT + axis) = states[i].q.conjugate() * tilt;
+      errors.block<3, 1>(at + 6, TILT + axis) = tilt.cross(states[i].v);
+    }
+  }
+  Eigen::Matrix<double, 9, 1> deviations;
+  deviations << Eigen::Vector3d::Constant(speed), Eigen::Vector3d::Constant(gyro_bias),
+      Eigen::Vector3d::Constant(accel_bias);
+  errors.block<9, 9>(6, FIRST) = deviations.asDiagonal();
+  return errors;
+}
 
 /// Covariance of velocity and biases if the pose is known.
 Matrix15d givenPose(const Matrix15d& covariance)
@@ -329,6 +365,46 @@ void WindowEstimator::addKeyframe(const NavState& state, const FrameFeatures& fe
   impl_->appendLink(since_last, still);
   impl_->problem.links.back().wheels = wheels;
   impl_->appendKeyframe(state, features);
+}
+
+void WindowEstimator::correct(const ImuCorrection& due, const ImuBuffer& imu)
+{
+  estimator::WindowProblem& problem = impl_->problem;
+  while (problem.keyframes.size() > 1 && problem.keyframes.front().state.stamp_ns < imu.firstNs())
+  {
+    impl_->makeRoom();
+  }
+  const NavState now = newest();
+  const Turn turn(due, now, impl_->model.gravity);
+  for (estimator::Keyframe& keyframe : problem.keyframes)
+  {
+    turn.apply(&keyframe.state);
+  }
+  for (auto& [id, landmark] : problem.landmarks)
+  {
+    landmark.estimate.p_odom = turn.centre + turn.R_turn * (landmark.estimate.p_odom - turn.centre);
+    landmark.estimate.covariance = (turn.R_turn * landmark.estimate.covariance * turn.R_turn.transpose()).eval();
+  }
+  for (size_t i = 0; i < problem.links.size(); ++i)
+  {
+    const NavState& from = problem.keyframes[i].state;
+    estimator::StateLink& link = problem.links[i];
+    if (!link.still())
+    {
+      const std::optional<estimator::WheelTie> wheels = link.wheels;
+      link = estimator::StateLink(
+          imu.integrate(from.stamp_ns, problem.keyframes[i + 1].state.stamp_ns, from.bias, nullptr), impl_->model,
+          false);
+      link.wheels = wheels;
+    }
+  }
+
+  const double angle = logSo3(Eigen::Quaterniond(due.R_body_imu)).norm();
+  const double speed = LEAST_SPEED_DEVIATION + impl_->model.gravity * std::abs(due.late_s) + angle * now.v.norm();
+  const double gyro_bias = LEAST_GYRO_DEVIATION + USUAL_RATE * angle + USUAL_RATE_CHANGE * std::abs(due.late_s);
+  const double accel_bias = GRAVITY_PART * impl_->model.gravity * (angle + std::abs(due.late_s));
+  problem.prior.turn(turn);
+  problem.prior.loosen(commonErrors(problem.prior.linearized, TILT_PART * angle, speed, gyro_bias, accel_bias));
 }
 
 WindowReport WindowEstimator::optimize(int max_iterations)

@@ -81,6 +81,12 @@ public:
   void addKeyframe(const NavState& state, const FrameFeatures& features, const ImuPreintegration& since_last,
                    bool still, const std::optional<estimator::WheelTie>& wheels = std::nullopt);
 
+  /// The IMU was corrected: its links are integrated again. States and landmarks turn about the newest keyframe with
+  /// what is up then, and what left the window is believed less. Keyframes older than the samples leave. To be followed
+  /// by optimize().
+  /// @param imu  corrected; covers the newest keyframe.
+  void correct(const ImuCorrection& due, const ImuBuffer& imu);
+
   /// @param max_iterations  at most options.max_iterations.
   WindowReport optimize(int max_iterations);
 

@@ -4,6 +4,7 @@
 
 #include "estimator/window_estimator.h"
 #include "front_end/frame_features.h"
+#include "inertial/imu_correction.h"
 #include "inertial/nav_state.h"
 
 #include <Eigen/Core>
@@ -46,6 +47,21 @@ struct BodyPose
   Eigen::Vector3d p_odom_body;
 };
 
+/// What changes with a correction of the IMU. The body is where the cameras say. So what is up for it turns by what
+/// their mounting was off, unless the accelerometer's bias had taken that: it has in part where the vehicle has turned.
+/// The split is the one that leaves the smallest bias. The heading stays, for nothing tells it.
+struct Turn
+{
+  /// @param state  that the correction finds; all turns about its position
+  Turn(const ImuCorrection& due, const NavState& state, double gravity);
+  void apply(NavState* state) const;
+
+  Eigen::Vector3d centre;      ///< in odom [m]
+  Eigen::Matrix3d R_turn;      ///< of odom
+  Eigen::Matrix3d R_body_imu;  ///< of the correction
+  Eigen::Vector3d accel_bias;  ///< that is added [m/s^2]
+};
+
 /// What the states and landmarks that have left the window tell about those inside: 0.5 d^T H d + b^T d with d = states
 /// - linearised.
 ///
@@ -56,6 +72,12 @@ struct Prior
   Eigen::VectorXd b;
   std::vector<NavState> linearized;  ///< of the first states of the window
   bool marginal = false;             ///< holds what was linearised at these states, so that others must not be used
+
+  /// What it knows turns along with the states.
+  void turn(const Turn& turn);
+  /// Takes out what it claims to know of the errors in each column, which have this standard deviation; where it has
+  /// its minimum, it keeps it. Relations between the states that no column touches stay as they are.
+  void loosen(const Eigen::MatrixXd& errors);
 };
 
 /// States, landmarks and all that ties them together.

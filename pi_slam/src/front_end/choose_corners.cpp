@@ -30,6 +30,7 @@ namespace kernels = pi_runtime::kernels;
 void StereoTracker::Impl::addCorners(size_t max_features)
 {
   const int camera = usable[LEFT] ? LEFT : RIGHT;
+  threshold_falls = false;
   if (!usable[camera] || tracks.size() + max_features / FEW_PART >= max_features)
   {
     return;  // a few missing ones can wait
@@ -40,7 +41,9 @@ void StereoTracker::Impl::addCorners(size_t max_features)
   // A few corners per feature are needed for a choice; the threshold follows the pictures, one step per pair.
   if (corners.size() < 4 * max_features)
   {
-    threshold = std::max(std::min(LEAST_FAST_THRESHOLD, options.fast_threshold), threshold - 2);
+    const int lower = std::max(std::min(LEAST_FAST_THRESHOLD, options.fast_threshold), threshold - 2);
+    threshold_falls = lower < threshold;
+    threshold = lower;
   }
   else if (corners.size() > 12 * max_features)
   {

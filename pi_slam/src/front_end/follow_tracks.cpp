@@ -29,7 +29,7 @@ double median(std::vector<double>* values)
 
 }  // namespace
 
-void StereoTracker::Impl::equaliseLast()
+void StereoTracker::Impl::equaliseReference()
 {
   for (int c = LEFT; c <= RIGHT; ++c)
   {
@@ -40,7 +40,7 @@ void StereoTracker::Impl::equaliseLast()
     }
     if (!same_places.empty())
     {
-      equalise(now[c], last[c], 1.0);
+      equalise(now[c], reference[c], 1.0);
     }
   }
 }
@@ -48,7 +48,7 @@ void StereoTracker::Impl::equaliseLast()
 bool StereoTracker::Impl::planStep(size_t index, int camera, const TrackerPrediction& prediction)
 {
   const Track& track = tracks[index];
-  if (!track.seen.seen[camera] || !usable[camera] || !last_usable[camera])
+  if (!track.seen.seen[camera] || !track.referenced[camera] || !usable[camera] || !reference_usable[camera])
   {
     return false;
   }
@@ -79,7 +79,7 @@ bool StereoTracker::Impl::planStep(size_t index, int camera, const TrackerPredic
     return false;
   }
   steps.push_back({index, camera, batches[camera].size(), toPixel(*by_rotation), Eigen::Vector3d::Zero()});
-  batches[camera].add(toPixel(track.seen.pixel[camera]), toPixel(*predicted));
+  batches[camera].add(track.reference[camera], toPixel(*predicted));
   return true;
 }
 
@@ -107,11 +107,11 @@ void StereoTracker::Impl::followTracks(const TrackerPrediction& prediction, doub
   batches[LEFT].clear();
   batches[RIGHT].clear();
   planSteps(prediction, dt_s);
-  equaliseLast();
-  pictures.track({{&last[LEFT], &now[LEFT], options.levels, &batches[LEFT]},
-                  {&last[RIGHT], &now[RIGHT], options.levels, &batches[RIGHT]}});
+  equaliseReference();
+  pictures.track({{&reference[LEFT], &now[LEFT], options.levels, &batches[LEFT]},
+                  {&reference[RIGHT], &now[RIGHT], options.levels, &batches[RIGHT]}});
   turnRound();
-  pictures.track({{&now[LEFT], &last[LEFT], 1, &back[LEFT]}, {&now[RIGHT], &last[RIGHT], 1, &back[RIGHT]}});
+  pictures.track({{&now[LEFT], &reference[LEFT], 1, &back[LEFT]}, {&now[RIGHT], &reference[RIGHT], 1, &back[RIGHT]}});
   size_t kept = 0;
   for (Step& step : steps)
   {

@@ -22,7 +22,10 @@ using front_end::Pixel;
 using front_end::Pyramid;
 using front_end::Track;
 
-constexpr int64_t LONGEST_WAIT_NS = 1000000000;  ///< over which features are looked for again after blank pictures
+constexpr int64_t LONGEST_WAIT_NS = 1000000000;       ///< over which features are looked for again after blank pictures
+constexpr int64_t LONGEST_REFERENCE_NS = 2000000000;  ///< light changes
+constexpr int SLOW_PAIRS = 4;                         ///< of slow_px, which features may go
+constexpr double LEAST_KEPT = 0.8;                    ///< of the features that the reference pictures had
 constexpr double MOTION_PART = 2.0 / 3.0;   ///< of epipolar_px: the motion is estimated, the calibration is as it is
 constexpr double MOST_GAIN = 4.0;           ///< between two exposures that can be made up for
 constexpr double LEAST_GAIN_CHANGE = 0.01;  ///< smaller ones are left
@@ -56,6 +59,7 @@ void StereoTrackerOptions::validate() const
   check.range("window_px", window_px, 5, kernels::MAX_TRACK_WINDOW);
   check.range("max_iterations", max_iterations, 1, 100);
   check.range("epsilon_px", epsilon_px, 0.001, 1.0);
+  check.range("slow_px", slow_px, 0.0, 5.0);
   check.range("max_residual", max_residual, 1.0, 255.0);
   check.range("epipolar_px", epipolar_px, 0.1, 20.0);
   check.range("min_depth_m", min_depth_m, 0.01, 10.0);
@@ -77,7 +81,7 @@ StereoTracker::Impl::Impl(const StereoCalibration& calibration, const StereoTrac
 {
   for (int c = LEFT; c <= RIGHT; ++c)
   {
-    last[c] = pictures.makePyramid();
+    reference[c] = pictures.makePyramid();
     now[c] = pictures.makePyramid();
   }
 }
@@ -134,6 +138,49 @@ void StereoTracker::Impl::equalise(const Pyramid& like, const Pyramid& changed, 
   }
 }
 
+/// A feature that is followed from picture to picture lags behind a slow motion, by some percent: its patch is cut out
+/// anew each time, where the last search ended. So patches stay those of one picture until they have moved.
+bool StereoTracker::Impl::referenceDue(int64_t stamp_ns) const
+{
+  if (!has_last || threshold_falls || stamp_ns - reference_ns > LONGEST_REFERENCE_NS ||
+      usable[LEFT] != reference_usable[LEFT] || usable[RIGHT] != reference_usable[RIGHT] ||
+      static_cast<double>(tracks.size()) < LEAST_KEPT * static_cast<double>(reference_tracks))
+  {
+    return true;
+  }
+  std::vector<float> ways;
+  for (const Track& track : tracks)
+  {
+    const int c = homeOf(track);
+    if (track.referenced[c])
+    {
+      const Eigen::Vector2f& pixel = track.seen.pixel[c];
+      ways.push_back(std::hypot(pixel.x() - track.reference[c].x, pixel.y() - track.reference[c].y));
+    }
+  }
+  const auto middle = ways.begin() + static_cast<std::ptrdiff_t>(ways.size() / 2);
+  std::nth_element(ways.begin(), middle, ways.end());
+  const double most_px = options.slow_px * std::min(reference_pairs, SLOW_PAIRS);
+  return ways.empty() || *middle >= static_cast<float>(most_px);
+}
+
+void StereoTracker::Impl::renewReference(int64_t stamp_ns)
+{
+  for (int c = LEFT; c <= RIGHT; ++c)
+  {
+    std::swap(reference[c], now[c]);
+    reference_usable[c] = usable[c];
+    for (Track& track : tracks)
+    {
+      track.referenced[c] = track.seen.seen[c];
+      track.reference[c] = front_end::toPixel(track.seen.pixel[c]);
+    }
+  }
+  reference_ns = stamp_ns;
+  reference_tracks = tracks.size();
+  reference_pairs = 0;
+}
+
 FrameFeatures StereoTracker::Impl::process(int64_t stamp_ns, const std::array<const cv::Mat*, 2>& images,
                                            const TrackerPrediction& prediction, size_t max_features,
                                            TrackerReport* report)
@@ -164,7 +211,11 @@ FrameFeatures StereoTracker::Impl::process(int64_t stamp_ns, const std::array<co
   dropUnpaired();
   report->lost += static_cast<int>(before - tracks.size());
   const size_t old_count = tracks.size();
-  addCorners(max_features);
+  const bool renew = referenceDue(stamp_ns);
+  if (renew)
+  {
+    addCorners(max_features);
+  }
   report->detect_ms = clock.lap();
   matchUnknown();
   chooseNew(old_count, max_features, report);
@@ -176,11 +227,11 @@ FrameFeatures StereoTracker::Impl::process(int64_t stamp_ns, const std::array<co
     result.features.push_back(track.seen);
     report->stereo += track.seen.seen[LEFT] && track.seen.seen[RIGHT] ? 1 : 0;
   }
-  for (int c = LEFT; c <= RIGHT; ++c)
+  if (renew)
   {
-    std::swap(last[c], now[c]);
-    last_usable[c] = usable[c];
+    renewReference(stamp_ns);
   }
+  ++reference_pairs;
   has_last = true;
   last_ns = stamp_ns;
   R_last_now.setIdentity();

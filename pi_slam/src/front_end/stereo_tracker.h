@@ -29,10 +29,12 @@ struct StereoTrackerOptions
   int window_px = 11;             ///< side of the patch that is compared; odd, in [5, 31]
   int max_iterations = 12;        ///< per level; in [1, 100]
   double epsilon_px = 0.02;       ///< a smaller step ends the search; in [0.001, 1]
-  double max_residual = 25.0;     ///< mean absolute difference of patches [grey levels]; in [1, 255]
-  double epipolar_px = 1.5;       ///< farthest from the epipolar line; two thirds: from the motion's; in [0.1, 20]
-  double min_depth_m = 0.2;       ///< nearest point that stereo may see; in [0.01, 10]
-  bool kernel_tasks = false;      ///< kernels as tasks of pi_runtime (OpenCL or native); false: called directly
+  double slow_px = 0.1;        ///< median way per pair, below which features are compared with an older picture, until
+                               ///< they have gone four times that; 0: never; in [0, 5]
+  double max_residual = 25.0;  ///< mean absolute difference of patches [grey levels]; in [1, 255]
+  double epipolar_px = 1.5;    ///< farthest from the epipolar line; two thirds: from the motion's; in [0.1, 20]
+  double min_depth_m = 0.2;    ///< nearest point that stereo may see; in [0.01, 10]
+  bool kernel_tasks = false;   ///< kernels as tasks of pi_runtime (OpenCL or native); false: called directly
 
   /// @throws std::invalid_argument that names field, value and bound.
   void validate() const;

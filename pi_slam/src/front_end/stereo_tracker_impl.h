@@ -23,6 +23,8 @@ constexpr int NEAR_LEVELS = 2;     ///< of the pyramid, where the start is about
 struct Track
 {
   FeatureObservation seen;
+  bool referenced[2] = {false, false};      ///< seen in the reference pictures
+  Pixel reference[2] = {};                  ///< where
   double inverse_distance[2] = {0.0, 0.0};  ///< from each camera [1/m], by the last stereo match
   bool has_depth = false;
   int missed = 0;  ///< pairs in a row without a stereo match although both cameras ought to see it
@@ -70,7 +72,9 @@ struct StereoTracker::Impl
   void chooseNew(size_t old_count, size_t max_features, TrackerReport* report);
   void dropUnpaired();
   bool acceptMatch(front_end::Track* track, int from, const front_end::Pixel& pixel);
-  void equaliseLast();
+  bool referenceDue(int64_t stamp_ns) const;
+  void renewReference(int64_t stamp_ns);
+  void equaliseReference();
   void equalisePair();
   void equalise(const front_end::Pyramid& bright, const front_end::Pyramid& changed, double fallback);
   void forget();
@@ -121,16 +125,20 @@ struct StereoTracker::Impl
   int64_t next_id = 1;
   std::vector<front_end::Track> tracks;  ///< by increasing id
   bool has_last = false;
-  int64_t last_ns = 0;                                             ///< of the pictures in `last`
-  Eigen::Quaterniond R_last_now = Eigen::Quaterniond::Identity();  ///< from those pictures on
+  int64_t last_ns = 0;                                             ///< of the last pair that showed something
+  Eigen::Quaterniond R_last_now = Eigen::Quaterniond::Identity();  ///< from that pair on
   /// Of the last body's origin in the body frame, as the last two pairs had it [m/s].
   Eigen::Vector3d velocity = Eigen::Vector3d::Zero();
   Eigen::Vector3d p_now_last_camera[2];  ///< expected move of the last camera's place, in the body's axes [m]
-  front_end::Pyramid last[2];
+  front_end::Pyramid reference[2];       ///< pictures that features are followed from
+  bool reference_usable[2] = {false, false};
+  int64_t reference_ns = 0;
+  size_t reference_tracks = 0;
+  int reference_pairs = 0;  ///< since then
   front_end::Pyramid now[2];
-  bool last_usable[2] = {false, false};
   bool usable[2] = {false, false};
-  double mean_ratio = 1.0;  ///< brightness of the left picture over that of the right one
+  double mean_ratio = 1.0;       ///< brightness of the left picture over that of the right one
+  bool threshold_falls = false;  ///< too few corners so far; the next pictures are searched for more
   int fast_threshold[2] = {options.fast_threshold, options.fast_threshold};
 
   // Kept from call to call for their memory.

@@ -266,6 +266,15 @@ void ImuBuffer::correct(const ImuCorrection& correction)
   std::transform(samples_.begin(), samples_.end(), samples_.begin(), correction);
 }
 
+void ImuBuffer::holdUntil(int64_t stamp_ns)
+{
+  if (!empty() && lastNs() < stamp_ns)
+  {
+    samples_.push_back(samples_.back());
+    samples_.back().stamp_ns = stamp_ns;
+  }
+}
+
 void ImuBuffer::forgetBefore(int64_t stamp_ns)
 {
   const auto after = std::upper_bound(samples_.begin(), samples_.end(), stamp_ns,

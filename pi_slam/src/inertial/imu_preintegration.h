@@ -136,6 +136,9 @@ public:
   /// Corrects all samples; those to come are corrected already.
   void correct(const ImuCorrection& correction);
 
+  /// Reaches to stamp_ns at least: the last sample holds until then.
+  void holdUntil(int64_t stamp_ns);
+
   /// Forgets samples that are older than the last one at or before stamp_ns.
   void forgetBefore(int64_t stamp_ns);
 

@@ -4,6 +4,7 @@
 #include <pi_slam/so3.h>
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 
@@ -18,9 +19,7 @@ constexpr double LONGEST_S = 0.4;
 constexpr double RATE_S = 0.02;  ///< over which the rate at an end is averaged
 constexpr size_t LEAST_FEATURES = 25;
 constexpr double RIG_TOLERANCE_PX = 1.5;
-constexpr double FREE_RAD = 0.1;      ///< the gyroscope is only where the search begins
-constexpr double FIRST_TURN = 0.035;  ///< deviations at first [rad]
-constexpr double FIRST_LATE_S = 0.015;
+constexpr double FREE_RAD = 0.1;       ///< the gyroscope is only where the search begins
 constexpr double FIRST_BIAS = 0.1;     ///< [rad/s]
 constexpr double FIRST_NOISE = 2e-3;   ///< of a rotation by pictures [rad]
 constexpr double TURN_WALK = 3e-5;     ///< [rad/sqrt(s)]: mounts bend with temperature
@@ -31,17 +30,22 @@ constexpr int LEAST_COMPARED = 15;     ///< before a correction: 3 s of motion
 /// What is less than this has no influence on the pose.
 constexpr double LEAST_LATE_S = 0.7e-3;
 constexpr double LEAST_TURN = 4e-3;
-constexpr double SURE = 4.0;  ///< deviations
+constexpr double SURE = 4.0;          ///< deviations
+constexpr double KNOWN_TURN = 0.009;  ///< deviation of an angle that is taken over: a quarter of that at first [rad]
 
 }  // namespace
 
-RigCalibrator::RigCalibrator(const StereoCalibration& calibration, const ImuModel& model)
-  : geometry_(calibration), motion_check_(geometry_, RIG_TOLERANCE_PX), variance_(FIRST_NOISE * FIRST_NOISE)
+RigCalibrator::RigCalibrator(const StereoCalibration& calibration, const ImuModel& model, const RigReport& before)
+  : geometry_(calibration)
+  , motion_check_(geometry_, RIG_TOLERANCE_PX)
+  , variance_(FIRST_NOISE * FIRST_NOISE)
+  , used_(before.used)
 {
   model.validate();
-  Vector7d deviation;
-  deviation << Eigen::Vector3d::Constant(FIRST_TURN), FIRST_LATE_S, Eigen::Vector3d::Constant(FIRST_BIAS);
-  P_ = deviation.cwiseAbs2().asDiagonal();
+  x_.head<3>() = before.turn + logSo3(Eigen::Quaterniond(used_.R_body_imu));
+  x_[LATE] = before.late_s - used_.late_s;
+  P_ = (FIRST_BIAS * FIRST_BIAS) * Matrix7d::Identity();
+  P_.topLeftCorner<4, 4>() = before.covariance;
 }
 
 void RigCalibrator::add(const FrameFeatures& features, const ImuBuffer& imu)
@@ -126,21 +130,35 @@ void RigCalibrator::compare(const FrameFeatures& features, const ImuBuffer& imu)
 
 std::optional<ImuCorrection> RigCalibrator::take()
 {
-  const Eigen::Vector3d turn = x_.segment<3>(TURN);
-  const double late_deviation = std::sqrt(P_(LATE, LATE));
-  const Eigen::Vector3d axis = turn.normalized();
-  const double turn_deviation = std::sqrt(axis.dot(P_.topLeftCorner<3, 3>() * axis));
-  const bool late = std::abs(x_[LATE]) > std::max(LEAST_LATE_S, SURE * late_deviation);
-  const bool turned = turn.norm() > std::max(LEAST_TURN, SURE * turn_deviation);
-  if (compared_ < LEAST_COMPARED || (!late && !turned))
+  // A vehicle that turns about one axis does not tell the angle about it: of the turn only what is known counts.
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(P_.topLeftCorner<3, 3>());
+  Eigen::Vector3d turn = Eigen::Vector3d::Zero();
+  bool sure = false;
+  for (int i = 0; i < 3; ++i)
+  {
+    const double deviation = std::sqrt(axes.eigenvalues()[i]);
+    if (deviation < KNOWN_TURN)
+    {
+      const Eigen::Vector3d axis = axes.eigenvectors().col(i);
+      const double angle = axis.dot(x_.segment<3>(TURN));
+      turn += angle * axis;
+      sure = sure || std::abs(angle) > SURE * deviation;
+    }
+  }
+  if (!sure || turn.norm() <= LEAST_TURN)
+  {
+    turn.setZero();
+  }
+  const bool late = std::abs(x_[LATE]) > std::max(LEAST_LATE_S, SURE * std::sqrt(P_(LATE, LATE)));
+  if (compared_ < LEAST_COMPARED || (!late && turn.isZero()))
   {
     return std::nullopt;
   }
   ImuCorrection correction;
   correction.late_s = late ? x_[LATE] : 0.0;
-  correction.R_body_imu = turned ? expSo3(-turn).toRotationMatrix() : Eigen::Matrix3d::Identity();
+  correction.R_body_imu = expSo3(-turn).toRotationMatrix();
   x_[LATE] -= correction.late_s;
-  x_.segment<3>(TURN) -= turned ? turn : Eigen::Vector3d::Zero();
+  x_.segment<3>(TURN) -= turn;
   x_.segment<3>(BIAS) = (correction.R_body_imu * x_.segment<3>(BIAS)).eval();
   used_ = correction.after(used_);
   compared_ = 0;
@@ -150,10 +168,9 @@ std::optional<ImuCorrection> RigCalibrator::take()
 RigReport RigCalibrator::report() const
 {
   RigReport report;
-  report.late_s = used_.late_s + x_[LATE];
-  report.late_deviation_s = std::sqrt(P_(LATE, LATE));
   report.turn = x_.segment<3>(TURN) - logSo3(Eigen::Quaterniond(used_.R_body_imu));
-  report.turn_deviation = P_.diagonal().segment<3>(TURN).cwiseSqrt();
+  report.late_s = used_.late_s + x_[LATE];
+  report.covariance = P_.topLeftCorner<4, 4>();
   report.used = used_;
   return report;
 }

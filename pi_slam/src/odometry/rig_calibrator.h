@@ -8,6 +8,7 @@
 #include "inertial/imu_preintegration.h"
 
 #include <Eigen/Core>
+#include <cmath>
 #include <cstdint>
 #include <optional>
 #include <vector>
@@ -18,24 +19,29 @@ namespace pi_slam
 /// What is known of time and rotation between cameras and IMU.
 struct RigReport
 {
-  double late_s = 0.0;                             ///< the cameras' stamps, beyond the calibration [s]
-  double late_deviation_s = 0.015;                 ///< standard deviation [s]
   Eigen::Vector3d turn = Eigen::Vector3d::Zero();  ///< of the cameras, beyond the calibration, body frame [rad]
-  Eigen::Vector3d turn_deviation = Eigen::Vector3d::Ones();  ///< per axis; large where the motion does not tell it
-  ImuCorrection used;                                        ///< taken over so far
+  double late_s = 0.0;                             ///< the cameras' stamps, beyond the calibration [s]
+  /// Of turn and late_s; at first 2 degrees and 15 ms.
+  Eigen::Matrix4d covariance = Eigen::Vector4d(0.035, 0.035, 0.035, 0.015).cwiseAbs2().asDiagonal();
+  ImuCorrection used;  ///< taken over so far
+
+  /// Standard deviation about each axis; large where the motion does not tell it [rad].
+  Eigen::Vector3d turnDeviation() const { return covariance.diagonal().head<3>().cwiseSqrt(); }
+  double lateDeviation() const { return std::sqrt(covariance(3, 3)); }  ///< [s]
 };
 
 /// Finds by how much the cameras' stamps are late and how far their mounting is turned: both make the rotation between
 /// two pairs by pictures differ from the gyroscope's. A Kalman filter of seven numbers (turn, lateness, bias of the
 /// gyroscope) compares them every 0.2 s. It needs no estimate of pose or speed, so it works before a start too. Its
 /// variances tell what the motion allows: without turns about two axes one angle of the mounting stays unknown, and at
-/// constant rate the lateness. Only what is known well and matters is taken over.
+/// constant rate the lateness. Only what is known well and matters is taken over, of a turn the axes that are known.
 ///
 /// Not thread safe.
 class RigCalibrator
 {
 public:
-  RigCalibrator(const StereoCalibration& calibration, const ImuModel& model);
+  /// @param before  what another one found for the same calibration; samples have its correction already.
+  RigCalibrator(const StereoCalibration& calibration, const ImuModel& model, const RigReport& before = RigReport());
   RigCalibrator(const RigCalibrator&) = delete;  // motion_check_ refers to geometry_
   RigCalibrator& operator=(const RigCalibrator&) = delete;
 

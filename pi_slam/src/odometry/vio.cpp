@@ -8,6 +8,7 @@
 
 #include <chrono>
 #include <cmath>
+#include <ctime>
 
 namespace pi_slam
 {
@@ -19,8 +20,16 @@ using pi_node::seconds;
 using pi_node::secondsSince;
 
 constexpr double LONGEST_GAP_S = 0.2;  ///< of the IMU, after which there is no pose before pictures have corrected it
+constexpr double LEAST_RATE_S = 0.02;  ///< over which the body's rate is averaged
 constexpr double WHEELS_KEPT_S = 6.0;
 constexpr double IMU_KEPT_S = 12.0;  ///< of samples, for the initialiser and long gaps
+
+double threadCpuSeconds()
+{
+  timespec now{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
 
 }  // namespace
 
@@ -155,15 +164,25 @@ FrameReport Vio::Impl::addPair(int64_t stamp_ns, const cv::Mat& left, const cv::
     since_pair = imu.integrate(last_pair_ns, stamp_ns, running ? filter.state().bias : ImuBias(), nullptr);
   }
 
-  const std::optional<NavState> before = running ? std::optional(filter.state()) : std::nullopt;
+  const Eigen::Quaterniond q_before = filter.state().q;
   const TrackerPrediction prediction = predictViews(since_pair, running);
-  front_end_stage.run([&] { runFrontEnd(left, right, prediction, stamp_ns, &report); });
+  front_end_stage.run(
+      [&]
+      {
+        const double begin_cpu_s = threadCpuSeconds();
+        runFrontEnd(left, right, prediction, stamp_ns, &report);
+        report.front_end_cpu_ms = 1e3 * (threadCpuSeconds() - begin_cpu_s);
+      });
+  if (options.readout_s > 0.0)
+  {
+    straighten(running);
+  }
   report.front_end_ms = 1e3 * secondsSince(begin);
   last_pair_ns = stamp_ns;
   if (running)
   {
     track(since_pair, &report);
-    last_rate = logSo3(before->q.conjugate() * filter.state().q) / since_pair.duration();
+    last_rate = logSo3(q_before.conjugate() * filter.state().q) / since_pair.duration();
   }
   else
   {
@@ -283,6 +302,20 @@ void Vio::Impl::runFrontEnd(const cv::Mat& left, const cv::Mat& right, const Tra
   }
 }
 
+/// Takes what rolling shutters saw to the time of the stamp.
+void Vio::Impl::straighten(bool running)
+{
+  Eigen::Vector3d w, f, w_deviation, f_deviation;
+  const int64_t stamp_ns = features.stamp_ns;
+  if (imu.statistics(stamp_ns - std::llround(1e9 * std::max(options.readout_s, LEAST_RATE_S)), stamp_ns, &w, &f,
+                     &w_deviation, &f_deviation))
+  {
+    const NavState& last = filter.state();
+    shutter.correct(running ? Eigen::Vector3d(w - last.bias.gyro) : w,
+                    running ? Eigen::Vector3d(last.q.conjugate() * last.v) : Eigen::Vector3d::Zero(), &features);
+  }
+}
+
 void Vio::Impl::offerToMap(int64_t stamp_ns, const cv::Mat& left, const cv::Mat& right)
 {
   MapFrame frame;
@@ -329,10 +362,11 @@ void Vio::Impl::publish()
   shown_features = features;
 }
 
-Vio::Vio(const StereoCalibration& calibration, const VioOptions& options, std::shared_ptr<pi_runtime::Runtime> runtime)
+Vio::Vio(const StereoCalibration& calibration, const VioOptions& options, std::shared_ptr<pi_runtime::Runtime> runtime,
+         const RigReport& found)
 {
   options.validate();
-  impl_ = std::make_unique<Impl>(calibration, options, std::move(runtime));
+  impl_ = std::make_unique<Impl>(calibration, options, std::move(runtime), found);
 }
 
 Vio::~Vio() = default;

@@ -46,6 +46,8 @@ struct VioOptions
   double keyframe_min_interval_s = 0.1;  ///< in [0, 1]
   double max_speed = 30.0;               ///< faster is a failure of the estimate [m/s]; > 0
   double max_blind_s = 10.0;             ///< without pictures that help, before the state is given up [s]; in [0.5, 60]
+  double readout_s = 0.0;  ///< of rolling shutters: from the first row to the last [s]; 0: global shutters.
+                           ///< Stamps are those of the middle row; in [0, 0.1]
   /// Time offset and rotation between cameras and IMU are found and corrected while driving.
   bool refine_calibration = true;
 
@@ -90,6 +92,7 @@ struct FrameReport
   int iterations = 0;    ///< of the window's optimisation, 0 without one
   bool reduced = false;  ///< fewer features or iterations than asked for, to stay within the budget
   double front_end_ms = 0.0;
+  double front_end_cpu_ms = 0.0;  ///< of that, processor time of its thread; the rest it waited
   double filter_ms = 0.0;
   double window_ms = 0.0;
   double total_ms = 0.0;
@@ -109,9 +112,10 @@ class Vio
 public:
   /// @param runtime  runs the stages slam_front_end and slam_window, or the kernels with options.tracker.kernel_tasks;
   /// null: all is called directly.
+  /// @param found  rig() of odometry before, with the same calibration.
   /// @throws std::invalid_argument for options or a calibration out of range.
   Vio(const StereoCalibration& calibration, const VioOptions& options,
-      std::shared_ptr<pi_runtime::Runtime> runtime = nullptr);
+      std::shared_ptr<pi_runtime::Runtime> runtime = nullptr, const RigReport& found = RigReport());
   ~Vio();
 
   /// Never waits for pictures. Samples must come in order of time; imuMessage() tells their faults.

@@ -17,7 +17,6 @@ using pi_node::format;
 using pi_node::seconds;
 using pi_node::secondsSince;
 
-constexpr int MIN_VIEWS = 10;           ///< that a correction needs
 constexpr double MIN_AGREEING = 0.35;   ///< part of the views; fewer, and pictures and IMU are at odds
 constexpr int FEW_VIEWS = 30;           ///< fewer of known landmarks ask for a keyframe
 constexpr int MIN_NEW_LANDMARKS = 15;   ///< seen by both cameras, to begin with again after darkness

@@ -18,6 +18,7 @@
 #include "estimator/frame_budget.h"
 #include "estimator/window_estimator.h"
 #include "front_end/frame_filter.h"
+#include "front_end/rolling_shutter.h"
 #include "inertial/imu_preintegration.h"
 #include "inertial/vibration_meter.h"
 #include "inertial/wheels.h"
@@ -32,7 +33,7 @@ namespace pi_slam
 struct Vio::Impl
 {
   Impl(const StereoCalibration& calibration_in, const VioOptions& options_in,
-       std::shared_ptr<pi_runtime::Runtime> runtime)
+       std::shared_ptr<pi_runtime::Runtime> runtime, const RigReport& found)
     : calibration(calibration_in)
     , options(options_in)
     , cameras(estimator::cameraGeometry(calibration))
@@ -40,12 +41,15 @@ struct Vio::Impl
     , front_end_stage(options.tracker.kernel_tasks ? nullptr : runtime, {"slam_front_end"})
     , window_stage(runtime, {"slam_window", std::chrono::nanoseconds(0), WINDOW_DEADLINE})
     , tracker(calibration, options.tracker, std::move(runtime))
+    , shutter(calibration, options.readout_s)
     , initializer(calibration, options.imu, options.initializer)
     , standstill(calibration, options.imu, options.standstill)
     , window(calibration, options.imu, options.window)
     , filter(calibration, options.window.pixel_noise)
-    , rig(calibration, options.imu)
+    , rig(calibration, options.imu, found)
     , propagator(options.imu)
+    , imu_correction(found.used)
+    , rig_report(found)
     , imu(options.imu)
     , inbox_check(options.imu)
     , vibration(options.imu)
@@ -68,6 +72,7 @@ struct Vio::Impl
   TrackerPrediction predictViews(const ImuPreintegration& since_pair, bool running);
   void runFrontEnd(const cv::Mat& left, const cv::Mat& right, const TrackerPrediction& prediction, int64_t stamp_ns,
                    FrameReport* report);
+  void straighten(bool running);
   void start(FrameReport* report);
   void turnLastKnown(int64_t stamp_ns);
   void displaceOdom(const NavState& now);
@@ -93,7 +98,7 @@ struct Vio::Impl
   std::string failure(const FrameReport& report) const;
   void refineCalibration(FrameReport* report);
   void correctImu(const ImuCorrection& due);
-  void beginAgain(const ImuCorrection& due, FrameReport* report);
+  void correctEstimate(const ImuCorrection& due, FrameReport* report);
   void giveUp(const std::string& why, FrameReport* report);
   void publish();
 
@@ -101,9 +106,11 @@ struct Vio::Impl
   const VioOptions options;
   const std::array<estimator::CameraGeometry, 2> cameras;
   static constexpr std::chrono::milliseconds WINDOW_DEADLINE{100};  ///< about the time between two keyframes
+  static constexpr int MIN_VIEWS = 10;                              ///< that a correction by pictures needs
   pi_runtime::Stage front_end_stage;
   pi_runtime::Stage window_stage;
   StereoTracker tracker;
+  RollingShutter shutter;
   Initializer initializer;
   StandstillDetector standstill;
   WindowEstimator window;

@@ -22,6 +22,7 @@ void VioOptions::validate() const
   check.range("keyframe_min_interval_s", keyframe_min_interval_s, 0.0, 1.0);
   check.positive("max_speed", max_speed);
   check.range("max_blind_s", max_blind_s, 0.5, 60.0);
+  check.range("readout_s", readout_s, 0.0, 0.1);
   if (keyframe_min_interval_s >= keyframe_max_interval_s)
   {
     throw std::invalid_argument(

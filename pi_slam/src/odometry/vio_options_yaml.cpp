@@ -181,6 +181,7 @@ std::vector<OptionField> optionFields(VioOptions* vio, MapperOptions* mapper)
       {"tracker/window_px", &tracker.window_px},
       {"tracker/max_iterations", &tracker.max_iterations},
       {"tracker/epsilon_px", &tracker.epsilon_px},
+      {"tracker/slow_px", &tracker.slow_px},
       {"tracker/max_residual", &tracker.max_residual},
       {"tracker/epipolar_px", &tracker.epipolar_px},
       {"tracker/min_depth_m", &tracker.min_depth_m},
@@ -222,6 +223,7 @@ std::vector<OptionField> optionFields(VioOptions* vio, MapperOptions* mapper)
       {"vio/keyframe_min_interval_s", &vio->keyframe_min_interval_s},
       {"vio/max_speed", &vio->max_speed},
       {"vio/max_blind_s", &vio->max_blind_s},
+      {"vio/readout_s", &vio->readout_s},
       {"vio/refine_calibration", &vio->refine_calibration},
 
       {"map/keyframe_distance_m", &mapper->keyframe_distance_m},

@@ -128,6 +128,9 @@ void VioDiagnostics::reportOdometry(Status& status)
   if (frame_)
   {
     status.add("front end [ms]", format("%.2f", frame_->front_end_ms));
+    status.add("front end, processor time [ms]", format("%.2f", frame_->front_end_cpu_ms));
+    status.add("front end, waited [ms]",
+               format("%.2f", std::max(0.0, frame_->front_end_ms - frame_->front_end_cpu_ms)));
     status.add("filter [ms]", format("%.2f", frame_->filter_ms));
     status.add("window [ms]", format("%.2f", frame_->window_ms));
     status.add("features", frame_->features);
@@ -187,8 +190,8 @@ void VioDiagnostics::reportInputs(Status& status) const
   status.add("pictures behind the IMU [s]", format("%.4f", now_.delay_s));
   const RigReport& rig = now_.rig;
   const Eigen::Vector3d turn = rig.turn * 180.0 / M_PI;
-  const Eigen::Vector3d turn_deviation = rig.turn_deviation * 180.0 / M_PI;
-  status.add("cameras are late, estimated [ms]", format("%.2f +- %.2f", 1e3 * rig.late_s, 1e3 * rig.late_deviation_s));
+  const Eigen::Vector3d turn_deviation = rig.turnDeviation() * 180.0 / M_PI;
+  status.add("cameras are late, estimated [ms]", format("%.2f +- %.2f", 1e3 * rig.late_s, 1e3 * rig.lateDeviation()));
   status.add("cameras are late, taken over [ms]", format("%.2f", 1e3 * rig.used.late_s));
   status.add("cameras are turned, estimated [deg]",
              format("%.2f, %.2f, %.2f +- %.2f, %.2f, %.2f", turn.x(), turn.y(), turn.z(), turn_deviation.x(),

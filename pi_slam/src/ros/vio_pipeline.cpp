@@ -44,7 +44,7 @@ VioPipeline::Ptr VioPipeline::make(const VioRosOptions& options, const RuntimePt
   {
     pipeline->mapper = std::make_shared<Mapper>(calibration.cameras, mapperOptions(options), runtime);
   }
-  pipeline->startVio(runtime);
+  pipeline->startVio(runtime, RigReport());
   return pipeline;
 }
 
@@ -55,13 +55,13 @@ VioPipeline::Ptr VioPipeline::again(const VioRosOptions& options, const RuntimeP
   {
     pipeline->mapper = std::make_shared<Mapper>(pipeline->cameras, mapperOptions(options), runtime);
   }
-  pipeline->startVio(runtime);
+  pipeline->startVio(runtime, vio->rig());
   return pipeline;
 }
 
-void VioPipeline::startVio(const RuntimePtr& runtime)
+void VioPipeline::startVio(const RuntimePtr& runtime, const RigReport& found)
 {
-  vio = std::make_shared<Vio>(cameras, vio_options, runtime);
+  vio = std::make_shared<Vio>(cameras, vio_options, runtime, found);
   if (mapper)
   {
     vio->setKeyframeCallback([mapper = mapper](const MapFrame& frame) { mapper->add(frame); });

@@ -22,7 +22,8 @@ struct VioPipeline
   /// @throws std::exception for a calibration that odometry or mapping cannot use.
   static Ptr make(const VioRosOptions& options, const RuntimePtr& runtime, const FileCalibration& calibration,
                   const Eigen::Isometry3d& T_base_body);
-  /// The same with new odometry. A new object: pairs and samples of the old time that are in work end with the old one.
+  /// The same with new odometry, which keeps what was found of the calibration. A new object: pairs and samples of the
+  /// old time that are in work end with the old one.
   Ptr again(const VioRosOptions& options, const RuntimePtr& runtime, bool forget_map) const;
 
   StereoCalibration cameras;
@@ -33,7 +34,7 @@ struct VioPipeline
   std::shared_ptr<Mapper> mapper;  ///< null without mapping; the same after a restart
 
 private:
-  void startVio(const RuntimePtr& runtime);
+  void startVio(const RuntimePtr& runtime, const RigReport& found);
 };
 
 }  // namespace pi_slam

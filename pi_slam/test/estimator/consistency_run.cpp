@@ -3,9 +3,11 @@
 #include <pi_slam/imu_simulator.h>
 #include <pi_slam/so3.h>
 #include "front_end/frame_filter.h"
+#include "front_end/rolling_shutter.h"
 #include "inertial/imu_preintegration.h"
 
 #include <Eigen/Cholesky>
+#include <algorithm>
 #include <cmath>
 #include <random>
 #include <stdexcept>
@@ -87,6 +89,7 @@ std::vector<ConsistencySample> runConsistency(const SplineTrajectory& trajectory
 
   SimulatedFeaturesOptions feature_options;
   feature_options.pixel_noise = options.pixel_noise;
+  feature_options.readout_s = options.readout_s;
   feature_options.landmarks = 900;
   feature_options.seed = seed;
   SimulatedFeatures world(trajectory, options.calibration, feature_options);
@@ -111,7 +114,18 @@ std::vector<ConsistencySample> runConsistency(const SplineTrajectory& trajectory
   window_options.max_error_px *= options.pixel_noise;
   WindowEstimator window(options.calibration, model, window_options);
   FrameFilter filter(options.calibration, options.pixel_noise);
+  const RollingShutter shutter(options.calibration, options.readout_s);
+  const auto straighten = [&](FrameFeatures* features, const NavState& last)
+  {
+    Eigen::Vector3d w, f, w_deviation, f_deviation;
+    const int64_t from_ns = std::max(features->stamp_ns - 20000000, start_ns);
+    if (options.straighten && imu.statistics(from_ns, from_ns + 20000000, &w, &f, &w_deviation, &f_deviation))
+    {
+      shutter.correct(w - last.bias.gyro, last.q.conjugate() * last.v, features);
+    }
+  };
   FrameFeatures features = world.at(start_ns);
+  straighten(&features, state);
   window.start(state, covariance, features);
   window.optimize(window_options.max_iterations);
   filter.reset(window.newest(), window.newestRelativeCovariance());
@@ -127,6 +141,7 @@ std::vector<ConsistencySample> runConsistency(const SplineTrajectory& trajectory
     filter.predict(since_pair);
     since_keyframe.append(since_pair);
     features = world.at(stamp_ns);
+    straighten(&features, filter.state());
     std::vector<LandmarkView> views;
     for (const FeatureObservation& feature : features.features)
     {

@@ -16,6 +16,8 @@ struct ConsistencyOptions
   double pair_interval_s = 0.05;
   int pairs_per_keyframe = 4;
   double pixel_noise = 1.0;  ///< simulated, and told to the estimator [px]
+  double readout_s = 0.0;    ///< of simulated rolling shutters [s]
+  bool straighten = false;   ///< what they see
   pi_slam::StereoCalibration calibration = pi_slam::StereoCalibration::makeForwardPair(752, 480, 0.11);
   pi_slam::WindowOptions window;
 };

@@ -51,11 +51,20 @@ FrameFeatures SimulatedFeatures::at(int64_t stamp_ns)
     {
       feature.pixel[camera].setZero();
       feature.bearing[camera].setZero();
-      const Eigen::Vector3d p_camera = T_camera_world[camera] * (landmark.p_world + time_s * landmark.v_world);
+      Eigen::Vector3d p_camera = T_camera_world[camera] * (landmark.p_world + time_s * landmark.v_world);
       std::optional<Eigen::Vector2d> pixel;
       if (p_camera.z() > 0.2 && p_camera.norm() < 1.5 * options_.max_range)
       {
         pixel = cameras[camera]->model.project(p_camera);
+      }
+      for (int i = 0; i < 3 && pixel && options_.readout_s > 0.0; ++i)
+      {
+        const double late_s = options_.readout_s * (pixel->y() / (cameras[camera]->model.height - 1) - 0.5);
+        const int64_t row_ns =
+            std::clamp(stamp_ns + static_cast<int64_t>(1e9 * late_s), trajectory_.startNs(), trajectory_.endNs());
+        p_camera = (trajectory_.at(row_ns).T_world_body * cameras[camera]->T_body_camera).inverse() *
+                   (landmark.p_world + (time_s + late_s) * landmark.v_world);
+        pixel = p_camera.z() > 0.2 ? cameras[camera]->model.project(p_camera) : std::nullopt;
       }
       if (!pixel)
       {

@@ -20,6 +20,7 @@ struct SimulatedFeaturesOptions
   double min_range = 2.0;      ///< of landmarks from the place of the path about which they lie [m]
   double max_range = 12.0;     ///< likewise [m]
   int max_features = 120;      ///< per pair
+  double readout_s = 0.0;  ///< of rolling shutters: rows are seen one after the other, the middle one at the stamp [s]
   uint64_t seed = 1;
 };
 

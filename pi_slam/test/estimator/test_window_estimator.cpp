@@ -327,6 +327,87 @@ TEST(WindowEstimator, StartsFromAnInitialSolution)
   EXPECT_TRUE(window.empty());
 }
 
+TEST(WindowEstimator, KeepsItsKeyframesWhenTheImuIsCorrected)
+{
+  Drive drive(8.0);
+  // The IMU comes 20 ms late and is turned by 2 degrees.
+  const ImuCorrection fault{0.02, expSo3(Eigen::Vector3d(0.03, -0.018, 0.0)).toRotationMatrix()};
+  const ImuCorrection due{-fault.late_s, fault.R_body_imu.transpose()};
+  ImuBuffer imu = drive.imu;
+  imu.correct(fault);
+  WindowEstimator window(drive.calibration, drive.model, WindowOptions());
+  Matrix15d covariance = startCovariance();
+  covariance.diagonal().segment<3>(3).setConstant(0.05 * 0.05);
+  covariance.diagonal().segment<3>(12).setConstant(0.1 * 0.1);
+  constexpr int FIRST = 1, LAST = 25;
+  NavState first = drive.truth(FIRST);
+  first.q = first.q * Eigen::Quaterniond(due.R_body_imu);  // upright by this IMU
+  window.start(first, covariance, drive.world.at(drive.stampNs(FIRST)));
+  for (int keyframe = FIRST + 1; keyframe <= LAST; ++keyframe)
+  {
+    const ImuPreintegration since =
+        imu.integrate(drive.stampNs(keyframe - 1), drive.stampNs(keyframe), window.newest().bias, nullptr);
+    window.addKeyframe(since.predict(window.newest()), drive.world.at(drive.stampNs(keyframe)), since, false);
+    ASSERT_FALSE(window.optimize(5).failed);
+  }
+  const auto tilt = [&]
+  {
+    const Eigen::Vector3d up = window.newest().q.conjugate() * Eigen::Vector3d::UnitZ();
+    return std::acos(up.dot(drive.truth(LAST).q.conjugate() * Eigen::Vector3d::UnitZ()));
+  };
+  const auto gyro_error = [&] { return (window.newest().bias.gyro - drive.truth(LAST).bias.gyro).norm(); };
+  const double gyro_before = gyro_error();
+  const double tilt_before = tilt();
+  const double speed_before = (window.newest().v - drive.truth(LAST).v).norm();
+  const std::vector<NavState> before = window.states();
+  const size_t landmarks = window.landmarks().size();
+  ASSERT_GT(tilt_before, 0.01);
+
+  imu.correct(due);
+  window.correct(due, imu);
+  EXPECT_LT((window.newest().p - before.back().p).norm(), 1e-9);  // all turns about it
+  ASSERT_FALSE(window.optimize(5).failed);
+
+  ASSERT_EQ(window.states().size(), before.size());
+  EXPECT_GE(window.landmarks().size() + 5, landmarks);
+  // The accelerometer's bias and the tilt are one to these few metres; the window's relative poses are as they were.
+  EXPECT_LT(tilt(), 0.8 * tilt_before);
+  EXPECT_LT((window.newest().v - drive.truth(LAST).v).norm(), 0.5 * speed_before);
+  EXPECT_LT(gyro_error(), 0.3 * gyro_before);
+  EXPECT_LT((window.newest().p - before.back().p).norm(), 0.15);
+}
+
+TEST(WindowEstimator, LosesKeyframesOlderThanTheCorrectedSamples)
+{
+  Drive drive(6.0);
+  KeyframeRun run(&drive, WindowOptions());
+  while (run.keyframe < 20)
+  {
+    run.next(5);
+  }
+  ImuBuffer imu = drive.imu;
+  imu.forgetBefore(drive.stampNs(17) + 1);
+  run.window.correct(ImuCorrection(), imu);
+  ASSERT_FALSE(run.window.optimize(5).failed);
+  EXPECT_EQ(run.window.states().size(), 4U);
+  EXPECT_LT(run.error().head<3>().norm(), 0.1);
+}
+
+TEST(Prior, IsLoosenedAsIfItsErrorsWereLarger)
+{
+  const Eigen::MatrixXd root = Eigen::MatrixXd::Random(15, 15);
+  estimator::Prior prior;
+  prior.H = root * root.transpose() + Eigen::MatrixXd::Identity(15, 15);
+  prior.b = Eigen::VectorXd::Random(15);
+  prior.linearized = {NavState()};
+  const Eigen::MatrixXd errors = Eigen::MatrixXd::Random(15, 4);
+  const Eigen::MatrixXd wanted = prior.H.inverse() + errors * errors.transpose();
+  const Eigen::VectorXd minimum = -prior.H.ldlt().solve(prior.b);
+  prior.loosen(errors);
+  EXPECT_TRUE(prior.H.inverse().isApprox(wanted, 1e-9));
+  EXPECT_TRUE((-prior.H.ldlt().solve(prior.b)).isApprox(minimum, 1e-9));
+}
+
 TEST(WindowEstimator, RefusesKeyframesThatAreNotJoined)
 {
   Drive drive(2.0);

@@ -27,5 +27,22 @@ TEST(VioPipeline, HasABudgetOfTimeOnAVehicleOnly)
   EXPECT_EQ(simulated, 0.0);
 }
 
+TEST(VioPipeline, KeepsWhatWasFoundOfTheCalibrationWhenItBeginsAgain)
+{
+  VioRosOptions options;
+  options.mapping = false;
+  FileCalibration calibration;
+  calibration.cameras = StereoCalibration::makeForwardPair(320, 240, 0.12);
+  VioPipeline before = *VioPipeline::make(options, nullptr, calibration, Eigen::Isometry3d::Identity());
+  EXPECT_EQ(before.vio->rig().used.late_s, 0.0);
+  RigReport found;
+  found.late_s = found.used.late_s = 0.008;
+  found.covariance(3, 3) = 1e-6;
+  before.vio = std::make_shared<Vio>(calibration.cameras, options.vio, nullptr, found);
+  const RigReport kept = before.again(options, nullptr, true)->vio->rig();
+  EXPECT_EQ(kept.used.late_s, 0.008);
+  EXPECT_EQ(kept.lateDeviation(), 1e-3);
+}
+
 }  // namespace
 }  // namespace pi_slam
