@@ -224,7 +224,9 @@ CommandResult CommandActions::hearDoubtful(const std::string& text, bool moving,
   if (result.action != CommandAction::STOP || stopped_ || !moving)
   {
     result.outcome = CommandOutcome::IGNORED_DOUBTFUL;
-    result.reason += result.action != CommandAction::STOP ? ": say it again" : ", but the vehicle stands";
+    result.reason += result.action != CommandAction::STOP ? ": say it again"
+                     : stopped_                           ? ", but it is stopped"
+                                                          : ", but the vehicle stands";
   }
   else if (doubted(now_ns) && spoken_ns > doubtful_spoken_ns_)
   {
