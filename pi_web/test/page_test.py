@@ -211,8 +211,10 @@ class Page(unittest.TestCase):
         self.page.wait_until("document.querySelector('#power').children.length === 3")
         text = self.page.evaluate("document.body.innerText")
         for words in ("a person is 4 m ahead", "76 %", "6.0 W (model)", "28 % of 4 cores", "2 h 13 min",
-                      "odometry few features", "1 of 3 complain", "emergency braking", "localisation", "connected"):
+                      "odometry few features", "1 of 4 complain", "emergency braking", "localisation", "connected",
+                      "-32 dB", "stop (0.91)"):
             self.assertIn(words, text)
+        self.assertAlmostEqual(-31.8, self.page.evaluate("document.querySelector('#figures meter').value"))
         self.assertEqual([], self.page.problems)
 
     def test_a_click_sets_the_goal(self):

@@ -8,6 +8,7 @@ const MOST_COMPLAINTS = 8;
 const MOST_TOPICS = 3;  // that are named
 const WINDOW = 100;  // messages of which the latency is told
 const OLD_S = 3;
+const QUIETEST_DB = -75, LOUDEST_DB = 0;  // of the microphone's level, relative to full scale
 
 const $ = (id) => document.getElementById(id);
 const milliseconds = (seconds) => `${Math.round(seconds * 1000)} ms`;
@@ -17,6 +18,12 @@ function element(tag, text, className = '') {
   const made = document.createElement(tag);
   made.textContent = text;
   made.className = className;
+  return made;
+}
+
+function meter(value, least, most) {
+  const made = document.createElement('meter');
+  Object.assign(made, {min: least, max: most, value});
   return made;
 }
 
@@ -92,6 +99,11 @@ export class Panels {
     const leaves = message.status.filter((one) => one.name.split('/').length > 3 || !one.name.startsWith('/'));
     this.diagnostics = leaves.map((one) => (
       {level: Math.min(3, one.level), name: one.name.split('/').pop(), text: one.message}));
+    const speech = new Map(leaves.filter(({name}) => name.includes('/Speech/'))
+      .flatMap(({values}) => values.map(({key, value}) => [key, value])));
+    const level = Number.parseFloat(speech.get('level [dB of full scale]'));
+    if (Number.isFinite(level)) this.figures.set('microphone', [`${Math.round(level)} dB`, '', level]);
+    if (speech.get('last command')) this.figures.set('heard', [speech.get('last command'), '']);
     this.touch('drawHealth');
   }
 
@@ -177,9 +189,13 @@ export class Panels {
   drawHealth() {
     const list = $('figures');
     list.replaceChildren();
-    for (const name of ['battery', 'battery lasts', 'processor', 'power', 'odometer']) {
+    for (const name of ['battery', 'battery lasts', 'processor', 'power', 'odometer', 'microphone', 'heard']) {
       const figure = this.figures.get(name);
-      if (figure) list.append(element('dt', name), element('dd', figure[0], figure[1]));
+      if (!figure) continue;
+      const [text, colour, level] = figure;
+      const value = element('dd', text, colour);
+      if (level !== undefined) value.prepend(meter(level, QUIETEST_DB, LOUDEST_DB));
+      list.append(element('dt', name), value);
     }
     const bad = (this.diagnostics || []).filter(({level}) => level > 0).sort((a, b) => b.level - a.level);
     if (this.diagnostics) {

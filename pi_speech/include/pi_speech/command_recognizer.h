@@ -43,6 +43,8 @@ struct RecognizerOptions
 
   /// @throws std::invalid_argument naming field, value and bound.
   void validate() const;
+  /// Its own, or that of all.
+  double thresholdOf(const Command& command) const;
 };
 
 /// Result for an utterance.
@@ -50,6 +52,7 @@ struct Recognition
 {
   std::string text;  ///< the command that fits best, as in the table; empty: none
   bool accepted = false;
+  bool doubtful = false;     ///< not accepted, but its confidence is not below the command's doubt: ask, or be careful
   std::string reason;        ///< why it was rejected: "other speech", "confidence 0.31 below 0.5", "too long", ...
   double confidence = 0.0;   ///< that this command was said, in [0, 1]
   bool fast = false;         ///< reported before the pause that ends an utterance
@@ -78,7 +81,7 @@ public:
   /// Commands that the word network hears in running speech.
   std::vector<std::string> spottedCommands() const;
 
-  /// Called for each utterance that has ended, and for fast commands, on the thread of process().
+  /// Called for each utterance that has ended, and for fast and doubtful commands, on the thread of process().
   using Sink = std::function<void(const Recognition& recognition)>;
   /// @param samples  the next of the stream. At the end of an utterance PocketSphinx takes about 70 ms per second of
   ///   speech; the word network takes 10 ms per second of sound.

@@ -12,6 +12,7 @@ struct Command
   std::string text;        ///< words in lower case with single spaces, for example "go left"; published unchanged
   bool fast = false;       ///< published before the pause that ends an utterance
   double threshold = 0.0;  ///< least confidence, in (0, 1]; 0: that of the recogniser
+  double doubt = 0.0;      ///< confidence, below the threshold, from which the command is doubtful; 0: never
 };
 
 /// The commands, in the order of the table.
@@ -28,12 +29,13 @@ struct CommandTable
   /// commands:
   ///   - stop                              # a text,
   ///   - {text: go left, threshold: 0.4}   # or a map
-  ///   - {text: halt, fast: true}
+  ///   - {text: halt, fast: true, threshold: 0.6, doubt: 0.3}
   /// @endcode
   /// Texts are trimmed and brought to lower case.
   /// @throws std::runtime_error naming file, line, what is wrong and the way out: no such file, no YAML, no list
   ///   `commands`, empty, an unknown key, a text twice, without words, or with other characters than letters, digits,
-  ///   apostrophes and hyphens in its words; a fast command that other commands begin with ("go" beside "go left").
+  ///   apostrophes and hyphens in its words; a doubt that is not below the threshold; a fast command that other
+  ///   commands begin with ("go" beside "go left").
   static CommandTable load(const std::string& path);
   /// The same from a text. @param name  of the source, in messages.
   static CommandTable parse(const std::string& yaml, const std::string& name);

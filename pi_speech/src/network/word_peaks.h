@@ -14,8 +14,8 @@ struct SpottedWord
 {
   std::string word;
   double threshold = 0.5;  ///< least mean probability, in (0, 1]
-  bool fast =
-      false;  ///< told when the threshold is reached; others wait for their peak, as another word may fit better
+  bool fast = false;       ///< told when the threshold is reached; others wait for their peak: another may fit better
+  double doubt = 0.0;      ///< mean probability, below the threshold, from which it is doubtful; 0: never
 };
 
 /// Decides which words are heard from their probabilities in steps of 20 ms: those whose mean over 0.1 s has a peak

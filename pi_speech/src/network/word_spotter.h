@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <vector>
 
 namespace pi_speech
@@ -24,6 +25,7 @@ public:
     double confidence = 0.0;  ///< mean probability
     int64_t begin = 0;        ///< about where the word began [samples since the beginning of the stream]
     int64_t end = 0;          ///< about where it ended
+    bool doubtful = false;    ///< the threshold was not reached, but the word's doubt
   };
   using Sink = std::function<void(const Spotted& spotted)>;
 
@@ -40,13 +42,17 @@ public:
 
 private:
   Spotted place(const WordPeaks::Peak& peak) const;
+  void tell(const std::optional<WordPeaks::Peak>& peak, const std::optional<WordPeaks::Peak>& doubt, const Sink& sink);
 
   WordNetworkStream network_;
   FilterBank bank_;
   std::vector<int16_t> frame_;  ///< the samples of the next frame that have come
   int64_t begin_ = 0;           ///< of the sound that it remembers [samples]
   int64_t seen_ = 0;            ///< [samples]
+  const std::vector<SpottedWord> words_;
   WordPeaks peaks_;
+  std::vector<size_t> doubtful_words_;  ///< of words_: those that may be doubtful
+  WordPeaks doubts_;                    ///< of these: the same with doubts as thresholds
 };
 
 }  // namespace pi_speech

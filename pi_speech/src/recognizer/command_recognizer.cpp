@@ -2,8 +2,8 @@
 #include <pi_node/formatting.h>
 #include <pi_node/option_check.h>
 #include <pi_speech/command_recognizer.h>
-#include "network/word_spotter.h"
 #include "recognizer/grammar.h"
+#include "recognizer/network_commands.h"
 #include "recognizer/words.h"
 
 #include <algorithm>
@@ -37,8 +37,6 @@ constexpr int TALK_WORDS_IN_A_ROW = 2;
 constexpr int64_t NEVER = -100L * SAMPLE_RATE_HZ;
 /// Two answers for the same command whose ends are closer than that are for the same word.
 constexpr int64_t SAME_WORD = SAMPLE_RATE_HZ / 2;
-/// Silence that is put behind a single utterance: the network decides a little after a word.
-constexpr size_t NETWORK_TAIL = SAMPLE_RATE_HZ * 3 / 10;
 
 double seconds(int64_t samples)
 {
@@ -100,6 +98,11 @@ std::string number(double value)
   return pi_node::format("%.2f", value);
 }
 
+std::string faint(double confidence, double threshold)
+{
+  return "confidence " + number(confidence) + " below " + number(threshold);
+}
+
 }  // namespace
 
 const char* toString(RecognitionMode mode)
@@ -128,17 +131,21 @@ void RecognizerOptions::validate() const
   }
 }
 
+double RecognizerOptions::thresholdOf(const Command& command) const
+{
+  return command.threshold > 0.0 ? command.threshold : threshold;
+}
+
 struct CommandRecognizer::Impl
 {
   Impl(const RecognizerOptions& options_in, const CommandTable& table_in)
     : options(options_in)
-    , table(table_in)
-    , end_pointer((options_in.validate(), options_in.end_pointer),
+    , table((table_in.validate(), table_in))
+    , network((options_in.validate(), options_in), table)
+    , end_pointer(options_in.end_pointer,
                   [this](EndPointer::Event event, const Utterance& utterance) { onEvent(event, utterance); })
   {
-    table.validate();
-    loadWordNetwork();
-    if (spotted.size() == table.commands.size())
+    if (network.count() == table.commands.size())
     {
       return;  // PocketSphinx has nothing to decide
     }
@@ -176,69 +183,20 @@ struct CommandRecognizer::Impl
     sphinx = std::make_unique<SphinxDecoder>(options.sphinx, grammars, words);
   }
 
-  /// Commands of one word that the network knows are left to it, unless the word is also part of a longer command.
-  void loadWordNetwork()
-  {
-    if (options.word_network.empty())
-    {
-      return;
-    }
-    const std::shared_ptr<const WordNetwork> network = WordNetwork::load(options.word_network);
-    std::vector<SpottedWord> words;
-    std::vector<SpottedWord> words_of_stream;
-    for (size_t i = 0; i < table.commands.size(); ++i)
-    {
-      const Command& command = table.commands[i];
-      if (network->find(command.text) >= 0 && (command.fast || !isPartOfAnother(command.text)))
-      {
-        words.push_back({command.text, thresholdOf(command), command.fast});
-        spotted.push_back(i);
-        if (command.fast || options.all_in_running_speech)
-        {
-          words_of_stream.push_back(words.back());
-          spotted_in_stream.push_back(i);
-        }
-      }
-    }
-    if (!words_of_stream.empty())
-    {
-      spotter.emplace(network, words_of_stream);
-    }
-    if (!words.empty())
-    {
-      single_spotter.emplace(network, words);
-    }
-  }
-
-  bool isPartOfAnother(const std::string& word) const
-  {
-    return std::any_of(table.commands.begin(), table.commands.end(),
-                       [&word](const Command& command)
-                       {
-                         const std::vector<std::string> words = splitWords(command.text);
-                         return words.size() > 1 && std::find(words.begin(), words.end(), word) != words.end();
-                       });
-  }
-
-  double thresholdOf(const Command& command) const
-  {
-    return command.threshold > 0.0 ? command.threshold : options.threshold;
-  }
-
   /// Gives the sound to the network and to the end-pointer in steps so short that their answers come in order.
   void process(const int16_t* samples, size_t count)
   {
-    if (!spotter)
+    if (network.inStream().empty())
     {
       end_pointer.process(samples, count);
       return;
     }
-    const auto sink_of_network = [this](const WordSpotter::Spotted& found) { onSpotted(found); };
+    const auto sink_of_network = [this](const NetworkCommands::Heard& heard) { onHeard(heard); };
     while (count > 0)
     {
       const size_t step = std::min(count, static_cast<size_t>(HOP_SAMPLES));
       end_pointer.process(samples, step);
-      spotter->process(samples, step, sink_of_network);
+      network.process(samples, step, sink_of_network);
       samples += step;
       count -= step;
     }
@@ -247,10 +205,7 @@ struct CommandRecognizer::Impl
   /// Ends what is in progress. What the network has nearly heard counts as at the end of an utterance.
   void flush()
   {
-    if (spotter)
-    {
-      spotter->restart(end_pointer.samplesSeen(), [this](const WordSpotter::Spotted& found) { onSpotted(found); });
-    }
+    network.restart(end_pointer.samplesSeen(), [this](const NetworkCommands::Heard& heard) { onHeard(heard); });
     end_pointer.flush();
     tellHeld();
   }
@@ -258,22 +213,34 @@ struct CommandRecognizer::Impl
   void reset()
   {
     end_pointer.reset();
-    if (spotter)
-    {
-      spotter->restart(0, [](const WordSpotter::Spotted&) {});
-    }
+    network.restart(0, [](const NetworkCommands::Heard&) {});
     held.reset();
     told_end = NEVER;
   }
 
   /// Tells a word of the stream. While other computers are asked, only fast commands do not wait for their answer.
-  void onSpotted(const WordSpotter::Spotted& found)
+  void onHeard(const NetworkCommands::Heard& heard)
   {
-    Recognition recognition = fromNetwork(found);
-    recognition.accepted = true;
+    Recognition recognition;
+    recognition.text = table.commands[heard.command].text;
+    recognition.confidence = heard.confidence;
+    recognition.accepted = !heard.doubtful;
+    recognition.doubtful = heard.doubtful;
     recognition.fast = true;
+    recognition.speech_begin = heard.begin;
+    recognition.speech_end = heard.end;
     recognition.decided_at = end_pointer.samplesSeen();
-    if (elsewhere && end_pointer.inSpeech() && !table.commands[spotted_in_stream[found.word]].fast)
+    recognition.evidence.command = recognition.text;
+    if (heard.doubtful)
+    {
+      recognition.reason = faint(heard.confidence, options.thresholdOf(table.commands[heard.command]));
+      if (*sink)
+      {
+        (*sink)(recognition);
+      }
+      return;
+    }
+    if (elsewhere && end_pointer.inSpeech() && !table.commands[heard.command].fast)
     {
       tellHeld();
       held = recognition;
@@ -305,17 +272,6 @@ struct CommandRecognizer::Impl
       tellSpotted(*held);
       held.reset();
     }
-  }
-
-  Recognition fromNetwork(const WordSpotter::Spotted& found) const
-  {
-    Recognition recognition;
-    recognition.text = table.commands[spotted_in_stream[found.word]].text;
-    recognition.confidence = found.confidence;
-    recognition.speech_begin = found.begin;
-    recognition.speech_end = found.end;
-    recognition.evidence.command = recognition.text;
-    return recognition;
   }
 
   void onEvent(EndPointer::Event event, const Utterance& utterance)
@@ -487,28 +443,17 @@ struct CommandRecognizer::Impl
     return hypotheses;
   }
 
-  /// The word that the network hears best in a single piece of sound.
-  const WordPeaks::Peak& listenToPiece(const int16_t* samples, size_t count)
-  {
-    const auto ignore = [](const WordSpotter::Spotted&) {};
-    single_spotter->restart(0, ignore);
-    single_spotter->process(samples, count, ignore);
-    const Samples tail(NETWORK_TAIL, 0);
-    single_spotter->process(tail.data(), tail.size(), ignore);
-    return single_spotter->best();
-  }
-
   void chooseByNetwork(const int16_t* samples, size_t count, double speech_s, Recognition* recognition)
   {
-    const WordPeaks::Peak& best = listenToPiece(samples, count);
-    if (count == 0 || best.probability <= 0.0)
+    const std::optional<NetworkCommands::Best> best = network.listenToPiece(samples, count);
+    if (!best)
     {
       recognition->reason = "no speech was understood";
       return;
     }
-    const Command& command = table.commands[spotted[best.word]];
+    const Command& command = table.commands[best->command];
     recognition->text = command.text;
-    recognition->confidence = best.probability;
+    recognition->confidence = best->confidence;
     recognition->evidence.command = command.text;
     recognition->evidence.speech_s = speech_s;
     judge(command, recognition);
@@ -540,7 +485,7 @@ struct CommandRecognizer::Impl
       return;
     }
     const Command& candidate = table.commands[best];
-    if (std::find(spotted.begin(), spotted.end(), best) != spotted.end())
+    if (network.hears(best))
     {
       chooseByNetwork(samples, count, speech_s, recognition);
       return;
@@ -577,7 +522,7 @@ struct CommandRecognizer::Impl
   {
     const double speech_s = recognition->evidence.speech_s;
     const double most_s = LEAST_COMMAND_S + MORE_PER_WORD_S * recognition->evidence.words;
-    const double threshold = thresholdOf(candidate);
+    const double threshold = options.thresholdOf(candidate);
     if (options.mode == RecognitionMode::CLOSED)
     {
       recognition->accepted = true;
@@ -592,21 +537,21 @@ struct CommandRecognizer::Impl
     }
     else
     {
-      recognition->reason = "confidence " + number(recognition->confidence) + " below " + number(threshold);
+      recognition->reason = faint(recognition->confidence, threshold);
+      // One that is heard in the stream has been doubtful there.
+      recognition->doubtful = candidate.doubt > 0.0 && recognition->confidence >= candidate.doubt &&
+                              !network.hearsInStream(static_cast<size_t>(&candidate - table.commands.data()));
     }
   }
 
   const RecognizerOptions options;
   const CommandTable table;
+  NetworkCommands network;
   EndPointer end_pointer;
   std::unique_ptr<SphinxDecoder> sphinx;  ///< its first grammar has all commands
   size_t first_command_grammar = 0;       ///< then each command has one; 0: none
   size_t first_garbage_grammar = 0;       ///< garbage words, then talk; 0: none
   std::optional<ConfidenceModel> confidence;
-  std::vector<size_t> spotted;                ///< commands that the network hears
-  std::vector<size_t> spotted_in_stream;      ///< those that need no pause
-  std::optional<WordSpotter> spotter;         ///< of the stream; none: the network hears no command
-  std::optional<WordSpotter> single_spotter;  ///< of single utterances
   Runner runner = [](double, const std::function<void()>& work) { work(); };
   Elsewhere elsewhere;
   UtteranceSink utterance_sink;
@@ -638,7 +583,7 @@ const CommandTable& CommandRecognizer::table() const
 std::vector<std::string> CommandRecognizer::spottedCommands() const
 {
   std::vector<std::string> texts;
-  for (const size_t command : impl_->spotted_in_stream)
+  for (const size_t command : impl_->network.inStream())
   {
     texts.push_back(impl_->table.commands[command].text);
   }

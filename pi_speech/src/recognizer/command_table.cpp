@@ -69,6 +69,14 @@ std::optional<Problem> firstProblem(const std::vector<Command>& commands)
            << ", must be in (0, 1], or 0 for that of the recogniser";
       return Problem{i, text.str()};
     }
+    if (!(command.doubt >= 0.0 && command.doubt < (command.threshold > 0.0 ? command.threshold : 1.0)))
+    {
+      std::ostringstream text;
+      text << "command \"" << command.text << "\": doubt = " << command.doubt << ", must be ";
+      text << "in (0, " << (command.threshold > 0.0 ? command.threshold : 1.0)
+           << "), below the threshold, or 0 for never";
+      return Problem{i, text.str()};
+    }
   }
   for (size_t i = 0; i < commands.size(); ++i)
   {
@@ -134,8 +142,9 @@ private:
   {
     if (!node.IsScalar())
     {
-      fail(node, node.IsNull() ? "a command without words; write what is spoken, or remove it"
-                               : "a command must be a text, or a map {text: ..., fast: ..., threshold: ...}");
+      fail(node, node.IsNull()
+                     ? "a command without words; write what is spoken, or remove it"
+                     : "a command must be a text, or a map {text: ..., fast: ..., threshold: ..., doubt: ...}");
     }
     Command command;
     command.text = normalised(node.Scalar());
@@ -165,9 +174,13 @@ private:
       {
         command.threshold = valueOf<double>(entry.second, "threshold", "a number in (0, 1]");
       }
+      else if (key == "doubt")
+      {
+        command.doubt = valueOf<double>(entry.second, "doubt", "a number in (0, 1)");
+      }
       else
       {
-        fail(entry.first, "unknown key \"" + key + "\" of a command; there are text, fast and threshold");
+        fail(entry.first, "unknown key \"" + key + "\" of a command; there are text, fast, threshold and doubt");
       }
     }
     if (keys.count("text") == 0)

@@ -7,6 +7,7 @@
 #include <memory>
 #include <utility>
 
+#include "network/word_network.h"
 #include "recognizer/words.h"
 
 namespace pi_speech
@@ -23,6 +24,26 @@ CommandTable tableOf(const std::vector<std::string>& texts)
   }
   table.validate();
   return table;
+}
+
+/// Leaves all to PocketSphinx if the network cannot be read. @return what is wrong with it; empty: nothing.
+std::string leaveOutBadNetwork(RecognizerOptions* options)
+{
+  try
+  {
+    if (!options->word_network.empty())
+    {
+      WordNetwork::load(options->word_network);
+    }
+    return "";
+  }
+  catch (const std::runtime_error& error)
+  {
+    options->word_network.clear();
+    return std::string(error.what()) +
+           "; PocketSphinx decides alone, and hears nothing inside sentences, until set_commands is called and all is "
+           "right";
+  }
 }
 
 }  // namespace
@@ -63,12 +84,19 @@ bool CommandLoader::load(const Source& source, std::string* message)
   try
   {
     const CommandTable table = source.file.empty() ? tableOf(source.texts) : CommandTable::load(source.file);
-    auto recognizer = std::make_unique<CommandRecognizer>(options_.recognizerOptions(package_), table);
+    RecognizerOptions options = options_.recognizerOptions(package_);
+    const std::string no_network = leaveOutBadNetwork(&options);
+    auto recognizer = std::make_unique<CommandRecognizer>(options, table);
     const std::string understood = boost::algorithm::join(recognizer->table().texts(), ", ");
     const std::string spotted = boost::algorithm::join(recognizer->spottedCommands(), ", ");
     *message = "understands " + understood + " (in running speech: " + (spotted.empty() ? "none" : spotted) + ")";
     ROS_INFO_STREAM_NAMED("recognizer", *message);
-    worker_->use(std::move(recognizer), understood);
+    if (!no_network.empty())
+    {
+      ROS_ERROR_STREAM_NAMED("recognizer", no_network);
+      *message += "; " + no_network;
+    }
+    worker_->use(std::move(recognizer), understood, no_network);
     return true;
   }
   catch (const std::exception& error)

@@ -47,6 +47,7 @@ void RecognizerDiagnostics::addRecognition(const Recognition& recognition, doubl
   else
   {
     ++rejected_;
+    doubtful_ += recognition.doubtful ? 1 : 0;
     last_rejected_ = (recognition.text.empty() ? "" : recognition.text + ": ") + recognition.reason;
   }
 }
@@ -80,6 +81,10 @@ void RecognizerDiagnostics::reportRecognition(Status& status)
     status.summary(failed ? DiagnosticStatus::ERROR : DiagnosticStatus::WARN,
                    failed ? now_.problem : "loading " + now_.loading);
   }
+  else if (!now_.no_network.empty())
+  {
+    status.summary(DiagnosticStatus::ERROR, now_.no_network);
+  }
   else if (!now_.problem.empty())
   {
     status.summary(DiagnosticStatus::WARN, now_.problem + "; goes on with " + number);
@@ -112,6 +117,7 @@ void RecognizerDiagnostics::reportRecognition(Status& status)
   status.add("accepted", accepted_);
   status.add("accepted before the pause", fast_);
   status.add("rejected", rejected_);
+  status.add("rejected, but doubtful", doubtful_);
   status.add("last command", last_command_);
   status.add("last rejected", last_rejected_);
   status.add("end of speech to published, p50 [ms]", format("%.0f", latency_ms_.quantile(0.5)));

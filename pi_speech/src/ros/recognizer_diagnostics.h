@@ -26,8 +26,9 @@ struct RecognizerFigures
   bool subscribed = false;  ///< to sound
 
   std::string mode;
-  std::string loading;  ///< table that is being loaded; empty: none
-  std::string problem;  ///< why the table asked for last is not in use; empty: it is
+  std::string loading;     ///< table that is being loaded; empty: none
+  std::string problem;     ///< why the table asked for last is not in use; empty: it is
+  std::string no_network;  ///< why it works without the word network; empty: as it was asked for
 
   SoundQueue::Figures queue;
   SoundWatch::Figures sound;
@@ -65,6 +66,7 @@ private:
   uint64_t accepted_ = 0;
   uint64_t fast_ = 0;
   uint64_t rejected_ = 0;
+  uint64_t doubtful_ = 0;
   std::string last_command_;
   std::string last_rejected_;
   double last_latency_s_ = 0.0;

@@ -50,6 +50,7 @@ RecognizerRos::RecognizerRos(ros::NodeHandle node, ros::NodeHandle private_node)
   const auto look = [this](const ros::SingleSubscriberPublisher&) { updateSubscription(); };
   command_ = service_node_.advertise<VoiceCommand>("command", OUTPUT_QUEUE, look, look);
   output_ = service_node_.advertise<std_msgs::String>("recognizer/output", OUTPUT_QUEUE, look, look);
+  doubtful_ = service_node_.advertise<VoiceCommand>("doubtful_command", OUTPUT_QUEUE, look, look);
   rejected_ = private_node_.advertise<VoiceCommand>("rejected", OUTPUT_QUEUE, look, look);
   if (options_.dictation)
   {
@@ -110,6 +111,11 @@ void RecognizerRos::publish(const VoiceCommand& message, const Recognition& reco
   }
   else
   {
+    if (recognition.doubtful)
+    {
+      doubtful_.publish(message);
+      ROS_INFO_STREAM_NAMED("recognizer", "perhaps heard \"" << recognition.text << "\": " << recognition.reason);
+    }
     rejected_.publish(message);
     ROS_DEBUG_STREAM_NAMED("recognizer", "rejected \"" << recognition.text << "\": " << recognition.reason
                                                        << format(", confidence %.2f", recognition.confidence)
@@ -129,7 +135,8 @@ bool RecognizerRos::listen(bool wanted)
 void RecognizerRos::updateSubscription()
 {
   const bool heard = options_.always_on || command_.getNumSubscribers() > 0 || output_.getNumSubscribers() > 0 ||
-                     rejected_.getNumSubscribers() > 0 || (options_.dictation && written_.getNumSubscribers() > 0);
+                     doubtful_.getNumSubscribers() > 0 || rejected_.getNumSubscribers() > 0 ||
+                     (options_.dictation && written_.getNumSubscribers() > 0);
   const bool wanted = listening_ && heard;
   if (wanted == subscribed_)
   {

@@ -24,8 +24,9 @@ namespace pi_speech
 ///
 /// Inputs are those of audio_capture: `audio_stamped` (pi_speech/AudioDataStamped) or `audio` (pi_speech/AudioData),
 /// and `audio_info` (pi_speech/AudioInfo). Outputs: accepted commands on `command` (pi_speech/VoiceCommand) and
-/// `recognizer/output` (std_msgs/String), other utterances on `~rejected` (VoiceCommand), and the text of other speech
-/// on `dictation` (std_msgs/String), if asked for. Services: `~start`, `~stop`, `~set_commands`.
+/// `recognizer/output` (std_msgs/String), commands that were perhaps said on `doubtful_command` (VoiceCommand), these
+/// and other utterances on `~rejected` (VoiceCommand), and the text of other speech on `dictation` (std_msgs/String),
+/// if asked for. Services: `~start`, `~stop`, `~set_commands`.
 ///
 /// VoiceCommand.latency is the sound between the end of the speech and the end of the message that led to the decision,
 /// plus the time from the arrival of that message to publication, by a monotonic clock. The latency does not depend on
@@ -82,6 +83,7 @@ private:
 
   ros::Publisher command_;
   ros::Publisher output_;
+  ros::Publisher doubtful_;
   ros::Publisher rejected_;
   ros::Publisher written_;
   std::vector<ros::ServiceServer> services_;

@@ -138,7 +138,14 @@ RecognizerOptions RecognizerRosOptions::recognizerOptions(const std::string& pac
       complement(name, path);
     }
   };
-  complementIfThere(WORD_NETWORK, &complete.word_network);
+  if (complete.word_network == NONE)
+  {
+    complete.word_network.clear();
+  }
+  else
+  {
+    complement(WORD_NETWORK, &complete.word_network);
+  }
   if (complete.sphinx.adaptation == NONE || complete.sphinx.acoustic_model == SphinxModel().acoustic_model)
   {
     complementIfThere(ADAPTATION, &complete.sphinx.adaptation);

@@ -106,7 +106,8 @@ void RecognizerWorker::beginLoading(const std::string& name)
   figures_.loading = name;
 }
 
-void RecognizerWorker::use(std::unique_ptr<CommandRecognizer> recognizer, const std::string& understood)
+void RecognizerWorker::use(std::unique_ptr<CommandRecognizer> recognizer, const std::string& understood,
+                           const std::string& no_network)
 {
   Loaded loaded{std::move(recognizer), understood};
   {
@@ -114,6 +115,7 @@ void RecognizerWorker::use(std::unique_ptr<CommandRecognizer> recognizer, const 
     std::swap(next_, loaded);  // one that was never used ends after the lock
     figures_.loading.clear();
     figures_.problem.clear();
+    figures_.no_network = no_network;
   }
   changed_.notify_one();
 }

@@ -49,7 +49,8 @@ public:
   void take(bool wanted);
 
   void beginLoading(const std::string& name);
-  void use(std::unique_ptr<CommandRecognizer> recognizer, const std::string& understood);
+  /// @param no_network  why it works without the word network; empty: as it was asked for.
+  void use(std::unique_ptr<CommandRecognizer> recognizer, const std::string& understood, const std::string& no_network);
   /// @return the commands that stay in use; empty: none.
   std::string failLoading(const std::string& problem);
 

@@ -99,6 +99,35 @@ TEST(WordSpotter, ARestartTellsWhatWaitsAndForgetsTheRest)
   EXPECT_EQ(1U, told.size());
 }
 
+TEST(WordSpotter, AWordBelowItsThresholdMayBeDoubtful)
+{
+  Samples samples = whiteNoise(4.0, 30.0);
+  say(&samples, "stop", 1.0);
+  say(&samples, "left", 2.0);
+  say(&samples, "stop", 3.0);
+
+  // No mean probability reaches 1.
+  WordSpotter doubting(WordNetwork::load(toneNetwork()), {{"left", 0.5, false}, {"stop", 1.0, true, 0.3}});
+  std::vector<SpottedAt> heard = listen(&doubting, samples);
+  ASSERT_EQ(3U, heard.size());
+  for (const size_t i : {0, 2})
+  {
+    EXPECT_EQ(1U, heard[i].spotted.word);
+    EXPECT_TRUE(heard[i].spotted.doubtful);
+    EXPECT_GE(heard[i].spotted.confidence, 0.3);
+    EXPECT_LT(heard[i].at, static_cast<int64_t>(samplesIn(i == 0 ? 1.4 : 3.4)));
+  }
+  EXPECT_EQ(0U, heard[1].spotted.word);
+  EXPECT_FALSE(heard[1].spotted.doubtful);
+
+  // Where the threshold is reached, there is no doubt.
+  WordSpotter sure(WordNetwork::load(toneNetwork()), {{"stop", 0.5, true, 0.3}});
+  heard = listen(&sure, samples);
+  ASSERT_EQ(2U, heard.size());
+  EXPECT_FALSE(heard[0].spotted.doubtful);
+  EXPECT_FALSE(heard[1].spotted.doubtful);
+}
+
 TEST(WordSpotter, AWordThatTheNetworkLacksIsAnError)
 {
   EXPECT_THROW(WordSpotter(WordNetwork::load(toneNetwork()), {{"halt", 0.5, false}}), std::invalid_argument);

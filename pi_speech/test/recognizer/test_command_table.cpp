@@ -42,7 +42,9 @@ std::string errorOf(const CommandTable& table)
 TEST(CommandTable, ReadsTextsAndMapsInTheirOrder)
 {
   const CommandTable table = CommandTable::parse(
-      "commands:\n  - go\n  - {text: go left, threshold: 0.4}\n  - {text: halt, fast: true}\n", "table.yaml");
+      "commands:\n  - go\n  - {text: go left, threshold: 0.4}\n  - {text: halt, fast: true, threshold: 0.6, doubt: "
+      "0.3}\n",
+      "table.yaml");
 
   ASSERT_EQ(3U, table.commands.size());
   EXPECT_EQ("go", table.commands[0].text);
@@ -50,6 +52,8 @@ TEST(CommandTable, ReadsTextsAndMapsInTheirOrder)
   EXPECT_EQ(0.0, table.commands[0].threshold);
   EXPECT_EQ("go left", table.commands[1].text);
   EXPECT_EQ(0.4, table.commands[1].threshold);
+  EXPECT_EQ(0.0, table.commands[1].doubt);
+  EXPECT_EQ(0.3, table.commands[2].doubt);
   EXPECT_EQ("halt", table.commands[2].text);
   EXPECT_TRUE(table.commands[2].fast);
 }
@@ -106,6 +110,9 @@ TEST(CommandTable, NamesFileLineAndWayOut)
       {"commands:\n  - {text: go, fast: 7}\n", "table.yaml:2: ", "fast = 7, must be true or false"},
       {"commands:\n  - {text: go, threshold: high}\n", "table.yaml:2: ", "threshold = high, must be a number"},
       {"commands:\n  - {text: go, threshold: 1.5}\n", "table.yaml:2: ", "threshold = 1.5, must be in (0, 1]"},
+      {"commands:\n  - {text: go, doubt: much}\n", "table.yaml:2: ", "doubt = much, must be a number"},
+      {"commands:\n  - {text: go, doubt: 1}\n", "table.yaml:2: ", "doubt = 1, must be in (0, 1), below the threshold"},
+      {"commands:\n  - {text: go, threshold: 0.5, doubt: 0.5}\n", "table.yaml:2: ", "doubt = 0.5, must be in (0, 0.5)"},
       {"commands:\n  - {text: go, threshold: .nan}\n", "table.yaml:2: ", "must be in (0, 1]"},
       {"commands:\n  - {text: go, text: stop}\n", "table.yaml:2: ", "key \"text\" is there twice"},
       {"commands:\n  - go left\n  - {text: go, fast: true}\n", "table.yaml:3: ", "\"go left\" begins with it"},
@@ -164,7 +171,7 @@ TEST(CommandTable, TheTablesOfThePackageAreGood)
   const CommandTable phrases = CommandTable::load(std::string(PI_SPEECH_CONFIG) + "/commands_phrases.yaml");
 
   EXPECT_EQ(10U, single.words().size());
-  EXPECT_EQ(12U, phrases.commands.size());
+  EXPECT_EQ(13U, phrases.commands.size());
   EXPECT_TRUE(single.commands.front().fast);
   EXPECT_EQ("stop", single.commands.front().text);
 }

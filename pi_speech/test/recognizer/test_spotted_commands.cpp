@@ -216,6 +216,26 @@ TEST_F(SpottedCommands, WaitForOtherComputersExceptFastOnes)
   EXPECT_EQ(Texts{"stop"}, accepted());
 }
 
+TEST(SpottedCommandsInDoubt, AreToldOnceAndNotAccepted)
+{
+  CommandRecognizer recognizer(networkOptions(), table("go, {text: stop, fast: true, threshold: 1.0, doubt: 0.3}"));
+  std::vector<Recognition> told;
+  Samples samples = whiteNoise(3.0, 30.0);
+  say(&samples, "stop", 1.0);
+
+  recognizer.process(samples.data(), samples.size(),
+                     [&](const Recognition& recognition) { told.push_back(recognition); });
+
+  ASSERT_EQ(2U, told.size());  // in the stream, and at the end of the utterance
+  EXPECT_EQ("stop", told[0].text);
+  EXPECT_TRUE(told[0].doubtful);
+  EXPECT_TRUE(told[0].fast);
+  EXPECT_FALSE(told[0].accepted);
+  EXPECT_EQ(0U, told[0].reason.find("confidence ")) << told[0].reason;
+  EXPECT_FALSE(told[1].doubtful);
+  EXPECT_FALSE(told[1].accepted);
+}
+
 TEST(SpottedCommandsByDefault, AreThoseThatAreFast)
 {
   RecognizerOptions options = networkOptions();

@@ -15,6 +15,7 @@ NOTHING = len(WORDS)                 # class of all that is no command
 # Steps relative to the end of a word. The word is demanded from 1 to 9; around that either answer is right.
 FIRST_DEMANDED, LAST_DEMANDED, LAST_ALLOWED = 1, 9, 16
 ALLOWED_FROM = 0.55                  # share of the word that must have been said
+SHORT = ("go", "no")                 # their first half sounds like the whole
 FULL_SCALE = 32767.0
 
 
@@ -47,8 +48,8 @@ def reverberated(random, samples):
 class Mixer:
     """Draws scenes of the recordings that a fold leaves."""
 
-    def __init__(self, words, background, speech, seed, leave_out=None, only=None):
-        """@param words, background, speech  as sounds.py reads them
+    def __init__(self, words, background, speech, music, seed, leave_out=None, only=None):
+        """@param words, background, speech, music  as sounds.py reads them
         @param leave_out  fold whose speakers are not used; None: all are
         @param only  fold of the only speakers of commands; None: all"""
         self._random = np.random.default_rng(seed)
@@ -60,7 +61,7 @@ class Mixer:
                 self._words[name, synthetic] = [word for word in keep if word.name == name
                                                 and (word.speaker == "synthetic") == synthetic]
         self._background = [samples for speaker, samples in background if not in_fold(speaker, leave_out)]
-        self._speech = speech
+        self._speech, self._music = speech, music
 
     def scene(self):
         """@return (log energies, frames x BANDS; class of each step)"""
@@ -68,7 +69,7 @@ class Mixer:
         count = int(SCENE_S * SAMPLE_RATE_HZ)
         voice = np.zeros(count, np.float32)
         events = []
-        kind = random.choice(["words", "inside", "talk", "noise"], p=[0.3, 0.25, 0.25, 0.2])
+        kind = random.choice(["words", "inside", "talk", "noise"], p=[0.3, 0.3, 0.25, 0.15])
         if kind == "words":
             self._add_words(voice, events)
         elif kind == "inside":
@@ -86,18 +87,17 @@ class Mixer:
         samples *= FULL_SCALE / loudest * 10 ** (gain_db / 20)
         samples = np.clip(np.round(samples), -FULL_SCALE - 1, FULL_SCALE)
         energies = log_energies(samples)[:2 * STEPS]
-        if random.random() < 0.6:
+        if random.random() < 0.7:
             energies = self._other_throat(energies)
         return energies.astype(np.float16), self._labels(events)
 
     # ------------------------------------------------------------------------------------------------- what is said
 
-    def _draw(self, synthetic=None):
-        """A word, trimmed with a little of its surroundings. @return (samples, begin, end, class)"""
+    def _draw(self, synthetic=None, other=0.4):
+        """A word, trimmed with a little of its surroundings. @param other  share of words that are no command
+        @return (samples, begin, end, class)"""
         random = self._random
-        name = OTHER if random.random() < 0.4 else WORDS[random.integers(len(WORDS))]
-        if random.random() < 0.08 and name == OTHER:
-            name = "stop" if random.random() < 0.5 else name
+        name = OTHER if random.random() < other else random.choice([*WORDS, "stop", "go"])
         synthetic = random.random() < (0.3 if name == OTHER else 0.1) if synthetic is None else synthetic
         choice = self._words[name, synthetic] or self._words[name, not synthetic] or self._words[OTHER, True]
         word = choice[random.integers(len(choice))]
@@ -105,11 +105,12 @@ class Mixer:
         margin = int(random.uniform(0.0, 0.15) * SAMPLE_RATE_HZ)
         begin, end = word.begin, word.end
         if label != NOTHING and random.random() < 0.12:  # half a command is none
+            first = name not in SHORT and random.random() < 0.6
             middle = begin + int(random.uniform(0.3, 0.6) * (end - begin))
-            begin, end = (begin, middle) if random.random() < 0.6 else (middle, end)
+            begin, end = (begin, middle) if first else (middle, end)
             margin, label = min(margin, 160), NOTHING
         left, right = max(0, begin - margin), min(len(word.samples), end + margin)
-        factor = np.exp(random.normal(0.0, 0.1))
+        factor = np.exp(random.normal(0.0, 0.12))
         samples = resampled(word.samples[left:right], factor)
         fade = min(160, len(samples) // 4)
         samples[:fade] *= np.linspace(0, 1, fade)
@@ -141,10 +142,10 @@ class Mixer:
     def _add_word_in_talk(self, voice, events):
         """Talk, a word, talk: gaps are short, and one side may be silent."""
         random = self._random
-        drawn = self._draw()
+        drawn = self._draw(other=0.25)
         at = int(random.uniform(0.7, 2.6) * SAMPLE_RATE_HZ)
         end = self._put(voice, events, at, drawn)
-        sides = random.integers(1, 4)
+        sides = random.choice([1, 2, 3, 3])
         if sides & 1:
             self._add_talk(voice, 0, at - self._gap(), at_end=True)
         if end is not None and sides & 2:
@@ -196,6 +197,10 @@ class Mixer:
             for _ in range(random.integers(1, 6)):
                 self._add_talk(noise, 0, count)
             noise /= np.sqrt(power(noise))
+        elif which < 0.47:
+            piece = self._music[random.integers(len(self._music))]
+            noise = piece[random.integers(len(piece) - count):][:count].astype(np.float32)
+            noise = noise / (np.sqrt(np.mean(noise ** 2)) + 1.0)
         else:
             noise = noises.draw(random, count)
         snr_db = random.uniform(0, 30) if which >= 0.4 or which < 0.25 else random.uniform(8, 30)
@@ -203,7 +208,7 @@ class Mixer:
 
     def _other_throat(self, energies):
         """Formants higher or lower, as of children and tall men: the bands are stretched."""
-        factor = np.exp(self._random.normal(0.0, 0.09))
+        factor = np.exp(self._random.normal(0.0, 0.11))
         bands = energies.shape[1]
         at = np.clip(np.arange(bands) * factor, 0, bands - 1)
         low = np.minimum(at.astype(int), bands - 2)

@@ -72,7 +72,8 @@ def read(path):
     if path.suffix == ".raw":
         return np.fromfile(path, "<i2").astype(np.float32)
     try:
-        samples, rate = soundfile.read(path, dtype="float32", always_2d=True)
+        raw = {"format": "RAW", "subtype": "GSM610", "samplerate": 8000, "channels": 1} if path.suffix == ".gsm" else {}
+        samples, rate = soundfile.read(path, dtype="float32", always_2d=True, **raw)
     except RuntimeError as error:
         raise ToolError(f"{path}: cannot be read: {error}") from error
     samples = samples.mean(axis=1) * 32768.0
@@ -169,6 +170,8 @@ def synthetic_speech(folder, seed=2):
 # Prompts with these in their English names may have a command in them, or the "no" of Romance languages.
 _MAY_BE_SAID = re.compile(r"(down|go|left|not?|off|on|right|stop|up|yes|cannot|dont|wont|invalid|without|silence)")
 
+_LIKE_COMMANDS = {"go", "gou", "no", "nou", "on", "un", "an", "of", "off", "up", "ap", "op", "ja", "da", "si"}  # syllables
+
 
 def speech_files():
     """Files of speech of Debian's packages that hardly has a command in it, in other languages and English."""
@@ -180,6 +183,18 @@ def speech_files():
     return prompts + names[::3] + dialogues
 
 
+def more_speech_files():
+    """Files of speech of which none is judged with: further voices and languages, most of them single words."""
+    prompts = [file for file in sorted(Path("/usr/share/asterisk/sounds").rglob("*"))
+               if file.suffix in (".gsm", ".wav") and not _MAY_BE_SAID.search(f"{file.parent.name}/{file.stem}")]
+    names = sorted(Path("/usr/share/ktuberling/sounds").rglob("*.ogg"))
+    syllables = [file for file in sorted(Path("/usr/share/klettres").rglob("*.ogg"))
+                 if file.stem.lower() not in _LIKE_COMMANDS]
+    dialogues = sorted(file for file in Path("/usr/share/games/fillets-ng/sound").rglob("*.ogg")
+                       if file.parent.name == "nl")
+    return prompts + names + syllables + dialogues
+
+
 def is_held_out(file):
     """Whether a speech file is left for judging only."""
     return zlib.crc32(Path(file).name.encode()) % 4 == HELD_OUT_PART
@@ -187,13 +202,18 @@ def is_held_out(file):
 
 def read_speech(held_out=False):
     """Pieces of speech, of at least 0.5 s, that are joined to talk."""
+    files = [file for file in speech_files() if is_held_out(file) == held_out]
     speech = []
-    for file in speech_files():
-        if is_held_out(file) == held_out:
-            samples = read(file)
-            if len(samples) > SAMPLE_RATE_HZ // 2 and np.abs(samples).max() > 500:
-                speech.append(samples)
+    for file in files if held_out else files + more_speech_files():
+        samples = read(file)
+        if len(samples) > SAMPLE_RATE_HZ // 2 and np.abs(samples).max() > 500:
+            speech.append(samples)
     return speech
+
+
+def read_music():
+    """Recorded music without voices."""
+    return [read(file) for file in sorted(Path("/usr/share/asterisk/moh").rglob("*.g722"))]
 
 
 def cached(path, make):

@@ -56,7 +56,6 @@ CommandActionsOptions readActions(pi_node::YamlSection top)
       entry.refuse("action", "\"" + action + "\"", "one of " + list);
     }
     command.action = static_cast<CommandAction>(known - COMMAND_ACTIONS);
-    entry.readNumber("min_confidence", 0.0, 1.0, &command.min_confidence);
     entry.read("argument", "a text", &command.argument);
     entry.finish();
     options.commands.push_back(command);
@@ -80,6 +79,8 @@ void CommandActionsOptions::validate() const
 {
   const pi_node::OptionCheck check("options");
   check.range("confirm_timeout", confirm_timeout, 0.5, 60.0);
+  check.range("doubt_speed", doubt_speed, 0.0, max_speed);
+  check.range("doubt_timeout", doubt_timeout, 0.5, 60.0);
   check.range("max_age", max_age, 0.05, 60.0);
   check.range("max_speed", max_speed, 0.05, 10.0);
   check.range("min_speed", min_speed, 0.05, max_speed);
@@ -109,7 +110,6 @@ void CommandActionsOptions::validate() const
     {
       throw std::invalid_argument(name + " is there twice, must be once");
     }
-    pi_node::OptionCheck(name).range("min_confidence", command.min_confidence, 0.0, 1.0);
     const bool wants_argument = command.action == CommandAction::GO_TO || command.action == CommandAction::SAY;
     if (wants_argument == command.argument.empty())
     {
@@ -145,12 +145,29 @@ void CommandActions::stop(int64_t now_ns)
   stopped_ = true;
   stopped_ns_ = now_ns;
   asked_ = false;
+  doubt_ns_.reset();
 }
 
 void CommandActions::release()
 {
   stopped_ = false;
   asked_ = false;
+  doubt_ns_.reset();
+}
+
+bool CommandActions::doubted(int64_t now_ns) const
+{
+  const double age = doubt_ns_ ? seconds(now_ns - *doubt_ns_) : -1.0;
+  return age >= 0.0 && age <= options_.doubt_timeout;
+}
+
+double CommandActions::speedLimit(int64_t now_ns) const
+{
+  if (stopped_)
+  {
+    return 0.0;
+  }
+  return doubted(now_ns) ? std::min(options_.doubt_speed, speed_limit_) : speed_limit_;
 }
 
 void CommandActions::restore(bool stopped, double speed_limit, int64_t now_ns)
@@ -160,35 +177,69 @@ void CommandActions::restore(bool stopped, double speed_limit, int64_t now_ns)
   stopped_ = stopped;
   stopped_ns_ = now_ns;
   asked_ = false;
+  doubt_ns_.reset();
 }
 
-CommandResult CommandActions::hear(const std::string& text, double confidence, int64_t spoken_ns, int64_t now_ns)
+std::vector<SpokenCommand>::const_iterator CommandActions::find(const std::string& text, CommandResult* result) const
 {
-  CommandResult result;
-  const std::string quoted = "\"" + text + "\"";
   const auto command = std::find_if(options_.commands.begin(), options_.commands.end(),
                                     [&text](const SpokenCommand& one) { return one.text == text; });
   if (command == options_.commands.end())
   {
-    result.outcome = CommandOutcome::IGNORED_UNKNOWN;
-    result.reason = quoted + " is not in the table of commands";
-    return result;
+    result->outcome = CommandOutcome::IGNORED_UNKNOWN;
+    result->reason = "\"" + text + "\" is not in the table of commands";
+    return command;
   }
-  result.action = command->action;
-  result.argument = command->argument;
-  if (!(confidence >= command->min_confidence))
+  result->action = command->action;
+  result->argument = command->argument;
+  return command;
+}
+
+CommandResult CommandActions::hear(const std::string& text, int64_t spoken_ns, int64_t now_ns)
+{
+  CommandResult result;
+  const auto command = find(text, &result);
+  if (command == options_.commands.end())
   {
-    result.outcome = CommandOutcome::IGNORED_FAINT;
-    result.reason =
-        quoted + pi_node::format(" with confidence %.2f, must be at least %.2f", confidence, command->min_confidence);
     return result;
   }
   std::string detail;
   std::tie(result.outcome, detail) = execute(*command, spoken_ns, now_ns);
-  result.reason = quoted + detail;
+  result.reason = "\"" + text + "\"" + detail;
   if (result.outcome == CommandOutcome::DONE && command->action == CommandAction::GO_TO)
   {
     result.place = options_.places.at(command->argument);
+  }
+  return result;
+}
+
+CommandResult CommandActions::hearDoubtful(const std::string& text, bool moving, int64_t spoken_ns, int64_t now_ns)
+{
+  CommandResult result;
+  if (find(text, &result) == options_.commands.end())
+  {
+    return result;
+  }
+  result.reason = "perhaps \"" + text + "\"";
+  if (result.action != CommandAction::STOP || stopped_ || !moving)
+  {
+    result.outcome = CommandOutcome::IGNORED_DOUBTFUL;
+    result.reason += result.action != CommandAction::STOP ? ": say it again"
+                     : stopped_                           ? ", but it is stopped"
+                                                          : ", but the vehicle stands";
+  }
+  else if (doubted(now_ns) && spoken_ns > doubtful_spoken_ns_)
+  {
+    stop(std::max(spoken_ns, now_ns));
+    result.outcome = CommandOutcome::DONE;
+    result.reason += " twice: stopped until released";
+  }
+  else
+  {
+    doubt_ns_ = now_ns;
+    doubtful_spoken_ns_ = spoken_ns;
+    result.outcome = CommandOutcome::AWAITS_CONFIRMATION;
+    result.reason += ": slower until it is confirmed or denied";
   }
   return result;
 }
@@ -237,6 +288,16 @@ CommandActions::Outcome CommandActions::execute(const SpokenCommand& command, in
 
 CommandActions::Outcome CommandActions::answerQuestion(CommandAction action, int64_t spoken_ns, int64_t now_ns)
 {
+  if (doubted(now_ns) && spoken_ns > doubtful_spoken_ns_)
+  {
+    if (action == CommandAction::CONFIRM)
+    {
+      stop(std::max(spoken_ns, now_ns));
+      return {CommandOutcome::DONE, ": stopped until released"};
+    }
+    doubt_ns_.reset();
+    return {CommandOutcome::DONE, ": goes on"};
+  }
   if (action == CommandAction::GO)
   {
     if (stopped_ && options_.confirm_release)
@@ -269,7 +330,7 @@ const char* toString(CommandAction action)
 const char* toString(CommandOutcome outcome)
 {
   static constexpr const char* NAMES[] = {
-      "done",         "awaits confirmation", "ignored: unknown",       "ignored: faint",
+      "done",         "awaits confirmation", "ignored: unknown",       "ignored: doubtful",
       "ignored: old", "ignored: stopped",    "ignored: out of context"};
   return NAMES[static_cast<size_t>(outcome)];
 }

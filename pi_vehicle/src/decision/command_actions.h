@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -15,8 +16,8 @@ enum class CommandAction
 {
   STOP,     ///< latches
   GO,       ///< releases the latch; else: drive on
-  CONFIRM,  ///< "yes" to a release that waits
-  CANCEL,   ///< "no" to a release that waits
+  CONFIRM,  ///< "yes" to a question
+  CANCEL,   ///< "no" to a question
   SLOWER,   ///< speed bound down by a step
   FASTER,   ///< and up
   LEFT,     ///< at the next choice
@@ -30,14 +31,15 @@ struct SpokenCommand
 {
   std::string text;  ///< as recognised: lower case, one space between words
   CommandAction action = CommandAction::STOP;
-  double min_confidence = 0.5;  ///< in [0, 1]; fainter ones are ignored
-  std::string argument;         ///< GO_TO: the place; SAY: what; else empty
+  std::string argument;  ///< GO_TO: the place; SAY: what; else empty
 };
 
 struct CommandActionsOptions
 {
   bool confirm_release = false;  ///< a latched stop ends only by GO and then CONFIRM
   double confirm_timeout = 5.0;  ///< [s] for the CONFIRM
+  double doubt_speed = 0.6;      ///< bound after a doubtful STOP [m/s]
+  double doubt_timeout = 4.0;    ///< how long it holds unless somebody answers [s]
   double max_age = 2.0;          ///< older commands are ignored, except STOP [s]
   double max_speed = 3.0;        ///< bound at the start and at most [m/s]
   double min_speed = 0.5;        ///< least bound that SLOWER leads to [m/s]
@@ -50,7 +52,7 @@ struct CommandActionsOptions
   /// places:
   ///   gate: [12.0, 3.5, 1.57]             # x, y [m], heading [rad] in the map
   /// commands:
-  ///   - {text: stop, action: stop, min_confidence: 0.2}
+  ///   - {text: stop, action: stop}
   ///   - {text: go home, action: go_to, argument: gate}
   /// @endcode
   /// @throws std::invalid_argument naming entry, field, value and bound: unknown action, unknown place, a text twice,
@@ -65,6 +67,8 @@ auto visitFields(Options& o, Visit&& visit) -> decltype(o.confirm_release, o.spe
 {
   visit("confirm_release", o.confirm_release);
   visit("confirm_timeout", o.confirm_timeout);
+  visit("doubt_speed", o.doubt_speed);
+  visit("doubt_timeout", o.doubt_timeout);
   visit("max_age", o.max_age);
   visit("max_speed", o.max_speed);
   visit("min_speed", o.min_speed);
@@ -74,9 +78,9 @@ auto visitFields(Options& o, Visit&& visit) -> decltype(o.confirm_release, o.spe
 enum class CommandOutcome
 {
   DONE,                   ///< `action` is to be carried out
-  AWAITS_CONFIRMATION,    ///< a release that needs CONFIRM
+  AWAITS_CONFIRMATION,    ///< a release, or a doubtful STOP, that needs CONFIRM
   IGNORED_UNKNOWN,        ///< the text is not in the table
-  IGNORED_FAINT,          ///< confidence too low, or not a number
+  IGNORED_DOUBTFUL,       ///< perhaps said, but no STOP, or standing
   IGNORED_OLD,            ///< older than max_age
   IGNORED_STOPPED,        ///< the stop is latched
   IGNORED_OUT_OF_CONTEXT  ///< CONFIRM or CANCEL without a question, GO without a stop is DONE
@@ -94,7 +98,10 @@ struct CommandResult
 /// Turns spoken commands into actions. STOP always acts, and latches.
 /// While latched, only STOP, GO, CONFIRM and CANCEL act, and speedLimit() is 0. GO releases the latch, or with
 /// confirm_release asks for CONFIRM within confirm_timeout; STOP and CANCEL withdraw the question. A command that was
-/// spoken before the last STOP releases nothing. Not thread safe.
+/// spoken before the last STOP releases nothing.
+/// A STOP that was perhaps said bounds the speed to doubt_speed and asks: a second one, or CONFIRM, within
+/// doubt_timeout stops; CANCEL, GO, or no answer in that time ends the doubt. A false STOP costs little so, a missed
+/// one much. Whether something was said, surely or perhaps, is the recogniser's decision. Not thread safe.
 class CommandActions
 {
 public:
@@ -102,7 +109,9 @@ public:
   explicit CommandActions(const CommandActionsOptions& options);
 
   /// @param spoken_ns  when it was said, @param now_ns  now, on one clock.
-  CommandResult hear(const std::string& text, double confidence, int64_t spoken_ns, int64_t now_ns);
+  CommandResult hear(const std::string& text, int64_t spoken_ns, int64_t now_ns);
+  /// What was perhaps said. @param moving  whether the vehicle does.
+  CommandResult hearDoubtful(const std::string& text, bool moving, int64_t spoken_ns, int64_t now_ns);
   /// Latches like a spoken stop; for a button or a supervisor.
   void stop(int64_t now_ns);
   /// Ends the latch without a question: for callers other than the speech recogniser, for example a service.
@@ -112,14 +121,17 @@ public:
   void restore(bool stopped, double speed_limit, int64_t now_ns);
 
   bool stopped() const { return stopped_; }
+  /// Whether a doubtful STOP waits for an answer.
+  bool doubted(int64_t now_ns) const;
   /// 0 while latched [m/s].
-  double speedLimit() const { return stopped_ ? 0.0 : speed_limit_; }
-  /// Also while latched [m/s].
+  double speedLimit(int64_t now_ns) const;
+  /// Also while latched or in doubt [m/s].
   double keptSpeedLimit() const { return speed_limit_; }
 
 private:
   using Outcome = std::pair<CommandOutcome, std::string>;  // with the detail of the reason
 
+  std::vector<SpokenCommand>::const_iterator find(const std::string& text, CommandResult* result) const;
   Outcome execute(const SpokenCommand& command, int64_t spoken_ns, int64_t now_ns);
   /// GO, CONFIRM and CANCEL.
   Outcome answerQuestion(CommandAction action, int64_t spoken_ns, int64_t now_ns);
@@ -129,6 +141,8 @@ private:
   int64_t stopped_ns_ = 0;
   bool asked_ = false;
   int64_t asked_ns_ = 0;
+  std::optional<int64_t> doubt_ns_;  ///< when a doubtful STOP was heard
+  int64_t doubtful_spoken_ns_ = 0;   ///< when it was said
   double speed_limit_;
 };
 

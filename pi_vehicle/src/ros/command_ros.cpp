@@ -9,6 +9,7 @@
 #include <std_msgs/Empty.h>
 #include <std_msgs/String.h>
 
+#include <cmath>
 #include <vector>
 
 namespace pi_vehicle
@@ -21,6 +22,7 @@ using pi_node::format;
 
 constexpr uint32_t COMMAND_QUEUE = 50;
 constexpr char COMMAND_SOURCE[] = "command";
+constexpr double STANDING_KNOWN_S = 1.0;  ///< older reports of the chassis say nothing
 // The parameters that outlive the node.
 constexpr char LATCHED[] = "latched";
 constexpr char KEPT_SPEED_LIMIT[] = "kept_speed_limit";
@@ -58,6 +60,12 @@ CommandRos::CommandRos(ros::NodeHandle node, ros::NodeHandle private_node)
 
   command_ =
       node_.subscribe("command", COMMAND_QUEUE, &CommandRos::onCommand, this, ros::TransportHints().tcpNoDelay());
+  doubtful_ = node_.subscribe("doubtful_command", COMMAND_QUEUE, &CommandRos::onDoubtful, this,
+                              ros::TransportHints().tcpNoDelay());
+  vehicle_state_ = node_.subscribe<VehicleState>(
+      "vehicle_state", 1,
+      [this](const VehicleState::ConstPtr& state) { standing_at_ = state->moving ? ros::Time() : state->header.stamp; },
+      ros::VoidConstPtr(), ros::TransportHints().tcpNoDelay());
   stop_ = private_node_.advertiseService("stop", &CommandRos::onStop, this);
   release_ = private_node_.advertiseService("release", &CommandRos::onRelease, this);
   timer_ = pi_node::VehicleTimer(
@@ -95,12 +103,27 @@ void CommandRos::restore()
 void CommandRos::onCommand(const pi_speech::VoiceCommand& message)
 {
   const ros::Time now = ros::Time::now();
-  const CommandResult result =
-      actions_.hear(message.text, static_cast<double>(message.confidence), spokenNs(message, now), toNs(now));
+  handle(message.text, actions_.hear(message.text, spokenNs(message, now), toNs(now)), now);
+}
+
+void CommandRos::onDoubtful(const pi_speech::VoiceCommand& message)
+{
+  const ros::Time now = ros::Time::now();
+  handle(message.text, actions_.hearDoubtful(message.text, moving(now), spokenNs(message, now), toNs(now)), now);
+}
+
+/// Unless the chassis says that it stands.
+bool CommandRos::moving(const ros::Time& now) const
+{
+  return standing_at_.isZero() || std::abs((now - standing_at_).toSec()) > STANDING_KNOWN_S;
+}
+
+void CommandRos::handle(const std::string& text, const CommandResult& result, const ros::Time& now)
+{
   if (result.outcome == CommandOutcome::DONE)
   {
     ++done_;
-    if (result.action == CommandAction::STOP)
+    if (actions_.stopped() && result.action != CommandAction::CANCEL)
     {
       stop_reason_ = result.reason;
     }
@@ -110,15 +133,17 @@ void CommandRos::onCommand(const pi_speech::VoiceCommand& message)
   }
   else if (result.outcome == CommandOutcome::AWAITS_CONFIRMATION)
   {
+    publishMotion(now);
     ROS_INFO_STREAM_NAMED("command", result.reason);
-    say(options_.question);
+    say(result.action == CommandAction::STOP ? options_.doubt_question : options_.question);
   }
   else
   {
     ++ignored_;
     warnings_.warn("ignored: " + result.reason);
   }
-  publishState(now, message.text, toString(result.outcome), result.reason);
+  doubted_ = actions_.doubted(toNs(now));
+  publishState(now, text, toString(result.outcome), result.reason);
 }
 
 void CommandRos::act(const CommandResult& result, const ros::Time& now)
@@ -190,9 +215,16 @@ void CommandRos::say(const std::string& text)
 void CommandRos::tick()
 {
   const ros::Time now = ros::Time::now();
-  if (!now.isZero())
+  if (now.isZero())
   {
-    publishMotion(now);
+    return;
+  }
+  publishMotion(now);
+  if (doubted_ && !actions_.doubted(toNs(now)))
+  {
+    doubted_ = false;
+    ROS_INFO_STREAM_NAMED("command", "nobody confirmed the stop: drives on");
+    publishState(now, "", toString(CommandOutcome::DONE), "nobody confirmed the stop: drives on");
   }
 }
 
@@ -200,7 +232,7 @@ void CommandRos::publishMotion(const ros::Time& now)
 {
   DriveCommand command;
   command.source = COMMAND_SOURCE;
-  command.speed = actions_.speedLimit();
+  command.speed = actions_.speedLimit(toNs(now));
   if (actions_.stopped())
   {
     command.max_deceleration = options_.stop_deceleration;
@@ -208,7 +240,7 @@ void CommandRos::publishMotion(const ros::Time& now)
   }
   else
   {
-    command.reason = "limit by command";
+    command.reason = actions_.doubted(toNs(now)) ? "perhaps a stop" : "limit by command";
   }
   motion_.publish(toMotionCommand(command, now));
 }
@@ -218,7 +250,7 @@ void CommandRos::publishState(const ros::Time& now, const std::string& text, con
 {
   state_.header.stamp = now;
   state_.stopped = actions_.stopped();
-  state_.speed_limit = actions_.speedLimit();
+  state_.speed_limit = actions_.speedLimit(toNs(now));
   state_.text = text;
   state_.outcome = outcome;
   state_.reason = reason;
@@ -228,6 +260,7 @@ void CommandRos::publishState(const ros::Time& now, const std::string& text, con
 void CommandRos::report(Status& status) const
 {
   const std::vector<pi_node::WarningBoard::Entry> warnings = warnings_.recent();
+  const double speed_limit = actions_.speedLimit(toNs(ros::Time::now()));
   if (actions_.stopped())
   {
     status.summary(DiagnosticStatus::WARN, stop_reason_ + "; say \"go\" or call service release");
@@ -243,9 +276,9 @@ void CommandRos::report(Status& status) const
   }
   else
   {
-    status.summary(DiagnosticStatus::OK, "at most " + format("%.2f", actions_.speedLimit()) + " m/s");
+    status.summary(DiagnosticStatus::OK, "at most " + format("%.2f", speed_limit) + " m/s");
   }
-  status.add("speed limit [m/s]", format("%.2f", actions_.speedLimit()));
+  status.add("speed limit [m/s]", format("%.2f", speed_limit));
   status.add("last command", state_.text);
   status.add("its outcome", state_.outcome);
   status.add("its reason", state_.reason);

@@ -31,6 +31,7 @@ static void visitFields(CommandRosOptions& options, Visitor&& visit)
   visit("stop_deceleration", options.stop_deceleration);
   visit("stopped_at_start", options.stopped_at_start);
   visit("question", options.question);
+  visit("doubt_question", options.doubt_question);
   visit("map_frame", options.map_frame);
   visit("diagnostic_period", options.diagnostic_period);
   visit("warning_period_s", options.warning_period_s);

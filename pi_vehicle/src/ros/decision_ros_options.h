@@ -29,7 +29,8 @@ struct CommandRosOptions : pi_node::NodeParameters<CommandRosOptions>
   double rate = 20.0;                                  ///< of motion/command [Hz]
   double stop_deceleration = 2.5;                      ///< of a latched stop [m/s^2]; 0: the usual one
   bool stopped_at_start = false;
-  std::string question = "shall I go on";  ///< said when a release needs a confirmation; empty: nothing
+  std::string question = "shall I go on";              ///< said when a release needs a confirmation; empty: nothing
+  std::string doubt_question = "please say it again";  ///< after a doubtful stop; without "stop": it hears itself
   std::string map_frame = "map";
   double diagnostic_period = 1.0;  ///< [s]
   double warning_period_s = 5.0;   ///< [s]

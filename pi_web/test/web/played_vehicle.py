@@ -5,7 +5,7 @@ import threading
 
 import numpy
 import rospy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point32, PoseStamped, TransformStamped
 from nav_msgs.msg import OccupancyGrid, Odometry, Path
 from pi_detect.msg import Obstacle3D, ObstacleArray, Track2D, Track2DArray
@@ -159,5 +159,8 @@ class PlayedVehicle:
                                   services=services))
         send("/diagnostics_agg", DiagnosticArray(status=[
             DiagnosticStatus(level=0, name="/Vehicle/Chassis/chassis", message="connected"),
-            DiagnosticStatus(level=0, name="/Vehicle/Speech/recognizer", message="listens"),
+            DiagnosticStatus(level=0, name="/Vehicle/Speech/recognition", message="listens",
+                             values=[KeyValue(key="last command", value="stop (0.91)")]),
+            DiagnosticStatus(level=0, name="/Vehicle/Speech/sound", message="comes",
+                             values=[KeyValue(key="level [dB of full scale]", value="-31.8")]),
             DiagnosticStatus(level=1, name="/Vehicle/Localisation/odometry", message="few features: 23 of 120")]))
