@@ -1,10 +1,3 @@
-#include <cstdarg>
-
-extern "C"
-{
-#include <alsa/error.h>  // which declares snd_lib_error_set_local outside of its own extern "C"
-}
-
 #include "audio/capture_device.h"
 
 #include <poll.h>
@@ -12,6 +5,7 @@ extern "C"
 #include <algorithm>
 #include <cctype>
 #include <cerrno>
+#include <cstdarg>
 #include <cmath>
 #include <cstdlib>
 #include <vector>
