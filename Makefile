@@ -48,6 +48,8 @@ help:
 	@echo 'make image        container image of an edge node, from Debian packages: needs mmdebstrap'
 	@echo 'make platforms    make check and make demo in a fresh Debian of its own; ARGS="trixie": only there; needs debootstrap'
 	@echo 'make deb          Debian packages in build/deb; needs debhelper and, runs lintian where there is one'
+	@echo 'make release-check  two builds of the packages in two folders are bit-identical; ARGS="--packages pi_node": only'
+	@echo '                  of that one; ARGS="--against build/deb": one build, beside the packages of make deb'
 	@echo 'make sbom         what the suite runs with on this system: SPDX, build/pi-edge-VERSION.spdx.json'
 	@echo "make networks     the detector's public networks (7.5 MB), if they are not here; make build does so as well"
 	@echo 'make clean        removes build/ and install/'
@@ -117,6 +119,11 @@ image: build
 .PHONY: deb
 deb:
 	@exec scripts/build_packages $(BUILD)/deb $(JOBS)
+
+# Half an hour of compiling on two cores for each build.
+.PHONY: release-check
+release-check:
+	@exec scripts/check_release --work $(BUILD)/release --jobs $(JOBS) $(ARGS)
 
 .PHONY: bench
 bench: build

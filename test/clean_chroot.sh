@@ -102,10 +102,7 @@ copy_suite() {
   local top=$1 target=$2 which=$3
   mkdir -p "$target"
   if [ "$which" = working-tree ]; then
-    git -C "$top" ls-files -z --cached --others --exclude-standard |
-      (cd "$top" && while IFS= read -r -d '' file; do
-        if [ -e "$file" ] || [ -L "$file" ]; then printf '%s\0' "$file"; fi
-      done) | tar -C "$top" --null --no-recursion -T - -c | tar -x --no-same-owner -C "$target"
+    "$top/scripts/copy_suite" "$target"
   else
     git -C "$top" archive HEAD | tar -x --no-same-owner -C "$target"
   fi

@@ -23,7 +23,6 @@ from pathlib import Path
 
 from pi_offload.errors import ToolError
 
-SUITE = "bookworm"
 PREFIX = Path("/opt/pi_edge")
 NAME = "pi_edge/edge_server"
 USER = 10001
@@ -118,7 +117,7 @@ def debian_root(root, suite):
         raise ToolError("/etc/apt names no source of Debian packages: mmdebstrap needs one")
     run(["mmdebstrap", "--variant=essential", "--include=" + ",".join([*packages(suite.system), *PACKAGES]),
          "--aptopt=APT::Install-Recommends \"false\"", *(f"--dpkgopt=path-exclude={path}" for path in UNNEEDED),
-         SUITE, root, *sources], "mmdebstrap")
+         platform.freedesktop_os_release()["VERSION_CODENAME"], root, *sources], "mmdebstrap")
 
 
 def root_of_this_machine(root, suite):

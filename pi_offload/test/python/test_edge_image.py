@@ -44,8 +44,8 @@ class EdgeImage(unittest.TestCase):
 
     def test_libraries_come_from_debian_packages(self):
         names = edge_image.packages(self.suite.system)
-        for name in ("libc6", "libopencv-dnn406", "libroscpp4d", "libyaml-cpp0.7"):
-            self.assertIn(name, names)
+        for name in ("libc6", r"libopencv-dnn\d+", r"libroscpp\d\w+", r"libyaml-cpp[\d.]+"):
+            self.assertRegex("\n".join(names), rf"(?m)^{name}$")
         with self.assertRaisesRegex(ToolError, "root/etc.* belongs to no Debian package"):
             edge_image.packages([self.root / "etc/pi_edge/edge_server.yaml"])
 

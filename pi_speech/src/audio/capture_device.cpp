@@ -1,10 +1,3 @@
-#include <cstdarg>
-
-extern "C"
-{
-#include <alsa/error.h>  // which declares snd_lib_error_set_local outside of its own extern "C"
-}
-
 #include "audio/capture_device.h"
 
 #include <poll.h>
@@ -13,6 +6,7 @@ extern "C"
 #include <cctype>
 #include <cerrno>
 #include <cmath>
+#include <cstdarg>
 #include <cstdlib>
 #include <vector>
 

@@ -1,6 +1,12 @@
 #pragma once
 
-#include <alsa/asoundlib.h>
+#include <cstdlib>  // before ALSA, which includes stdlib.h: what C++ adds there has no C linkage
+
+extern "C"
+{
+#include <alsa/asoundlib.h>  // declares snd_lib_error_set_local outside of its own extern "C"
+}
+
 #include "audio/microphone.h"
 
 #include <chrono>

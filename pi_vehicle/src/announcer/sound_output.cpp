@@ -1,14 +1,13 @@
-#include <cstdarg>
+#include <cstdlib>  // before ALSA, which includes stdlib.h: what C++ adds there has no C linkage
 
 extern "C"
 {
-#include <alsa/error.h>  // which declares snd_lib_error_set_local outside of its own extern "C"
+#include <alsa/asoundlib.h>  // declares snd_lib_error_set_local outside of its own extern "C"
 }
-
-#include <alsa/asoundlib.h>
 
 #include <algorithm>
 #include <cerrno>
+#include <cstdarg>
 #include <memory>
 #include <stdexcept>
 
