@@ -113,7 +113,7 @@ TEST_F(CalibrationTest, LeavesARightCalibrationAlone)
   Vio vio(drive().calibration, makeOptions());
   const std::vector<Outcome> outcomes = run(&vio, Faults(), drive());
   EXPECT_FALSE(said("calibration:")) << allMessages();
-  EXPECT_LT(std::abs(vio.rig().late_s), 1.5 * vio.rig().lateDeviation());  // small pictures: 1.4 ms
+  EXPECT_LT(std::abs(vio.rig().late_s), 1e-3);
   std::cout << "right: " << 1e3 * vio.rig().late_s << " ms, " << (vio.rig().turn / DEGREE).transpose() << " degrees, "
             << rms(outcomes, 0.0) << " m off\n";
 }
