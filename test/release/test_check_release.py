@@ -37,7 +37,12 @@ class CheckRelease(unittest.TestCase):
     def test_equal_programs_are_identical_whatever_their_folder(self):
         first = space(self.folder / "one", node="true", other="false")
         second = space(self.folder / "in_another_folder", node="true")
-        self.assertEqual(([], ["lib/node"]), check_release.compare(first, second))
+        self.assertEqual(([], ["lib/node"]), check_release.compare(first, second, whole=False))
+
+    def test_one_that_only_the_first_space_has_is_named(self):
+        first = space(self.folder / "one", node="true", other="false")
+        second = space(self.folder / "two", node="true")
+        self.assertEqual((["lib/other"], ["lib/node"]), check_release.compare(first, second))
 
     def test_one_that_differs_and_one_that_is_missing_are_named(self):
         first = space(self.folder / "one", node="true", tool="true")

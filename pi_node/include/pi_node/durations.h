@@ -2,6 +2,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <ctime>
 
 namespace pi_node
 {
@@ -32,6 +33,14 @@ inline int64_t monotonicNs()
 inline double secondsSince(std::chrono::steady_clock::time_point time)
 {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - time).count();
+}
+
+/// CPU time that this thread, or what another clock of clock_gettime() counts, has taken [s].
+inline double cpuSeconds(clockid_t clock = CLOCK_THREAD_CPUTIME_ID)
+{
+  timespec time{};
+  clock_gettime(clock, &time);
+  return static_cast<double>(time.tv_sec) + seconds(time.tv_nsec);
 }
 
 }  // namespace pi_node

@@ -2,6 +2,7 @@
 
 #include "ros/simulation_conversions.h"
 
+#include <pi_node/durations.h>
 #include <pi_node/formatting.h>
 #include <pi_node/ros/time.h>
 #include <pi_os_transport/zero_copy/image_subscriber.h>
@@ -11,7 +12,6 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-#include <ctime>
 #include <string>
 #include <utility>
 
@@ -37,13 +37,6 @@ struct StereoCamera
   const zero_copy::Publisher<sensor_msgs::Image>* pictures;
   const ros::Publisher* infos;
 };
-
-double threadSeconds()
-{
-  timespec time = {};
-  ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
-  return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
-}
 
 }  // namespace
 
@@ -118,7 +111,7 @@ void SimulatedCameras::renderLoop(const std::shared_ptr<const SyntheticWorld>& w
 
 void SimulatedCameras::render(const Exposure& exposure, StereoRenderer* renderer)
 {
-  const double before_s = threadSeconds();
+  const double before_s = pi_node::cpuSeconds();
   const ros::Time stamp = pi_node::toTime(exposure.stamp_ns);
   StereoFrame frame;
   if (exposure.left == CameraState::ON || exposure.right == CameraState::ON)
@@ -153,7 +146,7 @@ void SimulatedCameras::render(const Exposure& exposure, StereoRenderer* renderer
   }
   const std::lock_guard<std::mutex> lock(mutex_);
   ++pairs_;
-  processor_ms_.add(1e3 * (threadSeconds() - before_s));
+  processor_ms_.add(1e3 * (pi_node::cpuSeconds() - before_s));
   delay_ms_.add(1e3 * (ros::Time::now() - stamp).toSec());
 }
 

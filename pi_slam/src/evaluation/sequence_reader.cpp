@@ -34,13 +34,6 @@ void SequenceReaderOptions::validate() const
   check.range("read_ahead", read_ahead, 1, 1000);
 }
 
-double cpuSeconds(clockid_t clock)
-{
-  timespec time{};
-  clock_gettime(clock, &time);
-  return static_cast<double>(time.tv_sec) + pi_node::seconds(time.tv_nsec);
-}
-
 struct SequenceReader::Impl
 {
   void run()
@@ -74,7 +67,7 @@ struct SequenceReader::Impl
     }
     const std::lock_guard<std::mutex> lock(mutex);
     ended = true;
-    cpu_s = pi_slam::cpuSeconds(CLOCK_THREAD_CPUTIME_ID);
+    cpu_s = pi_node::cpuSeconds(CLOCK_THREAD_CPUTIME_ID);
     added.notify_one();
   }
 
@@ -150,7 +143,7 @@ double SequenceReader::cpuSeconds() const
   const std::lock_guard<std::mutex> lock(impl_->mutex);
   clockid_t clock{};
   return impl_->ended || pthread_getcpuclockid(impl_->thread.native_handle(), &clock) != 0 ? impl_->cpu_s
-                                                                                           : pi_slam::cpuSeconds(clock);
+                                                                                           : pi_node::cpuSeconds(clock);
 }
 
 }  // namespace pi_slam

@@ -5,7 +5,6 @@
 #include <pi_slam/trajectory_file.h>
 
 #include <cstdint>
-#include <ctime>
 #include <memory>
 #include <opencv2/core/mat.hpp>
 #include <optional>
@@ -102,9 +101,6 @@ protected:
 ///         pictures without any pair; CalibrationError for a sensor.yaml that cannot be used;
 ///         std::invalid_argument for options out of range.
 std::unique_ptr<SequenceSource> openEuroc(const std::string& folder, const SequenceReaderOptions& options = {});
-
-/// CPU time that a thread or the process has taken [s].
-double cpuSeconds(clockid_t clock);
 
 /// Reads a source ahead on a thread of its own, so that loading pictures takes no time from the one who uses them.
 /// Used by one thread.

@@ -132,11 +132,11 @@ private:
   void addPair(const StereoPair& pair)
   {
     PairRecord record;
-    const double cpu_s = cpuSeconds(CLOCK_PROCESS_CPUTIME_ID) - reader_.cpuSeconds();
+    const double cpu_s = pi_node::cpuSeconds(CLOCK_PROCESS_CPUTIME_ID) - reader_.cpuSeconds();
     Clock::time_point start = Clock::now();
     record.report = vio_.addPair(pair.stamp_ns, pair.left, pair.right);
     record.wall_ms = 1e3 * secondsSince(start);
-    record.cpu_ms = 1e3 * std::max(0.0, cpuSeconds(CLOCK_PROCESS_CPUTIME_ID) - reader_.cpuSeconds() - cpu_s);
+    record.cpu_ms = 1e3 * std::max(0.0, pi_node::cpuSeconds(CLOCK_PROCESS_CPUTIME_ID) - reader_.cpuSeconds() - cpu_s);
     warn(pair.stamp_ns, record.report.message);
     if (mapper_)
     {

@@ -22,16 +22,11 @@ constexpr uint64_t BLOCK_BYTES = 1024;  ///< room is given in blocks, so that mo
 
 }  // namespace
 
-class FeatureStore::File
+/// A file without a name, and which parts of it are in use. Any thread may use it.
+class TileFile
 {
 public:
-  struct Room
-  {
-    uint64_t at;
-    uint64_t blocks;
-  };
-
-  explicit File(const std::string& folder) : folder_(folder)
+  explicit TileFile(const std::string& folder) : folder_(folder)
   {
     std::string name = folder + "/pi_slam_tiles.XXXXXX";
     descriptor_ = pi_node::UniqueFd(::mkostemp(name.data(), O_CLOEXEC));
@@ -42,24 +37,24 @@ public:
     ::unlink(name.c_str());
   }
 
-  Room take(uint64_t bytes)
+  /// @return the place of so many bytes.
+  uint64_t take(size_t bytes)
   {
-    const uint64_t blocks = (bytes + BLOCK_BYTES - 1) / BLOCK_BYTES;
     std::lock_guard<std::mutex> lock(mutex_);
-    std::vector<uint64_t>& free = free_[blocks];
+    std::vector<uint64_t>& free = free_[blocks(bytes)];
     if (free.empty())
     {
       free.push_back(end_);
-      end_ += blocks * BLOCK_BYTES;
+      end_ += blocks(bytes) * BLOCK_BYTES;
     }
-    const Room room{free.back(), blocks};
+    const uint64_t at = free.back();
     free.pop_back();
-    return room;
+    return at;
   }
-  void giveBack(const Room& room)
+  void giveBack(uint64_t at, size_t bytes)
   {
     std::lock_guard<std::mutex> lock(mutex_);
-    free_[room.blocks].push_back(room.at);
+    free_[blocks(bytes)].push_back(at);
   }
   void write(uint64_t at, const std::vector<uint8_t>& bytes)
   {
@@ -100,6 +95,8 @@ public:
   }
 
 private:
+  static uint64_t blocks(size_t bytes) { return (bytes + BLOCK_BYTES - 1) / BLOCK_BYTES; }
+
   const std::string folder_;
   pi_node::UniqueFd descriptor_;
   mutable std::mutex mutex_;
@@ -107,63 +104,45 @@ private:
   std::map<uint64_t, std::vector<uint64_t>> free_;  ///< places of rooms that were given back, by their blocks
 };
 
-namespace
+StoredFeatures::StoredFeatures(std::shared_ptr<TileFile> file, const FeatureSet& set)
+  : file_(std::move(file)), features_(set.size())
 {
+  const std::vector<uint8_t> bytes = encodeFeatures(set);
+  bytes_ = bytes.size();
+  checksum_ = crc64(bytes.data(), bytes_);
+  at_ = file_->take(bytes_);
+  try
+  {
+    file_->write(at_, bytes);
+  }
+  catch (const MapError&)
+  {
+    file_->giveBack(at_, bytes_);
+    throw;
+  }
+}
 
-/// Holds its room in the file.
-template <typename File>
-class Stored : public StoredFeatures
+StoredFeatures::~StoredFeatures()
 {
-public:
-  Stored(std::shared_ptr<File> file, const FeatureSet& set) : file_(std::move(file)), features_(set.size())
+  file_->giveBack(at_, bytes_);
+}
+
+FeatureSetPtr StoredFeatures::load() const
+{
+  const std::vector<uint8_t> bytes = file_->read(at_, bytes_);
+  if (crc64(bytes.data(), bytes_) != checksum_)
   {
-    const std::vector<uint8_t> bytes = encodeFeatures(set);
-    size_ = bytes.size();
-    checksum_ = crc64(bytes.data(), size_);
-    room_ = file_->take(size_);
-    try
-    {
-      file_->write(room_.at, bytes);
-    }
-    catch (const MapError&)
-    {
-      file_->giveBack(room_);
-      throw;
-    }
+    errno = EIO;
+    file_->fail("read back what was written to its file");
   }
-  ~Stored() override { file_->giveBack(room_); }
-  Stored(const Stored&) = delete;
-  Stored& operator=(const Stored&) = delete;
+  return decodeFeatures(bytes, features_, "of tiles");
+}
 
-  size_t size() const override { return features_; }
-  FeatureSetPtr load() const override
-  {
-    const std::vector<uint8_t> bytes = file_->read(room_.at, size_);
-    if (crc64(bytes.data(), size_) != checksum_)
-    {
-      errno = EIO;
-      file_->fail("read back what was written to its file");
-    }
-    return decodeFeatures(bytes, features_, "of tiles");
-  }
-
-private:
-  const std::shared_ptr<File> file_;
-  const size_t features_;
-  size_t size_ = 0;
-  uint64_t checksum_ = 0;
-  typename File::Room room_;
-};
-
-}  // namespace
-
-FeatureStore::FeatureStore(const std::string& folder) : file_(std::make_shared<File>(folder)) {}
-
-FeatureStore::~FeatureStore() = default;
+FeatureStore::FeatureStore(const std::string& folder) : file_(std::make_shared<TileFile>(folder)) {}
 
 StoredFeaturesPtr FeatureStore::write(const FeatureSet& features)
 {
-  return std::make_shared<Stored<File>>(file_, features);
+  return std::make_shared<const StoredFeatures>(file_, features);
 }
 
 uint64_t FeatureStore::bytes() const

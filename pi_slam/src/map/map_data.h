@@ -31,6 +31,7 @@ struct MapNode
   StoredFeaturesPtr stored;  ///< null: not on disk
 
   bool isKeyframe() const { return features || stored; }
+  size_t featureCount() const { return features ? features->size() : stored ? stored->size() : 0; }
   /// From memory, or from the disk; null if the node is no keyframe. @throws MapError if the disk fails.
   FeatureSetPtr allFeatures() const { return features || !stored ? features : stored->load(); }
   Eigen::Isometry3d T_map_body() const

@@ -447,7 +447,7 @@ void encodeMap(const MapData& map, const StereoCalibration& calibration, std::os
   size_t features = 0;
   for (const MapNode& node : map.nodes)
   {
-    features += node.features ? node.features->size() : node.stored ? node.stored->size() : 0;
+    features += node.featureCount();
   }
 
   Writer writer;

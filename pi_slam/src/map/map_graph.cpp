@@ -146,7 +146,7 @@ const MapGraph::Counts& MapGraph::counts() const
     {
       counts_->keyframes += node.isKeyframe() ? 1 : 0;
       counts_->in_memory += node.features ? 1 : 0;
-      counts_->landmarks += node.features ? node.features->size() : node.stored ? node.stored->size() : 0;
+      counts_->landmarks += node.featureCount();
       counts_->bytes += node.features ? node.features->bytes() : 0;
     }
   }

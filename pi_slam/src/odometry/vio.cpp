@@ -8,7 +8,6 @@
 
 #include <chrono>
 #include <cmath>
-#include <ctime>
 
 namespace pi_slam
 {
@@ -23,13 +22,6 @@ constexpr double LONGEST_GAP_S = 0.2;  ///< of the IMU, after which there is no 
 constexpr double LEAST_RATE_S = 0.02;  ///< over which the body's rate is averaged
 constexpr double WHEELS_KEPT_S = 6.0;
 constexpr double IMU_KEPT_S = 12.0;  ///< of samples, for the initialiser and long gaps
-
-double threadCpuSeconds()
-{
-  timespec now{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
-}
 
 }  // namespace
 
@@ -169,9 +161,9 @@ FrameReport Vio::Impl::addPair(int64_t stamp_ns, const cv::Mat& left, const cv::
   front_end_stage.run(
       [&]
       {
-        const double begin_cpu_s = threadCpuSeconds();
+        const double begin_cpu_s = pi_node::cpuSeconds();
         runFrontEnd(left, right, prediction, stamp_ns, &report);
-        report.front_end_cpu_ms = 1e3 * (threadCpuSeconds() - begin_cpu_s);
+        report.front_end_cpu_ms = 1e3 * (pi_node::cpuSeconds() - begin_cpu_s);
       });
   if (options.readout_s > 0.0)
   {

@@ -147,14 +147,14 @@ std::shared_ptr<const WordNetwork> WordNetwork::load(const std::string& path)
   std::ifstream stream(path, std::ios::binary);
   if (!stream || !std::filesystem::is_regular_file(path))
   {
-    throw std::runtime_error(
+    throw WordNetworkError(
         path + ": the word network cannot be read: " + (stream ? "it is no file" : std::strerror(errno)) + way_out);
   }
   std::string header(HEADER_BYTES, '\0');
   stream.read(header.data(), static_cast<std::streamsize>(header.size()));
   if (!stream || std::memcmp(header.data(), MAGIC, sizeof MAGIC) != 0)
   {
-    throw std::runtime_error(path + ": this is no file of a word network" + way_out);
+    throw WordNetworkError(path + ": this is no file of a word network" + way_out);
   }
   uint32_t version = 0;
   uint64_t length = 0;
@@ -164,14 +164,14 @@ std::shared_ptr<const WordNetwork> WordNetwork::load(const std::string& path)
   std::memcpy(&sum, header.data() + sizeof MAGIC + sizeof version + sizeof length, sizeof sum);
   if (version != VERSION)
   {
-    throw std::runtime_error(path + ": the word network has version " + std::to_string(version) + ", must be " +
-                             std::to_string(VERSION) + way_out);
+    throw WordNetworkError(path + ": the word network has version " + std::to_string(version) + ", must be " +
+                           std::to_string(VERSION) + way_out);
   }
   const std::string bytes{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
   if (bytes.size() != length || pi_node::fnv1a(bytes) != sum)
   {
-    throw std::runtime_error(path + ": the word network is damaged: " + std::to_string(bytes.size()) + " bytes of " +
-                             std::to_string(length) + ", or a wrong check sum" + way_out);
+    throw WordNetworkError(path + ": the word network is damaged: " + std::to_string(bytes.size()) + " bytes of " +
+                           std::to_string(length) + ", or a wrong check sum" + way_out);
   }
   try
   {
@@ -179,7 +179,7 @@ std::shared_ptr<const WordNetwork> WordNetwork::load(const std::string& path)
   }
   catch (const std::invalid_argument& error)
   {
-    throw std::runtime_error(path + ": the word network is damaged: " + error.what() + way_out);
+    throw WordNetworkError(path + ": the word network is damaged: " + error.what() + way_out);
   }
 }
 

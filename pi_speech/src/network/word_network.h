@@ -4,11 +4,18 @@
 
 #include <Eigen/Core>
 #include <memory>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
 namespace pi_speech
 {
+
+/// A file of a network is missing, not of this kind, truncated or damaged; names it and the way out.
+struct WordNetworkError : std::runtime_error
+{
+  using std::runtime_error::runtime_error;
+};
 
 /// A small network that says at each moment which word has just ended: causal convolutions over the energies of bands
 /// (see pi_speech/training/network). Its file holds the words, the sizes and the weights.
@@ -34,7 +41,7 @@ struct WordNetwork
   int find(const std::string& word) const;
 
   /// Reads the file that train_word_network writes: little endian, with a check sum.
-  /// @throws std::runtime_error naming the file and what is wrong: missing, not of this kind, truncated, damaged.
+  /// @throws WordNetworkError
   static std::shared_ptr<const WordNetwork> load(const std::string& path);
 };
 

@@ -35,7 +35,7 @@ public:
     double confidence = 0.0;
   };
 
-  /// @throws std::runtime_error naming the file of the network, what is wrong with it and the way out.
+  /// @throws WordNetworkError
   NetworkCommands(const RecognizerOptions& options, const CommandTable& table);
 
   size_t count() const { return commands_.size(); }

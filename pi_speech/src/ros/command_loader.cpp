@@ -26,23 +26,23 @@ CommandTable tableOf(const std::vector<std::string>& texts)
   return table;
 }
 
-/// Leaves all to PocketSphinx if the network cannot be read. @return what is wrong with it; empty: nothing.
-std::string leaveOutBadNetwork(RecognizerOptions* options)
+/// Leaves all to PocketSphinx if the network cannot be read.
+/// @param no_network  what is wrong with it; empty: nothing.
+std::unique_ptr<CommandRecognizer> makeRecognizer(RecognizerOptions options, const CommandTable& table,
+                                                  std::string* no_network)
 {
+  no_network->clear();
   try
   {
-    if (!options->word_network.empty())
-    {
-      WordNetwork::load(options->word_network);
-    }
-    return "";
+    return std::make_unique<CommandRecognizer>(options, table);
   }
-  catch (const std::runtime_error& error)
+  catch (const WordNetworkError& error)
   {
-    options->word_network.clear();
-    return std::string(error.what()) +
-           "; PocketSphinx decides alone, and hears nothing inside sentences, until set_commands is called and all is "
-           "right";
+    options.word_network.clear();
+    *no_network = std::string(error.what()) +
+                  "; PocketSphinx decides alone, and hears nothing inside sentences, until set_commands is called and "
+                  "all is right";
+    return std::make_unique<CommandRecognizer>(options, table);
   }
 }
 
@@ -84,9 +84,8 @@ bool CommandLoader::load(const Source& source, std::string* message)
   try
   {
     const CommandTable table = source.file.empty() ? tableOf(source.texts) : CommandTable::load(source.file);
-    RecognizerOptions options = options_.recognizerOptions(package_);
-    const std::string no_network = leaveOutBadNetwork(&options);
-    auto recognizer = std::make_unique<CommandRecognizer>(options, table);
+    std::string no_network;
+    auto recognizer = makeRecognizer(options_.recognizerOptions(package_), table, &no_network);
     const std::string understood = boost::algorithm::join(recognizer->table().texts(), ", ");
     const std::string spotted = boost::algorithm::join(recognizer->spottedCommands(), ", ");
     *message = "understands " + understood + " (in running speech: " + (spotted.empty() ? "none" : spotted) + ")";

@@ -5,7 +5,6 @@
 #include <pi_speech/ros/audio_conversions.h>
 
 #include <algorithm>
-#include <ctime>
 #include <exception>
 #include <stdexcept>
 #include <utility>
@@ -146,9 +145,7 @@ StreamRecognizer::Figures StreamRecognizer::figures() const
 
 double StreamRecognizer::cpuSeconds() const
 {
-  timespec own{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &own);
-  return static_cast<double>(own.tv_sec) + pi_node::seconds(own.tv_nsec) + stage_.cpuSeconds();
+  return pi_node::cpuSeconds() + stage_.cpuSeconds();
 }
 
 void StreamRecognizer::onRecognition(Recognition recognition)
