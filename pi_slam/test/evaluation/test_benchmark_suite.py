@@ -5,6 +5,7 @@ import io
 from pathlib import Path
 import tempfile
 import unittest
+from unittest import mock
 
 PROGRAM = str(Path(__file__).resolve().parents[2] / "scripts" / "benchmark_suite")
 loader = importlib.machinery.SourceFileLoader("benchmark_suite", PROGRAM)
@@ -111,6 +112,24 @@ class TestBenchmarkSuite(unittest.TestCase):
         status, _, errors = self.run_program("--data", self.folder, "--list", "--only", "mars")
         self.assertEqual(status, 1)
         self.assertIn("--only mars: fits none of: MH_01, first 10 s; ", errors)
+
+    def test_a_rendering_that_was_ended_is_not_taken_for_a_whole_one(self):
+        job = suite.Job("hall", "rendered", "simulated", self.folder / "hall", ("-d", "1"))
+        endings = [KeyboardInterrupt, None]
+
+        def run(command):
+            (Path(command[-1]) / "mav0").mkdir(parents=True)
+            ending = endings.pop(0)
+            if ending:
+                raise ending
+
+        with mock.patch.object(suite, "run", run), mock.patch.object(suite, "program", lambda *names: names[1]):
+            with self.assertRaises(KeyboardInterrupt):
+                suite.render(job)
+            self.assertFalse(job.recording.exists())
+            suite.render(job)
+        self.assertEqual(["hall"], [path.name for path in self.folder.iterdir()])
+        self.assertTrue((job.recording / "mav0").is_dir())
 
     def test_knows_the_columns_of_published_tables(self):
         for name, column in (("MH_01_easy", "MH_01"), ("mh01", "MH_01"), ("V2_03_difficult", "V2_03"),

@@ -119,9 +119,13 @@ def parse(arguments):
 
 
 def main(arguments=None):
+    import rosgraph
     import rospy
     line = parse(rospy.myargv()[1:] if arguments is None else arguments)
     try:
+        if not rosgraph.is_master_online():
+            raise ToolError(f"no ROS master at {rosgraph.get_master_uri()}; start recognizer.launch, or set "
+                            "ROS_MASTER_URI")
         rospy.init_node("try_command", anonymous=True, disable_signals=True)
         listener = Listener(line.recognizer)
         listener.wait_for_recognizer(line.patience)

@@ -2,9 +2,11 @@
 
 import contextlib
 import io
+import os
 import sys
 import unittest
 from pathlib import Path
+from unittest import mock
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[2] / "src")]
 
@@ -37,6 +39,14 @@ class Summary(unittest.TestCase):
     def test_what_is_always_heard_has_one_line(self):
         self.assertEqual(try_command.summary("go", 2 * [Answer("go", ACCEPTED, 0.9)]),
                          ["\"go\" was heard 2 of 2 times"])
+
+
+class Graph(unittest.TestCase):
+    def test_a_missing_master_is_named(self):
+        with mock.patch.dict(os.environ, ROS_MASTER_URI="http://localhost:1"), \
+                contextlib.redirect_stderr(io.StringIO()) as said:
+            self.assertEqual(1, try_command.main(["stop"]))
+        self.assertIn("no ROS master at http://localhost:1", said.getvalue())
 
 
 class CommandLine(unittest.TestCase):
