@@ -80,6 +80,8 @@ public:
   const CommandTable& table() const;
   /// Commands that the word network hears in running speech.
   std::vector<std::string> spottedCommands() const;
+  /// Words that no dictionary has, with the phones that the rules made of them: "zorble Z AO R B AH L".
+  std::vector<std::string> guessedWords() const;
 
   /// Called for each utterance that has ended, and for fast and doubtful commands, on the thread of process().
   using Sink = std::function<void(const Recognition& recognition)>;

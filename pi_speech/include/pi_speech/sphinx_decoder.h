@@ -58,6 +58,9 @@ public:
   SphinxDecoder(const SphinxDecoder&) = delete;
   SphinxDecoder& operator=(const SphinxDecoder&) = delete;
 
+  /// Words that the dictionary lacks, with what the rules made of them: "zorble Z AO R B AH L".
+  const std::vector<std::string>& guesses() const { return guesses_; }
+
   /// Computes the likelihoods of an utterance, which take 1 MB per second, for find() and findPhones(). One too short
   /// (less than 0.12 s) fits nothing.
   /// @throws std::invalid_argument if it is longer than 300 s, std::runtime_error if there is no room for them.
@@ -72,6 +75,7 @@ public:
   SphinxHypothesis decode(const Samples& samples) { return decode(samples.data(), samples.size()); }
 
 private:
+  std::vector<std::string> guesses_;
   std::unique_ptr<SphinxEngine> engine_;
 };
 

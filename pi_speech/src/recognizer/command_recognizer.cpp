@@ -590,6 +590,11 @@ std::vector<std::string> CommandRecognizer::spottedCommands() const
   return texts;
 }
 
+std::vector<std::string> CommandRecognizer::guessedWords() const
+{
+  return impl_->sphinx ? impl_->sphinx->guesses() : std::vector<std::string>();
+}
+
 void CommandRecognizer::process(const int16_t* samples, size_t count, const Sink& sink)
 {
   impl_->sink = &sink;

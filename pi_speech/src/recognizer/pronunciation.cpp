@@ -66,6 +66,16 @@ std::string lowerCase(std::string text)
   return text;
 }
 
+std::string lineOf(const std::string& word, const Phones& phones)
+{
+  std::string line = word;
+  for (const std::string& phone : phones)
+  {
+    line += " " + phone;
+  }
+  return line;
+}
+
 }  // namespace
 
 /// Keeps where the line of a word is, and reads the line when it is wanted: 8 bytes per line.
@@ -264,15 +274,23 @@ std::string Pronunciation::dictionaryOf(const std::vector<std::string>& words)
     const Entry entry = find(word);
     for (size_t i = 0; i < entry.variants.size(); ++i)
     {
-      text += word + (i == 0 ? "" : "(" + std::to_string(i + 1) + ")");
-      for (const std::string& phone : entry.variants[i])
-      {
-        text += " " + phone;
-      }
-      text += "\n";
+      text += lineOf(word + (i == 0 ? "" : "(" + std::to_string(i + 1) + ")"), entry.variants[i]) + "\n";
     }
   }
   return text;
+}
+
+std::vector<std::string> Pronunciation::guesses() const
+{
+  std::vector<std::string> lines;
+  for (const auto& [word, entry] : impl_->known)
+  {
+    if (entry.guessed)
+    {
+      lines.push_back(lineOf(word, entry.variants.front()));
+    }
+  }
+  return lines;
 }
 
 }  // namespace pi_speech

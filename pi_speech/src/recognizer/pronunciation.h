@@ -36,6 +36,9 @@ public:
   /// The words with all their variants as lines of a dictionary.
   std::string dictionaryOf(const std::vector<std::string>& words);
 
+  /// The words asked for so far that are guessed, as lines of a dictionary: "zorble Z AO R B AH L".
+  std::vector<std::string> guesses() const;
+
 private:
   struct Impl;
   std::unique_ptr<Impl> impl_;

@@ -90,6 +90,14 @@ bool CommandLoader::load(const Source& source, std::string* message)
     const std::string spotted = boost::algorithm::join(recognizer->spottedCommands(), ", ");
     *message = "understands " + understood + " (in running speech: " + (spotted.empty() ? "none" : spotted) + ")";
     ROS_INFO_STREAM_NAMED("recognizer", *message);
+    if (!recognizer->guessedWords().empty())
+    {
+      const std::string guessed = "no dictionary has these, they are spoken by rules: " +
+                                  boost::algorithm::join(recognizer->guessedWords(), "; ") +
+                                  "; try them with try_command, or add them to sphinx/dictionary";
+      ROS_WARN_STREAM_NAMED("recognizer", guessed);
+      *message += "; " + guessed;
+    }
     if (!no_network.empty())
     {
       ROS_ERROR_STREAM_NAMED("recognizer", no_network);

@@ -113,6 +113,7 @@ void RecognizerDiagnostics::reportRecognition(Status& status)
   status.add("commands", now_.stream.understood);
   status.add("mode", now_.mode);
   status.add("commands heard in running speech", now_.stream.spotted);
+  status.add("words spoken by rules", now_.stream.guessed);
   status.add("heard", accepted_ + rejected_);
   status.add("accepted", accepted_);
   status.add("accepted before the pause", fast_);

@@ -56,6 +56,7 @@ void StreamRecognizer::use(std::unique_ptr<CommandRecognizer> recognizer, const 
   figures_.understood = understood;
   figures_.commands = commands.size();
   figures_.spotted = recognizer_->spottedCommands().size();
+  figures_.guessed = recognizer_->guessedWords().size();
 }
 
 void StreamRecognizer::add(const SoundChunk& chunk)

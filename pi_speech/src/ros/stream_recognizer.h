@@ -38,6 +38,7 @@ public:
     std::string understood;  ///< the commands in use; empty: none yet
     size_t commands = 0;     ///< number of them
     size_t spotted = 0;      ///< commands that are heard in running speech
+    size_t guessed = 0;      ///< words that no dictionary has
     double noise_dbfs = 0.0;
     bool in_speech = false;
     uint64_t damaged = 0;  ///< messages

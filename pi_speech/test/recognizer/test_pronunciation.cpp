@@ -147,7 +147,8 @@ TEST_F(PronunciationTest, AnUnknownWordIsGuessedByRules)
 
   EXPECT_TRUE(entry.guessed);
   EXPECT_EQ((std::vector<Phones>{{"S", "T", "AA", "P", "IH", "NG"}}), entry.variants);
-  EXPECT_EQ("stopping S T AA P IH NG\n", pronunciation.dictionaryOf({"stopping"}));
+  EXPECT_EQ("stopping S T AA P IH NG\ngo G OW\n", pronunciation.dictionaryOf({"stopping", "go"}));
+  EXPECT_EQ(std::vector<std::string>{"stopping S T AA P IH NG"}, pronunciation.guesses());
 }
 
 TEST_F(PronunciationTest, ADictionaryThatIsRemovedLaterStillServes)

@@ -95,6 +95,23 @@ TEST(RecognizerFaults, WordsThatCannotBePronouncedAreNamed)
   EXPECT_PRED2(contains, unknown.message, "these stay in use: ");
 }
 
+TEST(RecognizerFaults, WordsThatAreGuessedAreToldToTheCaller)
+{
+  RecognizerOnGraph recognizer("guesses");
+  ASSERT_TRUE(recognizer.load());
+  ASSERT_TRUE(recognizer.waitUntilReady()) << recognizer.text();
+  EXPECT_TRUE(recognizer.diagnosed("recognition", "words spoken by rules", "0")) << recognizer.text();
+  const SetCommands::Response known = recognizer.setCommands("", {"go", "turn around"});
+  EXPECT_TRUE(known.success);
+  EXPECT_FALSE(contains(known.message, "by rules")) << known.message;
+
+  const SetCommands::Response guessed = recognizer.setCommands("", {"go", "stoppingly"});
+  EXPECT_TRUE(guessed.success);
+  EXPECT_PRED2(contains, guessed.message, "spoken by rules: stoppingly S T AA P IH NG");
+  EXPECT_TRUE(recognizer.log.waitForText("stoppingly S T AA P")) << recognizer.text();
+  EXPECT_TRUE(recognizer.diagnosed("recognition", "words spoken by rules", "1")) << recognizer.text();
+}
+
 TEST(RecognizerFaults, DictationWithoutLanguageModelIsNamedAndCommandsWork)
 {
   RecognizerOnGraph recognizer("no_dictation");

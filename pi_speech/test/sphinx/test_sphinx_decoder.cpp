@@ -1,19 +1,22 @@
 #include <gtest/gtest.h>
 #include <pi_node/test_support/temporary_folder.h>
-#include "recognizer/grammar.h"
 #include <pi_speech/sphinx_decoder.h>
+#include "recognizer/grammar.h"
 
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <iostream>
 #include <iterator>
 #include <memory>
+#include <numeric>
 #include <random>
 #include <sstream>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace pi_speech
@@ -264,6 +267,56 @@ TEST_F(SphinxDecoderTest, UnderstandsDictation)
   SphinxDecoder decoder(SphinxModel(), {}, {});
 
   EXPECT_EQ("go forward ten meters", decoder.decode(readAudioFile(TEST_DATA + "/goforward.raw")).text());
+}
+
+/// Words to add, remove or replace to make one of the other.
+size_t distance(const std::vector<std::string>& from, const std::vector<std::string>& to)
+{
+  std::vector<size_t> row(to.size() + 1);
+  std::iota(row.begin(), row.end(), 0);
+  for (size_t i = 1; i <= from.size(); ++i)
+  {
+    size_t diagonal = std::exchange(row[0], i);
+    for (size_t j = 1; j <= to.size(); ++j)
+    {
+      const size_t replaced = diagonal + (from[i - 1] == to[j - 1] ? 0 : 1);
+      diagonal = std::exchange(row[j], std::min({replaced, row[j] + 1, row[j - 1] + 1}));
+    }
+  }
+  return row.back();
+}
+
+std::vector<std::string> wordsOf(const std::string& text)
+{
+  std::istringstream stream(text);
+  return {std::istream_iterator<std::string>(stream), std::istream_iterator<std::string>()};
+}
+
+/// Its error rate is in docs/benchmarks/speech.md.
+TEST_F(SphinxDecoderTest, WritesReadSentencesDownWithFewerThanHalfOfTheWordsWrong)
+{
+  const std::string folder = TEST_DATA + "/librivox/";
+  SKIP_WITHOUT(folder + "transcription", "pocketsphinx-testdata");
+  SphinxModel model;
+  model.adaptation = std::string(PI_SPEECH_CONFIG) + "/adaptation";
+  SphinxDecoder decoder(model, {}, {});
+  std::ifstream transcription(folder + "transcription");
+  size_t words = 0;
+  size_t wrong = 0;
+  for (std::string line; std::getline(transcription, line);)
+  {
+    std::vector<std::string> said = wordsOf(line);  // <s> WORDS </s> (NAME)
+    ASSERT_GT(said.size(), 3U) << line;
+    const std::string name = said.back().substr(1, said.back().size() - 2);
+    said = std::vector<std::string>(said.begin() + 1, said.end() - 2);
+    const std::string text = decoder.decode(readAudioFile(folder + name + ".wav")).text();
+    words += said.size();
+    wrong += distance(said, wordsOf(text));
+    std::cout << name << ": " << text << '\n';
+  }
+  std::cout << wrong << " of " << words << " words wrong\n";
+  EXPECT_EQ(71U, words);
+  EXPECT_LT(wrong, words / 2);
 }
 
 /// A copy of the model with one part damaged; which one and how are in the loops of the tests.
