@@ -1,6 +1,7 @@
 """The input of the word network: the same numbers as FilterBank and WordNetwork of pi_speech compute in C++."""
 
 import numpy as np
+from scipy.signal import lfilter
 
 SAMPLE_RATE_HZ = 16000
 FRAME, HOP, FFT = 400, 160, 512       # samples
@@ -44,9 +45,6 @@ def log_energies(samples):
 def normalise(energies):
     """Input of the network. @param energies  ... x frames x BANDS, as log_energies() gives them"""
     energies = np.exp(np.asarray(energies, dtype=np.float32))
-    smooth = np.empty_like(energies)
-    state = energies[..., 0, :].copy()
-    for t in range(energies.shape[-2]):
-        state += SMOOTHING * (energies[..., t, :] - state)
-        smooth[..., t, :] = state
+    numerator, denominator = np.float32([SMOOTHING]), np.float32([1.0, SMOOTHING - 1.0])
+    smooth, _ = lfilter(numerator, denominator, energies, axis=-2, zi=(1.0 - SMOOTHING) * energies[..., :1, :])
     return (energies / smooth ** GAIN_EXPONENT + OFFSET) ** ROOT - OFFSET ** ROOT

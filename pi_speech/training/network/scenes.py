@@ -16,6 +16,7 @@ NOTHING = len(WORDS)                 # class of all that is no command
 FIRST_DEMANDED, LAST_DEMANDED, LAST_ALLOWED = 1, 9, 16
 ALLOWED_FROM = 0.55                  # share of the word that must have been said
 SHORT = ("go", "no")                 # their first half sounds like the whole
+OFTEN = ("stop", "go", "up", "left")  # come twice as often: the first is a brake, the others are heard worst
 FULL_SCALE = 32767.0
 
 
@@ -69,11 +70,11 @@ class Mixer:
         count = int(SCENE_S * SAMPLE_RATE_HZ)
         voice = np.zeros(count, np.float32)
         events = []
-        kind = random.choice(["words", "inside", "talk", "noise"], p=[0.3, 0.3, 0.25, 0.15])
+        kind = random.choice(["words", "inside", "talk", "noise"], p=[0.25, 0.4, 0.22, 0.13])
         if kind == "words":
             self._add_words(voice, events)
         elif kind == "inside":
-            self._add_word_in_talk(voice, events)
+            self._add_words_in_talk(voice, events)
         elif kind == "talk":
             self._add_talk(voice, 0, count)
         level = power(voice) if kind != "noise" else 1.0
@@ -86,10 +87,7 @@ class Mixer:
         gain_db = random.uniform(-40, 0) if random.random() < 0.93 else random.uniform(0, 20)
         samples *= FULL_SCALE / loudest * 10 ** (gain_db / 20)
         samples = np.clip(np.round(samples), -FULL_SCALE - 1, FULL_SCALE)
-        energies = log_energies(samples)[:2 * STEPS]
-        if random.random() < 0.7:
-            energies = self._other_throat(energies)
-        return energies.astype(np.float16), self._labels(events)
+        return log_energies(samples)[:2 * STEPS].astype(np.float16), self._labels(events)
 
     # ------------------------------------------------------------------------------------------------- what is said
 
@@ -97,7 +95,7 @@ class Mixer:
         """A word, trimmed with a little of its surroundings. @param other  share of words that are no command
         @return (samples, begin, end, class)"""
         random = self._random
-        name = OTHER if random.random() < other else random.choice([*WORDS, "stop", "go"])
+        name = OTHER if random.random() < other else random.choice([*WORDS, *OFTEN])
         synthetic = random.random() < (0.3 if name == OTHER else 0.1) if synthetic is None else synthetic
         choice = self._words[name, synthetic] or self._words[name, not synthetic] or self._words[OTHER, True]
         word = choice[random.integers(len(choice))]
@@ -139,17 +137,18 @@ class Mixer:
                 at += int((random.uniform(0.03, 0.3) if twice else random.exponential(0.35)) * SAMPLE_RATE_HZ)
                 drawn = drawn if twice else self._draw()
 
-    def _add_word_in_talk(self, voice, events):
-        """Talk, a word, talk: gaps are short, and one side may be silent."""
+    def _add_words_in_talk(self, voice, events):
+        """Talk and words in turns: gaps are short, and some pieces of talk are silent."""
         random = self._random
-        drawn = self._draw(other=0.25)
-        at = int(random.uniform(0.7, 2.6) * SAMPLE_RATE_HZ)
-        end = self._put(voice, events, at, drawn)
-        sides = random.choice([1, 2, 3, 3])
-        if sides & 1:
-            self._add_talk(voice, 0, at - self._gap(), at_end=True)
-        if end is not None and sides & 2:
-            self._add_talk(voice, end + self._gap(), len(voice))
+        at = 0
+        while at is not None and at < len(voice):
+            end = min(len(voice), at + int(random.uniform(0.3, 1.6) * SAMPLE_RATE_HZ))
+            if random.random() < 0.8:
+                self._add_talk(voice, at, end, at_end=True)
+            at = self._put(voice, events, end + self._gap(), self._draw(other=0.25))
+            at = at and at + self._gap()
+        if at is None:
+            self._add_talk(voice, end, len(voice))
 
     def _gap(self):
         most_s = self._random.choice([0.05, 0.25])
@@ -205,15 +204,6 @@ class Mixer:
             noise = noises.draw(random, count)
         snr_db = random.uniform(0, 30) if which >= 0.4 or which < 0.25 else random.uniform(8, 30)
         return np.sqrt(level) * 10 ** (-snr_db / 20) * noise
-
-    def _other_throat(self, energies):
-        """Formants higher or lower, as of children and tall men: the bands are stretched."""
-        factor = np.exp(self._random.normal(0.0, 0.11))
-        bands = energies.shape[1]
-        at = np.clip(np.arange(bands) * factor, 0, bands - 1)
-        low = np.minimum(at.astype(int), bands - 2)
-        part = at - low
-        return energies[:, low] * (1 - part) + energies[:, low + 1] * part
 
     def _labels(self, events):
         labels = np.full(STEPS, NOTHING, np.int8)
