@@ -22,7 +22,7 @@ from pi_offload.errors import ToolError
 ROOT = Path(__file__).resolve().parents[2]
 CONTROL = ROOT / "debian/control"
 SPACE = Path(os.environ.get("PI_EDGE_SPACE", ROOT / "install"))
-LIMIT_S = 60
+LIMIT_S = 120
 SYSTEM = ("usr", "etc")  # of this machine, in the container
 
 
@@ -39,7 +39,7 @@ class VehicleImage(unittest.TestCase):
             self.assertNotIn(name, names)
 
     def test_what_is_missing_is_named(self):
-        with self.assertRaisesRegex(ToolError, "env.sh is missing: call make build"):
+        with self.assertRaisesRegex(ToolError, "setup.sh is missing: call make build"):
             edge_image.Vehicle(self.folder, CONTROL)
         with self.assertRaisesRegex(ToolError, "none: No such file.*; it must be the suite's debian/control"):
             edge_image.run_time_packages(self.folder / "none")
@@ -52,7 +52,7 @@ class VehicleImage(unittest.TestCase):
         (space / "lib/pi_node").mkdir(parents=True)
         (space / "include").mkdir()
         (space / "share/pi_node/cmake").mkdir(parents=True)
-        (space / "env.sh").write_text(f". {space}/setup.sh\n")
+        (space / "setup.sh").write_text(f"space={space}\n")
         (space / "include/header.h").write_text("")
         (space / "share/pi_node/package.xml").write_text("<version>1.2.3</version>")
         shutil.copy2("/bin/true", space / "lib/pi_node/node")
@@ -61,7 +61,7 @@ class VehicleImage(unittest.TestCase):
         root = self.folder / "root"
         vehicle.copy_to(root)
         copy = root / "opt/pi_edge"
-        self.assertEqual(". /opt/pi_edge/setup.sh\n", (copy / "env.sh").read_text())
+        self.assertEqual("space=/opt/pi_edge\n", (copy / "setup.sh").read_text())
         self.assertEqual((space / "lib/pi_node/node").read_bytes(), (copy / "lib/pi_node/node").read_bytes())
         self.assertEqual({"pi_node"}, {path.name for path in (copy / "share").iterdir()} - {"pi_detect"})
         self.assertFalse((copy / "include").exists() or (copy / "share/pi_node/cmake").exists())
@@ -73,6 +73,7 @@ class VehicleImage(unittest.TestCase):
         root = self.folder / "root"
         vehicle.copy_to(root)
         shutil.rmtree(root / "usr")  # that of this machine
+        os.chown(root / vehicle.home[1:], edge_image.USER, edge_image.USER)
         for name in ("bin", "lib", "lib64", "sbin"):
             (root / name).symlink_to(f"usr/{name}")
         subprocess.run(["runc", "spec"], cwd=self.folder, check=True)
@@ -90,7 +91,7 @@ class VehicleImage(unittest.TestCase):
         (self.folder / "config.json").write_text(json.dumps(spec))
 
     def test_a_container_shows_the_page(self):
-        if not (SPACE / "env.sh").is_file():
+        if not (SPACE / "setup.sh").is_file():
             self.skipTest("%s is no install space: make build" % SPACE)
         if shutil.which("runc") is None:
             self.skipTest("runc is not installed: apt-get install runc")
@@ -112,7 +113,7 @@ class VehicleImage(unittest.TestCase):
         said = []
         for line in process.stdout:
             said.append(line)
-            if found := re.search(r"the vehicle is at (http://\S+)", line):
+            if found := re.search(r"the vehicle is at (http://[^\s\x1b]+)", line):
                 with urllib.request.urlopen(found[1], timeout=LIMIT_S) as answer:
                     self.assertIn("<title>", answer.read().decode())
                 break
@@ -120,8 +121,8 @@ class VehicleImage(unittest.TestCase):
             if any("operation not permitted" in line.lower() or "cgroup" in line.lower() for line in said):
                 self.skipTest("runc cannot start a container here: " + said[-1].strip())
             self.fail("the container ended: " + "".join(said[-20:]))
-        done = subprocess.run([*runc, "exec", name, f"{edge_image.PREFIX}/env.sh", "rosrun", "pi_bringup", "pi_edge",
-                               "demo", "--help"], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+        done = subprocess.run([*runc, "exec", name, *edge_image.Vehicle.entry_point, "rosrun", "pi_bringup",
+                               "pi_edge", "demo", "--help"], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
                               stderr=subprocess.STDOUT, text=True, check=False)
         self.assertEqual(0, done.returncode, done.stdout)
         self.assertIn("--scenario", done.stdout)

@@ -31,8 +31,7 @@ PROGRAMS = ("pi_offload/edge_server", "pi_detect/check_model", "pi_speech/check_
 SHARES = ("pi_detect", "pi_offload", "pi_speech")
 UNNEEDED = ("/usr/share/doc/*", "/usr/share/man/*", "/usr/share/locale/*", "/usr/share/info/*")
 CONFIGURATION = "/etc/pi_edge/edge_server.yaml"
-ENVIRONMENT = {"PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "ROS_HOME": "/tmp", "XDG_DATA_HOME": f"{PREFIX}/share",
-               "LC_ALL": "C.UTF-8"}
+ENVIRONMENT = {"PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "XDG_DATA_HOME": f"{PREFIX}/share", "LC_ALL": "C.UTF-8"}
 ARCHITECTURES = {"x86_64": "amd64", "aarch64": "arm64"}
 
 
@@ -85,7 +84,8 @@ class EdgeNode:
     output = "edge_server.oci.tar"
     packages = (SPEECH_MODEL, "nats-server")      # beside those of the libraries
     ports = (5680, 5681)
-    environment = {**ENVIRONMENT, "LD_LIBRARY_PATH": f"{PREFIX}/lib"}
+    home = None
+    environment = {**ENVIRONMENT, "LD_LIBRARY_PATH": f"{PREFIX}/lib", "ROS_HOME": "/tmp"}
     entry_point = [f"{PREFIX}/lib/pi_offload/edge_server"]
     arguments = ["--config", CONFIGURATION]
     check = [*entry_point, *arguments, "--check"]  # finds a library or model that is missing
@@ -146,17 +146,19 @@ class Vehicle:
     name = "pi_edge/vehicle"
     output = "vehicle.oci.tar"
     ports = (8890,)
-    environment = {**ENVIRONMENT, "HOME": "/tmp", "USER": "pi_edge", "ROS_HOSTNAME": "localhost"}
-    entry_point = [f"{PREFIX}/env.sh"]
-    arguments = ["pi_edge", "demo", "--output", "/tmp/report"]
-    check = [*entry_point, "roslaunch", "--nodes", "pi_bringup", "simulation.launch"]  # finds all launch files and the packages
+    home = "/home/pi_edge"  # of the user: ROS makes its logs only in a folder of the same group
+    environment = {**ENVIRONMENT, "HOME": home, "USER": "pi_edge", "ROS_HOSTNAME": "localhost",
+                   "PYTHONUNBUFFERED": "1", "ROSCONSOLE_STDOUT_LINE_BUFFERED": "1"}  # what nodes say is seen at once
+    entry_point = [f"{PREFIX}/run"]
+    arguments = ["pi_edge", "demo", "--output", f"{home}/report"]
+    check = [*entry_point, "roslaunch", "--nodes", "pi_bringup", "simulation.launch"]  # finds all launch files
     left_out = ("include", "pkgconfig", "cmake", "common-lisp", "gennodejs", "roseus", "*.a", ".rosinstall",
                 "__pycache__")  # what compilers need
 
     def __init__(self, prefix, control):
         """@param prefix  the install space. @param control  debian/control, which names what is needed at run time"""
-        if not (prefix / "env.sh").is_file():
-            raise ToolError(f"{prefix / 'env.sh'} is missing: call make build, or give the install space as --prefix")
+        if not (prefix / "setup.sh").is_file():
+            raise ToolError(f"{prefix / 'setup.sh'} is missing: call make build, or give the install space as --prefix")
         self.prefix, self.packages = prefix, run_time_packages(control)
         self.system = [path for path in libraries(self.programs()) if not path.is_relative_to(prefix)]
 
@@ -175,10 +177,16 @@ class Vehicle:
                 if moved != content:  # the set-up files name the folder of the space
                     path.write_bytes(moved)
         copy_networks(folder)
-        command = root / "usr/bin/pi_edge"
-        command.parent.mkdir(parents=True, exist_ok=True)
-        command.write_text(f'#!/bin/sh\nexec {PREFIX}/env.sh {PREFIX}/lib/pi_bringup/pi_edge "$@"\n', encoding="utf-8")
-        command.chmod(0o755)
+        (root / self.home[1:]).mkdir(parents=True)
+        # A function: setup.sh looks at the arguments of whoever reads it.
+        write_script(folder / "run", f'set_up()\n{{\n  . {PREFIX}/setup.sh\n}}\nset_up\nexec "$@"\n')
+        write_script(root / "usr/bin/pi_edge", f'exec {PREFIX}/run {PREFIX}/lib/pi_bringup/pi_edge "$@"\n')
+
+
+def write_script(path, lines):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("#!/bin/sh\n" + lines, encoding="utf-8")
+    path.chmod(0o755)
 
 
 def is_elf(path):
@@ -252,10 +260,10 @@ class _Hashing:
 
 
 def write_archive(root, path, contents, version):
-    """Packs a root file system into an archive of OCI's image layout."""
-    def owned_by_root(entry):
-        entry.uid = entry.gid = 0
-        entry.uname = entry.gname = "root"
+    """Packs a root file system into an archive of OCI's image layout. All is root's but the user's home."""
+    def owned(entry):
+        entry.uid = entry.gid = USER if contents.home and entry.name == "." + contents.home else 0
+        entry.uname = entry.gname = "" if entry.uid else "root"
         return None if entry.ischr() or entry.isblk() else entry
 
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
@@ -265,7 +273,7 @@ def write_archive(root, path, contents, version):
             with gzip.GzipFile(fileobj=compressed, mode="wb", compresslevel=1, mtime=0) as zipped:
                 plain = _Hashing(zipped)
                 with tarfile.open(fileobj=plain, mode="w|", format=tarfile.PAX_FORMAT) as layer:
-                    layer.add(root, ".", filter=owned_by_root)
+                    layer.add(root, ".", filter=owned)
         blobs = {}
 
         def blob(tree, kind):
