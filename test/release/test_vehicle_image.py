@@ -72,7 +72,8 @@ class VehicleImage(unittest.TestCase):
         vehicle = edge_image.Vehicle(SPACE, CONTROL)
         root = self.folder / "root"
         vehicle.copy_to(root)
-        shutil.rmtree(root / "usr")  # that of this machine
+        for name in SYSTEM:
+            shutil.rmtree(root / name)
         os.chown(root / vehicle.home[1:], edge_image.USER, edge_image.USER)
         for name in ("bin", "lib", "lib64", "sbin"):
             (root / name).symlink_to(f"usr/{name}")

@@ -178,6 +178,9 @@ class Vehicle:
                     path.write_bytes(moved)
         copy_networks(folder)
         (root / self.home[1:]).mkdir(parents=True)
+        hosts = root / "etc/hosts"  # runc makes none
+        hosts.parent.mkdir(exist_ok=True)
+        hosts.write_text("127.0.0.1 localhost\n", encoding="utf-8")
         # A function: setup.sh looks at the arguments of whoever reads it.
         write_script(folder / "run", f'set_up()\n{{\n  . {PREFIX}/setup.sh\n}}\nset_up\nexec "$@"\n')
         write_script(root / "usr/bin/pi_edge", f'exec {PREFIX}/run {PREFIX}/lib/pi_bringup/pi_edge "$@"\n')
