@@ -29,7 +29,8 @@ USER = 10001
 SPEECH_MODEL = "pocketsphinx-en-us"
 PROGRAMS = ("pi_offload/edge_server", "pi_detect/check_model", "pi_speech/check_speech_model")
 SHARES = ("pi_detect", "pi_offload", "pi_speech")
-UNNEEDED = ("/usr/share/doc/*", "/usr/share/man/*", "/usr/share/locale/*", "/usr/share/info/*")
+UNNEEDED = ("/usr/share/doc/*", "/usr/share/man/*", "/usr/share/locale/*", "/usr/share/info/*", "/usr/include/*",
+            "/usr/lib/*.a")
 CONFIGURATION = "/etc/pi_edge/edge_server.yaml"
 ENVIRONMENT = {"PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "XDG_DATA_HOME": f"{PREFIX}/share", "LC_ALL": "C.UTF-8"}
 ARCHITECTURES = {"x86_64": "amd64", "aarch64": "arm64"}
