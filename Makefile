@@ -62,7 +62,7 @@ dependencies:
 
 # Configured again when the list of packages changes: a library that was missing may be there now. Another generator's
 # files are removed: CMake would refuse them.
-$(BUILD)/.configured: Makefile dependencies.txt | dependencies
+$(BUILD)/.configured: Makefile $(wildcard dependencies*.txt) | dependencies
 	@mkdir -p $(BUILD)
 	@grep -qs '^CMAKE_GENERATOR:INTERNAL=Ninja$$' $(BUILD)/CMakeCache.txt || rm -rf $(BUILD)/CMakeCache.txt $(BUILD)/CMakeFiles
 	@launcher=$$(command -v ccache || true); \
@@ -172,7 +172,7 @@ fuzz: dependencies
 sbom: dependencies
 	@mkdir -p $(BUILD)
 	@version=$$(sed -n 's|.*<version>\(.*\)</version>.*|\1|p' package.xml) && \
-	scripts/make_sbom $$version $$(sed 's/#.*//' dependencies.txt) >$(BUILD)/pi-edge-$$version.spdx.json && \
+	scripts/make_sbom $$version $$(scripts/install_dependencies --list) >$(BUILD)/pi-edge-$$version.spdx.json && \
 	ls $(BUILD)/pi-edge-$$version.spdx.json
 
 # For each half an hour of compiling on two cores, and 6 GB. Needs root and debootstrap.

@@ -35,6 +35,7 @@ class VehicleImage(unittest.TestCase):
         names = edge_image.run_time_packages(CONTROL)
         for name in ("rviz", "python3-opencv", "pocl-opencl-icd", "nats-server", "ros-robot-state-publisher"):
             self.assertIn(name, names)
+        self.assertEqual(1, len({"qt6-svg-plugins", "libqt5svg5"} & set(names)))
         for name in ("pi-node", "opencl-icd", "libceres-dev", "${shlibs", "debhelper-compat"):
             self.assertNotIn(name, names)
 

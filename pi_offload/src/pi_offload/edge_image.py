@@ -121,6 +121,12 @@ class EdgeNode:
         shutil.copy2(self.shares["pi_offload"] / "config/edge_server.yaml", configuration)
 
 
+def installed():
+    """Names of the Debian packages of this machine."""
+    listed = run(["dpkg-query", "--show", "--showformat", "${db:Status-Status} ${Package}\\n"], "dpkg")
+    return {line.partition(" ")[2] for line in listed.splitlines() if line.startswith("installed ")}
+
+
 def run_time_packages(control):
     """What the suite's Debian packages but pi-edge-dev depend on, by their debian/control; not the suite's own.
     @throws ToolError"""
@@ -128,14 +134,16 @@ def run_time_packages(control):
         paragraphs = control.read_text(encoding="utf-8").split("\n\n")
     except OSError as error:
         raise ToolError(f"--control {control}: {error.strerror}; it must be the suite's debian/control") from error
-    own, needed = set(), set()
+    own, needed, here = set(), set(), installed()
     for paragraph in paragraphs:
         package = re.search(r"^Package: *(\S+)", paragraph, re.MULTILINE)
         depends = re.search(r"^Depends:((?:.|\n )*)", paragraph, re.MULTILINE)
         if package:
             own.add(package[1])
-        if package and depends and not package[1].endswith("-dev"):  # of alternatives the first
-            needed.update(re.findall(r"(?:^|,)\s*([a-z0-9][a-z0-9.+-]+)", depends[1]))
+        if package and depends and not package[1].endswith("-dev"):
+            for item in depends[1].split(","):  # of alternatives the first that is here
+                names = re.findall(r"(?:^|\|)\s*([a-z0-9][a-z0-9.+-]+)", item)
+                needed.update([*(name for name in names if name in here), *names][:1])
     if not needed - own:
         raise ToolError(f"--control {control} names no package that the suite needs at run time")
     return sorted(needed - own)
