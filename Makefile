@@ -45,7 +45,8 @@ help:
 	@echo 'make sanitize     tests of π-OS with SANITIZER=thread or address (with undefined behaviour); ARGS="<pattern>"'
 	@echo 'make fuzz         fuzzes every decoder of what peers supply, ARGS="10" minutes each; needs clang'
 	@echo 'make build        missing Debian packages, Release build in build/, install space in install/, networks'
-	@echo 'make image        container image of an edge node, from Debian packages: needs mmdebstrap'
+	@echo 'make image        container images of an edge node and of the vehicle, from Debian packages; IMAGES=vehicle: only'
+	@echo '                  that one; needs mmdebstrap'
 	@echo 'make platforms    make check and make demo in a fresh Debian of its own; ARGS="trixie": only there; needs debootstrap'
 	@echo 'make deb          Debian packages in build/deb; needs debhelper and, runs lintian where there is one'
 	@echo 'make release-check  two builds of the packages in two folders are bit-identical; ARGS="--packages pi_node": only'
@@ -61,7 +62,7 @@ dependencies:
 
 # Configured again when the list of packages changes: a library that was missing may be there now. Another generator's
 # files are removed: CMake would refuse them.
-$(BUILD)/.configured: Makefile dependencies.txt | dependencies
+$(BUILD)/.configured: Makefile $(wildcard dependencies*.txt) | dependencies
 	@mkdir -p $(BUILD)
 	@grep -qs '^CMAKE_GENERATOR:INTERNAL=Ninja$$' $(BUILD)/CMakeCache.txt || rm -rf $(BUILD)/CMakeCache.txt $(BUILD)/CMakeFiles
 	@launcher=$$(command -v ccache || true); \
@@ -110,10 +111,14 @@ demo-recording: build
 	@. $(INSTALL)/setup.sh && exec rosrun pi_bringup drive_demo $(ARGS)
 
 # Needs mmdebstrap, which "make build" does not install.
+IMAGES ?= edge vehicle
 .PHONY: image
 image: build
-	@. $(INSTALL)/setup.sh && exec rosrun pi_offload edge_image --prefix $(INSTALL) \
-	  --output $(BUILD)/image/edge_server.oci.tar $(ARGS)
+	@mkdir -p $(BUILD)/image
+	@. $(INSTALL)/setup.sh && for image in $(IMAGES); do \
+	  rosrun pi_offload edge_image --prefix $(INSTALL) --target $$image --control debian/control \
+	    --output $(BUILD)/image $(ARGS) || exit; \
+	done
 
 # In a copy of the files, as the build leaves traces in its folder. What it needs: debian/control.
 .PHONY: deb
@@ -167,7 +172,7 @@ fuzz: dependencies
 sbom: dependencies
 	@mkdir -p $(BUILD)
 	@version=$$(sed -n 's|.*<version>\(.*\)</version>.*|\1|p' package.xml) && \
-	scripts/make_sbom $$version $$(sed 's/#.*//' dependencies.txt) >$(BUILD)/pi-edge-$$version.spdx.json && \
+	scripts/make_sbom $$version $$(scripts/install_dependencies --list) >$(BUILD)/pi-edge-$$version.spdx.json && \
 	ls $(BUILD)/pi-edge-$$version.spdx.json
 
 # For each half an hour of compiling on two cores, and 6 GB. Needs root and debootstrap.

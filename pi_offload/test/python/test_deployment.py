@@ -309,7 +309,7 @@ class Manifests(unittest.TestCase):
     def test_image_and_user_are_those_of_make_image(self):
         version = edge_image.version_of(PACKAGE)
         for pod in (self.pod, self.nats["spec"]["template"]["spec"]):
-            self.assertEqual(f"{edge_image.NAME}:{version}", pod["containers"][0]["image"])
+            self.assertEqual(f"{edge_image.EdgeNode.name}:{version}", pod["containers"][0]["image"])
             security = pod["securityContext"]
             self.assertEqual([edge_image.USER] * 2, [security["runAsUser"], security["runAsGroup"]])
             self.assertIs(True, security["runAsNonRoot"])

@@ -36,7 +36,7 @@ class EdgeImage(unittest.TestCase):
         cls.addClassCleanup(folder.cleanup)
         cls.folder = Path(folder.name)
         shares = {name: PACKAGE.parent / name for name in edge_image.SHARES}
-        cls.suite = edge_image.Suite(Path(program).parents[1], shares)
+        cls.suite = edge_image.EdgeNode(Path(program).parents[1], shares)
         cls.root = cls.folder / "root"
         cls.root.mkdir(mode=0o755)
         edge_image.make_root(cls.root, cls.suite, of_this_machine=True)
@@ -51,7 +51,7 @@ class EdgeImage(unittest.TestCase):
 
     def test_what_is_missing_is_named(self):
         with self.assertRaisesRegex(ToolError, "edge_server is missing: call make build"):
-            edge_image.Suite.installed(self.folder)
+            edge_image.EdgeNode.installed(self.folder)
         with self.assertRaisesRegex(ToolError, "no_such_program is missing: apt-get install some_package"):
             edge_image.run(["no_such_program"], "some_package")
         with self.assertRaisesRegex(ToolError, "ended with status 1: "):
@@ -62,7 +62,7 @@ class EdgeImage(unittest.TestCase):
         (small / "etc").mkdir(parents=True)
         (small / "etc/name").write_text("edge")
         archive = self.folder / "image.tar"
-        edge_image.write_archive(small, archive, "1.2.3")
+        edge_image.write_archive(small, archive, edge_image.EdgeNode, "1.2.3")
         with tarfile.open(archive) as file:
             blobs = {entry.name: file.extractfile(entry).read() for entry in file if entry.isfile()}
         self.assertEqual({"imageLayoutVersion": "1.0.0"}, json.loads(blobs["oci-layout"]))
@@ -94,7 +94,7 @@ class EdgeImage(unittest.TestCase):
         parameter_file.write_text(yaml.safe_dump(parameters))
         subprocess.run(["runc", "spec"], cwd=bundle, check=True)
         spec = json.loads((bundle / "config.json").read_text())
-        described = edge_image.configuration("", "")["config"]
+        described = edge_image.configuration(edge_image.EdgeNode, "", "")["config"]
         user, group = (int(number) for number in described["User"].split(":"))
         spec["root"] = {"path": str(self.root), "readonly": True}
         spec["process"].update(terminal=False, user={"uid": user, "gid": group}, env=described["Env"], cwd="/",

@@ -388,18 +388,20 @@ void SequenceOptions::validate() const
     check(span.from_s >= 0.0, field + " from", span.from_s, "0 or more");
     check(span.to_s >= span.from_s, field + " to", span.to_s, "at or after its beginning");
   };
+  const auto checkSpans = [&](const std::vector<TimeSpan>& spans, const std::string& field)
+  {
+    for (const TimeSpan& span : spans)
+    {
+      checkSpan(span, field);
+    }
+  };
   for (const SequenceFaults::Black& black : faults.black)
   {
     checkSpan(black.span, "black");
   }
-  for (const auto& [spans, field] :
-       {std::make_pair(&faults.dropped, "dropped"), {&faults.late, "late"}, {&faults.imu_gaps, "imu_gap"}})
-  {
-    for (const TimeSpan& span : *spans)
-    {
-      checkSpan(span, field);
-    }
-  }
+  checkSpans(faults.dropped, "dropped");
+  checkSpans(faults.late, "late");
+  checkSpans(faults.imu_gaps, "imu_gap");
   imu.validate();
   renderer.validate();
 }
