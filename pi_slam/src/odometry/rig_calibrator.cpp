@@ -19,14 +19,13 @@ constexpr double LONGEST_S = 0.4;
 constexpr double RATE_S = 0.02;  ///< over which the rate at an end is averaged
 constexpr size_t LEAST_FEATURES = 25;
 constexpr double RIG_TOLERANCE_PX = 1.5;
-constexpr double FREE_RAD = 0.1;      ///< the gyroscope is only where the search begins
-constexpr double GYRO_RAD = 1e-3;     ///< of its turn in an interval
-constexpr double FIRST_BIAS = 0.1;    ///< [rad/s]
-constexpr double FIRST_NOISE = 2e-3;  ///< of a rotation by pictures [rad]
-constexpr double TURN_WALK = 3e-5;    ///< [rad/sqrt(s)]: mounts bend with temperature
-constexpr double LATE_WALK = 2e-5;    ///< [s/sqrt(s)]: clocks drift
-constexpr double BIAS_WALK =
-    1e-3;  ///< [rad/s/sqrt(s)]: errors of pictures in a row are alike, far beyond the sensor's walk
+constexpr double FREE_RAD = 0.1;       ///< the gyroscope is only where the search begins
+constexpr double GYRO_RAD = 1e-3;      ///< of its turn in an interval
+constexpr double FIRST_BIAS = 0.1;     ///< [rad/s]
+constexpr double FIRST_NOISE = 2e-3;   ///< of a rotation by pictures [rad]
+constexpr double TURN_WALK = 3e-5;     ///< [rad/sqrt(s)]: mounts bend with temperature
+constexpr double LATE_WALK = 2e-5;     ///< [s/sqrt(s)]: clocks drift
+constexpr double BIAS_WALK = 3e-4;     ///< errors of pictures in a row are alike [rad/s/sqrt(s)]
 constexpr double ROTATION_GATE = 9.0;  ///< squared deviations beyond which a comparison counts less
 constexpr int LEAST_COMPARED = 15;     ///< before a correction: 3 s of motion
 /// What is less than this has no influence on the pose.
@@ -36,8 +35,9 @@ constexpr double SURE = 4.0;            ///< deviations
 constexpr double KNOWN_TURN = 0.009;    ///< deviation of an angle that is taken over: a quarter of that at first [rad]
 constexpr double LEAST_SCALE = 0.01;    ///< the turn by pictures is up to 0.6 % off itself, in forward motion
 constexpr double KNOWN_SCALE = 2.5e-3;  ///< deviation of a scale that is taken over
-/// Less in an interval is noise of the gyroscope, which is in its turn as well: it would be taken for a fault.
-constexpr double LEAST_RATE_CHANGE = 0.01;  ///< [rad/s]
+/// Less in an interval is noise of the gyroscope, which is in its turn as well, or what pictures err: it would be taken
+/// for a fault.
+constexpr double LEAST_RATE_CHANGE = 0.02;  ///< [rad/s]
 constexpr double LEAST_SCALED_TURN = 0.01;  ///< [rad]
 
 Eigen::Vector3d aboveNoise(const Eigen::Vector3d& value, double least)
