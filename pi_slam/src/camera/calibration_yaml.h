@@ -45,6 +45,7 @@ public:
 
   static YamlMap load(const std::string& file) { return YamlMap(file, loadCalibrationYaml(file)); }
 
+  const std::string& name() const { return name_; }
   bool has(const std::string& key) const { return node_.IsMap() && node_[key].IsDefined(); }
 
   YamlMap child(const std::string& key) const { return YamlMap(name_ + ": " + key, find(key)); }
@@ -76,6 +77,13 @@ public:
     return values;
   }
 
+  /// Kalibr's list of a matrix' rows.
+  std::vector<std::vector<double>> rows(const std::string& key) const
+  {
+    return parse<std::vector<std::vector<double>>>(
+        key, "a matrix", [](const YAML::Node& node) { return node.as<std::vector<std::vector<double>>>(); });
+  }
+
   /// A rigid transform, either EuRoC's {rows, cols, data} or Kalibr's list of four rows.
   Eigen::Isometry3d transform(const std::string& key) const
   {
@@ -86,9 +94,7 @@ public:
     }
     else
     {
-      const auto rows = parse<std::vector<std::vector<double>>>(
-          key, "a 4x4 matrix", [](const YAML::Node& node) { return node.as<std::vector<std::vector<double>>>(); });
-      for (const std::vector<double>& row : rows)
+      for (const std::vector<double>& row : rows(key))
       {
         values.insert(values.end(), row.begin(), row.end());
       }

@@ -400,9 +400,13 @@ void WindowEstimator::correct(const ImuCorrection& due, const ImuBuffer& imu)
   }
 
   const double angle = logSo3(Eigen::Quaterniond(due.R_body_imu)).norm();
-  const double speed = LEAST_SPEED_DEVIATION + impl_->model.gravity * std::abs(due.late_s) + angle * now.v.norm();
-  const double gyro_bias = LEAST_GYRO_DEVIATION + USUAL_RATE * angle + USUAL_RATE_CHANGE * std::abs(due.late_s);
-  const double accel_bias = GRAVITY_PART * impl_->model.gravity * (angle + std::abs(due.late_s));
+  const double late_s = std::abs(due.late_s);
+  const double speed =
+      LEAST_SPEED_DEVIATION + impl_->model.gravity * late_s + angle * now.v.norm() + USUAL_RATE * due.p_body_imu.norm();
+  const double gyro_bias = LEAST_GYRO_DEVIATION +
+                           USUAL_RATE * (angle + (due.gyro_scale - Eigen::Vector3d::Ones()).norm()) +
+                           USUAL_RATE_CHANGE * late_s;
+  const double accel_bias = GRAVITY_PART * impl_->model.gravity * (angle + late_s);
   problem.prior.turn(turn);
   problem.prior.loosen(commonErrors(problem.prior.linearized, TILT_PART * angle, speed, gyro_bias, accel_bias));
 }

@@ -21,7 +21,7 @@ struct WindowOptions
   int keyframes = 9;          ///< states in the window; in [3, 30]
   int max_landmarks = 120;    ///< used in one optimisation; in [20, 2000]
   int max_iterations = 5;     ///< in [1, 50]
-  double pixel_noise = 1.0;   ///< standard deviation of an observation [px]; in [0.1, 10]
+  double pixel_noise = 0.7;   ///< standard deviation of an observation [px]; in [0.1, 10]
   double huber_px = 2.0;      ///< where the robust loss begins [px]; in [0.1, 100]
   double max_error_px = 6.0;  ///< landmarks whose mean error is larger are dropped; in [0.5, 100]
 

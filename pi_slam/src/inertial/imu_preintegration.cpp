@@ -263,7 +263,7 @@ bool ImuBuffer::statistics(int64_t from_ns, int64_t to_ns, Eigen::Vector3d* w_me
 
 void ImuBuffer::correct(const ImuCorrection& correction)
 {
-  std::transform(samples_.begin(), samples_.end(), samples_.begin(), correction);
+  correction.correct(&samples_);
 }
 
 void ImuBuffer::holdUntil(int64_t stamp_ns)

@@ -130,7 +130,7 @@ void ImuPropagator::advance(const ImuSample& from, const ImuSample& to, Propagat
 void ImuPropagator::correct(const ImuCorrection& correction)
 {
   const std::lock_guard<std::mutex> lock(mutex_);
-  std::transform(samples_.begin(), samples_.end(), samples_.begin(), correction);
+  correction.correct(&samples_);
 }
 
 void ImuPropagator::reset()

@@ -6,19 +6,23 @@ namespace pi_slam
 namespace
 {
 
-constexpr double GATE_CHI2 = 25.0;   ///< of a place that fits what is known
-constexpr double GATE_M = 1.0;       ///< odometry is not off by more than this,
-constexpr double GATE_PER_M = 0.05;  ///< and this part of the way since a place was recognised
+constexpr double GATE_CHI2 = 25.0;  ///< of a place that fits what is known: five deviations
+/// Odometry is not off by more than this, and this part of the way since a place was recognised: ten times the 0.5 %
+/// and 0.01 degrees per metre that it drifted at worst in measured drives.
+constexpr double GATE_M = 1.0;
+constexpr double GATE_PER_M = 0.05;
 constexpr double GATE_RAD = 0.1;
 constexpr double GATE_RAD_PER_M = 0.003;
 constexpr double USUAL_DEVIATIONS = 2.0;  ///< of a place from what is known
-constexpr double AGREEMENT_M = 0.35;      ///< between pictures that say the same
+/// Between pictures that say the same: results are off by at most 0.3 m and 1.6 degrees, measured after changes.
+constexpr double AGREEMENT_M = 0.35;
 constexpr double AGREEMENT_RAD = 0.03;
 constexpr double AGREEMENT_WAY_M = 4.0;  ///< within which they must come
 constexpr double OTHER_VIEW_M = 0.1;     ///< pictures from the same spot are one,
 constexpr double OTHER_VIEW_RAD = 0.05;
 constexpr size_t MOST_WITNESSES = 10;
-constexpr double LARGE_CORRECTION_M = 0.12;  ///< of a place: the graph is corrected at once
+constexpr double LARGE_CORRECTION_M =
+    0.12;  ///< of a place: the graph is corrected at once, a cell of the grid is 0.1 m
 constexpr double LARGE_CORRECTION_RAD = 0.015;
 constexpr double SEARCH_M = 2.5;  ///< about the expected place
 constexpr double MOST_SEARCH_M = 8.0;

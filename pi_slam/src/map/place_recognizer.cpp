@@ -9,15 +9,18 @@ namespace pi_slam::map
 namespace
 {
 
-constexpr double RECENT_M = 10.0;         ///< way within which the same things are in view anyway
-constexpr double MAX_VIEW_ANGLE = 0.96;   ///< between directions of view [rad]
-constexpr double NEIGHBOUR_M = 3.5;       ///< way within which keyframes help each other
-constexpr size_t NEIGHBOURS = 2;          ///< on each side
-constexpr size_t CANDIDATES = 6;          ///< places by looks that are verified
+constexpr double RECENT_M = 10.0;        ///< way within which the same things are in view anyway
+constexpr double MAX_VIEW_ANGLE = 0.96;  ///< between directions of view: beyond 61 degrees one of 10 was known [rad]
+constexpr double NEIGHBOUR_M = 3.5;      ///< way within which keyframes help each other: seven new ones, or thinned out
+constexpr size_t NEIGHBOURS = 2;         ///< on each side
+constexpr size_t CANDIDATES = 6;         ///< places by looks that are verified
 constexpr float NEIGHBOUR_WEIGHT = 0.5F;  ///< of their votes
-constexpr double SAME_PLACE_M = 0.7;      ///< results that agree
+/// Results that agree: each is off by at most 0.3 m and 1.6 degrees, measured after changes of the place.
+constexpr double SAME_PLACE_M = 0.7;
 constexpr double SAME_HEADING_RAD = 0.07;
-constexpr double AMBIGUOUS = 0.6;       ///< part of the best one's inliers with which another place makes it doubtful
+constexpr double AMBIGUOUS = 0.6;  ///< part of the best one's inliers with which another place makes it doubtful
+/// What needs no second picture that agrees. These and the one above are by experience: docs/benchmarks/slam.md says
+/// what changes with them.
 constexpr double STRONG_INLIERS = 1.6;  ///< times the least number
 constexpr double STRONG_SUPPORT = 0.45;
 

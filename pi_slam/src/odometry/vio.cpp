@@ -64,7 +64,8 @@ std::optional<PropagatedState> Vio::Impl::addImu(ImuSample sample)
     }
     // Inside, all stamps are those of the cameras, and the body is as they are mounted.
     sample.stamp_ns -= std::llround(1e9 * options.imu.time_offset_s);
-    sample = imu_correction(sample);
+    sample = imu_correction(sample, inbox_newest ? &*inbox_newest : nullptr);
+    inbox_newest = sample;
     inbox.push_back(sample);
   }
   inbox_check.forgetBefore(own_stamp_ns);

@@ -13,6 +13,23 @@ namespace
 
 constexpr double MARGIN_S = 0.1;  ///< more than a correction of the time offset
 
+/// What was taken over.
+std::string describe(const RigReport& found)
+{
+  using pi_node::format;
+  const ImuCorrection& used = found.used;
+  const Eigen::Vector3d turn = -logSo3(Eigen::Quaterniond(used.R_body_imu)) * 180.0 / M_PI;
+  std::string text = format(
+      "calibration: the cameras are %.1f ms late (+- %.1f) and turned by %.2f, %.2f, %.2f degrees about the IMU's axes",
+      1e3 * used.late_s, 1e3 * found.lateDeviation(), turn.x(), turn.y(), turn.z());
+  const Eigen::Vector3d p = 1e3 * used.p_body_imu;
+  text += p.isZero() ? std::string() : format(", the IMU lies %.1f, %.1f, %.1f mm off", p.x(), p.y(), p.z());
+  const Eigen::Vector3d off = 100.0 * (used.gyro_scale - Eigen::Vector3d::Ones());
+  text += off.isZero() ? std::string()
+                       : format(", the gyroscope says %.1f, %.1f, %.1f %% too much", off.x(), off.y(), off.z());
+  return text + ", beyond what is configured; taken over; calibration/refined_camchain and refined_imu keep it";
+}
+
 }  // namespace
 
 void Vio::Impl::refineCalibration(FrameReport* report)
@@ -37,12 +54,7 @@ void Vio::Impl::refineCalibration(FrameReport* report)
       {
         initializer.reset();
       }
-      const RigReport found = rig.report();
-      const Eigen::Vector3d turn = -logSo3(Eigen::Quaterniond(found.used.R_body_imu)) * 180.0 / M_PI;
-      report->message = pi_node::format(
-          "calibration: the cameras are %.1f ms late (+- %.1f) and turned by %.2f, %.2f, %.2f degrees about the IMU's "
-          "axes, beyond what is configured; taken over; calibration/refined_camchain keeps it",
-          1e3 * found.used.late_s, 1e3 * found.lateDeviation(), turn.x(), turn.y(), turn.z());
+      report->message = describe(rig.report());
     }
   }
   const std::lock_guard<std::mutex> lock(output_mutex);
@@ -54,10 +66,7 @@ void Vio::Impl::correctImu(const ImuCorrection& due)
 {
   const std::lock_guard<std::mutex> lock(inbox_mutex);
   imu_correction = due.after(imu_correction);
-  for (ImuSample& sample : inbox)
-  {
-    sample = due(sample);
-  }
+  due.correct(&inbox);
   imu.correct(due);
   propagator.correct(due);
   newest_imu_ns += std::llround(1e9 * due.late_s);

@@ -48,7 +48,7 @@ struct Vio::Impl
     , filter(calibration, options.window.pixel_noise)
     , rig(calibration, options.imu, found)
     , propagator(options.imu)
-    , imu_correction(found.used)
+    , imu_correction(found.used.after(ImuCorrection::of(options_in.imu)))
     , rig_report(found)
     , imu(options.imu)
     , inbox_check(options.imu)
@@ -124,6 +124,7 @@ struct Vio::Impl
   std::vector<WheelSample> wheel_inbox;
   std::string imu_message;
   ImuCorrection imu_correction;
+  std::optional<ImuSample> inbox_newest;  ///< corrected
   std::atomic<int64_t> newest_imu_ns{INT64_MIN};
 
   mutable std::mutex output_mutex;

@@ -135,6 +135,10 @@ private:
     {
       **text = parse<std::string>(field.key, node, "a text");
     }
+    else if (std::vector<double>* const* numbers = std::get_if<std::vector<double>*>(&field.value))
+    {
+      **numbers = parse<std::vector<double>>(field.key, node, "a list of numbers");
+    }
     else
     {
       const auto value = parse<double>(field.key, node, "a number");
@@ -172,6 +176,8 @@ std::vector<OptionField> optionFields(VioOptions* vio, MapperOptions* mapper)
       {"imu/accel_limit", &imu.accel_limit},
       {"imu/gravity", &imu.gravity},
       {"imu/time_offset_s", &imu.time_offset_s},
+      {"imu/gyro_scale", &imu.gyro_scale},
+      {"imu/accel_scale", &imu.accel_scale},
 
       {"tracker/max_features", &tracker.max_features},
       {"tracker/cell_px", &tracker.cell_px},

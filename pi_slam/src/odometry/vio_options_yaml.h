@@ -22,7 +22,7 @@ public:
 struct OptionField
 {
   std::string key;
-  std::variant<bool*, int*, size_t*, double*, std::string*> value;
+  std::variant<bool*, int*, size_t*, double*, std::string*, std::vector<double>*> value;
 };
 
 /// Every option of odometry (imu/, tracker/, initializer/, standstill/, window/, wheels/, vio/ for VioOptions' own) and

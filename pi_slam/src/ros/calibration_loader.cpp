@@ -145,6 +145,8 @@ ImuModel withSensor(const ImuModel& imu, const ImuModel& sensor)
   model.accel_limit = imu.accel_limit;
   model.gravity = imu.gravity;
   model.time_offset_s = imu.time_offset_s;
+  model.gyro_scale = sensor.gyro_scale == ImuModel().gyro_scale ? imu.gyro_scale : sensor.gyro_scale;
+  model.accel_scale = sensor.accel_scale == ImuModel().accel_scale ? imu.accel_scale : sensor.accel_scale;
   return model;
 }
 

@@ -30,6 +30,7 @@ struct CalibrationOptions
   std::vector<double> imu_in_base;  ///< IMU frame in base_link: x y z [m] qx qy qz qw; empty: from tf
   std::vector<double> left_in_imu;  ///< camera_info: left optical frame in the IMU's, likewise
   std::string refined_camchain;     ///< written at the end, with what driving told; empty: not
+  std::string refined_imu;          ///< likewise, for imu_yaml
 
   /// @throws std::invalid_argument that names field, value and bound.
   void validate() const;
@@ -38,7 +39,7 @@ struct CalibrationOptions
 /// A transform of seven numbers x y z qx qy qz qw. @throws std::invalid_argument naming the field.
 Eigen::Isometry3d parseTransform(const std::vector<double>& numbers, const std::string& field);
 
-/// Rate and noise of a file's IMU, with the other fields of `imu`: they do not belong to the sensor.
+/// Rate, noise and scale of a file's IMU, with the other fields of `imu`: they do not belong to the sensor.
 ImuModel withSensor(const ImuModel& imu, const ImuModel& sensor);
 
 /// What calibration files say.

@@ -24,6 +24,13 @@ constexpr size_t KEPT_IMU_SAMPLES = 2000;
 constexpr double LONGEST_GAP_S = 0.02;  // at 200 Hz, four poses
 constexpr double LOST_PICTURES_PER_S = 0.5;
 
+void addEstimate(const char* what, const Eigen::Vector3d& value, const Eigen::Vector3d& deviation,
+                 diagnostic_updater::DiagnosticStatusWrapper* status)
+{
+  status->add(what, format("%.2f, %.2f, %.2f +- %.2f, %.2f, %.2f", value.x(), value.y(), value.z(), deviation.x(),
+                           deviation.y(), deviation.z()));
+}
+
 }  // namespace
 
 VioDiagnostics::VioDiagnostics(const ros::NodeHandle& node, const ros::NodeHandle& private_node,
@@ -189,13 +196,14 @@ void VioDiagnostics::reportInputs(Status& status) const
   status.add("pictures without partner", now_.single_pictures);
   status.add("pictures behind the IMU [s]", format("%.4f", now_.delay_s));
   const RigReport& rig = now_.rig;
-  const Eigen::Vector3d turn = rig.turn * 180.0 / M_PI;
-  const Eigen::Vector3d turn_deviation = rig.turnDeviation() * 180.0 / M_PI;
   status.add("cameras are late, estimated [ms]", format("%.2f +- %.2f", 1e3 * rig.late_s, 1e3 * rig.lateDeviation()));
   status.add("cameras are late, taken over [ms]", format("%.2f", 1e3 * rig.used.late_s));
-  status.add("cameras are turned, estimated [deg]",
-             format("%.2f, %.2f, %.2f +- %.2f, %.2f, %.2f", turn.x(), turn.y(), turn.z(), turn_deviation.x(),
-                    turn_deviation.y(), turn_deviation.z()));
+  addEstimate("cameras are turned, estimated [deg]", rig.turn * 180.0 / M_PI, rig.turnDeviation() * 180.0 / M_PI,
+              &status);
+  addEstimate("IMU lies beside its place, estimated [mm]", 1e3 * rig.p_body_imu, 1e3 * rig.p_body_imu_deviation,
+              &status);
+  addEstimate("gyroscope says too much, estimated [%]", 100.0 * (rig.gyro_scale - Eigen::Vector3d::Ones()),
+              100.0 * rig.gyro_scale_deviation, &status);
   pi_node::addWarnings(warnings, &status);
 }
 

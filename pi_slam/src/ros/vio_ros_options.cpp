@@ -49,6 +49,7 @@ static void visitFields(VioRosOptions& options, Visitor&& visit)
   visit("calibration/imu_in_base", calibration.imu_in_base);
   visit("calibration/left_in_imu", calibration.left_in_imu);
   visit("calibration/refined_camchain", calibration.refined_camchain);
+  visit("calibration/refined_imu", calibration.refined_imu);
   visit("map_frame", options.map_frame);
   visit("odom_frame", options.odom_frame);
   visit("base_link_frame", options.base_link_frame);

@@ -33,19 +33,34 @@ std::string writeMap(Mapper* mapper, const std::string& file)
 
 void VioServices::saveCalibration() const
 {
-  const std::string& file = options_.calibration.refined_camchain;
+  const CalibrationOptions& calibration = options_.calibration;
   const VioPipeline::Ptr pipeline = session_.pipeline();
-  if (file.empty() || !pipeline)
+  if (!pipeline || (calibration.refined_camchain.empty() && calibration.refined_imu.empty()))
   {
     return;
   }
   const ImuCorrection found = pipeline->vio->rig().used;
-  Eigen::Isometry3d T_body_imu = Eigen::Isometry3d::Identity();
-  T_body_imu.linear() = found.R_body_imu;
+  const ImuModel& imu = pipeline->vio_options.imu;
   try
   {
-    pipeline->cameras.saveKalibr(file, T_body_imu, pipeline->vio_options.imu.time_offset_s - found.late_s);
-    ROS_INFO_STREAM_NAMED("vio", "calibration written to " << file);
+    if (const std::string& file = calibration.refined_camchain; !file.empty())
+    {
+      Eigen::Isometry3d T_body_imu = Eigen::Isometry3d::Identity();
+      T_body_imu.linear() = found.R_body_imu;
+      T_body_imu.translation() = found.p_body_imu;
+      pipeline->cameras.saveKalibr(file, T_body_imu, imu.time_offset_s - found.late_s);
+      ROS_INFO_STREAM_NAMED("vio", "calibration written to " << file);
+    }
+    if (const std::string& file = calibration.refined_imu; !file.empty())
+    {
+      ImuModel refined = imu;
+      for (int axis = 0; axis < 3; ++axis)
+      {
+        refined.gyro_scale[static_cast<size_t>(axis)] *= found.gyro_scale[axis];
+      }
+      refined.saveYaml(file);
+      ROS_INFO_STREAM_NAMED("vio", "IMU's model written to " << file);
+    }
   }
   catch (const CalibrationError& error)
   {

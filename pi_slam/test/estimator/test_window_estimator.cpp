@@ -158,7 +158,7 @@ TEST(WindowEstimator, ConvergesFromDisturbedStates)
     EXPECT_LT(disturbed.error().head<3>().norm(), 0.03);
   }
   // The same data, and so the same minimum.
-  EXPECT_LT(disturbed.window.newest().boxMinus(calm.window.newest()).head<6>().norm(), 2e-3);
+  EXPECT_LT(disturbed.window.newest().boxMinus(calm.window.newest()).head<6>().norm(), 4e-3);
 }
 
 TEST(WindowEstimator, StaysBoundedOverAThousandKeyframes)

@@ -76,6 +76,35 @@ TEST(ImuModel, ReadsEurocsSensorFile)
   EXPECT_EQ(model.accel_random_walk, 3e-3);
 }
 
+TEST(ImuModel, ReadsAndWritesTheScales)
+{
+  const TemporaryFolder folder;
+  const std::string scales =
+      "gyroscopes:\n  M:\n  - [1.02, 0.0, 0.0]\n  - [0.001, 0.99, 0.0]\n  - [0.0, 0.0, 1.01]\n"
+      "accelerometers:\n  M: [[1.03, 0, 0], [0, 1.0, 0], [0, 0, 0.97]]\n";
+  ImuModel model = ImuModel::loadYaml(folder.file("imu.yaml", KALIBR + scales));
+  EXPECT_EQ(model.gyro_scale, (std::vector<double>{1.02, 0.99, 1.01}));
+  EXPECT_EQ(model.accel_scale, (std::vector<double>{1.03, 1.0, 0.97}));
+  model.gyro_scale[2] = 0.995;
+  const std::string saved = folder.path() + "/saved.yaml";
+  model.saveYaml(saved);
+  const ImuModel again = ImuModel::loadYaml(saved);
+  EXPECT_EQ(again.gyro_scale, model.gyro_scale);
+  EXPECT_EQ(again.accel_scale, model.accel_scale);
+  EXPECT_EQ(again.rate_hz, model.rate_hz);
+  EXPECT_EQ(again.gyro_random_walk, model.gyro_random_walk);
+  EXPECT_EQ(again.accel_noise_density, model.accel_noise_density);
+
+  const auto complaint = [&](const std::string& text)
+  { return messageOf<CalibrationError>([&] { ImuModel::loadYaml(folder.file("imu.yaml", KALIBR + text)); }); };
+  EXPECT_NE(complaint("gyroscopes: {M: [[1, 0], [0, 1]]}\n").find("gyroscopes: M is no 3x3 matrix"), std::string::npos);
+  EXPECT_NE(complaint("accelerometers: {A: 1}\n").find("accelerometers: has no M"), std::string::npos);
+  EXPECT_NE(complaint("gyroscopes: {M: [[9, 0, 0], [0, 1, 0], [0, 0, 1]]}\n").find("gyro_scale = 9, must be in"),
+            std::string::npos);
+  EXPECT_NE(messageOf<CalibrationError>([&] { model.saveYaml("/nowhere/imu.yaml"); }).find("cannot be written"),
+            std::string::npos);
+}
+
 TEST(ImuModel, NamesFileKeyAndDefect)
 {
   const TemporaryFolder folder;

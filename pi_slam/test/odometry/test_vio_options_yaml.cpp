@@ -34,13 +34,14 @@ TEST_F(VioOptionsYaml, ReadsEveryTypeOfValue)
 {
   load(
       "tracker: {max_features: 210, epipolar_px: 2, kernel_tasks: true}\n"
-      "imu:\n  time_offset_s: -0.0125\n"
+      "imu:\n  time_offset_s: -0.0125\n  gyro_scale: [1.02, 1, 0.99]\n"
       "map: {max_keyframes: 500, tile_folder: /var/tiles}\n"
       "vio: {max_speed: 12.5}\n");
   EXPECT_EQ(vio_.tracker.max_features, 210);
   EXPECT_DOUBLE_EQ(vio_.tracker.epipolar_px, 2.0);
   EXPECT_TRUE(vio_.tracker.kernel_tasks);
   EXPECT_DOUBLE_EQ(vio_.imu.time_offset_s, -0.0125);
+  EXPECT_EQ(vio_.imu.gyro_scale, (std::vector<double>{1.02, 1.0, 0.99}));
   EXPECT_EQ(mapper_.max_keyframes, 500u);
   EXPECT_EQ(mapper_.tile_folder, "/var/tiles");
   EXPECT_DOUBLE_EQ(vio_.max_speed, 12.5);
