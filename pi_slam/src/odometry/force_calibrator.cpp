@@ -23,7 +23,7 @@ constexpr double LENGTH_WALK = 2e-2;      ///< [1/sqrt(s)]: what is in view chan
 constexpr double FORCE_BIAS_WALK = 1e-3;  ///< [m/s^2/sqrt(s)]
 constexpr double SPEED_WALK = 5e-3;       ///< by the noise of the force, and what the gyroscope errs [m/s/sqrt(s)]
 constexpr double GRAVITY_SIGMA = 0.01;    ///< of the known length [m/s^2]
-constexpr double SPEED_GATE = 9.0;        ///< squared deviations beyond which a comparison counts less
+constexpr double WAY_GATE = 9.0;          ///< squared deviations beyond which a comparison counts less
 constexpr int LEAST_FORCES = 100;         ///< before a correction: 20 s of motion
 constexpr double SURE_BY_FORCE = 4.0;     ///< deviations
 /// What is less than this has no influence on the pose.
@@ -85,13 +85,13 @@ void ForceCalibrator::compare(const front_end::BodyMotion& moved, const ImuPrein
   Eigen::Matrix3d S = H * P_ * H.transpose();
   S.diagonal().array() += variance_;
   const double squared = error.dot(S.llt().solve(error));
-  S.diagonal().array() += squared > SPEED_GATE ? variance_ * (squared / SPEED_GATE - 1.0) : 0.0;
+  S.diagonal().array() += squared > WAY_GATE ? variance_ * (squared / WAY_GATE - 1.0) : 0.0;
   const Eigen::Matrix<double, SIZE, 3> K = S.llt().solve(H * P_).transpose();
   x_ += K * error;
   P_ -= (K * H * P_).eval();
   ++compared_;
   const double left = (error - H * (K * error)).squaredNorm() / 3.0;
-  variance_ += (std::min(left, SPEED_GATE * variance_) - variance_) / std::min(50.0, 10.0 + compared_);
+  variance_ += (std::min(left, WAY_GATE * variance_) - variance_) / std::min(50.0, 10.0 + compared_);
 }
 
 /// Its length is known.
