@@ -16,7 +16,7 @@ RemoteTasks::RemoteTasks(std::shared_ptr<Runtime> runtime, const CodeletRegistry
   , buffers_(buffers)
   , limits_(limits)
   , memory_(limits.max_task_memory)
-  , reports_([this](const EntryPtr& entry, const TaskReportPtr& report) { finish(entry, report); })
+  , reports_([this](EntryPtr entry, TaskReportPtr report) { finish(std::move(entry), std::move(report)); })
 {
 }
 
@@ -263,33 +263,30 @@ void RemoteTasks::forgetLocked(const EntryPtr& entry)
   kept_.erase(std::remove(kept_.begin(), kept_.end(), forgotten), kept_.end());
 }
 
-void RemoteTasks::finish(const EntryPtr& entry, const TaskReportPtr& report)
+/// When a client learns of the end, the report is held by the kept ones alone: it can be given up for what comes next.
+void RemoteTasks::finish(EntryPtr entry, TaskReportPtr report)
 {
-  {
-    std::lock_guard<std::mutex> lock(mutex_);
-    report->id = entry->id;
-    entry->report = report;
-    entry->ended_at = std::chrono::steady_clock::now();
-    entry->handle = TaskHandle();  // and with it the arguments
-    entry->intake.outputs.clear();
-    entry->intake.report.reset();
-    entry->intake.input_memory.reset();
-    --open_;
-    if (entry->listener)
-    {
-      entries_.erase(entry->id);
-    }
-    else
-    {
-      kept_.push_back(entry);
-      expireLocked();
-    }
-    changed_.notify_all();
-  }
+  std::unique_lock<std::mutex> lock(mutex_);
+  report->id = entry->id;
+  entry->report = report;
+  entry->ended_at = std::chrono::steady_clock::now();
+  entry->handle = TaskHandle();  // and with it the arguments
+  entry->intake.outputs.clear();
+  entry->intake.report.reset();
+  entry->intake.input_memory.reset();
+  --open_;
   if (entry->listener)
   {
+    entries_.erase(entry->id);
+    changed_.notify_all();
+    lock.unlock();
     entry->listener(report);
+    return;
   }
+  report.reset();
+  kept_.push_back(std::move(entry));
+  expireLocked();
+  changed_.notify_all();
 }
 
 }  // namespace pi_runtime

@@ -84,7 +84,7 @@ private:
   std::shared_ptr<const void> takeMemory(size_t bytes);
   void requireRoom(size_t tasks) const;
   void enrol(const EntryPtr& entry, TaskHandle handle);
-  void finish(const EntryPtr& entry, const TaskReportPtr& report);
+  void finish(EntryPtr entry, TaskReportPtr report);
   void expireLocked();
   void forgetLocked(const EntryPtr& entry);
 

@@ -67,7 +67,8 @@ void ReportThread::stop()
 TaskRequest ReportThread::requestOf(const EntryPtr& entry) const
 {
   TaskRequest request = std::move(entry->intake.request);
-  request.done = [entry, ended = ended_](const TaskResult& result)
+  // What has ended is held by the queue alone: its memory is free once it is given up.
+  request.done = [entry, ended = ended_](const TaskResult& result) mutable
   {
     std::lock_guard<std::mutex> lock(ended->mutex);
     if (ended->closed)
@@ -75,7 +76,7 @@ TaskRequest ReportThread::requestOf(const EntryPtr& entry) const
       entry->handle = TaskHandle();  // which refers to this function, which refers to the entry
       return;
     }
-    ended->queue.emplace_back(entry, result);
+    ended->queue.emplace_back(std::move(entry), result);
     ended->changed.notify_one();
   };
   return request;
@@ -95,8 +96,8 @@ void ReportThread::loop()
     auto [entry, result] = std::move(ended_->queue.front());
     ended_->queue.pop_front();
     lock.unlock();
-    finish_(entry, makeReport(entry, std::move(result)));
-    entry.reset();
+    TaskReportPtr report = makeReport(entry, std::move(result));
+    finish_(std::move(entry), std::move(report));
     lock.lock();
   }
 }

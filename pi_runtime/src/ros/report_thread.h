@@ -36,7 +36,7 @@ class ReportThread
 {
 public:
   using EntryPtr = std::shared_ptr<RemoteTask>;
-  using Finish = std::function<void(const EntryPtr& entry, const TaskReportPtr& report)>;
+  using Finish = std::function<void(EntryPtr entry, TaskReportPtr report)>;
 
   /// @param finish  gets each report, on this thread.
   explicit ReportThread(Finish finish);

@@ -21,8 +21,8 @@ constexpr double AGREEMENT_WAY_M = 4.0;  ///< within which they must come
 constexpr double OTHER_VIEW_M = 0.1;     ///< pictures from the same spot are one,
 constexpr double OTHER_VIEW_RAD = 0.05;
 constexpr size_t MOST_WITNESSES = 10;
-constexpr double LARGE_CORRECTION_M =
-    0.12;  ///< of a place: the graph is corrected at once, a cell of the grid is 0.1 m
+/// Of a place: the graph is corrected at once. A cell of the grid is 0.1 m.
+constexpr double LARGE_CORRECTION_M = 0.12;
 constexpr double LARGE_CORRECTION_RAD = 0.015;
 constexpr double SEARCH_M = 2.5;  ///< about the expected place
 constexpr double MOST_SEARCH_M = 8.0;

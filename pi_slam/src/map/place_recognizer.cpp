@@ -19,8 +19,7 @@ constexpr float NEIGHBOUR_WEIGHT = 0.5F;  ///< of their votes
 constexpr double SAME_PLACE_M = 0.7;
 constexpr double SAME_HEADING_RAD = 0.07;
 constexpr double AMBIGUOUS = 0.6;  ///< part of the best one's inliers with which another place makes it doubtful
-/// What needs no second picture that agrees. These and the one above are by experience: docs/benchmarks/slam.md says
-/// what changes with them.
+/// What needs no second picture that agrees. These and the one above are by experience, and were not varied.
 constexpr double STRONG_INLIERS = 1.6;  ///< times the least number
 constexpr double STRONG_SUPPORT = 0.45;
 

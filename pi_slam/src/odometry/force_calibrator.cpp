@@ -1,9 +1,10 @@
 #include "odometry/force_calibrator.h"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+
+#include "odometry/known_part.h"
 
 namespace pi_slam
 {
@@ -140,30 +141,14 @@ void ForceCalibrator::restart()
 
 Eigen::Vector3d ForceCalibrator::take()
 {
-  Eigen::Vector3d known = Eigen::Vector3d::Zero();
   if (compared_ < LEAST_FORCES)
-  {
-    return known;
-  }
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(P_.block<3, 3>(PLACE, PLACE));
-  bool sure = false;
-  for (int i = 0; i < 3; ++i)
-  {
-    const double deviation = std::sqrt(axes.eigenvalues()[i]);
-    if (deviation < KNOWN_PLACE)
-    {
-      const Eigen::Vector3d axis = axes.eigenvectors().col(i);
-      const double along = axis.dot(x_.segment<3>(PLACE));
-      known += along * axis;
-      sure = sure || std::abs(along) > SURE_BY_FORCE * deviation;
-    }
-  }
-  if (!sure || known.norm() <= LEAST_PLACE)
   {
     return Eigen::Vector3d::Zero();
   }
+  const Eigen::Vector3d known =
+      knownPart(place(), P_.block<3, 3>(PLACE, PLACE), KNOWN_PLACE, SURE_BY_FORCE, LEAST_PLACE);
   x_.segment<3>(PLACE) -= known;
-  compared_ = 0;
+  compared_ = known.isZero() ? compared_ : 0;
   return known;
 }
 

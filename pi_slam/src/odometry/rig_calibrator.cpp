@@ -4,9 +4,10 @@
 #include <pi_slam/so3.h>
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+
+#include "odometry/known_part.h"
 
 namespace pi_slam
 {
@@ -155,26 +156,6 @@ bool RigCalibrator::compare(const FrameFeatures& features, const ImuBuffer& imu)
   return true;
 }
 
-/// A vehicle that turns about one axis does not tell the angle about it: of the turn only what is known counts.
-Eigen::Vector3d RigCalibrator::knownTurn() const
-{
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(P_.topLeftCorner<3, 3>());
-  Eigen::Vector3d turn = Eigen::Vector3d::Zero();
-  bool sure = false;
-  for (int i = 0; i < 3; ++i)
-  {
-    const double deviation = std::sqrt(axes.eigenvalues()[i]);
-    if (deviation < KNOWN_TURN)
-    {
-      const Eigen::Vector3d axis = axes.eigenvectors().col(i);
-      const double angle = axis.dot(x_.segment<3>(TURN));
-      turn += angle * axis;
-      sure = sure || std::abs(angle) > SURE * deviation;
-    }
-  }
-  return sure && turn.norm() > LEAST_TURN ? turn : Eigen::Vector3d::Zero();
-}
-
 std::optional<ImuCorrection> RigCalibrator::take()
 {
   ImuCorrection correction;
@@ -182,7 +163,8 @@ std::optional<ImuCorrection> RigCalibrator::take()
   bool due = !correction.p_body_imu.isZero();
   if (compared_ >= LEAST_COMPARED)
   {
-    const Eigen::Vector3d turn = knownTurn();
+    const Eigen::Vector3d turn =
+        knownPart(x_.segment<3>(TURN), P_.block<3, 3>(TURN, TURN), KNOWN_TURN, SURE, LEAST_TURN);
     correction.R_body_imu = expSo3(-turn).toRotationMatrix();
     if (std::abs(x_[LATE]) > std::max(LEAST_LATE_S, SURE * std::sqrt(P_(LATE, LATE))))
     {

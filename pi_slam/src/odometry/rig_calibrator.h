@@ -65,7 +65,6 @@ private:
   using Matrix10d = Eigen::Matrix<double, 10, 10>;
 
   bool compare(const FrameFeatures& features, const ImuBuffer& imu);
-  Eigen::Vector3d knownTurn() const;
 
   const front_end::StereoGeometry geometry_;
   front_end::MotionCheck motion_check_;

@@ -140,9 +140,10 @@ TEST(WindowEstimator, ConvergesFromDisturbedStates)
 {
   Drive drive(2.0);
   Drive same(2.0);
-  KeyframeRun calm(&drive, WindowOptions());
   WindowOptions options;
   options.max_iterations = 30;
+  options.pixel_noise = 1.0;  // with less, landmarks placed from a disturbed state lose views, and the data differ
+  KeyframeRun calm(&drive, options);
   KeyframeRun disturbed(&same, options);
   std::mt19937 random(1);
   std::normal_distribution<double> normal;
@@ -153,12 +154,12 @@ TEST(WindowEstimator, ConvergesFromDisturbedStates)
     {
       disturbance(j) = (j < 3 ? 0.1 : j < 6 ? 0.03 : j < 9 ? 0.2 : 0.0) * normal(random);
     }
-    calm.next(5);
+    calm.next(30);
     ASSERT_FALSE(disturbed.next(30, disturbance).failed);
     EXPECT_LT(disturbed.error().head<3>().norm(), 0.03);
   }
   // The same data, and so the same minimum.
-  EXPECT_LT(disturbed.window.newest().boxMinus(calm.window.newest()).head<6>().norm(), 4e-3);
+  EXPECT_LT(disturbed.window.newest().boxMinus(calm.window.newest()).head<6>().norm(), 2e-3);
 }
 
 TEST(WindowEstimator, StaysBoundedOverAThousandKeyframes)
