@@ -79,6 +79,14 @@ class TestPlotRun(unittest.TestCase):
         self.assertEqual("201 stereo pairs, 201 poses, path 18.8 m;  RMSE of position after SE3 alignment 12.0 mm, "
                          "after yaw alignment 500 mm;  rotation 0.57 deg", texts[1])
 
+    def test_does_not_join_poses_that_are_far_apart(self):
+        rows = circle()
+        sparse = [row for i, row in enumerate(second_trajectory(rows)) if row[0] != "pose" or not 20 < i < 300]
+        figure = self.draw(rows + sparse)
+        for view in (TOP_VIEW, SIDE_VIEW):
+            self.assertEqual(["-"], [line.get_linestyle() for line in self.lines(figure, view, plot_run.CURVES[0])])
+            self.assertEqual(["None"], [line.get_linestyle() for line in self.lines(figure, view, plot_run.CURVES[1])])
+
     def test_scales_both_directions_of_the_path_equally(self):
         figure = self.draw(circle())
         for view in (TOP_VIEW, SIDE_VIEW):
