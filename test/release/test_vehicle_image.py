@@ -8,8 +8,10 @@ import json
 import os
 import re
 import shutil
+import signal
 import socket
 import subprocess
+import sys
 import tempfile
 import threading
 import unittest
@@ -47,6 +49,32 @@ class VehicleImage(unittest.TestCase):
         (self.folder / "control").write_text("Source: pi-edge\n")
         with self.assertRaisesRegex(ToolError, "names no package that the suite needs at run time"):
             edge_image.run_time_packages(self.folder / "control")
+
+    @unittest.skipUnless(os.geteuid() == 0, "only root mounts")
+    def test_nothing_stays_of_one_that_is_interrupted(self):
+        """mmdebstrap mounts /proc and parts of /dev in the root: nobody else may see that, least of all who removes it."""
+        begun = self.folder / "begun"
+        os.mkfifo(begun)
+        program = self.folder / "bin/mmdebstrap"
+        edge_image.write_script(program, 'for word; do case "$word" in */root) root=$word ;; esac; done\n'
+                                         'mkdir "$root/proc" && mount -t tmpfs none "$root/proc" && touch "$root/proc/it"\n'
+                                         f'echo $root >{begun}\nexec sleep 1000\n')
+        code = ("import sys, types\nfrom pi_offload import edge_image\n"
+                "edge_image.Vehicle = lambda *_: types.SimpleNamespace(system=[], packages=['it'], output='it.tar')\n"
+                "sys.exit(edge_image.main())\n")
+        for number in (signal.SIGTERM, signal.SIGINT):
+            with self.subTest(signal=number):
+                output = self.folder / f"output{number}"
+                output.mkdir()
+                words = ["--prefix", self.folder, "--target", "vehicle", "--control", CONTROL, "--output", output]
+                with subprocess.Popen([sys.executable, "-c", code, *words], stderr=subprocess.PIPE, text=True,
+                                      env={**os.environ, "PATH": f"{program.parent}:{os.environ['PATH']}"}) as image:
+                    root = begun.read_text().strip()  # waits for it
+                    self.assertTrue(root.startswith(str(output)))
+                    self.assertNotIn(str(output), Path("/proc/mounts").read_text())
+                    image.send_signal(number)
+                    self.assertEqual((130, ""), (image.wait(LIMIT_S), image.stderr.read()))
+                self.assertEqual([], list(output.iterdir()))
 
     def test_the_copy_of_a_space_names_its_new_folder(self):
         space = self.folder / "space"

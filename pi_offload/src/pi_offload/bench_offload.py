@@ -23,6 +23,7 @@ import roslib.packages
 
 from pi_offload import testbed_account as accounts
 from pi_offload.errors import ToolError
+from pi_offload.interrupts import end_by_signals
 from pi_offload.testbed_road import load_road
 
 PHASES = ("cpu", "drive", "kills", "cuts", "spikes")
@@ -301,7 +302,7 @@ def run(options, say):
 def main():
     options = parse(sys.argv[1:])
     from pi_offload import testbed
-    testbed.end_by_signals()
+    end_by_signals()
     machine, began = machine_text(), time.monotonic()
     try:
         if options.json and not os.access(Path(options.json).resolve().parent, os.W_OK):

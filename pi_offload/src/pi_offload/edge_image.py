@@ -23,6 +23,7 @@ import tempfile
 from pathlib import Path
 
 from pi_offload.errors import ToolError
+from pi_offload.interrupts import end_by_signals
 
 PREFIX = Path("/opt/pi_edge")
 USER = 10001
@@ -33,6 +34,9 @@ UNNEEDED = ("/usr/share/doc/*", "/usr/share/man/*", "/usr/share/locale/*", "/usr
             "/usr/lib/*.a")
 CONFIGURATION = "/etc/pi_edge/edge_server.yaml"
 ENVIRONMENT = {"PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "XDG_DATA_HOME": f"{PREFIX}/share", "LC_ALL": "C.UTF-8"}
+# What a program that ends early leaves mounted or running is not seen by anybody else, and ends with it. As root
+# mmdebstrap mounts /proc, /sys and parts of /dev, which must not be there when the folder is removed.
+ALONE = ("unshare", "--mount", "--pid", "--fork", "--kill-child", "--mount-proc")
 ARCHITECTURES = {"x86_64": "amd64", "aarch64": "arm64"}
 
 
@@ -212,9 +216,11 @@ def debian_root(root, contents):
                if path.suffix in (".list", ".sources") and path.is_file() and path.stat().st_size > 0]
     if not sources:
         raise ToolError("/etc/apt names no source of Debian packages: mmdebstrap needs one")
-    run(["mmdebstrap", "--variant=essential", "--include=" + ",".join([*packages(contents.system), *contents.packages]),
+    if not shutil.which("mmdebstrap"):
+        raise ToolError("mmdebstrap is missing: apt-get install mmdebstrap")
+    run([*(ALONE if os.geteuid() == 0 else ()), "mmdebstrap", "--variant=essential", "--include=" + ",".join([*packages(contents.system), *contents.packages]),
          "--aptopt=APT::Install-Recommends \"false\"", *(f"--dpkgopt=path-exclude={path}" for path in UNNEEDED),
-         platform.freedesktop_os_release()["VERSION_CODENAME"], root, *sources], "mmdebstrap")
+         platform.freedesktop_os_release()["VERSION_CODENAME"], root, *sources], "util-linux")
 
 
 def root_of_this_machine(root, contents):
@@ -237,7 +243,7 @@ def root_of_this_machine(root, contents):
 def check(root, contents):
     """Starts the image's program for a moment: what it does not find is known now."""
     if os.geteuid() == 0:  # the program finds its models by /proc
-        run(["unshare", "--mount", "--pid", "--fork", f"--mount-proc={root}/proc", "chroot", root, "/usr/bin/env", "-i",
+        run([*ALONE[:-1], f"--mount-proc={root}/proc", "chroot", root, "/usr/bin/env", "-i",
              *variables(contents), *contents.check], "util-linux")
 
 
@@ -344,6 +350,7 @@ def main():
     parser.add_argument("--root-of-this-machine", action="store_true", help="copies libraries; no packages; not of a "
                         "vehicle")
     options = parser.parse_args()
+    end_by_signals()
     is_vehicle = options.target == "vehicle"
     if is_vehicle and (not options.control or options.root_of_this_machine):
         parser.error("--target vehicle needs --control FILE, and no --root-of-this-machine")
@@ -369,4 +376,6 @@ def main():
         print(f"edge_image: {error}", file=sys.stderr)
     except OSError as error:
         print(f"edge_image: {error.filename}: {error.strerror}", file=sys.stderr)
+    except KeyboardInterrupt:
+        return 130
     return 1

@@ -6,7 +6,6 @@ process. They share the processors of the machine.
 
 import json
 import os
-import signal
 import sys
 from pathlib import Path
 
@@ -249,11 +248,3 @@ class Bed:
                 fields = file.read().rpartition(")")[2].split()
             times[name] = (int(fields[11]) + int(fields[12])) / ticks
         return times
-
-
-def end_by_signals():
-    """SIGTERM and SIGHUP end this process as Ctrl-C does, through what has to be tidied up."""
-    def interrupt(*_):
-        raise KeyboardInterrupt
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, interrupt)

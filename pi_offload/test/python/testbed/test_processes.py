@@ -122,7 +122,7 @@ class Drive(unittest.TestCase):
     def test_nothing_stays_of_a_bed_that_was_killed(self):
         for number in (signal.SIGTERM, signal.SIGKILL):
             with self.subTest(signal=number):
-                script = ("import sys; from pi_offload import testbed; testbed.end_by_signals()\n"
+                script = ("import sys\nfrom pi_offload import interrupts, testbed\ninterrupts.end_by_signals()\n"
                           "bed = testbed.devices.Testbed(('vehicle', 'edge1'))\n"
                           "sleeper = bed.vehicle.start('sleep', '1000')\n"
                           "print(sleeper.pid, bed.folder, flush=True)\n"
