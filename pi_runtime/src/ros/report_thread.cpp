@@ -67,16 +67,17 @@ void ReportThread::stop()
 TaskRequest ReportThread::requestOf(const EntryPtr& entry) const
 {
   TaskRequest request = std::move(entry->intake.request);
-  // What has ended is held by the queue alone: its memory is free once it is given up.
-  request.done = [entry, ended = ended_](const TaskResult& result) mutable
+  // What has ended is held by the queue alone: its memory is free once it is given up. A plain capture of entry would be
+  // const, and copied into the queue.
+  request.done = [task = entry, ended = ended_](const TaskResult& result) mutable
   {
     std::lock_guard<std::mutex> lock(ended->mutex);
     if (ended->closed)
     {
-      entry->handle = TaskHandle();  // which refers to this function, which refers to the entry
+      task->handle = TaskHandle();  // which refers to this function, which refers to the entry
       return;
     }
-    ended->queue.emplace_back(std::move(entry), result);
+    ended->queue.emplace_back(std::move(task), result);
     ended->changed.notify_one();
   };
   return request;
