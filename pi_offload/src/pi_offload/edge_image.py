@@ -32,6 +32,7 @@ PROGRAMS = ("pi_offload/edge_server", "pi_detect/check_model", "pi_speech/check_
 SHARES = ("pi_detect", "pi_offload", "pi_speech")
 UNNEEDED = ("/usr/share/doc/*", "/usr/share/man/*", "/usr/share/locale/*", "/usr/share/info/*", "/usr/include/*",
             "/usr/lib/*.a")
+NEEDED = ("/usr/lib/gcc/*/libgcc.a", "/usr/lib/*/libc_nonshared.a")  # nevertheless: PoCL links kernels with them
 CONFIGURATION = "/etc/pi_edge/edge_server.yaml"
 ENVIRONMENT = {"PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "XDG_DATA_HOME": f"{PREFIX}/share", "LC_ALL": "C.UTF-8"}
 # What a program that ends early leaves mounted or running is not seen by anybody else, and ends with it. As root
@@ -164,7 +165,9 @@ class Vehicle:
                    "PYTHONUNBUFFERED": "1", "ROSCONSOLE_STDOUT_LINE_BUFFERED": "1"}  # what nodes say is seen at once
     entry_point = [f"{PREFIX}/run"]
     arguments = ["pi_edge", "demo", "--output", f"{home}/report"]
-    check = [*entry_point, "roslaunch", "--nodes", "pi_bringup", "simulation.launch"]  # finds all launch files
+    check = [*entry_point, "sh", "-c", "roslaunch --nodes pi_bringup simulation.launch && "  # finds all launch files
+             "POCL_CACHE_DIR=$(mktemp -d) && export POCL_CACHE_DIR && trap 'rm -r \"$POCL_CACHE_DIR\"' EXIT && "
+             "python3 -m pi_bringup.doctor.opencl_probe"]  # compiles a kernel
     left_out = ("include", "pkgconfig", "cmake", "common-lisp", "gennodejs", "roseus", "*.a", ".rosinstall",
                 "__pycache__")  # what compilers need
 
@@ -218,8 +221,10 @@ def debian_root(root, contents):
         raise ToolError("/etc/apt names no source of Debian packages: mmdebstrap needs one")
     if not shutil.which("mmdebstrap"):
         raise ToolError("mmdebstrap is missing: apt-get install mmdebstrap")
-    run([*(ALONE if os.geteuid() == 0 else ()), "mmdebstrap", "--variant=essential", "--include=" + ",".join([*packages(contents.system), *contents.packages]),
+    names = [*packages(contents.system), *contents.packages]
+    run([*(ALONE if os.geteuid() == 0 else ()), "mmdebstrap", "--variant=essential", "--include=" + ",".join(names),
          "--aptopt=APT::Install-Recommends \"false\"", *(f"--dpkgopt=path-exclude={path}" for path in UNNEEDED),
+         *(f"--dpkgopt=path-include={path}" for path in NEEDED),
          platform.freedesktop_os_release()["VERSION_CODENAME"], root, *sources], "util-linux")
 
 
@@ -242,8 +247,9 @@ def root_of_this_machine(root, contents):
 
 def check(root, contents):
     """Starts the image's program for a moment: what it does not find is known now."""
-    if os.geteuid() == 0:  # the program finds its models by /proc
-        run([*ALONE[:-1], f"--mount-proc={root}/proc", "chroot", root, "/usr/bin/env", "-i",
+    if os.geteuid() == 0:  # the program finds its models by /proc, OpenCL its cores by /sys
+        run([*ALONE[:-1], f"--mount-proc={root}/proc", "sh", "-c", 'mount --rbind /sys "$0/sys" && exec chroot "$0" "$@"',
+             root, "/usr/bin/env", "-i",
              *variables(contents), *contents.check], "util-linux")
 
 
