@@ -5,6 +5,8 @@ import subprocess
 
 from first_drive.errors import DemoError
 
+LIMIT_S = 60  # of a program that looks at a window
+
 
 class Screen:
     """The display of the user or, without DISPLAY, a virtual one."""
@@ -28,8 +30,12 @@ class Screen:
                 raise DemoError("DISPLAY=%s cannot be opened; unset DISPLAY to use a virtual one" % display)
 
     def _run(self, command, display):
-        return subprocess.run(command, env=dict(self.environment, DISPLAY=display), stdin=subprocess.DEVNULL,
-                              stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=60)
+        try:
+            return subprocess.run(command, env=dict(self.environment, DISPLAY=display), stdin=subprocess.DEVNULL,
+                                  stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=LIMIT_S)
+        except subprocess.TimeoutExpired:
+            said = "%s did not end for %d s; is the computer too busy?" % (" ".join(command), LIMIT_S)
+            return subprocess.CompletedProcess(command, 1, said)
 
     def _window(self, title, display):
         tree = self._run(["xwininfo", "-root", "-tree"], display).stdout
