@@ -1,4 +1,4 @@
-# Sets up, builds and runs the suite on Debian 12. "make help" lists the targets.
+# Sets up, builds and runs the suite on Debian 12 and 13. "make help" lists the targets.
 # Everything goes to build/ and install/; the system gets only the packages of dependencies.txt.
 
 ifneq ($(words $(CURDIR)),1)

@@ -102,8 +102,8 @@ def certificates(folder):
 
     new_key = ["-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes"]
     for authority in ("ca", "other"):
-        openssl("req", "-x509", *new_key, "-days", "2", "-subj", "/CN=authority " + authority, "-keyout",
-                authority + ".key", "-out", authority + ".pem")
+        openssl("req", "-x509", *new_key, "-days", "2", "-subj", "/CN=authority " + authority,
+                "-addext", "keyUsage=critical,keyCertSign", "-keyout", authority + ".key", "-out", authority + ".pem")
     Path(folder, "names").write_text("subjectAltName = IP:127.0.0.1\n", encoding="ascii")
     for number, (authority, unit, name) in enumerate((("ca", "vehicle", "server"), ("ca", "operator", "operator"),
                                                       ("ca", "vehicle", "vehicle"), ("other", "operator", "stranger"))):

@@ -2,6 +2,7 @@
 
 import collections
 import re
+import shutil
 import subprocess
 import unittest
 from pathlib import Path
@@ -29,10 +30,12 @@ MAY_INCLUDE = {
 
 
 def tracked(*patterns):
-    listing = subprocess.run(["git", "-C", ROOT, "ls-files", *patterns], stdout=subprocess.PIPE, text=True, check=False)
-    files = [Path(line) for line in listing.stdout.splitlines() if (ROOT / line).is_file()]
-    if files or listing.returncode == 0:
-        return files
+    if shutil.which("git"):
+        listing = subprocess.run(["git", "-C", ROOT, "ls-files", *patterns], stdout=subprocess.PIPE, text=True,
+                                 check=False)
+        files = [Path(line) for line in listing.stdout.splitlines() if (ROOT / line).is_file()]
+        if files or listing.returncode == 0:
+            return files
     return [path.relative_to(ROOT) for path in ROOT.rglob("*")  # a copy without its history
             if path.is_file() and path.parts[len(ROOT.parts)] not in ("build", "install", ".git") and
             (not patterns or any(path.match(pattern) for pattern in patterns))]

@@ -88,7 +88,7 @@ class FleetCommands(unittest.TestCase):
         self.fleet("add-site", "gate", "--host", "gate.example", "--host", "*.nats", "--days", "30")
         self.fleet("add-vehicle", "truck")
         subject = self.certificate("vehicles/truck/certificate.pem", "-subject")
-        self.assertIn("O = yards, OU = vehicle, CN = truck", subject)
+        self.assertIn("O=yards,OU=vehicle,CN=truck", subject.replace(" ", ""))
         purposes = self.certificate("vehicles/truck/certificate.pem", "-ext", "extendedKeyUsage,basicConstraints")
         self.assertIn("TLS Web Client Authentication", purposes)
         self.assertNotIn("TLS Web Server Authentication", purposes)
@@ -176,7 +176,7 @@ class FleetCommands(unittest.TestCase):
     def test_a_failure_in_the_middle_leaves_no_keys(self):
         self.fleet("add-site", "gate", "--host", "gate")
         (self.folder / "authority/ca.key").write_text("no key")
-        self.assertIn("openssl x509: ", self.refused("add-vehicle", "truck"))
+        self.assertRegex(self.refused("add-vehicle", "truck"), "openssl x509: .*CA private key")
         self.assertEqual([], list((self.folder / "vehicles").iterdir()))
 
     def test_a_folder_that_cannot_be_written(self):

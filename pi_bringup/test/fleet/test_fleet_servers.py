@@ -6,7 +6,9 @@ import shutil
 import socket
 import ssl
 import tempfile
+import time
 import unittest
+from datetime import datetime, timezone
 from pathlib import Path
 
 import nats
@@ -143,8 +145,10 @@ class FleetServers(unittest.TestCase):
     def test_an_expired_certificate_is_refused(self):
         self.client("worn")
         with Fleet(self.folder) as known:
-            known.certify("worn", dict(known.members["worn"]), -1)
+            known.certify("worn", dict(known.members["worn"]), 0)
             known.save()
+            end = datetime.fromisoformat(known.members["worn"]["expires"])
+        time.sleep(max(0.0, (end - datetime.now(timezone.utc)).total_seconds() + 1.0))
         self.reload()
         with self.assertRaises(nats.Refused):
             self.client("worn")

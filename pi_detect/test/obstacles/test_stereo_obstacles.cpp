@@ -200,7 +200,8 @@ TEST(StereoObstacles, GroundThatIsNotMeasuredIsNotFree)
   disparity.rowRange(320, 480).colRange(280, 360).setTo(-1.0F);
   disparity.rowRange(260, 300).colRange(280, 360).setTo(-1.0F);
   StereoObstacles detector = makeDetector();
-  const GroundBeam& ahead = beamAt(detector.detect(disparity).view, 0.0);
+  const GroundView view = detector.detect(disparity).view;
+  const GroundBeam& ahead = beamAt(view, 0.0);
   EXPECT_GE(ahead.free_from, 3.5);
   EXPECT_LE(ahead.free_to, 5.7);
 }

@@ -23,6 +23,8 @@ BUNDLE = '.pi_os_keys'
 EXTENSIONS = '''basicConstraints = critical, CA:FALSE
 keyUsage = critical, digitalSignature
 extendedKeyUsage = serverAuth, clientAuth
+subjectKeyIdentifier = hash
+authorityKeyIdentifier = keyid
 '''
 NEW_KEY = ['-newkey', 'ec', '-pkeyopt', 'ec_paramgen_curve:P-256', '-nodes']
 
@@ -67,7 +69,8 @@ def init(options):
         return
     authority, authority_key = (os.path.join(options.folder, name) for name in (AUTHORITY, AUTHORITY_KEY))
     _openssl('req', '-x509', *NEW_KEY, '-days', AUTHORITY_DAYS, '-subj', '/CN=pi_os fleet ' + secrets.token_hex(4),
-             '-addext', 'basicConstraints=critical,CA:TRUE', '-keyout', authority_key, '-out', authority)
+             '-addext', 'basicConstraints=critical,CA:TRUE', '-addext', 'keyUsage=critical,keyCertSign',
+             '-keyout', authority_key, '-out', authority)
     _certify(options.folder, options.name, options.folder)
     print('authority of the fleet, and certificate of "%s", in %s' % (options.name, options.folder))
 

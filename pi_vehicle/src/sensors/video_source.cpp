@@ -95,6 +95,12 @@ VideoSource::VideoSource(const VideoOptions& options)
   }
   size_ = cv::Size(static_cast<int>(capture_.get(cv::CAP_PROP_FRAME_WIDTH)),
                    static_cast<int>(capture_.get(cv::CAP_PROP_FRAME_HEIGHT)));
+  if (isSequence(options.device) && size_.empty())  // a single picture is opened by OpenCV 4.10, and never read
+  {
+    throw VideoError("recording " + options.device +
+                     ": its first picture cannot be decoded, or is the only one, which OpenCV " +
+                     cv::getVersionString() + " does not play");
+  }
   frame_rate_ = isSequence(options.device) ? options.frame_rate : capture_.get(cv::CAP_PROP_FPS);
   if (!(frame_rate_ >= SLOWEST_RECORDING_HZ && frame_rate_ <= 1000.0))
   {

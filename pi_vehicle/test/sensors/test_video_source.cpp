@@ -104,13 +104,34 @@ TEST(VideoSource, SaysWhatIsWrongAndTheWayOut)
 TEST(VideoSource, PicturesOf16BitsCountAsNotDecoded)
 {
   const TemporaryFolder folder;
-  ASSERT_TRUE(cv::imwrite(folder.path() + "/0.png", cv::Mat(24, 64, CV_16UC1, cv::Scalar(1000))));
   VideoOptions options;
-  options.device = folder.path() + "/%d.png";
+  options.device = writeSequence(folder.path(), 2);
+  ASSERT_TRUE(cv::imwrite(folder.path() + "/0.png", cv::Mat(24, 64, CV_16UC1, cv::Scalar(1000))));
   VideoSource source(options);
   const auto picture = source.read();
   ASSERT_TRUE(picture);
   EXPECT_TRUE(picture->picture.empty());
+}
+
+TEST(VideoSource, ASinglePictureIsPlayedOrRefused)
+{
+  const TemporaryFolder folder;
+  VideoOptions options;
+  options.device = writeSequence(folder.path(), 1);
+  std::optional<VideoPicture> picture;
+  const std::string refused = messageOf<VideoError>([&] { picture = VideoSource(options).read(); });
+  if (refused.empty())
+  {
+    ASSERT_TRUE(picture);
+    EXPECT_EQ(cv::Size(64, 24), picture->picture.size());
+  }
+  else
+  {
+    EXPECT_EQ("recording " + options.device +
+                  ": its first picture cannot be decoded, or is the only one, which OpenCV " + cv::getVersionString() +
+                  " does not play",
+              refused);
+  }
 }
 
 }  // namespace

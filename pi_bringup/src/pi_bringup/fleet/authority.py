@@ -9,6 +9,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 CERTIFICATE, KEY, AUTHORITY, AUTHORITY_KEY = "certificate.pem", "key.pem", "ca.pem", "ca.key"
+NO_ERRORS = ("Certificate request self-signature ok", "subject=")  # that it also writes where it fails
 NEW_KEY = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes")
 
 
@@ -25,7 +26,8 @@ def openssl(*arguments):
     except OSError as error:
         raise FleetError(f"openssl cannot be started: {error.strerror}") from None
     if done.returncode != 0:
-        said = done.stderr.decode(errors="replace").strip().splitlines() or [f"status {done.returncode}"]
+        said = [line for line in done.stderr.decode(errors="replace").strip().splitlines()
+                if not line.startswith(NO_ERRORS)] or [f"status {done.returncode}"]
         raise FleetError(f"openssl {arguments[0]}: {said[0]}")
     return done.stdout
 
@@ -55,6 +57,7 @@ def certify(authority, folder, subject, days, hosts=()):
     usage = "serverAuth, clientAuth" if hosts else "clientAuth"
     names = ",".join(("IP:" if is_address(host) else "DNS:") + host for host in hosts)
     extensions = ("basicConstraints = critical, CA:FALSE\nkeyUsage = critical, digitalSignature\n"
+                  "subjectKeyIdentifier = hash\nauthorityKeyIdentifier = keyid\n"
                   f"extendedKeyUsage = {usage}\n" + (f"subjectAltName = {names}\n" if names else ""))
     with tempfile.TemporaryDirectory() as scratch:
         request, wanted = Path(scratch) / "request", Path(scratch) / "extensions"
