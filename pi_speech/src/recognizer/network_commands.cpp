@@ -11,8 +11,9 @@ namespace pi_speech
 namespace
 {
 
-/// Silence that is put behind a single piece: the network decides a little after a word.
-constexpr size_t TAIL = SAMPLE_RATE_HZ * 3 / 10;
+/// Silence that is put in front of a single piece and behind it: the network knows words best that some sound precedes,
+/// and decides a little after a word.
+constexpr size_t QUIET = SAMPLE_RATE_HZ * 3 / 10;
 
 bool isPartOfAnother(const std::string& word, const CommandTable& table)
 {
@@ -87,10 +88,11 @@ std::optional<NetworkCommands::Best> NetworkCommands::listenToPiece(const int16_
     return std::nullopt;
   }
   const auto ignore = [](const WordSpotter::Spotted&) {};
-  const std::vector<int16_t> tail(TAIL, 0);
+  const std::vector<int16_t> quiet(QUIET, 0);
   single_->restart(0, ignore);
+  single_->process(quiet.data(), quiet.size(), ignore);
   single_->process(samples, count, ignore);
-  single_->process(tail.data(), tail.size(), ignore);
+  single_->process(quiet.data(), quiet.size(), ignore);
   const WordPeaks::Peak& best = single_->best();
   if (best.probability <= 0.0)
   {

@@ -10,7 +10,7 @@ from torch import nn
 from front_end import BANDS
 from sounds import WORDS
 
-CHANNELS, STEM_KERNEL, STRIDE, KERNEL = 96, 5, 2, 3
+CHANNELS, STEM_KERNEL, STRIDE, KERNEL = 112, 5, 2, 3
 DILATIONS = (1, 1, 2, 2, 4, 4, 6, 6)  # 1.1 s of past
 MAGIC, VERSION = b"PIWNET1\n", 1
 

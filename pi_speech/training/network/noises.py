@@ -112,9 +112,9 @@ def clatter(random, count):
     return _unit(result)
 
 
-KINDS = (coloured, wind, rain, fan, machine, machine, music, clatter)
+KINDS = (coloured, wind, rain, rain, fan, machine, machine, machine, music, clatter)
 
 
 def draw(random, count):
-    """One of all kinds."""
+    """One of all kinds: often those that hide words best."""
     return KINDS[random.integers(len(KINDS))](random, count)

@@ -16,7 +16,7 @@ NOTHING = len(WORDS)                 # class of all that is no command
 FIRST_DEMANDED, LAST_DEMANDED, LAST_ALLOWED = 1, 9, 16
 ALLOWED_FROM = 0.55                  # share of the word that must have been said
 SHORT = ("go", "no")                 # their first half sounds like the whole
-OFTEN = ("stop", "go", "up", "left")  # come twice as often: the first is a brake, the others are heard worst
+OFTEN = ("stop", "go", "up", "up", "left")  # come more often: the first is a brake, the others are heard worst
 FULL_SCALE = 32767.0
 
 
@@ -70,7 +70,7 @@ class Mixer:
         count = int(SCENE_S * SAMPLE_RATE_HZ)
         voice = np.zeros(count, np.float32)
         events = []
-        kind = random.choice(["words", "inside", "talk", "noise"], p=[0.25, 0.4, 0.22, 0.13])
+        kind = random.choice(["words", "inside", "talk", "noise"], p=[0.18, 0.42, 0.27, 0.13])
         if kind == "words":
             self._add_words(voice, events)
         elif kind == "inside":
