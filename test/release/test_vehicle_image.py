@@ -4,6 +4,7 @@ The container's space lies on this machine's file system in place of packages: t
 image` makes the one of Debian packages. PI_EDGE_SPACE names another install space than the one of "make build".
 """
 
+import fnmatch
 import json
 import os
 import re
@@ -40,6 +41,15 @@ class VehicleImage(unittest.TestCase):
         self.assertEqual(1, len({"qt6-svg-plugins", "libqt5svg5"} & set(names)))
         for name in ("pi-node", "opencl-icd", "libceres-dev", "${shlibs", "debhelper-compat"):
             self.assertNotIn(name, names)
+
+    def test_what_links_kernels_is_not_left_out(self):
+        """PoCL links by the compiler's driver. dpkg's patterns match as fnmatch does, the last one that does counts."""
+        for name in ("libgcc.a", "libc_nonshared.a"):
+            path = os.path.realpath(subprocess.run(["gcc", "-print-file-name=" + name], check=True, text=True,
+                                                   stdout=subprocess.PIPE).stdout.strip())
+            self.assertTrue(any(fnmatch.fnmatchcase(path, pattern) for pattern in edge_image.NEEDED), path)
+        self.assertFalse(any(fnmatch.fnmatchcase("/usr/lib/x86_64-linux-gnu/libc.a", pattern)
+                             for pattern in edge_image.NEEDED))
 
     def test_what_is_missing_is_named(self):
         with self.assertRaisesRegex(ToolError, "setup.sh is missing: call make build"):

@@ -164,11 +164,29 @@ TEST_F(SpottedCommands, OfASinglePieceOfSoundAreJudged)
   EXPECT_EQ("left", left.text);
   EXPECT_TRUE(left.accepted) << left.reason;
 
-  const Samples nothing(samples.size(), 0);  // for this network noise that begins has every tone
+  const Samples nothing(samples.size(), 0);  // the network of tones takes noise that begins for one
   const Recognition none = recognizer_->recognize(nothing.data(), nothing.size(), 0.3);
   EXPECT_FALSE(none.accepted);
   EXPECT_NE("", none.reason);
   EXPECT_FALSE(recognizer_->recognize(nothing.data(), 0, 0.0).accepted);
+}
+
+TEST(SpottedCommandsThatShip, APieceOfNoiseIsNone)
+{
+  RecognizerOptions options = networkOptions();
+  options.word_network = std::string(PI_SPEECH_CONFIG) + "/word_network.bin";
+  options.sphinx.acoustic_model = "/no/such/model";
+  CommandRecognizer recognizer(options, CommandTable::load(std::string(PI_SPEECH_CONFIG) + "/commands.yaml"));
+  for (const double deviation : {1.0, 30.0, 1000.0, 10000.0})
+  {
+    for (uint32_t seed = 1; seed <= 10; ++seed)
+    {
+      const Samples noise = whiteNoise(0.3 + 0.1 * seed, deviation, seed);
+      const Recognition none = recognizer.recognize(noise.data(), noise.size(), 0.0);
+      EXPECT_FALSE(none.accepted) << none.text << " " << none.confidence << " in noise of " << deviation;
+      EXPECT_NE("", none.reason);
+    }
+  }
 }
 
 TEST_F(ClosedSpottedCommands, TheBestIsTakenHoweverFaint)
