@@ -13,7 +13,6 @@ Exit status: 0; 1 if a file cannot be used; 2 for a wrong command line.
 
 import argparse
 import os
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,7 @@ import numpy as np
 from pi_speech import plots
 from pi_speech.calibration import (FOLDS, choose_threshold, clip_scores, cross_validated_logits, fit_all, held_out_rates,
                                    load_evidence, rates_at)
-from pi_speech.errors import ToolError
+from pi_speech.errors import ToolError, status_of
 from pi_speech.evaluate_commands import add_labels
 from pi_speech.logistic_regression import Logistic
 from pi_speech.truth import Labels
@@ -145,9 +144,4 @@ def run(arguments):
 
 def main(arguments=None):
     """@return the exit status"""
-    try:
-        run(parse(arguments))
-    except ToolError as error:
-        print(f"calibrate_confidence: {error}", file=sys.stderr)
-        return 1
-    return 0
+    return status_of("calibrate_confidence", lambda: run(parse(arguments)))

@@ -12,11 +12,10 @@ figures.json, and per file the curve over the threshold, the confusions and the 
 import argparse
 import json
 import re
-import sys
 from pathlib import Path
 
 from pi_speech import evaluation_report as report
-from pi_speech.errors import ToolError, name_some
+from pi_speech.errors import ToolError, name_some, status_of
 from pi_speech.evaluation import load_results
 from pi_speech.truth import Labels
 
@@ -111,9 +110,4 @@ def run(arguments):
 
 def main(arguments=None):
     """@return the exit status"""
-    try:
-        run(parse(arguments))
-    except ToolError as error:
-        print(f"evaluate_commands: {error}", file=sys.stderr)
-        return 1
-    return 0
+    return status_of("evaluate_commands", lambda: run(parse(arguments)))
