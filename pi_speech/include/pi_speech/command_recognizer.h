@@ -45,6 +45,8 @@ struct RecognizerOptions
   void validate() const;
   /// Its own, or that of all.
   double thresholdOf(const Command& command) const;
+  /// The same where the word network hears it.
+  double networkThresholdOf(const Command& command) const;
 };
 
 /// Result for an utterance.

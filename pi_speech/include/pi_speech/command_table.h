@@ -9,10 +9,11 @@ namespace pi_speech
 /// A spoken command.
 struct Command
 {
-  std::string text;        ///< words in lower case with single spaces, for example "go left"; published unchanged
-  bool fast = false;       ///< published before the pause that ends an utterance
-  double threshold = 0.0;  ///< least confidence, in (0, 1]; 0: that of the recogniser
-  double doubt = 0.0;      ///< confidence, below the threshold, from which the command is doubtful; 0: never
+  std::string text;                ///< words in lower case with single spaces, for example "go left"; published unchanged
+  bool fast = false;               ///< published before the pause that ends an utterance
+  double threshold = 0.0;          ///< least confidence, in (0, 1]; 0: that of the recogniser
+  double network_threshold = 0.0;  ///< the same where the word network hears it; 0: threshold
+  double doubt = 0.0;              ///< confidence, below both thresholds, from which the command is doubtful; 0: never
 };
 
 /// The commands, in the order of the table.
@@ -34,7 +35,7 @@ struct CommandTable
   /// Texts are trimmed and brought to lower case.
   /// @throws std::runtime_error naming file, line, what is wrong and the way out: no such file, no YAML, no list
   ///   `commands`, empty, an unknown key, a text twice, without words, or with other characters than letters, digits,
-  ///   apostrophes and hyphens in its words; a doubt that is not below the threshold; a fast command that other
+  ///   apostrophes and hyphens in its words; a doubt that is not below a threshold; a fast command that other
   ///   commands begin with ("go" beside "go left").
   static CommandTable load(const std::string& path);
   /// The same from a text. @param name  of the source, in messages.

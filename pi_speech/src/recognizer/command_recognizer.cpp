@@ -136,6 +136,11 @@ double RecognizerOptions::thresholdOf(const Command& command) const
   return command.threshold > 0.0 ? command.threshold : threshold;
 }
 
+double RecognizerOptions::networkThresholdOf(const Command& command) const
+{
+  return command.network_threshold > 0.0 ? command.network_threshold : thresholdOf(command);
+}
+
 struct CommandRecognizer::Impl
 {
   Impl(const RecognizerOptions& options_in, const CommandTable& table_in)
@@ -233,7 +238,7 @@ struct CommandRecognizer::Impl
     recognition.evidence.command = recognition.text;
     if (heard.doubtful)
     {
-      recognition.reason = faint(heard.confidence, options.thresholdOf(table.commands[heard.command]));
+      recognition.reason = faint(heard.confidence, options.networkThresholdOf(table.commands[heard.command]));
       if (*sink)
       {
         (*sink)(recognition);
@@ -456,7 +461,7 @@ struct CommandRecognizer::Impl
     recognition->confidence = best->confidence;
     recognition->evidence.command = command.text;
     recognition->evidence.speech_s = speech_s;
-    judge(command, recognition);
+    judge(command, options.networkThresholdOf(command), recognition);
   }
 
   void choose(const int16_t* samples, size_t count, double speech_s, Recognition* recognition)
@@ -501,7 +506,7 @@ struct CommandRecognizer::Impl
       compareBySphinx(hypotheses[best], scores[best], &evidence);
       recognition->confidence = confidence->confidence(evidence);
     }
-    judge(candidate, recognition);
+    judge(candidate, options.thresholdOf(candidate), recognition);
   }
 
   /// Compares a candidate with other speech.
@@ -518,11 +523,10 @@ struct CommandRecognizer::Impl
   }
 
   /// Accepts a candidate or says why not.
-  void judge(const Command& candidate, Recognition* recognition) const
+  void judge(const Command& candidate, double threshold, Recognition* recognition) const
   {
     const double speech_s = recognition->evidence.speech_s;
     const double most_s = LEAST_COMMAND_S + MORE_PER_WORD_S * recognition->evidence.words;
-    const double threshold = options.thresholdOf(candidate);
     if (options.mode == RecognitionMode::CLOSED)
     {
       recognition->accepted = true;

@@ -1,6 +1,7 @@
 #include <pi_speech/command_table.h>
 #include <yaml-cpp/yaml.h>
 
+#include <algorithm>
 #include <fstream>
 #include <iterator>
 #include <optional>
@@ -47,6 +48,17 @@ std::string problemOfText(const std::string& text)
   return "";
 }
 
+/// The lower one of those that it has of its own, or 1.
+double lowestThreshold(const Command& command)
+{
+  double lowest = 1.0;
+  for (const double threshold : {command.threshold, command.network_threshold})
+  {
+    lowest = threshold > 0.0 ? std::min(lowest, threshold) : lowest;
+  }
+  return lowest;
+}
+
 std::optional<Problem> firstProblem(const std::vector<Command>& commands)
 {
   std::set<std::string> texts;
@@ -69,11 +81,18 @@ std::optional<Problem> firstProblem(const std::vector<Command>& commands)
            << ", must be in (0, 1], or 0 for that of the recogniser";
       return Problem{i, text.str()};
     }
-    if (!(command.doubt >= 0.0 && command.doubt < (command.threshold > 0.0 ? command.threshold : 1.0)))
+    if (!(command.network_threshold >= 0.0 && command.network_threshold <= 1.0))
     {
       std::ostringstream text;
-      text << "command \"" << command.text << "\": doubt = " << command.doubt << ", must be ";
-      text << "in (0, " << (command.threshold > 0.0 ? command.threshold : 1.0)
+      text << "command \"" << command.text << "\": network_threshold = " << command.network_threshold
+           << ", must be in (0, 1], or 0 for its threshold";
+      return Problem{i, text.str()};
+    }
+    const double lowest = lowestThreshold(command);
+    if (!(command.doubt >= 0.0 && command.doubt < lowest))
+    {
+      std::ostringstream text;
+      text << "command \"" << command.text << "\": doubt = " << command.doubt << ", must be in (0, " << lowest
            << "), below the threshold, or 0 for never";
       return Problem{i, text.str()};
     }
@@ -144,7 +163,7 @@ private:
     {
       fail(node, node.IsNull()
                      ? "a command without words; write what is spoken, or remove it"
-                     : "a command must be a text, or a map {text: ..., fast: ..., threshold: ..., doubt: ...}");
+                     : "a command must be a text, or a map {text: ..., fast: ..., threshold: ..., network_threshold: ..., doubt: ...}");
     }
     Command command;
     command.text = normalised(node.Scalar());
@@ -174,13 +193,18 @@ private:
       {
         command.threshold = valueOf<double>(entry.second, "threshold", "a number in (0, 1]");
       }
+      else if (key == "network_threshold")
+      {
+        command.network_threshold = valueOf<double>(entry.second, "network_threshold", "a number in (0, 1]");
+      }
       else if (key == "doubt")
       {
         command.doubt = valueOf<double>(entry.second, "doubt", "a number in (0, 1)");
       }
       else
       {
-        fail(entry.first, "unknown key \"" + key + "\" of a command; there are text, fast, threshold and doubt");
+        fail(entry.first, "unknown key \"" + key +
+                              "\" of a command; there are text, fast, threshold, network_threshold and doubt");
       }
     }
     if (keys.count("text") == 0)

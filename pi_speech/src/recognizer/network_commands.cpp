@@ -41,7 +41,7 @@ NetworkCommands::NetworkCommands(const RecognizerOptions& options, const Command
     const Command& command = table.commands[i];
     if (network->find(command.text) >= 0 && (command.fast || !isPartOfAnother(command.text, table)))
     {
-      words.push_back({command.text, options.thresholdOf(command), command.fast, command.doubt});
+      words.push_back({command.text, options.networkThresholdOf(command), command.fast, command.doubt});
       commands_.push_back(i);
       if (command.fast || options.all_in_running_speech)
       {

@@ -42,8 +42,8 @@ std::string errorOf(const CommandTable& table)
 TEST(CommandTable, ReadsTextsAndMapsInTheirOrder)
 {
   const CommandTable table = CommandTable::parse(
-      "commands:\n  - go\n  - {text: go left, threshold: 0.4}\n  - {text: halt, fast: true, threshold: 0.6, doubt: "
-      "0.3}\n",
+      "commands:\n  - go\n  - {text: go left, threshold: 0.4}\n"
+      "  - {text: halt, fast: true, threshold: 0.6, network_threshold: 0.7, doubt: 0.3}\n",
       "table.yaml");
 
   ASSERT_EQ(3U, table.commands.size());
@@ -52,7 +52,9 @@ TEST(CommandTable, ReadsTextsAndMapsInTheirOrder)
   EXPECT_EQ(0.0, table.commands[0].threshold);
   EXPECT_EQ("go left", table.commands[1].text);
   EXPECT_EQ(0.4, table.commands[1].threshold);
+  EXPECT_EQ(0.0, table.commands[1].network_threshold);
   EXPECT_EQ(0.0, table.commands[1].doubt);
+  EXPECT_EQ(0.7, table.commands[2].network_threshold);
   EXPECT_EQ(0.3, table.commands[2].doubt);
   EXPECT_EQ("halt", table.commands[2].text);
   EXPECT_TRUE(table.commands[2].fast);
@@ -110,6 +112,9 @@ TEST(CommandTable, NamesFileLineAndWayOut)
       {"commands:\n  - {text: go, fast: 7}\n", "table.yaml:2: ", "fast = 7, must be true or false"},
       {"commands:\n  - {text: go, threshold: high}\n", "table.yaml:2: ", "threshold = high, must be a number"},
       {"commands:\n  - {text: go, threshold: 1.5}\n", "table.yaml:2: ", "threshold = 1.5, must be in (0, 1]"},
+      {"commands:\n  - {text: go, network_threshold: 2}\n", "table.yaml:2: ", "network_threshold = 2, must be in (0, 1]"},
+      {"commands:\n  - {text: go, threshold: 0.5, network_threshold: 0.4, doubt: 0.4}\n", "table.yaml:2: ",
+       "doubt = 0.4, must be in (0, 0.4)"},
       {"commands:\n  - {text: go, doubt: much}\n", "table.yaml:2: ", "doubt = much, must be a number"},
       {"commands:\n  - {text: go, doubt: 1}\n", "table.yaml:2: ", "doubt = 1, must be in (0, 1), below the threshold"},
       {"commands:\n  - {text: go, threshold: 0.5, doubt: 0.5}\n", "table.yaml:2: ", "doubt = 0.5, must be in (0, 0.5)"},

@@ -254,6 +254,23 @@ TEST(SpottedCommandsInDoubt, AreToldOnceAndNotAccepted)
   EXPECT_FALSE(told[1].accepted);
 }
 
+TEST(SpottedCommandsInDoubt, AreJudgedByTheThresholdOfTheNetwork)
+{
+  Samples samples = whiteNoise(3.0, 30.0);
+  say(&samples, "stop", 1.0);
+  for (const bool reached : {true, false})
+  {
+    const std::string thresholds = reached ? "threshold: 1.0, network_threshold: 0.3" : "network_threshold: 1.0";
+    CommandRecognizer recognizer(networkOptions(), table("go, {text: stop, fast: true, " + thresholds + "}"));
+    size_t accepted = 0;
+
+    recognizer.process(samples.data(), samples.size(),
+                       [&](const Recognition& recognition) { accepted += recognition.accepted ? 1 : 0; });
+
+    EXPECT_EQ(reached ? 1U : 0U, accepted) << thresholds;
+  }
+}
+
 TEST(SpottedCommandsByDefault, AreThoseThatAreFast)
 {
   RecognizerOptions options = networkOptions();
