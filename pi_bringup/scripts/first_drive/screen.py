@@ -6,6 +6,7 @@ import subprocess
 from first_drive.errors import DemoError
 
 LIMIT_S = 60  # of a program that looks at a window
+RVIZ = " - RViz\""  # with the name of its configuration: before, the window is there and cannot be taken
 
 
 class Screen:
@@ -41,11 +42,14 @@ class Screen:
         tree = self._run(["xwininfo", "-root", "-tree"], display).stdout
         return next((line.split()[0] for line in tree.splitlines() if title in line), None)
 
+    def shows_rviz(self):
+        return self._window(RVIZ, self.rviz_display) is not None
+
     def shoot(self, name, only=None):
         """Pictures of rviz and image_view, or of `only` one of them, as <kind>_<name>.png; returns the paths of those
         that could be taken."""
         pictures = []
-        for title, display, kind in (("RViz\"", self.rviz_display, "rviz"),
+        for title, display, kind in ((RVIZ, self.rviz_display, "rviz"),
                                      ("/left/image_rect", self.view_display, "image_view")):
             if only not in (None, kind):
                 continue

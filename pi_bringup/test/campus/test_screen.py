@@ -26,21 +26,31 @@ class Pictures(unittest.TestCase):
         path.write_text("#!/bin/sh\n" + script, encoding="utf-8")
         path.chmod(0o755)
 
+    def screen(self):
+        return screen.Screen(SimpleNamespace(environment=dict(os.environ)), self.folder)
+
     def shoot(self):
         """@return the pictures, and what was said"""
         with contextlib.redirect_stdout(io.StringIO()) as said:
-            pictures = screen.Screen(SimpleNamespace(environment=dict(os.environ)), self.folder).shoot("it", only="rviz")
+            pictures = self.screen().shoot("it", only="rviz")
         return pictures, said.getvalue()
 
-    def test_a_program_that_hangs_costs_the_picture(self):
+    def test_a_window_that_rviz_has_not_filled_yet_does_not_count(self):
         self.program("xwininfo", "echo ' 0x1 \"RViz\"'\n")
+        self.assertFalse(self.screen().shows_rviz())
+        self.assertEqual(([], "  warning: no window of rviz on display :1\n"), self.shoot())
+        self.program("xwininfo", "echo ' 0x1 \"vehicle.rviz - RViz\"'\n")
+        self.assertTrue(self.screen().shows_rviz())
+
+    def test_a_program_that_hangs_costs_the_picture(self):
+        self.program("xwininfo", "echo ' 0x1 \"vehicle.rviz - RViz\"'\n")
         self.program("import", "exec sleep 1000\n")
         pictures, said = self.shoot()
         self.assertEqual([], pictures)
         self.assertRegex(said, "no picture of rviz: .*import -window 0x1 .*did not end for 1 s; is the computer too busy")
 
     def test_the_picture_is_named(self):
-        self.program("xwininfo", "echo ' 0x1 \"RViz\"'\n")
+        self.program("xwininfo", "echo ' 0x1 \"vehicle.rviz - RViz\"'\n")
         self.program("import", 'for picture; do :; done; echo >"$picture"\n')
         self.assertEqual(([self.folder / "rviz_it.png"], ""), self.shoot())
 
