@@ -109,6 +109,11 @@ EdgeServer::~EdgeServer()
   {
     worker->thread.join();
   }
+  {
+    // Requests still come: from now on they see `stop` and leave the replier alone.
+    std::unique_lock<std::mutex> lock(impl_->mutex);
+    impl_->work_done.wait(lock, [&] { return impl_->sending == 0; });
+  }
   impl_->replier.reset();
 }
 

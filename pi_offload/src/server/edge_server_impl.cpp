@@ -153,12 +153,13 @@ void EdgeServer::Impl::onRequest(const Replier::Peer& peer, const std::vector<ui
   }
   catch (const WireError& error)
   {
-    {
-      const std::lock_guard<std::mutex> lock(mutex);
-      ++counted.malformed;
-    }
     log(peer.address + ": " + error.what());
-    replier->close(peer.connection, error.what());
+    const std::lock_guard<std::mutex> lock(mutex);
+    ++counted.malformed;
+    if (!stop)
+    {
+      replier->close(peer.connection, error.what());
+    }
     return;
   }
   if (!peer.vehicle.empty() && peer.vehicle != request.vehicle)
@@ -170,6 +171,10 @@ void EdgeServer::Impl::onRequest(const Replier::Peer& peer, const std::vector<ui
   }
   Outgoing out;
   std::unique_lock<std::mutex> lock(mutex);
+  if (stop)
+  {
+    return;
+  }
   const int64_t now_ns = pi_node::monotonicNs();
   Link& link = links[peer.connection];
   if (link.vehicles.count(request.vehicle) == 0 && link.vehicles.size() >= MAX_VEHICLES_PER_CONNECTION)

@@ -84,7 +84,7 @@ struct EdgeServer::Impl
   uint64_t next_ticket = 1;
   std::array<TaskDurations, TASK_KINDS> durations;
   Statistics counted;
-  bool stop = false;
+  bool stop = false;  ///< requests are not taken any more, and the replier is not used by them
 
   std::vector<std::unique_ptr<Worker>> workers;
   std::unique_ptr<Replier> replier;

@@ -602,6 +602,29 @@ TEST(EdgeServer, DrainsWithoutLosingATask)
   EXPECT_TRUE(server.statistics().draining);
 }
 
+TEST(EdgeServer, EndsWhileVehiclesAskItMore)
+{
+  for (int round = 0; round < 30; ++round)
+  {
+    auto server = std::make_unique<EdgeServer>(someOptions(), std::array<ExecutorFactory, TASK_KINDS>{echo(), nullptr});
+    Vehicle vehicle(server->port());
+    const Bytes probe = encode(vehicle.request(OffloadRequest::Type::PROBE, 1));
+    std::atomic<bool> asks{true};
+    std::thread asking(
+        [&]
+        {
+          while (asks)
+          {
+            vehicle.requester->send(1, probe);
+          }
+        });
+    vehicle.replies.take();
+    server.reset();
+    asks = false;
+    asking.join();
+  }
+}
+
 TEST(EdgeServer, AWorkerThatHangsMakesItNotLive)
 {
   Gate gate;
