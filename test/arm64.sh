@@ -53,15 +53,19 @@ once() {
   touch "$mark"
 }
 
+mount_kernel() {
+  mount -t proc proc "$1/proc"
+  mount -t tmpfs -o mode=1777 tmpfs "$1/dev/shm"
+  mount -t devpts -o newinstance,ptmxmode=0666 devpts "$1/dev/pts"
+}
+
 # Makes programs of arm64 run, and those of this computer as well, which are at /x.
 enter() {
   local root=$1 magic mask
   mount --bind "$root" "$root"
   mkdir -p "$root/proc" "$root/sys" "$root/dev/pts" "$root/dev/shm" "$root/x/usr"
-  mount -t proc proc "$root/proc"
+  mount_kernel "$root"
   mount --rbind /sys "$root/sys"
-  mount -t tmpfs -o mode=1777 tmpfs "$root/dev/shm"
-  mount -t devpts -o newinstance,ptmxmode=0666 devpts "$root/dev/pts"
   mount --bind /usr "$root/x/usr"
   mount -t binfmt_misc binfmt_misc "$root/proc/sys/fs/binfmt_misc" ||
     fail "no binfmt_misc in a user namespace: needs Linux 6.7, this is $(uname -r)"
@@ -77,6 +81,7 @@ second_stage() {
     tail -n 20 "$1/root/second_stage.log" >&2
     fail "debootstrap's second stage failed; the whole log is $1/root/second_stage.log"
   }
+  mount_kernel "$1"    # debootstrap has unmounted them
 }
 
 # With what it depends on: apt of the new system decides, and gets it.
