@@ -17,6 +17,7 @@ TESTS=_gtest_    # the tests on the graph start dozens of emulated nodes, and me
 LEFT_OUT_CASES=SlotPool.WithoutAddressSpaceEveryAllocationFails:SpTransport.MeasuresTheNetworkWithoutAProcessThatReadsNothing
 LEFT_OUT_CASES+=:ChildProcess.NamesAProgramThatCannotBeStarted:ImageCodecTest.MissingWorkerIsNamed
 LEFT_OUT_CASES+=:ModelCheck.AProgramThatIsMissingIsNamed:UnitTableTest.AForkedChildHasNoPartInTheUnit
+LEFT_OUT_CASES+=:SpeechModelCheck.AMissingProgramIsNamedWithAWayOut:SpeechModelCheck.TooLittleMemoryIsAnError
 # What is only for the demo, the benchmarks and the page.
 LEFT_OUT='chromium imagemagick libgl1-mesa-dri opencv-doc rviz spin stress-ng wireguard-go wireguard-tools x11-utils xvfb'
 CROSS=/usr/bin/aarch64-linux-gnu-g++-12
