@@ -11,9 +11,9 @@ set -euo pipefail
 
 PACKAGES='pi_node pi_os_transport'
 TESTS=_gtest_    # the tests on the graph start dozens of emulated nodes, and measure time
-# What qemu-user does not do: limit the address space (RLIMIT_AS), give all of TCP_INFO (4 of 104 bytes), share memory with
-# the child of posix_spawn(), by which a program that cannot be started is known, and keep a mapping from a forked child
-# (MADV_DONTFORK).
+# What qemu-user does not do: limit the address space (RLIMIT_AS), give all of TCP_INFO (4 of 104 bytes), share memory
+# with the child of posix_spawn(), by which a program that cannot be started is known, and keep a mapping from a forked
+# child (MADV_DONTFORK).
 LEFT_OUT_CASES=SlotPool.WithoutAddressSpaceEveryAllocationFails:SpTransport.MeasuresTheNetworkWithoutAProcessThatReadsNothing
 LEFT_OUT_CASES+=:ChildProcess.NamesAProgramThatCannotBeStarted:ImageCodecTest.MissingWorkerIsNamed
 LEFT_OUT_CASES+=:ModelCheck.AProgramThatIsMissingIsNamed:UnitTableTest.AForkedChildHasNoPartInTheUnit

@@ -324,8 +324,8 @@ class CampusDrive:
         middle, and not before rviz is there. Beside the drive: it takes seconds."""
         progress = self.observer.records.feedback[-1][1] if self.observer.records.feedback else 0.0
         brakes = self._seen is not None and self._seen.begun > 0
-        due = self._shot is None and (brakes or progress >= SHOT_AT) and (screen is None or screen.shows_rviz())
-        if due or (last and self._shot is None):
+        due = brakes or progress >= SHOT_AT
+        if self._shot is None and (last or (due and (screen is None or screen.shows_rviz()))):
             self._shot = threading.Thread(target=self._look, args=(screen, started.environment["ROS_MASTER_URI"]))
             self._shot.start()
         if last:

@@ -9,7 +9,7 @@ namespace pi_speech
 /// A spoken command.
 struct Command
 {
-  std::string text;                ///< words in lower case with single spaces, for example "go left"; published unchanged
+  std::string text;                ///< words in lower case with single spaces, as "go left"; published unchanged
   bool fast = false;               ///< published before the pause that ends an utterance
   double threshold = 0.0;          ///< least confidence, in (0, 1]; 0: that of the recogniser
   double network_threshold = 0.0;  ///< the same where the word network hears it; 0: threshold

@@ -8,6 +8,7 @@
 #include <set>
 #include <sstream>
 #include <stdexcept>
+#include <utility>
 
 #include "recognizer/words.h"
 
@@ -48,15 +49,27 @@ std::string problemOfText(const std::string& text)
   return "";
 }
 
-/// The lower one of those that it has of its own, or 1.
-double lowestThreshold(const Command& command)
+std::string problemOfThresholds(const Command& command)
 {
+  std::ostringstream text;
+  text << "command \"" << command.text << "\": ";
   double lowest = 1.0;
-  for (const double threshold : {command.threshold, command.network_threshold})
+  for (const auto& [key, value] :
+       {std::make_pair("threshold", command.threshold), std::make_pair("network_threshold", command.network_threshold)})
   {
-    lowest = threshold > 0.0 ? std::min(lowest, threshold) : lowest;
+    if (!(value >= 0.0 && value <= 1.0))
+    {
+      text << key << " = " << value << ", must be in (0, 1], or 0 for that of the recogniser";
+      return text.str();
+    }
+    lowest = value > 0.0 ? std::min(lowest, value) : lowest;
   }
-  return lowest;
+  if (!(command.doubt >= 0.0 && command.doubt < lowest))
+  {
+    text << "doubt = " << command.doubt << ", must be in (0, " << lowest << "), below the threshold, or 0 for never";
+    return text.str();
+  }
+  return "";
 }
 
 std::optional<Problem> firstProblem(const std::vector<Command>& commands)
@@ -74,27 +87,10 @@ std::optional<Problem> firstProblem(const std::vector<Command>& commands)
     {
       return Problem{i, "command \"" + command.text + "\" is there twice; remove one"};
     }
-    if (!(command.threshold >= 0.0 && command.threshold <= 1.0))
+    const std::string threshold_problem = problemOfThresholds(command);
+    if (!threshold_problem.empty())
     {
-      std::ostringstream text;
-      text << "command \"" << command.text << "\": threshold = " << command.threshold
-           << ", must be in (0, 1], or 0 for that of the recogniser";
-      return Problem{i, text.str()};
-    }
-    if (!(command.network_threshold >= 0.0 && command.network_threshold <= 1.0))
-    {
-      std::ostringstream text;
-      text << "command \"" << command.text << "\": network_threshold = " << command.network_threshold
-           << ", must be in (0, 1], or 0 for its threshold";
-      return Problem{i, text.str()};
-    }
-    const double lowest = lowestThreshold(command);
-    if (!(command.doubt >= 0.0 && command.doubt < lowest))
-    {
-      std::ostringstream text;
-      text << "command \"" << command.text << "\": doubt = " << command.doubt << ", must be in (0, " << lowest
-           << "), below the threshold, or 0 for never";
-      return Problem{i, text.str()};
+      return Problem{i, threshold_problem};
     }
   }
   for (size_t i = 0; i < commands.size(); ++i)
@@ -161,9 +157,9 @@ private:
   {
     if (!node.IsScalar())
     {
-      fail(node, node.IsNull()
-                     ? "a command without words; write what is spoken, or remove it"
-                     : "a command must be a text, or a map {text: ..., fast: ..., threshold: ..., network_threshold: ..., doubt: ...}");
+      fail(node, node.IsNull() ? "a command without words; write what is spoken, or remove it"
+                               : "a command must be a text, or a map {text: ..., fast: ..., threshold: ..., "
+                                 "network_threshold: ..., doubt: ...}");
     }
     Command command;
     command.text = normalised(node.Scalar());
@@ -203,8 +199,8 @@ private:
       }
       else
       {
-        fail(entry.first, "unknown key \"" + key +
-                              "\" of a command; there are text, fast, threshold, network_threshold and doubt");
+        fail(entry.first,
+             "unknown key \"" + key + "\" of a command; there are text, fast, threshold, network_threshold and doubt");
       }
     }
     if (keys.count("text") == 0)

@@ -600,6 +600,23 @@ TEST_F(CommandRecognizerTest, PhrasesAreUnderstood)
   EXPECT_EQ(static_cast<int64_t>(samples.size()), recognition.speech_end);
 }
 
+TEST_F(CommandRecognizerTest, TheThresholdOfTheNetworkIsNotThatOfPocketSphinx)
+{
+  if (!fs::exists(GO_FORWARD))
+  {
+    GTEST_SKIP() << "no " << GO_FORWARD << "; install pocketsphinx-testdata";
+  }
+  const Samples samples = readAudioFile(GO_FORWARD);
+  RecognizerOptions options = optionsOf(RecognitionMode::SAFE);
+  options.threshold = 0.001;
+  for (const bool own : {false, true})
+  {
+    const std::string key = own ? "threshold" : "network_threshold";
+    CommandRecognizer recognizer(options, table("go back, {text: go forward ten meters, " + key + ": 1.0}"));
+    EXPECT_EQ(!own, recognizer.recognize(samples.data(), samples.size()).accepted) << key;
+  }
+}
+
 TEST_F(CommandRecognizerTest, PhrasesOfClipsAreUnderstood)
 {
   SKIP_WITHOUT_CLIPS();
