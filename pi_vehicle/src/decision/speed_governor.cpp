@@ -669,9 +669,9 @@ GovernorOutput SpeedGovernor::update(const GovernorInput& input)
   limit_ = std::min(bound.speed, std::max(limit_, speed) + options_.rise * dt);
   limit_ = std::min(bound.speed, std::max(limit_, options_.min_speed));
   output.speed_limit = limit_;
-  if (bound.by_hidden)
+  if (bound.by_hidden || bound.by_moving)
   {
-    // A limit that was known late is not made up for by braking as it falls.
+    // A limit that was known late, or fell since somebody halted in the way, is not made up for by braking as it falls.
     const double late = std::clamp((speed - limit_ - FOLLOWS_LIMIT) / (LATE_FOR_LIMIT - FOLLOWS_LIMIT), 0.0, 1.0);
     output.max_deceleration += late * (options_.limits.emergency_deceleration - options_.limits.deceleration);
   }

@@ -121,8 +121,9 @@ struct GovernorOutput
 /// - a person who comes from behind a standing obstacle is not hit: see hidden_people.h. What appears there is taken
 ///   for one, walking onto the way, until it has been followed for long enough to know its velocity.
 /// If the present speed is not allowed, the vehicle keeps it where it passes all obstacles with pass_time_margin. An
-/// emergency is when comfortable braking would end in contact. Obstacles that are wholly behind the vehicle do not
-/// count, as it only drives forwards.
+/// emergency is when comfortable braking would end in contact. For what moves or may hide a person, braking is the
+/// harder the more the speed is above the limit. Obstacles that are wholly behind the vehicle do not count, as it only
+/// drives forwards.
 ///
 /// Dead reckoning with measured speed and curvature makes up for the latency of the reports. Not thread safe.
 class SpeedGovernor

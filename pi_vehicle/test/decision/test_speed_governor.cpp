@@ -78,6 +78,7 @@ struct World
   double miss = 0.0;              ///< chance that an obstacle is not reported
   double noise = 0.0;             ///< of positions [m]; of velocities 3 times as much [m/s]
   int64_t latency_ns = 150 * MS;  ///< of reports
+  double velocity_late_s = 0.0;   ///< a change of velocity is reported so late, as a tracker must average
   std::mt19937 random{1};
   int64_t now_ns = 1000 * MS;
   double time = 0.0;
@@ -110,8 +111,8 @@ struct World
       std::uniform_real_distribution<double> uniform;
       for (size_t i = 0; i < movers.size(); ++i)
       {
-        const Eigen::Vector2d error(normal(random), normal(random));
-        const Eigen::Vector2d error_v(normal(random), normal(random));
+        const Eigen::Vector2d error{normal(random), normal(random)};
+        const Eigen::Vector2d error_v{normal(random), normal(random)};
         const bool missed = uniform(random) < miss;
         const Eigen::Vector2d local = vehicle.pose.inverse() * movers[i].position;
         if (missed || time < movers[i].seen_from_s || local.x() < 0.0 || local.norm() > 15.0)
@@ -123,7 +124,7 @@ struct World
         box.position = local + noise * error;
         box.size = movers[i].size;
         box.top = movers[i].top;
-        const Eigen::Vector2d v = time >= movers[i].change_s ? movers[i].then : movers[i].velocity;
+        const Eigen::Vector2d v = time >= movers[i].change_s + velocity_late_s ? movers[i].then : movers[i].velocity;
         box.velocity = Pose2{0.0, 0.0, -vehicle.pose.heading} * v + 3.0 * noise * error_v;
         box.moving = v.norm() > 0.1;
         if (outlines)
@@ -611,6 +612,32 @@ bool avoidable(Vehicle vehicle, std::vector<Mover> movers, double time)
     }
   }
   return true;
+}
+
+/// People who let the vehicle believe that they will have passed, as a tracker that averages goes on to say.
+TEST(SpeedGovernor, DoesNotHitWhoHaltsInTheWay)
+{
+  int halted = 0;
+  for (const double stops_at_m : {-0.6, -0.2, 0.2, 0.6})
+  {
+    for (int i = 0; i < 60; ++i)
+    {
+      World world = cruising();
+      world.latency_ns = 250 * MS;
+      world.velocity_late_s = 0.5;
+      world.noise = 0.03;
+      world.random.seed(static_cast<unsigned>(i) + 1);
+      Mover person{{world.vehicle.pose.x + 6.0 + 0.2 * i, -3.5}, {0.0, 1.2}};
+      person.size = {0.4, 0.5};
+      person.change_s = world.time + (stops_at_m + 3.5) / 1.2;
+      world.movers.push_back(person);
+      world.run(10.0);
+      EXPECT_FALSE(world.collided) << "at " << stops_at_m << " m, " << 0.2 * i + 6.0 << " m ahead, at "
+                                   << world.contact_speed << " m/s";
+      halted += world.vehicle.speed < 0.05 ? 1 : 0;
+    }
+  }
+  EXPECT_GT(halted, 200) << "most must matter";
 }
 
 TEST(SpeedGovernor, NeverCollidesInRandomScenesWhereBrakingCouldAvoidIt)
