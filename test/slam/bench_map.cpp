@@ -63,7 +63,7 @@ MapData gridOfRounds(int count, int round)
     const double angle = 2.0 * M_PI * i / round;
     MapNode node;
     node.p_map_body = Eigen::Vector3d(radius * std::cos(angle), radius * std::sin(angle), 0.0) +
-                      1e-3 * i * Eigen::Vector3d(noise(random), noise(random), noise(random));
+                      1e-3 * i * Eigen::Vector3d{noise(random), noise(random), noise(random)};
     map.nodes.push_back(node);
     for (const int back : {1, round})
     {

@@ -87,7 +87,8 @@ TEST(ObstacleTracker, GivesAStandingObstacleNoVelocityWhileTheVehicleDrives)
   for (int i = 0; i < 20; ++i)
   {
     drive.vehicle.T_odom_base.translation().x() = 3.0 * STEP_S * i;
-    obstacles = drive.step({makeMeasurement(12.0 - 3.0 * STEP_S * i + noise(random), 1.5 + noise(random))});
+    const double x = 12.0 - 3.0 * STEP_S * i + noise(random);
+    obstacles = drive.step({makeMeasurement(x, 1.5 + noise(random))});
     for (const Obstacle& obstacle : obstacles)
     {
       EXPECT_FALSE(obstacle.moving) << "picture " << i;
@@ -106,7 +107,8 @@ TEST(ObstacleTracker, MeasuresTheVelocityOfWhatCrosses)
   std::vector<Obstacle> obstacles;
   for (int i = 0; i < 25; ++i)
   {
-    obstacles = drive.step({makeMeasurement(8.0 + noise(random), -2.0 + 1.4 * STEP_S * i + noise(random))});
+    const double x = 8.0 + noise(random);
+    obstacles = drive.step({makeMeasurement(x, -2.0 + 1.4 * STEP_S * i + noise(random))});
   }
   ASSERT_EQ(obstacles.size(), 1U);
   EXPECT_TRUE(obstacles[0].moving);

@@ -18,7 +18,7 @@ Points randomPoints(unsigned seed, size_t count)
   Points points;
   for (size_t i = 0; i < count; ++i)
   {
-    points.emplace_back(3.0 * normal(random), normal(random));
+    points.push_back({3.0 * normal(random), normal(random)});
   }
   return points;
 }

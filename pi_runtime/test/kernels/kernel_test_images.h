@@ -23,8 +23,8 @@ inline cv::Mat pictureWithCorners(int width, int height, int seed = 1)
   cv::RNG rng(seed);
   for (int i = 0; i < width * height / 5000; ++i)
   {
-    const cv::Point corner(rng.uniform(0, width), rng.uniform(0, height));
-    const cv::Size size(rng.uniform(8, 60), rng.uniform(8, 60));
+    const cv::Point corner{rng.uniform(0, width), rng.uniform(0, height)};
+    const cv::Size size{rng.uniform(8, 60), rng.uniform(8, 60)};
     cv::rectangle(image, cv::Rect(corner, size), cv::Scalar(rng.uniform(0, 255)), cv::FILLED);
   }
   cv::GaussianBlur(image, image, cv::Size(3, 3), 0);

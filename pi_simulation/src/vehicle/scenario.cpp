@@ -203,7 +203,8 @@ void vary(pi_node::YamlSection section, Random* random, ActorPlan* actor)
   section.readNumber("speed", 0.0, 0.9, &speed);
   section.readNumber("pause", 0.0, 0.9, &time);
   section.finish();
-  const Eigen::Vector2d shift(random->within(x), random->within(y));
+  const double shift_y = random->within(y);  // before x: two draws in one list of arguments have no order
+  const Eigen::Vector2d shift(random->within(x), shift_y);
   for (Eigen::Vector2d& corner : actor->path)
   {
     corner += shift;

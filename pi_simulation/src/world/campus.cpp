@@ -54,8 +54,7 @@ void addBuildings(SceneBuilder* builder)
   alongRoad(builder, 2.0,
             [&](const Side& side)
             {
-              const Eigen::Vector3d size(random.uniform(8.0, 16.0), random.uniform(6.0, 9.0),
-                                         random.uniform(5.0, 13.0));
+              const Eigen::Vector3d size = random.uniform<3>({8.0, 6.0, 5.0}, {16.0, 9.0, 13.0});
               const double lateral = 7.5 + random.uniform(0.0, 1.5) + 0.5 * size.y();
               builder->place(makeBuilding(&random, size), side.at(lateral), side.heading, 6.8, 0.6);
             });
@@ -75,7 +74,8 @@ void addRing(SceneBuilder* builder)
     {
       for (double s = from; s < to;)
       {
-        const Eigen::Vector3d size(random.uniform(12.0, 22.0), 10.0, random.uniform(9.0, 20.0));
+        const Eigen::Vector2d drawn = random.uniform<2>({12.0, 9.0}, {22.0, 20.0});
+        const Eigen::Vector3d size(drawn.x(), 10.0, drawn.y());
         const double middle = s + 0.5 * size.x();
         const double lateral = along_x ? (upper ? high.y() : low.y()) : (upper ? high.x() : low.x());
         builder->place(makeBuilding(&random, size),
@@ -118,13 +118,16 @@ void addParked(SceneBuilder* builder)
             [&](const Side& side)
             {
               const double turn = random.chance(0.5) ? 0.0 : M_PI;
-              builder->place(makeCar(&random), side.at(random.uniform(3.9, 4.2)), side.heading + turn, 2.4, 0.5);
+              const double lateral = random.uniform(3.9, 4.2);
+              builder->place(makeCar(&random), side.at(lateral), side.heading + turn, 2.4, 0.5);
             });
   alongRoad(builder, 7.0,
             [&](const Side& side)
             {
-              builder->place(random.chance(0.25) ? makeCone(&random) : makeBox(&random, 1.1),
-                             side.at(random.uniform(4.2, 6.8)), side.heading + random.uniform(-0.5, 0.5), 2.4);
+              const double turn = random.uniform(-0.5, 0.5);
+              const double lateral = random.uniform(4.2, 6.8);
+              builder->place(random.chance(0.25) ? makeCone(&random) : makeBox(&random, 1.1), side.at(lateral),
+                             side.heading + turn, 2.4);
             });
 }
 
@@ -136,12 +139,17 @@ void addFurniture(SceneBuilder* builder)
   alongRoad(builder, 8.0,
             [&](const Side& side)
             {
-              builder->place(makeSign(&random), side.at(random.uniform(3.4, 4.0)),
-                             side.heading + random.uniform(-0.3, 0.3), 2.4);
+              const double turn = random.uniform(-0.3, 0.3);
+              const double lateral = random.uniform(3.4, 4.0);
+              builder->place(makeSign(&random), side.at(lateral), side.heading + turn, 2.4);
             });
   alongRoad(builder, 6.0,
             [&](const Side& side)
-            { builder->place(makeTree(&random), side.at(random.uniform(5.2, 7.0)), random.uniform(-3.1, 3.1), 1.6); });
+            {
+              const double heading = random.uniform(-3.1, 3.1);
+              const double lateral = random.uniform(5.2, 7.0);
+              builder->place(makeTree(&random), side.at(lateral), heading, 1.6);
+            });
 }
 
 }  // namespace

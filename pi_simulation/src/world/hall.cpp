@@ -17,6 +17,11 @@ struct Room
   double height;
 
   double area() const { return (high - low).prod(); }
+  /// Any point that is `inset` or more from the walls.
+  Eigen::Vector2d any(double inset, Random* random) const
+  {
+    return random->uniform<2>(low.array() + inset, high.array() - inset);
+  }
 };
 
 /// Calls `put(centre, heading, width)` for pieces of wall side by side; heading looks into the room.
@@ -80,8 +85,7 @@ void addMoving(const Room& room, SceneBuilder* builder)
   int placed = 0;
   for (int attempt = 0; attempt < 40 * wanted && placed < wanted; ++attempt)
   {
-    const Eigen::Vector2d from(random.uniform(room.low.x() + 1.2, room.high.x() - 1.2),
-                               random.uniform(room.low.y() + 1.2, room.high.y() - 1.2));
+    const Eigen::Vector2d from = room.any(1.2, &random);
     const double heading = random.uniform(-M_PI, M_PI);
     const Eigen::Vector2d to = from + random.uniform(3.0, 7.0) * Eigen::Vector2d(std::cos(heading), std::sin(heading));
     if ((to - room.low).minCoeff() < 1.2 || (room.high - to).minCoeff() < 1.2)
@@ -100,8 +104,7 @@ void addFloorThings(const Room& room, bool parked, SceneBuilder* builder)
   const int attempts = static_cast<int>(room.area() * 2.0);
   for (int i = 0; i < attempts; ++i)
   {
-    const Eigen::Vector3d base(random.uniform(room.low.x() + 1.0, room.high.x() - 1.0),
-                               random.uniform(room.low.y() + 1.0, room.high.y() - 1.0), 0.0);
+    const Eigen::Vector2d base = room.any(1.0, &random);
     const double heading =
         random.chance(0.6) ? M_PI_2 * std::floor(random.uniform(0.0, 4.0)) : random.uniform(-3.1, 3.1);
     const double kind = random.uniform(0.0, 1.0);
@@ -112,7 +115,8 @@ void addFloorThings(const Room& room, bool parked, SceneBuilder* builder)
     }
     else if (kind < 0.35)
     {
-      prop = makeShelf(&random, random.uniform(1.2, 3.0), random.uniform(1.2, 2.4));
+      const Eigen::Vector2d size = random.uniform<2>({1.2, 1.2}, {3.0, 2.4});
+      prop = makeShelf(&random, size.x(), size.y());
     }
     else if (kind < 0.65)
     {
@@ -129,7 +133,7 @@ void addFloorThings(const Room& room, bool parked, SceneBuilder* builder)
     const bool box = prop.class_name == "box";
     builder->setAbsent(box && !parked);
     // Bulky things keep apart, else one could not see through the hall.
-    builder->place(prop, base, heading, 1.0, box ? 0.3 : 1.5);
+    builder->place(prop, {base.x(), base.y(), 0.0}, heading, 1.0, box ? 0.3 : 1.5);
     builder->setAbsent(false);
   }
 }
@@ -139,9 +143,8 @@ void addCeilingThings(const Room& room, SceneBuilder* builder)
   Random& random = builder->random();
   for (int i = 0; i < static_cast<int>(room.area() / 12.0); ++i)
   {
-    const Eigen::Vector3d base(random.uniform(room.low.x() + 1.0, room.high.x() - 1.0),
-                               random.uniform(room.low.y() + 1.0, room.high.y() - 1.0), 0.0);
-    builder->place(makeHangingLamp(&random, room.height), base, 0.0, 0.8, -1.0);
+    const Eigen::Vector2d base = room.any(1.0, &random);
+    builder->place(makeHangingLamp(&random, room.height), {base.x(), base.y(), 0.0}, 0.0, 0.8, -1.0);
   }
   for (double y = room.low.y() + 2.0; y < room.high.y() - 1.0; y += 4.0)
   {

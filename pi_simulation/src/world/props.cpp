@@ -37,7 +37,7 @@ Eigen::Vector3f grey(Random* random, double low, double high)
 /// Anything from muted to strong.
 Eigen::Vector3f anyColor(Random* random)
 {
-  return vector(random->uniform(0.1, 0.85), random->uniform(0.1, 0.85), random->uniform(0.1, 0.85));
+  return random->uniform<3>({0.1, 0.1, 0.1}, {0.85, 0.85, 0.85}).cast<float>();
 }
 
 }  // namespace
@@ -50,15 +50,14 @@ Prop makeTree(Random* random)
   tree.size = {2.0 * radius, 2.0 * radius, trunk + 2.0};
   tree.parts.push_back(part(Shape::CYLINDER, Material::BARK, vector(0, 0, 0.5 * trunk + 0.3),
                             vector(radius, radius, 0.5 * trunk + 0.3), vector(0.36, 0.28, 0.2), random));
-  const Eigen::Vector3f green =
-      vector(random->uniform(0.26, 0.38), random->uniform(0.4, 0.52), random->uniform(0.14, 0.22));
+  const Eigen::Vector3f green = random->uniform<3>({0.26, 0.4, 0.14}, {0.38, 0.52, 0.22}).cast<float>();
   for (int i = 0; i < 9; ++i)
   {
     const double size = random->uniform(0.5, 0.9);
-    tree.parts.push_back(
-        part(Shape::SPHERE, Material::FOLIAGE,
-             vector(random->uniform(-0.7, 0.7), random->uniform(-0.7, 0.7), trunk + 0.5 + random->uniform(0.0, 1.5)),
-             vector(size, size, 0.8 * size), green, random));
+    const Eigen::Vector3d branch = random->uniform<3>({-0.7, -0.7, 0.0}, {0.7, 0.7, 1.5});
+    tree.parts.push_back(part(Shape::SPHERE, Material::FOLIAGE,
+                              vector(branch.x(), branch.y(), trunk + 0.5 + branch.z()), vector(size, size, 0.8 * size),
+                              green, random));
   }
   return tree;
 }
@@ -79,9 +78,10 @@ Prop makeSign(Random* random)
   Prop sign{"sign", {0.12, 0.9, 2.7}, {}};
   sign.parts.push_back(part(Shape::CYLINDER, Material::METAL, vector(0, 0, 1.1), vector(0.04, 0.04, 1.1),
                             grey(random, 0.4, 0.7), random));
+  const Eigen::Vector3f color = anyColor(random);
+  const Eigen::Vector2d half = random->uniform<2>({0.3, 0.25}, {0.45, 0.45});
   MovingPart board =
-      part(Shape::BOX, Material::SIGN, vector(0, 0, 2.2),
-           vector(0.02, random->uniform(0.3, 0.45), random->uniform(0.25, 0.45)), anyColor(random), random);
+      part(Shape::BOX, Material::SIGN, vector(0, 0, 2.2), vector(0.02, half.x(), half.y()), color, random);
   board.primitive.accent = board.primitive.color.sum() > 1.5f ? vector(0.08, 0.08, 0.1) : vector(0.92, 0.92, 0.9);
   sign.parts.push_back(board);
   return sign;
@@ -178,8 +178,7 @@ Prop makeCart(Random* random)
 
 Prop makeBox(Random* random, double largest_m)
 {
-  const Eigen::Vector3d size(random->uniform(0.4, 1.0) * largest_m, random->uniform(0.4, 1.0) * largest_m,
-                             random->uniform(0.35, 0.9) * largest_m);
+  const Eigen::Vector3d size = largest_m * random->uniform<3>({0.4, 0.4, 0.35}, {1.0, 1.0, 0.9});
   Prop box{"box", size, {}};
   const double brightness = random->uniform(0.7, 1.3);
   box.parts.push_back(part(Shape::BOX, Material::CRATE, vector(0, 0, 0.5 * size.z()), (0.5 * size).cast<float>(),
@@ -229,9 +228,8 @@ Prop makeShelf(Random* random, double width_m, double height_m)
 Prop makeMachine(Random* random, const Eigen::Vector3d& size)
 {
   Prop machine{"machine", size, {}};
-  MovingPart body =
-      part(Shape::BOX, Material::MACHINE, vector(0, 0, 0.5 * size.z()), (0.5 * size).cast<float>(),
-           vector(random->uniform(0.3, 0.7), random->uniform(0.4, 0.7), random->uniform(0.3, 0.6)), random);
+  MovingPart body = part(Shape::BOX, Material::MACHINE, vector(0, 0, 0.5 * size.z()), (0.5 * size).cast<float>(),
+                         random->uniform<3>({0.3, 0.4, 0.3}, {0.7, 0.7, 0.6}).cast<float>(), random);
   body.primitive.accent = vector(0.92, 0.92, 0.88);
   machine.parts.push_back(body);
   if (random->chance(0.6))  // a tank or motor on top

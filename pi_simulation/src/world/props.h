@@ -11,7 +11,9 @@
 namespace pi_simulation::synthetic
 {
 
-/// Random numbers that are the same with every standard library.
+/// Random numbers that are the same with every standard library. One call at most in the arguments of a function: a
+/// compiler may evaluate them in any order, and another order is another world (GCC: the last first on amd64, the first
+/// first on arm64).
 class Random
 {
 public:
@@ -19,6 +21,17 @@ public:
   double uniform(double low, double high)
   {
     return low + (high - low) * static_cast<double>(engine_() >> 11) * 0x1p-53;
+  }
+  /// The last coordinate is drawn first.
+  template <int N>
+  Eigen::Matrix<double, N, 1> uniform(const Eigen::Matrix<double, N, 1>& low, const Eigen::Matrix<double, N, 1>& high)
+  {
+    Eigen::Matrix<double, N, 1> result;
+    for (int i = N; i-- > 0;)
+    {
+      result[i] = uniform(low[i], high[i]);
+    }
+    return result;
   }
   uint32_t seed() { return static_cast<uint32_t>(engine_() >> 32); }
   bool chance(double probability) { return uniform(0.0, 1.0) < probability; }

@@ -13,17 +13,18 @@ SimulatedFeatures::SimulatedFeatures(const SplineTrajectory& trajectory, const S
   std::uniform_real_distribution<double> uniform;
   const double duration_s = 1e-9 * static_cast<double>(trajectory_.endNs() - trajectory_.startNs());
   const auto direction = [&]
-  { return Eigen::Vector3d(normal(random_), normal(random_), normal(random_)).normalized().eval(); };
+  { return Eigen::Vector3d{normal(random_), normal(random_), normal(random_)}.normalized().eval(); };
   for (int i = 0; i < options_.landmarks; ++i)
   {
     Landmark landmark;
     const double range = options_.min_range + uniform(random_) * (options_.max_range - options_.min_range);
-    landmark.p_world =
-        trajectory_.atSeconds(uniform(random_) * duration_s).T_world_body.translation() + range * direction();
+    const double time_s = uniform(random_) * duration_s;
+    landmark.p_world = trajectory_.atSeconds(time_s).T_world_body.translation() + range * direction();
     landmark.outlier = uniform(random_) < options_.outlier_ratio;
     if (landmark.outlier && uniform(random_) < 0.5)
     {
-      landmark.v_world = (0.5 + uniform(random_)) * direction();
+      const double speed = 0.5 + uniform(random_);
+      landmark.v_world = speed * direction();
     }
     else if (landmark.outlier)
     {
@@ -70,7 +71,7 @@ FrameFeatures SimulatedFeatures::at(int64_t stamp_ns)
       {
         continue;
       }
-      *pixel += options_.pixel_noise * Eigen::Vector2d(normal(random_), normal(random_));
+      *pixel += options_.pixel_noise * Eigen::Vector2d{normal(random_), normal(random_)};
       *pixel += camera == RIGHT ? landmark.mismatch : Eigen::Vector2d::Zero();
       const std::optional<Eigen::Vector3d> bearing = cameras[camera]->model.unproject(*pixel);
       if (cameras[camera]->model.contains(*pixel) && bearing)

@@ -96,7 +96,8 @@ TEST(EstimatorConsistency, DriftStaysSmall)
   EXPECT_LT(std::sqrt(meansOf(true).squared_position), 0.15);
 }
 
-/// Cameras that read their rows one after the other, in 30 ms, on a drive that pitches and rolls by 0.2 rad/s.
+/// Cameras that read their rows one after the other, in all of the 40 ms between two pictures, on a drive that pitches
+/// and rolls by 0.2 rad/s.
 TEST(RollingShutter, CostsLittleOnceItIsStraightened)
 {
   const auto positionError = [](double readout_s, bool straighten)
@@ -108,7 +109,7 @@ TEST(RollingShutter, CostsLittleOnceItIsStraightened)
     options.straighten = straighten;
     double sum = 0.0;
     int count = 0;
-    for (uint64_t seed = 1; seed <= 3; ++seed)
+    for (uint64_t seed = 1; seed <= 10; ++seed)  // a single run costs 3 to 15 times
     {
       for (const ConsistencySample& sample : runConsistency(consistencyTrajectory(options.duration_s), options, seed))
       {
@@ -119,8 +120,8 @@ TEST(RollingShutter, CostsLittleOnceItIsStraightened)
     return std::sqrt(sum / count);
   };
   const double global = positionError(0.0, false);
-  const double rolling = positionError(0.03, false);
-  const double straightened = positionError(0.03, true);
+  const double rolling = positionError(0.04, false);
+  const double straightened = positionError(0.04, true);
   std::cout << "position, RMS: " << global << " m with global shutters, " << rolling << " with rolling ones, "
             << straightened << " straightened\n";
   EXPECT_GT(rolling, 5.0 * global);

@@ -21,8 +21,8 @@ class Random
 public:
   explicit Random(unsigned seed) : engine_(seed) {}
   double normal() { return normal_(engine_); }
-  Eigen::Vector3d vector(double deviation) { return deviation * Eigen::Vector3d(normal(), normal(), normal()); }
-  Eigen::Quaterniond rotation() { return Eigen::Quaterniond(normal(), normal(), normal(), normal()).normalized(); }
+  Eigen::Vector3d vector(double deviation) { return deviation * Eigen::Vector3d{normal(), normal(), normal()}; }
+  Eigen::Quaterniond rotation() { return Eigen::Quaterniond{normal(), normal(), normal(), normal()}.normalized(); }
 
   NavState state()
   {

@@ -73,7 +73,7 @@ TEST(Triangulate, TellsHowFarItMayBeOff)
     {
       for (int camera : {LEFT, RIGHT})
       {
-        addView(problem, keyframe, camera, p_odom, 0.5 * Eigen::Vector2d(normal(random), normal(random)), &landmark);
+        addView(problem, keyframe, camera, p_odom, 0.5 * Eigen::Vector2d{normal(random), normal(random)}, &landmark);
         landmark.views.back().tangent =
             tangentBasis(landmark.views.back().bearing) * problem.cameras[camera].focal_px / 0.5;
       }

@@ -463,7 +463,7 @@ TEST(MarginalizeOldest, LeavesWhatTheBatchSolutionKnows)
     landmark.known = true;
     landmark.estimate.p_odom =
         problem.keyframes[1].state.T_odom_body() *
-        Eigen::Vector3d(4.0 + 0.1 * static_cast<double>(id % 30), 1.5 * normal(random), normal(random));
+        Eigen::Vector3d{4.0 + 0.1 * static_cast<double>(id % 30), 1.5 * normal(random), normal(random)};
     for (size_t slot = leaves ? 0 : 1; slot < (leaves ? 3 : STATES); ++slot)
     {
       for (int camera : {LEFT, RIGHT})
@@ -477,7 +477,7 @@ TEST(MarginalizeOldest, LeavesWhatTheBatchSolutionKnows)
             (geometry.R_camera_body * (from.q.conjugate() * (landmark.estimate.p_odom - from.p)) +
              geometry.p_camera_body)
                 .normalized();
-        view.bearing = (exact + tangentBasis(exact).transpose() * Eigen::Vector2d(normal(random), normal(random)) *
+        view.bearing = (exact + tangentBasis(exact).transpose() * Eigen::Vector2d{normal(random), normal(random)} *
                                     1e-3 / geometry.focal_px)
                            .normalized();
         view.tangent = viewTangent(geometry, view.bearing);

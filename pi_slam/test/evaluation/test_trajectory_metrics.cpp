@@ -224,7 +224,7 @@ TEST(AbsoluteError, OfNoiseIsItsStandardDeviation)
   std::vector<StampedPose> estimate = truth;
   for (StampedPose& pose : estimate)
   {
-    pose.T_world_body.translation() += Eigen::Vector3d(noise(random), noise(random), noise(random));
+    pose.T_world_body.translation() += Eigen::Vector3d{noise(random), noise(random), noise(random)};
   }
   const AbsoluteError error = absoluteError(associate(estimate, truth), Alignment::SE3);
   // sqrt(3) sigma; of 9000 values known to 1 / sqrt(18000), three times that.

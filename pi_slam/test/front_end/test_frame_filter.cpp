@@ -59,7 +59,7 @@ std::vector<LandmarkView> viewsFrom(const NavState& state, const std::vector<Eig
       Eigen::Vector2d pixel = *cameras[camera]->model.project(p_camera);
       if (random != nullptr)
       {
-        pixel += noise_px * Eigen::Vector2d(normal(*random), normal(*random));
+        pixel += noise_px * Eigen::Vector2d{normal(*random), normal(*random)};
       }
       view.bearing = *cameras[camera]->model.unproject(pixel);
       view.p_odom = points[i];

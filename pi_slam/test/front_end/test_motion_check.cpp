@@ -42,7 +42,7 @@ Scene makeScene(int points, int moving, const Vector3& step, bool has_depth, dou
   for (int i = 0; i < points; ++i)
   {
     const double depth = 2.0 * std::pow(10.0, 0.5 * (1.0 + uniform(random)));
-    const Vector3 p_camera(0.8 * uniform(random) * depth, 0.6 * uniform(random) * depth, depth);
+    const Vector3 p_camera{0.8 * uniform(random) * depth, 0.6 * uniform(random) * depth, depth};
     Vector3 p_body = T_body_camera * p_camera;
     MovedFeature feature;
     feature.bearing_last = p_camera.normalized();
@@ -53,7 +53,7 @@ Scene makeScene(int points, int moving, const Vector3& step, bool has_depth, dou
       p_body += Vector3(0.05, 0.2, 0.1) * depth / 4.0;
     }
     const Vector3 p_now = T_body_camera.inverse() * (scene.truth.R_now_last * p_body + scene.truth.p_now_last);
-    feature.bearing_now = (p_now.normalized() + Vector3(normal(random), normal(random), 0.0)).normalized();
+    feature.bearing_now = (p_now.normalized() + Vector3{normal(random), normal(random), 0.0}).normalized();
     scene.features.push_back(feature);
     scene.moves.push_back(i < moving ? 1 : 0);
   }
@@ -169,7 +169,7 @@ TEST(MotionCheck, NeverRejectsMostFeatures)
   std::uniform_real_distribution<double> uniform(-0.3, 0.3);
   for (MovedFeature& feature : scene.features)
   {
-    feature.bearing_now = Vector3(uniform(random), uniform(random), 1.0).normalized();
+    feature.bearing_now = Vector3{uniform(random), uniform(random), 1.0}.normalized();
   }
   BodyMotion motion = gyroOf(scene);
   std::vector<uint8_t> consistent;

@@ -223,7 +223,7 @@ TEST(ImuPreintegration, CovarianceIsThatOfSimulatedNoise)
   const double root_dt = std::sqrt(0.005);
   std::mt19937_64 random(7);
   std::normal_distribution<double> normal;
-  const auto vector = [&] { return Eigen::Vector3d(normal(random), normal(random), normal(random)); };
+  const auto vector = [&] { return Eigen::Vector3d{normal(random), normal(random), normal(random)}; };
   constexpr int TRIALS = 3000;
   Matrix15d sum = Matrix15d::Zero();
   for (int trial = 0; trial < TRIALS; ++trial)

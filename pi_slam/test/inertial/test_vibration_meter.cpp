@@ -23,8 +23,8 @@ ImuSample lastOf(VibrationMeter* meter, double shake, double sway = 0.0)
     const double t = 0.005 * i;
     sample =
         ImuSample{START_NS + 5000000LL * i, Eigen::Vector3d::Zero(),
-                  Eigen::Vector3d(noise(random) + sway * std::sin(2.0 * M_PI * 2.0 * t), noise(random),
-                                  9.81 + noise(random) + shake * std::sqrt(2.0) * std::sin(2.0 * M_PI * 33.0 * t))};
+                  Eigen::Vector3d{noise(random) + sway * std::sin(2.0 * M_PI * 2.0 * t), noise(random),
+                                  9.81 + noise(random) + shake * std::sqrt(2.0) * std::sin(2.0 * M_PI * 33.0 * t)}};
     meter->add(&sample);
   }
   return sample;

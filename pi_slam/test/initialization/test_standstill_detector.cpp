@@ -73,7 +73,7 @@ struct Scene
     {
       ImuSample sample;
       sample.stamp_ns = stampAt(t);
-      const auto noise = [&] { return Eigen::Vector3d(normal(random), normal(random), normal(random)); };
+      const auto noise = [&] { return Eigen::Vector3d{normal(random), normal(random), normal(random)}; };
       sample.w = bias.gyro + root_rate * model.gyro_noise_density * noise();
       sample.w.z() += (yaw(t + H) - yaw(t - H)) / (2.0 * H);
       sample.f = bias.accel + Eigen::Vector3d(0.0, 0.0, 9.81) + shake(t) +
@@ -101,7 +101,7 @@ struct Scene
         {
           const MountedCamera& mounted = camera == LEFT ? cameras().left : cameras().right;
           const Eigen::Vector2d pixel = *mounted.model.project(mounted.T_body_camera.inverse() * seen) +
-                                        pixel_noise * Eigen::Vector2d(normal(random), normal(random));
+                                        pixel_noise * Eigen::Vector2d{normal(random), normal(random)};
           feature.seen[camera] = true;
           feature.pixel[camera] = pixel.cast<float>();
           feature.bearing[camera] = *mounted.model.unproject(pixel);

@@ -55,7 +55,7 @@ public:
         continue;
       }
       MapFeature feature;
-      const auto bearing = left.model.unproject(*pixel + noise_px * Eigen::Vector2d(noise(random), noise(random)));
+      const auto bearing = left.model.unproject(*pixel + noise_px * Eigen::Vector2d{noise(random), noise(random)});
       feature.bearing = (left.T_body_camera.linear() * *bearing).cast<float>();
       feature.inverse_deviation = 0.01F;
       feature.inverse_distance =

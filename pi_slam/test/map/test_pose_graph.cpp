@@ -60,7 +60,7 @@ struct TwoRounds
         MapEdge edge = edgeBetween(truth, static_cast<uint32_t>(i - 1), static_cast<uint32_t>(i));
         edge.position_deviation = 0.01;
         edge.heading_deviation = 0.003;
-        edge.shift += 0.01 * Eigen::Vector3d(noise(random), noise(random), noise(random));
+        edge.shift += 0.01 * Eigen::Vector3d{noise(random), noise(random), noise(random)};
         edge.turn += 0.003 * noise(random);
         map.edges.push_back(edge);
         const MapNode& before = map.nodes.back();

@@ -108,7 +108,8 @@ Samples babble(double seconds)
   for (double at = 1.0; at < seconds - 1.0;)
   {
     const double length = 0.12 + 0.15 * share(random);
-    addTones(&samples, at, at + length, 60.0 + 120.0 * share(random), 90.0 + 120.0 * share(random));
+    const double pitch = 60.0 + 120.0 * share(random);
+    addTones(&samples, at, at + length, pitch, 90.0 + 120.0 * share(random));
     at += length + 0.06 * share(random);
   }
   return samples;

@@ -67,7 +67,7 @@ TEST(GroundPolygon, OverlapsARectangleExactly)
     const GroundRectangle rectangle{{5.0 * uniform(random) - 2.5, 5.0 * uniform(random) - 2.5},
                                     {std::cos(heading), std::sin(heading)},
                                     {0.3 + uniform(random), 0.2 + 0.5 * uniform(random)}};
-    const Eigen::Vector2d shift(uniform(random) - 0.5, uniform(random) - 0.5);
+    const Eigen::Vector2d shift{uniform(random) - 0.5, uniform(random) - 0.5};
     const GroundRectangle back{rectangle.centre - shift, rectangle.along, rectangle.half};
     const bool found = GroundPolygon(corners).overlaps(rectangle, shift);
     // Samples lie 0.05 m apart at most: a little larger, and a little smaller, frame the truth.
