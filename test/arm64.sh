@@ -193,16 +193,25 @@ first_stage() {
   cp /etc/resolv.conf "$root/etc/resolv.conf"
   rm -f "$root.log"
 }
-once "$root" first_stage first_stage
-if [ "$which" = working-tree ]; then
-  "$top/scripts/copy_suite" "$root/root/pi_edge"
-else
-  mkdir -p "$root/root/pi_edge"
-  git -C "$top" archive HEAD | tar -x --no-same-owner -C "$root/root/pi_edge"
-fi
+# files FOLDER: of the suite, with a zero byte after each.
+files() {
+  (cd "$1" && find . \( -path ./build -o -path ./install \) -prune -o \( -type f -o -type l \) -print0 | sort -z)
+}
 
-# Users 0 to 65535 as outside, which only this process may write, after the other has made the namespace: that one opens
-# the pipe then.
+# take_over FROM TO: with the time of now, and only what differs. A copy that kept its time may be older than what was
+# compiled from the copy before, and would not be compiled again.
+take_over() {
+  local from=$1 to=$2 file
+  comm -z -13 <(files "$from") <(files "$to") | (cd "$to" && xargs -0 -r rm -f --)
+  files "$from" | while IFS= read -r -d '' file; do
+    cmp -s "$from/$file" "$to/$file" && continue
+    mkdir -p "$to/${file%/*}"
+    cp --no-dereference --remove-destination "$from/$file" "$to/$file"
+  done
+}
+
+once "$root" first_stage first_stage
+mkdir -p "$root/root/pi_edge"
 work=$(mktemp -d)
 child=
 finish() {
@@ -212,6 +221,16 @@ finish() {
 trap finish EXIT
 trap 'exit 130' INT
 trap 'exit 143' TERM HUP
+mkdir "$work/suite"
+if [ "$which" = working-tree ]; then
+  "$top/scripts/copy_suite" "$work/suite"
+else
+  git -C "$top" archive HEAD | tar -x --no-same-owner -C "$work/suite"
+fi
+take_over "$work/suite" "$root/root/pi_edge"
+
+# Users 0 to 65535 as outside, which only this process may write, after the other has made the namespace: that one opens
+# the pipe then.
 mkfifo "$work/mapped"
 # shellcheck disable=SC2016
 unshare --user -- sh -c 'read -r _ <"$1" && shift && exec "$@"' sh "$work/mapped" \
