@@ -1,10 +1,10 @@
 #include <gtest/gtest.h>
 #include <pi_node/test_support/message_of.h>
 #include <pi_slam/imu_simulator.h>
-#include "initialization/initializer.h"
 #include <pi_slam/so3.h>
-#include "front_end/stereo_tracker.h"
 #include "drives/vehicle_path.h"
+#include "front_end/stereo_tracker.h"
+#include "initialization/initializer.h"
 
 #include <cmath>
 #include <cstdlib>
@@ -144,6 +144,19 @@ struct World
 
   double lastTime() const { return 1e-9 * static_cast<double>(solution.states.back().stamp_ns - first_ns); }
 
+  Eigen::Vector3d velocityOff(const NavState& state) const
+  {
+    const SplineTrajectory::State truth = trajectory.at(state.stamp_ns);
+    return state.q.conjugate() * state.v - truth.T_world_body.linear().transpose() * truth.v_world;
+  }
+
+  Eigen::Vector3d wayOff(const NavState& state) const
+  {
+    const Eigen::Isometry3d T_world_body = trajectory.at(state.stamp_ns).T_world_body;
+    const Eigen::Vector3d start = trajectory.at(solution.states.front().stamp_ns).T_world_body.translation();
+    return state.q.conjugate() * state.p - T_world_body.linear().transpose() * (T_world_body.translation() - start);
+  }
+
   /// Of every state: direction of gravity, velocity in the body frame, way since the first in the last one's frame.
   void expectTrue(double max_tilt, double max_velocity, double max_gyro_bias, double max_way) const
   {
@@ -154,21 +167,18 @@ struct World
     EXPECT_EQ(first.p, Eigen::Vector3d::Zero());
     const Eigen::Vector3d view = first.q * Eigen::Vector3d::UnitX();
     EXPECT_NEAR(std::atan2(view.y(), view.x()), 0.0, 1e-6);
-    const SplineTrajectory::State start = trajectory.at(first.stamp_ns);
     for (size_t k = 0; k < solution.states.size(); ++k)
     {
       const NavState& state = solution.states[k];
       EXPECT_EQ(state.stamp_ns, solution.frames[k].stamp_ns);
       ASSERT_TRUE(state.isFinite());
-      const SplineTrajectory::State truth = trajectory.at(state.stamp_ns);
-      const Eigen::Matrix3d R_body_world = truth.T_world_body.linear().transpose();
+      const Eigen::Matrix3d R_body_world = trajectory.at(state.stamp_ns).T_world_body.linear().transpose();
       const Eigen::Vector3d up = state.q.conjugate() * Eigen::Vector3d::UnitZ();
       EXPECT_LT(up.cross(R_body_world * Eigen::Vector3d::UnitZ()).norm(), max_tilt) << "state " << k;
       EXPECT_GT(up.dot(R_body_world * Eigen::Vector3d::UnitZ()), 0.0);
-      EXPECT_LT((state.q.conjugate() * state.v - R_body_world * truth.v_world).norm(), max_velocity) << "state " << k;
+      EXPECT_LT(velocityOff(state).norm(), max_velocity) << "state " << k;
       EXPECT_LT((state.bias.gyro - imu.gyro_bias).norm(), max_gyro_bias);
-      const Eigen::Vector3d way = R_body_world * (truth.T_world_body.translation() - start.T_world_body.translation());
-      EXPECT_LT((state.q.conjugate() * state.p - way).norm(), max_way) << "state " << k;
+      EXPECT_LT(wayOff(state).norm(), max_way) << "state " << k;
     }
   }
 };
@@ -241,12 +251,23 @@ TEST(Initializer, StartsInAVehicleAtConstantSpeed)
   for (const double speed : {0.3, 3.0, 10.0})
   {
     SCOPED_TRACE(speed);
-    World world(straight(speed));
-    world.features.landmarks = 4000;
-    world.features.max_range = 25.0;
-    world.run();
-    world.expectTrue(1.5 * DEGREE, 0.08 + 0.006 * speed, 0.01, 0.1);
-    EXPECT_FALSE(world.solution.still);
+    constexpr int RUNS = 20;  // one is up to 2.5 times as far off as all are on the average
+    double velocity_off = 0.0;
+    double way_off = 0.0;
+    for (uint64_t seed = 1; seed <= RUNS; ++seed)
+    {
+      World world(straight(speed));
+      world.features.landmarks = 4000;
+      world.features.max_range = 25.0;
+      world.imu.seed = world.features.seed = seed;
+      world.run();
+      world.expectTrue(1.5 * DEGREE, 0.02 + 0.03 * speed, 0.01, 0.2);
+      EXPECT_FALSE(world.solution.still);
+      velocity_off += world.velocityOff(world.solution.states.back()).squaredNorm() / RUNS;
+      way_off += world.wayOff(world.solution.states.back()).squaredNorm() / RUNS;
+    }
+    EXPECT_LT(std::sqrt(velocity_off), 0.02 + 0.012 * speed);
+    EXPECT_LT(std::sqrt(way_off), 0.1);
   }
 }
 
