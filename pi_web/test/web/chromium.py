@@ -97,8 +97,12 @@ class Page:
             self._ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
     def middle_of(self, selector):
-        return self.evaluate("(() => { const r = document.querySelector(%s).getBoundingClientRect();"
-                             " return [r.x + r.width / 2, r.y + r.height / 2]; })()" % json.dumps(selector))
+        """Of an element, once it has stayed in its place for ten looks: what comes in moves what is below it."""
+        self.evaluate("window.looks = []")
+        return self.wait_until(
+            "(({x, y, width, height}) => { looks.unshift([x + width / 2, y + height / 2]);"
+            " return looks.length > 10 && looks.slice(0, 10).every((one) => String(one) === String(looks[0])) && looks[0];"
+            " })(document.querySelector(%s).getBoundingClientRect())" % json.dumps(selector))
 
     def click_on(self, selector):
         self.click(*self.middle_of(selector))
