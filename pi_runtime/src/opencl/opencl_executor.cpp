@@ -144,6 +144,12 @@ OpenClExecutor::OpenClExecutor(std::shared_ptr<OpenClContext> context, size_t de
 OpenClExecutor::~OpenClExecutor()
 {
   clFinish(queue_.get());
+  // PoCL 3.1 crashes now and then where its own thread, which releases the last event after clFinish(), is the last to
+  // hold queue and context: both are kept until the process ends.
+  if (context_->info().platform_name == "Portable Computing Language")
+  {
+    clRetainCommandQueue(queue_.get());
+  }
 }
 
 OpenClProgram* OpenClExecutor::find(const CodeletPtr& codelet) const
